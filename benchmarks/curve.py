@@ -15,8 +15,8 @@ from torch import Tensor
 
 from splatreel.capture.base import Capture
 from splatreel.config import Config
+from splatreel.evaluation.bench.oracle import held_out_views
 from splatreel.evaluation.evaluate import evaluate
-from splatreel.evaluation.oracle import held_out_views
 from splatreel.process import peak_memory_bytes
 from splatreel.progress import Estimate, Progress, Span
 from splatreel.recon.encode.group_writer import no_presentation

@@ -15,7 +15,7 @@ import numpy as np
 from ball import found
 from run import run
 from splatreel import threads
-from splatreel.capture.builtin.raytracer import Still, trace_frame, trace_still
+from splatreel.capture.builtin.raytracer import trace_frame, trace_static
 from splatreel.capture.builtin.solids import Shapes
 from splatreel.capture.builtin.synthetic import VideoWriter, llff_row
 from splatreel.capture.opening import open_capture
@@ -66,7 +66,7 @@ class Film:
         fixed = camera.name in self.held_out
         gain = np.ones(3) if fixed else np.exp(rng.normal(0, self.gain, 3))
         (phase, speed, _), late = self._habits(number), self._lateness(number)
-        seen = trace_still(camera, self.still, self.light)
+        seen = trace_static(camera, self.still, self.light)
         with VideoWriter(folder / f"{camera.name}.mp4", camera, FPS) as video:
             for t in range(frames):
                 clean = self.picture(camera, seen, max(t + late, 0) / FPS)
@@ -74,7 +74,7 @@ class Film:
                 noisy = clean * gain * exposure + rng.normal(0, self.noise, clean.shape)
                 video.add(noisy.clip(0, 255).astype(np.uint8))
 
-    def picture(self, camera: Camera, seen: Still, seconds: float) -> np.ndarray:
+    def picture(self, camera: Camera, seen: StaticView, seconds: float) -> np.ndarray:
         """Return a noise-free image in gray levels, [H, W, 3].
 
         Args:
@@ -112,7 +112,7 @@ class Film:
         """
         played, summaries = open_reel(reel), {}
         for camera in [camera for camera in self.cameras if camera.name in self.held_out]:
-            seen, shares = trace_still(camera, self.still, self.light), {}
+            seen, shares = trace_static(camera, self.still, self.light), {}
             for t in range(frames):
                 scenes = self.moving(t / FPS), without(t / FPS)
                 there, gone = (trace_frame(camera, seen, self.still, scene, self.light) for scene in scenes)

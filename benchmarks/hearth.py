@@ -17,7 +17,7 @@ import kitchen
 from film import SKIN, Film
 from splatreel.capture.builtin import textures as tx
 from splatreel.capture.builtin import toyroom as toys
-from splatreel.capture.builtin.raytracer import DEPTH, Still
+from splatreel.capture.builtin.raytracer import DEPTH, StaticView
 from splatreel.capture.builtin.solids import BOX, CYLINDER, ELLIPSOID, Shapes
 from splatreel.capture.builtin.toyroom import Builder, turn_z
 from splatreel.config import Quality
@@ -53,7 +53,7 @@ class Fog:
 class FogFilm(Film):
     """A film with flames and steam."""
 
-    def picture(self, camera: Camera, seen: Still, seconds: float) -> np.ndarray:
+    def picture(self, camera: Camera, seen: StaticView, seconds: float) -> np.ndarray:
         center, rays = _rays(camera)
         behind = seen.samples[..., DEPTH].mean(2)
         light, depth = np.zeros((*behind.shape, 3)), np.zeros(behind.shape)

@@ -15,7 +15,7 @@ from torch import Tensor
 
 from record import record
 from splatreel import threads
-from splatreel.evaluation.timing import median_ms
+from splatreel.evaluation.bench.timing import median_ms
 from splatreel.kernels import splat, twin
 
 SCENES = ((20_000, 320, 240), (20_000, 640, 480), (100_000, 640, 480))

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
 
-from splatreel.evaluation.chart import COLORS
+COLORS = ("#1b6ca8", "#c0392b", "#2e8b57", "#8e44ad", "#b8860b", "#555555")
 
 WIDTH, HEIGHT = 190, 170
 """Of one chart without its labels, pixels."""

@@ -26,8 +26,8 @@ from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
 from splatreel.config import Config
 from splatreel.config.settings import changed
+from splatreel.evaluation.bench.oracle import held_out_views
 from splatreel.evaluation.metrics import psnr, ssim
-from splatreel.evaluation.oracle import held_out_views
 from splatreel.kernels.image import render_image
 from splatreel.process import keep_freed_memory
 from splatreel.recon.train.single_frame import lay_out, reconstruct_single_frame

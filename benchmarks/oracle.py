@@ -13,8 +13,8 @@ from record import machine, record
 from splatreel.capture.opening import open_capture
 from splatreel.cli.options import parse_frames, parse_names, parse_numbers, reel_folder
 from splatreel.config import Quality, preset
-from splatreel.evaluation.oracle import oracle
-from splatreel.evaluation.oracle_report import OracleReport
+from splatreel.evaluation.bench.oracle import oracle
+from splatreel.evaluation.bench.oracle_report import OracleReport
 from splatreel.process import peak_memory_bytes
 from splatreel.progress import console
 

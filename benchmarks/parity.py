@@ -7,9 +7,9 @@ import torch
 from torch import Tensor
 
 from kernels import waiting
-from splatreel.evaluation.bench import cloud, front_camera
-from splatreel.evaluation.step_timings import NEAR, UNIT
-from splatreel.evaluation.timing import median_ms
+from splatreel.evaluation.bench.microbenchmarks import cloud, front_camera
+from splatreel.evaluation.bench.step_timings import NEAR, UNIT
+from splatreel.evaluation.bench.timing import median_ms
 from splatreel.kernels import splat
 from splatreel.play.renderers import renderer
 from splatreel.recon.train.points import TrainablePoints, default_rates

@@ -21,7 +21,7 @@ from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.codec.reader import ReelReader
 from splatreel.config import EncodeConfig
-from splatreel.evaluation.bd_rate import bd_rate
+from splatreel.evaluation.bench.rate_distortion import bd_rate
 from splatreel.evaluation.evaluate import reel_width
 from splatreel.evaluation.metrics import psnr, ssim
 from splatreel.play.timeline import Moment, Timeline

@@ -21,7 +21,7 @@ import yard
 from film import FPS, Film
 from record import record
 from splatreel.capture.base import Capture
-from splatreel.capture.builtin.raytracer import trace_cover, trace_still
+from splatreel.capture.builtin.raytracer import trace_cover, trace_static
 from splatreel.capture.builtin.solids import HALF, POSITION, ROTATION, Shapes
 from splatreel.capture.opening import open_capture
 from splatreel.config import preset
@@ -87,7 +87,7 @@ def _seen(film: Film, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarra
     """A camera's first frame: places [M, 3] on what moves and [S, 3] on what does not, and the depths [M] of the first."""
     scene = film.moving(0.0)
     cover, depth = trace_cover(
-        camera, trace_still(camera, film.still, film.light), scene, np.ones(len(scene.solids), bool)
+        camera, trace_static(camera, film.still, film.light), scene, np.ones(len(scene.solids), bool)
     )
     rows, columns = np.mgrid[: camera.height, : camera.width] + 0.5
     rays = np.stack([columns, rows, np.ones_like(rows)], -1) @ np.linalg.inv(camera.K.astype(np.float64)).T

@@ -1,4 +1,4 @@
-"""An S3-compatible server on this machine, buckets in it, and a folder whose line breaks."""
+"""A local S3-compatible server, buckets in it, and a folder with connection errors."""
 
 from __future__ import annotations
 
@@ -27,19 +27,19 @@ CORS = {
         }
     ]
 }
-"""What docs/publishing.md tells people to set; a test compares the two."""
+"""CORS rules of docs/publishing.md; a test compares the two."""
 
 
 def readable_by_all(bucket: str) -> dict[str, Any]:
-    """The policy that docs/publishing.md tells people to set."""
+    """Return the bucket policy of docs/publishing.md."""
     rule = {"Effect": "Allow", "Principal": "*", "Action": "s3:GetObject", "Resource": f"arn:aws:s3:::{bucket}/*"}
     return {"Version": "2012-10-17", "Statement": [rule]}
 
 
 def by_tags_first(app: Any) -> Any:
-    """A WSGI app to which dates of If-Modified-Since say nothing where If-None-Match is asked (RFC 9110, 13.1.3), as S3 does it.
+    """Return a WSGI app that ignores If-Modified-Since if If-None-Match is given (RFC 9110, 13.1.3), as S3 does.
 
-    moto looks at both, and calls a manifest unchanged that was written anew within the same second.
+    moto considers both, and reports a manifest rewritten within the same second as unchanged.
     """
 
     def answered(environ: dict[str, Any], start_response: Any) -> Any:
@@ -52,7 +52,7 @@ def by_tags_first(app: Any) -> Any:
 
 @contextmanager
 def s3_server() -> Iterator[str]:
-    """Its address. Only what a bucket's own rules allow is allowed to pages of other sites."""
+    """Return the server's address. Pages of other sites may do only what a bucket's rules allow."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("MOTO_DISABLE_GLOBAL_CORS", "true")
         moto = pytest.importorskip("moto.moto_server.threaded_moto_server")
@@ -68,27 +68,27 @@ def s3_server() -> Iterator[str]:
 
 @dataclass(frozen=True)
 class Bucket:
-    """An empty bucket. client: boto3's, for what no test is about."""
+    """Empty bucket. `client` is boto3's."""
 
     name: str
     server: str
     client: Any
 
     def url(self, path: str) -> str:
-        """As Splatreel is given it."""
+        """Address for Splatreel."""
         return f"s3://{self.name}/{path}"
 
     def web(self, path: str) -> str:
-        """As browsers ask for it."""
+        """Address for browsers."""
         return f"{self.server}/{self.name}/{path}"
 
     def open_to_pages(self) -> None:
-        """As docs/publishing.md tells."""
+        """Set the permissions of docs/publishing.md."""
         self.client.put_bucket_cors(Bucket=self.name, CORSConfiguration=CORS)
         self.client.put_bucket_policy(Bucket=self.name, Policy=json.dumps(readable_by_all(self.name)))
 
     def keys(self, prefix: str) -> list[str]:
-        """Up to 1000 names that begin so."""
+        """Return up to 1000 names with a prefix."""
         found = self.client.list_objects_v2(Bucket=self.name, Prefix=prefix)
         return [entry["Key"] for entry in found.get("Contents", [])]
 
@@ -97,9 +97,9 @@ class Bucket:
 
 
 class BreakingFolder:
-    """A folder whose line breaks at the n-th write, counted from 0, and at each that is told; what was written is logged.
+    """Folder that fails at given writes, counted from 0, and logs all writes.
 
-    halves: the line breaks after the file has arrived, before the answer.
+    With `halves`, the connection fails after the file has arrived, before the response.
     """
 
     def __init__(self, folder: Folder, breaks: set[int], halves: bool = False) -> None:

@@ -1,7 +1,8 @@
-"""The golden reel with sound: a wall that flashes, and a click at the moment of every flash.
+"""The golden reel with sound: a wall that flashes, and a click at each flash.
 
-tests/data/golden-sound: 4 s at 50 frames a second, groups of a second. Offsets are interpolated between frames, so that a flash that
-is there from frame f on rises over the frame before; the click is in the middle of that rise, at (f - 1/2) / 50 s.
+tests/data/golden-sound: 4 s at 50 frames per second, in groups of one second. Offsets are interpolated between frames,
+so a flash that starts at frame f rises over the previous frame. The click is in the middle of that rise, at (f - 1/2) /
+50 s.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 
 from splatreel.codec.fragments import RATE
 from splatreel.codec.header import ReelHeader
-from splatreel.codec.sound import encode_sound, write_sound
+from splatreel.codec.opus_sound import encode_sound, write_sound
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.scene.camera import Camera
@@ -27,12 +28,12 @@ FLASHES = (20, 65, 125, 190)
 """First bright frames; each flash takes `FLASH` frames."""
 FLASH = 8
 CLICKS = tuple((frame - 0.5) / FPS for frame in FLASHES)
-"""Seconds of the clicks, and of the middles of the flashes' rises."""
+"""Times of the clicks in seconds, at the middle of each flash's rise."""
 POSITION = (1.0, 0.0, 0.0)
 
 
 def clicks(times: tuple[float, ...] = CLICKS, seconds: float = FRAMES / FPS, channels: int = 1) -> np.ndarray:
-    """[seconds * RATE, channels] float32: short decaying bursts that start at these times."""
+    """Return short decaying bursts that start at given times, [seconds * RATE, channels] float32."""
     sound = np.zeros((round(seconds * RATE), channels), np.float32)
     ages = np.arange(RATE // 100)
     burst = 0.8 * np.exp(-ages / 60) * np.cos(ages * 2 * np.pi * 3000 / RATE)
@@ -43,7 +44,7 @@ def clicks(times: tuple[float, ...] = CLICKS, seconds: float = FRAMES / FPS, cha
 
 
 def onsets(sound: np.ndarray, apart: float = 0.05) -> np.ndarray:
-    """Seconds at which bursts of `clicks` start in [N, channels]: where their shape fits best, to a sample."""
+    """Return the start times of bursts of `clicks` in [N, channels], by best fit, to a sample."""
     burst = clicks((0.0,), 0.01)[:, 0]
     fit = np.correlate(sound.mean(1), burst, "valid")
     found = []
@@ -54,7 +55,7 @@ def onsets(sound: np.ndarray, apart: float = 0.05) -> np.ndarray:
 
 
 def write_golden(path: Path) -> None:
-    """Write the reel: a wall of 63 dynamic points, dark but for the flashes, and 12 static ones in its corners."""
+    """Write the reel: a wall of 63 dynamic points, dark except for flashes, and 12 static points in its corners."""
     if path.exists():
         shutil.rmtree(path)
     viewmat = np.eye(4)

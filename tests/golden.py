@@ -41,7 +41,7 @@ FPS = 30
 def random_gaussians(
     rng: np.random.Generator, count: int, degree: int, center: tuple[float, float, float]
 ) -> Gaussians:
-    """Points on a bumpy sphere with sizes over three decades."""
+    """Return points on a bumpy sphere with sizes over three decades."""
     direction = rng.normal(size=(count, 3))
     direction /= np.linalg.norm(direction, axis=1, keepdims=True)
     means = np.array(center) + direction * (1 + 0.05 * rng.normal(size=(count, 1)))
@@ -56,7 +56,7 @@ def random_gaussians(
 
 
 def random_motion(rng: np.random.Generator, points: Gaussians, frames: int) -> tuple[np.ndarray, np.ndarray]:
-    """dx [T, N, 3] and dq [T, N, 4]: a turn about a random axis, a drift, and a little of each point's own."""
+    """Return dx [T, N, 3] and dq [T, N, 4]: a rotation about a random axis, a drift, and a little individual motion."""
     time = np.linspace(0, 1, frames)[:, None, None]
     axis = rng.normal(size=3)
     axis /= np.linalg.norm(axis)
@@ -67,13 +67,13 @@ def random_motion(rng: np.random.Generator, points: Gaussians, frames: int) -> t
 
 
 def random_shade(rng: np.random.Generator, count: int, frames: int) -> np.ndarray:
-    """[T, N, 4]: a light that passes over the points, each in its own color, and points that fade."""
+    """Return [T, N, 4]: a light that passes over the points, each in its own color, and points that fade."""
     passing = np.sin(np.linspace(0, 3, frames))[:, None, None]
     return (passing * rng.normal(size=(1, count, 4)) * [0.5, 0.5, 0.5, 0.3]).astype(np.float32)
 
 
 def weights(count: int) -> np.ndarray:
-    """Importance [count, 3] over four octaves."""
+    """Return importance [count, 3] over four octaves."""
     return 2.0 ** -(np.arange(3 * count).reshape(count, 3) % 5)
 
 
@@ -84,9 +84,9 @@ def camera(name: str, x: float) -> Camera:
 
 
 def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265", renditions: tuple[Rate, ...] = ()) -> None:
-    """Write a golden reel into a directory: layers of degree 3 and 2, dynamic points of degree 1, the second group shaded.
+    """Write a golden reel: layers of degree 3 and 2, dynamic points of degree 1, the second group with shade.
 
-    The predictive one is drawn with `antialias`, and its second group grows darker and redder.
+    The predictive reel is drawn with `antialias`, and its second group becomes darker and redder.
     """
     rng = np.random.default_rng(4)
     if path.exists():
@@ -117,9 +117,9 @@ def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265", rend
 
 
 def decoded(path: Path, times: tuple[float, ...] = TIMES) -> dict[str, np.ndarray]:
-    """Every array of the reel by name: `layer0.means`, `group1.dynamic.sh`, `group1.dx`, `at0.05.opacities`, ...
+    """Return every array of the reel by name: `layer0.means`, `group1.dynamic.sh`, `group1.dx`, `at0.05.opacities`, ...
 
-    Layers are counted through the manifest and its pages, groups have their own numbers.
+    Layers are counted through the manifest and its pages. Groups have their own numbers.
     """
     reel = ReelReader(path)
     arrays: dict[str, np.ndarray] = {}
@@ -137,7 +137,7 @@ def decoded(path: Path, times: tuple[float, ...] = TIMES) -> dict[str, np.ndarra
 
 
 def sampled(arrays: dict[str, np.ndarray], values: int = 48, times: tuple[float, ...] = TIMES) -> dict:
-    """For each array its shape and at most `values` numbers: (positions in the flat array, values there)."""
+    """Return for each array its shape and at most `values` numbers: positions in the flat array, and values there."""
     entries = {}
     for name, array in arrays.items():
         flat = array.ravel()

@@ -45,14 +45,14 @@ def _grow(path: Path, renditions: tuple[Rate, ...]):
 
 
 def expected(path: Path) -> dict:
-    """What `expected.json` says of the reel in a directory."""
+    """Return the content of `expected.json` for the reel in a directory."""
     manifest = ReelReader(path).manifest
-    living = {g.group: [manifest.layers[i].uri for i in manifest.living(g.group)] for g in manifest.groups}
+    living = {g.group: [manifest.layers[i].uri for i in manifest.living_layers(g.group)] for g in manifest.groups}
     return sampled(decoded(path, TIMES), 12, TIMES) | {"living": {str(group): uris for group, uris in living.items()}}
 
 
 def write_all() -> None:
-    """Both reels, with what is expected of them."""
+    """Write both reels and their expected content."""
     for path, write in ((LONG, write_long), (WINDOW, write_window)):
         write(path)
         text = json.dumps(expected(path), separators=(",", ":"))

@@ -11,7 +11,7 @@ GIB = 1 << 30
 
 @pytest.fixture
 def mounted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """An empty tree of groups."""
+    """Return an empty tree of groups."""
     monkeypatch.setattr(cgroups, "MOUNTED", tmp_path / "cgroup")
     monkeypatch.setattr(cgroups, "OWN", tmp_path / "own")
     (tmp_path / "cgroup").mkdir()
@@ -28,7 +28,7 @@ def own(mounted: Path, text: str) -> None:
     (mounted.parent / "own").write_text(text)
 
 
-def test_version_2_the_tightest_of_all_groups_around_counts(mounted: Path) -> None:
+def test_version_2_uses_the_tightest_enclosing_limit(mounted: Path) -> None:
     own(mounted, "0::/slurm/job_7/step_0\n")
     write(mounted, cpu__max="max 100000\n", memory__max="max\n")
     write(
@@ -49,13 +49,13 @@ def test_version_2_the_tightest_of_all_groups_around_counts(mounted: Path) -> No
     assert cgroups.free_memory() == 2 * GIB
 
 
-def test_version_2_in_a_container_whose_own_group_is_the_root(mounted: Path) -> None:
+def test_version_2_in_a_container_with_root_group(mounted: Path) -> None:
     own(mounted, "0::/../elsewhere\n")
     write(mounted, cpu__max="50000 100000", memory__max=str(GIB), memory__current=str(GIB // 4))
     assert (cgroups.cpu_quota(), cgroups.memory_limit(), cgroups.free_memory()) == (0.5, GIB, GIB - GIB // 4)
 
 
-def test_version_1_has_a_tree_for_each_kind(mounted: Path) -> None:
+def test_version_1_reads_each_controller(mounted: Path) -> None:
     own(mounted, "9:name=systemd:/\n4:memory:/docker/abc\n3:cpu,cpuacct:/docker/abc\n0::/\n")
     write(mounted / "memory", memory__limit_in_bytes="9223372036854771712\n", memory__usage_in_bytes="7\n")
     inside = mounted / "memory" / "docker" / "abc"
@@ -69,7 +69,7 @@ def test_version_1_has_a_tree_for_each_kind(mounted: Path) -> None:
 
 
 @pytest.mark.parametrize("text", ["", "0::/\n", "nonsense", "4:memory:/gone\n1:cpu:/\n"])
-def test_without_limits_there_are_none(mounted: Path, text: str) -> None:
+def test_missing_limits_are_none(mounted: Path, text: str) -> None:
     own(mounted, text)
     write(mounted, memory__max="what\n", cpu__max="\n")
     write(mounted / "cpu", cpu__cfs_quota_us="-1\n", cpu__cfs_period_us="0\n")

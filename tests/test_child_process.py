@@ -1,4 +1,4 @@
-"""A child process computes, tells how far it is, and never outlives the call."""
+"""A child process computes, reports progress and never outlives the call."""
 
 import os
 import signal
@@ -29,7 +29,7 @@ def die(send: Callable[[Any], None]) -> None:
 
 
 def never_end(send: Callable[[Any], None]) -> None:
-    """Block signals, as native code does that never returns to Python."""
+    """Block signals, like native code that never returns to Python."""
     signal.pthread_sigmask(signal.SIG_BLOCK, set(signal.Signals) - {signal.SIGKILL, signal.SIGSTOP})
     send(os.getpid())
     while True:
@@ -44,26 +44,26 @@ def is_alive(pid: int) -> bool:
     return True
 
 
-def test_a_result_and_messages_come_back() -> None:
+def test_child_returns_result_and_messages() -> None:
     heard: list[Any] = []
-    assert run_in_child(double, 21, hear=heard.append) == 42
+    assert run_in_child(double, 21, on_message=heard.append) == 42
     assert heard[0] == "half"
     assert heard[1] != os.getpid()
     assert not is_alive(heard[1])
 
 
-def test_an_error_is_raised_here() -> None:
+def test_child_error_is_raised_in_the_parent() -> None:
     with pytest.raises(CaptureError, match="scene: is none"):
-        run_in_child(fail, hear=print)
+        run_in_child(fail, on_message=print)
 
 
-def test_a_child_that_is_killed_is_told() -> None:
+def test_killed_child_is_reported() -> None:
     with pytest.raises(ChildEndedError, match="by SIGKILL"):
-        run_in_child(die, hear=print)
+        run_in_child(die, on_message=print)
 
 
-def test_a_child_is_killed_when_its_parent_is_interrupted() -> None:
-    """However deaf it is."""
+def test_interrupt_kills_the_child() -> None:
+    """The child ignores signals."""
     heard: list[int] = []
 
     def interrupt(pid: int) -> None:
@@ -71,5 +71,5 @@ def test_a_child_is_killed_when_its_parent_is_interrupted() -> None:
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        run_in_child(never_end, hear=interrupt)
+        run_in_child(never_end, on_message=interrupt)
     assert not is_alive(heard[0])

@@ -21,7 +21,7 @@ print(most - after, most - resident_of("self"))
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only glibc keeps memory so")
-def test_freed_memory_is_kept_until_it_is_given_back() -> None:
+def test_freed_memory_is_kept_until_returned() -> None:
     root = Path(__file__).parent.parent
     done = subprocess.run([sys.executable, "-c", TAKE_AND_FREE], capture_output=True, text=True, check=True, cwd=root)
     before, after = map(int, done.stdout.split())

@@ -15,7 +15,7 @@ class Clock:
         return self.now
 
 
-def test_lines_come_at_the_start_now_and_then_and_at_the_end() -> None:
+def test_lines_report_start_progress_and_end() -> None:
     clock, stream = Clock(), io.StringIO()
     lines = Lines(stream, interval=10, clock=clock)
     lines.stage("building", 100)
@@ -33,7 +33,7 @@ def test_lines_come_at_the_start_now_and_then_and_at_the_end() -> None:
     ]
 
 
-def test_the_time_left_is_that_of_the_whole_job_when_the_spans_are_known() -> None:
+def test_estimate_covers_the_whole_job_with_spans() -> None:
     clock = Clock()
     estimate = Estimate(clock)
     estimate.stage(10, (0.5, 0.75))  # continued: half of the job was done before
@@ -46,7 +46,7 @@ def test_the_time_left_is_that_of_the_whole_job_when_the_spans_are_known() -> No
     assert estimate.seconds_left() == pytest.approx(40)
 
 
-def test_what_is_no_part_of_the_job_tells_nothing_of_the_time_left() -> None:
+def test_estimate_ignores_stages_without_span() -> None:
     clock = Clock()
     estimate = Estimate(clock)
     estimate.stage(1, (0.0, 0.1))
@@ -58,7 +58,7 @@ def test_what_is_no_part_of_the_job_tells_nothing_of_the_time_left() -> None:
     assert estimate.seconds_left() == pytest.approx(18)
 
 
-def test_a_stage_without_steps_is_no_division_by_zero() -> None:
+def test_stage_without_steps() -> None:
     stream = io.StringIO()
     lines = Lines(stream, clock=Clock())
     lines.stage("nothing", 0)
@@ -66,7 +66,7 @@ def test_a_stage_without_steps_is_no_division_by_zero() -> None:
     assert stream.getvalue().splitlines()[-1] == "nothing: done in 0.0 s"
 
 
-def test_a_terminal_gets_bars() -> None:
+def test_terminal_shows_bars() -> None:
     class Tty(io.StringIO):
         def isatty(self) -> bool:
             return True
@@ -84,7 +84,7 @@ def test_a_terminal_gets_bars() -> None:
     assert isinstance(console(io.StringIO()), Lines)
 
 
-def test_the_stages_of_a_long_job_stay_on_the_screen_once_each() -> None:
+def test_finished_stages_stay_on_the_screen_once() -> None:
     class Tty(io.StringIO):
         def isatty(self) -> bool:
             return True
@@ -102,7 +102,7 @@ def test_the_stages_of_a_long_job_stay_on_the_screen_once_each() -> None:
     assert shown.count("1,007 points") <= 2
 
 
-def test_work_that_reports_nothing_is_said_to_go_on() -> None:
+def test_silent_work_is_reported_as_running() -> None:
     clock, stream = Clock(), io.StringIO()
     lines = Lines(stream, interval=5, clock=clock)
     lines.stage("finding surfaces", 4)
@@ -125,7 +125,7 @@ def test_work_that_reports_nothing_is_said_to_go_on() -> None:
     ]
 
 
-def test_nobody_has_to_ask_for_it() -> None:
+def test_lines_report_liveness_from_a_thread() -> None:
     stream = io.StringIO()
     lines = Lines(stream, interval=0.02)
     lines.stage("finding surfaces", 1)
@@ -137,7 +137,7 @@ def test_nobody_has_to_ask_for_it() -> None:
     assert "finding surfaces: 0 %, still working, " in stream.getvalue()
 
 
-def test_silence(capsys: pytest.CaptureFixture[str]) -> None:
+def test_silent_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
     silent = Silent()
     silent.stage("a", 1)
     silent.update(1)
@@ -149,11 +149,11 @@ def test_silence(capsys: pytest.CaptureFixture[str]) -> None:
     ("seconds", "text"),
     [(0.44, "0.4 s"), (12, "12 s"), (59.7, "1 min 00 s"), (185, "3 min 05 s"), (7800, "2 h 10 min")],
 )
-def test_seconds_read_well(seconds: float, text: str) -> None:
+def test_format_seconds_known_answers(seconds: float, text: str) -> None:
     assert format_seconds(seconds) == text
 
 
-def test_numbers_read_well() -> None:
+def test_format_numbers_known_answers() -> None:
     assert format_numbers({"points": 40_000, "psnr": 29.1267}) == "40,000 points, 29.1 dB"
     assert format_numbers({"moving": 3100, "appeared": 5305}) == "3,100 moving points, 5,305 of them new"
     found = format_numbers({"moving": 412, "resting": 3000, "lit": 591})

@@ -1,6 +1,7 @@
 """Splatreel: volumetric video from many static cameras.
 
-The public names below are looked up on first use: `import splatreel` is quick, and playing a reel needs no torch.
+The public names below are imported on first use. `import splatreel` is therefore fast, and playing a reel does not
+import torch.
 """
 
 import importlib
@@ -44,6 +45,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
+    """Import a public name on first use."""
     if name not in _HOMES:
         raise AttributeError(f"module 'splatreel' has no attribute {name!r}")
     module, attribute = _HOMES[name]

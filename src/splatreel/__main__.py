@@ -1,4 +1,4 @@
-"""`python -m splatreel` is the `splatreel` command."""
+"""Entry point of `python -m splatreel`, the same as the `splatreel` command."""
 
 import sys
 

@@ -1,4 +1,7 @@
-"""What the control groups of Linux allow this process: those of a container, a batch job or a service, version 1 or 2."""
+"""CPU and memory limits that Linux control groups, version 1 or 2, set for this process.
+
+Containers, batch systems and services use control groups.
+"""
 
 from __future__ import annotations
 
@@ -8,11 +11,11 @@ from pathlib import Path, PurePosixPath
 MOUNTED = Path("/sys/fs/cgroup")
 OWN = Path("/proc/self/cgroup")
 UNLIMITED = 1 << 60
-"""Bytes from which on version 1 means that there is no limit."""
+"""Bytes at or above which version 1 means that there is no limit."""
 
 
 def cpu_quota() -> float | None:
-    """Return the processors whose time this process may use; None where it may use all."""
+    """Return the number of processors whose time this process may use, or None without a limit."""
     found: list[float] = []
     for group in _groups("cpu"):
         quota, period, *_ = [*_words(group / "cpu.max"), "", ""]
@@ -24,16 +27,20 @@ def cpu_quota() -> float | None:
 
 
 def memory_limit() -> int | None:
-    """Return the bytes that this process and what shares its groups may take; None where there is no limit."""
-    return min((limit for _, limit in _limited()), default=None)
+    """Return the lowest memory limit of this process's groups in bytes, or None without a limit."""
+    return min((limit for _, limit in _groups_with_memory_limit()), default=None)
 
 
 def free_memory() -> int | None:
-    """Return what the limits leave, with pages of files, which are given up first; None where there is no limit."""
-    return min((max(limit - _held(group), 0) for group, limit in _limited()), default=None)
+    """Return the bytes left below the memory limits, or None without a limit.
+
+    File pages count as free, because the kernel drops them first.
+    """
+    return min((max(limit - _used_bytes(group), 0) for group, limit in _groups_with_memory_limit()), default=None)
 
 
-def _limited() -> Iterator[tuple[Path, int]]:
+def _groups_with_memory_limit() -> Iterator[tuple[Path, int]]:
+    """Yield each group that has a memory limit, with the limit in bytes."""
     for group in _groups("memory"):
         for name in ("memory.max", "memory.limit_in_bytes"):
             word = _word(group / name)
@@ -41,8 +48,8 @@ def _limited() -> Iterator[tuple[Path, int]]:
                 yield group, int(word)
 
 
-def _held(group: Path) -> int:
-    """Return the bytes that a group holds, without pages of files."""
+def _used_bytes(group: Path) -> int:
+    """Return the bytes that a group holds, without file pages."""
     for name, prefix in (("memory.current", ""), ("memory.usage_in_bytes", "total_")):
         word = _word(group / name)
         if not _is_number(word):
@@ -57,7 +64,7 @@ def _held(group: Path) -> int:
 
 
 def _groups(controller: str) -> Iterator[Path]:
-    """Yield the folders of this process's own group and of all groups around it, as far as they can be seen."""
+    """Yield the folders of this process's own group and of its visible parent groups."""
     for line in _lines(OWN):
         number, controllers, path = (*line.split(":", 2), "", "")[:3]
         if number == "0" and not controllers:

@@ -1,7 +1,8 @@
-"""Runs long native calls in a process of their own, which can be killed at any moment.
+"""Long native calls in a child process, which can be killed at any moment.
 
-Python handles a signal between two of its own instructions. A library that computes for minutes in C++ delays Ctrl-C and SIGTERM for
-as long. In a child process it delays nobody: the parent waits for messages, and kills the child when it is interrupted.
+Python handles signals between two of its own instructions. A C++ library that computes for minutes would therefore
+delay Ctrl-C and SIGTERM. With a child process, the parent waits for messages and kills the child when it is
+interrupted.
 """
 
 from __future__ import annotations
@@ -27,32 +28,38 @@ Send = Callable[[Any], None]
 
 
 class ChildEndedError(SplatreelError):
-    """The child process ended without a result. how: the signal or the exit code, in words."""
+    """A child process that ended without a result.
+
+    Attributes:
+        how: The signal or the exit code, in words.
+    """
 
     def __init__(self, how: str) -> None:
         super().__init__(f"The process that computed was ended {how}.")
         self.how = how
 
 
-def run_in_child(function: Callable[..., Any], *arguments: Any, hear: Callable[[Any], None]) -> Any:
-    """Call a function in a child process and return its result. Whatever ends this call also ends the child.
+def run_in_child(function: Callable[..., Any], *arguments: Any, on_message: Callable[[Any], None]) -> Any:
+    """Call a function in a child process and return its result.
+
+    The child is killed when this call ends, also by an exception.
 
     Args:
-        function: A module's function. It takes a `Send`, and then the arguments.
-        arguments: Anything that can be pickled.
-        hear: Called with each message that the function sends.
+        function: A function at module level. It takes a `Send`, then the arguments.
+        *arguments: Picklable arguments.
+        on_message: Called with each message that the function sends.
 
     Raises:
         ChildEndedError: The child was killed or crashed.
-        BaseException: Whatever the function raises.
+        BaseException: Any exception that the function raises.
     """
     command = [sys.executable, "-c", _START]
-    with interrupts_held():  # the child inherits the mask: Ctrl-C in a terminal goes to all processes there
+    with interrupts_held():  # a terminal sends Ctrl-C to all its processes; the child inherits the mask
         child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert child.stdin is not None
     assert child.stdout is not None
     try:
-        with contextlib.suppress(BrokenPipeError):  # then it ended at once, and its exit code tells how
+        with contextlib.suppress(BrokenPipeError):  # the child ended immediately; its exit code is reported below
             pickle.dump(sys.path, child.stdin)
             pickle.dump((function, arguments), child.stdin)
             child.stdin.flush()
@@ -60,9 +67,9 @@ def run_in_child(function: Callable[..., Any], *arguments: Any, hear: Callable[[
             try:
                 kind, value = pickle.load(child.stdout)
             except (EOFError, pickle.UnpicklingError):
-                raise ChildEndedError(_how(child.wait())) from None
+                raise ChildEndedError(_describe_exit(child.wait())) from None
             if kind == "message":
-                hear(value)
+                on_message(value)
             elif kind == "result":
                 return value
             else:
@@ -76,9 +83,9 @@ def run_in_child(function: Callable[..., Any], *arguments: Any, hear: Callable[[
 
 
 def _serve() -> None:
-    """Run the function that comes in by stdin, in the child."""
+    """Run in the child: read the function from stdin, call it and send its result."""
     out = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # what a library prints must not get among the messages
+    os.dup2(2, 1)  # libraries print to stdout, which carries the messages
 
     def send(kind: str, value: object) -> None:
         pickle.dump((kind, value), out)
@@ -96,12 +103,12 @@ def _serve() -> None:
 
 
 def _end_with_parent() -> None:
-    """End when the parent is gone, which closes stdin."""
+    """End the child when its parent has ended, which closes stdin."""
     os.read(0, 1)
     os._exit(1)
 
 
-def _how(code: int) -> str:
+def _describe_exit(code: int) -> str:
     if code < 0:
         with contextlib.suppress(ValueError):
             return f"by {signal.Signals(-code).name}"

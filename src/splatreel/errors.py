@@ -1,44 +1,48 @@
-"""Every error Splatreel raises on purpose.
+"""All exceptions that Splatreel raises on purpose.
 
-A message says what happened, names the file and the offending value, and says what to do about it. The command line prints it
-as one block and leaves with the error's exit code; a program can catch `SplatreelError`.
+A message states what happened, the file and value concerned, and the remedy. The command line prints the message and
+exits with the error's exit code. Programs catch `SplatreelError`.
 """
 
 
 class SplatreelError(Exception):
-    """Base of every error a user can cause or meet."""
+    """Base class of all expected errors."""
 
     exit_code = 1
 
 
 class UsageError(SplatreelError):
-    """The request itself is wrong: an unknown option value, two options that exclude each other."""
+    """An invalid request, such as an unknown option value or two options that exclude each other."""
 
     exit_code = 2
 
 
 class CaptureError(SplatreelError):
-    """The input videos, images or cameras cannot be used as they are."""
+    """Input videos, images or cameras that cannot be used as they are."""
 
 
 class ReelError(SplatreelError):
-    """A reel, or a file that claims to belong to one, is damaged, incomplete or of an unknown version."""
+    """A reel, or a file of one, that is damaged, incomplete or of an unknown version."""
 
 
 class GaussiansError(SplatreelError):
-    """Gaussians hold values no renderer can draw (NaN, wrong shapes)."""
+    """Gaussians with values that no renderer can draw, such as NaN or wrong shapes."""
 
 
 class ReconstructionError(SplatreelError):
-    """Reconstruction cannot start or go on."""
+    """A reconstruction that cannot start or continue."""
 
 
 class InUseError(ReconstructionError):
-    """Another process is at work there; once it is done, or was killed, the same may succeed."""
+    """A folder that another process is using. The same call may succeed when that process has ended."""
 
 
 class StorageError(SplatreelError):
-    """A folder elsewhere, such as a bucket, cannot be reached or refuses. lasting: to try again would change nothing."""
+    """A folder, such as a bucket, that cannot be reached or refuses access.
+
+    Attributes:
+        lasting: True if a retry cannot succeed.
+    """
 
     def __init__(self, message: str, *, lasting: bool = False) -> None:
         super().__init__(message)
@@ -46,4 +50,4 @@ class StorageError(SplatreelError):
 
 
 class MissingDependencyError(SplatreelError):
-    """An optional package is needed; the message names the extra that brings it."""
+    """An optional package that is not installed. The message names the extra that installs it."""

@@ -1,4 +1,4 @@
-"""How a process that works for long uses the machine: its threads and its memory."""
+"""Process-wide settings: standard streams, threads, memory and signals."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from contextlib import contextmanager
 
 
 def open_standard_streams() -> None:
-    """Connect those of stdin, stdout and stderr that the caller has closed to nothing.
+    """Connect standard streams that the caller has closed to the null device.
 
-    Otherwise the next file that is opened takes the place of stdout, and what a library prints lands in it.
+    Otherwise the next opened file gets the descriptor of stdout, and library output is written into it.
     """
     if None not in (sys.stdin, sys.stdout, sys.stderr):
         return
@@ -27,18 +27,18 @@ def open_standard_streams() -> None:
 
 
 def quiet_threads() -> None:
-    """Let torch's threads sleep while they wait, so that they do not keep the kernels' threads from the cores.
+    """Let torch's idle threads sleep, so that they do not take cores from the kernels' threads.
 
-    Torch's OpenMP runtime reads these variables when it loads, so this must come before torch.
+    Torch's OpenMP runtime reads these variables when it loads. Call this function before importing torch.
     """
     os.environ.setdefault("GOMP_SPINCOUNT", "0")
     os.environ.setdefault("KMP_BLOCKTIME", "0")
 
 
 def keep_freed_memory() -> None:
-    """Have glibc keep freed buffers of up to 32 MB for the next iteration, which needs the same ones.
+    """Make glibc keep freed buffers of up to 32 MB for the next iteration, which needs buffers of the same sizes.
 
-    Given back to the kernel, their pages are faulted in again on one core: a twentieth of an iteration.
+    Returned buffers cause page faults on one core, which take a twentieth of an iteration.
     """
     trim_threshold, mmap_threshold = -1, -3
     if libc := _glibc():
@@ -47,9 +47,9 @@ def keep_freed_memory() -> None:
 
 
 def give_back_freed_memory() -> None:
-    """Give all freed buffers back to the kernel; for between stages, which need others.
+    """Return all freed buffers to the kernel. Call this between stages, which need buffers of other sizes.
 
-    Kept, they would lie scattered between what lives on, too small for the next ones, and a process would grow from stage to stage.
+    Otherwise freed buffers fragment the heap, and the process grows from stage to stage.
     """
     if libc := _glibc():
         libc.malloc_trim(0)
@@ -57,13 +57,13 @@ def give_back_freed_memory() -> None:
 
 @functools.cache
 def _glibc() -> ctypes.CDLL | None:
-    """None on musl, macOS and Windows, whose memory is another matter."""
+    """Return glibc, or None on musl, macOS and Windows, which manage memory differently."""
     libc = ctypes.CDLL(None) if os.name == "posix" else None
     return libc if hasattr(libc, "mallopt") and hasattr(libc, "malloc_trim") else None
 
 
 def peak_memory_bytes() -> int | None:
-    """Most memory this process ever held resident, in bytes; None where the system does not tell (Windows)."""
+    """Return the peak resident memory of this process in bytes, or None on Windows."""
     try:
         import resource
     except ImportError:
@@ -74,7 +74,10 @@ def peak_memory_bytes() -> int | None:
 
 @contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back. It goes to all processes of a terminal: those that are started meanwhile never get it, this one does later."""
+    """Block Ctrl-C inside the `with` block; this process receives it afterwards.
+
+    A terminal sends Ctrl-C to all its processes. Child processes started in the block never receive it.
+    """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return

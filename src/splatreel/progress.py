@@ -1,4 +1,4 @@
-"""How long work reports where it is: a small protocol, a display for a terminal and one for a log file."""
+"""Progress reports: a small protocol, a display for terminals and one for log files."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ PHRASES = {
     "appeared": "{:,} of them new",
     "published": "{:,} groups in the reel",
 }
-"""What work can say that it found, by the name of the number, in words that need no knowledge of how it works."""
+"""Display format of each reported number, in words for users."""
 
 
 def printable(text: str) -> str:
-    """Text that is not ours as a terminal may have it: what is no character, space or new line is escaped.
+    """Return untrusted text with control characters escaped.
 
-    So are the marks that turn the order of letters round: what one reads is what there is.
+    Escapes include the marks that reverse the order of letters, so that the text reads as it is.
     """
     return "".join(
         c if c in "\n\t" or c.isprintable() or unicodedata.category(c) == "Zs" else _escaped(c) for c in text
@@ -39,68 +39,87 @@ def _escaped(character: str) -> str:
 
 
 class Progress(Protocol):
-    """What a long function calls; it never asks back, so any display (or none) fits."""
+    """Reports of a long-running function. No method returns a value, so that any display fits."""
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
-        """Start a stage of total steps. span: the part of the whole job it is, such as (0.2, 0.7), if known."""
+        """Start a stage.
+
+        Args:
+            name: Text shown to the user.
+            total: Number of steps.
+            span: Part of the whole job, such as (0.2, 0.7), or None if unknown.
+        """
         ...
 
     def update(self, done: int, **numbers: float) -> None:
-        """Steps of the current stage done so far, with numbers worth showing, such as psnr=29.1, points=40_000."""
+        """Report the number of finished steps of the current stage, and numbers such as psnr=29.1 or points=40_000."""
         ...
 
     def note(self, text: str) -> None:
-        """One line worth keeping."""
+        """Show one line that stays on the screen."""
         ...
 
 
 class Silent:
-    """Shows nothing."""
+    """Progress display that shows nothing."""
 
-    def stage(self, name: str, total: int, span: Span | None = None) -> None: ...
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        """Show nothing."""
 
-    def update(self, done: int, **numbers: float) -> None: ...
+    def update(self, done: int, **numbers: float) -> None:
+        """Show nothing."""
 
-    def note(self, text: str) -> None: ...
+    def note(self, text: str) -> None:
+        """Show nothing."""
 
 
 class PartOf:
-    """Hands on what a part of a job says, its share put right. begin, end: the part of the whole that it is, 0..1."""
+    """Progress of one part of a job, with its spans mapped into the whole job.
+
+    Args:
+        progress: Display of the whole job.
+        begin: Start of the part within the job, 0..1.
+        end: End of the part within the job, 0..1.
+    """
 
     def __init__(self, progress: Progress, begin: float, end: float) -> None:
         self._progress, self._begin, self._end = progress, begin, end
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        """Start a stage."""
         if span is not None:
             scale = self._end - self._begin
             span = self._begin + scale * span[0], self._begin + scale * span[1]
         self._progress.stage(name, total, span)
 
     def update(self, done: int, **numbers: float) -> None:
+        """Show nothing."""
         self._progress.update(done, **numbers)
 
     def note(self, text: str) -> None:
+        """Show nothing."""
         self._progress.note(text)
 
 
 def parts_of(progress: Progress, costs: Sequence[float]) -> list[PartOf]:
-    """The parts of a job that one after the other are all of it, by what each costs."""
+    """Split a job into consecutive parts, in proportion to their costs."""
     whole = sum(costs)
     return [PartOf(progress, begin / whole, end / whole) for begin, end in pairwise([0.0, *accumulate(costs)])]
 
 
 class Estimate:
-    """Seconds left, of the whole job when its stages say which part of it they are, else of the stage."""
+    """Estimate of the seconds left, for the whole job if its stages name their spans, else for the stage."""
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._clock = clock
-        self._first: float | None = None  # share of the job that was done before it began here
-        self._job_seconds = 0.0  # of the stages before this one that are parts of the job
+        self._first: float | None = None  # share of the job that was finished before this process started
+        self._job_seconds = 0.0  # of earlier stages that have a span
         self.total, self.done = 0, 0
         self.span: Span | None = None
         self._stage_start = clock()
 
     def stage(self, total: int, span: Span | None) -> None:
+        """Start a stage."""
         if self.span is not None:
             self._job_seconds += self.stage_seconds
         self.total, self.done, self.span = total, 0, span
@@ -110,19 +129,20 @@ class Estimate:
 
     @property
     def stage_seconds(self) -> float:
+        """Show nothing."""
         return self._clock() - self._stage_start
 
     @property
     def share(self) -> float:
-        """Share of the stage that is done, 0..1."""
+        """Finished share of the stage, 0..1."""
         return min(self.done / self.total, 1.0) if self.total > 0 else 0.0
 
     def in_words(self, left: float) -> str:
-        """How many seconds are left, and of what: nothing is said of a stage."""
+        """Describe the seconds left. "in all" marks an estimate for the whole job."""
         return f"about {format_seconds(left)} left{'' if self.span is None else ' in all'}"
 
     def seconds_left(self) -> float | None:
-        """None as long as there is nothing to judge by."""
+        """Return the estimated seconds left, or None before the first finished step."""
         if self.span is not None and self._first is not None:
             now = self.span[0] + self.share * (self.span[1] - self.span[0])
             done = now - self._first
@@ -131,9 +151,10 @@ class Estimate:
 
 
 class Lines:
-    """For a log file or a pipe: a line when a stage starts, about every `interval` seconds, and when it ends.
+    """Progress display for a log file or a pipe.
 
-    Work that reports nothing for so long is said to go on: a step may take minutes, and a user wonders after seconds. Use `close`.
+    It prints a line when a stage starts, about every `interval` seconds, and when the stage ends. It also prints a line
+    if no report came for `interval` seconds. Call `close` at the end.
     """
 
     def __init__(
@@ -149,16 +170,18 @@ class Lines:
         self._watch: threading.Thread | None = None
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        """Start a stage."""
         with self._lock:
             self._name, self._ended = name, False
             self._estimate.stage(total, span)
             self._last = self._clock()
             self._print(f"{name} ...")
         if self._watch is None:
-            self._watch = threading.Thread(target=self._keep_saying, daemon=True)
+            self._watch = threading.Thread(target=self._beat_until_closed, daemon=True)
             self._watch.start()
 
     def update(self, done: int, **numbers: float) -> None:
+        """Report finished steps."""
         with self._lock:
             finished = done >= self._estimate.total
             if finished and self._ended:
@@ -175,17 +198,19 @@ class Lines:
             self._print(", ".join(p for p in parts if p))
 
     def note(self, text: str) -> None:
+        """Show one line."""
         with self._lock:
             self._last = self._clock()
             self._print(text)
 
     def close(self) -> None:
+        """End the display."""
         self._closed.set()
         with self._lock:
             self._stream.flush()
 
     def beat(self) -> None:
-        """Say that work goes on, if nothing was said for `interval` seconds."""
+        """Print that work continues, if nothing was printed for `interval` seconds."""
         with self._lock:
             if self._closed.is_set() or self._clock() - self._last < self._interval:
                 return
@@ -197,11 +222,11 @@ class Lines:
     def _percent(self) -> str:
         return f"{100 * self._estimate.share:.0f} %"
 
-    def _keep_saying(self) -> None:
+    def _beat_until_closed(self) -> None:
         while not self._closed.wait(self._interval / 4):
             try:
                 self.beat()
-            except (OSError, ValueError):  # nobody reads any more
+            except (OSError, ValueError):  # the reader of the stream has ended
                 return
 
     def _print(self, text: str) -> None:
@@ -209,9 +234,9 @@ class Lines:
 
 
 def _bars(stream: TextIO) -> Any:
-    """A live display of stages, two lines each: how far it is and what it has taken, and below what it found and what is left.
+    """Return a live display with two lines per stage: progress and elapsed time, then results and time left.
 
-    On one line the two would not fit beside each other into the 80 columns that terminals have.
+    One line would not fit into a terminal of 80 columns.
     """
     from rich.console import Console, RenderableType
     from rich.padding import Padding
@@ -219,7 +244,7 @@ def _bars(stream: TextIO) -> Any:
     from rich.text import Text
 
     class Elapsed(ProgressColumn):
-        """What a stage has taken, in words that cannot be read as the time that is left."""
+        """Elapsed time of a stage, in words that cannot be read as the time left."""
 
         def render(self, task: Task) -> Text:
             text = format_seconds((task.finished_time if task.finished else task.elapsed) or 0.0)
@@ -233,7 +258,7 @@ def _bars(stream: TextIO) -> Any:
                     yield Padding(Text(task.fields["text"]), (0, 0, 0, 4))
 
         def settle(self) -> None:
-            """Print what there is for good: only the stage at work is live, and what is live must fit on the screen."""
+            """Print finished stages permanently: the live part must fit on the screen."""
             settled = list(self.get_renderables())
             for task in self.tasks:
                 self.remove_task(task.id)
@@ -246,7 +271,7 @@ def _bars(stream: TextIO) -> Any:
 
 
 class Terminal:
-    """For a terminal: one live bar a stage, which stays on the screen when the stage is done; it moves while work reports nothing."""
+    """Progress display for a terminal: one live bar per stage. The bar stays on the screen when its stage ends."""
 
     def __init__(self, stream: TextIO | None = None) -> None:
         self._bars = _bars(stream or sys.stderr)
@@ -254,6 +279,7 @@ class Terminal:
         self._estimate = Estimate()
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        """Start a stage."""
         if self._task is None:
             self._bars.start()
         self._bars.settle()
@@ -261,6 +287,7 @@ class Terminal:
         self._task = self._bars.add_task(name, total=total, text="")
 
     def update(self, done: int, **numbers: float) -> None:
+        """Report finished steps."""
         self._estimate.done = done
         left = self._estimate.seconds_left() if done < self._estimate.total else None
         time_text = "" if left is None or left < 0.5 else self._estimate.in_words(left)
@@ -268,20 +295,26 @@ class Terminal:
         self._bars.update(self._task, completed=done, text=text)
 
     def note(self, text: str) -> None:
+        """Show nothing."""
         self._bars.console.print(printable(text), markup=False, highlight=False)
 
     def close(self) -> None:
+        """Show nothing."""
         self._bars.stop()
 
 
 def console(stream: TextIO | None = None) -> Lines | Terminal:
-    """The display that fits stream (standard error if None): live bars at a terminal, lines otherwise."""
+    """Return the display for a stream: live bars for a terminal, lines otherwise.
+
+    Args:
+        stream: Output; None is standard error.
+    """
     target = sys.stderr if stream is None else stream
     return Terminal(target) if target.isatty() else Lines(target)
 
 
 def format_seconds(seconds: float) -> str:
-    """Such as 0.4 s, 12 s, 3 min 05 s, 2 h 10 min."""
+    """Format a duration, for example 0.4 s, 12 s, 3 min 05 s or 2 h 10 min."""
     if seconds < 10:
         return f"{seconds:.1f} s"
     minutes, rest = divmod(round(seconds), 60)
@@ -293,6 +326,6 @@ def format_seconds(seconds: float) -> str:
 
 
 def format_numbers(numbers: dict[str, float]) -> str:
-    """Such as `29.1 dB, 40,000 points`."""
+    """Format numbers of a report, for example `29.1 dB, 40,000 points`."""
     other = {name: "{:,} " + name if isinstance(value, int) else name + " {:.4g}" for name, value in numbers.items()}
     return ", ".join(PHRASES.get(name, other[name]).format(value) for name, value in numbers.items())

@@ -1,4 +1,4 @@
-"""Videos with sound for the tests."""
+"""Videos with sound for tests."""
 
 from pathlib import Path
 from typing import Any
@@ -7,11 +7,11 @@ import av
 import numpy as np
 
 HEARD = 44100
-"""Samples a second of the sound of `film`."""
+"""Sound samples per second of `film`."""
 
 
 def film(path: Path, sound: np.ndarray | None, seconds: float = 4, late: float = 0.0, codec: str = "aac") -> None:
-    """A black video of ten frames a second with sound [samples] or [samples, 2], or without; late: by which the sound begins later."""
+    """Write a black video of ten frames per second, with sound [samples] or [samples, 2] that starts `late` seconds later."""
     with av.open(str(path), "w") as container:
         pictures = container.add_stream("libx264", rate=10)
         pictures.width, pictures.height, pictures.pix_fmt = 32, 32, "yuv420p"

@@ -1,4 +1,4 @@
-"""Tiny captures of every format, with known content."""
+"""Tiny captures of every format with known content."""
 
 import json
 from pathlib import Path
@@ -13,7 +13,7 @@ WIDTH, HEIGHT, FRAMES = 32, 24, 12
 
 
 def cameras(count: int = 4) -> list[Camera]:
-    """Cameras on an arc round the origin, each turned about its own axis as well."""
+    """Return cameras on an arc around the origin, each also rotated about its own axis."""
     made = []
     for c in range(count):
         angle, roll = 0.3 * (c - count / 2), 0.1 * c
@@ -28,18 +28,18 @@ def cameras(count: int = 4) -> list[Camera]:
 
 
 def frame(camera: int, number: int, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
-    """A flat image whose color says which camera and which frame it is; uint8 [height, width, 3]."""
+    """Return a flat image whose color encodes camera and frame, uint8 [height, width, 3]."""
     return np.full((height, width, 3), (20 + 15 * number, 40 + 40 * camera, 128), np.uint8)
 
 
 def which(image: np.ndarray) -> tuple[int, int]:
-    """(camera, frame) by the color of an image that `frame` made."""
+    """Return the camera and frame that the color of an image of `frame` encodes."""
     red, green, _ = image.reshape(-1, 3).mean(0)
     return round((green - 40) / 40), round((red - 20) / 15)
 
 
 def write_video(path: Path, images: list[np.ndarray], options: dict[str, str] | None = None) -> None:
-    """H.264 with B-frames and a keyframe every five frames."""
+    """Write H.264 with B-frames and a keyframe every five frames."""
     with av.open(str(path), "w", options=options or {}) as container:
         stream = container.add_stream("libx264", rate=30)
         stream.height, stream.width = images[0].shape[:2]
@@ -51,7 +51,7 @@ def write_video(path: Path, images: list[np.ndarray], options: dict[str, str] | 
 
 
 def llff(cameras: list[Camera]) -> np.ndarray:
-    """poses_bounds rows [C, 17] by the format's definition, from each camera's matrix of camera to world."""
+    """Return poses_bounds rows [C, 17] by the format's definition, from camera-to-world matrices."""
     rows = []
     for camera in cameras:
         world = np.linalg.inv(camera.viewmat.astype(np.float64))
@@ -70,7 +70,7 @@ def neu3dv(folder: Path, count: int = 4, frames: int = FRAMES) -> Path:
 
 
 def panoptic(folder: Path, frames: int = 5) -> Path:
-    """Training cameras 1, 2, 12 and test camera 10."""
+    """Write training cameras 1, 2, 12 and test camera 10."""
     views = cameras()
     for file, members in (("train_meta.json", {1: 0, 2: 1, 12: 2}), ("test_meta.json", {10: 3})):
         meta = {
@@ -91,7 +91,7 @@ def panoptic(folder: Path, frames: int = 5) -> Path:
 
 
 def colmap(folder: Path, model: str = "PINHOLE", params: str = "80 80 32 24", images: str = "images_2") -> Path:
-    """A text model for 64x48 whose images are 32x24 and differ in extension."""
+    """Write a text model for 64x48 whose images are 32x24 and have another extension."""
     sparse = folder / "sparse" / "0"
     sparse.mkdir(parents=True)
     (sparse / "cameras.txt").write_text(f"1 {model} 64 48 {params}\n")
@@ -109,7 +109,7 @@ def colmap(folder: Path, model: str = "PINHOLE", params: str = "80 80 32 24", im
 
 
 def colmap_model(folder: Path, views: list[Camera]) -> Path:
-    """A text model alone, whose images are each camera's first picture, NAME/000000.png."""
+    """Write a text model whose images are each camera's first one, NAME/000000.png."""
     sparse = folder / "sparse" / "0"
     sparse.mkdir(parents=True)
     rows, lines = [], []
@@ -125,7 +125,7 @@ def colmap_model(folder: Path, views: list[Camera]) -> Path:
 
 
 def technicolor(folder: Path, frames: int = 3, first: int = 51) -> Path:
-    """Cameras 00 to 03 of a scene whose frames count from 51."""
+    """Write cameras 00 to 03 of a scene whose frames start at 51."""
     folder.mkdir()
     lines = ["f cu cv ar sk qw qx qy qz tx ty tz"]
     for c, camera in enumerate(cameras()):
@@ -138,7 +138,7 @@ def technicolor(folder: Path, frames: int = 3, first: int = 51) -> Path:
 
 
 def easyvolcap(folder: Path, frames: int = 3, bends: tuple[float, ...] = (0, 0, 0, 0, 0), size: int = 2) -> Path:
-    """Cameras 00 to 03; K is for pictures `size` times as large as those that lie there."""
+    """Write cameras 00 to 03; K is for images `size` times as large as those in the folder."""
     import cv2
 
     folder.mkdir()
@@ -166,7 +166,7 @@ def easyvolcap(folder: Path, frames: int = 3, bends: tuple[float, ...] = (0, 0, 
 
 
 def _quaternion(rotation: np.ndarray) -> np.ndarray:
-    """wxyz of a rotation by less than half a turn."""
+    """Return wxyz of a rotation by less than half a turn."""
     w = np.sqrt(1 + np.trace(rotation)) / 2
     x, y, z = (rotation[[2, 0, 1], [1, 2, 0]] - rotation[[1, 2, 0], [2, 0, 1]]) / (4 * w)
     return np.array([w, x, y, z])

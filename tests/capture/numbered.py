@@ -1,4 +1,4 @@
-"""Films whose frames show their own numbers, in any container and coding."""
+"""Videos whose frames show their own numbers, in any container and codec."""
 
 from fractions import Fraction
 from pathlib import Path
@@ -9,7 +9,7 @@ import numpy as np
 
 WIDTH, HEIGHT = 64, 48
 COUNT = 40
-"""Frames of a film; at most 256 can be told apart."""
+"""Frames of a video; at most 256 can be distinguished."""
 
 X264 = {"crf": "1", "preset": "ultrafast", "bf": "3", "b-adapt": "0", "g": "8", "sc_threshold": "0"}
 X265 = "log-level=none:bframes=3:b-adapt=0:keyint=8:min-keyint=8:scenecut=0"
@@ -26,11 +26,11 @@ CODINGS = {
     "mpeg4": ("mpeg4", {"bf": "2", "g": "8", "qmin": "1", "qmax": "2"}),
     "vp9": ("libvpx-vp9", {"g": "8", "crf": "5", "b": "0", "deadline": "realtime", "cpu-used": "8"}),
 }
-"""Name to encoder and options."""
+"""Encoder and options by name."""
 
 
 def picture(number: int) -> np.ndarray:
-    """A picture [HEIGHT, WIDTH, 3] uint8 of eight blocks, which are the bits of a number."""
+    """Return an image [HEIGHT, WIDTH, 3] uint8 of eight blocks, the bits of a number."""
     image = np.full((HEIGHT, WIDTH, 3), 16, np.uint8)
     for bit in range(8):
         row, column = divmod(bit, 4)
@@ -39,7 +39,7 @@ def picture(number: int) -> np.ndarray:
 
 
 def number_of(image: np.ndarray) -> int:
-    """The number in a picture that `picture` made."""
+    """Return the number in an image of `picture`."""
     means = image.reshape(2, 24, 4, 16, 3)[:, 6:18, :, 4:12].mean((1, 3, 4)).ravel()
     return sum(int(mean > 126) << bit for bit, mean in enumerate(means))
 
@@ -52,15 +52,15 @@ def write_film(
     options: dict[str, str] | None = None,
     sound: bool = False,
 ) -> Path:
-    """Write a film of 30 frames a second.
+    """Write a video of 30 frames per second.
 
     Args:
-        path: Its suffix says which container it is.
+        path: Output file; its suffix selects the container.
         coding: One of `CODINGS`.
         count: Number of frames.
-        times: Of each frame, in units of 1/90000 s, instead of 30 frames a second.
-        options: Of the container.
-        sound: Add a track of silence.
+        times: Time of each frame in units of 1/90000 s, instead of 30 frames per second.
+        options: Options of the container.
+        sound: Add a silent track.
     """
     encoder, settings = CODINGS[coding]
     form = "mpegts" if path.suffix == ".mts" else None

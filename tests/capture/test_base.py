@@ -14,7 +14,7 @@ from tests.capture import folders
 
 
 class Numbers(Capture):
-    """Every pixel of a frame is its number in the files."""
+    """Capture in which every pixel of a frame is its number in the files."""
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         out[:] = np.arange(first, first + len(out)).reshape(-1, 1, 1, 1, 1)
@@ -25,7 +25,7 @@ def capture(cameras: list[Camera] | None = None, name: str = "a", **options) -> 
     return Numbers(Path(name), folders.cameras() if cameras is None else cameras, **options)
 
 
-def test_read_counts_within_the_range() -> None:
+def test_read_counts_within_the_frame_range() -> None:
     source = capture(frame_range=(5, 9))
     assert source.frames == 4
     assert source.read(1, 3, ["cam01"])[:, 0, 0, 0, 0].tolist() == [6, 7, 8]
@@ -37,19 +37,19 @@ def test_frames_outside_the_range_are_refused(first: int, count: int) -> None:
         capture(frame_range=(5, 9)).read(first, count, ["cam01"])
 
 
-def test_unknown_cameras_are_refused_with_the_known_ones() -> None:
+def test_unknown_cameras_are_refused() -> None:
     with pytest.raises(CaptureError, match=r"no camera 'cam77'.* cam00, cam01"):
         capture().read(0, 1, ["cam77"])
     with pytest.raises(CaptureError, match="no camera 'cam77' to hold out"):
         capture(held_out=["cam77"])
 
 
-def test_some_cameras_are_left_to_train_on() -> None:
+def test_holding_out_all_cameras_is_refused() -> None:
     with pytest.raises(CaptureError, match="all 4 cameras are held out"):
         capture(held_out=[c.name for c in folders.cameras()])
 
 
-def test_cameras_of_one_name_or_of_two_sizes_are_refused() -> None:
+def test_duplicate_names_and_sizes_are_refused() -> None:
     cameras = folders.cameras()
     with pytest.raises(CaptureError, match="same name"):
         capture([*cameras, cameras[1]])
@@ -57,7 +57,7 @@ def test_cameras_of_one_name_or_of_two_sizes_are_refused() -> None:
         capture([*cameras, replace(cameras[1].resized(16, 12), name="small")])
 
 
-def test_the_fingerprint_knows_what_matters() -> None:
+def test_fingerprint_changes_with_content() -> None:
     changed = folders.cameras()
     changed[2] = replace(changed[2], viewmat=changed[2].viewmat + 1e-3 * (np.arange(4) < 3)[:, None])
     prints = [
@@ -74,7 +74,7 @@ def test_the_fingerprint_knows_what_matters() -> None:
 
 
 @given(st.integers(1, 4000), st.integers(1, 4000), st.integers(1, 4000))
-def test_a_width_keeps_the_aspect_ratio(width: int, height: int, wanted: int) -> None:
+def test_width_keeps_the_aspect_ratio(width: int, height: int, wanted: int) -> None:
     request = Request(width=wanted)
     if round(height * wanted / width) < 1:
         with pytest.raises(CaptureError, match="larger size"):
@@ -90,7 +90,7 @@ def test_a_width_keeps_the_aspect_ratio(width: int, height: int, wanted: int) ->
 
 
 @pytest.mark.parametrize("scale", [0, -1, math.nan, math.inf])
-def test_sizes_that_are_none_are_refused(scale: float) -> None:
+def test_invalid_capture_sizes_are_refused(scale: float) -> None:
     with pytest.raises(CaptureError, match="positive"):
         Request(scale=scale).size(64, 48, Path("a"))
 
@@ -101,6 +101,6 @@ def test_width_and_scale_exclude_each_other() -> None:
 
 
 @pytest.mark.parametrize("frames", [(-1, 3), (2, 2), (3, 1), (0, 11), (10, 12)])
-def test_ranges_outside_the_capture_are_refused(frames: tuple[int, int]) -> None:
+def test_invalid_frame_ranges_are_refused(frames: tuple[int, int]) -> None:
     with pytest.raises(CaptureError, match="the capture has frames 0:10"):
         Request(frames=frames).range(10, Path("a"))

@@ -7,11 +7,10 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from splatreel.capture.builtin import toyroom
-from splatreel.capture.builtin.raytracer import trace_frame, trace_still
+from splatreel.capture.builtin.raytracer import trace_frame, trace_static
 from splatreel.capture.builtin.synthetic import TARGET, make_capture
-from splatreel.capture.calibrate import _Solver, calibrate
+from splatreel.capture.calibrate import _Solver, calibrate, check_photos
 from splatreel.capture.calibration_agreement import CalibratedCamera
-from splatreel.capture.connecting_photos import check_photos
 from splatreel.capture.opening import open_capture
 from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
 from splatreel.errors import CaptureError
@@ -22,12 +21,12 @@ from tests.capture import folders
 
 @pytest.fixture(scope="module")
 def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The videos of the toy room."""
+    """Return the videos of the toy room."""
     return make_capture(tmp_path_factory.mktemp("film") / "room", frames=2)
 
 
 @pytest.mark.slow
-def test_cameras_stand_where_they_stood(room: Path, tmp_path: Path) -> None:
+def test_calibration_recovers_poses(room: Path, tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     known = open_capture(room)
     videos = tmp_path / "videos"
@@ -48,14 +47,14 @@ def test_cameras_stand_where_they_stood(room: Path, tmp_path: Path) -> None:
 
 
 def fitted(here: np.ndarray, there: np.ndarray) -> np.ndarray:
-    """Points turned, scaled and moved to lie near others [N, 3]."""
+    """Return points aligned by a similarity transform to others [N, 3]."""
     a, b = here - here.mean(0), there - there.mean(0)
     U, S, Vt = np.linalg.svd(a.T @ b)
     flip = np.diag([1, 1, np.sign(np.linalg.det(U @ Vt))])
     return (S @ flip).sum() / (a**2).sum() * a @ U @ flip @ Vt + there.mean(0)
 
 
-def test_videos_that_show_nothing_are_refused(tmp_path: Path) -> None:
+def test_videos_without_features_are_refused(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     for c in range(3):
         folders.write_video(tmp_path / f"phone{c}.mp4", [folders.frame(c, 0, 128, 96)])
@@ -73,9 +72,8 @@ def test_videos_that_show_nothing_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_photographs_connect_cameras_that_are_far_apart(room: Path, tmp_path: Path) -> None:
-    """By what COLMAP draws at random the focal lengths come out 2 to 6 % too long, and 3 to 11 % if all photographs are equally far
-    away (twelve seeds each)."""
+def test_photographs_connect_distant_cameras(room: Path, tmp_path: Path) -> None:
+    """Over twelve seeds focal lengths are 2 to 6 % too long, and 3 to 11 % if all photographs are equally distant."""
     pytest.importorskip("pycolmap")
     known, films, photos = open_capture(room, held_out=[]), tmp_path / "films", tmp_path / "photos"
     films.mkdir()
@@ -107,16 +105,16 @@ def test_photographs_connect_cameras_that_are_far_apart(room: Path, tmp_path: Pa
 
 
 def photograph(azimuth: float, elevation: float, distance: float) -> np.ndarray:
-    """The toy room from elsewhere. Angles in degrees, distance from its middle in world units; [H, W, 3] uint8."""
+    """Return the toy room from another viewpoint, [H, W, 3] uint8; angles in degrees, distance from its middle in world units."""
     a, e = np.radians(azimuth), np.radians(elevation)
     outwards = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
     camera = facing("photograph", TARGET + distance * outwards, -outwards, 1.2 * 256, 256, 192)
     still = toyroom.standing()
-    return trace_frame(camera, trace_still(camera, still, toyroom.LIGHT), still, toyroom.moving(0), toyroom.LIGHT)
+    return trace_frame(camera, trace_static(camera, still, toyroom.LIGHT), still, toyroom.moving(0), toyroom.LIGHT)
 
 
-def test_pictures_are_numbered_in_their_order(tmp_path: Path) -> None:
-    """However long their features take to be found: COLMAP begins with other pairs if they are numbered otherwise."""
+def test_images_are_numbered_in_order(tmp_path: Path) -> None:
+    """The order must not depend on the time to extract features, because COLMAP's initial pairs depend on it."""
     colmap = pytest.importorskip("pycolmap")
     pictures = tmp_path / "images"
     names = [f"{number}.png" for number in range(4)]
@@ -130,7 +128,7 @@ def test_pictures_are_numbered_in_their_order(tmp_path: Path) -> None:
         )
 
 
-def test_photographs_that_are_none_are_refused(room: Path, tmp_path: Path) -> None:
+def test_invalid_photographs_are_refused(room: Path, tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="is not a folder"):
         check_photos(tmp_path / "nowhere")
     with pytest.raises(CaptureError, match="holds no photographs"):
@@ -140,7 +138,7 @@ def test_photographs_that_are_none_are_refused(room: Path, tmp_path: Path) -> No
         check_photos(tmp_path)
 
 
-def test_a_success_takes_back_that_calibration_failed(tmp_path: Path) -> None:
+def test_success_removes_the_recorded_failure(tmp_path: Path) -> None:
     (tmp_path / "splatreel.json").write_text('{"fps": 25}')
     write_failure(tmp_path, "too far apart")
     assert read_sidecar(tmp_path) == Sidecar(fps=25, failure="too far apart")
@@ -175,7 +173,7 @@ def placed(seed: int, focal: float = 1.0, points: int = 40) -> dict[str, Calibra
         ([placed(0)], "only 0 of 3 cameras see enough to be sure of them, 100 points"),
     ],
 )
-def test_what_colmap_returns_of_next_to_nothing_is_refused(
+def test_unreliable_model_is_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moments: list[dict[str, CalibratedCamera]], said: str
 ) -> None:
     pytest.importorskip("pycolmap")
@@ -184,7 +182,7 @@ def test_what_colmap_returns_of_next_to_nothing_is_refused(
     monkeypatch.setattr("splatreel.capture.calibrate._Solver.solve", lambda *_: moments)
     monkeypatch.setattr("splatreel.capture.calibrate._rig", lambda model: model)
     here = "splatreel.capture.calibrate.run_in_child"  # where what is patched is not patched
-    monkeypatch.setattr(here, lambda function, *arguments, hear: function(hear, *arguments))
+    monkeypatch.setattr(here, lambda function, *arguments, on_message: function(on_message, *arguments))
     with pytest.raises(CaptureError, match=said):
         calibrate(tmp_path, Silent())
     assert not (tmp_path / "sparse").exists()

@@ -1,4 +1,4 @@
-"""Calibrations that are right, and such as COLMAP returns of next to nothing."""
+"""Correct calibrations, and calibrations like those that COLMAP returns for too few matches."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ def rig(count: int = 6, points: int = 300) -> CalibratedRig:
 
 
 def elsewhere(cameras: CalibratedRig) -> CalibratedRig:
-    """The same rig in a world that is turned, larger and moved."""
+    """Return the same rig in a rotated, scaled and translated world."""
     turn = Rotation.from_rotvec([0.3, 1.2, -0.5]).as_matrix()
     return {
         name: replace(placed, rotation=placed.rotation @ turn, center=3 * turn.T @ placed.center + [1, 2, 3])
@@ -29,7 +29,7 @@ def turned(placed: CalibratedCamera, degrees: float) -> CalibratedCamera:
     return replace(placed, rotation=Rotation.from_rotvec([0, np.radians(degrees), 0]).as_matrix() @ placed.rotation)
 
 
-def test_the_world_that_a_calibration_is_in_does_not_matter() -> None:
+def test_agreement_ignores_the_world_frame() -> None:
     one = rig()
     assert agreeing(one, elsewhere(one)) == set(one)
     assert agreeing(one, {name: placed for name, placed in elsewhere(one).items() if name in ("cam0", "cam1")}) == set()
@@ -44,7 +44,7 @@ def test_the_world_that_a_calibration_is_in_does_not_matter() -> None:
         lambda placed: replace(placed, focal=-placed.focal),
     ],
 )
-def test_a_camera_that_comes_out_elsewhere_is_not_believed(wrong) -> None:
+def test_inconsistent_camera_is_not_trusted(wrong) -> None:
     one = rig()
     other = elsewhere(one)
     other["cam2"] = wrong(other["cam2"])
@@ -58,11 +58,11 @@ def test_a_camera_that_comes_out_elsewhere_is_not_believed(wrong) -> None:
     assert trusted([moments[0], moments[2]], 100)[1] == set(one)
 
 
-def test_moments_that_do_not_agree_are_believed_in_nothing() -> None:
+def test_disagreeing_moments_trust_no_camera() -> None:
     assert trusted([rig(), rig(), rig()], 100)[1] == set()
 
 
-def test_lenses_that_cannot_be_are_not_believed() -> None:
+def test_implausible_lenses_are_not_trusted() -> None:
     one = rig()
     one["cam1"] = replace(one["cam1"], focal=5_963_173 / 1920)
     one["cam2"] = replace(one["cam2"], focal=-0.9)
@@ -72,7 +72,7 @@ def test_lenses_that_cannot_be_are_not_believed() -> None:
     assert replace(one["cam0"], focal=16_041 / 2048).possible, "a lens of the Technicolor kind"
 
 
-def test_a_single_moment_is_believed_where_cameras_see_enough() -> None:
+def test_single_moment_needs_enough_points() -> None:
     one = rig()
     one["cam3"] = replace(one["cam3"], points=12)
     assert trusted([one], 100) == (0, set(one) - {"cam3"})

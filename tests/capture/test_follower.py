@@ -1,4 +1,4 @@
-"""Captures that are still being written: what counts, who waits for whom, and when they have ended."""
+"""Growing captures: complete frames, waiting, and their end."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -10,14 +10,14 @@ from PIL import Image
 
 from splatreel.capture.base import Capture
 from splatreel.capture.follower import Follower, open_growing
+from splatreel.capture.growing.growing_pictures import is_complete_picture
 from splatreel.capture.growing.growth import END, Growth
-from splatreel.capture.growing.pictures import is_whole
 from splatreel.errors import CaptureError
 from tests.capture import folders
 from tests.capture.growing.recorder import KINDS, Recorder, marks
 
 BEGUN = 26
-"""Frames from which on FFmpeg says what is in a video: it looks how they are reordered."""
+"""Frames after which FFmpeg detects the streams of a video, because it checks their reordering."""
 
 
 @contextmanager
@@ -33,7 +33,7 @@ def following(folder: Path, timeout: float = 60, **request: object) -> Iterator[
 
 
 def shown(capture: Capture, first: int, count: int) -> list[list[tuple[int, int]]]:
-    """(camera, frame) by the colors of what is read."""
+    """Return the cameras and frames that the colors of images encode."""
     names = [camera.name for camera in capture.cameras]
     return [[marks(image) for image in frame] for frame in capture.read(first, count, names)]
 
@@ -43,7 +43,7 @@ def expected(first: int, count: int) -> list[list[tuple[int, int]]]:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_frames_are_there_as_they_are_written_and_all_of_them_at_the_end(kind: str, tmp_path: Path) -> None:
+def test_follower_counts_frames_as_written(kind: str, tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", kind)
     recorder.write(BEGUN)
     with following(recorder.folder) as (follower, told):
@@ -63,9 +63,7 @@ def test_frames_are_there_as_they_are_written_and_all_of_them_at_the_end(kind: s
 
 
 @pytest.mark.parametrize("kind", ["mkv", "segments", "pictures"])
-def test_a_camera_that_stops_is_named_and_the_others_wait_for_it(
-    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_stopped_camera_is_named_and_awaited(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("splatreel.capture.follower.STALL", 0.3)
     recorder = Recorder(tmp_path / "show", kind, segment=2)
     recorder.write(BEGUN)
@@ -77,14 +75,14 @@ def test_a_camera_that_stops_is_named_and_the_others_wait_for_it(
         assert follower.frames <= BEGUN
         recorder.write(2, but=(0, 1, 3))
         until(lambda: len(told) > 1)
-        assert told[1].startswith("Camera cam02 goes on, from frame ")
+        assert told[1].startswith("Camera cam02 continues from frame ")
         (recorder.folder / END).touch()  # files are left as they are
         assert not follower.wait(38)
         assert follower.total is not None
         assert BEGUN - 1 <= follower.total <= BEGUN + 2
 
 
-def test_a_capture_has_ended_when_nothing_new_comes(tmp_path: Path) -> None:
+def test_capture_ends_after_the_timeout(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "pictures")
     recorder.write(3)
     with following(recorder.folder, timeout=1.5) as (follower, told):
@@ -95,7 +93,7 @@ def test_a_capture_has_ended_when_nothing_new_comes(tmp_path: Path) -> None:
     assert told == ["Nothing new was written for 1.5 s (--follow-timeout). The capture has 4 frames."]
 
 
-def test_it_is_known_how_long_ago_a_frame_was_written(tmp_path: Path) -> None:
+def test_seconds_since_gives_the_age_of_a_frame(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "pictures")
     recorder.write(2)
     with following(recorder.folder) as (follower, _):
@@ -110,7 +108,7 @@ def test_it_is_known_how_long_ago_a_frame_was_written(tmp_path: Path) -> None:
         assert follower.seconds_since(3) is None  # yet to come
 
 
-def test_frames_may_be_asked_for_that_are_yet_to_come(tmp_path: Path) -> None:
+def test_future_frames_may_be_requested(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "pictures")
     recorder.write(3)
     with following(recorder.folder, frames=(1, 6)) as (follower, told):
@@ -123,7 +121,7 @@ def test_frames_may_be_asked_for_that_are_yet_to_come(tmp_path: Path) -> None:
     assert told == ["All frames that were asked for are there. The capture has 5 frames."]
 
 
-def test_what_a_run_belongs_to_does_not_change_as_frames_are_added(tmp_path: Path) -> None:
+def test_fingerprint_does_not_change_with_growth(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "mkv")
     recorder.write(BEGUN)
     with following(recorder.folder) as (follower, _):
@@ -137,8 +135,8 @@ def test_what_a_run_belongs_to_does_not_change_as_frames_are_added(tmp_path: Pat
         assert follower.capture.describe()["fingerprint"] != before["fingerprint"]
 
 
-def test_a_frame_that_a_camera_missed_is_the_nearest_one(tmp_path: Path) -> None:
-    """A Matroska file says when each frame is shown."""
+def test_missed_frame_uses_the_nearest(tmp_path: Path) -> None:
+    """A Matroska file stores the time of each frame."""
     recorder = Recorder(tmp_path / "show", "mkv")
     recorder.write(4)
     recorder.lose(1, 2)
@@ -151,18 +149,18 @@ def test_a_frame_that_a_camera_missed_is_the_nearest_one(tmp_path: Path) -> None
     assert [frame[1][1] for frame in seen] == [2, 3, 3, 6, 6, 7]
 
 
-def test_a_picture_that_is_half_written_does_not_count(tmp_path: Path) -> None:
+def test_partial_image_does_not_count(tmp_path: Path) -> None:
     for suffix in ("png", "jpg", "tif", "webp", "bmp"):
         file = tmp_path / f"whole.{suffix}"
         Image.effect_noise((40, 30), 80).convert("RGB").save(file)
-        assert is_whole(file), suffix
+        assert is_complete_picture(file), suffix
         half = tmp_path / f"half.{suffix}"
         half.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-        assert not is_whole(half), suffix
-    assert not is_whole(tmp_path / "none.png")
+        assert not is_complete_picture(half), suffix
+    assert not is_complete_picture(tmp_path / "none.png")
 
 
-def test_a_capture_that_is_about_to_begin_is_waited_for(tmp_path: Path) -> None:
+def test_open_growing_waits_for_the_start(tmp_path: Path) -> None:
     folder, told = tmp_path / "show", []
     recorder = Recorder(folder, "pictures")
 
@@ -176,25 +174,25 @@ def test_a_capture_that_is_about_to_begin_is_waited_for(tmp_path: Path) -> None:
     assert told[0].startswith("Waiting for the capture to begin, 20 s at most. So far: ")
 
 
-def test_a_capture_that_never_begins_is_an_error(tmp_path: Path) -> None:
+def test_capture_that_never_starts_is_an_error(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "mkv")
     with pytest.raises(CaptureError, match="0 videos"):
         open_growing(recorder.folder, Growth(recorder.folder, 0.3), lambda _: None)
 
 
-def test_cameras_must_be_known_before(tmp_path: Path) -> None:
+def test_following_needs_camera_poses(tmp_path: Path) -> None:
     (tmp_path / "cam00.mkv").touch()
-    with pytest.raises(CaptureError, match=r"says nothing of its cameras.*capture calibrate"):
+    with pytest.raises(CaptureError, match=r"has no camera poses.*capture calibrate"):
         open_growing(tmp_path, Growth(tmp_path, 60), lambda _: None)
 
 
-def test_what_lists_its_frames_beforehand_is_not_followed(tmp_path: Path) -> None:
+def test_layouts_with_frame_lists_are_not_followed(tmp_path: Path) -> None:
     for made in (folders.panoptic(tmp_path / "panoptic"), folders.technicolor(tmp_path / "technicolor")):
-        with pytest.raises(CaptureError, match="say beforehand which frames they have"):
+        with pytest.raises(CaptureError, match="list their frames in advance"):
             open_growing(made, Growth(made, 60), lambda _: None)
 
 
-def test_an_mp4_that_cannot_be_read_before_it_is_complete_is_refused(tmp_path: Path) -> None:
+def test_unfragmented_mp4_is_not_followed(tmp_path: Path) -> None:
     folder = folders.neu3dv(tmp_path / "show")
     whole = (folder / "cam01.mp4").read_bytes()
     assert whole.index(b"mdat") < whole.index(b"moov")
@@ -202,7 +200,7 @@ def test_an_mp4_that_cannot_be_read_before_it_is_complete_is_refused(tmp_path: P
         open_growing(folder, Growth(folder, 0.2), lambda _: None)
 
 
-def test_what_is_no_video_is_refused(tmp_path: Path) -> None:
+def test_file_without_video_is_not_followed(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "mkv")
     recorder.write(BEGUN)
     (recorder.folder / "cam02.mkv").write_bytes(b"nothing" * 1000)
@@ -210,7 +208,7 @@ def test_what_is_no_video_is_refused(tmp_path: Path) -> None:
         open_growing(recorder.folder, Growth(recorder.folder, 0.2), lambda _: None)
 
 
-def test_pictures_count_from_the_same_number_on(tmp_path: Path) -> None:
+def test_image_numbers_must_start_together(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "pictures")
     recorder.write(3)
     (recorder.folder / "images" / "cam03" / "000000.png").unlink()
@@ -218,7 +216,7 @@ def test_pictures_count_from_the_same_number_on(tmp_path: Path) -> None:
         open_growing(recorder.folder, Growth(recorder.folder, 0.2), lambda _: None)
 
 
-def test_who_stops_does_not_wait(tmp_path: Path) -> None:
+def test_stop_ends_waits(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "mkv")
     recorder.write(BEGUN)
     with following(recorder.folder, timeout=1000) as (follower, told):
@@ -228,7 +226,7 @@ def test_who_stops_does_not_wait(tmp_path: Path) -> None:
 
 
 def until(true: Callable[[], object], seconds: float = 120) -> None:
-    """Wait for what is about to happen."""
+    """Wait for a condition."""
     end = time.monotonic() + seconds
     while not true():
         assert time.monotonic() < end

@@ -1,4 +1,4 @@
-"""Frames that lie in a file are those that would lie in memory, and take none of it."""
+"""Frames in files equal frames in memory and do not use it."""
 
 import os
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from splatreel.capture import frame_file
-from splatreel.capture.frame_file import frame_array, give_back, is_in_file
+from splatreel.capture.frame_file import frame_array, is_in_file, release_pages
 from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.recon.pipeline import reconstruct
 from tests.recon.captures import WallCapture
@@ -19,18 +19,18 @@ pytestmark = pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="
 
 @pytest.fixture(autouse=True)
 def on_a_disk(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    """Arrays of any size go into files, of which this folder may have any."""
+    """Store arrays of any size in files of this folder."""
     monkeypatch.setattr(frame_file, "_lies_in_memory", lambda _: False)
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
 
 
 def resident() -> int:
-    """Bytes of files and of shared memory that this process holds mapped."""
+    """Return the bytes of files and shared memory that this process has mapped."""
     lines = dict(line.split(":", 1) for line in Path("/proc/self/status").read_text().splitlines() if ":" in line)
     return 1024 * sum(int(lines[name].split()[0]) for name in ("RssFile", "RssShmem"))
 
 
-def test_a_large_array_lies_in_a_file_without_a_name_and_a_small_one_does_not(tmp_path: Path) -> None:
+def test_large_arrays_are_in_unnamed_files(tmp_path: Path) -> None:
     large = frame_array((3, 64, 64, 3), smallest=1000)
     assert is_in_file(large)
     assert is_in_file(large[1:, 5])
@@ -40,21 +40,21 @@ def test_a_large_array_lies_in_a_file_without_a_name_and_a_small_one_does_not(tm
     assert not is_in_file(np.zeros(3, np.uint8))
 
 
-def test_pages_that_were_given_back_come_back_as_they_were() -> None:
+def test_released_pages_keep_their_content() -> None:
     array = frame_array((64 << 20,), smallest=0)
     before = resident()
     array[:] = np.resize(np.arange(251, dtype=np.uint8), len(array))
     assert resident() > before + (60 << 20)
-    give_back(array[7:])
+    release_pages(array[7:])
     assert resident() < before + (8 << 20)
     assert np.array_equal(array[: 2 * 251], np.tile(np.arange(251, dtype=np.uint8), 2))
     array[5] = 99
-    give_back(array)
+    release_pages(array)
     assert array[5] == 99
-    give_back(np.zeros(4, np.uint8))  # nothing to do
+    release_pages(np.zeros(4, np.uint8))  # nothing to do
 
 
-def test_without_room_or_a_disk_it_lies_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_full_or_memory_folder_uses_memory(monkeypatch: pytest.MonkeyPatch) -> None:
     def full(*_: object) -> None:
         raise OSError(28, "No space left on device")
 
@@ -65,7 +65,7 @@ def test_without_room_or_a_disk_it_lies_in_memory(monkeypatch: pytest.MonkeyPatc
     assert not is_in_file(frame_array((1000,), smallest=0))
 
 
-def test_the_next_stretch_is_read_into_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_prefetched_stretch_is_in_a_file(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(frame_array, "__defaults__", (0,))
     capture = WallCapture(9)
     names = [camera.name for camera in capture.cameras]
@@ -76,7 +76,7 @@ def test_the_next_stretch_is_read_into_a_file(monkeypatch: pytest.MonkeyPatch) -
         assert np.array_equal(frames, capture.read(first, 5, names))
 
 
-def test_a_reel_is_the_same_to_the_bit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_reel_bytes_do_not_depend_on_frame_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     config = small({"training_megapixels": 0.0005})  # also at half size
     capture = WallCapture(5, drift=0.1)
     reconstruct(capture, tmp_path / "memory", config, device="cpu")

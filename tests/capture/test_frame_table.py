@@ -1,4 +1,4 @@
-"""Videos are scanned once, by little of them, and read in places wherever they lie."""
+"""Videos are scanned once, mostly without image data, and read in parts wherever they are stored."""
 
 from pathlib import Path
 
@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from splatreel.capture import video as video_module
-from splatreel.capture.files import LOCAL, RemoteFiles, open_media
+from splatreel.capture.files import LOCAL, RemoteCaptureFiles, open_media
 from splatreel.capture.frame_table import ARRAYS, FrameTable, load_tables, pack_tables, scan
 from splatreel.capture.opening import CaptureSource, open_capture
-from splatreel.capture.sound import Track, choose
+from splatreel.capture.soundtrack import Track, choose
 from splatreel.capture.video import VideoFile
 from splatreel.errors import CaptureError
+from splatreel.storage.addresses import open_folder
 from splatreel.storage.folder import LocalFolder
-from splatreel.storage.opening import open_folder
 from splatreel.storage.ranged_file import BLOCK, RangedFile
 from tests.buckets import Bucket
 from tests.capture import folders
@@ -28,7 +28,7 @@ def same(a: FrameTable, b: FrameTable) -> bool:
 
 
 @pytest.mark.parametrize("options", [{}, {"movflags": "faststart"}, {"movflags": "frag_keyframe+empty_moov"}])
-def test_the_tables_of_an_mp4_file_say_what_all_of_it_says(tmp_path: Path, options: dict[str, str]) -> None:
+def test_index_only_gives_the_same_table(tmp_path: Path, options: dict[str, str]) -> None:
     for coding in (*CODINGS,):
         path = write_film(tmp_path / "film.mp4", coding, options=options, sound=True)
         with open_media(LOCAL, path) as container:
@@ -36,7 +36,7 @@ def test_the_tables_of_an_mp4_file_say_what_all_of_it_says(tmp_path: Path, optio
         assert same(VideoFile(path).table, expected), coding
 
 
-def test_tables_are_kept(tmp_path: Path) -> None:
+def test_frame_tables_round_trip(tmp_path: Path) -> None:
     tables = {name: VideoFile(write_film(tmp_path / name)).table for name in ("a.mp4", "b.ts")}
     (tmp_path / "tables").write_bytes(pack_tables(tables))
     found = load_tables(tmp_path / "tables")
@@ -47,9 +47,7 @@ def test_tables_are_kept(tmp_path: Path) -> None:
     assert load_tables(tmp_path / "tables") == {}
 
 
-def test_a_known_video_is_not_scanned_and_another_of_its_name_is(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_known_video_is_not_scanned_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = folders.neu3dv(tmp_path / "capture")
     tables = tmp_path / "tables"
     with_scan = open_capture(capture)
@@ -65,24 +63,22 @@ def test_a_known_video_is_not_scanned_and_another_of_its_name_is(
 
 
 def big_film(path: Path) -> Path:
-    """Some megabytes of noise, with a keyframe every five frames."""
+    """Write some megabytes of noise with a keyframe every five frames."""
     rng = np.random.default_rng(0)
     folders.write_video(path, [rng.integers(0, 255, (240, 320, 3), np.uint8) for _ in range(30)])
     return path
 
 
 @pytest.mark.parametrize("suffix", [".mp4", ".ts", ".mkv"])
-def test_a_stretch_of_a_video_elsewhere_takes_its_own_bytes(
-    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_remote_stretch_fetches_only_its_bytes(tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("fsspec", reason="needs the extra cloud")
     path = big_film(tmp_path / f"cam00{suffix}")
     size, table = path.stat().st_size, VideoFile(path).table
     assert size > 4e6
     address = f"memory://films-{suffix[1:]}/capture"
     open_folder(address).write(path.name, path.read_bytes())
-    files, opened = RemoteFiles(address), []
-    monkeypatch.setattr(files, "raw", lambda place: opened.append(RemoteFiles.raw(files, place)) or opened[-1])
+    files, opened = RemoteCaptureFiles(address), []
+    monkeypatch.setattr(files, "raw", lambda place: opened.append(RemoteCaptureFiles.raw(files, place)) or opened[-1])
     video = VideoFile(files.root / path.name, files, table)
     assert not opened, "a known video is opened by the first read"
     out, expected = (np.empty((3, 240, 320, 3), np.uint8) for _ in range(2))
@@ -97,7 +93,7 @@ def test_a_stretch_of_a_video_elsewhere_takes_its_own_bytes(
 
 
 @pytest.mark.parametrize("layout", [folders.neu3dv, folders.colmap, folders.panoptic])
-def test_a_capture_in_a_bucket_is_that_of_the_folder(tmp_path: Path, bucket: Bucket, layout) -> None:
+def test_remote_capture_equals_the_local_one(tmp_path: Path, bucket: Bucket, layout) -> None:
     local = layout(tmp_path / "capture")
     for file in local.rglob("*"):
         if file.is_file():
@@ -117,7 +113,7 @@ def test_a_capture_in_a_bucket_is_that_of_the_folder(tmp_path: Path, bucket: Buc
         open_capture(bucket.url("nothing"))
 
 
-def test_blocks_are_fetched_once_and_ahead_where_a_file_is_read_forwards(tmp_path: Path) -> None:
+def test_ranged_file_prefetches_sequential_reads(tmp_path: Path) -> None:
     content = np.random.default_rng(0).bytes(5 * BLOCK + 100)
     (tmp_path / "file").write_bytes(content)
     file = RangedFile(LocalFolder(tmp_path), "file", len(content))
@@ -130,10 +126,8 @@ def test_blocks_are_fetched_once_and_ahead_where_a_file_is_read_forwards(tmp_pat
     assert file.fetched == len(content)
 
 
-def test_a_long_track_is_judged_by_parts_and_read_from_where_it_is_wanted(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    from splatreel.capture import sound as sound_module
+def test_long_track_is_judged_by_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    from splatreel.capture import soundtrack as sound_module
     from tests.capture.films import HEARD, film
 
     beat = np.sin(2 * np.pi * 440 * np.arange(30 * HEARD) / HEARD) * (np.arange(30 * HEARD) // HEARD / 30)

@@ -7,7 +7,7 @@ from splatreel.errors import CaptureError
 
 
 @pytest.mark.parametrize("make", [True, False], ids=["empty folder", "no folder"])
-def test_what_was_looked_for_is_listed(tmp_path: Path, make: bool) -> None:
+def test_unknown_layout_lists_supported_ones(tmp_path: Path, make: bool) -> None:
     path = tmp_path / "nothing"
     if make:
         path.mkdir()

@@ -12,7 +12,7 @@ from tests.capture import folders
 
 
 class Watched(Capture):
-    """Counts its reads; frame 20 cannot be read."""
+    """Capture that counts its reads; frame 20 cannot be read."""
 
     def __init__(self) -> None:
         super().__init__(Path("a"), folders.cameras(), held_out=[], frame_range=(0, 30))
@@ -29,7 +29,7 @@ class Watched(Capture):
 
 
 class Slow(Capture):
-    """A long capture that takes its time."""
+    """Long capture that reads slowly."""
 
     def __init__(self) -> None:
         super().__init__(Path("a"), folders.cameras(), held_out=[], frame_range=(0, 3000))
@@ -44,7 +44,7 @@ class Slow(Capture):
         out[:] = (np.arange(first, first + len(out)) % 256).reshape(-1, 1, 1, 1, 1)
 
 
-def test_stretches_come_in_order_and_overlap_as_asked() -> None:
+def test_stretches_keep_order_and_overlap() -> None:
     with FramePrefetcher(Watched(), ["cam01"], [(0, 6), (5, 6), (10, 4)]) as frames:
         firsts = [(len(part), int(part[0, 0, 0, 0, 0])) for part in frames]
     assert firsts == [(6, 0), (6, 5), (4, 10)]
@@ -58,7 +58,7 @@ def test_exactly_one_stretch_is_decoded_ahead() -> None:
     assert source.begun == [0, 2]
 
 
-def test_one_may_begin_with_a_stretch_when_it_is_asked_for() -> None:
+def test_ahead_false_decodes_on_request() -> None:
     source = Watched()
     with FramePrefetcher(source, ["cam01"], iter([(0, 2), (2, 2), (4, 2)]), ahead=False) as frames:
         parts = iter(frames)
@@ -68,7 +68,7 @@ def test_one_may_begin_with_a_stretch_when_it_is_asked_for() -> None:
         assert source.begun == [0, 2]
 
 
-def test_frames_that_two_stretches_share_are_decoded_once_and_are_each_ones_own() -> None:
+def test_shared_frames_are_decoded_once_and_copied() -> None:
     source, seen = Watched(), []
     with FramePrefetcher(source, ["cam01"], [(0, 6), (5, 6), (9, 4), (15, 3)], shared=2) as frames:
         for part in frames:
@@ -78,7 +78,7 @@ def test_frames_that_two_stretches_share_are_decoded_once_and_are_each_ones_own(
     assert source.begun == [0, 4, 6, 10, 11, 15]
 
 
-def test_an_error_comes_where_its_stretch_is_used() -> None:
+def test_error_is_raised_at_its_stretch() -> None:
     with FramePrefetcher(Watched(), ["cam01"], [(0, 5), (18, 5)]) as frames:
         parts = iter(frames)
         assert len(next(parts)) == 5
@@ -86,12 +86,12 @@ def test_an_error_comes_where_its_stretch_is_used() -> None:
             next(parts)
 
 
-def test_nothing_asked_for_is_nothing() -> None:
+def test_no_stretches_give_nothing() -> None:
     with FramePrefetcher(Watched(), ["cam01"], []) as frames:
         assert list(frames) == []
 
 
-def test_who_leaves_does_not_wait_for_a_whole_stretch() -> None:
+def test_leaving_does_not_wait_for_a_stretch() -> None:
     source = Slow()
     with FramePrefetcher(source, ["cam01"], [(0, 2), (2, 2000)]) as frames:
         next(iter(frames))
@@ -99,7 +99,7 @@ def test_who_leaves_does_not_wait_for_a_whole_stretch() -> None:
     assert sum(source.begun) < 100
 
 
-def test_a_stretch_is_whole_however_it_is_read() -> None:
+def test_stretch_is_complete_for_any_chunk_size() -> None:
     with FramePrefetcher(Slow(), ["cam01", "cam02"], [(3, 11)]) as frames:
         (part,) = list(frames)
     assert part[:, 1, 0, 0, 0].tolist() == list(range(3, 14))

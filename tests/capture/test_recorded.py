@@ -1,4 +1,4 @@
-"""A capture that was followed is, once it has ended, a capture as any other."""
+"""A followed capture can be opened like any other after its end."""
 
 import time
 from contextlib import closing
@@ -10,7 +10,7 @@ import pytest
 from splatreel.capture.follower import open_growing
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.opening import open_capture
-from splatreel.capture.sound import choose
+from splatreel.capture.soundtrack import choose
 from tests.capture.growing.recorder import KINDS, RATE, Recorder, marks
 
 FRAMES = 14
@@ -21,7 +21,7 @@ def tone(frame: int) -> np.ndarray:
 
 
 def recorded(folder: Path, kind: str) -> Recorder:
-    """A capture whose last camera stopped two frames before the others."""
+    """Return a capture whose last camera stopped two frames before the others."""
     recorder = Recorder(folder, kind, sound=None if kind == "pictures" else tone)
     recorder.write(FRAMES)
     recorder.write(2, but=(3,))
@@ -29,7 +29,7 @@ def recorded(folder: Path, kind: str) -> Recorder:
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_what_was_followed_is_opened_as_it_was_followed(kind: str, tmp_path: Path) -> None:
+def test_recorded_capture_opens_as_followed(kind: str, tmp_path: Path) -> None:
     recorder = recorded(tmp_path / "show", kind)
     recorder.end()
     growth = Growth(tmp_path / "show", 5.0)
@@ -59,7 +59,7 @@ def test_what_was_followed_is_opened_as_it_was_followed(kind: str, tmp_path: Pat
             assert sum(len(block) for block in choice.samples(1.0, 0.2)) == RATE
 
 
-def test_a_frame_that_a_camera_missed_is_the_nearest_one(tmp_path: Path) -> None:
+def test_recorded_missed_frame_uses_the_nearest(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "ts")
     recorder.write(5)
     recorder.lose(1, 2)
@@ -72,7 +72,7 @@ def test_a_frame_that_a_camera_missed_is_the_nearest_one(tmp_path: Path) -> None
         assert [marks(image)[1] for image in found] == [4, 4, 7, 7, 8]
 
 
-def test_numbered_files_need_no_end_mark_and_keep_their_tables(tmp_path: Path) -> None:
+def test_segmented_videos_need_no_end_mark(tmp_path: Path) -> None:
     recorder = recorded(tmp_path / "show", "segments")
     recorder.end()
     (tmp_path / "show" / "splatreel.end").unlink()

@@ -11,11 +11,11 @@ from tests.capture.films import film
 
 HEARD = 44100
 BEGAN = {"a": 0.4, "b": 1.25, "c": 0.0}
-"""Seconds of the scene at which each video begins."""
+"""Seconds of the scene at which each video starts."""
 
 
 def scene(seconds: float) -> np.ndarray:
-    """Claps and a hum, [samples]."""
+    """Return claps and a hum, [samples]."""
     rng = np.random.default_rng(0)
     sound = 0.02 * np.sin(np.arange(round(seconds * HEARD)) * 0.02)
     for at in rng.uniform(0, seconds - 0.1, 12):
@@ -33,27 +33,27 @@ def folder(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_videos_start_when_all_of_them_have_begun(folder: Path) -> None:
+def test_sync_starts_when_all_videos_run(folder: Path) -> None:
     (folder / "splatreel.json").write_text('{"fps": 10}')
     starts = synchronize(folder, Silent())
     assert starts == pytest.approx({name: 1.25 - began for name, began in BEGAN.items()}, abs=2 / RATE)
     assert json.loads((folder / "splatreel.json").read_text()) == {"fps": 10, "starts": starts}
 
 
-def test_a_video_without_sound_is_named(folder: Path) -> None:
+def test_sync_names_a_video_without_sound(folder: Path) -> None:
     film(folder / "d.mp4", None)
     with pytest.raises(CaptureError, match=r"d\.mp4: has no sound"):
         synchronize(folder, Silent())
     assert not (folder / "splatreel.json").exists()
 
 
-def test_a_video_that_heard_something_else_is_named(folder: Path) -> None:
+def test_sync_names_a_video_with_other_sound(folder: Path) -> None:
     film(folder / "d.mp4", 0.1 * np.random.default_rng(2).normal(size=4 * HEARD))
-    with pytest.raises(CaptureError, match="what d heard fits nothing"):
+    with pytest.raises(CaptureError, match="the sound of d matches none"):
         synchronize(folder, Silent())
 
 
-def test_one_video_has_nothing_to_be_brought_together_with(tmp_path: Path) -> None:
+def test_sync_needs_two_videos(tmp_path: Path) -> None:
     film(tmp_path / "a.mp4", None)
     with pytest.raises(CaptureError, match="1 videos"):
         synchronize(tmp_path, Silent())

@@ -1,4 +1,4 @@
-"""Following a capture whose writer deletes, rewrites, skips and jumps: frames that were shown stay, and nothing hangs."""
+"""Writers that delete, rewrite or skip files: earlier frames stay valid, and nothing hangs."""
 
 import os
 from pathlib import Path
@@ -10,7 +10,7 @@ from tests.capture.growing.recorder import Recorder
 from tests.capture.test_follower import BEGUN, expected, following, shown
 
 
-def test_a_picture_that_is_deleted_after_it_was_counted_is_named(tmp_path: Path) -> None:
+def test_deleted_image_is_named(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "pictures")
     recorder.write(6)
     with following(recorder.folder) as (follower, _):
@@ -23,7 +23,7 @@ def test_a_picture_that_is_deleted_after_it_was_counted_is_named(tmp_path: Path)
         assert shown(follower.capture, 4, 2) == expected(4, 2)
 
 
-def test_a_picture_that_is_rewritten_is_read_as_it_is_then(tmp_path: Path) -> None:
+def test_rewritten_image_is_read_again(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "pictures")
     recorder.write(6)
     with following(recorder.folder) as (follower, _):
@@ -36,7 +36,7 @@ def test_a_picture_that_is_rewritten_is_read_as_it_is_then(tmp_path: Path) -> No
             shown(follower.capture, 5, 1)
 
 
-def test_numbers_that_jump_ahead_are_waited_for_and_told_at_the_end(tmp_path: Path) -> None:
+def test_skipped_numbers_are_reported_at_the_end(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "pictures")
     recorder.write(6)
     for camera in recorder.written:
@@ -49,7 +49,7 @@ def test_numbers_that_jump_ahead_are_waited_for_and_told_at_the_end(tmp_path: Pa
     assert "The capture has 6 frames." in told[-1]
 
 
-def test_a_numbered_file_that_is_deleted_is_named(tmp_path: Path) -> None:
+def test_deleted_segment_is_named(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "segments")
     recorder.write(BEGUN)
     with following(recorder.folder) as (follower, _):
@@ -60,7 +60,7 @@ def test_a_numbered_file_that_is_deleted_is_named(tmp_path: Path) -> None:
             follower.capture.read(4, 4, [name])
 
 
-def test_a_video_that_is_cut_behind_what_was_counted_is_an_error(tmp_path: Path) -> None:
+def test_truncated_growing_video_is_an_error(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "mkv")
     recorder.write(BEGUN)
     with following(recorder.folder) as (follower, _):
@@ -73,7 +73,7 @@ def test_a_video_that_is_cut_behind_what_was_counted_is_an_error(tmp_path: Path)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes")
-def test_a_pipe_that_appears_among_the_pictures_is_not_waited_for(tmp_path: Path) -> None:
+def test_pipe_among_images_does_not_block(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "pictures")
     recorder.write(4)
     with following(recorder.folder) as (follower, _):

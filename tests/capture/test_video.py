@@ -29,14 +29,14 @@ def read(
     return out
 
 
-def test_frames_and_size_are_known_without_decoding(video: Path) -> None:
+def test_scan_finds_frames_and_size(video: Path) -> None:
     file = VideoFile(video)
     assert (file.frames, file.width, file.height, file.fps) == (FRAMES, 32, 24, 30.0)
 
 
 @settings(deadline=None, max_examples=30)
 @given(st.lists(st.tuples(st.integers(0, FRAMES - 1), st.integers(1, FRAMES)), min_size=1, max_size=6))
-def test_any_order_of_reads_gives_the_frames_asked_for(video: Path, reads: list[tuple[int, int]]) -> None:
+def test_random_reads_return_the_right_frames(video: Path, reads: list[tuple[int, int]]) -> None:
     file = VideoFile(video)
     for first, count in reads:
         count = min(count, FRAMES - first)
@@ -45,12 +45,12 @@ def test_any_order_of_reads_gives_the_frames_asked_for(video: Path, reads: list[
     file.close()
 
 
-def test_frames_are_read_one_by_one_to_the_last(video: Path) -> None:
+def test_sequential_reads_reach_the_last_frame(video: Path) -> None:
     file = VideoFile(video)
     assert [folders.which(read(file, t, 1)[0])[1] for t in range(FRAMES)] == list(range(FRAMES))
 
 
-def test_a_frame_is_resized_to_the_mean_of_each_area(tmp_path: Path) -> None:
+def test_frame_is_resized_by_area(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     coarse = rng.integers(60, 190, (12, 16, 3))
     detail = np.tile([[[20], [-20]], [[-20], [20]]], (12, 16, 1))  # a mean of nothing in every square of four
@@ -67,7 +67,7 @@ def test_frames_outside_the_video_are_refused(video: Path) -> None:
 
 @pytest.mark.parametrize("options", [{}, {"movflags": "faststart"}], ids=["index at the end", "index first"])
 @pytest.mark.parametrize("share", [0.0, 0.3, 0.7, 0.95])
-def test_a_truncated_video_is_named(tmp_path: Path, options: dict[str, str], share: float) -> None:
+def test_truncated_video_is_named(tmp_path: Path, options: dict[str, str], share: float) -> None:
     path = tmp_path / "cam03.mp4"
     rng = np.random.default_rng(0)
     folders.write_video(path, [rng.integers(0, 255, (24, 32, 3), np.uint8) for _ in range(FRAMES)], options)
@@ -77,7 +77,7 @@ def test_a_truncated_video_is_named(tmp_path: Path, options: dict[str, str], sha
         VideoFile(path)
 
 
-def test_damaged_frames_are_an_error_and_the_others_can_still_be_read(tmp_path: Path) -> None:
+def test_damaged_frames_do_not_block_others(tmp_path: Path) -> None:
     path = tmp_path / "cam04.mp4"
     rng = np.random.default_rng(0)
     folders.write_video(path, [rng.integers(0, 255, (24, 32, 3), np.uint8) for _ in range(FRAMES)])
@@ -92,7 +92,7 @@ def test_damaged_frames_are_an_error_and_the_others_can_still_be_read(tmp_path: 
 
 
 @pytest.mark.parametrize("content", [b"", b"not a video at all" * 100])
-def test_something_else_than_a_video_is_named(tmp_path: Path, content: bytes) -> None:
+def test_file_that_is_no_video_is_named(tmp_path: Path, content: bytes) -> None:
     path = tmp_path / "cam05.mp4"
     path.write_bytes(content)
     with pytest.raises(CaptureError, match=r"cam05\.mp4: cannot be decoded"):
@@ -100,8 +100,8 @@ def test_something_else_than_a_video_is_named(tmp_path: Path, content: bytes) ->
 
 
 @pytest.mark.parametrize(("turns", "matrix"), [(3, (0, 1, -1, 0)), (2, (-1, 0, 0, -1)), (1, (0, -1, 1, 0))])
-def test_pictures_are_as_they_are_shown(tmp_path: Path, turns: int, matrix: tuple[int, ...]) -> None:
-    """Phones store upright pictures lying, and say so in the track's header."""
+def test_rotation_metadata_is_applied(tmp_path: Path, turns: int, matrix: tuple[int, ...]) -> None:
+    """Phones store portrait videos in landscape with a rotation in the track's header."""
     lying = np.zeros((24, 32, 3), np.uint8)
     lying[:8, :16] = 255
     folders.write_video(tmp_path / "a.mp4", [lying] * 2)
@@ -117,7 +117,7 @@ def test_pictures_are_as_they_are_shown(tmp_path: Path, turns: int, matrix: tupl
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes")
-def test_a_pipe_is_not_waited_for(tmp_path: Path) -> None:
+def test_pipe_does_not_block(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "cam00.mp4")
     with pytest.raises(CaptureError, match=r"cam00\.mp4: is no file"):
         VideoFile(tmp_path / "cam00.mp4")

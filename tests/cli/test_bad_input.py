@@ -112,7 +112,7 @@ SPOILED: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     ),
     "a pipe": (
         lambda s: os.mkfifo(s / "cam09.mp4"),
-        ["scene/cam09.mp4: is neither a file nor a folder", "Take it out"],
+        ["scene/cam09.mp4: is neither a file nor a folder", "Remove it from the capture"],
     ),
     "poses in an archive": (two_arrays, ["scene/poses_bounds.npy", "an archive of several arrays"]),
     "cameras in one place": (lambda s: change_poses(s, gathered), ["scene: all 5 cameras", "one place", "poses"]),

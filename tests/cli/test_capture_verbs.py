@@ -45,7 +45,7 @@ def test_sync_reports_the_start_of_each_video(
 def test_sync_of_one_video(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folders.write_video(tmp_path / "phone.mp4", [folders.frame(0, 0)])
     assert main(["capture", "sync", str(tmp_path)]) == 1
-    assert "there is nothing to bring together" in capsys.readouterr().err
+    assert "at least two are needed to synchronize" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ from splatreel.cli.main import main
 from splatreel.codec import background_publication
 from splatreel.codec.publication import AT_ONCE
 from splatreel.codec.verify import verify_reel
-from splatreel.storage import opening, retrying
-from splatreel.storage.opening import open_folder
+from splatreel.storage import addresses, retrying
+from splatreel.storage.addresses import open_folder
 from splatreel.storage.remote_folder import RemoteFolder
 from tests.buckets import BreakingFolder
 from tests.capture import folders
@@ -75,10 +75,10 @@ def test_impossible_publications_are_refused(
 
 def test_broken_connection_is_retried(monkeypatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(retrying.time, "sleep", lambda _: None)
-    breaking = BreakingFolder(opening.open_folder(tmp_path / "web"), {0, 3, 4})
-    monkeypatch.setattr(opening, "open_folder", lambda _: breaking)
+    breaking = BreakingFolder(addresses.open_folder(tmp_path / "web"), {0, 3, 4})
+    monkeypatch.setattr(addresses, "open_folder", lambda _: breaking)
     assert main(["publish", str(GOLDEN), str(tmp_path / "web")]) == 0
-    assert capsys.readouterr().err.count("the line is cut). Trying again.") == 3
+    assert capsys.readouterr().err.count("the line is cut). Retrying.") == 3
     assert verify_reel(tmp_path / "web").groups == 2
 
 

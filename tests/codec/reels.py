@@ -1,4 +1,4 @@
-"""Small reels for the tests."""
+"""Small reels for tests."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from splatreel.codec.header import ReelHeader
+from splatreel.codec.opus_sound import EncodedSound, write_sound
 from splatreel.codec.presentation import Vec3
-from splatreel.codec.sound import EncodedSound, write_sound
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.scene.group import Group
@@ -20,11 +20,11 @@ from tests.golden import camera, random_gaussians, random_motion
 CONFIG = EncodeConfig(codec="h265", sh_entries=16)
 QUICK = EncodeConfig(coarseness=1.0)
 HOW = "config", "resume", "first_group", "page"
-"""What of a writer is no field of its header."""
+"""Arguments of a writer that are not fields of its header."""
 
 
 def new_writer(path: Path, **changes) -> ReelWriter:
-    """A writer with plain settings: 10 frames a second, overlap 1."""
+    """Return a writer with default settings: 10 frames per second, overlap 1."""
     settings: dict[str, Any] = {
         "fps": 10,
         "group_length": 2,
@@ -46,7 +46,7 @@ def points(count: int, seed: int = 0, degree: int = 1):
 def new_group(
     index: int, dynamic: int, alive: int | np.ndarray, frames: int = 3, first_frame: int | None = None
 ) -> Group:
-    """A group of moving points; alive: flags, or a number of static points that are all alive."""
+    """Return a group of dynamic points; `alive` has flags, or the number of static points, all alive."""
     moving = points(dynamic, seed=100 + index)
     dx, dq = random_motion(np.random.default_rng(index), moving, frames)
     flags = np.ones(alive, bool) if isinstance(alive, int) else alive
@@ -54,7 +54,7 @@ def new_group(
 
 
 def write_reel(path: Path, groups: int = 2) -> Path:
-    """20 static points born at group 0, 10 at group 1, 15 dynamic points a group."""
+    """Write 20 static points born at group 0, 10 at group 1, and 15 dynamic points per group."""
     writer = new_writer(path)
     static = 0
     for index in range(groups):
@@ -67,7 +67,7 @@ def write_reel(path: Path, groups: int = 2) -> Path:
 
 
 def add_chapter_group(writer: ReelWriter, index: int, chapter: int) -> None:
-    """A group of a reel in chapters: 6 static points of all, 4 of each chapter from its first group on, 2 from its second on."""
+    """Add a group of a reel in chapters: 6 common static points, 4 per chapter from its first group on, and 2 from its second on."""
     first = index // chapter * chapter
     if index == 0:
         writer.add_layer(0, 0, points(6, seed=1000))
@@ -78,7 +78,7 @@ def add_chapter_group(writer: ReelWriter, index: int, chapter: int) -> None:
 
 
 def write_chapters(path: Path, groups: int = 12, chapter: int = 4, page: int = 2, **changes) -> Path:
-    """A finished reel in chapters, with pages of so few groups (`add_chapter_group`)."""
+    """Write a finished reel in chapters with small pages (`add_chapter_group`)."""
     writer = new_writer(path, **({"config": QUICK, "page": page} | changes))
     for index in range(groups):
         add_chapter_group(writer, index, chapter)
@@ -87,14 +87,14 @@ def write_chapters(path: Path, groups: int = 12, chapter: int = 4, page: int = 2
 
 
 def give_sound(reel: Path, sound: EncodedSound | None, position: Vec3 | None = None) -> None:
-    """To a finished reel of `write_reel`, instead of what it has."""
+    """Replace the sound of a finished reel of `write_reel`."""
     writer = new_writer(reel, resume=True)
     write_sound(writer, sound, position)
     writer.finish()
 
 
 def edit_manifest(path: Path, change) -> None:
-    """Apply change to the parsed manifest and write it back."""
+    """Apply a change to the parsed manifest and write it back."""
     file = path / "manifest.json"
     document = json.loads(file.read_text())
     change(document)
@@ -102,7 +102,7 @@ def edit_manifest(path: Path, change) -> None:
 
 
 def replace_file(path: Path, kind: str, index: int, data: bytes) -> None:
-    """Replace a file and make the manifest agree, as somebody who forges a reel would."""
+    """Replace a file and update the manifest, as in a forged reel."""
 
     def change(document):
         entry = document[kind][index]

@@ -13,7 +13,7 @@ from tests.codec.reels import new_group, new_writer, points
 
 
 class Told:
-    """What was told, and a way to wait for it."""
+    """Recorded messages, with a way to wait for them."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []
@@ -37,7 +37,7 @@ def write_group(writer, index: int) -> None:
     writer.add_group(new_group(index, 5, 20))
 
 
-def test_each_group_is_published_while_the_next_is_made(tmp_path):
+def test_each_group_is_published_in_the_background(tmp_path):
     told, writer = Told(), new_writer(tmp_path / "reel")
     background = BackgroundPublication(Publication(tmp_path / "reel", LocalFolder(tmp_path / "there")), told)
     for index in range(3):
@@ -55,7 +55,7 @@ def test_each_group_is_published_while_the_next_is_made(tmp_path):
     assert told.lines == []
 
 
-def test_a_place_that_cannot_be_reached_is_told_before_there_is_a_reel(tmp_path):
+def test_unreachable_folder_is_reported_before_the_first_group(tmp_path):
     folder, told = LocalFolder(tmp_path / "there"), Told()
 
     def refuse(prefix: str = "") -> dict[str, int]:
@@ -64,11 +64,11 @@ def test_a_place_that_cannot_be_reached_is_told_before_there_is_a_reel(tmp_path)
     folder.sizes = refuse
     background = BackgroundPublication(Publication(tmp_path / "reel", folder), told, pauses=(60.0,))
     assert told.event.wait(120)
-    assert told.lines == ["s3://bucket/: cannot be listed (Forbidden). It is tried again."]
+    assert told.lines == ["s3://bucket/: cannot be listed (Forbidden). Retrying."]
     background.stop()
 
 
-def test_a_line_that_fails_holds_nobody_up_is_told_once_and_goes_on_when_it_is_back(tmp_path):
+def test_failures_are_reported_once_and_do_not_block(tmp_path):
     told, writer = Told(), new_writer(tmp_path / "reel")
     folder = BreakingFolder(LocalFolder(tmp_path / "there"), set(range(100_000)))
     write = folder.write
@@ -84,16 +84,16 @@ def test_a_line_that_fails_holds_nobody_up_is_told_once_and_goes_on_when_it_is_b
         background.changed()
     wait_for(lambda: folder.writes > 20)
     assert len(told.lines) == 1
-    assert told.lines[0].endswith("could not be written (the line is cut). It is tried again.")
+    assert told.lines[0].endswith("could not be written (the line is cut). Retrying.")
     folder.breaks = set()
     wait_for(lambda: len(told.lines) == 2)
-    assert told.lines[1].endswith("it works again, all that there is so far is there.")
+    assert told.lines[1].endswith("is reachable again; everything so far is published.")
     writer.finish()
     assert background.finish() is not None
     assert verify_reel(tmp_path / "there").groups == 3
 
 
-def test_at_the_end_it_is_given_up_after_some_tries_without_any_success(tmp_path):
+def test_finish_gives_up_after_repeated_failures(tmp_path):
     writer = new_writer(tmp_path / "reel")
     write_group(writer, 0)
     writer.finish()
@@ -106,7 +106,7 @@ def test_at_the_end_it_is_given_up_after_some_tries_without_any_success(tmp_path
     assert LAST_TRIES <= folder.writes < 10_000  # before the end it tries as often as its thread gets to
 
 
-def test_a_line_that_is_cut_again_and_again_gets_there_as_long_as_something_arrives(tmp_path):
+def test_finish_continues_while_files_arrive(tmp_path):
     writer = new_writer(tmp_path / "reel")
     for index in range(12):
         write_group(writer, index)
@@ -117,7 +117,7 @@ def test_a_line_that_is_cut_again_and_again_gets_there_as_long_as_something_arri
     assert verify_reel(tmp_path / "there").groups == 12
 
 
-def test_it_can_be_stopped_while_the_line_is_down(tmp_path):
+def test_stop_works_during_failures(tmp_path):
     writer = new_writer(tmp_path / "reel")
     write_group(writer, 0)
     folder = BreakingFolder(LocalFolder(tmp_path / "there"), set(range(1000)))
@@ -130,7 +130,7 @@ def test_it_can_be_stopped_while_the_line_is_down(tmp_path):
     assert not background._thread.is_alive()
 
 
-def test_a_bug_is_not_hidden(tmp_path):
+def test_unexpected_error_is_raised_by_finish(tmp_path):
     publication = Publication(tmp_path, LocalFolder(tmp_path / "there"))
     publication.update = lambda: 1 / 0  # pyright: ignore[reportAttributeAccessIssue]
     with pytest.raises(ZeroDivisionError):

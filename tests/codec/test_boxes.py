@@ -1,4 +1,4 @@
-"""MP4 files that claim more than they hold, before FFmpeg believes them."""
+"""MP4 files that claim more than they hold are refused before FFmpeg parses them."""
 
 import struct
 
@@ -29,7 +29,7 @@ def movie(*tables: bytes) -> bytes:
         struct.pack(">I", 1) + b"free" + struct.pack(">Q", 20) + bytes(4),
     ],
 )
-def test_what_a_reel_holds(data: bytes) -> None:
+def test_boxes_of_reels_are_accepted(data: bytes) -> None:
     check_samples(data, 8)
 
 
@@ -39,7 +39,7 @@ def test_what_a_reel_holds(data: bytes) -> None:
         (movie(table("stsz", 1, 9)), "claims 9 samples, at most 8"),
         (movie(table("stts", 2, 5, 512, 4, 512)), "claims 9 samples"),
         (movie(table("ctts", 1, 1 << 31, 0)), "claims 2147483648 samples"),
-        (movie(table("stts", 9, 1, 512)), "'stts' that is cut off"),
+        (movie(table("stts", 9, 1, 512)), "truncated table 'stts'"),
         (box("moof", box("traf", table("trun", 5))) + box("moof", box("traf", table("trun", 4))), "claims 9 samples"),
         (box("wide", box("moov")), "an MP4 box 'wide'"),
         (box("udta", box("trak", box("stsz"))), "an MP4 box 'udta'"),
@@ -49,6 +49,6 @@ def test_what_a_reel_holds(data: bytes) -> None:
         (b"\0\0\0", "whole MP4 boxes"),
     ],
 )
-def test_what_claims_more_or_hides_something(data: bytes, message: str) -> None:
+def test_excess_samples_and_hidden_boxes_are_refused(data: bytes, message: str) -> None:
     with pytest.raises(ReelError, match=message):
         check_samples(data, 8)

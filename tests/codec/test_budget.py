@@ -1,4 +1,4 @@
-"""What a file may make its reader allocate: honest files never meet the bound, and files at it take what they say they do."""
+"""Memory limits of files: ordinary files stay far below the bound, and files at the bound take the claimed memory."""
 
 import subprocess
 import sys
@@ -6,7 +6,7 @@ import sys
 import numpy as np
 import pytest
 
-from splatreel.codec.budget import A_BYTE, FLOOR, allowed, claimed
+from splatreel.codec.budget import A_BYTE, FLOOR, allowed_memory, claimed_memory
 from splatreel.codec.container import unpack_file
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
 from splatreel.codec.reader import ReelReader
@@ -39,7 +39,7 @@ for name in sys.argv[1:]:
 
 
 def equal(count: int, degree: int, spread: bool) -> Gaussians:
-    """Points that take hardly any bytes; spread: each at its own place, as Draco wants it."""
+    """Return points that take almost no bytes; `spread` gives each its own position for Draco."""
     grid = (
         np.stack(np.unravel_index(np.arange(count), (64, 64, -(-count // 4096))), 1) if spread else np.zeros((count, 3))
     )
@@ -54,8 +54,8 @@ def still(frames: int, points: Gaussians) -> Group:
 
 @pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="measures the memory of a process by /proc")
-def test_a_file_at_the_bound_takes_no_more_memory_than_that(tmp_path) -> None:
-    """Equal points, so that it is their number alone that counts; padded, all of them are as small as they may be."""
+def test_decoding_stays_within_the_memory_bound(tmp_path) -> None:
+    """Equal points take few bytes, so only their number counts. Padding makes each file as short as allowed."""
     predictive, paper = EncodeConfig(), EncodeConfig(codec="h265", sh_entries=2)
     files = {
         "layer": encode_layer(0, 0, equal(140_000, 0, False), predictive)[0],
@@ -70,14 +70,14 @@ def test_a_file_at_the_bound_takes_no_more_memory_than_that(tmp_path) -> None:
     command = [sys.executable, "-c", MEASURE, *(str(tmp_path / name) for name in files)]
     taken = subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
     for (name, data), peak in zip(files.items(), map(int, taken), strict=True):
-        assert peak < allowed(len(data)) + 16e6, name
-    assert allowed(1_000_000) < 300e6
+        assert peak < allowed_memory(len(data)) + 16e6, name
+    assert allowed_memory(1_000_000) < 300e6
 
 
 @pytest.mark.parametrize(
     "config", [EncodeConfig(coarseness=100.0), EncodeConfig(codec="h265", sh_entries=0).with_h265(crf=51)]
 )
-def test_the_emptiest_files_that_we_write_are_read(config: EncodeConfig) -> None:
+def test_padded_files_are_read(config: EncodeConfig) -> None:
     same = equal(140_000, 0, config.codec == "h265")
     data, _ = encode_layer(0, 0, same, config)
     assert len(decode_layer(data, "it")[1]) == len(same)
@@ -87,24 +87,24 @@ def test_the_emptiest_files_that_we_write_are_read(config: EncodeConfig) -> None
 
 
 @pytest.mark.parametrize("coarseness", [0.3, 2.5])
-def test_ordinary_files_are_far_from_the_bound(coarseness: float) -> None:
-    """As small as they are, the floor alone would let in any file of this test: what counts is what a byte lets in."""
+def test_ordinary_files_are_far_below_the_bound(coarseness: float) -> None:
+    """The constant alone would admit these small files, so only the part that grows with length is tested."""
     moving = points(5000, degree=1)
     dx, dq = random_motion(np.random.default_rng(0), moving, 35)
     group = Group(0, 0, moving, 0 * dx, dq, np.ones(0, bool))
     data, _ = encode_group(group, EncodeConfig(coarseness=coarseness))
     header, sections = unpack_file(data)
-    assert claimed(header.points, header.frames, sections) < A_BYTE * len(data) / 2
+    assert claimed_memory(header.points, header.frames, sections) < A_BYTE * len(data) / 2
 
 
-def test_whoever_trusts_a_file_allows_more() -> None:
+def test_memory_limit_can_be_raised() -> None:
     data, _ = encode_layer(0, 0, points(20), EncodeConfig())
     with pytest.raises(ReelError, match=r"it: claims 20 points in \d+ bytes.* more than the 1 MB .* --max-memory 1\.$"):
         decode_layer(data, "it", most=1000)
     assert len(decode_layer(data, "it", most=FLOOR)[1]) == 20
 
 
-def test_a_reader_has_a_budget(tmp_path) -> None:
+def test_reader_applies_the_memory_limit(tmp_path) -> None:
     reel = ReelReader(write_reel(tmp_path), most=1000)
     with pytest.raises(ReelError, match="claims 20 points"):
         reel.layer(0)

@@ -1,4 +1,4 @@
-"""Layer and group files: what they hold, and that damage is found."""
+"""Layer and group files: content and detection of damage."""
 
 import contextlib
 import json
@@ -21,7 +21,7 @@ SECTIONS = {"a": Section(b"hello", {"codec": "x", "n": 1}), "b": Section(b"", {"
 
 
 def with_header(change) -> bytes:
-    """A file whose safetensors header went through change."""
+    """Return a file with its safetensors header changed."""
     data = pack_file(HEADER, SECTIONS)
     (size,) = struct.unpack_from("<Q", data)
     header = json.loads(data[8 : 8 + size])
@@ -38,11 +38,11 @@ def with_metadata(change) -> bytes:
     return with_header(edit)
 
 
-def test_round_trip():
+def test_container_round_trip():
     assert unpack_file(pack_file(HEADER, SECTIONS)) == (HEADER, SECTIONS)
 
 
-def test_is_safetensors():
+def test_file_is_valid_safetensors():
     assert bytes(load(pack_file(HEADER, SECTIONS))["a"]) == b"hello"
 
 
@@ -76,12 +76,12 @@ def test_unknown_sections_and_fields_are_ignored():
         (with_header(lambda h: h["a"].update(shape=[6])), "section 'a'"),
     ],
 )
-def test_hostile_files(data, message):
+def test_hostile_files_are_refused(data, message):
     with pytest.raises(ReelError, match=message):
         unpack_file(data)
 
 
-def test_a_layer_is_no_group():
+def test_layer_is_refused_as_group():
     layer, _ = encode_layer(0, 0, points(5), CONFIG)
     group, _ = encode_group(new_group(0, 5, 5), CONFIG)
     with pytest.raises(ReelError, match=r"^here: is a group file"):
@@ -102,8 +102,8 @@ FILES = [
 
 @settings(max_examples=300, deadline=None)
 @given(st.sampled_from(FILES), st.data())
-def test_any_damage_is_a_reel_error_or_decodes(file, data):
-    """Truncated or with changed bytes: never another exception, a crash or endless work."""
+def test_damaged_file_raises_reel_error_or_decodes(file, data):
+    """Truncation or changed bytes never cause other exceptions, crashes or endless work."""
     decode, whole = file
     damaged = bytearray(whole)
     for at in data.draw(st.lists(st.integers(0, len(damaged) - 1), max_size=4)):
@@ -113,7 +113,7 @@ def test_any_damage_is_a_reel_error_or_decodes(file, data):
         decode(bytes(damaged), "some file")
 
 
-def test_atomic_write_leaves_the_old_file_when_the_disk_is_full(tmp_path, monkeypatch):
+def test_full_disk_keeps_the_old_file(tmp_path, monkeypatch):
     file = tmp_path / "sub" / "a.bin"
     write_atomically(file, b"old")
 
@@ -127,7 +127,7 @@ def test_atomic_write_leaves_the_old_file_when_the_disk_is_full(tmp_path, monkey
     assert [p.name for p in file.parent.iterdir()] == ["a.bin"]
 
 
-def test_half_a_character_in_the_metadata_is_no_traceback() -> None:
+def test_unpaired_surrogate_in_metadata_is_refused() -> None:
     data = pack_file(HEADER, SECTIONS).replace(b'\\"kind\\"', b'\\"\\\\ud800"', 1)
     with pytest.raises(ReelError):
         unpack_file(data)

@@ -1,4 +1,4 @@
-"""The golden reels decode to the numbers they always decoded to."""
+"""The golden reels decode to the same numbers as always."""
 
 import json
 
@@ -21,7 +21,7 @@ def arrays(path):
     return golden.decoded(path)
 
 
-def test_arrays(arrays, path):
+def test_golden_arrays_are_unchanged(arrays, path):
     expected = np.load(path / "expected.npz")
     assert len(expected.files) == len([name for name in arrays if not name.startswith("at")])
     for name in expected.files:
@@ -29,8 +29,8 @@ def test_arrays(arrays, path):
         np.testing.assert_allclose(arrays[name], expected[name], rtol=1e-6, atol=1e-6, err_msg=name)
 
 
-def test_samples(arrays, path):
-    """The numbers the TypeScript decoder is tested against are the ones Python decodes."""
+def test_golden_samples_are_unchanged(arrays, path):
+    """The numbers in the TypeScript decoder's tests are those that Python decodes."""
     expected = json.loads((path / "expected.json").read_text())
     assert set(expected["arrays"]) == set(arrays)
     for name, sample in expected["arrays"].items():
@@ -40,7 +40,7 @@ def test_samples(arrays, path):
         np.testing.assert_allclose(found, sample["value"], rtol=tolerance, atol=tolerance, err_msg=name)
 
 
-def test_is_valid_and_complete(path):
+def test_golden_reel_is_valid_and_complete(path):
     assert verify_reel(path).groups == 2
     manifest = ReelReader(path).manifest
     assert (manifest.frames, manifest.overlap, manifest.live) == (14, 2, False)
@@ -48,7 +48,7 @@ def test_is_valid_and_complete(path):
 
 
 @pytest.mark.parametrize("path", [golden_long.LONG, golden_long.WINDOW], ids=["long", "window"])
-def test_golden_reels_of_the_second_version_show_what_they_always_showed(path):
+def test_golden_version_2_reels_are_unchanged(path):
     said, found = json.loads((path / "expected.json").read_text()), golden_long.expected(path)
     assert {name: said[name] for name in ("living", "times")} == {name: found[name] for name in ("living", "times")}
     assert set(said["arrays"]) == set(found["arrays"])
@@ -58,7 +58,7 @@ def test_golden_reels_of_the_second_version_show_what_they_always_showed(path):
         np.testing.assert_allclose(values, sample["value"], rtol=tolerance, atol=tolerance, err_msg=name)
 
 
-def test_golden_reels_of_the_second_version_have_what_is_new_in_it():
+def test_golden_version_2_reels_use_its_features():
     long, window = (ReelReader(path).manifest for path in (golden_long.LONG, golden_long.WINDOW))
     assert (len(long.pages), long.first_group, long.renditions, long.live) == (4, 0, ("high", "low"), False)
     assert (len(window.pages), window.first_group, window.renditions, window.live) == (2, 4, (), True)
@@ -68,8 +68,8 @@ def test_golden_reels_of_the_second_version_have_what_is_new_in_it():
 
 
 @pytest.mark.parametrize("name", ["manifest.json", "pages/000004.json"])
-def test_writers_split_a_reel_as_the_golden_one_is_split(tmp_path, name):
-    """But for digests and lengths, which depend on how a machine rounds."""
+def test_writer_splits_pages_like_the_golden_reel(tmp_path, name):
+    """Digests and lengths are excluded, because they depend on the machine's rounding."""
     golden_long.write_window(tmp_path)
     assert contents(tmp_path).keys() | {"expected.json"} == contents(golden_long.WINDOW).keys()
 

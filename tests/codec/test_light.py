@@ -13,7 +13,7 @@ LIGHT = np.geomspace((1, 1, 1), (0.3, 2, 5), 3, dtype=np.float32)
 
 
 @pytest.mark.parametrize("dynamic", [0, 15])
-def test_round_trip(dynamic: int) -> None:
+def test_light_round_trips(dynamic: int) -> None:
     group = dataclasses.replace(new_group(0, dynamic, 20), light=LIGHT)
     data, _ = encode_group(group, EncodeConfig())
     decoded = decode_group(data, "a file").light
@@ -21,7 +21,7 @@ def test_round_trip(dynamic: int) -> None:
     np.testing.assert_allclose(decoded, LIGHT, rtol=1e-3)
 
 
-def test_steady_light_takes_no_bytes() -> None:
+def test_constant_light_takes_no_bytes() -> None:
     data, _ = encode_group(new_group(0, 15, 20), EncodeConfig())
     assert "light" not in unpack_file(data)[1]
     assert decode_group(data, "a file").light is None
@@ -38,7 +38,7 @@ def test_steady_light_takes_no_bytes() -> None:
         {"max": [1.0, 1.0, float(10**30)]},
     ],
 )
-def test_light_that_cannot_be_is_an_error_that_names_it(change: dict) -> None:
+def test_invalid_light_is_refused(change: dict) -> None:
     data, _ = encode_group(dataclasses.replace(new_group(0, 0, 20), light=LIGHT), EncodeConfig())
     header, sections = unpack_file(data)
     section = sections["light"]

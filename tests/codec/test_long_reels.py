@@ -1,4 +1,4 @@
-"""Writing long reels: layers that are retired, pages, groups that are dropped; whatever is killed goes on to the same bytes."""
+"""Long reels: retired layers, pages, dropped groups; a killed writer resumes to the same bytes."""
 
 import contextlib
 import dataclasses
@@ -38,7 +38,7 @@ def numbers(path, kind: str) -> list[str]:
 
 
 def remembering(encode):
-    """Of the tests' layers and groups, which their number and size tell apart."""
+    """Cache the encoding of the tests' layers and groups by number and size."""
     known = {}
 
     def wrapped(self, what, *more):
@@ -55,7 +55,7 @@ def whole(tmp_path_factory):
     return write_chapters(tmp_path_factory.mktemp("long") / "reel", groups=9)
 
 
-def test_several_layers_of_a_group_come_back_each_with_its_life(tmp_path):
+def test_several_layers_of_a_group_round_trip(tmp_path):
     writer = chapters(tmp_path)
     shared, _ = writer.add_layer(0, 0, points(6, seed=1))
     own, _ = writer.add_layer(0, 0, points(4, seed=2), until=1)
@@ -77,7 +77,7 @@ def test_several_layers_of_a_group_come_back_each_with_its_life(tmp_path):
     assert json.loads((tmp_path / "manifest.json").read_text())["version"] == 2
 
 
-def test_files_that_were_encoded_before_are_taken_as_they_are(tmp_path, whole):
+def test_encoded_files_are_written_unchanged(tmp_path, whole):
     writer = chapters(tmp_path / "again")
     reader = ReelReader(whole)
     for entry in reader.manifest.groups:
@@ -99,7 +99,7 @@ def test_files_that_were_encoded_before_are_taken_as_they_are(tmp_path, whole):
         ([(1, None)], "the next one is 0"),
     ],
 )
-def test_layers_come_in_the_order_that_readers_count_them_in(tmp_path, lives, message):
+def test_layers_out_of_order_are_refused(tmp_path, lives, message):
     writer = chapters(tmp_path)
     *before, (group, until) = lives
     for earlier in before:
@@ -110,17 +110,17 @@ def test_layers_come_in_the_order_that_readers_count_them_in(tmp_path, lives, me
 
 def test_alive_counts_the_points_that_live_at_a_group(tmp_path):
     writer = grown(tmp_path, 4)
-    with pytest.raises(ReelError, match=r"Group 4 says of 12 static points .* hold 6"):
+    with pytest.raises(ReelError, match=r"Group 4 has alive flags of 12 static points.* hold 6"):
         writer.add_group(new_group(4, 3, 12))
 
 
 @pytest.mark.parametrize("page", [0, 1025])
-def test_pages_of_a_size_that_no_reader_takes_are_refused(tmp_path, page):
+def test_invalid_page_sizes_are_refused(tmp_path, page):
     with pytest.raises(ReelError, match=f"pages of {page} groups"):
         chapters(tmp_path, page=page)
 
 
-def test_older_groups_go_into_pages_that_never_change(tmp_path):
+def test_older_groups_move_into_immutable_pages(tmp_path):
     writer, seen = chapters(tmp_path), {}
     for index in range(11):
         add_chapter_group(writer, index, 4)
@@ -135,7 +135,7 @@ def test_older_groups_go_into_pages_that_never_change(tmp_path):
     assert verify_reel(tmp_path).groups == 11
 
 
-def test_a_writer_that_resumes_goes_on_to_the_same_bytes(tmp_path, whole):
+def test_resumed_writer_gives_the_same_bytes(tmp_path, whole):
     for index in range(9):
         grown(tmp_path, index + 1, resume=index > 0)
     chapters(tmp_path, resume=True).finish()
@@ -144,7 +144,7 @@ def test_a_writer_that_resumes_goes_on_to_the_same_bytes(tmp_path, whole):
 
 @pytest.mark.parametrize("name", ["pages/000002.json", "groups/0003.safetensors", "layers/0000.1.safetensors"])
 @pytest.mark.parametrize("damage", ["missing", "damaged"])
-def test_a_writer_that_resumes_keeps_what_is_whole_and_goes_on_to_the_same_bytes(tmp_path, whole, name, damage):
+def test_resumed_writer_replaces_damaged_files_with_the_same_bytes(tmp_path, whole, name, damage):
     grown(tmp_path, 9)
     data = bytearray((tmp_path / name).read_bytes())
     data[-5] ^= 1
@@ -168,13 +168,13 @@ def test_adding_an_earlier_group_drops_pages(tmp_path, whole):
     assert contents(tmp_path) == contents(whole)
 
 
-def test_without_resume_everything_of_an_old_reel_is_dropped(tmp_path):
+def test_without_resume_pages_are_dropped(tmp_path):
     write_chapters(tmp_path)
     chapters(tmp_path)
     assert contents(tmp_path) == {}
 
 
-def test_a_retention_window_drops_whole_pages_and_layers_that_are_retired(tmp_path):
+def test_retention_drops_whole_pages_and_retired_layers(tmp_path):
     writer = grown(tmp_path, 9)
     writer.drop_before(5)
     manifest = ReelReader(tmp_path).manifest
@@ -192,7 +192,7 @@ def test_a_retention_window_drops_whole_pages_and_layers_that_are_retired(tmp_pa
     assert (verify_reel(tmp_path).groups, numbers(tmp_path, "layers")) == (2, ["0000", "0008", "0009"])
 
 
-def test_a_window_that_moves_on_is_the_same_reel_however_often_its_writer_is_killed(tmp_path):
+def test_retention_with_kills_gives_the_same_reel(tmp_path):
     def go(path, killed):
         writer = chapters(path)
         for index in range(14):
@@ -208,8 +208,8 @@ def test_a_window_that_moves_on_is_the_same_reel_however_often_its_writer_is_kil
     assert json.loads(one["manifest.json"])["first_group"] == 8
 
 
-def test_killed_at_any_write_or_deletion_the_reel_on_disk_is_whole_and_goes_on_to_the_same_bytes(tmp_path, monkeypatch):
-    """In a window that moves on, so that pages come and go. What is on disk is read at each of these moments."""
+def test_killed_writer_leaves_a_valid_reel_that_resumes(tmp_path, monkeypatch):
+    """The retention window moves, so pages are added and removed. The files on disk are read at each of these moments."""
     left = 0
 
     def may_be_killed(function):
@@ -251,7 +251,7 @@ def test_killed_at_any_write_or_deletion_the_reel_on_disk_is_whole_and_goes_on_t
     assert killed > 30
 
 
-def test_a_full_disk_leaves_a_valid_reel_when_a_page_is_due(tmp_path, monkeypatch):
+def test_full_disk_at_a_page_leaves_a_valid_reel(tmp_path, monkeypatch):
     writer = grown(tmp_path, 3)
 
     def full(path, data):
@@ -268,7 +268,7 @@ def test_a_full_disk_leaves_a_valid_reel_when_a_page_is_due(tmp_path, monkeypatc
     assert (verify_reel(tmp_path).groups, numbers(tmp_path, "pages")) == (4, ["000000"])
 
 
-def test_files_of_dropped_groups_that_a_killed_writer_left_are_deleted_when_it_resumes(tmp_path, monkeypatch):
+def test_resume_deletes_leftover_files(tmp_path, monkeypatch):
     writer = grown(tmp_path, 9)
 
     def killed(*_):
@@ -283,18 +283,18 @@ def test_files_of_dropped_groups_that_a_killed_writer_left_are_deleted_when_it_r
     assert verify_reel(tmp_path).strangers == ["groups/notes.txt"]
 
 
-def test_a_reader_with_the_manifest_of_before_is_told_to_open_it_again(tmp_path):
+def test_outdated_reader_is_told_to_reopen(tmp_path):
     writer = grown(tmp_path, 9)
     reader = ReelReader(tmp_path)
     writer.drop_before(6)
-    with pytest.raises(ReelError, match=r"0001\.safetensors: cannot be read .* drops what is old: open it again"):
+    with pytest.raises(ReelError, match=r"0001\.safetensors: cannot be read .* drops old files: open it again"):
         reader.group(1)
     with pytest.raises(ReelError, match="has 3 groups from 6 on, group 1 was asked for"):
         ReelReader(tmp_path).group(1)
     assert ReelReader(tmp_path).group(6).index == 6
 
 
-def test_a_page_that_is_dropped_between_manifest_and_page_is_no_error(tmp_path, monkeypatch):
+def test_page_dropped_during_open_is_no_error(tmp_path, monkeypatch):
     writer = grown(tmp_path, 9)
     source = type(ReelReader(tmp_path)._source)
     read = source.read
@@ -308,7 +308,7 @@ def test_a_page_that_is_dropped_between_manifest_and_page_is_no_error(tmp_path, 
     assert ReelReader(tmp_path).manifest.first_group == 4
 
 
-def test_a_live_reel_may_begin_at_a_later_group_with_layers_of_before(tmp_path):
+def test_live_reel_starts_at_a_later_group_with_earlier_layers(tmp_path):
     writer = chapters(tmp_path, first_group=5)
     writer.add_layer(0, 0, points(6, seed=1))
     with pytest.raises(ReelError, match="would never show; choose more than 5"):
@@ -342,7 +342,7 @@ def test_renditions_are_written_in_pages_too(tmp_path):
     assert info.bytes == on_disk
 
 
-def test_words_of_a_reel_in_pages_are_changed_and_its_pages_stay(tmp_path):
+def test_edit_keeps_pages(tmp_path):
     reel = write_chapters(tmp_path, groups=6)
     before = contents(reel)
     assert edit_reel(reel, {"title": "A title"}).presentation.title == "A title"
@@ -351,7 +351,7 @@ def test_words_of_a_reel_in_pages_are_changed_and_its_pages_stay(tmp_path):
     assert verify_reel(reel).groups == 6
 
 
-def test_a_reader_of_a_long_reel_keeps_no_layer_that_is_retired(tmp_path, whole):
+def test_reader_forgets_retired_layers(tmp_path, whole):
     reader = ReelReader(whole)
     for group in range(9):
         reader.static(group)

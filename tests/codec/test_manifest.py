@@ -24,11 +24,11 @@ def edited(change) -> bytes:
     return json.dumps(document).encode()
 
 
-def test_round_trip():
+def test_manifest_round_trips():
     assert parse_manifest(TEXT.encode(), "m").to_json() == TEXT
 
 
-def test_cameras_come_back_as_they_are_in_few_digits():
+def test_cameras_round_trip_in_few_digits():
     manifest = parse_manifest(TEXT.encode(), "m")
     rng = np.random.default_rng(0)
     viewmat, K = rng.normal(size=(4, 4)).astype(np.float32), (1000 * rng.random((3, 3))).astype(np.float32)
@@ -41,7 +41,7 @@ def test_cameras_come_back_as_they_are_in_few_digits():
     assert len(line) < 60 + 13 * 25
 
 
-def test_unknown_fields_are_ignored():
+def test_unknown_manifest_fields_are_ignored():
     def change(d):
         d["mood"] = "blue"
         d["groups"][0]["weather"] = 3
@@ -49,7 +49,7 @@ def test_unknown_fields_are_ignored():
     assert parse_manifest(edited(change), "m").to_json() == TEXT
 
 
-def test_a_clearance_comes_back_and_without_one_everything_is_drawn():
+def test_clearance_round_trips_and_defaults_to_none():
     manifest = parse_manifest(TEXT.encode(), "m")
     assert manifest.clearance == NONE
     assert "clearance" not in manifest.to_json()
@@ -57,7 +57,7 @@ def test_a_clearance_comes_back_and_without_one_everything_is_drawn():
     assert parse_manifest(found.to_json().encode(), "m").clearance == found.clearance
 
 
-def test_a_background_comes_back_and_without_one_it_is_black():
+def test_background_round_trips_and_defaults_to_black():
     manifest = parse_manifest(TEXT.encode(), "m")
     assert manifest.background == BLACK
     assert "background" not in manifest.to_json()
@@ -89,7 +89,7 @@ def test_static_points():
         7,
     ],
 )
-def test_uris_that_leave_the_reel(uri):
+def test_uris_outside_the_reel_are_refused(uri):
     with pytest.raises(ReelError, match=r"^m: groups\[1\] has the uri"):
         parse_manifest(edited(lambda d: d["groups"][1].update(uri=uri)), "m")
 
@@ -132,7 +132,7 @@ def test_uris_that_leave_the_reel(uri):
         (lambda d: d.pop("overlap"), "overlap"),
     ],
 )
-def test_hostile_fields(change, message):
+def test_hostile_manifest_fields_are_refused(change, message):
     with pytest.raises(ReelError, match=message):
         parse_manifest(edited(change), "m")
 
@@ -146,29 +146,29 @@ def with_renditions(d):
     d["renditions"] = [{"name": name, "bytes": size} for name, size in sizes.items()]
 
 
-def test_renditions():
+def test_renditions_round_trip():
     manifest = parse_manifest(edited(with_renditions), "m")
     assert manifest.renditions == ("high", "low")
     again = parse_manifest(manifest.to_json().encode(), "m")
     assert (again.renditions, again.groups) == (manifest.renditions, manifest.groups)
     assert len(manifest.files) == len(manifest.layers) + 4
-    low = manifest.of_rendition("low")
+    low = manifest.select_rendition("low")
     assert [(g.uri, g.bytes, g.points, g.first_frame) for g in low.groups] == [
         (f"groups/{i}.low", 100 + i, 7, group.first_frame) for i, group in enumerate(manifest.groups)
     ]
     assert (low.renditions, low.layers) == ((), manifest.layers)
-    assert [g.uri for g in manifest.of_rendition("high").groups] == [g.uri for g in manifest.groups]
+    assert [g.uri for g in manifest.select_rendition("high").groups] == [g.uri for g in manifest.groups]
     with pytest.raises(ReelError, match="no rendition 'medium'; it has high, low"):
-        manifest.of_rendition("medium")
+        manifest.select_rendition("medium")
     with pytest.raises(ReelError, match="has no renditions"):
-        low.of_rendition("high")
+        low.select_rendition("high")
 
 
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda d: d["groups"][1].pop("renditions"), r"groups\[1\] is not there in each"),
-        (lambda d: d["groups"][0].update(renditions=[]), r"groups\[0\] is not there in each"),
+        (lambda d: d["groups"][1].pop("renditions"), r"groups\[1\] lacks one of"),
+        (lambda d: d["groups"][0].update(renditions=[]), r"groups\[0\] lacks one of"),
         (lambda d: d["groups"][0]["renditions"]["low"].update(uri="../x"), r"groups\[0\] has the uri"),
         (
             lambda d: d["groups"][0]["renditions"]["low"].update(bytes=99),
@@ -182,7 +182,7 @@ def test_renditions():
         (lambda d: d.update(renditions={}), "renditions that are not a list"),
     ],
 )
-def test_hostile_renditions(change, message):
+def test_hostile_renditions_are_refused(change, message):
     def both(d):
         with_renditions(d)
         change(d)
@@ -192,14 +192,14 @@ def test_hostile_renditions(change, message):
 
 
 @pytest.mark.parametrize("data", [b"", b"[]", b"null", b"{", b"\xff\xfe", b"[" * 100_000, b" " * (MAX_BYTES + 1)])
-def test_not_a_manifest(data):
+def test_other_json_is_refused(data):
     with pytest.raises(ReelError, match=r"^m: "):
         parse_manifest(data, "m")
 
 
 @settings(deadline=None)
 @given(st.data())
-def test_any_damage_is_a_reel_error_or_a_manifest(data):
+def test_damaged_manifest_raises_reel_error_or_parses(data):
     text = bytearray(TEXT.encode())
     for at in data.draw(st.lists(st.integers(0, len(text) - 1), min_size=1, max_size=3)):
         text[at] = data.draw(st.integers(0, 255))

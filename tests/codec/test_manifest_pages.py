@@ -1,4 +1,4 @@
-"""Version 2 of the manifest: layers that are retired, pages, and what of them is refused."""
+"""Version 2 of the manifest: retired layers, pages, and refused input."""
 
 import dataclasses
 import gzip
@@ -36,7 +36,7 @@ def entry(kind: str, number: int, more: str = "", **fields) -> FileEntry:
 
 
 def paged(layers, groups, page: int, first: int = 0, names=()) -> tuple[Manifest, dict[str, bytes]]:
-    """The manifest of these files, as a writer splits it, and its pages' files by uri."""
+    """Return the manifest of some files as a writer splits it, and its pages by URI."""
     manifest = dataclasses.replace(PLAIN, renditions=names, first_group=first).with_files(layers, groups)
     count = max(len(groups) // page - 1, 0) if page else 0
     made = [make_page(layers, manifest.groups[i * page : (i + 1) * page], names) for i in range(count)]
@@ -49,7 +49,7 @@ def parsed(manifest: Manifest, files: dict[str, bytes]) -> Manifest:
 
 @st.composite
 def reels(draw):
-    """Layers of any lives and groups, in renditions or not, and where the first group and the pages begin."""
+    """Generate layers with any lifetimes and groups, with or without renditions, and positions of the first group and the pages."""
     first, count = draw(st.integers(0, 5)), draw(st.integers(1, 12))
     names = draw(st.sampled_from([(), NAMES]))
     groups = [entry("groups", first + i) for i in range(count)]
@@ -65,7 +65,7 @@ def reels(draw):
 
 @settings(deadline=None, max_examples=150)
 @given(reels())
-def test_whatever_is_split_into_pages_is_joined_again(reel):
+def test_pages_join_to_the_same_manifest(reel):
     layers, groups, page, first, names = reel
     manifest, files = paged(layers, groups, page, first, names)
     found = parsed(manifest, files)
@@ -75,14 +75,14 @@ def test_whatever_is_split_into_pages_is_joined_again(reel):
     assert found.to_json() == manifest.to_json()
     for group in groups:
         living = [i for i, x in enumerate(layers) if x.lives_at(group.group)]
-        assert found.living(group.group) == living
+        assert found.living_layers(group.group) == living
         assert found.static_points(group.group) == 20 * len(living)
 
 
 @settings(deadline=None, max_examples=100)
 @given(reels(), st.data())
-def test_who_knows_one_page_and_the_manifest_alone_counts_the_same_points(reel, data):
-    """What a player does that joins late: the layers of the manifest itself and those of one page, in this order by birth."""
+def test_one_page_and_the_manifest_suffice_for_its_groups(reel, data):
+    """A player that starts late uses the layers of the manifest and of one page, in order of birth."""
     layers, groups, page, first, names = reel
     manifest, files = paged(layers, groups, page, first, names)
     if not files:
@@ -94,10 +94,10 @@ def test_who_knows_one_page_and_the_manifest_alone_counts_the_same_points(reel, 
     start = first + sum(p.groups for p in manifest.pages[:index])
     for number in range(start, start + manifest.pages[index].groups):
         lives = [x["uri"] for x in known if x["group"] <= number < x.get("until", 1 << 50)]
-        assert lives == [layers[i].uri for i in manifest.living(number)]
+        assert lives == [layers[i].uri for i in manifest.living_layers(number)]
 
 
-def test_a_reel_without_anything_new_is_of_the_first_version():
+def test_version_is_as_low_as_possible():
     assert json.loads(PLAIN.to_json())["version"] == 1
     groups = [entry("groups", i) for i in range(2)]
     for layers, first, version in (
@@ -112,8 +112,8 @@ def test_a_reel_without_anything_new_is_of_the_first_version():
         assert parsed(manifest, {}).layers == tuple(layers)
 
 
-def test_the_first_version_knows_nothing_of_the_second():
-    """As readers did before there was a second: what they do not know they ignore, and two layers of one group are refused."""
+def test_version_1_ignores_fields_of_version_2():
+    """Readers of version 1 ignore unknown fields and refuse two layers of one group."""
     layers = [entry("layers", 0, until=1), entry("layers", 1)]
     document = json.loads(paged(layers, [entry("groups", i) for i in range(2)], 0)[0].to_json())
     document |= {"version": 1, "first_group": 7, "pages": "none"}
@@ -124,8 +124,8 @@ def test_the_first_version_knows_nothing_of_the_second():
         parse_manifest(json.dumps(document).encode(), "m")
 
 
-def test_the_manifest_of_an_hour_is_small():
-    """10,000 groups in chapters of ten, a shared layer, one of each chapter, and one of each second group that is retired with it."""
+def test_manifest_of_an_hour_is_small():
+    """10,000 groups in chapters of ten: a shared layer, one per chapter, and one for every second group, retired with it."""
     layers = [entry("layers", 0)]
     for i in range(10_000):
         if i % 2 == 0:
@@ -144,7 +144,7 @@ def reel(tmp_path_factory):
 
 
 def forged(reel, tmp_path, change, page=None):
-    """A copy of the manifest with a change; of a page where one is named, whose length and digest then fit."""
+    """Return a copy of the manifest with a change; a changed page gets matching length and digest."""
     files = {p.relative_to(reel).as_posix(): p.read_bytes() for p in (reel / "pages").iterdir()}
     document = json.loads((reel / "manifest.json").read_text())
     if page is None:
@@ -158,7 +158,7 @@ def forged(reel, tmp_path, change, page=None):
     return parse_manifest(json.dumps(document).encode(), "m", lambda uri, limit: files[uri][: limit + 1])
 
 
-def test_a_forged_manifest_without_a_change_is_read(reel, tmp_path):
+def test_unchanged_forged_manifest_is_read(reel, tmp_path):
     for page in (None, 0, 2):
         assert len(forged(reel, tmp_path, lambda d: None, page).pages) == 3
 
@@ -199,7 +199,7 @@ def test_a_forged_manifest_without_a_change_is_read(reel, tmp_path):
         (lambda d: d["layers"][0].update(until=4), "lists other layers"),
     ],
 )
-def test_hostile_manifests_of_the_second_version(reel, tmp_path, change, message):
+def test_hostile_version_2_manifests_are_refused(reel, tmp_path, change, message):
     with pytest.raises(ReelError, match=f"^m: .*({message})"):
         forged(reel, tmp_path, change)
 
@@ -221,13 +221,13 @@ def test_hostile_manifests_of_the_second_version(reel, tmp_path, change, message
         (lambda d: d["layers"].append(d["layers"][1] | {"uri": "x", "group": 4, "until": 8}), "lists other layers"),
     ],
 )
-def test_hostile_pages(reel, tmp_path, change, message):
+def test_hostile_pages_are_refused(reel, tmp_path, change, message):
     with pytest.raises(ReelError, match=f"^m: .*({message})"):
         forged(reel, tmp_path, change, page=1)
 
 
-def test_a_page_with_a_layer_of_which_the_manifest_says_nothing_is_refused(reel, tmp_path):
-    """All lists agree only if each says of a layer the same, and all name it where it lives."""
+def test_page_with_an_unlisted_layer_is_refused(reel, tmp_path):
+    """All lists must describe a layer identically and name it wherever it lives."""
 
     def extend(document):
         document["layers"].insert(0, document["layers"][0] | {"uri": "layers/x", "group": 0, "until": 7})
@@ -236,19 +236,19 @@ def test_a_page_with_a_layer_of_which_the_manifest_says_nothing_is_refused(reel,
         forged(reel, tmp_path, extend, page=1)
 
 
-def test_pages_are_not_read_alone():
+def test_manifest_with_pages_needs_fetch():
     manifest, _ = paged([], [entry("groups", i) for i in range(8)], 2)
     with pytest.raises(ReelError, match="m: has pages, and is not read alone"):
         parse_manifest(manifest.to_json().encode(), "m")
 
 
-def test_renditions_are_counted_over_all_pages():
+def test_rendition_bytes_include_all_pages():
     groups = [entry("groups", i, renditions={"low": entry("groups", i, ".low", bytes=7)}) for i in range(8)]
     manifest, files = paged([], groups, 2, names=NAMES)
     found = parsed(manifest, files)
     assert found.rendition_bytes() == {"high": sum(5000 + i for i in range(8)), "low": 56}
     assert [page.rendition_bytes["low"] for page in found.pages] == [14, 14, 14]
-    low = found.of_rendition("low")
+    low = found.select_rendition("low")
     assert ([g.uri for g in low.groups], low.pages) == ([f"groups/{i:04d}.low.safetensors" for i in range(8)], ())
     document = json.loads(manifest.to_json())
     document["pages"][1]["rendition_bytes"]["low"] = 15
@@ -259,7 +259,7 @@ def test_renditions_are_counted_over_all_pages():
         parse_manifest(json.dumps(document).encode(), "m", lambda uri, limit: files[uri])
 
 
-def test_a_reel_in_pages_is_read_and_verified(reel):
+def test_paged_reel_is_read_and_verified(reel):
     found = verify_reel(reel)
     assert (found.groups, found.layers, found.strangers) == (9, 6, [])
     reader = ReelReader(reel)
@@ -267,7 +267,7 @@ def test_a_reel_in_pages_is_read_and_verified(reel):
     assert reader.static(5)[1].tolist() == [0] * 6 + [4] * 4 + [5] * 2
 
 
-def test_verify_names_a_page_that_is_missing_or_damaged(tmp_path):
+def test_verify_names_missing_and_damaged_pages(tmp_path):
     reel = write_chapters(tmp_path, groups=6)
     page = reel / "pages" / "000002.json"
     page.write_bytes(page.read_bytes().replace(b"layers/", b"lairs//", 1))
@@ -278,10 +278,10 @@ def test_verify_names_a_page_that_is_missing_or_damaged(tmp_path):
         verify_reel(reel)
 
 
-def test_alive_speaks_of_the_layers_that_live_then(tmp_path):
+def test_alive_covers_the_living_layers(tmp_path):
     reel = write_chapters(tmp_path, groups=3, chapter=2, page=4)
     edit_manifest(reel, lambda d: d["layers"][1].update(until=3))
     with pytest.raises(
-        ReelError, match=r"0002\.safetensors: section 'alive' holds 10 bits, the layers that live then 14"
+        ReelError, match=r"0002\.safetensors: section 'alive' holds 10 bits, the layers that live at the group 14"
     ):
         verify_reel(reel)

@@ -1,4 +1,4 @@
-"""What a manifest says beside the points: round trip, hostile content, and writing it."""
+"""Presentation in the manifest: round trip, hostile content, and writing."""
 
 import dataclasses
 import json
@@ -54,17 +54,17 @@ def manifest() -> Manifest:
     return parse_manifest(TEXT.encode(), "m")
 
 
-def test_everything_comes_back() -> None:
+def test_presentation_round_trips() -> None:
     written = dataclasses.replace(manifest(), presentation=FULL).to_json()
     assert parse_manifest(written.encode(), "m").presentation == FULL
 
 
-def test_a_manifest_without_it_stays_as_it_is() -> None:
+def test_empty_presentation_adds_no_fields() -> None:
     assert manifest().presentation == EMPTY
     assert manifest().to_json() == TEXT
 
 
-def test_limits_may_be_absent_one_by_one() -> None:
+def test_each_limit_is_optional() -> None:
     some = Presentation(limits=Limits((0.0, 0.0, 0.0), floor=0.0))
     written = dataclasses.replace(manifest(), presentation=some).to_json()
     assert parse_manifest(written.encode(), "m").presentation == some
@@ -92,7 +92,7 @@ def test_limits_may_be_absent_one_by_one() -> None:
         ("limits", {"floor": float("nan")}, "floor"),
     ],
 )
-def test_what_makes_no_sense_is_refused(field: str, change: object, said: str) -> None:
+def test_invalid_presentations_are_refused(field: str, change: object, said: str) -> None:
     document = json.loads(dataclasses.replace(manifest(), presentation=FULL).to_json())
     document[field] = document[field] | change if isinstance(change, dict) else change
     with pytest.raises(ReelError, match=said) as error:
@@ -100,14 +100,14 @@ def test_what_makes_no_sense_is_refused(field: str, change: object, said: str) -
     assert field in str(error.value)
 
 
-def test_segments_do_not_overlap() -> None:
+def test_overlapping_sound_segments_are_refused() -> None:
     document = json.loads(dataclasses.replace(manifest(), presentation=FULL).to_json())
     document["sound"]["segments"].reverse()
     with pytest.raises(ReelError, match="order of time"):
         parse_manifest(json.dumps(document).encode(), "m")
 
 
-def test_a_writer_presents_verifies_and_takes_away(tmp_path: Path) -> None:
+def test_writer_adds_and_removes_assets(tmp_path: Path) -> None:
     writer = new_writer(tmp_path)
     poster = Poster(writer.write_asset("poster.jpg", b"a picture"), 64, 36)
     writer.present(Presentation(title="Before the first group", poster=poster))
@@ -128,7 +128,7 @@ def test_a_writer_presents_verifies_and_takes_away(tmp_path: Path) -> None:
     assert verify_reel(tmp_path).groups == 1
 
 
-def test_a_writer_that_goes_on_keeps_it_and_one_that_begins_anew_does_not(tmp_path: Path) -> None:
+def test_presentation_is_kept_only_on_resume(tmp_path: Path) -> None:
     write_reel(tmp_path)
     writer = new_writer(tmp_path, resume=True)
     writer.present(Presentation(poster=Poster(writer.write_asset("poster.jpg", b"a picture"), 64, 36)))
@@ -137,7 +137,7 @@ def test_a_writer_that_goes_on_keeps_it_and_one_that_begins_anew_does_not(tmp_pa
     assert not (tmp_path / "poster.jpg").exists()
 
 
-def test_half_a_character_is_not_written():
-    """What a terminal of another encoding hands over, and no reader takes."""
+def test_unpaired_surrogates_are_not_written():
+    """Terminals with another encoding pass such text, and no reader accepts it."""
     with pytest.raises(ReelError, match="a title that holds half a character"):
         check_text("title", "caf\udce9")

@@ -1,4 +1,4 @@
-"""A reel's copy elsewhere: on a disk, in memory and in a bucket; lines that break, reels that change."""
+"""Publication of a reel to disk, memory and a bucket, with connection errors and changing reels."""
 
 import json
 import shutil
@@ -10,8 +10,8 @@ from splatreel.codec.published_names import RECORD, file_entries, is_published_n
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReelError, StorageError
+from splatreel.storage.addresses import open_folder
 from splatreel.storage.folder import LocalFolder
-from splatreel.storage.opening import open_folder
 from tests.buckets import BreakingFolder
 from tests.codec.reels import add_chapter_group, new_group, new_writer, points, write_chapters, write_reel
 from tests.flashes import GOLDEN as WITH_SOUND
@@ -38,7 +38,7 @@ def reel(tmp_path):
 
 
 def named(data: bytes) -> set[str]:
-    """The files that a manifest names."""
+    """Return the files that a manifest names."""
     return {entry["uri"] for entry in file_entries(json.loads(data))}
 
 
@@ -46,7 +46,7 @@ def copy_of(folder) -> set[str]:
     return set(folder.sizes()) - {"manifest.json", RECORD}
 
 
-def test_the_copy_is_the_reel_under_names_of_its_content(address, reel):
+def test_publication_names_files_by_content(address, reel):
     published = Publication(reel, open_folder(address)).update()
     here, there = verify_reel(reel), verify_reel(address)
     assert (there.files, there.bytes, there.points) == (here.files, here.bytes, here.points)
@@ -59,13 +59,13 @@ def test_the_copy_is_the_reel_under_names_of_its_content(address, reel):
     assert len(reader.group(1).dynamic) == 15
 
 
-def test_pictures_and_sound_are_copied_too(tmp_path):
+def test_publication_includes_images_and_sound(tmp_path):
     Publication(WITH_SOUND, LocalFolder(tmp_path / "there")).update()
     assert verify_reel(tmp_path / "there").strangers == []
     assert ReelReader(tmp_path / "there").manifest.presentation.sound is not None
 
 
-def test_pages_name_the_files_as_they_are_called_there(address, tmp_path):
+def test_published_pages_use_published_names(address, tmp_path):
     reel = write_chapters(tmp_path / "reel")
     publication = Publication(reel, open_folder(address))
     published = publication.update()
@@ -79,12 +79,15 @@ def test_pages_name_the_files_as_they_are_called_there(address, tmp_path):
     assert published.bytes == sum(size for name, size in open_folder(address).sizes().items() if name in manifest.uris)
 
 
-def test_pages_are_read_and_sent_once_and_what_a_window_drops_leaves(tmp_path):
+def test_pages_are_sent_once_and_dropped_files_removed(tmp_path):
     clock, folder = Clock(), BreakingFolder(LocalFolder(tmp_path / "there"), set())
     writer = new_writer(tmp_path / "reel", page=2)
     publication, pages_read = Publication(tmp_path / "reel", folder, keep=10, clock=clock), []
-    intact = publication._intact
-    publication._intact = lambda file: (pages_read.append(file.uri) if "pages/" in file.uri else None, intact(file))[1]
+    intact = publication._read_intact
+    publication._read_intact = lambda file: (
+        pages_read.append(file.uri) if "pages/" in file.uri else None,
+        intact(file),
+    )[1]
     for index in range(10):
         add_chapter_group(writer, index, 4)
         publication.update()
@@ -110,7 +113,7 @@ def test_nothing_is_sent_twice(address, reel):
     assert (folder.writes, again.sent, again.sent_bytes) == (sent, 0, 0)
 
 
-def test_a_copy_of_a_copy_is_the_same(tmp_path, reel):
+def test_publication_of_a_publication_is_identical(tmp_path, reel):
     Publication(reel, LocalFolder(tmp_path / "one")).update()
     Publication(tmp_path / "one", LocalFolder(tmp_path / "two")).update()
     assert LocalFolder(tmp_path / "one").sizes() == LocalFolder(tmp_path / "two").sizes()
@@ -119,7 +122,7 @@ def test_a_copy_of_a_copy_is_the_same(tmp_path, reel):
 
 @pytest.mark.parametrize("arrives", [False, True], ids=["lost", "arrived without an answer"])
 @pytest.mark.parametrize("cut", range(5))
-def test_a_cut_line_leaves_a_whole_reel_or_none_and_the_next_time_sends_only_the_rest(request, reel, cut, arrives):
+def test_interrupted_publication_is_valid_and_resumes(request, reel, cut, arrives):
     address = new_address("bucket" if cut % 2 else "memory", request)
     folder = BreakingFolder(open_folder(address), {cut}, halves=arrives)
     publication = Publication(reel, folder)
@@ -139,8 +142,8 @@ def test_a_cut_line_leaves_a_whole_reel_or_none_and_the_next_time_sends_only_the
     verify_reel(address)
 
 
-def test_whoever_has_any_manifest_finds_its_files_at_every_moment(tmp_path):
-    """After each write and deletion, all files are there of every manifest of the last hour."""
+def test_every_published_manifest_finds_its_files(tmp_path):
+    """After each write and deletion, all files of every manifest of the last hour exist."""
     clock, reel = Clock(), tmp_path / "reel"
     there, manifests = LocalFolder(tmp_path / "there"), []
 
@@ -175,7 +178,7 @@ def test_whoever_has_any_manifest_finds_its_files_at_every_moment(tmp_path):
     assert copy_of(there) == manifests[-1][1]
 
 
-def test_a_reel_that_is_encoded_anew_under_the_same_names_does_not_disturb_who_watches_the_old_one(tmp_path):
+def test_new_encoding_keeps_files_of_the_old_one(tmp_path):
     clock, folder = Clock(), LocalFolder(tmp_path / "there")
     Publication(write_reel(tmp_path / "reel"), folder, clock=clock).update()
     watcher = ReelReader(tmp_path / "there")
@@ -189,7 +192,7 @@ def test_a_reel_that_is_encoded_anew_under_the_same_names_does_not_disturb_who_w
     assert len(ReelReader(tmp_path / "there").group(0).dynamic) == 7
 
 
-def test_files_leave_after_their_time_counted_over_several_runs(address, reel, tmp_path):
+def test_grace_period_spans_several_runs(address, reel, tmp_path):
     clock, folder = Clock(), open_folder(address)
     Publication(reel, folder, keep=10, clock=clock).update()
     old = copy_of(folder)
@@ -205,7 +208,7 @@ def test_files_leave_after_their_time_counted_over_several_runs(address, reel, t
     verify_reel(address)
 
 
-def test_without_its_note_files_leave_later_never_sooner(tmp_path, reel):
+def test_lost_record_extends_the_grace_period(tmp_path, reel):
     clock, folder = Clock(), LocalFolder(tmp_path / "there")
     Publication(reel, folder, keep=10, clock=clock).update()
     write_reel(reel, 1)
@@ -218,7 +221,7 @@ def test_without_its_note_files_leave_later_never_sooner(tmp_path, reel):
         assert published.removed == 0
 
 
-def test_what_is_not_of_a_reel_is_never_deleted(tmp_path, reel):
+def test_foreign_files_are_never_deleted(tmp_path, reel):
     clock, folder = Clock(), LocalFolder(tmp_path / "there")
     others = {"index.html", "assets/app-0123456789abcdef.js", "other/layers/0000-0123456789abcdef.safetensors"}
     others |= {"groups/notes.txt", "groups/0000.safetensors", "photo-0123456789abcdef.jpg"}
@@ -233,7 +236,7 @@ def test_what_is_not_of_a_reel_is_never_deleted(tmp_path, reel):
     assert others <= set(folder.sizes())
 
 
-def test_a_reel_that_changes_while_it_is_sent_is_sent_as_it_is_then(tmp_path, reel):
+def test_reel_changed_during_publication_is_resent(tmp_path, reel):
     publication = Publication(reel, LocalFolder(tmp_path / "there"))
     check, others = publication._checked, [GOLDEN, WITH_SOUND]
 
@@ -250,7 +253,7 @@ def test_a_reel_that_changes_while_it_is_sent_is_sent_as_it_is_then(tmp_path, re
     assert verify_reel(tmp_path / "there").points == verify_reel(GOLDEN).points
 
 
-def test_a_reel_that_never_rests_is_left_for_later(tmp_path, reel):
+def test_reel_that_keeps_changing_is_given_up(tmp_path, reel):
     publication = Publication(reel, LocalFolder(tmp_path / "there"))
     check, groups = publication._checked, iter(range(10))
 
@@ -267,18 +270,18 @@ def test_a_reel_that_never_rests_is_left_for_later(tmp_path, reel):
     assert not (tmp_path / "there" / "manifest.json").exists()
 
 
-def test_a_reel_that_is_damaged_here_is_not_sent(tmp_path, reel):
+def test_damaged_reel_is_not_published(tmp_path, reel):
     (reel / "groups" / "0001.safetensors").write_bytes(b"damaged")
-    with pytest.raises(ReelError, match=r"groups/0001\.safetensors: is not what the manifest says"):
+    with pytest.raises(ReelError, match=r"groups/0001\.safetensors: does not match the manifest"):
         Publication(reel, LocalFolder(tmp_path / "there")).update()
     assert not (tmp_path / "there" / "manifest.json").exists()
 
 
-def test_a_folder_without_a_reel_is_none_yet(tmp_path):
+def test_missing_reel_returns_none(tmp_path):
     assert Publication(tmp_path, LocalFolder(tmp_path / "there")).update() is None
 
 
-def test_names_files_and_headers_are_right_in_a_bucket(bucket, reel):
+def test_bucket_has_right_names_and_headers(bucket, reel):
     Publication(reel, open_folder(bucket.url("reel"))).update()
     found = {name: bucket.headers(f"reel/{name}") for name in open_folder(bucket.url("reel")).sizes()}
     assert found["manifest.json"]["content-type"] == "application/json"
@@ -289,7 +292,7 @@ def test_names_files_and_headers_are_right_in_a_bucket(bucket, reel):
     assert {headers["content-type"] for headers in lasting} == {"application/octet-stream"}
 
 
-def test_names_of_published_files():
+def test_published_names_known_answers():
     digest = "0123456789abcdef" * 4
     name = "groups/0003.low-0123456789abcdef.safetensors"
     assert published_name("groups/0003.low.safetensors", digest) == name

@@ -1,4 +1,4 @@
-"""Bit packing and linear quantisation: known answers, round trips, hostile parameters."""
+"""Bit packing and linear quantization: known answers, round trips, hostile parameters."""
 
 import zlib
 
@@ -33,7 +33,7 @@ def test_pack_round_trip(bits, count, seed):
 
 @settings(deadline=None)
 @given(st.integers(1, 16), st.integers(1, 40), st.integers(1, 4), st.integers(0, 2**32 - 1))
-def test_linear_errs_by_half_a_step_at_most(bits, rows, columns, seed):
+def test_linear_error_is_at_most_half_a_step(bits, rows, columns, seed):
     values = np.random.default_rng(seed).normal(size=(rows, columns)) * 10.0 ** np.arange(columns)
     data, parameters = quantize.encode_linear(values, bits)
     decoded = quantize.decode_linear(data, parameters, rows, columns)
@@ -47,7 +47,7 @@ def test_constant_column_is_exact():
 
 
 def test_logarithms_keep_small_scales():
-    """Over three decades 12 bits of a logarithm err by a tenth of a percent, 12 linear bits by more than a point's size."""
+    """Over three decades, 12 logarithmic bits have an error of 0.1 %; 12 linear bits have an error above a point's size."""
     scales = np.exp(np.random.default_rng(0).normal(-4, 1.2, (5000, 3)))
     worst = {}
     for log in (True, False):
@@ -58,7 +58,7 @@ def test_logarithms_keep_small_scales():
     assert worst[False] > 0.5
 
 
-def test_deflate_only_where_it_pays():
+def test_deflate_is_used_only_if_shorter():
     assert quantize.deflate(bytes(1000))[1]
     noise = np.random.default_rng(0).bytes(1000)
     assert quantize.deflate(noise) == (noise, False)
@@ -83,14 +83,14 @@ def test_deflate_only_where_it_pays():
         ({"deflate": True}, "zlib"),
     ],
 )
-def test_hostile_parameters(change, message):
+def test_hostile_parameters_are_refused(change, message):
     data, parameters = quantize.encode_linear(np.random.default_rng(0).random((20, 2)), 8)
     assert not parameters["deflate"]
     with pytest.raises(ReelError, match=message):
         quantize.decode_linear(data, parameters | change, 20, 2)
 
 
-def test_a_deflate_bomb_stays_small():
+def test_deflate_bombs_are_refused():
     bomb = zlib.compress(bytes(50_000_000), 9)
     with pytest.raises(ReelError, match="does not inflate"):
         quantize.inflate(bomb, {"deflate": True}, 100)
@@ -104,6 +104,6 @@ def test_bits_round_trip(flags):
     np.testing.assert_array_equal(quantize.decode_bits(data, parameters, 100), flags)
 
 
-def test_bits_of_a_huge_count():
+def test_huge_bit_counts_are_refused():
     with pytest.raises(ReelError, match="count"):
         quantize.decode_bits(b"", {"codec": "bits", "count": 1 << 50}, 1000)

@@ -1,4 +1,4 @@
-"""A reel in several renditions: written together, read one at a time."""
+"""A reel with several renditions: written together, read one at a time."""
 
 from dataclasses import fields
 
@@ -41,7 +41,7 @@ def test_each_rendition_is_encoded_at_its_rate(reel):
     assert sections["shapes"].parameters["step"] == steps["high"]
 
 
-def test_the_best_is_read_where_none_is_named(reel):
+def test_best_rendition_is_the_default(reel):
     found, best = open_reel(reel).at(0.2), open_reel(reel, "high").at(0.2)
     assert all((getattr(found, f.name) == getattr(best, f.name)).all() for f in fields(best))
     low = open_reel(reel, "low").at(0.2)
@@ -50,18 +50,18 @@ def test_the_best_is_read_where_none_is_named(reel):
     assert (low.means != best.means).any()
 
 
-def test_a_rendition_that_is_not_there(reel):
+def test_missing_rendition_is_named(reel):
     with pytest.raises(ReelError, match=r"manifest\.json: has no rendition 'best'; it has high, medium, low"):
         ReelReader(reel, "best")
 
 
-def test_verify_reads_all_of_them(reel):
+def test_verify_reads_all_renditions(reel):
     found = verify_reel(reel)
     assert (found.files, found.groups, found.layers) == (9, 2, 2)
     assert found.bytes == sum(file.stat().st_size for file in reel.glob("*/*"))
 
 
-def test_damage_in_any_rendition_is_found(reel, tmp_path):
+def test_verify_finds_damage_in_any_rendition(reel, tmp_path):
     write_golden(tmp_path / "reel", "predictive", RATES)
     file = tmp_path / "reel" / "groups" / "0001.low.safetensors"
     file.write_bytes(file.read_bytes()[:-1])
@@ -69,7 +69,7 @@ def test_damage_in_any_rendition_is_found(reel, tmp_path):
         verify_reel(tmp_path / "reel")
 
 
-def test_resuming_keeps_what_is_whole_in_all_renditions(tmp_path):
+def test_resume_keeps_groups_intact_in_all_renditions(tmp_path):
     config = EncodeConfig(renditions=("high", "low"))
     writer = new_writer(tmp_path, config=config)
     for index in range(2):
@@ -81,7 +81,7 @@ def test_resuming_keeps_what_is_whole_in_all_renditions(tmp_path):
     assert list((tmp_path / "groups").iterdir()) == []
 
 
-def test_layers_come_back_as_the_best_has_them(tmp_path):
+def test_layers_use_the_best_rendition(tmp_path):
     born = points(30)
     one, _ = new_writer(tmp_path / "one", config=EncodeConfig(coarseness=0.3)).add_layer(0, 0, born)
     both, _ = new_writer(tmp_path / "both", config=EncodeConfig(renditions=("high", "low"))).add_layer(0, 0, born)

@@ -1,4 +1,4 @@
-"""Publishing to a bucket whose server fails, trickles, cuts uploads, spoils them, or answers with wrong tags."""
+"""Publication to a bucket whose server fails, stalls, truncates or corrupts uploads, or returns wrong tags."""
 
 import threading
 import time
@@ -10,14 +10,14 @@ import pytest
 from splatreel.codec.publication import Publication
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReelError, StorageError
-from splatreel.storage.opening import open_folder
+from splatreel.storage.addresses import open_folder
 from splatreel.storage.retrying import RetryingFolder
 from tests.buckets import CREDENTIALS, Bucket, by_tags_first
 from tests.codec.reels import write_reel
 
 
 class Faults:
-    """A WSGI app before another, which spoils uploads. fault: of `FAULTS`, for the first `left` of them."""
+    """WSGI middleware that corrupts the first `left` uploads with a `fault` of `FAULTS`."""
 
     def __init__(self, app: Any) -> None:
         self.app, self.fault, self.left, self.met = app, "", 0, 0
@@ -40,7 +40,7 @@ class Faults:
         return self.app(environ, start_response)
 
     def cuts(self, environ: dict[str, Any], start_response: Any) -> Iterable[bytes]:
-        """Take half of what is sent, and refuse it as incomplete."""
+        """Accept half of the data and refuse it as incomplete."""
         environ["wsgi.input"].read(int(environ.get("CONTENT_LENGTH") or 0) // 2)
         start_response("400 Bad Request", [("Content-Type", "application/xml"), ("Connection", "close")])
         return [
@@ -76,7 +76,7 @@ def server() -> Iterator[tuple[str, Faults]]:
 
 @pytest.fixture(autouse=True)
 def no_shared_clients() -> Iterator[None]:
-    """fsspec keeps clients by their arguments, which do not name the server: other tests would be sent to this one."""
+    """Clear fsspec's client cache, whose keys do not include the server."""
     s3fs = pytest.importorskip("s3fs")
     s3fs.S3FileSystem.clear_instance_cache()
     yield
@@ -99,7 +99,9 @@ def faulty(server: tuple[str, Faults], monkeypatch: pytest.MonkeyPatch) -> tuple
 
 
 @pytest.mark.parametrize(("fault", "times"), [("fails", 2), ("is_slow", 100), ("cuts", 2), ("tags_wrongly", 100)])
-def test_a_reel_is_whole_after_faults(faulty: tuple[Bucket, Faults], tmp_path: Any, fault: str, times: int) -> None:
+def test_publication_is_complete_after_s3_faults(
+    faulty: tuple[Bucket, Faults], tmp_path: Any, fault: str, times: int
+) -> None:
     bucket, faults = faulty
     reel = write_reel(tmp_path / "reel")
     faults.fault, faults.left = fault, times
@@ -114,7 +116,7 @@ def test_a_reel_is_whole_after_faults(faulty: tuple[Bucket, Faults], tmp_path: A
     assert again.sent == 0
 
 
-def test_a_server_that_always_fails_leaves_no_half_reel(faulty: tuple[Bucket, Faults], tmp_path: Any) -> None:
+def test_failing_server_leaves_no_partial_reel(faulty: tuple[Bucket, Faults], tmp_path: Any) -> None:
     bucket, faults = faulty
     reel = write_reel(tmp_path / "reel")
     faults.fault, faults.left = "fails", 1000
@@ -126,7 +128,7 @@ def test_a_server_that_always_fails_leaves_no_half_reel(faulty: tuple[Bucket, Fa
     verify_reel(bucket.url("reel"))
 
 
-def test_what_a_server_spoils_silently_is_found_by_readers(faulty: tuple[Bucket, Faults], tmp_path: Any) -> None:
+def test_readers_find_silent_corruption(faulty: tuple[Bucket, Faults], tmp_path: Any) -> None:
     bucket, _ = faulty
     reel = write_reel(tmp_path / "reel")
     Publication(reel, open_folder(bucket.url("reel"))).update()

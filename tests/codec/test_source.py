@@ -1,4 +1,4 @@
-"""Reels over HTTP: the same as from disk, and no way out of the host."""
+"""Reels over HTTP equal those on disk, and no request leaves the host."""
 
 import contextlib
 import dataclasses
@@ -49,11 +49,11 @@ def url():
 
 
 @pytest.mark.parametrize("end", ["", "/", "/manifest.json"])
-def test_over_http(url, end):
+def test_files_are_read_over_http(url, end):
     assert ReelReader(f"{url}/golden{end}").manifest.to_json() == ReelReader(GOLDEN).manifest.to_json()
 
 
-def test_whole_reel_over_http(url):
+def test_reel_is_read_over_http(url):
     here = verify_reel(GOLDEN)
     assert here.strangers == ["expected.json", "expected.npz"]
     assert verify_reel(f"{url}/golden") == dataclasses.replace(
@@ -61,25 +61,25 @@ def test_whole_reel_over_http(url):
     )  # a server does not say what else it has
 
 
-def test_a_reel_in_pages_over_http(url):
+def test_paged_reel_is_read_over_http(url):
     assert verify_reel(f"{url}/golden-long").groups == 10
     assert ReelReader(f"{url}/golden-window").manifest.layers == ReelReader(WINDOW).manifest.layers
 
 
-def test_pages_that_take_too_long_together_are_an_error(monkeypatch):
+def test_slow_pages_share_a_deadline(monkeypatch):
     monkeypatch.setattr("splatreel.codec.source.PATIENCE", -1.0)
-    with pytest.raises(ReelError, match=r"pages/0000\d+\.json: was not asked for"):
+    with pytest.raises(ReelError, match=r"pages/0000\d+\.json: was not requested"):
         ReelReader(LONG)
     monkeypatch.setattr("splatreel.codec.source.PATIENCE", 60.0)
     assert len(ReelReader(LONG).manifest.pages) == 4
 
 
-def test_missing_reel(url):
+def test_missing_reel_is_named(url):
     with pytest.raises(ReelError, match=r"http://.*manifest\.json: cannot be fetched \(HTTP Error 404"):
         ReelReader(f"{url}/nothing")
 
 
-def test_redirect_to_another_host(url):
+def test_redirect_to_another_host_is_refused(url):
     with pytest.raises(ReelError, match="another host"):
         ReelReader(f"{url}/elsewhere/")
 
@@ -94,7 +94,7 @@ def test_redirect_to_another_host(url):
         ("https://a.example/reel/", "https://a.example/there/manifest.json", None),
     ],
 )
-def test_redirects_never_give_up_encryption(asked, newurl, said):
+def test_redirect_from_https_to_http_is_refused(asked, newurl, said):
     handler, request = _SameHost(*urlsplit(asked)[:2]), urllib.request.Request(asked)
     if said is None:
         assert handler.redirect_request(request, io.BytesIO(), 302, "Found", HTTPMessage(), newurl).full_url == newurl
@@ -103,49 +103,49 @@ def test_redirects_never_give_up_encryption(asked, newurl, said):
             handler.redirect_request(request, io.BytesIO(), 302, "Found", HTTPMessage(), newurl)
 
 
-def test_nobody_answers():
+def test_unreachable_server_is_an_error():
     with pytest.raises(ReelError, match="cannot be fetched"):
         ReelReader("http://127.0.0.1:9/reel")
 
 
 @pytest.fixture
 def stored(bucket):
-    """The golden reel in a bucket, under its own names."""
+    """Return the golden reel in a bucket under its own names."""
     for path in GOLDEN.rglob("*.*"):
         bucket.client.put_object(Bucket=bucket.name, Key=f"a/{path.relative_to(GOLDEN)}", Body=path.read_bytes())
     return bucket.url("a")
 
 
 @pytest.mark.parametrize("end", ["", "/", "/manifest.json"])
-def test_whole_reel_in_a_bucket(stored, end):
+def test_reel_is_read_from_a_bucket(stored, end):
     assert verify_reel(f"{stored}{end}") == dataclasses.replace(verify_reel(GOLDEN), strangers=[])
 
 
-def test_a_path_may_be_written_as_an_address(tmp_path):
+def test_file_url_is_a_path(tmp_path):
     reel = shutil.copytree(GOLDEN, tmp_path / "a reel")
     assert verify_reel(reel.as_uri()).points == verify_reel(GOLDEN).points
     with pytest.raises(ReelError, match="three slashes"):
         open_source("file://host/reel")
 
 
-def test_missing_reel_in_a_bucket(bucket):
+def test_missing_reel_in_a_bucket_is_named(bucket):
     with pytest.raises(ReelError, match=r"s3://.*/nothing/manifest\.json: cannot be fetched \(it is not there\)"):
         ReelReader(bucket.url("nothing"))
 
 
-def test_a_bucket_that_is_not_there(bucket):
+def test_missing_bucket_is_an_error(bucket):
     with pytest.raises(ReelError, match=r"s3://no-such-bucket/reel/manifest\.json: cannot be"):
         ReelReader("s3://no-such-bucket/reel")
 
 
-def test_an_address_of_no_known_kind():
+def test_unknown_protocol_is_refused():
     pytest.importorskip("fsspec", reason="needs the extra cloud")
     with pytest.raises(ReelError, match=r"nix://a/b: is no address of a folder"):
         ReelReader("nix://a/b")
 
 
 @pytest.mark.parametrize("where", ["disk", "web", "bucket"])
-def test_longer_than_allowed(url, where, request):
+def test_too_long_file_is_refused(url, where, request):
     places = {
         "disk": lambda: GOLDEN,
         "web": lambda: f"{url}/golden",
@@ -156,14 +156,14 @@ def test_longer_than_allowed(url, where, request):
         source.read("manifest.json", 10)
 
 
-def test_a_server_that_trickles(url, monkeypatch):
+def test_slow_server_hits_the_deadline(url, monkeypatch):
     monkeypatch.setattr("splatreel.codec.source.PATIENCE", -1.0)
     with pytest.raises(ReelError, match="cannot be fetched"):
         ReelReader(f"{url}/golden")
 
 
-def test_a_server_whose_head_trickles_is_given_up(monkeypatch):
-    """A byte of a header every now and then would pass the timeout of every single read."""
+def test_slow_response_header_hits_the_deadline(monkeypatch):
+    """A server that sends a byte of the header now and then never exceeds the socket timeout."""
     monkeypatch.setattr("splatreel.codec.source.HEAD", 0.5)
     sent, most = [], 2400  # two minutes of it
     with socket.create_server(("127.0.0.1", 0)) as server:
@@ -184,14 +184,14 @@ def test_a_server_whose_head_trickles_is_given_up(monkeypatch):
 
 
 @pytest.mark.parametrize("address", ["http://[", "http://host:port/reel", "http://host:99999999/"])
-def test_what_is_no_address(address):
+def test_invalid_url_is_refused(address):
     with pytest.raises(ReelError, match=r"is no address|cannot be fetched"):
         ReelReader(address)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes")
 @pytest.mark.parametrize("uri", ["manifest.json", "groups/0000.safetensors"])
-def test_a_pipe_in_a_reel_is_not_waited_for(tmp_path, uri):
+def test_pipe_in_a_reel_does_not_block(tmp_path, uri):
     reel = shutil.copytree(GOLDEN, tmp_path / "reel")
     (reel / uri).unlink()
     os.mkfifo(reel / uri)

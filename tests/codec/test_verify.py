@@ -1,4 +1,4 @@
-"""Every lie of a reel is found and named."""
+"""Verification finds and names every fault of a reel."""
 
 import json
 import struct
@@ -20,24 +20,24 @@ def reel(tmp_path):
     return write_reel(tmp_path / "reel")
 
 
-def test_a_good_reel(reel):
+def test_verify_accepts_a_good_reel(reel):
     found = verify_reel(reel)
     assert (found.files, found.layers, found.groups, found.points) == (5, 2, 2, 60)
     assert verify_reel(reel / "manifest.json") == found
 
 
-def test_no_reel(tmp_path):
+def test_verify_names_a_missing_reel(tmp_path):
     with pytest.raises(ReelError, match=r"manifest\.json: cannot be read"):
         verify_reel(tmp_path)
 
 
-def test_missing_file(reel):
+def test_verify_names_a_missing_file(reel):
     (reel / "groups/0001.safetensors").unlink()
     with pytest.raises(ReelError, match=r"0001\.safetensors: cannot be read"):
         verify_reel(reel)
 
 
-def test_truncated_and_flipped_files_are_both_named(reel):
+def test_verify_names_all_damaged_files(reel):
     group, layer = reel / "groups/0000.safetensors", reel / "layers/0001.safetensors"
     group.write_bytes(group.read_bytes()[:-1])
     data = bytearray(layer.read_bytes())
@@ -50,7 +50,7 @@ def test_truncated_and_flipped_files_are_both_named(reel):
 
 
 def forge(reel, kind, section, **change):
-    """Change a section's parameters in file 0 of a kind, with digests that agree."""
+    """Change a section's parameters in file 0 of a kind, with matching digests."""
     file = reel / kind / "0000.safetensors"
     header, sections = unpack_file(file.read_bytes())
     sections[section] = Section(sections[section].data, sections[section].parameters | change)
@@ -69,14 +69,14 @@ def forge(reel, kind, section, **change):
         ("groups", "alive", {"codec": "linear"}),
     ],
 )
-def test_forged_sections(reel, kind, section, change):
+def test_verify_finds_forged_sections(reel, kind, section, change):
     forge(reel, kind, section, **change)
     with pytest.raises(ReelError, match=rf"{kind}/0000\.safetensors: section '{section}'"):
         verify_reel(reel)
 
 
-def test_nan_in_a_file(reel):
-    """JSON has no NaN, but Python's parser takes it."""
+def test_verify_finds_nan(reel):
+    """JSON has no NaN, but Python's parser accepts it."""
     file = reel / "layers/0000.safetensors"
     data = file.read_bytes()
     (size,) = struct.unpack_from("<Q", data)
@@ -98,19 +98,19 @@ def test_nan_in_a_file(reel):
         (lambda d: d["groups"][1].update(first_frame=9), "0001"),
         (lambda d: d["groups"][0].update(frames=2), "0000"),
         (lambda d: d["layers"][0].update(points=21), "0000"),
-        (lambda d: d["layers"].pop(), "'alive' holds 30 bits, the layers that live then 20"),
+        (lambda d: d["layers"].pop(), "'alive' holds 30 bits, the layers that live at the group 20"),
         (lambda d: d["groups"][0].update(bytes=10), "0000"),
         (lambda d: d.update(sh_degree=0), "SH degree 1"),
         (lambda d: d["groups"][1].update(uri="groups/0000.safetensors"), "0000"),
     ],
 )
-def test_manifest_that_does_not_fit_its_files(reel, change, message):
+def test_verify_finds_manifest_mismatch(reel, change, message):
     edit_manifest(reel, change)
     with pytest.raises(ReelError, match=message):
         verify_reel(reel)
 
 
-def test_info_adds_up():
+def test_info_sizes_add_up():
     info = reel_info(GOLDEN)
     files = [file for file in GOLDEN.rglob("*") if file.suffix == ".safetensors"]
     sizes = sum(file.stat().st_size for file in files)
@@ -123,7 +123,7 @@ def test_info_adds_up():
     assert info.float32_bytes == 4 * (59 * 390 + 7 * 8 * 190)
 
 
-def test_a_reader_keeps_what_it_decoded(reel):
+def test_reader_caches_decoded_files(reel):
     reader = ReelReader(reel)
     assert reader.group(0) is reader.group(0)
     static, born = reader.static(1)

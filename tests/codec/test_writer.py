@@ -1,4 +1,4 @@
-"""Writing reels: the closed loop, atomic publishing, resuming, a full disk."""
+"""Writing reels: decoded results, atomic updates, resuming, a full disk."""
 
 import dataclasses
 import hashlib
@@ -23,8 +23,8 @@ def assert_same(a, b):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name))
 
 
-def test_closed_loop(tmp_path):
-    """What add_layer and add_group return is exactly what a reader gets, and order leads back to the input."""
+def test_writer_returns_what_readers_decode(tmp_path):
+    """`add_layer` and `add_group` return the data that a reader gets, and the order maps it to the input."""
     writer = new_writer(tmp_path)
     static = points(30)
     layer, order = writer.add_layer(0, 0, static)
@@ -42,7 +42,7 @@ def test_closed_loop(tmp_path):
 
 
 def test_offsets_follow_their_points(tmp_path):
-    """Each decoded point has the motion of the input point it came from."""
+    """Each decoded point has the motion of its input point."""
     group = new_group(0, 200, 0)
     decoded = new_writer(tmp_path).add_group(group)
     distance = np.linalg.norm(decoded.dynamic.means[:, None] - group.dynamic.means, axis=-1)
@@ -51,7 +51,7 @@ def test_offsets_follow_their_points(tmp_path):
     np.testing.assert_allclose(decoded.dx, group.dx[:, source], atol=0.01)
 
 
-def test_manifest_grows_and_is_finished(tmp_path):
+def test_manifest_grows_until_finished(tmp_path):
     writer = new_writer(tmp_path)
     writer.add_layer(0, 0, points(5))
     assert not (tmp_path / "manifest.json").exists()
@@ -67,12 +67,12 @@ def test_manifest_grows_and_is_finished(tmp_path):
     assert final.layers[0].sha256 == hashlib.sha256(data).hexdigest()
 
 
-def test_same_input_same_reel(tmp_path):
+def test_reel_bytes_are_reproducible(tmp_path):
     assert contents(write_reel(tmp_path / "a")) == contents(write_reel(tmp_path / "b"))
 
 
 @pytest.mark.parametrize(("static", "dynamic", "frames"), [(0, 0, 1), (0, 3, 1), (3, 0, 4), (1, 1, 1)])
-def test_smallest_groups(tmp_path, static, dynamic, frames):
+def test_smallest_groups_round_trip(tmp_path, static, dynamic, frames):
     writer = new_writer(tmp_path)
     writer.add_layer(0, 0, points(static))
     writer.add_group(new_group(0, dynamic, static, frames=frames))
@@ -82,7 +82,7 @@ def test_smallest_groups(tmp_path, static, dynamic, frames):
     assert (group.frames, len(group.dynamic), len(group.alive)) == (frames, dynamic, static)
 
 
-def test_resume_goes_on_where_it_stopped(tmp_path):
+def test_resume_continues_after_the_last_group(tmp_path):
     whole = write_reel(tmp_path / "whole", groups=3)
     writer = new_writer(tmp_path / "cut")
     writer.add_layer(0, 0, points(20, seed=0))
@@ -112,7 +112,7 @@ def test_adding_an_earlier_group_drops_the_later_ones(tmp_path):
 
 
 @pytest.mark.parametrize("uri", ["layers/0001.safetensors", "groups/0001.safetensors"])
-def test_resume_keeps_only_what_is_whole(tmp_path, uri):
+def test_resume_keeps_only_intact_groups(tmp_path, uri):
     path = write_reel(tmp_path, groups=3)
     file = path / uri
     file.write_bytes(file.read_bytes()[:-1])
@@ -124,7 +124,7 @@ def test_resume_keeps_only_what_is_whole(tmp_path, uri):
 
 
 @pytest.mark.parametrize("uri", ["layers/0001.safetensors", "groups/0001.safetensors"])
-def test_resume_drops_what_is_damaged_though_as_long_as_before(tmp_path, uri):
+def test_resume_drops_damaged_files_of_the_right_length(tmp_path, uri):
     path = write_reel(tmp_path, groups=3)
     data = bytearray((path / uri).read_bytes())
     data[-5] ^= 1
@@ -133,7 +133,7 @@ def test_resume_drops_what_is_damaged_though_as_long_as_before(tmp_path, uri):
     assert verify_reel(path).groups == 1
 
 
-def test_resume_drops_pictures_that_are_damaged(tmp_path):
+def test_resume_drops_damaged_images(tmp_path):
     writer = new_writer(tmp_path)
     writer.add_group(new_group(0, 5, 0))
     poster = Poster(writer.write_asset("poster.jpg", b"a picture"), 4, 3)
@@ -154,14 +154,14 @@ def test_resume_drops_pictures_that_are_damaged(tmp_path):
         ({"background": (2.0, 0, 0)}, "background"),
     ],
 )
-def test_what_no_reader_takes_is_refused_before_anything_is_written(tmp_path, change, message):
+def test_invalid_header_is_refused_before_writing(tmp_path, change, message):
     with pytest.raises(ReelError, match=message):
         new_writer(tmp_path / "reel", **change)
     assert not (tmp_path / "reel").exists()
 
 
 @pytest.mark.parametrize("unit", [1e-12, 1e12])
-def test_a_scene_may_be_of_any_unit(tmp_path, unit):
+def test_scenes_of_any_scale_round_trip(tmp_path, unit):
     config = EncodeConfig()
     writer = new_writer(tmp_path, near=0.01 * unit, bounds=unit * np.array([[-1.0, -1, -1], [1, 1, 1]]), config=config)
     one, group = points(30), new_group(0, 20, 30)
@@ -176,20 +176,20 @@ def test_a_scene_may_be_of_any_unit(tmp_path, unit):
     assert 0 < np.abs(reel.group(0).dx).max() / unit < 10
 
 
-def test_without_resume_an_old_reel_is_dropped(tmp_path):
+def test_without_resume_the_old_reel_is_dropped(tmp_path):
     new_writer(write_reel(tmp_path))
     assert contents(tmp_path) == {}
 
 
 @pytest.mark.parametrize("alive", [0, 19, 21])
-def test_alive_must_fit_the_layers(tmp_path, alive):
+def test_wrong_alive_length_is_refused(tmp_path, alive):
     writer = new_writer(tmp_path)
     writer.add_layer(0, 0, points(20))
-    with pytest.raises(ReelError, match=f"{alive} static points .* hold 20"):
+    with pytest.raises(ReelError, match=f"{alive} static points.* hold 20"):
         writer.add_group(new_group(0, 3, alive))
 
 
-def test_groups_come_in_order(tmp_path):
+def test_groups_out_of_order_are_refused(tmp_path):
     writer = new_writer(tmp_path)
     with pytest.raises(ReelError, match="the next one is 0"):
         writer.add_group(new_group(1, 3, 0))

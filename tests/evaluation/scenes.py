@@ -1,4 +1,4 @@
-"""A reel with known Gaussians, and a capture that films exactly those."""
+"""A reel with known Gaussians, and a capture that renders them."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from splatreel.codec.header import ReelHeader
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
-from splatreel.evaluation.bench import cloud, front_camera, swinging_group
+from splatreel.evaluation.bench.microbenchmarks import cloud, front_camera, swinging_group
 from splatreel.kernels.image import render_image
 from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
 from splatreel.scene.camera import Camera
@@ -21,7 +21,7 @@ WIDTH, HEIGHT = 64, 48
 
 
 def cameras() -> list[Camera]:
-    """Five cameras side by side."""
+    """Return five cameras side by side."""
     made = []
     for i in range(5):
         camera = front_camera(WIDTH, HEIGHT)
@@ -32,7 +32,7 @@ def cameras() -> list[Camera]:
 
 
 def group() -> Group:
-    """Moving points over 100 static ones, of which all but the first ten are alive."""
+    """Return dynamic points over 100 static ones, of which all except the first ten are alive."""
     moving = swinging_group(200, FRAMES)
     return Group(0, 0, moving.dynamic, moving.dx, moving.dq, np.arange(100) >= 10)
 
@@ -42,12 +42,12 @@ def static() -> Gaussians:
 
 
 def truth(frame: int) -> Gaussians:
-    """What the reel should show at a frame."""
+    """Return the points that the reel should show at a frame."""
     return Gaussians.concatenate([static()[10:], group().at(frame)])
 
 
 class FilmedCapture(Capture):
-    """Films `truth` by rendering it, to 8 bits."""
+    """Capture that renders `truth` with 8 bits."""
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         for t in range(len(out)):
@@ -62,7 +62,7 @@ def capture(path: Path, held_out: list[str] | None = None) -> FilmedCapture:
 
 
 def write_reel(path: Path) -> Path:
-    """The scene as a reel of one group, the layer's alive bits in the order it was stored in."""
+    """Write the scene as a reel of one group, with alive flags in the order of the stored layer."""
     training = [c for c in cameras() if c.name not in ("cam00", "cam03")]
     header = ReelHeader(
         fps=30,
@@ -83,7 +83,7 @@ def write_reel(path: Path) -> Path:
 
 
 def write_run(path: Path) -> Path:
-    """The scene as the output folder of a reconstruction: its reel, and the checkpoints it was made of."""
+    """Write the scene as the output folder of a reconstruction, with its reel and checkpoints."""
     reel = write_reel(path / "reel")
     store = Store(path / "work")
     store.save_header(ReelReader(reel).manifest)

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from splatreel.evaluation.comparison import comparison, write_png
+from splatreel.evaluation.evaluate import comparison, write_png
 
 
 def test_comparison_shows_truth_render_and_error(tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ def reel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return scenes.write_reel(tmp_path_factory.mktemp("evaluate") / "reel")
 
 
-def test_a_good_reel_scores_high_and_is_reported_whole(reel: Path, tmp_path: Path) -> None:
+def test_good_reel_scores_high_with_a_complete_report(reel: Path, tmp_path: Path) -> None:
     report = evaluate(
         reel,
         scenes.capture(tmp_path),
@@ -54,14 +54,14 @@ def test_a_good_reel_scores_high_and_is_reported_whole(reel: Path, tmp_path: Pat
 
 
 class Mirrored(scenes.FilmedCapture):
-    """Films the scene with left and right swapped."""
+    """Capture of the mirrored scene."""
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         super()._read_into(out, first, cameras)
         out[:] = out[:, :, :, ::-1].copy()
 
 
-def test_a_wrong_picture_scores_low(reel: Path, tmp_path: Path) -> None:
+def test_wrong_image_scores_low(reel: Path, tmp_path: Path) -> None:
     true = scenes.capture(tmp_path)
     wrong = Mirrored(tmp_path, true.cameras, held_out=true.held_out, frame_range=(0, scenes.FRAMES), fps=30)
     good, bad = evaluate(reel, true, frames=[0]), evaluate(reel, wrong, frames=[0])
@@ -79,8 +79,8 @@ def test_frames_and_cameras_can_be_chosen(reel: Path, tmp_path: Path) -> None:
     assert [f for f in whole.per_frame if f["frame"] in (0, 4)] == report.per_frame
 
 
-def test_training_views_are_called_that(reel: Path, tmp_path: Path) -> None:
-    """As after `--hold-out none`: the reel has seen what the capture would hold out."""
+def test_report_names_training_views(reel: Path, tmp_path: Path) -> None:
+    """As after `--hold-out none`: the reel was trained on the cameras that the capture would hold out."""
     report = evaluate(reel, scenes.capture(tmp_path, held_out=["cam01", "cam02"]), frames=[0], out=tmp_path)
     assert report.held_out == []
     text = (tmp_path / "report.md").read_text()
@@ -92,7 +92,7 @@ def test_training_views_are_called_that(reel: Path, tmp_path: Path) -> None:
         evaluate(reel, scenes.capture(tmp_path), cameras=["cam00", "cam01"])
 
 
-def test_a_camera_that_training_put_right_is_still_the_captures(tmp_path: Path) -> None:
+def test_camera_with_corrected_pose_still_matches(tmp_path: Path) -> None:
     many = [replace(c, name=f"cam{i}") for i, c in enumerate(scenes.cameras()[1:])]
     manifest = ReelReader(scenes.write_reel(tmp_path / "reel")).manifest
     capture = scenes.FilmedCapture(tmp_path, many, held_out=[], frame_range=(0, 1))
@@ -103,7 +103,7 @@ def test_a_camera_that_training_put_right_is_still_the_captures(tmp_path: Path) 
         check_same_capture(wrong, capture, "reel")
 
 
-def test_requests_that_do_not_fit_are_refused(reel: Path, tmp_path: Path) -> None:
+def test_invalid_requests_are_refused(reel: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no camera is held out"):
         evaluate(reel, scenes.capture(tmp_path, held_out=[]))
     with pytest.raises(UsageError, match=r"\[5\].*0 to 4"):
@@ -114,14 +114,14 @@ def test_requests_that_do_not_fit_are_refused(reel: Path, tmp_path: Path) -> Non
         evaluate(reel, other)
 
 
-def test_the_report_on_disk_is_json_without_surprises(reel: Path, tmp_path: Path) -> None:
+def test_report_file_is_valid_json(reel: Path, tmp_path: Path) -> None:
     evaluate(reel, scenes.capture(tmp_path), out=tmp_path, frames=[2])
     values = json.loads((tmp_path / "report.json").read_text())
     assert values["lpips"] is None or 0 <= values["lpips"] <= 1
     assert values["peak_memory_bytes"] > 10_000_000
 
 
-def test_frames_are_chosen_from_those_that_the_reel_has() -> None:
+def test_choose_frames_uses_the_reels_range() -> None:
     assert choose_frames(5, None) == [0, 1, 2, 3, 4]
     assert choose_frames(5, None, 3) == [3, 4]
     assert choose_frames(5, [4, 3, 4], 3) == [3, 4]

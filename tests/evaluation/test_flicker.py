@@ -1,4 +1,4 @@
-"""Pictures whose steps are off by a known amount."""
+"""Flicker of images whose changes have a known error."""
 
 import dataclasses
 
@@ -14,7 +14,7 @@ def pictures(levels: list[float]) -> list[np.ndarray]:
     return [np.full((4, 6, 3), level / 255, np.float32) for level in levels]
 
 
-def test_what_moves_with_the_truth_does_not_flicker() -> None:
+def test_motion_like_the_truth_has_no_flicker() -> None:
     flicker = Flicker(set())
     truths = pictures([10, 30, 90, 20])
     for frame, truth in enumerate(truths):
@@ -23,7 +23,7 @@ def test_what_moves_with_the_truth_does_not_flicker() -> None:
     assert flicker.mean(at_borders=True) is None
 
 
-def test_steps_are_told_apart_by_where_they_lead() -> None:
+def test_flicker_separates_borders_from_other_frames() -> None:
     flicker = Flicker({2})
     truth = pictures([50])[0]
     for frame, image in enumerate(pictures([50, 51, 56, 56])):
@@ -33,14 +33,14 @@ def test_steps_are_told_apart_by_where_they_lead() -> None:
     assert flicker.mean(at_borders=False) == pytest.approx(0.5, abs=1e-3)
 
 
-def test_frames_that_do_not_follow_each_other_make_no_step() -> None:
+def test_flicker_ignores_nonconsecutive_frames() -> None:
     flicker = Flicker(set())
     for frame, image in zip([0, 4, 8], pictures([0, 50, 100]), strict=True):
         flicker.add(frame, "a", image, image * 0)
     assert flicker.mean(at_borders=False) is None
 
 
-def test_borders_are_the_steps_of_a_cross_fade_or_the_cut(tmp_path) -> None:
+def test_border_frames_cover_cross_fades_and_cuts(tmp_path) -> None:
     manifest = ReelReader(scenes.write_reel(tmp_path / "reel")).manifest
     assert border_frames(manifest) == set(), "one group has none"
     first = manifest.groups[0]

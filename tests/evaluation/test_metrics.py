@@ -20,7 +20,7 @@ def test_psnr_of_a_constant_difference_is_known() -> None:
     assert psnr_per_channel(gray(0.5), gray(0.6)) == pytest.approx(20.0, abs=1e-4)
 
 
-def test_psnr_pools_channels_and_the_other_averages_them() -> None:
+def test_psnr_pools_channels_and_psnr_per_channel_averages_them() -> None:
     image = gray(0.5)
     image[..., 0] += 0.1
     image[..., 1] += 0.01
@@ -29,17 +29,17 @@ def test_psnr_pools_channels_and_the_other_averages_them() -> None:
     assert psnr_per_channel(image, gray(0.5)) == pytest.approx(40.0, abs=1e-2)
 
 
-def test_equal_images() -> None:
+def test_equal_images_score_the_maximum() -> None:
     assert psnr(noise(0), noise(0)) == PSNR_MAX
     assert ssim(noise(0), noise(0)) == pytest.approx(1.0, abs=1e-6)
 
 
 def half() -> np.ndarray:
-    """A mask of the upper ten rows."""
+    """Return a mask of the upper ten rows."""
     return np.arange(20)[:, None].repeat(30, 1) < 10
 
 
-def test_only_the_chosen_pixels_count() -> None:
+def test_metrics_use_only_masked_pixels() -> None:
     image = gray(0.5)
     image[half()] += 0.1
     for metric in (psnr, psnr_per_channel):
@@ -53,14 +53,14 @@ def test_only_the_chosen_pixels_count() -> None:
 
 
 @pytest.mark.parametrize("mask", [np.zeros((20, 30), bool), np.ones((20, 31), bool), np.ones((20, 30))])
-def test_masks_that_choose_nothing_are_refused(mask: np.ndarray) -> None:
+def test_empty_masks_are_refused(mask: np.ndarray) -> None:
     for metric in (psnr, psnr_per_channel, ssim):
         with pytest.raises(UsageError, match="does not choose pixels"):
             metric(noise(1), noise(2), mask)
 
 
 def slow_ssim(x: np.ndarray, y: np.ndarray) -> float:
-    """The definition with the 121 weights written out, zero padded."""
+    """Compute SSIM by its definition with 121 explicit weights and zero padding."""
     line = np.exp(-((np.arange(11) - 5.0) ** 2) / (2 * 1.5**2))
     weights = np.outer(line, line) / line.sum() ** 2
 
@@ -80,7 +80,7 @@ def test_ssim_agrees_with_its_definition() -> None:
 
 
 @given(st.integers(0, 1000), st.floats(0.01, 0.3))
-def test_more_noise_is_worse(seed: int, amount: float) -> None:
+def test_metrics_fall_with_noise(seed: int, amount: float) -> None:
     truth, disturbance = noise(seed), noise(seed + 1) - 0.5
     little, much = truth + amount * disturbance, truth + 2 * amount * disturbance
     assert psnr(little, truth) == pytest.approx(psnr(much, truth) + 20 * np.log10(2), abs=1e-2)
@@ -93,7 +93,7 @@ def test_ssim_is_symmetric() -> None:
 
 
 @pytest.mark.parametrize("metric", [psnr, psnr_per_channel, ssim])
-def test_images_that_do_not_fit_are_refused(metric) -> None:
+def test_images_of_different_shapes_are_refused(metric) -> None:
     with pytest.raises(UsageError, match=r"\(20, 30, 3\).*\(20, 31, 3\)"):
         metric(gray(0.5), gray(0.5, (20, 31, 3)))
     with pytest.raises(UsageError, match="uint8"):

@@ -14,7 +14,7 @@ torch = pytest.importorskip("torch")
 
 @pytest.fixture
 def lpips(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """A stand-in for the package; returns where its backbone's weights would lie."""
+    """Install a stand-in for the package and return the path of its backbone's weights."""
     module = types.ModuleType("lpips")
     module.__spec__ = importlib.util.spec_from_loader("lpips", None)
 
@@ -35,12 +35,12 @@ def lpips(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
     return tmp_path / "checkpoints" / perceptual.BACKBONE
 
 
-def test_nothing_is_downloaded(lpips: Path) -> None:
+def test_lpips_downloads_nothing(lpips: Path) -> None:
     assert not perceptual.available()
     assert perceptual.load() is None
 
 
-def test_with_weights_images_go_in_as_minus_one_to_one(lpips: Path) -> None:
+def test_lpips_receives_images_from_minus_one_to_one(lpips: Path) -> None:
     lpips.parent.mkdir()
     lpips.touch()
     distance = perceptual.load()

@@ -12,7 +12,7 @@ from tests.evaluation import scenes
 from tests.recon.small import FEW
 
 
-def test_the_longest_first_and_short_ones_left_out() -> None:
+def test_profile_lists_longest_functions_first() -> None:
     calls = {
         ("/x/splatreel/kernels/a.py", 7, "slow"): (2, 4, 3.0, 3.5, {}),
         ("~", 0, "<built-in sum>"): (1, 1, 0.99, 0.99, {}),
@@ -26,7 +26,7 @@ def test_the_longest_first_and_short_ones_left_out() -> None:
     assert "quick" not in text
 
 
-def test_what_ran_is_in_the_table_also_after_an_error(tmp_path: Path) -> None:
+def test_profile_is_written_after_an_error(tmp_path: Path) -> None:
     path = tmp_path / "profile.md"
     capture = scenes.capture(tmp_path, ["cam03"])
     with pytest.raises(CaptureError), profiled(path):
@@ -37,7 +37,7 @@ def test_what_ran_is_in_the_table_also_after_an_error(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["profile.md"]
 
 
-def test_a_folder_that_was_never_made_is_not_made(tmp_path: Path) -> None:
+def test_profile_creates_no_folder(tmp_path: Path) -> None:
     with profiled(tmp_path / "no" / "profile.md"):
         pass
     assert not (tmp_path / "no").exists()

@@ -56,7 +56,7 @@ def report(**changes: object) -> Report:
     return dataclasses.replace(values, **changes)
 
 
-def test_report_json_has_the_promised_fields_and_is_read_back(tmp_path: Path) -> None:
+def test_report_round_trips_with_all_fields(tmp_path: Path) -> None:
     report().write(tmp_path)
     values = json.loads((tmp_path / "report.json").read_text())
     assert set(values) == FIELDS | {"cameras", "per_frame", "trained_on", "held_out", "coverage"}
@@ -77,26 +77,26 @@ def test_markdown_states_the_numbers() -> None:
     assert "before encoding | not measured" in report(psnr_undecoded=None).to_markdown()
 
 
-def test_no_nan_goes_into_json() -> None:
+def test_report_refuses_nan() -> None:
     with pytest.raises(ValueError, match="not JSON compliant"):
         report(psnr=float("nan")).to_json()
 
 
 @pytest.mark.parametrize("content", ["{", "{}", '{"psnr": 1}', "[]"])
-def test_a_foreign_file_is_refused(tmp_path: Path, content: str) -> None:
+def test_foreign_report_is_refused(tmp_path: Path, content: str) -> None:
     path = tmp_path / "report.json"
     path.write_text(content)
     with pytest.raises(UsageError, match=r"report\.json: .*not a report"):
         Report.read(path)
 
 
-def test_means() -> None:
+def test_quality_mean_averages_each_metric() -> None:
     a, b = Quality(30.0, 31.0, 0.9, 0.1), Quality(32.0, 33.0, 0.8, 0.3)
     mean = Quality.mean([a, b])
     assert dataclasses.astuple(mean) == pytest.approx((31.0, 32.0, 0.85, 0.2))
     assert Quality.mean([a, dataclasses.replace(b, lpips=None)]).lpips is None
 
 
-def test_megabytes() -> None:
+def test_megabytes_formats_sizes() -> None:
     assert megabytes(2_500_000) == "2.5 MB"
     assert megabytes(1_234_567_890) == "1,235 MB"

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.codec.group_file import encode_group, encode_layer
-from splatreel.codec.sound import encode_sound
+from splatreel.codec.opus_sound import encode_sound
 from splatreel.config import EncodeConfig
 from splatreel.scene.group import Group
 from tests.codec.reels import points, write_reel

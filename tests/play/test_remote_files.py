@@ -11,7 +11,7 @@ from splatreel.errors import ReelError
 from splatreel.play import remote_files
 from splatreel.play.remote_files import RemoteFiles
 from splatreel.play.server import serve
-from splatreel.storage.opening import open_folder
+from splatreel.storage.addresses import open_folder
 from tests.codec.reels import add_chapter_group, new_writer, write_chapters, write_reel
 
 

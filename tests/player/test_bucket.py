@@ -9,7 +9,7 @@ from splatreel.codec.publication import Publication
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.play.server import Server
-from splatreel.storage.opening import open_folder
+from splatreel.storage.addresses import open_folder
 from tests.codec.reels import add_chapter_group, new_group, new_writer, points
 from tests.player.pages import PLAYER, expect_problems, wait_for_picture
 

@@ -1,4 +1,4 @@
-"""What is written is there whole or not at all, under names that nobody can guess, and what was left half made goes."""
+"""Atomic writes, random temporary names, and removal of files that killed programs left."""
 
 import os
 import subprocess
@@ -25,7 +25,7 @@ def names(folder: Path) -> list[str]:
     return sorted(path.name for path in folder.iterdir())
 
 
-def test_the_old_file_stays_until_the_new_one_is_whole(tmp_path: Path) -> None:
+def test_replacing_keeps_the_old_file_until_the_new_one_is_complete(tmp_path: Path) -> None:
     file = tmp_path / "folder" / "a.txt"
     file.parent.mkdir()
     write_bytes(file, b"old")
@@ -37,13 +37,13 @@ def test_the_old_file_stays_until_the_new_one_is_whole(tmp_path: Path) -> None:
     assert (names(file.parent), file.read_bytes()) == (["a.txt"], b"new")
 
 
-def test_permissions_are_those_of_any_new_file(tmp_path: Path) -> None:
+def test_replacing_uses_default_permissions(tmp_path: Path) -> None:
     (tmp_path / "plain").write_bytes(b"")
     write_bytes(tmp_path / "ours", b"")
     assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode
 
 
-def test_a_name_cannot_be_guessed_and_no_link_is_followed(tmp_path: Path) -> None:
+def test_temporary_names_are_random_and_links_are_not_followed(tmp_path: Path) -> None:
     victim, file = tmp_path / "victim", tmp_path / "a.txt"
     victim.write_bytes(b"mine")
     (tmp_path / f".a.txt.{os.getpid()}.tmp").symlink_to(victim)  # what the name used to be
@@ -57,7 +57,7 @@ def test_a_name_cannot_be_guessed_and_no_link_is_followed(tmp_path: Path) -> Non
 
 
 @pytest.mark.skipif(os.name != "posix", reason="locks of files")
-def test_what_a_killed_program_left_is_removed_by_the_next_and_what_a_living_one_needs_stays(tmp_path: Path) -> None:
+def test_sweep_removes_files_of_killed_programs_only(tmp_path: Path) -> None:
     assert subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], check=False).returncode == 9
     (tmp_path / ".mine.tmp").write_text("of somebody else")
     assert len(names(tmp_path)) == 3
@@ -68,7 +68,7 @@ def test_what_a_killed_program_left_is_removed_by_the_next_and_what_a_living_one
 
 
 @pytest.mark.skipif(os.name != "posix", reason="locks of files")
-def test_only_one_holds_a_lock(tmp_path: Path) -> None:
+def test_lock_is_exclusive(tmp_path: Path) -> None:
     first, second = (os.open(tmp_path, os.O_RDONLY) for _ in range(2))
     try:
         assert (lock(first), lock(second)) == (True, False)
@@ -77,12 +77,12 @@ def test_only_one_holds_a_lock(tmp_path: Path) -> None:
         os.close(second)
 
 
-def test_a_file_with_a_long_name(tmp_path: Path) -> None:
+def test_replacing_accepts_long_names(tmp_path: Path) -> None:
     write_bytes(tmp_path / ("a" * 250), b"whole")
     assert names(tmp_path) == ["a" * 250]
 
 
-def test_where_nothing_can_be_written_an_error_names_the_file(tmp_path: Path) -> None:
+def test_write_error_names_the_file(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(GaussiansError, match=r"file/a\.ply: could not be written"):
         write_bytes(tmp_path / "file" / "a.ply", b"")

@@ -10,7 +10,7 @@ K = np.array([[100, 0, 50], [0, 110, 40], [0, 0, 1.0]])
 
 
 def looking_at(center, target, name="c"):
-    """A camera at center that looks at target, y down as good as can be."""
+    """Return a camera at `center` that looks at `target`, with y down as far as possible."""
     forward = np.subtract(target, center) / np.linalg.norm(np.subtract(target, center))
     right = np.cross([0, 1.0, 0.1], forward)
     right /= np.linalg.norm(right)
@@ -26,8 +26,8 @@ def test_center_and_forward():
     np.testing.assert_allclose(camera.forward, [0, 0, 1], atol=1e-6)
 
 
-def test_resizing_keeps_what_a_pixel_sees():
-    """A point at a share of the image is at the same share of the resized one."""
+def test_resized_keeps_viewing_rays():
+    """A point keeps its relative position in the resized image."""
     camera = looking_at((0, 0, -4), (0, 0, 0))
     small = camera.resized(25, 40)
     point = camera.viewmat[:3, :3] @ (0.3, 0.2, 0.1) + camera.viewmat[:3, 3]
@@ -36,7 +36,7 @@ def test_resizing_keeps_what_a_pixel_sees():
     assert (small.width, small.height, camera.width) == (25, 40, 100)
 
 
-def test_a_camera_with_too_large_an_image_is_halved():
+def test_at_most_halves_large_images():
     camera = looking_at((0, 0, -4), (0, 0, 0))
     assert camera.at_most(100) is camera
     assert (camera.at_most(99).width, camera.at_most(99).height) == (50, 40)
@@ -64,6 +64,6 @@ def test_focus_point_of_parallel_cameras_is_finite():
         (np.full((4, 4), np.nan), K, "'left': viewmat holds NaN"),
     ],
 )
-def test_bad_cameras_are_refused(viewmat, intrinsics, message):
+def test_invalid_cameras_are_refused(viewmat, intrinsics, message):
     with pytest.raises(CaptureError, match=message):
         Camera("left", viewmat, intrinsics, 10, 10)

@@ -34,7 +34,7 @@ def test_five_bands_are_refused():
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_check_finite_names_what_is_bad(value):
+def test_check_finite_names_the_field(value):
     gaussians = points()
     gaussians.check_finite()
     gaussians.scales[1, 2] = value
@@ -42,8 +42,8 @@ def test_check_finite_names_what_is_bad(value):
         gaussians.check_finite("here")
 
 
-def test_moved():
-    """x + dx, q * dq (paper 4.2): the offset turns the point about its own axes first."""
+def test_moved_applies_offsets():
+    """x + dx, q * dq (paper 4.2): the offset rotates the point about its own axes first."""
     gaussians = points()
     dx = np.full((6, 3), 0.5)
     dq = np.tile([2.0, 0, 0, 2.0], (6, 1))  # not unit: a quarter turn about z
@@ -56,13 +56,13 @@ def test_moved():
 
 
 @pytest.mark.parametrize("weight", [0.0, 0.3, 0.5, 1.0])
-def test_two_faded_halves_absorb_what_one_does(weight):
+def test_complementary_fades_absorb_like_one_set(weight):
     gaussians = points()
     through = (1 - gaussians.faded(weight).opacities) * (1 - gaussians.faded(1 - weight).opacities)
     np.testing.assert_allclose(through, 1 - gaussians.opacities, atol=1e-4)
 
 
-def test_selecting():
+def test_indexing_selects_points():
     gaussians = points()
     mask = np.arange(6) % 2 == 0
     np.testing.assert_array_equal(gaussians[mask].means, gaussians.means[::2])
@@ -70,19 +70,19 @@ def test_selecting():
     assert len(gaussians[:0]) == 0
 
 
-def test_concatenating_pads_colours():
+def test_concatenate_pads_sh():
     joined = Gaussians.concatenate([points(2, 0), points(3, 2), Gaussians.empty(1)])
     assert (len(joined), joined.sh_degree) == (5, 2)
     np.testing.assert_array_equal(joined.sh[:2, 1:], 0)
     np.testing.assert_array_equal(joined.sh[2:], points(3, 2).sh)
 
 
-def test_empty():
+def test_empty_has_no_points():
     assert (len(Gaussians.empty()), Gaussians.empty(2).sh_degree) == (0, 2)
 
 
 @pytest.mark.parametrize("degree", [0, 3])
-def test_brightened_is_every_colour_times_the_factor(degree):
+def test_brightened_multiplies_every_color(degree):
     gaussians, factor = points(degree=degree), np.array([0.3, 1, 2.5], np.float32)
     view = camera("a", 0.5)
     np.testing.assert_allclose(

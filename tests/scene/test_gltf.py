@@ -1,4 +1,4 @@
-"""Binary glTF with KHR_gaussian_splatting, read back as any glTF reader would."""
+"""Binary glTF with KHR_gaussian_splatting, read by an independent reader."""
 
 import json
 import struct
@@ -17,7 +17,7 @@ TYPES = {5126: "<f4", 5121: "u1"}
 
 
 def read_glb(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
-    """The document, and the arrays of its only primitive's attributes."""
+    """Return the document and the attribute arrays of its only primitive."""
     data = path.read_bytes()
     magic, version, total = struct.unpack_from("<4sII", data)
     assert (magic, version, total) == (b"glTF", 2, len(data))
@@ -39,7 +39,7 @@ def read_glb(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
 
 
 @pytest.mark.parametrize("degree", [0, 2, 3])
-def test_comes_back_as_it_was(tmp_path: Path, degree: int) -> None:
+def test_glb_round_trips(tmp_path: Path, degree: int) -> None:
     given = random_gaussians(np.random.default_rng(degree), 50, degree, (1, -2, 3))
     write_glb(tmp_path / "f.glb", given, np.array([0, -1, 0]))
     document, arrays = read_glb(tmp_path / "f.glb")
@@ -59,7 +59,7 @@ def test_comes_back_as_it_was(tmp_path: Path, degree: int) -> None:
 
 
 @pytest.mark.parametrize("up", [(0, 1, 0), (0, -1, 0), (0, 0, 2), (0.3, -0.5, 0.1)])
-def test_up_becomes_y(tmp_path: Path, up: tuple[float, float, float]) -> None:
+def test_glb_up_is_y(tmp_path: Path, up: tuple[float, float, float]) -> None:
     write_glb(tmp_path / "f.glb", Gaussians.empty(0), np.array(up))
     turn = np.array(read_glb(tmp_path / "f.glb")[0]["nodes"][0]["rotation"])
     turned = rotations.to_matrix(turn[[3, 0, 1, 2]][None])[0] @ np.array(up)

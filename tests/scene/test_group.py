@@ -1,4 +1,4 @@
-"""Groups in time."""
+"""Groups at times."""
 
 import dataclasses
 
@@ -19,19 +19,19 @@ def group(count=5, frames=4):
 
 
 @pytest.mark.parametrize("frame", [0, 2, 3])
-def test_at_a_frame(frame):
+def test_at_returns_points_of_a_frame(frame):
     g = group()
     expected = g.dynamic.moved(g.dx[frame], g.dq[frame])
     np.testing.assert_allclose(g.at(frame).means, expected.means, atol=1e-6)
     np.testing.assert_allclose(np.abs((g.at(frame).quats * expected.quats).sum(1)), 1, atol=1e-5)
 
 
-def test_between_frames():
+def test_at_interpolates_between_frames():
     g = group()
     np.testing.assert_allclose(g.at(1.25).means, g.dynamic.means + 0.75 * g.dx[1] + 0.25 * g.dx[2], atol=1e-6)
 
 
-def test_rotates_the_shorter_way():
+def test_at_takes_the_shorter_rotation():
     g = group()
     flipped = g.dq.copy()
     flipped[1] *= -1
@@ -41,17 +41,17 @@ def test_rotates_the_shorter_way():
 
 
 @pytest.mark.parametrize(("outside", "inside"), [(-5, 0), (99, 3), (3.5, 3)])
-def test_clamps(outside, inside):
+def test_at_clamps_frames(outside, inside):
     np.testing.assert_array_equal(group().at(outside).means, group().at(inside).means)
 
 
-def test_one_frame():
+def test_group_of_one_frame():
     g = group(frames=1)
     np.testing.assert_allclose(g.at(0.7).means, g.dynamic.means + g.dx[0], atol=1e-6)
     np.testing.assert_allclose(np.linalg.norm(rotations.normalize(g.at(0).quats), axis=1), 1, atol=1e-6)
 
 
-def test_colours_and_opacities_change_between_frames_and_opacities_stay_opacities():
+def test_shade_is_interpolated_and_opacities_are_clamped():
     g = group()
     shade = np.zeros((4, 5, 4), np.float32)
     shade[2] = 0.4, 0, 0, -2
@@ -65,7 +65,7 @@ def test_colours_and_opacities_change_between_frames_and_opacities_stay_opacitie
         dataclasses.replace(g, shade=shade[:3])
 
 
-def test_light_between_frames_and_outside():
+def test_light_is_interpolated_and_clamped():
     g = group()
     assert g.light_at(1) is None
     light = np.linspace((1, 1, 1), (0.7, 0.4, 1.6), 4, dtype=np.float32)
@@ -80,7 +80,7 @@ def test_light_between_frames_and_outside():
 
 
 @pytest.mark.parametrize(("frames", "count"), [(4, 6), (4, 4)])
-def test_offsets_must_fit(frames, count):
+def test_wrong_offset_shapes_are_refused(frames, count):
     g = group()
     with pytest.raises(GaussiansError, match="do not fit 5"):
         Group(0, 0, g.dynamic, np.zeros((frames, count, 3)), np.zeros((frames, count, 4)), g.alive)

@@ -18,7 +18,7 @@ def points(count=20, degree=3):
 
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
-def test_round_trip(tmp_path, degree):
+def test_ply_round_trips(tmp_path, degree):
     gaussians = points(degree=degree)
     write_ply(tmp_path / "a.ply", gaussians)
     again = read_ply(tmp_path / "a.ply")
@@ -27,8 +27,8 @@ def test_round_trip(tmp_path, degree):
     assert [file.name for file in tmp_path.iterdir()] == ["a.ply"]
 
 
-def test_layout_of_3dgs(tmp_path):
-    """One point written by hand to the convention: logit, logarithm, and f_rest with all of red first."""
+def test_ply_layout_is_that_of_3dgs(tmp_path):
+    """One point written by hand: logit, logarithm, and f_rest with all of red first."""
     sh = np.arange(12, dtype=np.float32).reshape(1, 4, 3)
     one = Gaussians(np.array([[1, 2, 3]]), np.array([[1, 0, 0, 0]]), np.array([[1, np.e, 1]]), np.array([0.5]), sh)
     write_ply(tmp_path / "a.ply", one)
@@ -41,14 +41,14 @@ def test_layout_of_3dgs(tmp_path):
     np.testing.assert_allclose(np.frombuffer(body, "<f4"), values, atol=1e-6)
 
 
-def test_extremes_stay_finite(tmp_path):
+def test_ply_keeps_extreme_values_finite(tmp_path):
     gaussians = points(2, 0)
     hard = Gaussians(gaussians.means, gaussians.quats, np.zeros((2, 3)), np.array([0.0, 1.0]), gaussians.sh)
     write_ply(tmp_path / "a.ply", hard)
     np.testing.assert_allclose(read_ply(tmp_path / "a.ply").opacities, [0, 1], atol=1e-5)
 
 
-def test_no_points(tmp_path):
+def test_ply_without_points(tmp_path):
     write_ply(tmp_path / "a.ply", Gaussians.empty(0))
     assert len(read_ply(tmp_path / "a.ply")) == 0
 
@@ -92,14 +92,14 @@ def test_reads_other_types_and_extra_properties(tmp_path):
         ),
     ],
 )
-def test_other_files(tmp_path, text, message):
+def test_ply_refuses_other_files(tmp_path, text, message):
     (tmp_path / "a.ply").write_bytes(text)
     with pytest.raises(GaussiansError, match=message) as error:
         read_ply(tmp_path / "a.ply")
     assert "a.ply" in str(error.value)
 
 
-def test_paths_that_do_not_work(tmp_path):
+def test_ply_names_unusable_paths(tmp_path):
     with pytest.raises(GaussiansError, match="cannot be read"):
         read_ply(tmp_path / "none.ply")
     with pytest.raises(GaussiansError, match="could not be written"):
@@ -108,7 +108,7 @@ def test_paths_that_do_not_work(tmp_path):
 
 @settings(max_examples=80, deadline=None)
 @given(st.data())
-def test_any_damage_is_a_gaussians_error_or_points(tmp_path_factory, data):
+def test_damaged_ply_raises_gaussians_error_or_decodes(tmp_path_factory, data):
     path = tmp_path_factory.mktemp("ply") / "a.ply"
     write_ply(path, points(3, 1))
     damaged = bytearray(path.read_bytes())
@@ -120,7 +120,7 @@ def test_any_damage_is_a_gaussians_error_or_points(tmp_path_factory, data):
         read_ply(path)
 
 
-def test_points_that_do_not_come_first_are_refused(tmp_path):
+def test_ply_refuses_elements_before_points(tmp_path):
     write_ply(tmp_path / "a.ply", points(2, 0))
     data = (tmp_path / "a.ply").read_bytes()
     (tmp_path / "b.ply").write_bytes(data.replace(b"element vertex", b"element face 0\nelement vertex"))

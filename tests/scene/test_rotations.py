@@ -14,7 +14,7 @@ def random_quats(seed, count=8):
     return rotations.normalize(np.random.default_rng(seed).normal(size=(count, 4)))
 
 
-def test_known_answers():
+def test_multiply_and_to_matrix_known_answers():
     half = np.sqrt(0.5)
     z90 = np.array([half, 0, 0, half])
     np.testing.assert_allclose(rotations.to_matrix(z90), [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
@@ -24,7 +24,7 @@ def test_known_answers():
 
 @settings(deadline=None)
 @given(seeds)
-def test_matrices_are_scipys(seed):
+def test_to_matrix_agrees_with_scipy(seed):
     quats = random_quats(seed)
     expected = Rotation.from_quat(quats[:, [1, 2, 3, 0]]).as_matrix()
     np.testing.assert_allclose(rotations.to_matrix(quats), expected, atol=1e-10)
@@ -40,7 +40,7 @@ def test_product_of_quaternions_is_product_of_matrices(seed):
 
 @settings(deadline=None)
 @given(seeds)
-def test_normalize(seed):
+def test_normalize_returns_unit_quaternions(seed):
     quats = np.random.default_rng(seed).normal(size=(5, 3, 4))
     unit = rotations.normalize(quats)
     np.testing.assert_allclose(np.linalg.norm(unit, axis=-1), 1)

@@ -8,11 +8,11 @@ from splatreel.errors import UsageError
 from splatreel.scene.spans import group_spans
 
 
-def test_two_groups_overlap_and_the_last_ends_with_the_video():
+def test_consecutive_groups_overlap():
     assert [(s.first, s.own, s.count) for s in group_spans(60, 30, 5)] == [(0, 30, 35), (30, 30, 30)]
 
 
-def test_a_rest_no_longer_than_the_overlap_joins_the_group_before():
+def test_short_remainder_joins_the_previous_group():
     assert [(s.first, s.count) for s in group_spans(33, 30, 5)] == [(0, 33)]
     assert [(s.first, s.count) for s in group_spans(36, 30, 5)] == [(0, 35), (30, 6)]
 
@@ -21,7 +21,7 @@ def test_one_frame_is_one_group():
     assert [(s.first, s.own, s.count) for s in group_spans(1, 30, 5)] == [(0, 1, 1)]
 
 
-def test_an_overlap_longer_than_a_group_is_refused():
+def test_overlap_longer_than_a_group_is_refused():
     with pytest.raises(UsageError, match="overlap of 30"):
         group_spans(60, 30, 30)
 

@@ -1,4 +1,4 @@
-"""SPZ files, read back by a decoder written from the format's description."""
+"""SPZ files, read by a decoder written from the format's description."""
 
 import gzip
 import struct
@@ -16,7 +16,7 @@ FLIP = np.array([1, -1, -1])
 
 
 def read_spz(path: Path) -> Gaussians:
-    """Axes as they were before they were written."""
+    """Read a file with axes as before writing."""
     data = gzip.decompress(path.read_bytes())
     magic, version, n, degree, bits, flags, zero = struct.unpack_from("<IIIBBBB", data)
     assert (magic, version, flags, zero) == (0x5053474E, 3, 0, 0)
@@ -40,7 +40,7 @@ def read_spz(path: Path) -> Gaussians:
 
 
 def rotations(codes: np.ndarray) -> np.ndarray:
-    """[N, 4] wxyz of the three smallest parts, of which the last is in the lowest bits."""
+    """Return [N, 4] wxyz of the three smallest components; the last is in the lowest bits."""
     xyzw = np.zeros((len(codes), 4))
     for i, code in enumerate(codes.tolist()):
         largest = code >> 30
@@ -53,7 +53,7 @@ def rotations(codes: np.ndarray) -> np.ndarray:
 
 
 def signs(count: int) -> np.ndarray:
-    """Of the harmonics in x, -y, -z, from their formulas."""
+    """Return signs of the harmonics in x, -y, -z, from their formulas."""
     x, y, z = 0.3, 0.5, 0.7
 
     def basis(x: float, y: float, z: float) -> np.ndarray:
@@ -66,7 +66,7 @@ def signs(count: int) -> np.ndarray:
 
 
 @pytest.mark.parametrize("degree", [0, 1, 3])
-def test_comes_back_within_a_step(tmp_path: Path, degree: int) -> None:
+def test_spz_round_trips_within_a_step(tmp_path: Path, degree: int) -> None:
     given = random_gaussians(np.random.default_rng(degree), 200, degree, (1, -2, 3))
     given.sh[:, 1:] = np.clip(given.sh[:, 1:], -0.9, 0.9)
     write_spz(tmp_path / "f.spz", given)
@@ -83,14 +83,14 @@ def test_comes_back_within_a_step(tmp_path: Path, degree: int) -> None:
         assert np.abs(back.sh[:, 4:] - given.sh[:, 4:]).max(initial=0) <= 9 / 128
 
 
-def test_no_points_make_a_file_too(tmp_path: Path) -> None:
+def test_spz_without_points(tmp_path: Path) -> None:
     write_spz(tmp_path / "f.spz", Gaussians.empty(1))
     assert len(read_spz(tmp_path / "f.spz")) == 0
     write_spz(tmp_path / "f.spz", Gaussians.empty(1), antialias=True)
     assert gzip.decompress((tmp_path / "f.spz").read_bytes())[14] == 1
 
 
-def test_what_is_too_far_away_is_said(tmp_path: Path) -> None:
+def test_spz_refuses_distant_points(tmp_path: Path) -> None:
     far = Gaussians(
         np.array([[1e7, 0, 0]]), np.array([[1.0, 0, 0, 0]]), np.ones((1, 3)), np.ones(1), np.zeros((1, 1, 3))
     )

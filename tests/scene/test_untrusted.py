@@ -1,4 +1,4 @@
-"""Files that others wrote: what is too large, nested, endless or of another kind is refused before it takes memory."""
+"""Untrusted files that are too large, nested, endless or of another kind are refused before allocation."""
 
 import io
 import json
@@ -37,7 +37,7 @@ def archive(path: Path, **members: bytes) -> Path:
     return path
 
 
-def test_what_is_right_is_read(tmp_path: Path) -> None:
+def test_valid_files_are_read(tmp_path: Path) -> None:
     value = {"a": [1, 2.5, {"b": "[[[[{{{{,,,,\\" * 100}], "c": None, "d": "ä"}
     (tmp_path / "a.json").write_text(json.dumps(value, ensure_ascii=False), encoding="utf-8")
     assert read_json(tmp_path / "a.json", CaptureError) == value
@@ -68,13 +68,13 @@ def test_what_is_right_is_read(tmp_path: Path) -> None:
         ('"' + "\\", "is not JSON"),
     ],
 )
-def test_json_that_is_refused(text: str | bytes, said: str) -> None:
+def test_invalid_json_is_refused(text: str | bytes, said: str) -> None:
     with pytest.raises(CaptureError, match=said) as caught:
         parse_json(text, CaptureError, "a.json:")
     assert str(caught.value).startswith("a.json:")
 
 
-def test_values_are_counted_before_they_take_memory() -> None:
+def test_json_values_are_counted_before_allocation() -> None:
     text = b"[" + b"{}," * 2_500_000 + b"{}]"
     tracemalloc.start()
     with pytest.raises(CaptureError, match="values"):
@@ -85,7 +85,7 @@ def test_values_are_counted_before_they_take_memory() -> None:
 
 
 @pytest.mark.parametrize("text", ["[" * 70 + "]" * 70, "[" * 64 + "]" * 64])
-def test_depth_is_counted_across_blocks(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_json_depth_is_counted_across_blocks(text: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(untrusted, "_BLOCK", 7)
     if len(text) > 128:
         with pytest.raises(CaptureError, match="nested"):
@@ -96,7 +96,7 @@ def test_depth_is_counted_across_blocks(text: str, monkeypatch: pytest.MonkeyPat
 
 @posix
 @pytest.mark.parametrize("kind", ["pipe", "device", "folder"])
-def test_what_is_no_file_is_not_waited_for(tmp_path: Path, kind: str) -> None:
+def test_pipes_do_not_block(tmp_path: Path, kind: str) -> None:
     path = {"pipe": tmp_path / "pipe", "device": Path("/dev/zero"), "folder": tmp_path}[kind]
     if kind == "pipe":
         os.mkfifo(path)
@@ -109,7 +109,7 @@ def test_what_is_no_file_is_not_waited_for(tmp_path: Path, kind: str) -> None:
             read()
 
 
-def test_a_file_may_have_so_many_bytes(tmp_path: Path) -> None:
+def test_file_size_is_limited(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text("[1, 2, 3]")
     assert read_json(tmp_path / "a.json", CaptureError, 9) == [1, 2, 3]
     with pytest.raises(CaptureError, match=r"a\.json: has 9 bytes, more than the 8"):
@@ -146,7 +146,7 @@ def damaged(data: bytes) -> bytes:
 
 
 def encrypted(data: bytes) -> bytes:
-    """Return an archive whose members say that they are encrypted."""
+    """Return an archive whose members are marked as encrypted."""
     out = bytearray(data)
     for mark, offset in ((b"PK\3\4", 6), (b"PK\1\2", 8)):
         out[data.index(mark) + offset] |= 1
@@ -163,7 +163,7 @@ def encrypted(data: bytes) -> bytes:
     ],
     ids=["half", "empty", "encrypted", "another method"],
 )
-def test_odd_archives_are_refused(tmp_path: Path, change, said: str) -> None:
+def test_invalid_archives_are_refused(tmp_path: Path, change, said: str) -> None:
     path = archive(tmp_path / "a.npz", x=npy(np.random.default_rng(0).random(1000)))
     path.write_bytes(change(path.read_bytes()))
     with pytest.raises(CaptureError, match=said):
@@ -179,7 +179,7 @@ def test_odd_archives_are_refused(tmp_path: Path, change, said: str) -> None:
         (b"\x93NUMPY\x01\x00\xff\xff" + b"(" * 65535, "is not a NumPy array of plain numbers"),
     ],
 )
-def test_headers_that_lie_take_no_memory(tmp_path: Path, data: bytes, said: str) -> None:
+def test_false_headers_allocate_nothing(tmp_path: Path, data: bytes, said: str) -> None:
     with pytest.raises(CaptureError, match=said):
         read_arrays(archive(tmp_path / "a.npz", x=data), ["x"], CaptureError)
     (tmp_path / "a.npy").write_bytes(data)
@@ -187,9 +187,7 @@ def test_headers_that_lie_take_no_memory(tmp_path: Path, data: bytes, said: str)
         read_array(tmp_path / "a.npy", CaptureError)
 
 
-def test_an_archive_that_unpacks_to_many_times_its_size_is_not_unpacked(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_zip_bombs_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(untrusted, "UNPACKED_BYTES", 1 << 20)
     path = archive(tmp_path / "a.npz", x=npy(np.zeros(1_000_000)), y=npy(np.zeros(10)))
     tracemalloc.start()
@@ -204,7 +202,7 @@ def test_an_archive_that_unpacks_to_many_times_its_size_is_not_unpacked(
 @pytest.mark.parametrize(
     "value", [["1", 2], [True, 2], [float("nan"), 1], [float("inf"), 1], [10**400, 1], [1], 5, None]
 )
-def test_numbers_are_numbers(value: object) -> None:
+def test_is_number_accepts_only_finite_numbers(value: object) -> None:
     np.testing.assert_array_equal(numbers([1, 2.5], 2), [1, 2.5])
     with pytest.raises(ValueError, match="is no"):
         numbers(value, 2)

@@ -1,4 +1,4 @@
-"""A small film of Gaussians with known parts: a wall that stays, and a ball that flies past it and turns."""
+"""A small sequence of Gaussians: a static wall, and a ball that flies past it and rotates."""
 
 from pathlib import Path
 
@@ -14,7 +14,7 @@ WALL, BALL = 300, 150
 
 
 def scene(seed: int = 0) -> Gaussians:
-    """The wall's points, then the ball's, degree 1, about a unit in size."""
+    """Return the wall's points, then the ball's, SH degree 1, about a unit in size."""
     rng = np.random.default_rng(seed)
     spread = np.concatenate([rng.uniform(-2, 2, (WALL, 2)), rng.uniform(1.5, 2.5, (WALL, 1))], 1)
     points = random_gaussians(rng, WALL + BALL, 1, (0, 0, 0))
@@ -27,7 +27,7 @@ def scene(seed: int = 0) -> Gaussians:
 
 
 def frame(number: int) -> Gaussians:
-    """The ball 0.05 farther along x, and 3 degrees further round y, each frame."""
+    """Return a frame: the ball moves by 0.05 along x and rotates by 3 degrees about y per frame."""
     points = scene()
     ball = points[WALL:]
     half = np.radians(3 * number) / 2
@@ -45,7 +45,7 @@ def write_film(folder: Path, frames: list[Gaussians]) -> Path:
 
 
 def cameras(count: int = 5) -> list[Camera]:
-    """On an arc before the wall, 96 x 72 pixels."""
+    """Return cameras on an arc in front of the wall, 96 x 72 pixels."""
     found = []
     for k, angle in enumerate(np.linspace(-0.5, 0.5, count)):
         turn = np.array([[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]])

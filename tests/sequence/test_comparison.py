@@ -1,4 +1,4 @@
-"""A reel is compared with its film as it lies on the disk, by cameras that see something of it."""
+"""Comparison of a reel with its source sequence by cameras that see part of it."""
 
 import json
 from dataclasses import replace
@@ -16,11 +16,11 @@ from tests.sequence.films import cameras, frame, write_film
 from tests.sequence.test_viewpoints import entry
 
 FAR = np.array([448_000.0, 5_411_000.0, 300.0])
-"""A place on a map, in meters."""
+"""Position on a map, in meters."""
 
 
 def write_double(path: Path, points: Gaussians, offset: np.ndarray) -> None:
-    """Write a PLY whose positions are of 64 bits, moved by an offset."""
+    """Write a PLY file with 64-bit positions moved by an offset."""
     names = ["f_dc_0", "f_dc_1", "f_dc_2", "opacity"]
     names += [f"{part}_{i}" for part, count in (("scale", 3), ("rot", 4)) for i in range(count)]
     table = np.zeros(len(points), [(name, "<f8") for name in "xyz"] + [(name, "<f4") for name in names])
@@ -54,7 +54,7 @@ def imported(tmp_path: Path, offset: np.ndarray, capsys: pytest.CaptureFixture[s
     return capsys.readouterr().out
 
 
-def test_what_rounding_ruins_is_measured_and_named(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_comparison_names_rounding_as_the_cause(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = imported(tmp_path, FAR, capsys)
     decibels = float(said.split("pictures have ")[1].split(" dB")[0])
     assert decibels < 30
@@ -63,15 +63,13 @@ def test_what_rounding_ruins_is_measured_and_named(tmp_path: Path, capsys: pytes
     assert "Subtract that place from all positions and cameras" in said
 
 
-def test_a_film_near_the_origin_is_close_and_warns_of_nothing(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_sequence_near_the_origin_has_no_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = imported(tmp_path, np.zeros(3), capsys)
     assert float(said.split("pictures have ")[1].split(" dB")[0]) > 40
     assert "Warning" not in said
 
 
-def test_a_lower_rate_is_named_as_the_cause(
+def test_comparison_names_a_low_rate_as_the_cause(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(comparison, "CLOSE", 60.0)
@@ -83,39 +81,35 @@ def test_a_lower_rate_is_named_as_the_cause(
 
 
 def away(camera: Camera) -> Camera:
-    """Return the camera turned by half a turn: it looks away from what it saw."""
+    """Return the camera rotated by half a turn, so that it sees nothing."""
     return replace(camera, viewmat=np.diag([-1.0, 1, -1, 1]) @ camera.viewmat)
 
 
-def test_cameras_that_see_nothing_are_refused_before_anything_is_written(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_blind_cameras_are_refused_before_writing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     film, file = write_film(tmp_path / "film", [frame(0)]), tmp_path / "cameras.json"
     file.write_text(entries([away(camera) for camera in cameras()], np.zeros(3)))
     assert main(["import", str(film), "--out", str(tmp_path / "reel"), "--cameras", str(file)]) == 1
-    assert f"the cameras of {file} see nothing of the film" in capsys.readouterr().err
+    assert f"the cameras of {file} see nothing of the sequence" in capsys.readouterr().err
     assert not (tmp_path / "reel").exists()
 
 
-def test_a_camera_that_sees_nothing_is_named_and_not_counted(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_blind_camera_is_named_and_skipped(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     film, file = write_film(tmp_path / "film", [frame(0)]), tmp_path / "cameras.json"
     views = cameras()
     file.write_text(entries([away(views[0]), *views[1:]], np.zeros(3)))
     assert main(["import", str(film), "--out", str(tmp_path / "reel"), "--cameras", str(file)]) == 0
     said = capsys.readouterr().out
-    assert "Cameras that see nothing of the film: cam0." in said
+    assert "Cameras that see nothing of the sequence: cam0." in said
     assert float(said.split("pictures have ")[1].split(" dB")[0]) < 90
 
 
-def test_positions_are_moved_before_they_are_rounded(tmp_path: Path) -> None:
+def test_positions_are_centered_before_rounding(tmp_path: Path) -> None:
     write_double(tmp_path / "a.ply", frame(0), FAR)
     np.testing.assert_allclose(read_ply(tmp_path / "a.ply", FAR).means, frame(0).means, atol=1e-6)
     assert np.abs(read_ply(tmp_path / "a.ply").means - FAR - frame(0).means).max() > 0.1
 
 
-def test_a_point_far_away_is_named_as_the_cause(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_comparison_names_distant_points_as_the_cause(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     points, file = frame(0), tmp_path / "cameras.json"
     means = points.means.copy()
     means[7] = [1e6, 0, 0]

@@ -21,7 +21,7 @@ def arrays(frames: int = 3, count: int = 5) -> dict[str, Any]:
     }
 
 
-def test_its_points_are_those_that_are_drawn(tmp_path: Path) -> None:
+def test_params_npz_points_match_their_parameters(tmp_path: Path) -> None:
     held = arrays()
     np.savez(tmp_path / "params.npz", **held)
     frames = open_frames(tmp_path)
@@ -44,20 +44,20 @@ def test_its_points_are_those_that_are_drawn(tmp_path: Path) -> None:
         ({"means3D": np.zeros((0, 5, 3))}, "has shape"),
     ],
 )
-def test_what_is_not_its_file_is_refused(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
+def test_foreign_npz_is_refused(tmp_path: Path, changes: dict[str, Any], said: str) -> None:
     held = {name: value for name, value in (arrays() | changes).items() if value is not None}
     np.savez(tmp_path / "params.npz", **held)
     with pytest.raises(GaussiansError, match=said):
         open_frames(tmp_path / "params.npz")
 
 
-def test_a_damaged_file_is_refused(tmp_path: Path) -> None:
+def test_damaged_npz_is_refused(tmp_path: Path) -> None:
     (tmp_path / "params.npz").write_bytes(b"PK\x03\x04 and nothing more")
     with pytest.raises(GaussiansError, match="is not an archive of arrays, or damaged"):
         open_frames(tmp_path)
 
 
-def test_a_frame_that_is_not_finite_is_named(tmp_path: Path) -> None:
+def test_nonfinite_frame_is_named(tmp_path: Path) -> None:
     held = arrays()
     held["means3D"][2, 1] = np.nan
     np.savez(tmp_path / "params.npz", **held)

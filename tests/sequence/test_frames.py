@@ -12,7 +12,7 @@ from splatreel.sequence.frames import open_frames
 from tests.sequence.films import frame, scene, write_film
 
 
-def test_frames_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
+def test_frames_are_sorted_by_number(tmp_path: Path) -> None:
     for number in (10, 9, 11):
         write_ply(tmp_path / f"time_{number}.ply", frame(number))
     frames = open_frames(tmp_path)
@@ -22,7 +22,7 @@ def test_frames_come_in_the_order_of_their_numbers(tmp_path: Path) -> None:
         np.testing.assert_allclose(frames.read(place).means, frame(number).means, atol=1e-6)
 
 
-def test_a_folder_a_frame_has_one_file_or_the_newest_iteration(tmp_path: Path) -> None:
+def test_frame_folder_uses_the_newest_iteration(tmp_path: Path) -> None:
     for number in range(3):
         for iteration in (150, 1000):
             folder = tmp_path / f"frame{number:06}" / "point_cloud" / f"iteration_{iteration}"
@@ -46,13 +46,13 @@ def touch(folder: Path, names: list[str]) -> None:
         ([0, 2, 4, 8], "1 frames are missing, the first of them after f4.ply"),
     ],
 )
-def test_frames_that_are_missing_are_named(tmp_path: Path, numbers: list[int], said: str) -> None:
+def test_missing_frames_are_named(tmp_path: Path, numbers: list[int], said: str) -> None:
     touch(tmp_path, [f"f{number}.ply" for number in numbers])
     with pytest.raises(GaussiansError, match=re.escape(said)):
         open_frames(tmp_path)
 
 
-def test_gaps_are_held_if_asked(tmp_path: Path) -> None:
+def test_gaps_hold_repeats_frames(tmp_path: Path) -> None:
     for number in (0, 2, 4, 8):
         write_ply(tmp_path / f"f{number}.ply", frame(number))
     frames = open_frames(tmp_path, "hold")
@@ -62,13 +62,13 @@ def test_gaps_are_held_if_asked(tmp_path: Path) -> None:
         np.testing.assert_allclose(frames.read(place).means, frame(number).means, atol=1e-6)
 
 
-def test_a_gap_of_a_billion_frames_is_not_held(tmp_path: Path) -> None:
+def test_huge_gaps_are_refused(tmp_path: Path) -> None:
     touch(tmp_path, ["f0.ply", "f1.ply", "f1000000000.ply"])
     with pytest.raises(GaussiansError, match="more than 1,000,000"):
         open_frames(tmp_path, "hold")
 
 
-def test_numbers_that_always_grow_by_the_same_leave_nothing_out(tmp_path: Path) -> None:
+def test_constant_number_steps_are_no_gaps(tmp_path: Path) -> None:
     touch(tmp_path, ["f10.ply", "f15.ply", "f20.ply"])
     assert len(open_frames(tmp_path)) == 3
 
@@ -76,7 +76,7 @@ def test_numbers_that_always_grow_by_the_same_leave_nothing_out(tmp_path: Path) 
 @pytest.mark.skipif(os.name != "posix", reason="links and pipes")
 @pytest.mark.parametrize("kind", ["link", "pipe", "folder"])
 @pytest.mark.parametrize("layout", ["f{}.ply", "f{}"])
-def test_what_is_no_file_is_named(tmp_path: Path, kind: str, layout: str) -> None:
+def test_entries_that_are_no_files_are_named(tmp_path: Path, kind: str, layout: str) -> None:
     odd = tmp_path / layout.format(1)
     if layout == "f{}.ply":
         touch(tmp_path, ["f0.ply", "f2.ply"])
@@ -110,7 +110,7 @@ def test_one_file_needs_no_number(tmp_path: Path) -> None:
         (["f1/x.txt"], "holds 0 PLY files"),
     ],
 )
-def test_files_whose_order_cannot_be_told_are_refused(tmp_path: Path, names: list[str], said: str) -> None:
+def test_files_of_unclear_order_are_refused(tmp_path: Path, names: list[str], said: str) -> None:
     for name in names:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(b"")
@@ -119,7 +119,7 @@ def test_files_whose_order_cannot_be_told_are_refused(tmp_path: Path, names: lis
     assert str(tmp_path) in str(caught.value)
 
 
-def test_a_frame_that_is_damaged_is_named(tmp_path: Path) -> None:
+def test_damaged_frame_is_named(tmp_path: Path) -> None:
     folder = write_film(tmp_path, [frame(0), frame(1)])
     file = folder / "frame0001.ply"
     file.write_bytes(file.read_bytes()[:-10])
@@ -127,13 +127,13 @@ def test_a_frame_that_is_damaged_is_named(tmp_path: Path) -> None:
         open_frames(folder).read(1)
 
 
-def test_what_is_no_folder_is_told(tmp_path: Path) -> None:
+def test_missing_folder_is_named(tmp_path: Path) -> None:
     with pytest.raises(GaussiansError, match="is not a folder"):
         open_frames(tmp_path / "missing")
 
 
 @pytest.mark.parametrize(("name", "value"), [("sh", 1e20), ("means", 1e20), ("scales", 1e20)])
-def test_a_number_that_is_an_accident_is_named(tmp_path: Path, name: str, value: float) -> None:
+def test_implausible_value_is_named(tmp_path: Path, name: str, value: float) -> None:
     points = frame(0)
     array = getattr(points, name).copy()
     array.reshape(len(array), -1)[7, 0] = value

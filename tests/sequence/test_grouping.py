@@ -7,7 +7,7 @@ from splatreel.sequence.segments import Segments, stretch
 from tests.sequence.films import BALL, WALL, frame
 
 
-def test_a_group_shows_the_points_of_every_frame() -> None:
+def test_group_shows_the_points_of_every_frame() -> None:
     frames = [frame(number) for number in range(5)]
     rows = np.broadcast_to(np.arange(WALL, WALL + BALL), (5, BALL))
     group = group_of(3, 12, frames, rows, np.ones(7, bool))
@@ -19,7 +19,7 @@ def test_a_group_shows_the_points_of_every_frame() -> None:
         np.testing.assert_allclose(np.abs((shown.quats * ball.quats).sum(1)), 1, atol=1e-6)
 
 
-def test_a_point_is_seen_only_while_it_is_there() -> None:
+def test_point_is_visible_only_while_present() -> None:
     frames = [frame(number) for number in range(4)]
     rows = np.array([[WALL, -1], [WALL, -1], [-1, WALL + 1], [-1, WALL + 1]])
     group = group_of(0, 0, frames, rows, np.zeros(0, bool))
@@ -30,7 +30,7 @@ def test_a_point_is_seen_only_while_it_is_there() -> None:
     np.testing.assert_allclose(shown[3].means[1], frames[3].means[WALL + 1], atol=1e-6)
 
 
-def test_colors_and_opacities_follow_the_film() -> None:
+def test_colors_and_opacities_follow_the_sequence() -> None:
     frames = [frame(0)[:3] for _ in range(3)]
     bright = frames[1]
     sh = bright.sh.copy()
@@ -42,7 +42,7 @@ def test_colors_and_opacities_follow_the_film() -> None:
         np.testing.assert_allclose(group.at(number).opacities, points.opacities, atol=1e-6)
 
 
-def test_turns_take_the_short_way() -> None:
+def test_rotations_take_the_shorter_way() -> None:
     points = frame(0)[:2]
     back = Gaussians(points.means, -points.quats, points.scales, points.opacities, points.sh)
     group = group_of(0, 0, [points, back], np.array([[0, 1], [0, 1]]), np.zeros(0, bool))
@@ -51,7 +51,7 @@ def test_turns_take_the_short_way() -> None:
 
 
 def two_frames(numbers: np.ndarray, moved: int = 0) -> tuple[Gaussians, Segments]:
-    """The wall twice, its first points somewhere else, and what is made of that."""
+    """Return the wall twice, its first points displaced, and the resulting split."""
     wall = frame(0)[:WALL]
     means = wall.means.copy()
     means[:moved, 0] += 1
@@ -59,7 +59,7 @@ def two_frames(numbers: np.ndarray, moved: int = 0) -> tuple[Gaussians, Segments
     return wall, stretch([(wall, numbers), (wall, numbers)]).first(2)
 
 
-def test_what_rests_is_stored_once_and_again_where_it_has_gone() -> None:
+def test_resting_points_become_static_again() -> None:
     layers, numbers = StaticLayers(1), np.arange(WALL)
     wall, segments = two_frames(numbers)
     alive, born, moving = layers.split(wall, segments)
@@ -80,7 +80,7 @@ def test_what_rests_is_stored_once_and_again_where_it_has_gone() -> None:
     assert alive[WALL:].all()
 
 
-def test_few_points_that_come_to_rest_go_on_as_moving_ones() -> None:
+def test_few_resting_points_stay_dynamic() -> None:
     layers, numbers = StaticLayers(1), np.arange(WALL)
     wall, segments = two_frames(numbers)
     layers.add(wall, numbers)

@@ -5,7 +5,7 @@ from splatreel.sequence.identity import Identities, same_rows
 from tests.sequence.films import BALL, WALL, frame, scene
 
 
-def test_points_in_the_same_rows_are_the_same_however_they_move() -> None:
+def test_points_in_the_same_rows_keep_their_numbers() -> None:
     identities = Identities()
     numbers = [identities.of(frame(number)) for number in (0, 1, 30)]
     for some in numbers:
@@ -13,12 +13,12 @@ def test_points_in_the_same_rows_are_the_same_however_they_move() -> None:
     assert identities.count == WALL + BALL
 
 
-def test_points_that_are_shuffled_are_not_taken_for_one_another() -> None:
+def test_shuffled_points_get_new_numbers() -> None:
     shuffled = np.random.default_rng(1).permutation(WALL + BALL)
     assert not same_rows(frame(0), frame(1)[shuffled])
 
 
-def test_of_other_rows_those_that_have_not_moved_are_recognized() -> None:
+def test_unmoved_points_are_recognized_in_other_rows() -> None:
     identities = Identities()
     before = identities.of(frame(0))
     order = np.random.default_rng(1).permutation(WALL + BALL)
@@ -30,7 +30,7 @@ def test_of_other_rows_those_that_have_not_moved_are_recognized() -> None:
     assert len(np.unique(after)) == len(kept)
 
 
-def test_of_points_at_one_place_none_is_taken_for_another() -> None:
+def test_coinciding_points_are_not_confused() -> None:
     identities = Identities()
     twice = Gaussians.concatenate([scene()[:10], scene()[:3]])
     identities.of(twice)

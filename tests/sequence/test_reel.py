@@ -27,7 +27,9 @@ def imported(folder: Path, reel: Path, frames: list[Gaussians]) -> Comparison:
     return write_reel(film, writer, Silent(), CPU, limits)
 
 
-def test_a_film_of_the_same_points_becomes_a_layer_and_groups(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_sequence_of_the_same_points_becomes_a_layer_and_groups(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setattr(module, "LENGTH", 6)
     found = imported(tmp_path / "film", tmp_path / "reel", [frame(number) for number in range(16)])
     timeline = open_reel(tmp_path / "reel")
@@ -44,7 +46,7 @@ def test_a_film_of_the_same_points_becomes_a_layer_and_groups(tmp_path: Path, mo
         np.testing.assert_allclose(shown, np.sort(frame(number).means, axis=0), atol=0.02)
 
 
-def test_a_film_of_other_points_in_each_frame_is_shown_frame_by_frame(tmp_path: Path) -> None:
+def test_sequence_of_new_points_becomes_short_groups(tmp_path: Path) -> None:
     frames = [scene(seed)[: 440 + seed] for seed in range(3)]
     found = imported(tmp_path / "film", tmp_path / "reel", frames)
     manifest = open_reel(tmp_path / "reel").manifest
@@ -54,7 +56,7 @@ def test_a_film_of_other_points_in_each_frame_is_shown_frame_by_frame(tmp_path: 
     assert found.psnr > 40
 
 
-def test_of_a_film_with_other_rows_in_each_frame_what_rests_is_stored_once(tmp_path: Path) -> None:
+def test_resting_points_in_other_rows_are_stored_once(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     frames = [frame(number)[rng.permutation(WALL + BALL)[: WALL + BALL - number]] for number in range(4)]
     imported(tmp_path / "film", tmp_path / "reel", frames)
@@ -62,7 +64,7 @@ def test_of_a_film_with_other_rows_in_each_frame_what_rests_is_stored_once(tmp_p
     assert sum(layer.points for layer in manifest.layers) > 0.9 * WALL
 
 
-def test_frames_that_do_not_fit_are_named(tmp_path: Path) -> None:
+def test_invalid_frames_are_named(tmp_path: Path) -> None:
     flat = scene()
     with pytest.raises(GaussiansError, match="frame 1 has view-dependent color of degree 0"):
         imported(
@@ -74,7 +76,7 @@ def test_frames_that_do_not_fit_are_named(tmp_path: Path) -> None:
         imported(tmp_path / "b", tmp_path / "y", [flat, flat[:0]])
 
 
-def test_without_cameras_there_is_a_ring_and_no_limit() -> None:
+def test_reel_without_cameras_uses_a_ring_without_limits() -> None:
     header, limits = header_of(scene(), None, None, 30)
     assert limits is None
     assert header.camera == header.cameras[0]
@@ -85,7 +87,7 @@ def test_without_cameras_there_is_a_ring_and_no_limit() -> None:
     assert header.near < 0.2
 
 
-def test_points_that_come_and_go_leave_no_ghosts(tmp_path: Path) -> None:
+def test_absent_points_leave_no_ghosts(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
     frames = [frame(number)[rng.permutation(WALL + BALL)[: WALL + BALL - number]] for number in range(4)]
     imported(tmp_path / "film", tmp_path / "reel", frames)

@@ -13,7 +13,7 @@ def built(frames: list[Gaussians]) -> SegmentBuilder:
     return stretch([(points, identities.of(points)) for points in frames])
 
 
-def test_a_film_of_the_same_points_is_one_segment_a_point_and_the_wall_rests() -> None:
+def test_same_points_form_one_segment_each() -> None:
     builder = built([frame(number) for number in range(8)])
     assert builder.cut(30) == 8
     segments = builder.first(8)
@@ -22,7 +22,7 @@ def test_a_film_of_the_same_points_is_one_segment_a_point_and_the_wall_rests() -
     assert segments.numbers.tolist() == list(range(WALL + BALL))
 
 
-def test_a_point_that_changes_its_shape_begins_another_segment() -> None:
+def test_shape_change_starts_a_new_segment() -> None:
     frames = [frame(number) for number in range(6)]
     for number in (3, 4, 5):
         scales = frames[number].scales.copy()
@@ -39,7 +39,7 @@ def test_a_point_that_changes_its_shape_begins_another_segment() -> None:
     assert segments.rests[5:WALL].all()
 
 
-def test_slow_changes_of_shape_add_up() -> None:
+def test_slow_shape_changes_accumulate() -> None:
     frames = [frame(number) for number in range(10)]
     frames = [replace(points, scales=points.scales * 1.03**number) for number, points in enumerate(frames)]
     rows = built(frames).first(10).rows
@@ -48,7 +48,7 @@ def test_slow_changes_of_shape_add_up() -> None:
     assert rows.shape[1] == 3 * (WALL + BALL)
 
 
-def test_what_is_new_in_each_frame_makes_groups_of_one_frame() -> None:
+def test_new_points_in_every_frame_give_one_frame_groups() -> None:
     rng = np.random.default_rng(0)
     frames = [frame(number)[rng.permutation(WALL + BALL)[: 400 + number]] for number in range(6)]
     frames = [replace(points, means=points.means + rng.normal(size=points.means.shape)) for points in frames]
@@ -57,7 +57,7 @@ def test_what_is_new_in_each_frame_makes_groups_of_one_frame() -> None:
     assert not builder.first(1).rests.any()
 
 
-def test_a_group_ends_where_the_points_are_exchanged() -> None:
+def test_group_ends_where_points_are_exchanged() -> None:
     frames = [frame(number) for number in range(8)]
     frames[4:] = [replace(points[::-1][5:], means=points.means[::-1][5:] + 0.01) for points in frames[4:]]
     builder = built(frames)

@@ -14,14 +14,14 @@ from tests.sequence.films import cameras, scene
 
 
 def entry(camera: Camera, index: int) -> dict[str, Any]:
-    """As 3DGS writes it: the inverse of world to camera, by its rotation and its position."""
+    """Return a camera as 3DGS writes it: inverse of world to camera, by rotation and position."""
     inverse = np.linalg.inv(camera.viewmat.astype(np.float64))
     size = {"width": camera.width, "height": camera.height, "fx": float(camera.K[0, 0]), "fy": float(camera.K[1, 1])}
     pose = {"position": inverse[:3, 3].tolist(), "rotation": inverse[:3, :3].tolist()}
     return {"id": index, "img_name": camera.name} | size | pose
 
 
-def test_cameras_of_3dgs_stand_where_they_stood(tmp_path: Path) -> None:
+def test_cameras_json_gives_correct_poses(tmp_path: Path) -> None:
     truth = cameras()
     file = tmp_path / "cameras.json"
     file.write_text(json.dumps([entry(camera, index) for index, camera in enumerate(truth)]))
@@ -32,7 +32,7 @@ def test_cameras_of_3dgs_stand_where_they_stood(tmp_path: Path) -> None:
             np.testing.assert_allclose(found.K, camera.K)
 
 
-def test_cameras_of_a_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_read_cameras_accepts_a_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     capture = WallCapture(1)
     monkeypatch.setattr("splatreel.sequence.viewpoints.open_capture", lambda path: capture)
     assert read_cameras(tmp_path) == capture.cameras
@@ -43,14 +43,14 @@ def test_cameras_of_a_capture(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -
     ["", "[]", "{}", "[1]", '[{"id": 0}]', json.dumps([entry(cameras()[0], 0) | {"width": 0}])],
     ids=["nothing", "none", "no list", "a number", "no pose", "no size"],
 )
-def test_what_is_no_camera_is_refused(tmp_path: Path, text: str) -> None:
+def test_invalid_cameras_json_is_refused(tmp_path: Path, text: str) -> None:
     file = tmp_path / "cameras.json"
     file.write_text(text)
     with pytest.raises(CaptureError, match=r"cameras\.json"):
         read_cameras(file)
 
 
-def test_mirrored_cameras_name_their_file(tmp_path: Path) -> None:
+def test_mirrored_cameras_are_refused_with_their_file(tmp_path: Path) -> None:
     mirrored = entry(cameras()[0], 0)
     mirrored["rotation"] = (np.array(mirrored["rotation"]) * [-1, 1, 1]).tolist()
     file = tmp_path / "cameras.json"
@@ -61,7 +61,7 @@ def test_mirrored_cameras_name_their_file(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("up", [(0, -1, 0), (0, 1, 0), (0, 0, 1), (1, 0, 0)])
-def test_a_ring_sees_the_scene_upright_from_all_around(up: tuple[int, int, int]) -> None:
+def test_ring_surrounds_the_scene_upright(up: tuple[int, int, int]) -> None:
     points, above = scene(), np.array(up, float)
     views = ring(points, above)
     assert len(views) == RING

@@ -1,4 +1,4 @@
-"""Addresses of new folders on each kind of storage that is tested."""
+"""Addresses of new folders on each tested kind of storage."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ KINDS = ("disk", "memory", "bucket")
 
 
 def new_address(kind: str, request: pytest.FixtureRequest) -> str:
-    """A path, or an address of memory or of a bucket of the S3-compatible server."""
+    """Return a path, or an address in memory or in a bucket of the S3-compatible server."""
     if kind == "disk":
         return str(request.getfixturevalue("tmp_path") / "elsewhere")
     if kind == "memory":

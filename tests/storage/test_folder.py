@@ -4,12 +4,12 @@ import sys
 import pytest
 
 from splatreel.errors import StorageError, UsageError
+from splatreel.storage.addresses import is_url, local_path, open_folder
 from splatreel.storage.folder import Headers, LocalFolder, is_plain
-from splatreel.storage.opening import is_url, local_path, open_folder
 from splatreel.storage.remote_folder import RemoteFolder, header_arguments
 
 
-def test_what_is_written_is_found_listed_read_and_removed(address):
+def test_folder_round_trip(address):
     folder = open_folder(address)
     assert folder.sizes() == {}
     assert folder.read("a/b.txt", 10) is None
@@ -29,8 +29,8 @@ def test_what_is_written_is_found_listed_read_and_removed(address):
     assert folder.address("c") == f"{address}/c"
 
 
-def test_what_others_change_is_seen(address):
-    """No listing is kept."""
+def test_changes_by_others_are_visible(address):
+    """Listings are not cached."""
     mine, other = open_folder(address), open_folder(address)
     mine.write("a", b"1")
     assert mine.sizes() == {"a": 1}
@@ -38,14 +38,14 @@ def test_what_others_change_is_seen(address):
     assert mine.sizes() == {"a": 1, "b": 2}
 
 
-def test_a_bucket_that_is_not_there_is_named(bucket):
+def test_missing_bucket_is_named(bucket):
     folder = open_folder("s3://no-such-bucket/reel")
     with pytest.raises(StorageError, match=r"s3://no-such-bucket/reel/a: could not be written \(1 bytes\)") as caught:
         folder.write("a", b"1")
     assert caught.value.lasting
 
 
-def test_a_server_that_is_not_there_may_come_back(bucket, monkeypatch):
+def test_unreachable_server_is_not_a_lasting_error(bucket, monkeypatch):
     from s3fs import S3FileSystem
 
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
@@ -58,7 +58,7 @@ def test_a_server_that_is_not_there_may_come_back(bucket, monkeypatch):
     assert not caught.value.lasting
 
 
-def test_who_says_not_who_he_is_is_told_at_once(bucket, monkeypatch, tmp_path):
+def test_missing_credentials_are_a_lasting_error(bucket, monkeypatch, tmp_path):
     from s3fs import S3FileSystem
 
     monkeypatch.delenv("AWS_ACCESS_KEY_ID")
@@ -73,13 +73,13 @@ def test_who_says_not_who_he_is_is_told_at_once(bucket, monkeypatch, tmp_path):
     assert caught.value.lasting
 
 
-def test_headers_reach_the_bucket(bucket):
+def test_headers_are_stored_in_the_bucket(bucket):
     open_folder(bucket.url("reel")).write("manifest.json", b"{}", Headers("application/json", "no-cache"))
     found = bucket.headers("reel/manifest.json")
     assert (found["content-type"], found["cache-control"]) == ("application/json", "no-cache")
 
 
-def test_headers_are_said_as_each_service_wants_them():
+def test_header_arguments_depend_on_the_service():
     headers = Headers("image/jpeg", "no-cache")
     assert header_arguments("s3", headers) == {"ContentType": "image/jpeg", "CacheControl": "no-cache"}
     google = {"content_type": "image/jpeg", "fixed_key_metadata": {"cache_control": "no-cache"}}
@@ -87,8 +87,8 @@ def test_headers_are_said_as_each_service_wants_them():
     assert header_arguments("memory", headers) == {}
 
 
-def test_where_files_appear_while_they_are_written_they_are_moved_into_place(tmp_path, monkeypatch):
-    """Here fsspec's own files of this machine stand for those of SFTP and the like."""
+def test_partial_files_are_hidden_by_a_move(tmp_path, monkeypatch):
+    """fsspec's local files stand in for SFTP and similar protocols."""
     fsspec = pytest.importorskip("fsspec", reason="needs the extra cloud")
     folder = RemoteFolder("memory://any")
     folder._files, folder._root, folder._protocol = fsspec.filesystem("file"), str(tmp_path / "there"), "sftp"
@@ -109,7 +109,7 @@ def test_where_files_appear_while_they_are_written_they_are_moved_into_place(tmp
         ("file://host/reel", UsageError, "three slashes"),
     ],
 )
-def test_addresses_that_cannot_be_used(address, error, words):
+def test_invalid_addresses_are_refused(address, error, words):
     pytest.importorskip("fsspec", reason="needs the extra cloud")
     with pytest.raises(error, match=words):
         open_folder(address)
@@ -123,10 +123,10 @@ def test_addresses_that_cannot_be_used(address, error, words):
         ("s3://bucket/reel", "fsspec", "pip install 'splatreel[cloud]' s3fs"),
     ],
 )
-def test_a_missing_package_is_named(url, missing, command):
+def test_missing_package_is_named(url, missing, command):
     pytest.importorskip("fsspec", reason="needs the extra cloud")
     code = "import sys; sys.modules[sys.argv[2]] = None\nfrom splatreel.cli.failure import explain\n"
-    code += "from splatreel.storage.opening import open_folder\n"
+    code += "from splatreel.storage.addresses import open_folder\n"
     code += "try: open_folder(sys.argv[1])\nexcept Exception as error: print(explain(error, [])[0])"
     result = subprocess.run([sys.executable, "-c", code, url, missing], capture_output=True, text=True, check=True)
     assert result.stdout.startswith(f"Error: {url}: ")
@@ -134,13 +134,13 @@ def test_a_missing_package_is_named(url, missing, command):
 
 
 def test_paths_need_no_fsspec(tmp_path):
-    code = "import sys; sys.modules['fsspec'] = None\nfrom splatreel.storage.opening import open_folder\n"
+    code = "import sys; sys.modules['fsspec'] = None\nfrom splatreel.storage.addresses import open_folder\n"
     code += "open_folder(sys.argv[1]).write('a/b', b'1'); print(open_folder('file://' + sys.argv[1]).sizes())"
     result = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True)
     assert result.stdout == "{'a/b': 1}\n"
 
 
-def test_paths_and_addresses_are_told_apart(tmp_path):
+def test_is_url_separates_paths_from_urls(tmp_path):
     assert [is_url(text) for text in ("s3://a", "memory://a", "C:\\reel", "a/b", "c:/x", "s3:/a")] == [
         True,
         True,
@@ -149,12 +149,12 @@ def test_paths_and_addresses_are_told_apart(tmp_path):
     assert local_path("s3://a/b") is None
 
 
-def test_names_that_lead_elsewhere_are_not_plain():
+def test_names_outside_the_folder_are_not_plain():
     assert all(map(is_plain, ("a", "a/b.c", "work/group0001/keyframe.safetensors@000000-ab", "a b")))
     assert not any(map(is_plain, ("", "/a", "a/", "../a", "a/../b", "a//b", ".hidden", "a/.b", "a\\b", "a\nb")))
 
 
-def test_a_disk_that_refuses_is_named(tmp_path):
+def test_disk_error_names_the_file(tmp_path):
     (tmp_path / "file").write_text("")
     folder = LocalFolder(tmp_path / "file")
     with pytest.raises(StorageError, match="file/a: could not be written"):

@@ -9,22 +9,22 @@ from splatreel.storage.retrying import RetryingFolder
 from tests.buckets import BreakingFolder
 
 
-def test_a_write_is_tried_again_and_why_is_told(tmp_path):
+def test_write_is_retried_and_reported(tmp_path):
     told = []
     breaking = BreakingFolder(LocalFolder(tmp_path), breaks={0, 1})
     RetryingFolder(breaking, told.append, pauses=(0.0, 0.0)).write("a", b"1")
     assert LocalFolder(tmp_path).sizes() == {"a": 1}
-    assert told == 2 * [f"{tmp_path}/a: could not be written (the line is cut). Trying again."]
+    assert told == 2 * [f"{tmp_path}/a: could not be written (the line is cut). Retrying."]
 
 
-def test_after_the_last_pause_it_is_given_up(tmp_path):
+def test_retries_end_after_the_last_pause(tmp_path):
     breaking = BreakingFolder(LocalFolder(tmp_path), breaks={0, 1, 2, 3})
     with pytest.raises(StorageError, match="the line is cut"):
         RetryingFolder(breaking, pauses=(0.0, 0.0)).write("a", b"1")
     assert breaking.writes == 3
 
 
-def test_what_lasts_is_not_tried_again(tmp_path):
+def test_lasting_errors_are_not_retried(tmp_path):
     (tmp_path / "file").write_text("")
     told = []
     with pytest.raises(StorageError):
@@ -32,7 +32,7 @@ def test_what_lasts_is_not_tried_again(tmp_path):
     assert told == []
 
 
-def test_a_full_disk_is_not_waited_for(tmp_path, monkeypatch):
+def test_full_disk_is_not_retried(tmp_path, monkeypatch):
     def refused(path, data):
         raise OSError(errno.ENOSPC, "No space left on device", str(path))
 

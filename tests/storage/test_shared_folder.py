@@ -4,7 +4,7 @@ import pytest
 
 from splatreel.errors import StorageError
 from splatreel.storage import shared_folder
-from splatreel.storage.opening import open_folder
+from splatreel.storage.addresses import open_folder
 from splatreel.storage.shared_folder import SharedFolder
 from tests.buckets import BreakingFolder
 
@@ -19,7 +19,7 @@ def read(folder):
     return {path.relative_to(folder).as_posix(): path.read_text() for path in folder.rglob("*") if path.is_file()}
 
 
-def test_a_node_gets_what_another_pushed_and_nothing_twice(address, tmp_path):
+def test_pull_fetches_pushed_files_once(address, tmp_path):
     one, two = tmp_path / "one", tmp_path / "two"
     files = {"run.json": "{}", "group0000/keyframe": "points", "group0001/keyframe": "others", "empty": ""}
     write(one, files)
@@ -34,7 +34,7 @@ def test_a_node_gets_what_another_pushed_and_nothing_twice(address, tmp_path):
     assert shared.files()["run.json"].sha256 == hashlib.sha256(b"{}").hexdigest()
 
 
-def test_only_what_changed_is_carried_and_the_older_version_goes(address, tmp_path):
+def test_push_sends_only_changes_and_removes_old_versions(address, tmp_path):
     one, two = tmp_path / "one", tmp_path / "two"
     write(one, {"seconds.json": "[1]", "layout.json": "{}"})
     shared = SharedFolder(address)
@@ -51,7 +51,7 @@ def test_only_what_changed_is_carried_and_the_older_version_goes(address, tmp_pa
     assert read(two) == {"seconds.json": "[1]", "layout.json": "{}"}
 
 
-def test_a_line_that_breaks_is_tried_again_and_old_files_stay_until_the_new_one_is_there(tmp_path):
+def test_push_retries_and_keeps_old_versions_until_done(tmp_path):
     told = []
     write(tmp_path / "one", {"a": "old", "b": "b"})
     shared = SharedFolder(tmp_path / "shared", told.append, pauses=(0.0,))
@@ -67,8 +67,8 @@ def test_a_line_that_breaks_is_tried_again_and_old_files_stay_until_the_new_one_
     assert shared.push(tmp_path / "one", ["a", "b"]) == ["b"]
 
 
-def test_files_arrive_in_the_order_in_which_they_are_named(tmp_path):
-    """So that one that says that the others are whole can be named last."""
+def test_pull_keeps_the_order_of_names(tmp_path):
+    """A file that marks the others as complete can therefore be named last."""
     write(tmp_path / "one", {"a-done": "1", "b": "2", "c": "3"})
     shared = SharedFolder(tmp_path / "shared")
     logged = shared._folder._folder = BreakingFolder(shared._folder._folder, breaks=set())
@@ -80,7 +80,7 @@ def test_files_arrive_in_the_order_in_which_they_are_named(tmp_path):
     assert fetched == ["c", "b", "a-done"]
 
 
-def test_a_version_that_a_killed_push_left_is_removed_by_the_next(tmp_path):
+def test_push_removes_versions_left_by_a_killed_push(tmp_path):
     write(tmp_path / "one", {"a": "1"})
     shared = SharedFolder(tmp_path / "shared")
     shared.push(tmp_path / "one", ["a"])
@@ -97,7 +97,7 @@ def test_a_version_that_a_killed_push_left_is_removed_by_the_next(tmp_path):
     assert len(open_folder(tmp_path / "shared").sizes()) == 1
 
 
-def test_a_file_that_is_replaced_while_it_is_fetched_is_looked_up_again(tmp_path, monkeypatch):
+def test_pull_retries_files_replaced_meanwhile(tmp_path, monkeypatch):
     write(tmp_path / "one", {"a": "1"})
     shared = SharedFolder(tmp_path / "shared")
     shared.push(tmp_path / "one", ["a"])
@@ -119,12 +119,12 @@ def test_a_file_that_is_replaced_while_it_is_fetched_is_looked_up_again(tmp_path
         shared.pull(["a"], tmp_path / "three")
 
 
-def test_a_name_that_is_not_there(address, tmp_path):
-    with pytest.raises(StorageError, match=r"has no file 'group0003/group'\. Is the job done"):
+def test_pull_names_a_missing_file(address, tmp_path):
+    with pytest.raises(StorageError, match=r"has no file 'group0003/group'\. Has the job that writes it finished"):
         SharedFolder(address).pull(["group0003/group"], tmp_path)
 
 
-def test_a_file_that_is_damaged_there_is_not_taken(tmp_path):
+def test_pull_refuses_damaged_files(tmp_path):
     write(tmp_path / "one", {"a": "good"})
     shared = SharedFolder(tmp_path / "shared")
     shared.push(tmp_path / "one", ["a"])
@@ -136,14 +136,14 @@ def test_a_file_that_is_damaged_there_is_not_taken(tmp_path):
 
 
 @pytest.mark.parametrize("name", ["../a", "/a", ".hidden", "missing"])
-def test_what_cannot_be_pushed(tmp_path, name):
+def test_push_refuses_invalid_files(tmp_path, name):
     (tmp_path / "one").mkdir()
     (tmp_path / "a").write_text("1")
     with pytest.raises(StorageError, match=r"no path within a folder|cannot be read"):
         SharedFolder(tmp_path / "shared").push(tmp_path / "one", [name])
 
 
-def test_names_there_that_lead_elsewhere_are_left_alone(tmp_path):
+def test_pull_ignores_names_outside_the_folder(tmp_path):
     digest = hashlib.sha256(b"1").hexdigest()
     fsspec = pytest.importorskip("fsspec", reason="needs the extra cloud")
     files = fsspec.filesystem("memory")

@@ -1,0 +1,1 @@
+"""Readers of captures: videos, images, sound, camera poses, calibration and synchronization."""

@@ -1,4 +1,4 @@
-"""The one interface every capture format is read through."""
+"""Common interface of all capture formats."""
 
 from __future__ import annotations
 
@@ -17,28 +17,31 @@ from splatreel import threads
 from splatreel.capture.files import LOCAL, Files
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.growth import Growth
-from splatreel.capture.poses import check_poses
-from splatreel.capture.sound import Track
+from splatreel.capture.pose_checks import validate_poses
+from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 
 SLOWEST, FASTEST = 1e-3, 1e5
-"""Frames a second that a reel may have."""
+"""Supported frame rates of a reel."""
 WIDEST = 16384
-"""Pixels across that pictures are read at."""
+"""Maximum image width and height in pixels."""
 MIN_CAMERAS = 3
-"""Fewer cameras do not fix the geometry of a scene."""
+"""Fewer cameras do not determine the geometry of a scene."""
 FAR_OFF = 1e4
-"""A camera this many times as far from the others as they are apart has a broken pose."""
+"""A camera has a broken pose if it is this many times farther from the others than they are apart."""
 
 
 @dataclass(frozen=True)
 class Request:
-    """What the user asked of a capture, whatever its format.
+    """Options of a capture that do not depend on its format.
 
-    width: output width in pixels, or scale: output over input size; neither keeps the input's size.
-    frames: (first, end), end exclusive; None is all of them. held_out: names of cameras kept for evaluation; None is the
-    format's default. growth: of a capture that is still being written; the end of its frames may then be yet to come.
+    Attributes:
+        width: Output width in pixels.
+        scale: Output size over input size. Without width and scale the input size is kept.
+        frames: First frame and end (exclusive); None means all frames.
+        held_out: Names of held-out cameras; None uses the format's default.
+        growth: State of a capture that is still being written. The end of its frames may be in the future.
     """
 
     width: int | None = None
@@ -47,12 +50,12 @@ class Request:
     held_out: list[str] | None = None
     growth: Growth | None = None
     files: Files = LOCAL
-    """Where the videos and pictures lie."""
+    """Access to the videos and images."""
     tables: dict[str, FrameTable] = field(default_factory=dict)
-    """Frame tables of videos by their paths within the capture, as far as they are known; others are scanned."""
+    """Known frame tables of videos by paths within the capture. Other videos are scanned."""
 
     def size(self, width: int, height: int, path: Path) -> tuple[int, int]:
-        """Output (width, height) for an input of that size, at the same aspect ratio."""
+        """Return output width and height for an input size, with the same aspect ratio."""
         if self.width is not None and self.scale is not None:
             raise CaptureError(f"{path}: both width {self.width} and scale {self.scale} were given; give one of them.")
         if self.width is not None and not 1 <= self.width <= WIDEST:
@@ -72,7 +75,7 @@ class Request:
         return out
 
     def range(self, available: int, path: Path) -> tuple[int, int]:
-        """The (first, end) frames to read of a capture that has `available`."""
+        """Return the first frame and the end to read from a capture with `available` frames."""
         first, end = self.frames if self.frames is not None else (0, available)
         if self.growth is not None:
             end = min(end, available)
@@ -87,11 +90,18 @@ class Request:
 class Capture(ABC):
     """Synchronized images of static cameras.
 
-    cameras: every camera, resized to the output size. held_out: names of those kept for evaluation. frames: how many time steps
-    there are after the frame range is applied; fps: time steps a second. points: [P, 3] float32 and point_colors: [P, 3] float32
-    0..1, sparse points of the first frame where the capture has them. near: a near bound in world units, where the format brings
-    one that can be trusted. origin: the file or folder that the poses are from. doubts: what is odd about them, in sentences.
-    growing: whether it is still being written; frames then grows, up to `limit` frames of the files if that is not None.
+    Attributes:
+        cameras: All cameras, at the output size.
+        held_out: Names of held-out cameras.
+        frames: Number of time steps within the frame range.
+        fps: Time steps per second.
+        points: Sparse points of the first frame, [P, 3] float32, or None.
+        point_colors: Their colors, [P, 3] float32 0..1, or None.
+        near: Reliable near bound of the format in world units, or None.
+        origin: File or folder of the poses.
+        doubts: Sentences about doubtful poses.
+        growing: True while the capture is still being written. `frames` then grows up to `limit`.
+        limit: End of the frames of a growing capture, or None.
     """
 
     def __init__(
@@ -148,16 +158,16 @@ class Capture(ABC):
             raise CaptureError(
                 f"{self.path}: has {self.fps:g} frames a second, expected {SLOWEST:g} to {FASTEST:g}; correct the number in its files."
             )
-        self.doubts = check_poses(self.cameras, self.points, str(self.origin))
+        self.doubts = validate_poses(self.cameras, self.points, str(self.origin))
         self._check_places()
 
     def _check_places(self) -> None:
-        """Poses that are finite, but of no rig of cameras."""
+        """Check that finite poses are plausible for a camera rig."""
         centers = np.stack([c.center for c in self.cameras]).astype(np.float64)
         gaps = np.linalg.norm(centers - np.median(centers, 0), axis=1)
         if gaps.max() <= 1e-6 * np.abs(centers).max():
             raise CaptureError(
-                f"{self.path}: all {len(gaps)} cameras stand in one place, {centers[0].round(3).tolist()}, where they see no "
+                f"{self.path}: all {len(gaps)} cameras have the same position {centers[0].round(3).tolist()}, which gives no "
                 f"depth. Check their poses."
             )
         if gaps.max() > FAR_OFF * np.median(gaps) > 0:
@@ -169,18 +179,21 @@ class Capture(ABC):
 
     @property
     def training_cameras(self) -> list[Camera]:
+        """Cameras that are not held out."""
         return [c for c in self.cameras if c.name not in self.held_out]
 
     @property
     def width(self) -> int:
+        """Width of the images in pixels."""
         return self.cameras[0].width
 
     @property
     def height(self) -> int:
+        """Height of the images in pixels."""
         return self.cameras[0].height
 
     def camera(self, name: str) -> Camera:
-        """The camera of that name; `CaptureError` if there is none."""
+        """Return a camera by name. Raise `CaptureError` if it does not exist."""
         for camera in self.cameras:
             if camera.name == name:
                 return camera
@@ -189,13 +202,13 @@ class Capture(ABC):
         )
 
     def read(self, first: int, count: int, cameras: list[str]) -> np.ndarray:
-        """Frames first .. first + count - 1, counted within the chosen range, as uint8 [count, len(cameras), H, W, 3] sRGB."""
+        """Return frames as uint8 [count, len(cameras), H, W, 3] sRGB. `first` is counted within the frame range."""
         out = np.empty((max(count, 0), len(cameras), self.height, self.width, 3), np.uint8)
         self.read_into(out, first, cameras)
         return out
 
     def read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        """Read as `read` does, into an array."""
+        """Read frames into an array, as `read` does."""
         count = len(out)
         if first < 0 or count < 1 or first + count > self.frames:
             raise CaptureError(f"{self.path}: frames {first}:{first + count} asked for, there are 0:{self.frames}.")
@@ -205,30 +218,32 @@ class Capture(ABC):
 
     @abstractmethod
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        """Fill out [count, len(cameras), H, W, 3] from frame `first` of the files (the range's start is already added)."""
+        """Fill out [count, len(cameras), H, W, 3] from frame `first` of the files, which includes the start of the range."""
 
     def close(self) -> None:  # noqa: B027 - most formats hold nothing open
-        """Release open files; reading again reopens them."""
+        """Close open files. A later read opens them again."""
 
     def tracks(self) -> dict[str, Track]:
-        """By camera, where the sound of the chosen frames is, or would be; of cameras whose pictures are videos."""
+        """Return the sound of the chosen frames by camera, for cameras with videos."""
         return {}
 
     def frame_tables(self) -> dict[str, FrameTable]:
-        """Return the frame tables of its videos by their paths within the capture, for others who open it."""
+        """Return the frame tables of the videos by paths within the capture, for other processes that open it."""
         return {}
 
     def sources(self) -> list[Path]:
-        """The files that are read, whose sizes belong to the fingerprint."""
+        """Return the files that are read, whose sizes belong to the fingerprint."""
         return []
 
     def fingerprint(self) -> str:
-        """A short stable string that changes with the cameras, the frames, what is held out, or the files.
+        """Return a short string that changes with the cameras, the frames, the held-out cameras or the files.
 
-        A run that continues compares it: checkpoints of another capture do not fit. It does not depend on where the capture
-        lies. Files are compared by their sizes: two takes of one rig differ in nothing else. What is still being written has neither
-        a number of frames nor a size. Raises `CaptureError` where a file is
-        missing.
+        A continued run compares it, because checkpoints of another capture do not fit. The location of the capture does
+        not matter. Files are compared by size, since two takes of one rig have no other difference. A growing capture
+        has no frame count or sizes.
+
+        Raises:
+            CaptureError: A file is missing.
         """
         digest = hashlib.sha256()
         frames = self.limit if self.growing else self.frames
@@ -246,7 +261,7 @@ class Capture(ABC):
         return digest.hexdigest()[:16]
 
     def describe(self) -> dict[str, Any]:
-        """What a person calls different about two captures, and the fingerprint for the rest; plain JSON values."""
+        """Return the readable differences between captures, and the fingerprint, as JSON values."""
         end = (self.limit or "") if self.growing else self.first_frame + self.frames
         return {
             "name": self.name,
@@ -262,7 +277,7 @@ class Capture(ABC):
 def read_cameras(read: Callable[[np.ndarray, int, str], None], out: np.ndarray, first: int, cameras: list[str]) -> None:
     """Fill out [count, len(cameras), H, W, 3] by read(out [count, H, W, 3], first, camera), cameras in parallel.
 
-    FFmpeg and OpenCV work without the interpreter lock.
+    FFmpeg and OpenCV release the interpreter lock.
     """
     with ThreadPoolExecutor(min(len(cameras), threads.count()) or 1) as pool:
         jobs = [pool.submit(read, out[:, c], first, name) for c, name in enumerate(cameras)]

@@ -1,8 +1,8 @@
-"""Where the cameras of a folder of videos stand, and what their lenses do: COLMAP models of some moments, by pycolmap.
+"""Calibration of the cameras of a folder of videos: COLMAP models of several moments, by pycolmap.
 
-Moments are solved each on its own, and what they do not agree on is not believed: with too little in common, COLMAP returns
-numbers all the same. Photographs of a camera that is walked from one view to the next connect cameras that are far apart; they
-are solved with every moment, and are not in the result.
+Moments are solved independently, and only poses on which they agree are kept: with too few matches COLMAP returns wrong
+poses without an error. Photographs of a camera that is walked between the views connect distant cameras. They are
+solved with every moment and left out of the result.
 """
 
 from __future__ import annotations
@@ -15,10 +15,12 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
+from PIL import Image, ImageOps
 
 from splatreel.capture.base import MIN_CAMERAS, Request
 from splatreel.capture.calibration_agreement import FIELD, CalibratedCamera, CalibratedRig, trusted
-from splatreel.capture.connecting_photos import PHOTO_FOLDER, check_photos, write_photos, write_picture
+from splatreel.capture.image_sequences import image_files
+from splatreel.capture.images import image_size
 from splatreel.capture.readers.colmap import import_pycolmap, is_colmap, video_files
 from splatreel.capture.readers.neu3dv import POSES
 from splatreel.capture.sidecar import read_sidecar, write_failure
@@ -30,15 +32,21 @@ from splatreel.scene.atomic import scratch
 
 MODEL = Path("sparse/0")
 FEW = 100
-"""Points that a camera sees, below which its place and lens are doubtful."""
+"""Number of visible points below which a camera's pose and lens are doubtful."""
 MOMENTS = 3
-"""At which the cameras are placed, spread over the videos."""
+"""Number of moments at which the cameras are placed, spread over the videos."""
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """placed: by camera how many points it sees. lost: cameras that could not be placed, or not twice alike. error: mean distance in
-    pixels of points from where the model says. moments: how many were solved."""
+    """Result of a calibration.
+
+    Attributes:
+        placed: Number of visible points by camera.
+        lost: Cameras that could not be placed, or not consistently.
+        error: Mean reprojection error in pixels.
+        moments: Number of solved moments.
+    """
 
     placed: dict[str, int]
     lost: list[str]
@@ -47,19 +55,26 @@ class Calibration:
 
     @property
     def doubtful(self) -> list[str]:
-        """Cameras that may stand elsewhere."""
+        """Cameras whose pose may be wrong."""
         return [name for name, points in self.placed.items() if points < FEW]
 
 
 def calibrate(path: Path, progress: Progress, also: Path | None = None) -> Calibration:
-    """Write the COLMAP model `sparse/0` of a folder of videos, one a camera, from frames spread over them.
+    """Write the COLMAP model `sparse/0` of a folder of videos, one per camera, from frames spread over them.
 
-    also: a folder of photographs that connect the cameras' views. Cameras whose pictures have too little in common with the others', or
-    on which moments do not agree, are not in the model. Raises `CaptureError` where the folder is calibrated already, where there are
-    too few videos, or where fewer than three cameras could be placed reliably, which is noted in the folder's `splatreel.json`.
+    Cameras with too few matches, or on which moments disagree, are left out.
+
+    Args:
+        path: Folder of videos.
+        progress: Progress display.
+        also: Folder of photographs that connect the cameras' views.
+
+    Raises:
+        CaptureError: The folder is calibrated already, has too few videos, or fewer than three cameras could be placed
+            reliably. The last case is recorded in the folder's `splatreel.json`.
     """
     if is_colmap(path) or (path / POSES).exists():
-        raise CaptureError(f"{path}: is calibrated already. Delete {MODEL.parent} or {POSES} to calibrate it anew.")
+        raise CaptureError(f"{path}: is calibrated already. Delete {MODEL.parent} or {POSES} to calibrate it again.")
     files = video_files(path)
     if len(files) < MIN_CAMERAS:
         found = ", ".join(file.name for file in files.values()) or "none"
@@ -68,7 +83,9 @@ def calibrate(path: Path, progress: Progress, also: Path | None = None) -> Calib
     import_pycolmap()
     with scratch(path, "calibrate") as folder:
         try:
-            found = run_in_child(_place, path, files, photos, folder, hear=lambda message: _show(progress, *message))
+            found = run_in_child(
+                _place, path, files, photos, folder, on_message=lambda message: _call_progress(progress, *message)
+            )
         except ChildEndedError as error:
             raise CaptureError(
                 f"{path}: COLMAP's process was ended {error.how}. If memory ran out (SIGKILL), close other programs; then try again."
@@ -76,17 +93,20 @@ def calibrate(path: Path, progress: Progress, also: Path | None = None) -> Calib
         if isinstance(found, str):
             write_failure(path, found)
             raise CaptureError(f"{path}: the calibration failed, and nothing was kept of it: {found}")
-        _put(folder / "model", path / MODEL)
+        _move_into_place(folder / "model", path / MODEL)
     write_failure(path, None)
     return found
 
 
 def _place(send: Send, path: Path, files: dict[str, Path], photos: list[Path], folder: Path) -> Calibration | str:
-    """Place the cameras, in a process of its own: COLMAP computes for minutes without looking at signals.
+    """Place the cameras in a child process, because COLMAP computes for minutes without handling signals.
 
-    send: takes what `_show` is called with. The model is left in folder / "model". Returns why if there is none that can be trusted.
+    The model is left in folder / "model".
+
+    Returns:
+        The calibration, or the reason why there is no reliable model.
     """
-    colmap, progress = import_pycolmap(), _Sent(send)
+    colmap, progress = import_pycolmap(), _ProgressSender(send)
     colmap.logging.minloglevel = colmap.logging.Level.FATAL.value
     videos = Videos(path, files, read_sidecar(path), Request(frames=(0, 1)))
     try:
@@ -97,16 +117,16 @@ def _place(send: Send, path: Path, files: dict[str, Path], photos: list[Path], f
     best, kept = trusted(rigs, FEW) if rigs else (0, set[str]())
     sure = [name for name in kept if rigs[best][name].points >= FEW]
     if len(sure) < MIN_CAMERAS or 2 * len(kept) < len(rigs[best]):
-        return _why(list(files), rigs, kept, len(sure))
-    model = _only(models[best], kept)
+        return _explain_failure(list(files), rigs, kept, len(sure))
+    model = _keep_cameras(models[best], kept)
     (folder / "model").mkdir()
     model.write_binary(str(folder / "model"))
     placed = {name: rigs[best][name].points for name in sorted(kept)}
     return Calibration(placed, sorted(set(files) - kept), float(model.compute_mean_reprojection_error()), len(models))
 
 
-class _Sent:
-    """Progress that is sent to the parent process."""
+class _ProgressSender:
+    """Progress that is sent to the parent process as arguments of `_show`."""
 
     def __init__(self, send: Send) -> None:
         self._send = send
@@ -121,13 +141,13 @@ class _Sent:
         self._send(("note", (text,), {}))
 
 
-def _show(progress: Progress, method: str, arguments: tuple[Any, ...], numbers: dict[str, float]) -> None:
-    """Call a method of progress that `_Sent` was called with in the child process."""
+def _call_progress(progress: Progress, method: str, arguments: tuple[Any, ...], numbers: dict[str, float]) -> None:
+    """Call the progress method that `_Sent` received in the child process."""
     getattr(progress, method)(*arguments, **numbers)
 
 
 class _Solver:
-    """Places the cameras at one moment after the other, in a folder of its own."""
+    """Solver that places the cameras at one moment after the other."""
 
     def __init__(self, colmap: ModuleType, folder: Path, photos: list[Path], progress: Progress) -> None:
         self.colmap, self.folder, self.progress = colmap, folder, progress
@@ -136,7 +156,7 @@ class _Solver:
         self.photos = write_photos(photos, self.pictures, progress) if photos else []
 
     def solve(self, videos: Videos, names: list[str]) -> list[Any]:
-        """The models of the moments that have one."""
+        """Return the models of all moments that have one."""
         colmap, progress = self.colmap, self.progress
         if self.photos:
             progress.stage(f"comparing {len(self.photos)} photographs", 1)
@@ -153,7 +173,7 @@ class _Solver:
         return models
 
     def _moment(self, videos: Videos, names: list[str], moment: int, frame: int) -> Any:
-        """The model that holds the most of the cameras, each with a lens of its own; None if there is none."""
+        """Return the model with the most cameras, each with its own lens, or None."""
         colmap, database = self.colmap, self.folder / f"moment{moment}.db"
         images = []
         for name in names:
@@ -166,12 +186,12 @@ class _Solver:
             shutil.copy(self.known, database)
         self._extract(database, images, colmap.CameraMode.PER_IMAGE)
         self.progress.update(4 * moment + 2)
-        seed = moment + 1  # what hangs on chance is to differ from moment to moment
+        seed = moment + 1  # random choices should differ between moments
         self._match(database, seed)
         self.progress.update(4 * moment + 3)
         options = colmap.IncrementalPipelineOptions()
         options.random_seed = seed
-        options.num_threads = 1  # several add up the errors of many points in any order
+        options.num_threads = 1  # several threads sum in any order, which changes the result
         out = self.folder / f"models{moment}"
         out.mkdir()
         models = colmap.incremental_mapping(database, self.pictures, out, options=options)
@@ -180,21 +200,21 @@ class _Solver:
         return max(found, key=lambda model: (len(_rig(model)), len(model.points3D)), default=None)
 
     def _extract(self, database: Path, images: list[str], mode: Any) -> None:
-        """Find the features of pictures. Threads are done in any order, so that the pictures are numbered before."""
+        """Extract the features of images. Images are numbered first, because threads finish in any order."""
         self.colmap.Database.open(database).close()
         self.colmap.import_images(database, self.pictures, camera_mode=mode, image_names=images)
         self.colmap.extract_features(database, self.pictures, image_names=images, camera_mode=mode)
 
     def _match(self, database: Path, seed: int) -> None:
-        """Find what pictures have in common, the same for the same seed: without one, each thread draws numbers of its own."""
+        """Match features, reproducibly for the same seed. Without a seed each thread draws its own random numbers."""
         matching, verification = self.colmap.FeatureMatchingOptions(), self.colmap.TwoViewGeometryOptions()
-        matching.guided_matching = True  # once two cameras are known roughly, their lines tell where to look for more
+        matching.guided_matching = True  # epipolar lines of roughly known cameras guide further matches
         verification.ransac.random_seed = seed
         self.colmap.match_exhaustive(database, matching_options=matching, verification_options=verification)
 
 
 def _rig(model: Any) -> CalibratedRig:
-    """The cameras that a model places, photographs left out."""
+    """Return the cameras of a model, without photographs."""
     rig = {}
     for number in model.reg_image_ids():
         image = model.image(number)
@@ -207,8 +227,8 @@ def _rig(model: Any) -> CalibratedRig:
     return rig
 
 
-def _why(names: list[str], rigs: list[CalibratedRig], kept: set[str], sure: int) -> str:
-    """What is wrong with models that cannot be trusted, and what to do."""
+def _explain_failure(names: list[str], rigs: list[CalibratedRig], kept: set[str], sure: int) -> str:
+    """Describe what is wrong with unreliable models, and the remedy."""
     most = max(rigs, key=len, default={})
     odd = {name: placed for rig in rigs for name, placed in rig.items() if not placed.possible}
     if len(most) < MIN_CAMERAS:
@@ -231,8 +251,8 @@ def _why(names: list[str], rigs: list[CalibratedRig], kept: set[str], sure: int)
     )
 
 
-def _only(model: Any, kept: set[str]) -> Any:
-    """The model with nothing but the cameras that are kept."""
+def _keep_cameras(model: Any, kept: set[str]) -> Any:
+    """Return the model with only the kept cameras."""
     for number in list(model.reg_image_ids()):
         image = model.image(number)
         if image.name.startswith(PHOTO_FOLDER) or Path(image.name).stem not in kept:
@@ -241,8 +261,52 @@ def _only(model: Any, kept: set[str]) -> Any:
     return model
 
 
-def _put(made: Path, place: Path) -> None:
-    """Move a model into place, whole or not at all."""
+def _move_into_place(made: Path, place: Path) -> None:
+    """Move a model into place completely or not at all."""
     place.parent.mkdir(exist_ok=True)
     shutil.rmtree(place, ignore_errors=True)
     os.replace(made, place)
+
+
+PHOTO_FOLDER = "also/"
+"""Folder of the photographs among the cameras' images, which have no folder."""
+LONGEST = 2400
+"""Size in pixels to which photographs are reduced. More gives COLMAP little."""
+
+
+def check_photos(folder: Path) -> list[Path]:
+    """Return the photographs of a folder. Raise `CaptureError` if there are none or one cannot be read."""
+    if not folder.is_dir():
+        raise CaptureError(f"{folder}: is not a folder. Name a folder of photographs.")
+    files = image_files(folder)
+    if not files:
+        raise CaptureError(f"{folder}: holds no photographs (JPEG, PNG, WebP, TIFF or BMP). Copy them there.")
+    for file in files:
+        image_size(file)
+    return files
+
+
+def write_photos(files: list[Path], pictures: Path, progress: Progress) -> list[str]:
+    """Write upright copies of photographs, grouped by size, since equal sizes share a lens. Return their names."""
+    names = []
+    progress.stage("reading photographs", len(files))
+    for number, file in enumerate(files):
+        try:
+            with Image.open(file) as opened:
+                image = ImageOps.exif_transpose(opened).convert("RGB")
+        except (OSError, ValueError, Image.DecompressionBombError) as error:
+            raise CaptureError(
+                f"{file}: cannot be read as a picture ({error}). Copy it again or leave it out."
+            ) from error
+        image.thumbnail((LONGEST, LONGEST), Image.Resampling.LANCZOS)
+        name = f"{PHOTO_FOLDER}{image.width}x{image.height}/{number:05d}.jpg"
+        (pictures / name).parent.mkdir(parents=True, exist_ok=True)
+        image.save(pictures / name, quality=95)
+        names.append(name)
+        progress.update(number + 1)
+    return names
+
+
+def write_picture(file: Path, picture: np.ndarray) -> None:
+    """Write a frame [H, W, 3] uint8 as a PNG file."""
+    Image.fromarray(picture).save(file, compress_level=1)

@@ -1,6 +1,7 @@
-"""Whether calibrations of one rig at several moments agree on where its cameras stand and what their lenses do.
+"""Agreement of calibrations of one rig at several moments.
 
-Each is known up to a motion and a scale. A calibration that has too little to go by is not a little off: it is another one each time.
+Each calibration is known up to a similarity transform. A calibration with too few matches is not slightly wrong but
+different each time.
 """
 
 from __future__ import annotations
@@ -10,18 +11,22 @@ from dataclasses import dataclass
 import numpy as np
 
 FIELD = 5.0, 170.0
-"""Degrees that a lens shows, along the longer side: beyond are no lenses of video cameras."""
+"""Plausible fields of view of video cameras along the longer side, degrees."""
 TURNED, MOVED, ZOOMED = 2.0, 0.1, 0.1
-"""How far calibrations may differ: degrees, shares of the cameras' distance from each other, shares of the focal length."""
+"""Tolerances: degrees, share of the distance between cameras, share of the focal length."""
 FEWEST = 3
-"""Cameras that two calibrations must share to be compared."""
+"""Minimum number of shared cameras to compare two calibrations."""
 
 
 @dataclass(frozen=True)
 class CalibratedCamera:
     """One camera of a calibration.
 
-    rotation: [3, 3] world to camera. center: [3]. focal: in lengths of the longer side. points: how many it sees.
+    Attributes:
+        rotation: World to camera, [3, 3].
+        center: Optical center, [3].
+        focal: Focal length in units of the longer side.
+        points: Number of visible points.
     """
 
     rotation: np.ndarray
@@ -31,12 +36,12 @@ class CalibratedCamera:
 
     @property
     def field(self) -> float:
-        """Degrees that it shows along the longer side."""
+        """Field of view along the longer side, degrees."""
         return float(np.degrees(2 * np.arctan(0.5 / self.focal))) if self.focal > 0 else 180.0
 
     @property
     def possible(self) -> bool:
-        """Whether a lens can be so."""
+        """True if a lens can have this field of view."""
         return FIELD[0] <= self.field <= FIELD[1]
 
 
@@ -44,12 +49,12 @@ CalibratedRig = dict[str, CalibratedCamera]
 
 
 def agreeing(one: CalibratedRig, other: CalibratedRig) -> set[str]:
-    """The cameras on which two calibrations agree."""
+    """Return the cameras on which two calibrations agree."""
     names = sorted(set(one) & set(other))
     if len(names) < FEWEST:
         return set()
     rotations, theirs = (np.stack([rig[name].rotation for name in names]) for rig in (one, other))
-    turns = np.swapaxes(rotations, 1, 2) @ theirs  # each camera's idea of how the worlds are turned
+    turns = np.swapaxes(rotations, 1, 2) @ theirs  # rotation between the worlds, as estimated from each camera
     off = np.stack([_degrees(rotations @ turn, theirs) for turn in turns])
     best = int(np.median(off, 1).argmin())
     turn, turned = turns[best], off[best]
@@ -66,10 +71,10 @@ def agreeing(one: CalibratedRig, other: CalibratedRig) -> set[str]:
 
 
 def trusted(rigs: list[CalibratedRig], few: int) -> tuple[int, set[str]]:
-    """Which calibration is the best, and its cameras that can be trusted: with possible lenses, and where another one says, too.
+    """Return the index of the best calibration and its trusted cameras: plausible lenses, confirmed by another calibration.
 
-    A camera that sees fewer than `few` points must come out alike in all of them: what little it sees may be taken wrongly twice. Of a
-    single moment there is nothing to compare with: every camera must see as many then.
+    A camera with fewer than `few` points must agree in all calibrations. With a single calibration every camera needs
+    as many points.
     """
     found: list[set[str]] = []
     for number, rig in enumerate(rigs):
@@ -80,7 +85,7 @@ def trusted(rigs: list[CalibratedRig], few: int) -> tuple[int, set[str]]:
 
 
 def _believed(name: str, placed: CalibratedCamera, alike: list[set[str]], few: int) -> bool:
-    """alike: the cameras that come out alike, by other calibrations."""
+    """Return whether a camera is trusted. `alike` has the agreeing cameras for each other calibration."""
     agreed = [name in names for names in alike]
     if placed.points < few:
         return placed.possible and len(agreed) > 0 and all(agreed)
@@ -88,12 +93,12 @@ def _believed(name: str, placed: CalibratedCamera, alike: list[set[str]], few: i
 
 
 def _degrees(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Between rotations [N, 3, 3]."""
+    """Return the angles between rotations [N, 3, 3]."""
     trace = np.einsum("nij,nij->n", a, b)
     return np.degrees(np.arccos(np.clip((trace - 1) / 2, -1, 1)))
 
 
 def _gaps(centers: np.ndarray) -> np.ndarray:
-    """Distances of all pairs of places [N, 3]."""
+    """Return the distances of all pairs of positions [N, 3]."""
     i, j = np.triu_indices(len(centers), 1)
     return np.linalg.norm(centers[i] - centers[j], axis=1)

@@ -1,4 +1,4 @@
-"""Captures whose pictures are files: one source of frames for all cameras, some of which may have lens distortion."""
+"""Captures whose images come from files, some with lens distortion."""
 
 from __future__ import annotations
 
@@ -10,60 +10,77 @@ import numpy as np
 from splatreel.capture.base import Capture, Request, read_cameras
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.lens import Lens
-from splatreel.capture.sound import Track
+from splatreel.capture.soundtrack import Track
 from splatreel.scene.camera import Camera
 
 
 class FrameSource(Protocol):
-    """Pictures of cameras by name. frames: how many time steps all of them have; fps: time steps a second."""
+    """Images of cameras by name.
+
+    Attributes:
+        fps: Time steps per second.
+        frames: Number of time steps that all cameras have.
+    """
 
     fps: float
 
     @property
-    def frames(self) -> int: ...
+    def frames(self) -> int:
+        """Number of time steps."""
+        ...
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
-        """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8, resized to H x W."""
+        """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8, resized to H x W."""
 
     def sources(self, first: int, count: int) -> list[Path]:
-        """The files that hold `count` time steps from `first` on."""
+        """Return the files that hold `count` time steps from `first` on."""
         ...
 
     def tracks(self, first: int) -> dict[str, Track]:
-        """By camera, where the sound from time step `first` on is; nothing of cameras without a video."""
+        """Return the sound from time step `first` on by camera, for cameras with videos."""
         ...
 
     def tables(self) -> dict[Path, FrameTable]:
-        """Return the frame tables of its videos; nothing of pictures, or of what is still being written."""
+        """Return the frame tables of complete videos."""
         ...
 
     def close(self) -> None:
-        """Release open files; reading again reopens them."""
+        """Close open files. A later read opens them again."""
 
 
 @runtime_checkable
 class GrowingSource(FrameSource, Protocol):
-    """Pictures that are still being written. frames: how many time steps are whole in all cameras, so far."""
+    """Images that are still being written. `frames` counts the time steps complete in all cameras so far."""
 
     def counts(self) -> dict[str, int]:
-        """By camera, how many time steps of it are whole."""
+        """Return the number of complete time steps by camera."""
         ...
 
     def waiting_for(self, name: str) -> Path:
-        """The file in which a camera's next picture will be."""
+        """Return the file that will hold a camera's next image."""
         ...
 
     def update(self) -> None:
-        """Look for what was written."""
+        """Check for new images."""
 
     def settle(self) -> None:
-        """Once the capture has ended: all that is there counts."""
+        """Count everything that exists, after the capture has ended."""
 
 
 class FileCapture(Capture):
-    """A capture whose pictures are files.
+    """Capture whose images come from files.
 
-    held_out: what the format holds out; the request comes first. lenses: of those cameras whose pictures are distorted.
+    Args:
+        path: Folder of the capture.
+        cameras: All cameras, at the output size.
+        source: Source of the images.
+        request: Options; its held-out cameras take precedence.
+        held_out: Default of the format.
+        lenses: Lenses of cameras with distortion.
+        points: Sparse points, [P, 3] float32.
+        point_colors: Their colors, [P, 3] float32 0..1.
+        near: Near bound, world units.
+        origin: File or folder of the poses.
     """
 
     def __init__(
@@ -110,21 +127,25 @@ class FileCapture(Capture):
 
     @property
     def source(self) -> FrameSource:
-        """Where the pictures come from."""
+        """Source of the images."""
         return self._source
 
     def grow(self, available: int) -> None:
-        """More time steps are whole: so many in all, from the first one of the files on."""
+        """Update the number of complete time steps, counted from the first one of the files."""
         self.frames = min(available, self.limit or available) - self.first_frame
 
     def sources(self) -> list[Path]:
+        """Return the files that are read."""
         return self._source.sources(self.first_frame, self.frames)
 
     def frame_tables(self) -> dict[str, FrameTable]:
+        """Return the frame tables of the videos."""
         return {path.relative_to(self.path).as_posix(): table for path, table in self._source.tables().items()}
 
     def tracks(self) -> dict[str, Track]:
+        """Return the sound by camera."""
         return self._source.tracks(self.first_frame)
 
     def close(self) -> None:
+        """Close open files."""
         self._source.close()

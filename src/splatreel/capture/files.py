@@ -1,4 +1,4 @@
-"""The videos and pictures of a capture: in a folder of this machine, or elsewhere, where only what is needed of them is fetched."""
+"""Access to a capture's videos and images, local or remote. Of remote files only the needed parts are fetched."""
 
 from __future__ import annotations
 
@@ -14,35 +14,37 @@ from av.container import InputContainer
 
 from splatreel.errors import CaptureError
 from splatreel.scene.atomic import scratch
-from splatreel.storage.opening import open_folder
+from splatreel.storage.addresses import open_folder
 from splatreel.storage.ranged_file import RangedFile
 from splatreel.storage.retrying import RetryingFolder
 
 MEDIA = re.compile(
     r".*\.(mp4|mov|m4v|mkv|webm|avi|m?ts|jpe?g|png|webp|tiff?|bmp|wav|flac|mp3|m4a|aac|ogg|opus)", re.IGNORECASE
 )
-"""Files that are read in place. All others are small, and say where the cameras are."""
+"""Files that are read in parts. All others are small and describe the cameras."""
 
 
 class Files(Protocol):
-    """Files by their path on this machine."""
+    """Files by their local paths."""
 
     def source(self, path: Path) -> Any:
-        """Return what PyAV and Pillow open: a path, or an open file."""
+        """Return an argument for PyAV and Pillow: a path or an open file."""
         ...
 
     def raw(self, path: Path) -> BinaryIO:
-        """Open a file to be read in places. Raises OSError."""
+        """Open a file for random access. Raise OSError if it cannot be opened."""
         ...
 
 
 class LocalFiles:
-    """Files that lie where their paths say."""
+    """Files on this machine."""
 
     def source(self, path: Path) -> Any:
+        """Return an argument for PyAV and Pillow."""
         return str(path)
 
     def raw(self, path: Path) -> BinaryIO:
+        """Open a file for random access."""
         return open(path, "rb")
 
 
@@ -50,22 +52,22 @@ LOCAL = LocalFiles()
 
 
 BRIEFLY = {"analyzeduration": "100000", "fpsprobesize": "0"}
-"""FFmpeg looks only at the first pictures of a file, not at five megabytes of it."""
+"""FFmpeg options that analyze only the first frames of a file instead of five megabytes."""
 
 
 def open_media(files: Files, path: Path, options: dict[str, str] | None = None) -> InputContainer:
-    """Open a video or a file of sound, with options of FFmpeg's demultiplexers. Raises what PyAV raises."""
+    """Open a video or sound file with options of FFmpeg's demuxers. PyAV's errors pass through."""
     return cast(InputContainer, av.open(files.source(path), "r", options=options or {}))
 
 
-class RemoteFiles:
-    """A capture at an address such as `s3://BUCKET/CAPTURE`, and a folder on this machine that looks like it.
+class RemoteCaptureFiles:
+    """Capture at an address such as `s3://BUCKET/CAPTURE`, mirrored by a local folder.
 
-    In the folder, small files are copies. Videos and pictures are empty files of the right size that take no room on the disk; what is
-    in them is fetched when it is read. The folder is deleted with this object.
+    In the folder, small files are copies. Videos and images are sparse files of the right size, whose content is
+    fetched when it is read. The folder is deleted with this object.
 
     Args:
-        url: The capture's folder, as `open_folder` takes it.
+        url: Address of the capture's folder, see `open_folder`.
 
     Raises:
         CaptureError: There is nothing at the address.
@@ -88,9 +90,11 @@ class RemoteFiles:
             self._place(name, size)
 
     def source(self, path: Path) -> Any:
+        """Return an argument for PyAV and Pillow."""
         return self.raw(path) if path.is_relative_to(self.root) else str(path)
 
     def raw(self, path: Path) -> BinaryIO:
+        """Open a file for random access."""
         if not path.is_relative_to(self.root):
             return open(path, "rb")
         name = path.relative_to(self.root).as_posix()

@@ -1,4 +1,4 @@
-"""Following a capture that is still being written: how many frames all cameras have, and when it has ended."""
+"""Following of a capture that is still being written: number of complete frames, and its end."""
 
 from __future__ import annotations
 
@@ -21,26 +21,31 @@ from splatreel.capture.readers.technicolor import is_technicolor
 from splatreel.errors import CaptureError, SplatreelError
 
 STALL = 3.0
-"""Seconds after which a camera that gives nothing, while others do, is said to have stopped."""
+"""Seconds without frames, while other cameras continue, after which a camera is reported as stopped."""
 RETRY = 0.5
-"""Seconds between two tries to open a capture that has not begun."""
+"""Seconds between attempts to open a capture that has not started."""
 REMEMBERED = 1 << 16
-"""Looks of which it is known how many frames there were."""
+"""Number of remembered updates of the frame count."""
 
-Tell = Callable[[str], None]
+Notify = Callable[[str], None]
 
 
 class Follower:
-    """Looks after a capture that is still being written, in a thread. Use as a context manager.
+    """Context manager that follows a growing capture in a thread.
 
-    Frames are counted from the first one that was asked for. A frame is there once it is whole in every camera, with all before it.
-    tell: is told, in sentences, of cameras that stop or go on, and why the capture ended.
+    Frames are counted from the first requested one. A frame exists when it and all earlier frames are complete in every
+    camera.
+
+    Args:
+        capture: Growing capture.
+        growth: Its state.
+        notify: Called with sentences about cameras that stop or continue, and about the end of the capture.
     """
 
-    def __init__(self, capture: Capture, growth: Growth, tell: Tell) -> None:
+    def __init__(self, capture: Capture, growth: Growth, notify: Notify) -> None:
         if not isinstance(capture, FileCapture) or not isinstance(capture.source, GrowingSource):
             raise CaptureError(f"{capture.path}: is not being written. Leave out --follow.")
-        self.capture, self.growth, self._tell = capture, growth, tell
+        self.capture, self.growth, self._notify = capture, growth, notify
         self._source: GrowingSource = capture.source
         self._changed = Condition()
         self._total: int | None = None
@@ -62,16 +67,16 @@ class Follower:
 
     @property
     def frames(self) -> int:
-        """How many frames are there by now."""
+        """Number of frames so far."""
         return self.capture.frames
 
     @property
     def total(self) -> int | None:
-        """How many frames there are in all; None as long as the capture has not ended."""
+        """Total number of frames, or None while the capture grows."""
         return self._total
 
     def wait(self, frames: int) -> bool:
-        """Wait until so many frames are there; False where the capture ends before. Raises what reading it raises."""
+        """Wait for a number of frames. Return False if the capture ends earlier. Errors of the capture are raised."""
         with self._changed:
             while self.frames < frames and self._total is None and self._failure is None and not self.growth.stopped:
                 self._changed.wait(1.0)
@@ -80,7 +85,7 @@ class Follower:
             return self.frames >= frames
 
     def seconds_since(self, frame: int) -> float | None:
-        """How long ago a frame was written; None for one that was there when following began, or is not yet."""
+        """Return the age of a frame in seconds; None if it existed when following began, or does not exist yet."""
         with self._changed:
             if not self._before <= frame < self.frames:
                 return None
@@ -88,7 +93,7 @@ class Follower:
             return self.growth.clock() - self._arrivals[at][1] if at < len(self._arrivals) else None
 
     def stop(self) -> None:
-        """Nobody wants more."""
+        """Stop following."""
         self.growth.stop()
         with self._changed:
             self._changed.notify_all()
@@ -96,7 +101,7 @@ class Follower:
     def _watch(self) -> None:
         try:
             while not self.growth.stopped:
-                why = self.growth.why  # asked first: what was written before the end counts
+                why = self.growth.why  # read before looking, so that everything written before the end counts
                 if why is not None:
                     self._source.settle()
                 self._look()
@@ -122,19 +127,19 @@ class Follower:
                 self.growth.grew()
                 self._arrivals.append((self.frames, now))
                 self._changed.notify_all()
-        self._tell_stopped(counts, now)
+        self._report_stopped(counts, now)
 
-    def _tell_stopped(self, counts: dict[str, int], now: float) -> None:
-        """Name the cameras for which the others wait."""
+    def _report_stopped(self, counts: dict[str, int], now: float) -> None:
+        """Report cameras that have stopped or continue."""
         most, late = max(counts.values()), STALL * self.capture.fps
         for name, count in counts.items():
             silent = now - self._seen[name][1]
             if name in self._stopped and silent < STALL:
                 self._stopped.discard(name)
-                self._tell(f"Camera {name} goes on, from frame {count} on.")
+                self._notify(f"Camera {name} continues from frame {count}.")
             elif name not in self._stopped and silent > STALL and most - count > late:
                 self._stopped.add(name)
-                self._tell(
+                self._notify(
                     f"Camera {name} has stopped: it has {count} frames, others {most}; nothing new in "
                     f"{self._source.waiting_for(name)} for {silent:.0f} s. The others wait for it."
                 )
@@ -144,20 +149,26 @@ class Follower:
         return limit is not None and self.capture.first_frame + self.frames >= limit
 
     def _finish(self, why: str | None) -> None:
-        self._tell(f"{why or 'All frames that were asked for are there.'} The capture has {self.frames} frames.")
+        self._notify(f"{why or 'All frames that were asked for are there.'} The capture has {self.frames} frames.")
         with self._changed:
             self._total = self.frames
             self._changed.notify_all()
 
 
-def open_growing(path: Path, growth: Growth, tell: Tell, **request: Any) -> Capture:
-    """Open a capture that is still being written, or that is about to begin: then it is waited for.
+def open_growing(path: Path, growth: Growth, notify: Notify, **request: Any) -> Capture:
+    """Open a growing capture. Wait if it has not started.
 
-    growth: whose rules say how long. tell: is told what is waited for. request: as of `open_capture`. Raises `CaptureError` for a
-    capture that cannot be followed, that has no cameras' poses, or that does not begin.
+    Args:
+        path: Folder of the capture.
+        growth: Its state, with the maximum wait.
+        notify: Called with the reason of a wait.
+        **request: Arguments of `open_capture`.
+
+    Raises:
+        CaptureError: The capture cannot be followed, has no camera poses, or does not start.
     """
     _check_layout(path)
-    told: str | None = None
+    reason: str | None = None
     while True:
         ended = growth.ended
         try:
@@ -165,21 +176,21 @@ def open_growing(path: Path, growth: Growth, tell: Tell, **request: Any) -> Capt
         except CaptureError as error:
             if ended:
                 raise
-            if told is None:
-                told = str(error)
-                tell(f"Waiting for the capture to begin, {growth.timeout:g} s at most. So far: {told}")
+            if reason is None:
+                reason = str(error)
+                notify(f"Waiting for the capture to begin, {growth.timeout:g} s at most. So far: {reason}")
             growth.pause(RETRY)
 
 
 def _check_layout(path: Path) -> None:
     if is_panoptic(path) or is_technicolor(path):
         raise CaptureError(
-            f"{path}: captures of this layout say beforehand which frames they have. What can be followed is a COLMAP model, a "
+            f"{path}: captures of this layout list their frames in advance and cannot be followed. Supported are a COLMAP model, a "
             f"Neu3DV or an EasyVolcap folder, with a video, a folder of pictures or a folder of numbered videos a camera."
         )
     if not (is_colmap(path) or is_easyvolcap(path) or (path / POSES).is_file()):
         raise CaptureError(
-            f"{path}: says nothing of its cameras. A capture is followed with cameras that are known before: record a few seconds "
+            f"{path}: has no camera poses, which following needs: record a few seconds "
             f"into another folder, run `splatreel capture calibrate` on them, and copy its sparse/ here. Then start recording, and "
             f"write an empty file {END} when it is over."
         )

@@ -1,7 +1,7 @@
-"""Arrays of frames that lie in a file instead of in memory: they are read as they are needed.
+"""Arrays of frames in files instead of memory, read on demand.
 
-A group of a megapixel takes gigabytes, of which a stage looks at a picture at a time. In a file that is mapped, the system keeps in
-memory what there is room for, and fetches the rest again. Such pages are given up before any process is killed for want of memory.
+A group of megapixel images takes gigabytes, but a stage uses one image at a time. The system keeps as much of a mapped
+file in memory as fits, and drops its pages before it kills a process for lack of memory.
 """
 
 from __future__ import annotations
@@ -15,15 +15,15 @@ from pathlib import Path
 import numpy as np
 
 SMALLEST = 256 << 20
-"""Bytes from which on an array lies in a file."""
+"""Arrays of at least this many bytes are stored in a file."""
 IN_MEMORY = ("tmpfs", "ramfs", "devtmpfs")
 """File systems on which a file saves no memory."""
 
 
 def frame_array(shape: tuple[int, ...], smallest: int = SMALLEST) -> np.ndarray:
-    """Return an array of uint8 with undefined or zero content: in a file without a name if it is large, else in memory.
+    """Return an uninitialized or zero uint8 array: in an unnamed file if it is large, otherwise in memory.
 
-    The file lies in the temporary folder (TMPDIR). Where that lies in memory itself, or has no room, so does the array.
+    The file is in the temporary folder (TMPDIR). If that folder is in memory or full, the array is in memory.
     """
     size = int(np.prod(shape, dtype=np.int64))
     folder = Path(tempfile.gettempdir())
@@ -31,17 +31,19 @@ def frame_array(shape: tuple[int, ...], smallest: int = SMALLEST) -> np.ndarray:
         return np.empty(shape, np.uint8)
     try:
         with tempfile.TemporaryFile(prefix="splatreel-frames", dir=folder) as file:
-            os.posix_fallocate(file.fileno(), 0, size)  # now, for a mapped file that cannot grow kills the process
+            os.posix_fallocate(
+                file.fileno(), 0, size
+            )  # allocate now: a write to a mapped file without disk space kills the process
             mapped = mmap.mmap(file.fileno(), size)
     except OSError:
         return np.empty(shape, np.uint8)
     return np.frombuffer(mapped, np.uint8).reshape(shape)
 
 
-def give_back(array: np.ndarray) -> None:
-    """Take the pages of an array's file out of this process; what it holds stays. Nothing for an array in memory.
+def release_pages(array: np.ndarray) -> None:
+    """Release the pages of an array's file from this process. The content stays, and arrays in memory are not affected.
 
-    They stay in the system's cache as long as there is room, and come back when they are looked at.
+    The pages stay in the system's cache while there is room, and are loaded again on access.
     """
     if (mapped := _mapped(array)) is not None:
         with suppress(OSError, ValueError):
@@ -49,12 +51,12 @@ def give_back(array: np.ndarray) -> None:
 
 
 def is_in_file(array: np.ndarray) -> bool:
-    """Return whether an array of `frame_array`, or a part of one, lies in a file."""
+    """Return whether an array of `frame_array`, or a view of one, is stored in a file."""
     return _mapped(array) is not None
 
 
-def frames_lie_in_files(size: int) -> bool:
-    """Return whether `frame_array` would put so many bytes into a file."""
+def stores_in_file(size: int) -> bool:
+    """Return whether `frame_array` would store this many bytes in a file."""
     return (
         size >= SMALLEST
         and hasattr(mmap.mmap, "madvise")
@@ -80,7 +82,7 @@ def _mapped(array: np.ndarray) -> mmap.mmap | None:
 
 
 def _lies_in_memory(folder: Path) -> bool:
-    """Return whether a folder's file system is one of memory, by the longest mount point above it."""
+    """Return whether a folder's file system is in memory, by the longest mount point above it."""
     try:
         mounts = [
             line.split() for line in Path("/proc/mounts").read_text(encoding="utf-8", errors="replace").splitlines()

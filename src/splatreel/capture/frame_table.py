@@ -1,4 +1,4 @@
-"""The frames of a video file, found once without decoding: presentation times, keyframes and their places in the file."""
+"""Frame table of a video file: presentation times, keyframes and their byte offsets, found without decoding."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
 NO_TIME = np.iinfo(np.int64).min
-"""Stands for a decoding time or a byte offset that the container does not state."""
+"""Value of a decoding time or byte offset that the container does not state."""
 ARRAYS = ("pts", "key_pts", "key_dts", "key_offsets")
-"""The fields of a table that are arrays."""
+"""Fields of a table that are arrays."""
 
 
 @dataclass(frozen=True)
 class FrameTable:
-    """What must be known of a video to read any frame of it without scanning the file.
+    """Index that allows reading any frame of a video without scanning the file.
 
     Attributes:
-        size: Bytes of the file. A table of another size belongs to another file.
-        width: Pixels of a stored picture; phones store upright pictures lying.
-        height: Pixels of a stored picture.
-        turns: Quarter turns counterclockwise by which a picture is shown.
-        fps: Average frames a second.
-        time_base: Seconds of one unit of `pts` and `dts`.
-        pts: [N] int64, presentation times of the frames that are shown, rising.
-        key_pts: [K] int64, presentation times of the keyframes, rising; also of keyframes that an edit list hides.
-        key_dts: [K] int64, their decoding times, or `NO_TIME`.
-        key_offsets: [K] int64, their byte offsets, or `NO_TIME`.
-        counted: True where the container states no presentation times, although the codec reorders frames (H.264 in AVI). Such
+        size: Size of the file in bytes. A table with another size belongs to another file.
+        width: Width of a stored image in pixels. Phones store upright videos sideways.
+        height: Height of a stored image in pixels.
+        turns: Counterclockwise quarter turns for display.
+        fps: Average frames per second.
+        time_base: Seconds per unit of `pts` and `dts`.
+        pts: Presentation times of displayed frames, [N] int64, ascending.
+        key_pts: Presentation times of keyframes, [K] int64, ascending, including those hidden by an edit list.
+        key_dts: Their decoding times, [K] int64, or `NO_TIME`.
+        key_offsets: Their byte offsets, [K] int64, or `NO_TIME`.
+        counted: True if the container has no presentation times although the codec reorders frames (H.264 in AVI). Such
             frames are numbered by counting the decoder's output from the start of the file.
         packets: Number of packets in the file.
-        whole: Number of packets that are complete.
-        declared: Number of frames that the container states; 0 if it does not.
+        whole: Number of complete packets.
+        declared: Number of frames that the container states, or 0.
     """
 
     size: int
@@ -60,38 +60,39 @@ class FrameTable:
 
     @property
     def frames(self) -> int:
+        """Number of displayed frames."""
         return len(self.pts)
 
     @property
     def start(self) -> float:
-        """Seconds that the file states for its first frame."""
+        """Time of the first frame in the file, seconds."""
         return float(self.pts[0]) * self.time_base if len(self.pts) else 0.0
 
     @property
     def times(self) -> np.ndarray:
-        """[N] float64, seconds after the first frame."""
+        """Times of the frames in seconds after the first one, [N] float64."""
         return (self.pts - (self.pts[0] if len(self.pts) else 0)).astype(np.float64) * self.time_base
 
     def number(self, pts: int) -> int | None:
-        """The number of the frame with this presentation time; None if no shown frame has it."""
+        """Return the number of the frame with a presentation time, or None if no displayed frame has it."""
         at = int(np.searchsorted(self.pts, pts))
         return at if at < len(self.pts) and self.pts[at] == pts else None
 
     def key_before(self, number: int) -> int:
-        """The index of the last keyframe shown no later than a frame; -1 means that decoding begins at the start of the file."""
+        """Return the index of the last keyframe displayed no later than a frame; -1 means decoding from the start of the file."""
         return -1 if self.counted else int(np.searchsorted(self.key_pts, self.pts[number], "right")) - 1
 
 
 def scan(
     container: InputContainer, stream: av.VideoStream, size: int, index: InputContainer | None = None
 ) -> FrameTable:
-    """Demultiplex a whole container and return its frame table.
+    """Demux a whole container and return its frame table.
 
     Args:
-        container: An open container, at its start. It is used up.
+        container: Open container at its start. It is consumed.
         stream: Its video stream.
-        size: Bytes of the file.
-        index: The same container without its pictures (`IndexOnly`), which is used in place of it wherever no picture is needed.
+        size: Size of the file in bytes.
+        index: The same container without image data (`IndexOnly`), used wherever no image is needed.
     """
     width, height = stream.codec_context.width, stream.codec_context.height
     fps = float(stream.average_rate or stream.guessed_rate or 0)
@@ -129,7 +130,7 @@ def scan(
 
 
 def pack_tables(tables: dict[str, FrameTable]) -> bytes:
-    """Return the content of a file of tables by name."""
+    """Return the content of a file with tables by name."""
     arrays, rest = {}, {}
     for number, (name, table) in enumerate(tables.items()):
         values = {field.name: getattr(table, field.name) for field in fields(table)}
@@ -140,7 +141,7 @@ def pack_tables(tables: dict[str, FrameTable]) -> bytes:
 
 
 def load_tables(path: Path) -> dict[str, FrameTable]:
-    """Return the tables in a file by name; none where there is no file, or one that cannot be read: videos are scanned then."""
+    """Return the tables in a file by name, or none if the file is missing or unreadable. Videos are then scanned."""
     try:
         arrays = load_file(str(path))
         rest = json.loads(arrays["rest"].tobytes())
@@ -154,10 +155,7 @@ def load_tables(path: Path) -> dict[str, FrameTable]:
 
 
 def _declared(container: InputContainer, stream: av.VideoStream) -> int:
-    """The number of packets that the container states; 0 if it does not.
-
-    An MP4 file also states frames that its edit list leaves out.
-    """
+    """Return the number of packets that the container states, or 0. MP4 files also count frames that an edit list hides."""
     entries = getattr(stream, "index_entries", None)
     if entries is None or "mp4" not in container.format.name or not stream.frames:
         return stream.frames
@@ -165,9 +163,9 @@ def _declared(container: InputContainer, stream: av.VideoStream) -> int:
 
 
 def _decodable(pts: np.ndarray, key: np.ndarray) -> np.ndarray:
-    """[N] bool: the packets, in decoding order, that are not cut off from their keyframe, as where a recording begins in the middle.
+    """Return the packets, in decoding order, that are not cut off from their keyframe, [N] bool.
 
-    Frames before the first keyframe, and those shown before it, refer to pictures that the file does not have.
+    Frames before the first keyframe refer to images that the file does not contain, for example after a cut.
     """
     first = int(np.argmax(key)) if key.any() else 0
     if first == 0:
@@ -176,10 +174,7 @@ def _decodable(pts: np.ndarray, key: np.ndarray) -> np.ndarray:
 
 
 def _look_at_first(container: InputContainer, stream: av.VideoStream) -> tuple[int, bool]:
-    """The quarter turns of the first picture, and whether the decoder reorders frames.
-
-    A file that cannot be decoded says so when it is read.
-    """
+    """Return the quarter turns of the first image, and whether the decoder reorders frames. Decoding errors are reported on reading."""
     try:
         container.seek(0)
         frame = next(_frames(container, stream), None)

@@ -1,4 +1,4 @@
-"""One image file a camera and time step."""
+"""Image files, one per camera and time step."""
 
 from __future__ import annotations
 
@@ -11,17 +11,22 @@ from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.growth import is_recorded
 from splatreel.capture.images import image_size, read_image
 from splatreel.capture.sidecar import SIDECAR, Sidecar
-from splatreel.capture.sound import Track
+from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 
 
 class ImageSequences:
-    """The image files of a capture, by camera, in the order of time; all cameras start together.
+    """Image files of a capture by camera in order of time. All cameras start together.
 
-    frames: how many time steps all of them have. fps: what the sidecar says, or 30: pictures do not tell.
-    Raises `CaptureError` where a camera has more than another and the request does not say which, or the sidecar when videos start.
+    Attributes:
+        frames: Number of time steps that all cameras have.
+        fps: Frame rate of the sidecar, or 30.
+
+    Raises:
+        CaptureError: The cameras have different numbers of images and no frames were requested, or the sidecar has
+            start times.
     """
 
     def __init__(self, path: Path, files: dict[str, list[Path]], sidecar: Sidecar, request: Request) -> None:
@@ -29,7 +34,7 @@ class ImageSequences:
         self.fps = sidecar.fps or 30.0
         if sidecar.starts:
             raise CaptureError(
-                f"{path / SIDECAR}: says when videos start, but the cameras have pictures. Remove `starts`."
+                f"{path / SIDECAR}: has start times of videos, but the cameras have images. Remove `starts`."
             )
         counts = {name: len(found) for name, found in files.items()}
         self.frames = min(counts.values(), default=0)
@@ -41,29 +46,30 @@ class ImageSequences:
             )
 
     def size(self, name: str) -> tuple[int, int]:
-        """(width, height) of a camera's first picture."""
+        """Return width and height of a camera's first image."""
         return image_size(self._files[name][0], self._where)
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
-        """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8."""
+        """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
         for picture, file in zip(out, self._files[name][first : first + len(out)], strict=True):
             picture[:] = read_image(file, out.shape[2], out.shape[1], self._where)
 
     def sources(self, first: int, count: int) -> list[Path]:
+        """Return the files that are read."""
         return [file for files in self._files.values() for file in files[first : first + count]]
 
     def tables(self) -> dict[Path, FrameTable]:
-        """Nothing: pictures need none."""
+        """Return nothing, because images have no frame tables."""
         return {}
 
     def tracks(self, first: int) -> dict[str, Track]:
-        """Pictures have none."""
+        """Return nothing, because images have no sound."""
         return {}
 
     def close(self) -> None:
-        """Nothing is held open."""
+        """Do nothing, because no files stay open."""
 
 
 def image_files(folder: Path) -> list[Path]:
-    """The images that lie in a folder, by name."""
+    """Return the image files in a folder, sorted by name."""
     return sorted(file for file in folder.glob("*") if file.suffix.lower() in IMAGE_SUFFIXES)

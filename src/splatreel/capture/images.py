@@ -1,4 +1,4 @@
-"""Image files to arrays of the output size."""
+"""Reading of image files at the output size."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from splatreel.errors import CaptureError
 
 
 def image_size(path: Path, files: Files = LOCAL) -> tuple[int, int]:
-    """(width, height) of an image file, without decoding it."""
+    """Return width and height of an image file without decoding it."""
     try:
         with Image.open(files.source(path)) as image:
             return image.size
@@ -23,7 +23,7 @@ def image_size(path: Path, files: Files = LOCAL) -> tuple[int, int]:
 
 
 def read_image(path: Path, width: int, height: int, files: Files = LOCAL) -> np.ndarray:
-    """An image file resized by area to width x height, uint8 [height, width, 3] sRGB."""
+    """Return an image resized by area to width x height, uint8 [height, width, 3] sRGB."""
     try:
         with Image.open(files.source(path)) as image:
             pixels = np.asarray(image.convert("RGB"))
@@ -31,7 +31,7 @@ def read_image(path: Path, width: int, height: int, files: Files = LOCAL) -> np.
         raise _unreadable(path, error) from error
     if pixels.shape[:2] == (height, width):
         return pixels
-    frame = av.VideoFrame.from_ndarray(pixels, format="rgb24")  # the same resampling as for videos
+    frame = av.VideoFrame.from_ndarray(pixels, format="rgb24")  # resample as videos are
     return frame.reformat(width, height, "rgb24", interpolation=Interpolation.AREA).to_ndarray()
 
 

@@ -1,4 +1,4 @@
-"""Recognize a capture's format and open it."""
+"""Detection of a capture's format, and opening of captures."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from splatreel.capture.base import Capture, Request
-from splatreel.capture.files import LOCAL, Files, RemoteFiles
+from splatreel.capture.files import LOCAL, Files, RemoteCaptureFiles
 from splatreel.capture.frame_table import load_tables
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.readers.colmap import ColmapCapture, is_colmap
@@ -17,9 +17,9 @@ from splatreel.capture.readers.easyvolcap import EasyVolcapCapture, is_easyvolca
 from splatreel.capture.readers.neu3dv import Neu3DVCapture, is_neu3dv
 from splatreel.capture.readers.panoptic import PanopticCapture, is_panoptic
 from splatreel.capture.readers.technicolor import TechnicolorCapture, is_technicolor
-from splatreel.capture.sidecar import failed
+from splatreel.capture.sidecar import calibration_error
 from splatreel.errors import CaptureError
-from splatreel.storage.opening import local_path
+from splatreel.storage.addresses import local_path
 
 LOOKED_FOR = """\
   Neu3DV:          poses_bounds.npy and cam00.mp4, cam01.mp4, ...
@@ -48,19 +48,20 @@ def open_capture(
     growth: Growth | None = None,
     tables: Path | None = None,
 ) -> Capture:
-    """Open a capture folder of any known format.
+    """Open a capture folder of any supported format.
 
     Args:
-        path: The folder; or an address of one, such as `s3://BUCKET/CAPTURE`, of which only what is needed is fetched.
-        width: Output width in pixels; by default the input's.
-        scale: Output over input size, instead of the width.
-        frames: (first, end), end exclusive.
-        held_out: Names of cameras kept for evaluation; by default what the format says.
-        growth: Of a capture that is still being written (`open_growing`).
-        tables: A file of `pack_tables`, whose videos need not be scanned again; it may be missing.
+        path: Folder, or its address such as `s3://BUCKET/CAPTURE`. Of a remote capture only the needed parts are
+            fetched.
+        width: Output width in pixels; None keeps the input's.
+        scale: Output size over input size, instead of the width.
+        frames: First frame and end (exclusive); None means all.
+        held_out: Names of held-out cameras; None uses the format's default.
+        growth: State of a capture that is still being written (`open_growing`).
+        tables: File of `pack_tables`, whose videos are not scanned again. It may be missing.
 
     Raises:
-        CaptureError: The folder is of no known format, or its content cannot be used.
+        CaptureError: The format is unknown, or the content cannot be used.
         StorageError: The address cannot be reached.
     """
     files, folder = _located(path)
@@ -70,7 +71,7 @@ def open_capture(
         if fits(folder):
             check_files(folder)
             return reader(folder, request)
-    if folder.is_dir() and (failure := failed(folder)) is not None:
+    if folder.is_dir() and (failure := calibration_error(folder)) is not None:
         raise failure
     state = "holds none of these" if folder.is_dir() else "is not a folder; one of these was looked for"
     raise CaptureError(f"{folder}: {state}:\n{LOOKED_FOR}")
@@ -78,10 +79,10 @@ def open_capture(
 
 @dataclass(frozen=True)
 class CaptureSource:
-    """What `open_capture` is called with, so that other processes can open the same capture.
+    """Arguments of `open_capture`, with which other processes open the same capture.
 
     Attributes:
-        path: The capture's folder or address.
+        path: Folder or address of the capture.
         request: Keyword arguments of `open_capture`.
     """
 
@@ -89,24 +90,25 @@ class CaptureSource:
     request: dict[str, Any] = field(default_factory=dict)
 
     def __call__(self, tables: Path | None = None) -> Capture:
+        """Open the capture."""
         return open_capture(self.path, tables=tables, **self.request)
 
 
 def _located(path: str | Path) -> tuple[Files, Path]:
-    """Return where the files of a capture are, and its folder on this machine."""
+    """Return the access to a capture's files, and its local folder."""
     folder = local_path(path)
     if folder is not None:
         return LOCAL, folder
-    files = RemoteFiles(str(path))
+    files = RemoteCaptureFiles(str(path))
     return files, files.root
 
 
 def check_files(folder: Path, depth: int = 3) -> None:
-    """Raise `CaptureError` for what is neither a file nor a folder: reading a pipe waits until somebody writes into it."""
+    """Raise `CaptureError` for entries that are neither files nor folders, such as pipes, on which reading blocks."""
     with os.scandir(folder) as entries:
         for entry in entries:
             if entry.is_dir():
                 if depth and not entry.name.startswith("."):
                     check_files(Path(entry.path), depth - 1)
             elif not entry.is_file() and os.path.exists(entry.path):
-                raise CaptureError(f"{entry.path}: is neither a file nor a folder. Take it out of the capture.")
+                raise CaptureError(f"{entry.path}: is neither a file nor a folder. Remove it from the capture.")

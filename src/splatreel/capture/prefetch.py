@@ -1,4 +1,4 @@
-"""The next group's frames are decoded while the current one trains."""
+"""Decoding of the next group's frames in a thread while the current group trains."""
 
 from __future__ import annotations
 
@@ -9,19 +9,24 @@ from threading import Event
 import numpy as np
 
 from splatreel.capture.base import Capture
-from splatreel.capture.frame_file import frame_array, give_back
+from splatreel.capture.frame_file import frame_array, release_pages
 
 CHUNK = 4
-"""Frames decoded before a thread looks whether it is still wanted: Ctrl-C does not wait for a whole stretch."""
+"""Frames decoded between checks whether the result is still needed, so that Ctrl-C takes effect quickly."""
 
 
 class FramePrefetcher:
-    """Iterates over stretches of a capture, in order, one decoded ahead in a thread.
+    """Context manager that iterates over stretches of a capture, with the next one decoded in a thread.
 
-    stretches: (first, count) frames; they may be known one after the other: they are taken in the thread, where waiting for the next
-    one disturbs nobody. ahead: False begins with the next stretch only when it is asked for. shared: frames at the end of a stretch
-    that are kept for the next one, which begins with them. Yields uint8 [count, len(cameras), H, W, 3] (`frame_array`). At most two
-    stretches are held: the one in use and the next. Raises where it is iterated what the capture raises. Use as a context manager.
+    It yields uint8 [count, len(cameras), H, W, 3] (`frame_array`). At most two stretches are in memory. Errors of the
+    capture are raised by the iteration.
+
+    Args:
+        capture: Capture to read.
+        cameras: Names of cameras.
+        stretches: First frame and count of each stretch. The thread may wait for the next one to be known.
+        ahead: False decodes a stretch only when it is requested.
+        shared: Frames at the end of a stretch that are reused as the start of the next one.
     """
 
     def __init__(
@@ -70,7 +75,10 @@ class FramePrefetcher:
                 raise CancelledError
             part = min(CHUNK, count - at)
             source.read_into(frames[at : at + part], first + at, self.cameras)
-            give_back(frames)
+            release_pages(frames)
         shared = min(self.shared, count)
-        self._kept = first + count - shared, frames[count - shared :].copy()  # the caller changes what it gets
+        self._kept = (
+            first + count - shared,
+            frames[count - shared :].copy(),
+        )  # copied, because the caller modifies its array
         return frames

@@ -1,4 +1,4 @@
-"""`splatreel.json` in a capture's folder: what its videos do not say."""
+"""The sidecar `splatreel.json` in a capture's folder, with facts that its videos do not contain."""
 
 from __future__ import annotations
 
@@ -19,8 +19,14 @@ SIDECAR_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class Sidecar:
-    """held_out: names of cameras kept for evaluation. fps: frames a second. starts: by camera, the second of its own video at which
-    all of them start; a camera that is not named starts with its video. failure: why `capture calibrate` failed, if it did."""
+    """Content of `splatreel.json`.
+
+    Attributes:
+        held_out: Names of held-out cameras.
+        fps: Frames per second.
+        starts: Time in each video, in seconds, at which all cameras start; 0 for cameras without an entry.
+        failure: Reason why `capture calibrate` failed.
+    """
 
     held_out: list[str] | None = None
     fps: float | None = None
@@ -29,7 +35,7 @@ class Sidecar:
 
 
 def read_sidecar(folder: Path) -> Sidecar:
-    """What the note in a folder says; nothing where there is none. Raises `CaptureError` for one that says what cannot be."""
+    """Return the sidecar of a folder; empty if there is none. Raise `CaptureError` for invalid content."""
     file = folder / SIDECAR
     with _naming(file):
         content = _content(file)
@@ -47,24 +53,24 @@ def read_sidecar(folder: Path) -> Sidecar:
 
 
 def write_starts(folder: Path, starts: dict[str, float]) -> None:
-    """Note when each video starts; what else the note says stays. Raises `CaptureError` for a note that is no JSON object."""
+    """Record the start time of each video and keep the other entries. Raise `CaptureError` if the file is not a JSON object."""
     _change(folder, {"starts": starts})
 
 
 def write_failure(folder: Path, why: str | None) -> None:
-    """Note why calibration failed, or with None that it has not; what else the note says stays. Raises as `write_starts` does."""
+    """Record why calibration failed, or remove the entry with None. Other entries are kept."""
     if why is not None or read_sidecar(folder).failure is not None:
         _change(folder, {"calibration_failed": why})
 
 
-def failed(folder: Path) -> CaptureError | None:
-    """What to say of videos that have no cameras because `capture calibrate` failed; None where it did not."""
+def calibration_error(folder: Path) -> CaptureError | None:
+    """Return the error for a folder without cameras after a failed `capture calibrate`, or None."""
     why = read_sidecar(folder).failure
     return None if why is None else CaptureError(f"{folder}: has no cameras, since their calibration failed: {why}")
 
 
 def _change(folder: Path, changes: dict[str, Any]) -> None:
-    """None removes what was noted, and nothing that is noted the file."""
+    """Change entries; None removes one. An empty file is deleted."""
     file = folder / SIDECAR
     with _naming(file):
         content = {name: value for name, value in (_content(file) | changes).items() if value is not None}
@@ -76,7 +82,7 @@ def _change(folder: Path, changes: dict[str, Any]) -> None:
 
 @contextmanager
 def _naming(file: Path) -> Iterator[None]:
-    """What is wrong with a note is said with its name."""
+    """Add the name of the file to errors."""
     try:
         yield
     except (OSError, ValueError, RecursionError) as error:

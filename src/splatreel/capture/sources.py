@@ -1,12 +1,12 @@
-"""Where the frames of a capture come from: files that are complete, or that are still being written, as the request says."""
+"""Choice of a frame source: complete files, or files that are still being written."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 from splatreel.capture.base import Request
-from splatreel.capture.growing.pictures import GrowingPictures
-from splatreel.capture.growing.videos import GrowingCamera, GrowingVideos
+from splatreel.capture.growing.growing_pictures import GrowingPictures
+from splatreel.capture.growing.growing_videos import GrowingCamera, GrowingVideos
 from splatreel.capture.image_sequences import ImageSequences
 from splatreel.capture.sidecar import Sidecar
 from splatreel.capture.video import VideoFile
@@ -16,7 +16,7 @@ Video = VideoFile | GrowingCamera
 
 
 def video_source(path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> Videos | GrowingVideos:
-    """Of a video a camera, or of a folder of numbered ones where they are still being written."""
+    """Return the source for a video per camera, or a folder of numbered videos per camera while they are being written."""
     if request.growth is None:
         return Videos(path, files, sidecar, request)
     return GrowingVideos(path, files, sidecar, request.growth)
@@ -25,7 +25,7 @@ def video_source(path: Path, files: dict[str, Path], sidecar: Sidecar, request: 
 def picture_source(
     path: Path, files: dict[str, list[Path]], sidecar: Sidecar, request: Request
 ) -> ImageSequences | GrowingPictures:
-    """Of the pictures of each camera, in the order of time."""
+    """Return the source for the images of each camera in order of time."""
     if request.growth is None:
         return ImageSequences(path, files, sidecar, request)
     return GrowingPictures(path, files, sidecar)

@@ -1,4 +1,4 @@
-"""When each video of a folder starts, by what all of them heard."""
+"""Synchronization of the videos of a folder by their sound."""
 
 from __future__ import annotations
 
@@ -10,36 +10,37 @@ import numpy as np
 
 from splatreel.capture.readers.colmap import video_files
 from splatreel.capture.sidecar import write_starts
-from splatreel.capture.sound import channels, read_sound
+from splatreel.capture.soundtrack import channels, read_sound
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress
 
 RATE = 8000
-"""Samples a second: claps, steps and voices; an eighth of a millisecond."""
+"""Samples per second; enough for claps, steps and voices, with a resolution of an eighth of a millisecond."""
 LONGEST = 180
-"""Seconds of a video that are listened to."""
+"""Maximum seconds of a video that are used."""
 APART = 0.05
-"""Seconds from the best alignment on, from which another one is a rival."""
+"""Minimum distance in seconds of a rival alignment from the best one."""
 CLEAR = 2.0
-"""Times its best rival that an alignment must stand out."""
+"""Minimum ratio between the best alignment and its best rival."""
 
 
 @dataclass(frozen=True)
 class Agreement:
-    """Two videos: the second began `later` seconds after the first; `clear`: how far that stands out."""
+    """Alignment of two videos: the second started `later` seconds after the first. `clear` is its ratio to the best rival."""
 
     later: float
     clear: float
 
 
 def synchronize(path: Path, progress: Progress) -> dict[str, float]:
-    """Find by sound when the videos of a folder start, and note it in its `splatreel.json`; returns seconds by camera.
+    """Find the start times of a folder's videos by sound, record them in `splatreel.json`, and return them by camera.
 
-    Raises `CaptureError` for a video without sound, or one that heard nothing that the others did.
+    Raises:
+        CaptureError: A video has no sound, or none in common with the others.
     """
     files = video_files(path)
     if len(files) < 2:
-        raise CaptureError(f"{path}: {len(files)} videos; there is nothing to bring together.")
+        raise CaptureError(f"{path}: {len(files)} videos; at least two are needed to synchronize.")
     progress.stage("reading the sound of the videos", len(files))
     sounds = {}
     for count, (name, file) in enumerate(files.items(), 1):
@@ -53,7 +54,7 @@ def synchronize(path: Path, progress: Progress) -> dict[str, float]:
 
 
 def align(path: Path, sounds: dict[str, np.ndarray], progress: Progress) -> dict[str, float]:
-    """When each of several sounds [samples] began, seconds against the first; each is joined to those that it fits best."""
+    """Return the start time of each sound [samples] relative to the first, in seconds. Sounds are joined in order of clarity."""
     length = 1 << (2 * max(map(len, sounds.values())) - 1).bit_length()
     phases = {name: _phases(sound, length) for name, sound in sounds.items()}
     pairs = list(combinations(sounds, 2))
@@ -70,7 +71,7 @@ def align(path: Path, sounds: dict[str, np.ndarray], progress: Progress) -> dict
         if found[a, b].clear < CLEAR:
             lost = ", ".join(name for name in sounds if name not in began)
             raise CaptureError(
-                f"{path}: what {lost} heard fits nothing that the others did. Clap once where all cameras hear it, or write into "
+                f"{path}: the sound of {lost} matches none of the others. Clap once where all cameras record it, or write into "
                 f'splatreel.json when each video starts: {{"starts": {{"{b}": seconds, ...}}}}.'
             )
         began[b] = began[a] + found[a, b].later
@@ -78,7 +79,7 @@ def align(path: Path, sounds: dict[str, np.ndarray], progress: Progress) -> dict
 
 
 def listen(file: Path) -> np.ndarray:
-    """The sound of a video from its first picture on, [samples] float32 at `RATE`. Raises `CaptureError` where there is none."""
+    """Return the sound of a video from its first frame on, [samples] float32 at `RATE`. Raise `CaptureError` without sound."""
     if not channels(file):
         raise CaptureError(
             f"{file}: has no sound to synchronize by. Write into splatreel.json when each video starts, or cut the "
@@ -94,7 +95,7 @@ def listen(file: Path) -> np.ndarray:
 
 
 def _phases(sound: np.ndarray, length: int) -> np.ndarray:
-    """The spectrum without its loudness: what is loud in one place counts no more than what is heard everywhere."""
+    """Return the spectrum without amplitudes, so that sounds loud at one camera count no more than others."""
     spectrum = np.fft.rfft(sound, length)
     return (spectrum / np.maximum(np.abs(spectrum), 1e-12)).astype(np.complex64)
 

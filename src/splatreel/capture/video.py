@@ -1,12 +1,14 @@
-"""One video file: its frames by number, decoded by PyAV (FFmpeg) straight to the output size."""
+"""Frames of one video file by number, decoded by PyAV (FFmpeg) at the output size."""
 
 from __future__ import annotations
 
+import io
+from bisect import bisect_right
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from pathlib import Path
 from threading import Lock
-from typing import Any, cast
+from typing import Any, BinaryIO, cast
 
 import av
 import numpy as np
@@ -16,40 +18,102 @@ from av.video.reformatter import Interpolation
 
 from splatreel.capture.files import BRIEFLY, LOCAL, Files, open_media
 from splatreel.capture.frame_table import NO_TIME, FrameTable, scan
-from splatreel.capture.index_only import SUFFIXES, IndexOnly
 from splatreel.errors import CaptureError
+
+SUFFIXES = (".mp4", ".m4v", ".mov")
+"""Extensions of files whose tables fully describe the frames."""
+PAYLOAD = b"mdat"
+
+
+class IndexOnly:
+    """File object for PyAV that reads only the tables of an MP4 file and returns zeros for the image data.
+
+    Demuxing it gives times and sizes of all frames. An hour of video has some megabytes of tables.
+    """
+
+    def __init__(self, file: BinaryIO) -> None:
+        self.name = file.name
+        self._file, self._at = file, 0
+        self._size = file.seek(0, io.SEEK_END)
+        self._begins, self._ends = self._payload()
+
+    def read(self, count: int) -> bytes:
+        """Return bytes at the position, zeros for image data."""
+        count = max(min(count, self._size - self._at), 0)
+        place = bisect_right(self._begins, self._at) - 1
+        if place >= 0 and self._at < self._ends[place]:
+            data = bytes(min(count, self._ends[place] - self._at))
+        else:
+            after = self._begins[place + 1] if place + 1 < len(self._begins) else self._size
+            self._file.seek(self._at)
+            data = self._file.read(min(count, after - self._at))
+        self._at += len(data)
+        return data
+
+    def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        """Set the position."""
+        self._at = {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._size}[whence] + offset
+        return self._at
+
+    def tell(self) -> int:
+        """Return the position."""
+        return self._at
+
+    def close(self) -> None:
+        """Close open files."""
+        self._file.close()
+
+    def _payload(self) -> tuple[list[int], list[int]]:
+        """Return the start and end positions of image data in top-level boxes."""
+        begins, ends, at = [], [], 0
+        while at + 8 <= self._size:
+            self._file.seek(at)
+            head = self._file.read(16)
+            size, kind, length = int.from_bytes(head[:4], "big"), head[4:8], 8
+            if size == 1:
+                size, length = int.from_bytes(head[8:16], "big"), 16
+            end = self._size if size == 0 else min(at + size, self._size)
+            if end < at + length:
+                break
+            if kind == PAYLOAD:
+                begins.append(at + length)
+                ends.append(end)
+            at = end
+        return begins, ends
+
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".ts")
 UPSAMPLE_CHROMA = Interpolation.BICUBIC | Interpolation.FULL_CHR_H_INT | Interpolation.ACCURATE_RND
-"""FFmpeg interpolates 4:2:0 color only when told so; by default it repeats it, which costs 2 dB at saturated edges."""
+"""FFmpeg interpolates 4:2:0 chroma only on request. The default, repetition, costs 2 dB at saturated edges."""
 
 WITHOUT_PICTURES = {"fflags": "noparse", "probesize": "32"}
-"""FFmpeg does not look into pictures, which are zeros."""
+"""FFmpeg options that do not parse images, which are zeros."""
 STEPS_BACK = (0.5, 2.0, 10.0)
-"""Seconds before a keyframe to seek to where a seek to the keyframe itself passed it."""
+"""Seconds before a keyframe to seek to, if a seek to the keyframe itself overshot it."""
 KEYFRAMES_BACK = (0, 1, 3, 7)
-"""Keyframes to go back where a frame cannot be decoded from the one before it."""
+"""Numbers of keyframes to go back if a frame cannot be decoded from the previous one."""
 
 
 class VideoFile:
-    """Random access to the frames of one video, cheap when read forwards.
+    """Random access to the frames of one video, fast for sequential reads.
 
-    The file is scanned once without decoding, so that frames are known by their presentation times: their number is exact and
-    variable frame rates cannot shift one camera against another. The decoder is opened by the first read and kept.
+    The file is scanned once without decoding. Frames are identified by presentation time, so their numbers are exact,
+    and variable frame rates do not shift cameras against each other. The first read opens the decoder, which stays
+    open.
 
     Attributes:
-        width: Pixels of a picture as shown.
-        height: Pixels of a picture as shown.
+        width: Display width in pixels.
+        height: Display height in pixels.
         frames: Number of frames.
-        times: [frames] float64, seconds after the first frame.
-        start: Seconds that the file states for the first frame.
-        fps: Average frames a second.
-        table: What the scan found.
+        times: Times of the frames in seconds after the first one, [frames] float64.
+        start: Time of the first frame in the file, seconds.
+        fps: Average frames per second.
+        table: Frame table.
 
     Args:
-        path: The file.
-        files: Where it lies.
-        table: What an earlier scan found; it is used if it is of a file of the same size.
+        path: Video file.
+        files: Access to the file.
+        table: Frame table of an earlier scan, used if the file size matches.
     """
 
     def __init__(self, path: Path, files: Files = LOCAL, table: FrameTable | None = None) -> None:
@@ -58,8 +122,8 @@ class VideoFile:
         self._decoder: Iterator[tuple[int, av.VideoFrame]] | None = None
         self._next = 0
         self._lock = Lock()
-        if path.exists() and not path.is_file():  # a pipe is waited for
-            raise CaptureError(f"{path}: is no file. Take it out of the capture.")
+        if path.exists() and not path.is_file():  # opening a pipe would block
+            raise CaptureError(f"{path}: is no file. Remove it from the capture.")
         self.table = table = self._scan() if table is None or table.size != self._size() else table
         self.width, self.height = (table.height, table.width) if table.turns % 2 else (table.width, table.height)
         self.frames, self.fps, self.start, self.times = table.frames, table.fps, table.start, table.times
@@ -74,8 +138,8 @@ class VideoFile:
         """Decode frames into an array.
 
         Args:
-            out: [count, H, W, 3] uint8 sRGB, to which frames are resized by area.
-            numbers: [count] numbers of the frames, in rising order.
+            out: Output, [count, H, W, 3] uint8 sRGB, to which frames are resized by area.
+            numbers: Numbers of the frames, [count], ascending.
         """
         first, end = int(numbers[0]), int(numbers[-1]) + 1
         if not 0 <= first < end <= self.frames:
@@ -93,7 +157,7 @@ class VideoFile:
         )
 
     def close(self) -> None:
-        """Drop the decoder; the next read opens a new one."""
+        """Close the decoder. The next read opens it again."""
         if self._container is not None:
             self._container.close()
         self._container = self._decoder = None
@@ -121,9 +185,9 @@ class VideoFile:
             ) from error
 
     def _starts(self, first: int) -> Iterator[int | None]:
-        """Yield where to begin decoding for a frame: where the last read ended (None), the keyframe before, then earlier ones.
+        """Yield keyframes to start decoding at: after the last read (None), the keyframe before the frame, then earlier ones.
 
-        Not every keyframe is enough: after the start of an intra refresh, pictures are whole only some frames later.
+        One keyframe may not be enough: after the start of an intra refresh, images are complete only some frames later.
         """
         key = self.table.key_before(first)
         nearest = 0 if key < 0 else int(np.searchsorted(self.table.pts, self.table.key_pts[key]))
@@ -135,7 +199,7 @@ class VideoFile:
                 return
 
     def _read(self, out: np.ndarray, numbers: np.ndarray, missing: set[int], key: int | None) -> None:
-        """Fill what can be decoded from a place of `_starts` on, and remove it from `missing`."""
+        """Decode frames from a start of `_starts` on and remove them from `missing`."""
         if key is not None or self._decoder is None:
             self._next = 0
             self._decoder = self._decode_from(-1 if key is None else key)
@@ -146,10 +210,10 @@ class VideoFile:
                 missing.discard(number)
             if not missing or number > max(missing):
                 return
-        self._decoder = None  # it has reached the end
+        self._decoder = None  # end of the file
 
     def _decode_from(self, key: int) -> Iterator[tuple[int, av.VideoFrame]]:
-        """Yield (number, frame) from a keyframe on. It is kept between reads, for the decoder hands out frames in batches."""
+        """Yield numbers and frames from a keyframe on. The generator is kept between reads, since decoders return batches."""
         begin = NO_TIME if key < 0 else int(self.table.key_pts[key])
         count = 0
         for packet in self._packets_from(key):
@@ -158,13 +222,13 @@ class VideoFile:
                     if count < self.frames:
                         yield count, frame
                     count += 1
-                elif frame.pts is not None and frame.pts >= begin:  # before: pictures that refer to earlier keyframes
+                elif frame.pts is not None and frame.pts >= begin:  # earlier images refer to previous keyframes
                     number = self.table.number(frame.pts)
-                    if number is not None:  # None: outside an edit list
+                    if number is not None:  # None is outside the edit list
                         yield number, frame
 
     def _decoded(self, packet: av.Packet, begin: int) -> list[av.VideoFrame]:
-        """Decode a packet. One that is shown before the keyframe may refer to what is not there."""
+        """Decode a packet. A packet displayed before the keyframe may refer to missing images."""
         try:
             return packet.decode()
         except FFmpegError:
@@ -173,10 +237,10 @@ class VideoFile:
             raise
 
     def _packets_from(self, key: int) -> Iterator[av.Packet]:
-        """Yield the packets from a keyframe on, to the end.
+        """Yield all packets from a keyframe on.
 
-        Containers seek by different things: MP4 and Matroska by presentation times, MPEG-TS by decoding times or bytes, and some only
-        roughly. So the keyframe is looked for from where a seek leads, and from farther back if it was passed.
+        MP4 and Matroska seek by presentation time, MPEG-TS by decoding time or bytes, and some containers only roughly.
+        The keyframe is therefore searched from the result of a seek, and from farther back if it was passed.
         """
         wanted = None if key < 0 else int(self.table.key_pts[key])
         for packets in self._attempts(key):
@@ -189,7 +253,7 @@ class VideoFile:
                     break
 
     def _attempts(self, key: int) -> Iterator[Iterator[av.Packet]]:
-        """Yield the packets from different places on; the last place is the start of the file."""
+        """Yield packet iterators from different positions; the last is the start of the file."""
         for offset, by_bytes in self._seeks(key):
             container, stream = self._opened()
             try:
@@ -204,7 +268,7 @@ class VideoFile:
         yield container.demux(stream)
 
     def _seeks(self, key: int) -> Iterator[tuple[int, bool]]:
-        """Yield (time or byte offset, whether it is bytes) to seek to, each less exact or farther back than the one before."""
+        """Yield positions to seek to, as time or byte offset and a flag for bytes, each less exact or farther back."""
         if key < 0:
             return
         table = self.table
@@ -221,13 +285,13 @@ class VideoFile:
 
     def _opened(self) -> tuple[InputContainer, av.VideoStream]:
         if self._container is None:
-            self._container = open_media(self._files, self.path, BRIEFLY)  # the rest is known
+            self._container = open_media(self._files, self.path, BRIEFLY)  # the frame table has the rest
             self._container.streams.video[0].codec_context.thread_count = 1  # cameras are decoded in parallel instead
         return self._container, self._container.streams.video[0]
 
     @contextmanager
     def _guard(self) -> Iterator[None]:
-        """Turn FFmpeg's errors into ours and drop the decoder, whose state is unknown after one."""
+        """Convert FFmpeg's errors to `CaptureError`, and close the decoder, whose state is unknown after an error."""
         try:
             yield
         except (FFmpegError, OSError) as error:
@@ -239,7 +303,7 @@ class VideoFile:
 
 
 def to_rgb(frame: av.VideoFrame, width: int, height: int, turns: int) -> np.ndarray:
-    """uint8 [height, width, 3] sRGB of a decoded picture, resized by area and turned counterclockwise by quarters."""
+    """Return a decoded image as uint8 [height, width, 3] sRGB, resized by area and rotated counterclockwise by quarter turns."""
     if turns % 2:
         width, height = height, width
     shrinks = width < frame.width or height < frame.height

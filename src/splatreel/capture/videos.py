@@ -1,4 +1,4 @@
-"""One video a camera, and which of their frames were taken together."""
+"""Complete videos, one per camera, and the alignment of their frames."""
 
 from __future__ import annotations
 
@@ -10,32 +10,33 @@ import numpy as np
 from splatreel import threads
 from splatreel.capture.base import Request
 from splatreel.capture.frame_table import FrameTable
+from splatreel.capture.growing.growing_sound import read_packets
 from splatreel.capture.growing.growth import Growth, is_recorded
-from splatreel.capture.growing.segments import SegmentedVideo, numbered, segment_files
-from splatreel.capture.growing.sound import read_packets
+from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, segment_files
 from splatreel.capture.sidecar import SIDECAR, Sidecar
-from splatreel.capture.sound import Track
+from splatreel.capture.soundtrack import Track
 from splatreel.capture.video import VideoFile
 from splatreel.errors import CaptureError
 
 CompleteVideo = VideoFile | SegmentedVideo
 
 OUT_OF_STEP = 1.5
-"""Frames that the times of videos' frames may differ by."""
+"""Maximum difference between the times of corresponding frames, in frames."""
 
 
 class Videos:
-    """The complete videos of a capture, by camera: a file each, or a folder of numbered files each.
+    """Complete videos of a capture by camera: one file each, or one folder of numbered files each.
 
-    They start together, or when the sidecar says: then each frame is the one taken nearest to its time. So it is also in what was
-    recorded to be followed (`is_recorded`), where cameras may miss frames, and the shortest camera ends the capture.
+    By default all videos start together. With start times in the sidecar, each time step uses the frame nearest in
+    time. Captures that were recorded to be followed (`is_recorded`) work the same way: cameras may miss frames, and the
+    shortest camera ends the capture.
 
     Attributes:
         frames: Number of time steps that all videos have.
-        fps: Time steps a second.
+        fps: Time steps per second.
 
     Raises:
-        CaptureError: The lengths of the videos differ, or the times of their frames, and nothing says how they belong together.
+        CaptureError: Lengths or frame times of the videos differ, and no start times are given.
     """
 
     def __init__(self, path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> None:
@@ -50,7 +51,7 @@ class Videos:
         self._starts = sidecar.starts
         recorded = is_recorded(path) or any(isinstance(video, SegmentedVideo) for video in self._files.values())
         if recorded and not sidecar.fps:
-            self.fps = round(self.fps, 3)  # as while it was followed
+            self.fps = round(self.fps, 3)  # the same rate as while it was followed
         self._by_time = recorded or bool(sidecar.starts)
         self._numbers = {name: self._frames_of(name, path) for name in self._files}
         counts = {name: len(numbers) for name, numbers in self._numbers.items()}
@@ -78,7 +79,7 @@ class Videos:
         return self._files[name]
 
     def _frames_of(self, name: str, path: Path) -> np.ndarray:
-        """Which frame of a video is shown at each time step."""
+        """Return the frame of a video for each time step."""
         video = self._files[name]
         if not self._by_time:
             return np.arange(video.frames)
@@ -87,10 +88,10 @@ class Videos:
         if start > last:
             raise CaptureError(f"{path / SIDECAR}: {name} starts at {start:g} s, but its video ends at {last:g} s.")
         wanted = start + np.arange(int((last - start) * self.fps + 0.5) + 1) / self.fps
-        return np.searchsorted((times[1:] + times[:-1]) / 2, wanted)  # the nearest
+        return np.searchsorted((times[1:] + times[:-1]) / 2, wanted)  # nearest frame
 
     def _check_times(self, path: Path, frames: int) -> None:
-        """Frames of one number count as taken together, and so must have been, each as long after its video's first."""
+        """Raise `CaptureError` if frames with the same number were not taken at the same time after the first frame."""
         names = list(self._files)
         times = np.stack([self._files[name].times[:frames] for name in names]) if names else np.zeros((0, 0))
         off = np.abs(times - np.median(times, 0)) * self.fps if times.size else times
@@ -104,11 +105,11 @@ class Videos:
             )
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
-        """Time steps first .. first + len(out) - 1 of a camera into out [count, H, W, 3] uint8."""
+        """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
         self._files[name].read_into(out, self._numbers[name][first : first + len(out)])
 
     def tracks(self, first: int) -> dict[str, Track]:
-        """By camera, where its sound from time step `first` on is: to the millisecond that the sidecar says, not to a frame."""
+        """Return by camera the sound from time step `first` on, to the precision of the sidecar, not of a frame."""
         return {name: self._track(name, video, first) for name, video in self._files.items()}
 
     def _track(self, name: str, video: CompleteVideo, first: int) -> Track:
@@ -118,7 +119,7 @@ class Videos:
         return Track(video.written, seconds, self._where, lambda count: read_packets(video.sound(), count, seconds))
 
     def sources(self, first: int, count: int) -> list[Path]:
-        """All videos: each holds all of its time steps."""
+        """Return all videos, because each holds all of its time steps."""
         return [video.path for video in self._files.values()]
 
     def tables(self) -> dict[Path, FrameTable]:
@@ -129,5 +130,6 @@ class Videos:
         return found
 
     def close(self) -> None:
+        """Close open files."""
         for video in self._files.values():
             video.close()

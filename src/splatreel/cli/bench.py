@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json as json_format
+import sys
 from pathlib import Path
 
 from tyro.conf import OmitArgPrefixes, Positional
@@ -13,7 +14,7 @@ from splatreel.cli.options import CaptureOptions, parse_frames, parse_names, par
 from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
-from splatreel.errors import UsageError
+from splatreel.errors import MissingDependencyError, UsageError
 from splatreel.threads import use as use_threads
 
 
@@ -36,7 +37,7 @@ def kernels(
         json: Print one JSON object per line.
     """
     use_threads(threads)
-    from splatreel.evaluation.bench import bench_kernels
+    from splatreel.evaluation.bench.microbenchmarks import bench_kernels
 
     show(bench_kernels(points, width, height, repeats), json)
 
@@ -71,14 +72,14 @@ def codec(
         json: Print one JSON object per line.
     """
     if run is None:
-        from splatreel.evaluation.bench import bench_codec
+        from splatreel.evaluation.bench.microbenchmarks import bench_codec
 
         return show(bench_codec(points, frames, repeats), json)
     if capture is None or every < 1:
         raise UsageError("bench codec RUN needs the CAPTURE after it, and --every 1 or more.")
     from splatreel.capture.opening import open_capture
+    from splatreel.evaluation.bench.rate_distortion import Sweep, curves, rate_distortion_points, sweep_of, table
     from splatreel.evaluation.evaluate import reel_width
-    from splatreel.evaluation.rate_distortion import Sweep, curves, rate_distortion_points, sweep_of, table
     from splatreel.progress import console
 
     source = open_capture(capture, width=width or reel_width(run / "reel"), frames=parse_frames(span))
@@ -89,18 +90,21 @@ def codec(
         rows = rate_distortion_points(sweep)
         text = table(rows)
         if tables:
-            from splatreel.evaluation.paper_tables import paper_tables
+            from splatreel.evaluation.bench.paper_tables import paper_tables
 
             text += "\n" + paper_tables(sweep, Sweep(run, source, [0], progress, record))
     finally:
         progress.close()
         source.close()
     if out is not None:
-        from splatreel.evaluation.chart import rate_chart
+        from splatreel.evaluation.bench.rate_chart import rate_chart
         from splatreel.evaluation.report import write_text
 
         write_text(out / "codec.md", text)
-        write_text(out / "codec.svg", rate_chart(curves(rows), f"{run.name}: held-out cameras"))
+        try:
+            write_text(out / "codec.svg", rate_chart(curves(rows), f"{run.name}: held-out cameras"))
+        except MissingDependencyError as error:
+            print(f"{out / 'codec.svg'} was not drawn. {error}", file=sys.stderr)
     say("\n".join(json_format.dumps(dataclasses.asdict(row)) for row in rows) if json else text)
 
 
@@ -147,8 +151,8 @@ def oracle(
     if iterations is not None:
         config = dataclasses.replace(config, keyframe=dataclasses.replace(config.keyframe, first_iterations=iterations))
     from splatreel.capture.opening import open_capture
+    from splatreel.evaluation.bench.oracle import oracle as measure
     from splatreel.evaluation.evaluate import reel_width
-    from splatreel.evaluation.oracle import oracle as measure
     from splatreel.progress import console
 
     reel = None if reel is None else reel_folder(reel)
@@ -199,8 +203,8 @@ def reconstruct(
     if repeats < 1 or against == quality:
         raise UsageError("bench reconstruct needs --repeats 1 or more, and an --against that is another quality.")
     configs = {name: configure(name, None, None, seed) for name in (quality, against) if name is not None}
-    from splatreel.evaluation.provenance import append, label
-    from splatreel.evaluation.speed import bench_reconstruct
+    from splatreel.evaluation.bench.provenance import append, label
+    from splatreel.evaluation.bench.speed import bench_reconstruct
     from splatreel.progress import console
     from splatreel.recon.run.device import pick_device
 

@@ -48,7 +48,7 @@ def capture_check(
     import numpy as np
 
     from splatreel.capture.opening import open_capture
-    from splatreel.capture.sound import choose
+    from splatreel.capture.soundtrack import choose
     from splatreel.progress import console
 
     source = open_capture(capture, width=width, frames=parse_frames(frames), held_out=parse_held_out(hold_out))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from splatreel.cli.printing import playable
 from splatreel.errors import UsageError
-from splatreel.storage.opening import local_path
+from splatreel.storage.addresses import local_path
 
 if TYPE_CHECKING:
     from splatreel.capture.opening import CaptureSource

@@ -15,7 +15,7 @@ from splatreel import threads
 from splatreel.cli.printing import playable
 from splatreel.errors import UsageError
 from splatreel.recon.machines.share import JobName, Share, parse_share, share_of_task
-from splatreel.storage.opening import is_url, local_path
+from splatreel.storage.addresses import is_url, local_path
 
 if TYPE_CHECKING:
     from splatreel.progress import Progress

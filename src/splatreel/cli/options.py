@@ -193,7 +193,7 @@ def reel_folder(path: str) -> str | Path:
 
 def reel_folder(path: str | Path) -> str | Path:
     """Return the folder of a reel, also for the output folder of `reconstruct` or `demo`. A URL is returned as it is."""
-    from splatreel.storage.opening import is_url
+    from splatreel.storage.addresses import is_url
 
     if isinstance(path, str) and is_url(path):
         return path

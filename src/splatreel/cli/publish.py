@@ -58,7 +58,7 @@ def open_target(reel: Path, url: str) -> Folder:
         UsageError: The address cannot be used.
         MissingDependencyError: A package for it is not installed.
     """
-    from splatreel.storage.opening import local_path, open_folder
+    from splatreel.storage.addresses import local_path, open_folder
 
     path = local_path(url)
     if path is not None and path.resolve() == reel.resolve():

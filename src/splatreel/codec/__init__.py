@@ -1,1 +1,1 @@
-"""Bytes in and out: quantization, point clouds, offset codecs, the manifest, reading and writing reels. No torch."""
+"""Encoding and decoding of reels: quantization, codecs, manifest, readers and writers. Never imports torch."""

@@ -1,4 +1,4 @@
-"""Publishing a reel while it is being written, without holding up who writes it."""
+"""Publishing of a reel in a background thread while the reel is being written."""
 
 from __future__ import annotations
 
@@ -10,22 +10,29 @@ from splatreel.codec.publication import Publication, Published
 from splatreel.errors import SplatreelError
 
 PAUSES = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)
-"""Seconds after failures in a row; the last one is waited again and again."""
+"""Seconds to wait after each consecutive failure. The last pause repeats."""
 LAST_TRIES = 6
-"""Failures in a row after which it is given up, once the reel is whole."""
+"""Consecutive failures after which publishing is given up, once the reel is complete."""
 
 
 class BackgroundPublication:
-    """A thread that updates a publication after each `changed`, and tries again as long as it fails. It looks at once whether the
-    place can be reached.
+    """Thread that updates a publication after each call of `changed`, and retries after failures.
 
-    tell: hears of failures and of their end; it is called from the thread. failure: why the last update failed; None if it did not.
+    The thread starts with an update, which checks that the folder can be reached.
+
+    Args:
+        publication: Publication to update.
+        report: Called from the thread when failures start and when they end.
+        pauses: Seconds to wait after consecutive failures.
+
+    Attributes:
+        failure: Error of the last update, or None if it succeeded.
     """
 
     def __init__(
-        self, publication: Publication, tell: Callable[[str], None], pauses: tuple[float, ...] = PAUSES
+        self, publication: Publication, report: Callable[[str], None], pauses: tuple[float, ...] = PAUSES
     ) -> None:
-        self._publication, self._tell, self._pauses = publication, tell, pauses
+        self._publication, self._report, self._pauses = publication, report, pauses
         self._condition = threading.Condition()
         self._changed, self._ending, self._stopped = True, False, False
         self._published: Published | None = None
@@ -35,25 +42,32 @@ class BackgroundPublication:
         self._thread.start()
 
     def changed(self) -> None:
-        """There is more to publish; returns at once."""
+        """Request an update and return immediately."""
         with self._condition:
             self._changed = True
             self._condition.notify()
 
     def finish(self) -> Published | None:
-        """Wait until all of the reel is there; None where there is no reel. Raises the `SplatreelError` for which it was given up."""
+        """Wait until the whole reel is published.
+
+        Returns:
+            The result of the last update, or None if there is no reel.
+
+        Raises:
+            SplatreelError: Publishing was given up.
+        """
         with self._condition:
             self._changed = self._ending = True
             self._condition.notify()
         while self._thread.is_alive():
-            self._thread.join(0.5)  # a signal gets through in between
+            self._thread.join(0.5)  # wake up regularly to handle signals
         for error in (self._bug, self.failure):
             if error is not None:
                 raise error
         return self._published
 
     def stop(self) -> None:
-        """Give up at once what is not there; what is being sent may still arrive."""
+        """Stop publishing immediately. A transfer in progress may still complete."""
         with self._condition:
             self._stopped = True
             self._condition.notify()
@@ -62,11 +76,11 @@ class BackgroundPublication:
         try:
             while self._wait():
                 self._update()
-        except BaseException as error:  # a bug: whoever waits for the end hears of it
+        except BaseException as error:  # a bug; `finish` raises it
             self._bug = error
 
     def _wait(self) -> bool:
-        """For something to do; False once all is done."""
+        """Wait for a change. Return False when the thread should end."""
         with self._condition:
             self._condition.wait_for(lambda: self._changed or self._ending or self._stopped)
             go_on = self._changed and not self._stopped
@@ -74,7 +88,7 @@ class BackgroundPublication:
             return go_on
 
     def _update(self) -> None:
-        """Until it works, is stopped, or is given up after the end."""
+        """Update until success, until stopped, or until too many failures after the end of the reel."""
         sent, since_end, failed, pauses = self._publication.sent, 0, False, self._endless_pauses()
         while not self._stopped:
             ending, self._changed = self._ending, False
@@ -84,18 +98,18 @@ class BackgroundPublication:
             except SplatreelError as error:
                 self.failure = error
                 if not failed:
-                    self._tell(f"{error} It is tried again.")
-                if self._publication.sent > sent:  # it goes on, if slowly
+                    self._report(f"{error} Retrying.")
+                if self._publication.sent > sent:  # some files arrived, so start counting again
                     sent, since_end, pauses = self._publication.sent, 0, self._endless_pauses()
                 failed, since_end = True, since_end + ending
                 if since_end >= LAST_TRIES:
                     return
             self._pause(next(pauses), ending)
         if failed and self.failure is None:
-            self._tell(f"{self._publication.folder.address('')}: it works again, all that there is so far is there.")
+            self._report(f"{self._publication.folder.address('')}: is reachable again; everything so far is published.")
 
     def _pause(self, seconds: float, ending: bool) -> None:
-        """Shorter where it is stopped, or where the end begins only now."""
+        """Wait after a failure. The wait ends early if the thread is stopped or the reel ends."""
         with self._condition:
             self._condition.wait_for(lambda: self._stopped or self._ending != ending, timeout=seconds)
 

@@ -1,7 +1,7 @@
-"""How much memory decoding a file takes by its header, and how much it may take (docs/format.md).
+"""Memory limits for decoding a file, computed from its header before any allocation (docs/format.md).
 
-Repeated numbers compress to almost nothing, so that a small file can claim a great many points. No memory is allocated before it
-is known to be no more than a file of that length may hold.
+Repeated numbers compress to almost nothing, so a small file can claim very many points. The limit grows with the file's
+length.
 """
 
 from __future__ import annotations
@@ -14,32 +14,39 @@ import numpy as np
 from splatreel.errors import ReelError
 
 FLOOR = 32 << 20
-"""Bytes of memory that any file may take, and"""
+"""Bytes of memory that any file may take."""
 A_BYTE = 256
-"""as many more for each byte of its length."""
+"""Additional bytes of memory allowed per byte of file length."""
 MOST_FRAMES = 10_000
-"""Frames of one group."""
+"""Maximum number of frames of a group."""
 MAX_OFFSETS = 1 << 26
-"""Frames times points of one group."""
+"""Maximum number of frames times points of a group."""
 _POINT, _VALUE, _COEFFICIENT, _COLOR, _BASIS, _PIXEL = 256, 32, 6, 6, 32, 2
-"""Bytes of memory of a point; of a point at a frame; of a coefficient of a `klt` section, a number of `sh_rest` and one of a basis; of
-a pixel of a map."""
+"""Bytes of memory per point, per point and frame, per `klt` coefficient, per `sh_rest` number, per basis number and per map pixel."""
 
 
 class Coded(Protocol):
-    """A section as its parameters say it is."""
+    """Section described by its parameters."""
 
     @property
-    def parameters(self) -> dict[str, Any]: ...
+    def parameters(self) -> dict[str, Any]:
+        """Parameters of the section."""
+        ...
 
 
-def allowed(size: int) -> int:
-    """Bytes of memory that a file of `size` bytes may take."""
+def allowed_memory(size: int) -> int:
+    """Return the bytes of memory that decoding a file of `size` bytes may take."""
     return FLOOR + A_BYTE * size
 
 
-def claimed(points: int, frames: int, sections: Mapping[str, Coded]) -> int:
-    """Bytes of memory that decoding a file takes. frames: 0 for layers. What is no number is refused later and counts as nothing."""
+def claimed_memory(points: int, frames: int, sections: Mapping[str, Coded]) -> int:
+    """Return the bytes of memory that decoding a file takes.
+
+    Args:
+        points: Points of the file.
+        frames: Frames of the group; 0 for a layer.
+        sections: Sections by name. Invalid parameters count as 0; the decoders refuse them later.
+    """
     found = {name: section.parameters for name, section in sections.items()}
     a_point = _POINT + _VALUE * frames * (2 if "shade" in found else 1)
     a_point += _COEFFICIENT * max((_whole(p, "columns") for p in found.values() if p.get("codec") == "klt"), default=0)
@@ -52,9 +59,17 @@ def claimed(points: int, frames: int, sections: Mapping[str, Coded]) -> int:
     return points * a_point + _BASIS * basis * max(frames, 45) + _PIXEL * pictures + 2 * flags
 
 
-def check(points: int, frames: int, sections: Mapping[str, Coded], size: int, most: int | None = None) -> None:
-    """Raise `ReelError` for a file that takes more memory than one of its size may, or than `most` bytes where that is given."""
-    limit, needed = allowed(size) if most is None else most, claimed(points, frames, sections)
+def check_memory(points: int, frames: int, sections: Mapping[str, Coded], size: int, most: int | None = None) -> None:
+    """Raise `ReelError` if decoding a file takes too much memory.
+
+    Args:
+        points: Points of the file.
+        frames: Frames of the group; 0 for a layer.
+        sections: Sections by name.
+        size: Length of the file in bytes.
+        most: Memory limit in bytes; None uses `allowed_memory(size)`.
+    """
+    limit, needed = allowed_memory(size) if most is None else most, claimed_memory(points, frames, sections)
     if needed > limit:
         what = f"{frames} frames of {points}" if frames else f"{points}"
         raise ReelError(
@@ -63,13 +78,13 @@ def check(points: int, frames: int, sections: Mapping[str, Coded], size: int, mo
         )
 
 
-def missing(points: int, frames: int, sections: Mapping[str, Coded], size: int) -> int:
-    """How many bytes longer a file of `size` bytes has to be for its memory to be allowed; 0 for all but the emptiest."""
-    return max(-(-(claimed(points, frames, sections) - allowed(size)) // A_BYTE), 0)
+def missing_bytes(points: int, frames: int, sections: Mapping[str, Coded], size: int) -> int:
+    """Return how many bytes of padding a file of `size` bytes needs for its memory to be allowed. Usually 0."""
+    return max(-(-(claimed_memory(points, frames, sections) - allowed_memory(size)) // A_BYTE), 0)
 
 
 def most_points(size: int) -> int:
-    """Points that files of `size` bytes in all may hold."""
+    """Return the maximum number of points in files of `size` bytes together."""
     return size + FLOOR // A_BYTE
 
 
@@ -87,7 +102,7 @@ def _megabytes(count: int) -> int:
 
 
 def check_offsets(dx: np.ndarray, dq: np.ndarray) -> None:
-    """Raise `ReelError` for offsets dx [T, N, 3] and dq [T, N, 4] that are not finite, or more than one group may have."""
+    """Raise `ReelError` if offsets dx [T, N, 3] or dq [T, N, 4] are not finite or too many for a group."""
     if not (np.isfinite(dx).all() and np.isfinite(dq).all()):
         raise ReelError("Offsets hold NaN or infinity and cannot be encoded.")
     if dx.shape[0] * dx.shape[1] > MAX_OFFSETS:
@@ -95,6 +110,6 @@ def check_offsets(dx: np.ndarray, dq: np.ndarray) -> None:
 
 
 def check_offset_count(frames: int, points: int) -> None:
-    """Raise `ReelError` where a file claims more offsets than are decoded."""
+    """Raise `ReelError` if a file claims more offsets than a group may have."""
     if not 1 <= frames <= MOST_FRAMES or frames * points > MAX_OFFSETS:
         raise ReelError(f"claims {frames} frames of {points} points, more than can be decoded.")

@@ -1,4 +1,4 @@
-"""Layer and group files: safetensors whose tensors are sections and whose metadata says how to decode them."""
+"""Layer and group files: safetensors files whose tensors are sections and whose metadata describes their coding."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from splatreel.errors import ReelError
 from splatreel.scene.atomic import replacing
 
 VERSION = 1
-"""Of layer and group files; that of manifests is their own."""
+"""Version of layer and group files. Manifests have their own version."""
 _KEY = "splatreel"
 _PADDING = "padding"
 _MAX_HEADER = 1 << 20
@@ -26,7 +26,15 @@ _MAX_HEADER = 1 << 20
 
 @dataclass(frozen=True)
 class FileHeader:
-    """What a file says about itself. kind: `layer` or `group`; frames: 0 for layers."""
+    """Description of a file in its own metadata.
+
+    Attributes:
+        kind: `layer` or `group`.
+        index: Number of the group.
+        points: Number of points.
+        first_frame: First frame of the group.
+        frames: Frames of the group; 0 for a layer.
+    """
 
     kind: str
     index: int
@@ -36,9 +44,9 @@ class FileHeader:
 
 
 def pack_file(header: FileHeader, sections: Sections) -> bytes:
-    """The bytes of a file; the same content gives the same bytes.
+    """Return the bytes of a file. The same content gives the same bytes.
 
-    One that holds next to nothing for its many points is padded with zeros to the length that readers ask of it.
+    A short file with many points is padded with zeros to the length that readers require.
     """
     own: dict[str, Any] = {"version": VERSION, "kind": header.kind, "index": header.index, "points": header.points}
     own |= {"first_frame": header.first_frame} | ({"frames": header.frames} if header.kind == "group" else {})
@@ -46,15 +54,20 @@ def pack_file(header: FileHeader, sections: Sections) -> bytes:
     tensors = {name: np.frombuffer(section.data, np.uint8) for name, section in sections.items()}
     metadata = {_KEY: json.dumps(own, separators=(",", ":"), allow_nan=False)}
     data = safetensors.numpy.save(tensors, metadata)
-    if short := budget.missing(header.points, header.frames, sections, len(data)):
+    if short := budget.missing_bytes(header.points, header.frames, sections, len(data)):
         data = safetensors.numpy.save(tensors | {_PADDING: np.zeros(short, np.uint8)}, metadata)
     return data
 
 
 def unpack_file(data: bytes, most: int | None = None) -> tuple[FileHeader, Sections]:
-    """Header and sections of a file. Raises `ReelError` if data is no such file; reads nothing outside of data.
+    """Return the header and sections of a file.
 
-    most: bytes of memory that decoding it may take; None: what a file of its length may (`budget.allowed`).
+    Args:
+        data: Content of the file.
+        most: Memory in bytes that decoding may take; None uses `budget.allowed_memory`.
+
+    Raises:
+        ReelError: The data is not such a file.
     """
     size = int.from_bytes(data[:8], "little")
     if len(data) < 8 or size > min(_MAX_HEADER, len(data) - 8):
@@ -81,20 +94,24 @@ def unpack_file(data: bytes, most: int | None = None) -> tuple[FileHeader, Secti
     )
     body = memoryview(data)[8 + size :]
     sections = {name: Section(_tensor(body, tensors, name), p) for name, p in parameters.items()}
-    budget.check(header.points, header.frames, sections, len(data), most)
+    budget.check_memory(header.points, header.frames, sections, len(data), most)
     return header, sections
 
 
 def write_atomically(path: Path, data: bytes) -> None:
-    """Replace path by data, whole or not at all. Raises `ReelError` where the disk refuses."""
+    """Replace a file completely or not at all.
+
+    Raises:
+        ReelError: The disk refuses the write.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
             temporary.write_bytes(data)
     except OSError as error:
         raise ReelError(
-            f"{path}: could not write {len(data)} bytes ({error.strerror or error}). What was published "
-            "before is intact; free space or fix the permissions and run the same command again."
+            f"{path}: could not write {len(data)} bytes ({error.strerror or error}). The reel written so "
+            "far is intact. Free space or fix the permissions, then run the same command again."
         ) from error
 
 

@@ -1,4 +1,4 @@
-"""JSON: parsing it from untrusted files, and writing it so that it can be read."""
+"""JSON of reels: parsing of untrusted files, and output that people can read."""
 
 from __future__ import annotations
 
@@ -11,8 +11,15 @@ from splatreel.scene.untrusted import parse_json
 
 
 def parse_object(text: bytes | str, what: str = "") -> dict[str, Any]:
-    """The JSON object in text. what: which text of a file it is. Raises `ReelError` for all else, also for halves of characters:
-    they could be neither printed nor written."""
+    """Return the JSON object in a text.
+
+    Args:
+        text: JSON text.
+        what: Part of the file, for messages.
+
+    Raises:
+        ReelError: The text is anything else, or contains unpaired surrogates, which cannot be printed or written.
+    """
     subject = f"has a {what} that" if what else ""
     value = parse_json(text, ReelError, subject)
     if not isinstance(value, dict):
@@ -21,7 +28,7 @@ def parse_object(text: bytes | str, what: str = "") -> dict[str, Any]:
 
 
 def items(document: Mapping[str, Any], name: str, low: int, high: int) -> list[Any]:
-    """The list of that name. Raises `ReelError` where there is none of `low` to `high` items."""
+    """Return the list of a given name. Raise `ReelError` unless it has `low` to `high` items."""
     value = document.get(name)
     if not isinstance(value, list) or not low <= len(value) <= high:
         raise ReelError(f"has {name} that are not a list of {low} to {high} items.")
@@ -29,7 +36,7 @@ def items(document: Mapping[str, Any], name: str, low: int, high: int) -> list[A
 
 
 def in_lines(document: Mapping[str, Any]) -> str:
-    """JSON with a line for each field, and for each object of its lists: short, and yet to be read."""
+    """Return JSON with one line per field and per object of its lists: compact, but readable."""
     return "{\n" + ",\n".join(f"{json.dumps(name)}: {_lines(value)}" for name, value in document.items()) + "\n}\n"
 
 

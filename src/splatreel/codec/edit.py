@@ -1,4 +1,4 @@
-"""Changes a finished reel's title, author, description and licence; its points stay as they are."""
+"""Editing of a finished reel's title, author, description and license. The points do not change."""
 
 from __future__ import annotations
 
@@ -14,9 +14,14 @@ from splatreel.errors import ReelError
 
 
 def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:
-    """Put a `title`, `author`, `description` or `licence` into the manifest, atomically; an empty one is taken out. Returns the new.
+    """Replace texts in the manifest atomically and return the new manifest.
 
-    Raises `ReelError` for what is no reel on this machine, for one that is still being written, and for a text that is too long.
+    Args:
+        folder: Folder of the reel.
+        words: New `title`, `author`, `description` or `licence`; an empty text removes the entry.
+
+    Raises:
+        ReelError: The folder holds no finished reel, or a text is too long.
     """
     file = folder / "manifest.json"
     try:
@@ -24,7 +29,9 @@ def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:
     except OSError as error:
         raise ReelError(f"{file}: cannot be read ({error.strerror}). Name the folder of a reel.") from error
     if manifest.live:
-        raise ReelError(f"{file}: is still being written. Give --title and the others to the command that writes it.")
+        raise ReelError(
+            f"{file}: is still being written. Pass --title and similar options to the command that writes it."
+        )
     try:
         words = {name: check_text(name, text) for name, text in words.items()}
     except ReelError as error:

@@ -1,4 +1,4 @@
-"""The files of layers and groups, in every rendition. Nothing is written, so that threads and other machines can do it."""
+"""Encoding of layers and groups in every rendition, without writing. Threads and other machines can therefore do it."""
 
 from __future__ import annotations
 
@@ -12,9 +12,13 @@ from splatreel.scene.group import Group
 
 
 class ReelEncoder:
-    """What is in a reel's files. config: with renditions, every group is encoded in each of them, the best first.
+    """Encoder of layer and group files.
 
-    The attribute `config` is that of the best rendition, which layers have.
+    Args:
+        config: Settings. With renditions, every group is encoded in each of them, the best first.
+
+    Attributes:
+        config: Settings of the best rendition, which layers use.
     """
 
     def __init__(self, config: EncodeConfig) -> None:
@@ -35,15 +39,23 @@ class ReelEncoder:
         importance: np.ndarray | None = None,
         steps: Steps = STEPS,
     ) -> tuple[bytes, np.ndarray]:
-        """The file of the static points born at `group`, and order [N]: order[i] is the index of the point that became reel point i.
+        """Encode the static points born at a group.
 
-        importance: [N, 3], how much of the pictures hangs on each point's shape, color and place; None: all alike. steps:
-        quantization steps of the predictive codec at a coarseness of 1.
+        Args:
+            group: Number of the group.
+            first_frame: First frame of the group.
+            gaussians: Static points.
+            importance: Effect of each point's shape, color and position on the images, [N, 3]; None weighs all points
+                equally.
+            steps: Quantization steps of the predictive codec at a coarseness of 1.
+
+        Returns:
+            The file, and order [N]: order[i] is the index of the input point that became reel point i.
         """
         return encode_layer(group, first_frame, gaussians, self.config, importance, steps)
 
     def group(self, group: Group, importance: np.ndarray | None = None, steps: Steps = STEPS) -> dict[str, bytes]:
-        """By uri the files of a group, the best first."""
+        """Encode a group in every rendition. Return the files by URI, the best first."""
         name = f"groups/{group.index:04d}"
         configs = {f"{name}.safetensors": self.config} | {f"{name}.{n}.safetensors": c for n, c in self._others.items()}
         return {uri: encode_group(group, c, importance, steps)[0] for uri, c in configs.items()}

@@ -1,4 +1,4 @@
-"""What a manifest, or one of its pages, says of a layer or group file (docs/format.md). Parsing trusts nothing it reads."""
+"""Entries of a manifest or of its pages for layer and group files (docs/format.md). The parsers accept untrusted input."""
 
 from __future__ import annotations
 
@@ -12,19 +12,27 @@ from splatreel.codec.quantize import integer
 from splatreel.errors import ReelError
 
 MAX_FILE_BYTES = 1 << 30
-"""Size of the largest layer or group file that is read."""
+"""Maximum size of a layer or group file."""
 MAX_FILES = 1 << 20
-"""Layers, and groups, that are read of one reel."""
+"""Maximum number of layers, and of groups, in a reel."""
 BIG = 1 << 40
-"""No number of a frame or a group is larger."""
+"""Upper bound of frame and group numbers."""
 
 
 @dataclass(frozen=True)
 class FileEntry:
-    """One layer or group file. group: the group a layer was born at, a group's own number. frames: 0 for layers.
+    """Entry of one layer or group file.
 
-    until: the group at which a layer is retired, the first that does not show it; None: it never is.
-    renditions: the same group in the reel's other renditions, by name; without renditions of their own.
+    Attributes:
+        uri: Path relative to the manifest.
+        bytes: Size of the file.
+        sha256: Digest of the file, hexadecimal.
+        first_frame: First frame of the group.
+        frames: Frames of the group; 0 for a layer.
+        points: Number of points.
+        group: Number of the group; for a layer, of the group it was born at.
+        renditions: The same group in the reel's other renditions, by name.
+        until: Group at which a layer is retired, the first that does not show it; None if never.
     """
 
     uri: str
@@ -38,22 +46,22 @@ class FileEntry:
     until: int | None = None
 
     def lives_at(self, group: int) -> bool:
-        """Whether a group shows this layer's points, as far as they are alive."""
+        """Return whether a group can show this layer's points."""
         return self.group <= group and (self.until is None or group < self.until)
 
     @property
     def end(self) -> int:
-        """The frame after a group's last."""
+        """Frame after the group's last frame."""
         return self.first_frame + self.frames
 
 
 def birth_order(layer: FileEntry) -> tuple[int, int]:
-    """What layers are sorted by: birth, and of one group the longest-lived first, so that a page's layers end a group's."""
+    """Return the sort key of layers: birth, then the longest-lived first. A page's layers then end the list of a group."""
     return layer.group, -BIG if layer.until is None else -layer.until
 
 
 def parse_layer(entry: object, index: int, version: int) -> FileEntry:
-    """layers[index]. version: of the manifest; only the second knows `until`."""
+    """Parse layers[index] of a manifest. Only version 2 has `until`."""
     try:
         common = _common(entry)
         born = integer(common, "group", 0, BIG)
@@ -64,13 +72,20 @@ def parse_layer(entry: object, index: int, version: int) -> FileEntry:
 
 
 def parse_group(entry: object, index: int, number: int, names: tuple[str, ...]) -> FileEntry:
-    """groups[index], the group of that number in all its renditions; `entry` itself is the first of these names."""
+    """Parse groups[index], the group with the given number, in all renditions.
+
+    Args:
+        entry: JSON value.
+        index: Position in the list, for messages.
+        number: Number of the group.
+        names: Names of the renditions. `entry` itself is the first of them.
+    """
     try:
         common = _common(entry)
         frames = integer(common, "frames", 1, MOST_FRAMES)
         others = common.get("renditions", {})
         if not isinstance(others, dict) or not all(isinstance(others.get(name), dict) for name in names[1:]):
-            raise ReelError(f"is not there in each of the renditions {', '.join(names)}.")
+            raise ReelError(f"lacks one of the renditions {', '.join(names)}.")
         time = {"first_frame": common.get("first_frame")}
         found = {name: _file(others[name] | time, frames, number) for name in names[1:]}
         return _file(common, frames, number, None, found)
@@ -106,20 +121,20 @@ def _file(
 
 
 def layer_to_json(entry: FileEntry) -> dict[str, Any]:
-    """What `parse_layer` takes."""
+    """Return the JSON object that `parse_layer` accepts."""
     own = {"group": entry.group} | ({} if entry.until is None else {"until": entry.until})
-    return _said(entry) | own | {"points": entry.points}
+    return _common_fields(entry) | own | {"points": entry.points}
 
 
 def group_to_json(entry: FileEntry) -> dict[str, Any]:
-    """What `parse_group` takes."""
+    """Return the JSON object that `parse_group` accepts."""
     others = {
         name: {"uri": file.uri, "bytes": file.bytes, "sha256": file.sha256, "points": file.points}
         for name, file in entry.renditions.items()
     }
     own = {"frames": entry.frames, "points": entry.points}
-    return _said(entry) | own | ({"renditions": others} if others else {})
+    return _common_fields(entry) | own | ({"renditions": others} if others else {})
 
 
-def _said(entry: FileEntry) -> dict[str, Any]:
+def _common_fields(entry: FileEntry) -> dict[str, Any]:
     return {"uri": entry.uri, "bytes": entry.bytes, "sha256": entry.sha256, "first_frame": entry.first_frame}

@@ -1,6 +1,10 @@
-"""Fragmented MP4 files of one Opus track (ISO/IEC 14496-12 and "Encapsulation of Opus in ISO Base Media File Format").
+"""Writer of fragmented MP4 files with one Opus track.
 
-Written here, box by box, because FFmpeg's writer puts the encoder's delay into an edit list, and what players make of that differs.
+The boxes are written here because FFmpeg's writer stores the encoder delay in an edit list, which players interpret
+differently.
+
+Source:
+    ISO/IEC 14496-12 and "Encapsulation of Opus in ISO Base Media File Format".
 """
 
 from __future__ import annotations
@@ -8,18 +12,21 @@ from __future__ import annotations
 import struct
 
 RATE = 48_000
-"""Samples a second of every Opus stream, and the track's time scale."""
+"""Samples per second of every Opus stream, and time scale of the track."""
 PACKET = 960
-"""Samples of one packet: 20 ms."""
+"""Samples per packet: 20 ms."""
 
 _MATRIX = struct.pack(">9I", 1 << 16, 0, 0, 0, 1 << 16, 0, 0, 0, 1 << 30)
 _TRACK = 1
 
 
 def initialization(channels: int) -> bytes:
-    """The file that comes before any segment: what the track is, without samples. channels: 1 or 2.
+    """Return the initialization file, which describes the track without samples.
 
-    Pre-skip is 0 and there is no edit list: what a packet decodes to is heard at the packet's time.
+    Pre-skip is 0 and there is no edit list, so a decoded packet is heard at the packet's time.
+
+    Args:
+        channels: 1 or 2.
     """
     header = struct.pack(">IIIIIHHQ", 0, 0, 1000, 0, 1 << 16, 1 << 8, 0, 0)
     movie = _full(b"mvhd", 0, 0, header, _MATRIX, bytes(24), struct.pack(">I", _TRACK + 1))
@@ -28,7 +35,13 @@ def initialization(channels: int) -> bytes:
 
 
 def segment(index: int, start: int, packets: list[bytes]) -> bytes:
-    """Consecutive packets as a movie fragment. index: from 0; start: the first one's time, in samples."""
+    """Return consecutive packets as a movie fragment.
+
+    Args:
+        index: Number of the segment, from 0.
+        start: Time of the first packet in samples.
+        packets: Opus packets.
+    """
     samples = b"".join(struct.pack(">I", len(packet)) for packet in packets)
 
     def fragment(offset: int) -> bytes:

@@ -1,4 +1,4 @@
-"""A group and a layer as the bytes of their files."""
+"""Encoding and decoding of layer and group files."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
 MAX_STATIC = 1 << 26
-"""Static points of all layers together."""
+"""Maximum number of static points in all layers together."""
 
 
 def encode_layer(
@@ -34,10 +34,19 @@ def encode_layer(
     importance: np.ndarray | None = None,
     steps: Steps = STEPS,
 ) -> tuple[bytes, np.ndarray]:
-    """The file of the static points born at a group, and order [N]: the input point of each point of the file.
+    """Encode the static points born at a group.
 
-    importance: [N, 3], see `precision.classes_of`; the paper's codec has no use for that of shape and motion. steps: quantization steps
-    of the predictive codec at a coarseness of 1.
+    Args:
+        group: Number of the group.
+        first_frame: First frame of the group.
+        gaussians: Static points.
+        config: Encoding settings.
+        importance: Importance of shape, color and motion, [N, 3], see `precision.classes_of`. The paper's codec uses
+            only the color.
+        steps: Quantization steps of the predictive codec at a coarseness of 1.
+
+    Returns:
+        The file, and order [N]: the index of the input point of each point of the file.
     """
     if config.codec == "predictive" and len(gaussians):
         points = encode_points(gaussians, importance, config, moving=False, steps=steps)
@@ -50,9 +59,16 @@ def encode_layer(
 def encode_group(
     group: Group, config: EncodeConfig, importance: np.ndarray | None = None, steps: Steps = STEPS
 ) -> tuple[bytes, np.ndarray]:
-    """The file of a group, and order [N]: the input point of each dynamic point of the file.
+    """Encode a group.
 
-    importance, steps: as for `encode_layer`.
+    Args:
+        group: Group to encode.
+        config: Encoding settings.
+        importance: See `encode_layer`.
+        steps: See `encode_layer`.
+
+    Returns:
+        The file, and order [N]: the index of the input point of each dynamic point of the file.
     """
     if config.codec == "predictive" and len(group.dynamic):
         points = encode_points(group.dynamic, importance, config, steps=steps)
@@ -81,7 +97,16 @@ def _colors(importance: np.ndarray | None) -> np.ndarray | None:
 
 
 def decode_layer(data: bytes, source: str, most: int | None = None) -> tuple[FileHeader, Gaussians]:
-    """Header and points of a layer file. most: see `unpack_file`. Raises `ReelError` naming `source` and the section."""
+    """Decode a layer file.
+
+    Args:
+        data: Content of the file.
+        source: Name of the file, for messages.
+        most: Memory limit, see `unpack_file`.
+
+    Raises:
+        ReelError: The file is damaged. The message names the file and the section.
+    """
     try:
         header, sections = unpack_file(data, most)
         if header.kind != "layer":
@@ -92,7 +117,7 @@ def decode_layer(data: bytes, source: str, most: int | None = None) -> tuple[Fil
 
 
 def decode_group(data: bytes, source: str, most: int | None = None) -> Group:
-    """The group in a group file. most: see `unpack_file`. Raises `ReelError` naming `source` and the section."""
+    """Decode a group file. Arguments and errors are those of `decode_layer`."""
     try:
         header, sections = unpack_file(data, most)
         if header.kind != "group":
@@ -112,7 +137,7 @@ def decode_group(data: bytes, source: str, most: int | None = None) -> Group:
 
 
 def _decode_points(sections: Sections, count: int) -> tuple[Gaussians, Predictor | None]:
-    """By the codec that the file's positions name; also the predictor of their offsets, of the predictive codec."""
+    """Decode points with the codec that the section `means` names, with the predictor of their offsets if the codec is predictive."""
     if "means" not in sections or sections["means"].parameters.get("codec") != "lattice":
         return decode_gaussians(sections, count), None
     if not 1 <= count <= MAX_POINTS:
@@ -124,7 +149,7 @@ Moving = tuple[Gaussians, np.ndarray, np.ndarray, Predictor | None]
 
 
 def _decode_moving(sections: Sections, header: FileHeader) -> Moving:
-    """Dynamic points, their offsets dx [T, N, 3] and dq [T, N, 4], and the predictor of what else is stored of them."""
+    """Return dynamic points, offsets dx [T, N, 3] and dq [T, N, 4], and the predictor of further sections."""
     count, frames = header.points, header.frames
     check_offset_count(frames, count)
     if count and "offsets" in sections and sections["offsets"].parameters.get("codec") == paper_offsets.ORIGINAL:

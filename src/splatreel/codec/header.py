@@ -1,4 +1,4 @@
-"""What a reel says before any of its files: its clock, its box, its cameras."""
+"""Properties of a reel that do not depend on its files: frame rate, bounds, cameras."""
 
 from __future__ import annotations
 
@@ -17,12 +17,21 @@ BLACK = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True, kw_only=True)
 class ReelHeader:
-    """The part of a manifest that is known before the first group (docs/format.md).
+    """Part of a manifest that is known before the first group (docs/format.md).
 
-    fps: frames a second. group_length, overlap: frames of a group, and those that it shares with the next. sh_degree: the highest.
-    bounds: [2, 3] box of the content, world units. up: [3] unit. camera: where a player starts. cameras: those it was filmed by.
-    near: least depth to draw, world units. clearance: of static points. antialias: how splats are drawn (`render_image`).
-    background: red, green and blue, 0..1, where nothing is; the light falls on it as well.
+    Attributes:
+        fps: Frames per second.
+        group_length: Frames per group, without the overlap.
+        overlap: Frames that a group shares with the next one.
+        sh_degree: Highest SH degree.
+        bounds: Box of the content, [2, 3], world units.
+        up: Unit up direction, [3].
+        camera: Start camera of a player.
+        cameras: Training cameras.
+        near: Minimum depth that is drawn, world units.
+        clearance: Clearance of static points.
+        antialias: How splats are drawn, see `render_image`.
+        background: Red, green and blue, 0..1, behind the points. The light of groups applies to it too.
     """
 
     fps: float
@@ -47,7 +56,7 @@ class ReelHeader:
         object.__setattr__(self, "cameras", tuple(self.cameras))
 
     def to_dict(self) -> dict[str, Any]:
-        """What `from_dict` takes, in numbers of full precision."""
+        """Return the dictionary that `from_dict` accepts, with numbers in full precision."""
         return {
             "fps": self.fps,
             "group_length": self.group_length,
@@ -65,7 +74,14 @@ class ReelHeader:
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> ReelHeader:
-        """Of a checkpoint. Raises KeyError, TypeError, ValueError or `CaptureError` for what is none."""
+        """Return the header of a checkpoint.
+
+        Raises:
+            KeyError: A field is missing.
+            TypeError: A field has the wrong type.
+            ValueError: A value is invalid.
+            CaptureError: A camera is invalid.
+        """
         red, green, blue = value.get("background", BLACK)
         single = [value[name] for name in ("fps", "group_length", "overlap", "sh_degree")]
         if not all(is_number(number) for number in [*single, value.get("near", 0), red, green, blue]):

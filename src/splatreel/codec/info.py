@@ -1,4 +1,4 @@
-"""Where the bytes of a reel are: per kind of file and section, per group, per point."""
+"""Sizes of a reel by file kind, section, group and point."""
 
 from __future__ import annotations
 
@@ -16,32 +16,39 @@ from splatreel.errors import ReelError
 
 @dataclass(frozen=True)
 class ReelInfo:
-    """Sizes in bytes, of one rendition where there are several. The manifest counts into `bytes` and `first_view_bytes` only, its pages
-    into `bytes`, the first of them into `first_view_bytes`."""
+    """Sizes in bytes, of one rendition if there are several.
+
+    `bytes` includes the manifest and all pages. `first_view_bytes` includes the manifest and the first page.
+    """
 
     manifest: Manifest
     bytes: int
     first_view_bytes: int
-    """What a player fetches before it shows the first frame: the manifest, the first group and the layers that live at it."""
+    """Bytes that a player fetches before the first frame: manifest, first group and the layers that live at it."""
     bytes_per_second: float
-    """Of everything but the first layers, which are fetched once."""
+    """Bytes per second of everything except the first layers, which are fetched once."""
     layer_bytes: list[int]
     group_bytes: list[int]
     section_bytes: dict[str, dict[str, int]]
-    """`layer` and `group`: bytes of each section over all files of that kind; `header` is the rest of the files."""
+    """Bytes of each section over all files, for `layer` and `group`. `header` is the rest of the files."""
     bytes_per_static_point: float
     bytes_per_dynamic_point: float
-    """Of a group file, offsets over all its frames included."""
+    """Bytes of group files per dynamic point, including offsets over all frames."""
     float32_bytes: int
-    """What the same arrays take uncompressed: 4 bytes a number."""
+    """Bytes of the same arrays uncompressed, at 4 bytes per number."""
     rendition_bytes: dict[str, int]
-    """By rendition, best first: bytes of its groups. Empty where there is nothing to choose."""
+    """Bytes of the groups by rendition, best first. Empty for a single rendition."""
 
 
 def reel_info(location: str | Path, rendition: str | None = None) -> ReelInfo:
-    """Sizes of a reel. Reads all files, decodes none. Raises `ReelError` if one is missing or damaged.
+    """Return the sizes of a reel. All files are read, none is decoded.
 
-    rendition: which one, of those that the manifest names; None: the best.
+    Args:
+        location: Folder or URL of the reel.
+        rendition: Name of a rendition; None chooses the best.
+
+    Raises:
+        ReelError: A file is missing or damaged.
     """
     whole = ReelReader(location).manifest
     reel = ReelReader(location, rendition)
@@ -50,7 +57,7 @@ def reel_info(location: str | Path, rendition: str | None = None) -> ReelInfo:
     manifest_bytes = len(whole.to_json().encode())
     layer_bytes, group_bytes = [e.bytes for e in layers], [e.bytes for e in groups]
     first = manifest_bytes + sum(page.bytes for page in whole.pages[:1])
-    first += sum(layers[index].bytes for index in manifest.living(manifest.first_group)) + sum(group_bytes[:1])
+    first += sum(layers[index].bytes for index in manifest.living_layers(manifest.first_group)) + sum(group_bytes[:1])
     growth = sum(e.bytes for e in layers if e.group > manifest.first_group) + sum(group_bytes)
     seconds = (manifest.frames - manifest.first_frame) / manifest.fps
     return ReelInfo(
@@ -72,7 +79,7 @@ def _section_bytes(reel: ReelReader, entries: tuple[FileEntry, ...]) -> dict[str
     sizes: Counter[str] = Counter()
     for entry in entries:
         try:
-            _, sections = unpack_file(reel.read_file(entry), most=sys.maxsize)  # nothing is decoded
+            _, sections = unpack_file(reel.read_file(entry), most=sys.maxsize)  # no limit, since nothing is decoded
         except ReelError as error:
             raise ReelError(f"{entry.uri}: {error}") from error
         for name, section in sections.items():

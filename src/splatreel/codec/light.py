@@ -1,4 +1,4 @@
-"""The light of a whole group, frame by frame, as the section `light` (beyond the paper)."""
+"""Section `light`: brightness factors of a group per frame (not in the paper)."""
 
 from __future__ import annotations
 
@@ -9,18 +9,18 @@ from splatreel.codec.section import Section, Sections, named, section_of
 from splatreel.errors import ReelError
 
 BITS = 12
-"""Of the logarithms over their range: where the light halves, a thirtieth of a gray level."""
+"""Bits of the logarithms. If the light halves, a step is a thirtieth of a gray level."""
 MOST = 1024.0
-"""Factor by which light may be brighter or darker."""
+"""Maximum factor by which the light may brighten or darken."""
 
 
 def encode_light(light: np.ndarray) -> Sections:
-    """light: [T, 3] factors, `Group.light`."""
+    """Encode the factors `Group.light`, [T, 3]."""
     return {"light": Section(*quantize.encode_linear(np.clip(light, 1 / MOST, MOST), BITS, log=True))}
 
 
 def decode_light(sections: Sections, frames: int) -> np.ndarray:
-    """[T, 3] float32. Raises `ReelError`."""
+    """Decode the factors, [T, 3] float32. Raise `ReelError` if the section is damaged."""
     section = section_of(sections, "light", "linear")
     light = named("light", quantize.decode_linear, section.data, section.parameters, frames, 3)
     if not ((light > 0.99 / MOST) & (light < 1.01 * MOST)).all():

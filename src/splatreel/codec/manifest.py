@@ -1,4 +1,4 @@
-"""`manifest.json`: what a reel consists of (docs/format.md). Parsing trusts nothing it reads."""
+"""The manifest, `manifest.json`, which lists the files of a reel (docs/format.md). The parser accepts untrusted input."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ from splatreel.scene.clearance import NONE, Clearance
 
 FORMAT = "splatreel"
 VERSIONS = 1, 2
-"""The second where a layer is retired or not alone at its group, where groups were dropped, and where there are pages."""
+"""Supported versions. A reel needs version 2 if it has pages, retired layers, several layers at a group, or dropped groups."""
 MAX_BYTES = 16 << 20
-"""Size of the largest manifest that is read."""
+"""Maximum size of a manifest."""
 
 MAX_RENDITIONS = 16
 _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}")
@@ -53,13 +53,19 @@ _NAME = re.compile(r"[a-z0-9][a-z0-9_-]{0,31}")
 
 @dataclass(frozen=True, kw_only=True)
 class Manifest(ReelHeader):
-    """The fields of `manifest.json`: the header, and the files that there are.
+    """Content of `manifest.json`: the header and the lists of files.
 
-    live: more will come. frames: the end of all groups so far.
-    layers, groups: all of them, those of the pages, too. first_group: the number of the first, where earlier ones were dropped.
-    pages: the files that hold the first groups, as many as they say; the others are in the manifest itself.
-    renditions: names of the rates that the groups are there in, best first; the first is that of the groups' own files, and the
-    layers are common to all. Empty where there is nothing to choose.
+    Attributes:
+        generator: Program that wrote the reel.
+        live: True while the reel is still being written.
+        frames: End of all groups so far.
+        layers: All layers, including those listed in pages.
+        groups: All groups, including those listed in pages.
+        first_group: Number of the first group; greater than 0 after earlier groups were dropped.
+        pages: Files that list the first groups. The manifest itself lists the other groups.
+        renditions: Names of the renditions, best first. The groups' own files are those of the best. Layers are common
+            to all. Empty for a single rendition.
+        presentation: Texts, images, sound and view limits.
     """
 
     generator: str
@@ -74,44 +80,44 @@ class Manifest(ReelHeader):
 
     @property
     def version(self) -> int:
-        """Of the format, as low as what the reel holds allows."""
+        """Lowest format version that supports the content."""
         many = any(a.group == b.group for a, b in pairwise(self.layers))
         retired = any(layer.until is not None for layer in self.layers)
         return 2 if self.first_group or self.pages or many or retired else 1
 
     @property
     def files(self) -> list[FileEntry]:
-        """Every file that holds points."""
+        """All files that hold points."""
         others = (entry for group in self.groups for entry in group.renditions.values())
         return [*self.layers, *self.groups, *others]
 
     @property
     def uris(self) -> set[str]:
-        """Every file of the reel but the manifest."""
+        """URIs of all files of the reel except the manifest."""
         return {entry.uri for entry in (*self.files, *self.assets, *self.pages)}
 
     @property
     def end_group(self) -> int:
-        """The number that the next group gets."""
+        """Number of the next group to be added."""
         return self.first_group + len(self.groups)
 
     @property
     def first_frame(self) -> int:
-        """The first frame that can be shown; 0 where there is no group yet."""
+        """First frame that can be shown; 0 without groups."""
         return self.groups[0].first_frame if self.groups else 0
 
     @property
     def paged(self) -> int:
-        """How many groups are in pages."""
+        """Number of groups listed in pages."""
         return sum(page.groups for page in self.pages)
 
     @property
     def assets(self) -> list[Asset]:
-        """Pictures and sound."""
+        """Images and sound files."""
         return self.presentation.assets
 
-    def of_rendition(self, name: str) -> Manifest:
-        """What the manifest would be with this rendition alone. Raises `ReelError` for one that the reel has not."""
+    def select_rendition(self, name: str) -> Manifest:
+        """Return the manifest of one rendition alone. Raise `ReelError` if the reel does not have it."""
         if name not in self.renditions:
             there = f"has {', '.join(self.renditions)}" if self.renditions else "has no renditions to choose from"
             raise ReelError(f"has no rendition {name!r:.100}; it {there}.")
@@ -119,43 +125,43 @@ class Manifest(ReelHeader):
         return replace(self, groups=tuple(groups), renditions=(), pages=())
 
     def without_pages(self) -> Manifest:
-        """The same reel, all in the manifest itself."""
+        """Return the same reel with all entries in the manifest itself."""
         return replace(self, pages=())
 
     def rendition_bytes(self) -> dict[str, int]:
-        """By rendition: bytes of its groups."""
+        """Return the bytes of the groups by rendition."""
         return rendition_bytes(self.groups, self.renditions)
 
     def with_files(self, layers: Iterable[FileEntry], groups: Iterable[FileEntry]) -> Manifest:
-        """The same reel with these files, its number of frames counted anew."""
+        """Return the manifest with other files and the number of frames updated."""
         layers, groups = tuple(layers), tuple(groups)
         return replace(self, layers=layers, groups=groups, frames=max((group.end for group in groups), default=0))
 
     def group_entry(self, group: int) -> FileEntry:
-        """The file of the group of that number. Raises `ReelError` where it is not there."""
+        """Return the entry of a group by its number. Raise `ReelError` if it is not in the reel."""
         if not self.first_group <= group < self.end_group:
             there = f"{len(self.groups)} groups" + (f" from {self.first_group} on" if self.first_group else "")
             raise ReelError(f"has {there}, group {group} was asked for.")
         return self.groups[group - self.first_group]
 
-    def living(self, group: int) -> list[int]:
-        """Which layers a group shows, by their places in `layers`: it says of each of their points whether it is alive."""
+    def living_layers(self, group: int) -> list[int]:
+        """Return the indices of the layers that live at a group. The group's `alive` flags cover their points."""
         born, until, _ = self._lives
         return np.flatnonzero((born <= group) & (group < until)).tolist()
 
     def static_points(self, group: int) -> int:
-        """Points of the layers that live at a group."""
+        """Return the number of points in the layers that live at a group."""
         born, until, points = self._lives
         return int(points[(born <= group) & (group < until)].sum())
 
     @cached_property
     def _lives(self) -> np.ndarray:
-        """[3, L]: the groups at which layers are born and retired, and their points."""
+        """Birth group, retirement group and number of points of each layer, [3, L]."""
         lives = [(layer.group, BIG + 1 if layer.until is None else layer.until, layer.points) for layer in self.layers]
         return np.array(lives, np.int64).reshape(-1, 3).T
 
     def to_json(self) -> str:
-        """The text of the file. What is in pages is not in it."""
+        """Return the text of the file, without the entries in pages."""
         document = {
             "format": FORMAT,
             "version": self.version,
@@ -193,11 +199,17 @@ class Manifest(ReelHeader):
 def parse_manifest(
     data: bytes, source: str, fetch: Fetch | None = None, whole: bool = True, known: Known | None = None
 ) -> Manifest:
-    """The manifest in data, joined with its pages. fetch: gets a page; None: a manifest that has some is refused.
+    """Parse a manifest and join it with its pages.
 
-    whole: False takes what there is up to the first page that is missing or damaged, as of a reel of which nothing follows.
-    known: pages that were parsed before and need not be again; gets those of this manifest.
-    Raises `ReelError`, with `source` in its message, for whatever is not a valid one.
+    Args:
+        data: Content of the file.
+        source: Name of the file, for messages.
+        fetch: Function that fetches a page; None refuses manifests with pages.
+        whole: False accepts the reel up to the first missing or damaged page.
+        known: Pages parsed earlier, which are not fetched again. Updated with the pages of this manifest.
+
+    Raises:
+        ReelError: The manifest or a page is not valid.
     """
     try:
         return _parse(_load(data), fetch, whole, {} if known is None else known)
@@ -245,14 +257,14 @@ def _parse(document: dict[str, Any], fetch: Fetch | None, whole: bool, known: Kn
 
 
 def _load_pages(manifest: Manifest, fetch: Fetch | None, whole: bool, known: Known) -> tuple[list[Page], bool]:
-    """The pages, and whether these are all; they are unless `whole` is False."""
+    """Return the pages and whether they are complete. They can be incomplete only if `whole` is False."""
     pages: list[Page] = []
     if manifest.pages and fetch is None:
         raise ReelError("has pages, and is not read alone. Name the folder of the reel, or its address.")
     try:
         if manifest.pages and fetch:
             for page in load_pages(manifest.pages, manifest.first_group, manifest.renditions, fetch, known):
-                pages.append(page)  # those before one that fails are kept
+                pages.append(page)  # pages before a failing one are kept
     except ReelError:
         if whole:
             raise
@@ -260,7 +272,7 @@ def _load_pages(manifest: Manifest, fetch: Fetch | None, whole: bool, known: Kno
 
 
 def _joined(manifest: Manifest, parts: list[Page]) -> Manifest:
-    """With the layers and groups of all parts, that of the manifest itself last."""
+    """Return the manifest with the layers and groups of all parts. The part of the manifest itself comes last."""
     return manifest.with_files(join_layers(parts), (group for part in parts for group in part.groups))
 
 
@@ -285,7 +297,7 @@ def _check(manifest: Manifest, document: dict[str, Any]) -> None:
 
 
 def _parse_header(document: dict[str, Any]) -> Manifest:
-    """All but the layers and groups, and what there is of pages."""
+    """Parse everything except layers, groups and pages."""
     live = boolean(document, "live")
     bounds = [numbers({"bounds": corner}, "bounds", 3) for corner in items(document, "bounds", 2, 2)]
     if (bounds[0] > bounds[1]).any():
@@ -329,7 +341,7 @@ def _parse_clearance(entry: object) -> Clearance:
 
 
 def _parse_names(document: dict[str, Any]) -> tuple[str, ...]:
-    """Of the renditions. One alone is none to choose from."""
+    """Parse the names of the renditions. A single rendition counts as none."""
     entries = items(document, "renditions", 0, MAX_RENDITIONS) if "renditions" in document else []
     given = [entry.get("name") if isinstance(entry, dict) else None for entry in entries]
     names = tuple(name for name in given if isinstance(name, str) and _NAME.fullmatch(name))
@@ -362,5 +374,5 @@ def _parse_camera(value: object) -> Camera:
 
 
 def _short(array: np.ndarray) -> list[float]:
-    """As float32, in as few digits as tell them apart: many cameras are a good part of a small reel."""
+    """Return float32 values with the fewest digits that preserve them. Cameras take much of a small reel."""
     return [float(str(value)) for value in np.asarray(array, np.float32).ravel()]

@@ -1,6 +1,7 @@
-"""Pages of a manifest: its older groups, and the retired layers that these need, in files of their own (docs/format.md).
+"""Pages of a manifest: files that list older groups and the retired layers that they need (docs/format.md).
 
-So that the manifest of an hour stays small, and that of a live reel is fetched again without what does not change any more.
+With pages the manifest of an hour stays small. A live reel's manifest is refetched without the entries that no longer
+change.
 """
 
 from __future__ import annotations
@@ -30,29 +31,36 @@ from splatreel.codec.quantize import integer
 from splatreel.errors import ReelError
 
 PAGE = 64
-"""Groups of a page, as written."""
+"""Groups per page when writing."""
 MAX_PAGE_GROUPS = 1024
-"""Groups of a page, as read."""
+"""Maximum groups per page when reading."""
 MAX_PAGES = 1 << 14
 MAX_PAGE_BYTES = 1 << 20
 MAX_PAGES_BYTES = 64 << 20
-"""Of all pages together."""
+"""Maximum size of all pages together."""
 LAST = 1 << 31
-"""The last frame that pages may speak of, and the last group that may be the first."""
+"""Upper bound of frames in pages, and of the number of the first group."""
 AT_ONCE = 8
-"""Pages that are fetched at a time."""
+"""Pages fetched in parallel."""
 
 Fetch = Callable[[str, int], bytes]
-"""Gives the file at a relative uri, of at most so many bytes. Raises `ReelError` if it is missing or longer."""
+"""Function that returns the file at a relative URI, given its maximum size. It raises `ReelError` for a missing or longer file."""
 Known = dict[tuple[str, int, int, tuple[str, ...]], "Page"]
-"""Pages that were parsed before, by digest, length, first group and renditions: they never change."""
+"""Cache of parsed pages by digest, length, first group and renditions. Pages never change."""
 
 
 @dataclass(frozen=True)
 class PageEntry:
-    """What the manifest says of a page. frames: from its first group's first frame to the largest end of its groups.
+    """Entry of a page in the manifest.
 
-    rendition_bytes: by rendition, bytes of its groups; empty where the reel has none to choose from.
+    Attributes:
+        uri: Path relative to the manifest.
+        bytes: Size of the page.
+        sha256: Digest of the page, hexadecimal.
+        first_frame: First frame of its first group.
+        frames: Frames from `first_frame` to the latest end of its groups.
+        groups: Number of groups.
+        rendition_bytes: Bytes of its groups by rendition; empty for a single rendition.
     """
 
     uri: str
@@ -64,20 +72,20 @@ class PageEntry:
     rendition_bytes: Mapping[str, int] = field(default_factory=dict)
 
     def to_json(self) -> dict[str, Any]:
-        """What `parse_page_entries` takes."""
+        """Return the JSON object that `parse_page_entries` accepts."""
         document = {name: value for name, value in vars(self).items() if name != "rendition_bytes"}
         return document | ({"rendition_bytes": dict(self.rendition_bytes)} if self.rendition_bytes else {})
 
 
 @dataclass(frozen=True)
 class Page:
-    """The groups of a page, and the layers with `until` that live in any of them, in order of birth."""
+    """Groups of a page, and the layers with `until` that live at any of them, in order of birth."""
 
     layers: tuple[FileEntry, ...]
     groups: tuple[FileEntry, ...]
 
     def to_bytes(self) -> bytes:
-        """The file."""
+        """Return the content of the file."""
         layers, groups = map(layer_to_json, self.layers), map(group_to_json, self.groups)
         return in_lines({"layers": list(layers), "groups": list(groups)}).encode()
 
@@ -85,9 +93,15 @@ class Page:
 def make_page(
     layers: Iterable[FileEntry], groups: Sequence[FileEntry], names: Sequence[str]
 ) -> tuple[PageEntry, bytes]:
-    """The file of a page and what a manifest says of it. layers: all of the reel; names: of its renditions."""
+    """Return the manifest entry and the file of a page.
+
+    Args:
+        layers: All layers of the reel.
+        groups: Groups of the page.
+        names: Names of the renditions.
+    """
     first, last = groups[0].group, groups[-1].group
-    data = Page(tuple(mortals(layers, first, last)), tuple(groups)).to_bytes()
+    data = Page(tuple(retired_layers(layers, first, last)), tuple(groups)).to_bytes()
     if len(data) > MAX_PAGE_BYTES:
         raise ReelError(f"needs a page of {len(data)} bytes for groups {first} to {last}; {MAX_PAGE_BYTES} are read.")
     entry = PageEntry(
@@ -102,13 +116,13 @@ def make_page(
     return entry, data
 
 
-def mortals(layers: Iterable[FileEntry], first: int, last: int) -> list[FileEntry]:
-    """The layers with `until` that live in any of the groups first to last."""
+def retired_layers(layers: Iterable[FileEntry], first: int, last: int) -> list[FileEntry]:
+    """Return the layers with `until` that live at any of the groups `first` to `last`."""
     return [layer for layer in layers if layer.until is not None and layer.group <= last and first < layer.until]
 
 
 def rendition_bytes(groups: Iterable[FileEntry], names: Sequence[str]) -> dict[str, int]:
-    """By rendition: bytes of these groups."""
+    """Return the bytes of groups by rendition."""
     sizes = dict.fromkeys(names, 0)
     for group in groups:
         for name in names:
@@ -117,7 +131,7 @@ def rendition_bytes(groups: Iterable[FileEntry], names: Sequence[str]) -> dict[s
 
 
 def parse_page_entries(document: Mapping[str, Any], names: Sequence[str]) -> tuple[PageEntry, ...]:
-    """The manifest's `pages`. names: of the renditions. Raises `ReelError`."""
+    """Parse the manifest's `pages`. Raise `ReelError` if they are not valid."""
     if "pages" not in document:
         return ()
     entries = items(document, "pages", 0, MAX_PAGES)
@@ -152,9 +166,17 @@ def _parse_entry(entry: object, index: int, names: Sequence[str]) -> PageEntry:
 def load_pages(
     entries: Sequence[PageEntry], first_group: int, names: tuple[str, ...], fetch: Fetch, known: Known
 ) -> Iterator[Page]:
-    """The pages, in order, each checked against what the manifest says of it. Raises `ReelError` that names the page.
+    """Yield the pages in order, each checked against its manifest entry.
 
-    known: pages that need not be fetched; has these and no others afterwards.
+    Args:
+        entries: Entries of the pages.
+        first_group: Number of the first group.
+        names: Names of the renditions.
+        fetch: Function that fetches a page.
+        known: Pages that need not be fetched. Contains exactly the given pages afterwards.
+
+    Raises:
+        ReelError: A page is missing or damaged. The message names it.
     """
     firsts = accumulate((entry.groups for entry in entries), initial=first_group)
     wanted = [((entry.sha256, entry.bytes, first, names), entry) for entry, first in zip(entries, firsts, strict=False)]
@@ -162,7 +184,7 @@ def load_pages(
     try:
         files = pool.map(lambda entry: fetch(entry.uri, entry.bytes), (e for key, e in wanted if key not in known))
         for key, entry in wanted:
-            data = None if key in known else next(files)  # its own errors name the file
+            data = None if key in known else next(files)  # errors of `fetch` name the file
             try:
                 if data is not None:
                     known[key] = _parse_page(data, entry, *key[2:])
@@ -170,7 +192,7 @@ def load_pages(
             except ReelError as error:
                 raise ReelError(f"{entry.uri}: {error}") from error
             yield known[key]
-        for key in known.keys() - {key for key, _ in wanted}:  # of a live reel, what was dropped
+        for key in known.keys() - {key for key, _ in wanted}:  # a live reel may have dropped pages
             del known[key]
     finally:
         pool.shutdown(cancel_futures=True)
@@ -178,7 +200,7 @@ def load_pages(
 
 def _parse_page(data: bytes, entry: PageEntry, first: int, names: tuple[str, ...]) -> Page:
     if len(data) != entry.bytes or hashlib.sha256(data).hexdigest() != entry.sha256:
-        raise ReelError("is damaged: its length or its sha256 is not the manifest's. Copy the reel anew.")
+        raise ReelError("is damaged: its length or its sha256 is not the manifest's. Copy the reel again.")
     document = parse_object(data)
     layers = tuple(parse_layer(item, i, 2) for i, item in enumerate(items(document, "layers", 0, MAX_FILES)))
     listed = items(document, "groups", entry.groups, entry.groups)
@@ -193,16 +215,20 @@ def _check_page(page: Page, entry: PageEntry, names: tuple[str, ...]) -> None:
     said = entry.groups, entry.first_frame, entry.frames
     found = len(page.groups), first, max(group.end for group in page.groups) - first
     if found != said:
-        raise ReelError(f"says (groups, first frame, frames) {found} of itself, the manifest {said}.")
+        raise ReelError(f"has (groups, first frame, frames) {found}, the manifest says {said}.")
     sizes = rendition_bytes(page.groups, names)
     if sizes != entry.rendition_bytes:
         raise ReelError(f"has renditions of {sizes} bytes, the manifest says {entry.rendition_bytes}.")
 
 
 def join_layers(parts: Sequence[Page]) -> tuple[FileEntry, ...]:
-    """All layers of a reel in order of birth, of those that the manifest itself and its pages list. parts: that of the manifest last.
+    """Return all layers of a reel in order of birth, from the lists of the manifest and its pages.
 
-    Raises `ReelError` where the lists contradict each other, are not in order, or are not the layers that live in their groups.
+    Args:
+        parts: Pages, then the part of the manifest itself.
+
+    Raises:
+        ReelError: The lists contradict each other, are not in order, or do not match the groups.
     """
     found: dict[str, FileEntry] = {}
     for part in reversed(parts):
@@ -227,7 +253,7 @@ def join_layers(parts: Sequence[Page]) -> tuple[FileEntry, ...]:
 
 
 def _living(layers: Sequence[FileEntry], parts: Sequence[Page]) -> list[int]:
-    """How many layers with `until` live in each part: each lives in a run of parts."""
+    """Return the number of layers with `until` that live at each part. A layer lives at consecutive parts."""
     starts = [_span(part)[0] for part in parts]
     end = _span(parts[-1])[1]
     changes = [0] * (len(parts) + 1)
@@ -246,5 +272,5 @@ def _living(layers: Sequence[FileEntry], parts: Sequence[Page]) -> list[int]:
 
 
 def _span(part: Page) -> tuple[int, int]:
-    """The numbers of a part's first group and of the one after its last."""
+    """Return the numbers of a part's first group and of the group after its last."""
     return (part.groups[0].group, part.groups[-1].group + 1) if part.groups else (0, 0)

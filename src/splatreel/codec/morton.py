@@ -1,21 +1,21 @@
-"""Morton (Z-order) codes: neighbors in space become neighbors in a list."""
+"""Morton (Z-order) codes, which keep spatial neighbors close in a list."""
 
 from __future__ import annotations
 
 import numpy as np
 
 MAX_BITS = 21
-"""Bits an axis that fit, three times, into a 64-bit code."""
+"""Bits per axis that fit three times into a 64-bit code."""
 
 
 def encode(q: np.ndarray) -> np.ndarray:
-    """Codes [N] uint64 of whole coordinates q [N, 3], 0 <= q < 2^21: bit 3b + a of a code is bit b of axis a."""
+    """Return codes [N] uint64 of integer coordinates q [N, 3], 0 <= q < 2^21. Bit 3b + a of a code is bit b of axis a."""
     x, y, z = (_spread(q[:, axis].astype(np.uint64)) for axis in range(3))
     return x | (y << np.uint64(1)) | (z << np.uint64(2))
 
 
 def decode(codes: np.ndarray) -> np.ndarray:
-    """Whole coordinates [N, 3] int64 of codes [N], the inverse of `encode`."""
+    """Return the integer coordinates [N, 3] int64 of codes [N]. This is the inverse of `encode`."""
     codes = codes.astype(np.uint64)
     return np.stack([_gather(codes >> np.uint64(axis)) for axis in range(3)], -1).astype(np.int64)
 

@@ -1,6 +1,6 @@
-"""The presentation of a reel in its manifest: texts, pictures, sound, and the limits of its views (docs/format.md).
+"""Presentation of a reel in its manifest: texts, images, sound, and the limits of its views (docs/format.md).
 
-Every field is optional. Parsing trusts nothing that it reads.
+Every field is optional. The parser accepts untrusted input.
 """
 
 from __future__ import annotations
@@ -15,9 +15,9 @@ from splatreel.codec.quantize import integer, number, numbers
 from splatreel.errors import ReelError
 
 MAX_ASSET_BYTES = 64 << 20
-"""Size of the largest picture or piece of sound that is read."""
+"""Maximum size of an image or sound file."""
 MAX_TEXT = {"title": 200, "author": 200, "description": 2000, "licence": 200}
-"""Characters of each text, at most."""
+"""Maximum number of characters of each text."""
 _URI = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_.-]*(/[A-Za-z0-9_][A-Za-z0-9_.-]*)*")
 _SOUND_TYPE = re.compile(r'audio/[a-z0-9]+; codecs="[A-Za-z0-9.]+"')
 _MOST_SECONDS = 1e7
@@ -28,7 +28,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class Asset:
-    """A file of the reel that holds no points. uri: relative to the manifest."""
+    """File of the reel without points. `uri` is relative to the manifest."""
 
     uri: str
     bytes: int
@@ -37,7 +37,7 @@ class Asset:
 
 @dataclass(frozen=True)
 class Poster:
-    """A JPEG of the start camera at the first frame, width x height pixels."""
+    """JPEG of the start camera at the first frame, width x height pixels."""
 
     asset: Asset
     width: int
@@ -46,9 +46,16 @@ class Poster:
 
 @dataclass(frozen=True)
 class Thumbnails:
-    """Pictures of the start camera, the k-th at k * seconds, each width x height pixels.
+    """Images of the start camera, the k-th at time k * seconds.
 
-    sheets: JPEGs of columns x rows pictures, row by row; all but the last are full. count: of all pictures.
+    Attributes:
+        width: Width of an image in pixels.
+        height: Height of an image in pixels.
+        columns: Images per row of a sheet.
+        rows: Rows of a sheet.
+        seconds: Time between images.
+        count: Number of images.
+        sheets: JPEGs of columns x rows images, row by row. All but the last are full.
     """
 
     width: int
@@ -62,7 +69,7 @@ class Thumbnails:
 
 @dataclass(frozen=True)
 class SoundSegment:
-    """A piece of the sound from `start` on, seconds of the reel, `seconds` long."""
+    """Part of the sound that starts at `start` seconds of the reel and is `seconds` long."""
 
     asset: Asset
     start: float
@@ -71,9 +78,15 @@ class SoundSegment:
 
 @dataclass(frozen=True)
 class Sound:
-    """Fragmented MP4: `init`, and any run of consecutive segments after it, is a stream of `type`.
+    """Sound as fragmented MP4. `init`, followed by any consecutive segments, is a stream of MIME type `type`.
 
-    rate: samples a second. position: where it comes from, world units; None: from everywhere.
+    Attributes:
+        type: MIME type.
+        rate: Samples per second.
+        channels: Number of channels.
+        init: Initialization file.
+        segments: Segments in order of time.
+        position: Position of the source, world units; None if the sound has no position.
     """
 
     type: str
@@ -85,21 +98,24 @@ class Sound:
 
     @property
     def assets(self) -> list[Asset]:
-        """Every file that it names, the first one first."""
+        """All sound files, `init` first."""
         return [self.init, *(segment.asset for segment in self.segments)]
 
-    def since(self, seconds: float) -> Sound:
-        """Without what is over by then, but for one segment, in which a decoder comes into step."""
+    def trimmed_before(self, seconds: float) -> Sound:
+        """Drop segments that end before a time in seconds, except one for decoder pre-roll."""
         over = sum(segment.start + segment.seconds <= seconds for segment in self.segments)
         return replace(self, segments=self.segments[max(min(over, len(self.segments)) - 1, 0) :])
 
 
 @dataclass(frozen=True)
 class Limits:
-    """The limits of views; None: no limit. focus: what the cameras look at, world units.
+    """Limits of views; None means no limit.
 
-    angle: most degrees, seen from the focus, between a viewer and the nearest camera of the reel.
-    distance: of a viewer from the focus, least and most, world units. floor: least height of a viewer along the reel's `up`.
+    Attributes:
+        focus: Point the cameras look at, world units.
+        angle: Largest angle in degrees at the focus between a viewer and the nearest camera.
+        distance: Smallest and largest distance of a viewer from the focus, world units.
+        floor: Lowest height of a viewer along the reel's `up`.
     """
 
     focus: Vec3
@@ -110,7 +126,7 @@ class Limits:
 
 @dataclass(frozen=True)
 class Presentation:
-    """What a manifest holds for people beside the points. Texts are plain; an empty one is absent."""
+    """Fields of a manifest for users. Texts are plain; an empty text is absent."""
 
     title: str = ""
     author: str = ""
@@ -123,14 +139,14 @@ class Presentation:
 
     @property
     def assets(self) -> list[Asset]:
-        """Every file that it names."""
+        """All files that the presentation names."""
         found = [self.poster.asset] if self.poster else []
         found += self.thumbnails.sheets if self.thumbnails else ()
         found += self.sound.assets if self.sound else ()
         return found
 
     def to_json(self) -> dict[str, Any]:
-        """The manifest's fields."""
+        """Return the manifest's fields."""
         document: dict[str, Any] = {name: getattr(self, name) for name in MAX_TEXT if getattr(self, name)}
         if self.poster:
             document["poster"] = vars(self.poster.asset) | {"width": self.poster.width, "height": self.poster.height}
@@ -149,7 +165,7 @@ EMPTY = Presentation()
 
 
 def parse_presentation(document: dict[str, Any]) -> Presentation:
-    """What a manifest's JSON has of it. Raises `ReelError`, which names the field."""
+    """Parse the presentation of a manifest. Raise `ReelError` with the name of the invalid field."""
     return Presentation(
         **{name: _parse_text(document, name) for name in MAX_TEXT},
         poster=_parse(document, "poster", _parse_poster),
@@ -160,7 +176,7 @@ def parse_presentation(document: dict[str, Any]) -> Presentation:
 
 
 def check_text(name: str, text: str) -> str:
-    """A title, author, description or licence as it may be written. Raises `ReelError` for one that is too long, or no Unicode."""
+    """Return a valid title, author, description or license. Raise `ReelError` for one that is too long or not Unicode."""
     if any("\ud800" <= character <= "\udfff" for character in text):
         raise ReelError(f"has a {name} that holds half a character.")
     if len(text) > MAX_TEXT[name]:
@@ -169,7 +185,7 @@ def check_text(name: str, text: str) -> str:
 
 
 def parse_uri(entry: Mapping[str, Any]) -> str:
-    """A file's `uri`. Raises `ReelError` for what leaves the reel or hides in it."""
+    """Return a file's `uri`. Raise `ReelError` if it leaves the reel or is hidden."""
     uri = entry.get("uri")
     if not isinstance(uri, str) or len(uri) > 500 or not _URI.fullmatch(uri):
         raise ReelError(f"has the uri {uri!r:.100}; only plain relative paths inside the reel are read.")
@@ -177,7 +193,7 @@ def parse_uri(entry: Mapping[str, Any]) -> str:
 
 
 def parse_digest(entry: Mapping[str, Any]) -> str:
-    """A file's `sha256`, hexadecimal. Raises `ReelError`."""
+    """Return a file's `sha256` in hexadecimal. Raise `ReelError` if it is invalid."""
     digest = entry.get("sha256")
     if not isinstance(digest, str) or not re.fullmatch("[0-9a-f]{64}", digest):
         raise ReelError(f"has the sha256 {digest!r:.100}, expected 64 hexadecimal digits.")
@@ -205,7 +221,7 @@ def _parse_text(document: dict[str, Any], name: str) -> str:
 
 def _parse_asset(entry: object) -> Asset:
     if not isinstance(entry, dict):
-        raise ReelError("names a file by what is not an object.")
+        raise ReelError("has a file entry that is not an object.")
     return Asset(parse_uri(entry), integer(entry, "bytes", 1, MAX_ASSET_BYTES), parse_digest(entry))
 
 

@@ -1,4 +1,4 @@
-"""A reel of this machine, kept as a copy elsewhere from which web pages play it, also while it grows."""
+"""Publication: a copy of a local reel in remote storage, from which web pages play it while it grows."""
 
 from __future__ import annotations
 
@@ -25,21 +25,30 @@ from splatreel.codec.published_names import (
 from splatreel.codec.source import open_source
 from splatreel.errors import ReelError, StorageError
 from splatreel.progress import Progress, Silent
-from splatreel.storage.at_once import each_at_once
 from splatreel.storage.folder import Folder
+from splatreel.storage.parallel_transfers import transfer_in_threads
 
 HOUR = 3600.0
 KEPT = 24 * HOUR
-"""Seconds that files stay which the manifest names no more: who opened the reel before still asks for them."""
+"""Grace period, in seconds, before unreferenced files are deleted. Players that loaded an older manifest still request them."""
 AT_ONCE = 4
-"""Files that are sent at a time."""
+"""Files sent in parallel."""
 _MANIFESTS = 5
-"""How often is begun anew where the reel changes while it is sent."""
+"""Attempts to send a reel that changes meanwhile."""
 
 
 @dataclass(frozen=True)
 class Published:
-    """What is there now. files, bytes: of the whole reel without the manifest. sent, sent_bytes: of those what was not there before."""
+    """State of a publication.
+
+    Attributes:
+        files: Files of the whole reel without the manifest.
+        bytes: Size of these files.
+        sent: Files sent by this update.
+        sent_bytes: Size of the sent files.
+        removed: Files deleted after the grace period.
+        live: True while the reel is still being written.
+    """
 
     files: int
     bytes: int
@@ -51,7 +60,7 @@ class Published:
 
 @dataclass(frozen=True)
 class _File:
-    """A file to be sent. data: None where it is read from `uri`."""
+    """File to be sent. If `data` is None, it is read from `uri`."""
 
     uri: str
     name: str
@@ -61,13 +70,17 @@ class _File:
 
 
 class Publication:
-    """The copy in `folder` of the reel in the directory `reel`; `update` brings it up to date.
+    """Copy of the reel in directory `reel` in `folder`.
 
-    Every file is named there by its content (`published_names`), and the manifest, which names them so, is sent last: who has any
-    manifest that ever was there finds all its files, for `keep` seconds after a newer one names them no more. So what is there under
-    its name, in its length, need never be sent again, whatever was cut off before.
+    Each published file is named by its content (`published_names`). The manifest with these names is sent last. Any
+    manifest that was ever published therefore finds all its files until `keep` seconds after a newer manifest no longer
+    names them. A file that exists with the right name and length is never sent again, whatever was interrupted before.
 
-    clock: seconds since 1970.
+    Args:
+        reel: Directory of the reel.
+        folder: Folder of the copy.
+        keep: Grace period in seconds.
+        clock: Function that returns seconds since 1970.
     """
 
     def __init__(self, reel: Path, folder: Folder, keep: float = KEPT, clock: Callable[[], float] = time.time) -> None:
@@ -82,23 +95,27 @@ class Publication:
         self._pages: dict[str, tuple[_File, list[_File]]] = {}
 
     def update(self, progress: Progress | None = None) -> Published | None:
-        """Send what is not there yet; None where there is no reel here yet, but the folder is reached. Call it again after an error, to
-        go on.
+        """Send missing files and the manifest. After an error, another call continues.
 
-        Raises `StorageError` where the folder cannot be reached or refuses, `ReelError` for a reel that is damaged here.
+        Returns:
+            The state of the publication, or None if there is no reel yet but the folder can be reached.
+
+        Raises:
+            StorageError: The folder cannot be reached or refuses access.
+            ReelError: The local reel is damaged.
         """
         for _ in range(_MANIFESTS):
             data = self._read_here(MANIFEST, MAX_BYTES)
             if data is None:
-                self._look()
+                self._list_folder()
                 return None
             try:
                 return self._send(data, progress or Silent())
-            except ReelError:  # a file may be gone, or another one, because the reel here is another one by now
+            except ReelError:  # the local reel may have changed meanwhile
                 if self._read_here(MANIFEST, MAX_BYTES) == data:
                     raise
             except StorageError:
-                self._there = None  # it may have arrived all the same
+                self._there = None  # the file may have arrived despite the error
                 raise
         raise StorageError(f"{self.folder.address(MANIFEST)}: the reel changes faster than it can be sent there.")
 
@@ -106,7 +123,7 @@ class Publication:
         document = self._checked(data)
         files, pages = self._renamed(document)
         named = {file.name: file.bytes for file in (*files, *pages)}
-        there = self._look()
+        there = self._list_folder()
         missing = {file.name: file for file in files if there.get(file.name) != file.bytes}
         before = self.sent
         if missing:
@@ -114,7 +131,7 @@ class Publication:
         self._send_all(list(missing.values()), progress)
         new_pages = [page for page in pages if there.get(page.name) != page.bytes]
         self._send_all(new_pages, Silent())
-        text = _text(document)
+        text = _to_bytes(document)
         if text != self._manifest_there:
             self.folder.write(MANIFEST, text, headers_of(MANIFEST))
             self._manifest_there = text
@@ -123,7 +140,7 @@ class Publication:
             bytes=sum(named.values()),
             sent=self.sent - before,
             sent_bytes=sum(file.bytes for file in (*missing.values(), *new_pages)),
-            removed=self._tidy(set(named)),
+            removed=self._remove_unreferenced(set(named)),
             live=bool(document["live"]),
         )
 
@@ -132,7 +149,7 @@ class Publication:
         return parse_object(data)
 
     def _renamed(self, document: dict[str, Any]) -> tuple[list[_File], list[_File]]:
-        """The files and the pages that a manifest names, which then names them as they are called there."""
+        """Return the files and pages of a manifest, and replace their names in it by the published names."""
         entries = document.pop("pages", None)
         files = _rename(document)
         if entries is None:
@@ -148,16 +165,16 @@ class Publication:
         return files, pages
 
     def _page(self, entry: dict[str, Any]) -> tuple[_File, list[_File]]:
-        """A page as it is called and reads there, and its files; pages never change, so that each is read once."""
+        """Return a page with published names, and its files. Pages never change, so each is read once."""
         known = self._pages.get(entry["sha256"])
         if known is not None:
             return known
-        page = parse_object(self._intact(_File(entry["uri"], "", entry["bytes"], entry["sha256"])))
-        files, data = _rename(page), _text(page)
+        page = parse_object(self._read_intact(_File(entry["uri"], "", entry["bytes"], entry["sha256"])))
+        files, data = _rename(page), _to_bytes(page)
         digest = hashlib.sha256(data).hexdigest()
         return _File(entry["uri"], published_name(entry["uri"], digest), len(data), digest, data), files
 
-    def _look(self) -> dict[str, int]:
+    def _list_folder(self) -> dict[str, int]:
         if self._there is None:
             self._manifest_there = self.folder.read(MANIFEST, MAX_BYTES + 1)
             self._there = self.folder.sizes()
@@ -165,25 +182,25 @@ class Publication:
 
     def _send_all(self, files: list[_File], progress: Progress) -> None:
         done = 0
-        for file in each_at_once(self._send_file, files, AT_ONCE):
+        for file in transfer_in_threads(self._send_file, files, AT_ONCE):
             done += file.bytes
             progress.update(done)
 
     def _send_file(self, file: _File) -> None:
-        data = self._intact(file) if file.data is None else file.data
+        data = self._read_intact(file) if file.data is None else file.data
         self.folder.write(file.name, data, headers_of(file.name))
         with self._lock:
             self.sent += 1
-            self._look()[file.name] = len(data)
+            self._list_folder()[file.name] = len(data)
 
-    def _intact(self, file: _File) -> bytes:
+    def _read_intact(self, file: _File) -> bytes:
         data = self._read_here(file.uri, file.bytes)
         if data is None or len(data) != file.bytes or hashlib.sha256(data).hexdigest() != file.sha256:
-            raise ReelError(f"{self.reel / file.uri}: is not what the manifest says. Run splatreel verify.")
+            raise ReelError(f"{self.reel / file.uri}: does not match the manifest. Run splatreel verify.")
         return data
 
     def _read_here(self, uri: str, most: int) -> bytes | None:
-        """Up to one byte more than `most`."""
+        """Read a local file, at most one byte more than `most`."""
         try:
             with open(self.reel / uri, "rb") as file:
                 return file.read(most + 1)
@@ -192,22 +209,25 @@ class Publication:
         except OSError as error:
             raise ReelError(f"{self.reel / uri}: cannot be read ({error.strerror}).") from error
 
-    def _tidy(self, named: set[str]) -> int:
-        """Delete what has not been named for long enough; returns how many files. Since when is noted in a file beside the manifest."""
-        there, now, noted = self._look(), self._clock(), self._noted()
+    def _remove_unreferenced(self, named: set[str]) -> int:
+        """Delete files past their grace period and return their number.
+
+        A file beside the manifest records when they were last referenced.
+        """
+        there, now, noted = self._list_folder(), self._clock(), self._read_record()
         left = {name: noted.get(name, now) for name in sorted(there) if is_published_name(name) and name not in named}
         if left.keys() != noted.keys():
-            self._note(left)
+            self._write_record(left)
         old = [name for name, since in left.items() if now - since >= self._keep]
         for name in old:
             self.folder.remove(name)
             del there[name], left[name]
         if old:
-            self._note(left)
+            self._write_record(left)
         return len(old)
 
-    def _noted(self) -> dict[str, float]:
-        """Since when files are not named any more; a note that cannot be read begins anew."""
+    def _read_record(self) -> dict[str, float]:
+        """Return since when files are unreferenced. An unreadable record starts over."""
         if self._left is None:
             data = self.folder.read(RECORD, MAX_BYTES) or b"{}"
             try:
@@ -217,14 +237,14 @@ class Publication:
                 self._left = {}
         return self._left
 
-    def _note(self, left: dict[str, float]) -> None:
+    def _write_record(self, left: dict[str, float]) -> None:
         data = json.dumps({"generator": "splatreel", "left": left}, indent=1).encode()
         self.folder.write(RECORD, data, headers_of(RECORD))
         self._left = dict(left)
 
 
 def _rename(value: Any) -> list[_File]:
-    """All files that the JSON names, which names them afterwards as they are called there."""
+    """Return all files named in JSON, and replace their names in it by the published names."""
     files = []
     for entry in file_entries(value):
         name = published_name(entry["uri"], entry["sha256"])
@@ -233,5 +253,5 @@ def _rename(value: Any) -> list[_File]:
     return files
 
 
-def _text(document: dict[str, Any]) -> bytes:
+def _to_bytes(document: dict[str, Any]) -> bytes:
     return in_lines(document).encode()

@@ -1,4 +1,4 @@
-"""What files of a reel are called where they are published: each by its content, so that a name never means two things."""
+"""Names of published files. Each name contains a digest of the content, so that its content never changes."""
 
 from __future__ import annotations
 
@@ -22,25 +22,25 @@ _OURS = re.compile(
 
 
 def published_name(uri: str, sha256: str) -> str:
-    """`groups/0003.safetensors` as `groups/0003-0123456789abcdef.safetensors`; what is called so already keeps its name."""
+    """Convert `groups/0003.safetensors` to `groups/0003-0123456789abcdef.safetensors`. A converted name stays the same."""
     path = PurePosixPath(uri)
     end = f"-{sha256[:_DIGITS]}"
     return uri if path.stem.endswith(end) else str(path.with_name(f"{path.stem}{end}{path.suffix}"))
 
 
 def is_published_name(name: str) -> bool:
-    """Whether a file that lies there can only be one of a published reel: others are never deleted."""
+    """Return whether a name can only belong to a published reel. Other files are never deleted."""
     return _OURS.fullmatch(name) is not None
 
 
 def headers_of(name: str) -> Headers:
-    """A name that has its digest in it may be kept for good, the manifest must be asked for again."""
+    """Return the HTTP headers of a file. Names with a digest may be cached forever; the manifest must be revalidated."""
     kind = _TYPES.get(PurePosixPath(name).suffix, "application/octet-stream")
     return Headers(kind, _CHANGING if name in (MANIFEST, RECORD) else _LASTING)
 
 
 def file_entries(value: Any) -> Iterator[dict[str, Any]]:
-    """Every object in the JSON of a manifest or a page that names a file: `uri`, `bytes` and `sha256`."""
+    """Yield every JSON object of a manifest or page that names a file by `uri`, `bytes` and `sha256`."""
     if isinstance(value, Mapping):
         if isinstance(value, dict) and all(name in value for name in ("uri", "bytes", "sha256")):
             yield value

@@ -1,4 +1,8 @@
-"""Bit quantization (paper section 4.3, Fig. 6): floats to integers of few bits, their ranges recorded; integers to bytes."""
+"""Bit quantization: floats to integers of few bits with recorded ranges, and integers to bytes.
+
+Source:
+    Paper, section 4.3 and Fig. 6.
+"""
 
 from __future__ import annotations
 
@@ -11,14 +15,14 @@ import numpy as np
 from splatreel.errors import ReelError
 
 _SOME = 1 << 16
-"""Numbers that are unpacked at a time, a multiple of 8: as bits they take eight times their room."""
+"""Integers unpacked at a time, a multiple of 8. As bits they take eight times their size."""
 
 Parameters = dict[str, Any]
-"""What a section's entry in the file's header says: `codec` and whatever that codec needs."""
+"""A section's entry in the file's header: `codec` and the parameters of that codec."""
 
 
 def pack(values: np.ndarray, bits: int) -> bytes:
-    """Integers [K] of `bits` bits (1..16) as bytes: the low bytes of all, then the bits above, packed without gaps."""
+    """Pack integers [K] of `bits` bits (1..16): first the low bytes, then the higher bits without gaps."""
     values = np.ascontiguousarray(values, np.uint16).ravel()
     low = b""
     if bits > 8:
@@ -29,14 +33,14 @@ def pack(values: np.ndarray, bits: int) -> bytes:
 
 
 def packed_size(count: int, bits: int) -> int:
-    """Bytes `pack` makes of `count` integers."""
+    """Return the number of bytes that `pack` returns for `count` integers."""
     if bits > 8:
         return count + (count * (bits - 8) + 7) // 8
     return (count * bits + 7) // 8
 
 
 def unpack(data: bytes, bits: int, count: int) -> np.ndarray:
-    """The inverse of `pack`: [count] uint16. Raises `ReelError` if data has not exactly the bytes it needs."""
+    """Return the integers [count] uint16 that `pack` packed. Raise `ReelError` if the length is wrong."""
     expected = packed_size(count, bits)
     if len(data) != expected:
         raise ReelError(f"holds {len(data)} bytes where {count} integers of {bits} bits need {expected}.")
@@ -57,13 +61,13 @@ def unpack(data: bytes, bits: int, count: int) -> np.ndarray:
 
 
 def deflate(data: bytes) -> tuple[bytes, bool]:
-    """(zlib stream, True), or (data, False) where that would be no shorter."""
+    """Return a zlib stream and True, or the data and False if compression does not shorten it."""
     packed = zlib.compress(data, 9)
     return (packed, True) if len(packed) < len(data) else (data, False)
 
 
 def inflate(data: bytes, parameters: Parameters, size: int) -> bytes:
-    """Undo `deflate` as the parameters say; never makes more than `size` bytes. Raises `ReelError`."""
+    """Undo `deflate` as the parameters say. Raise `ReelError` if the result has more than `size` bytes."""
     if not boolean(parameters, "deflate", default=False):
         return data
     stream = zlib.decompressobj()
@@ -77,7 +81,7 @@ def inflate(data: bytes, parameters: Parameters, size: int) -> bytes:
 
 
 def encode_linear(values: np.ndarray, bits: int, log: bool = False) -> tuple[bytes, Parameters]:
-    """Quantize each column of values [N, C] over its own range; `log` quantizes log2 of positive values."""
+    """Quantize each column of values [N, C] over its own range. `log` quantizes log2 of positive values."""
     columns = np.asarray(values, np.float64)
     if log:
         columns = np.log2(np.maximum(columns, np.finfo(np.float32).tiny))
@@ -92,7 +96,7 @@ def encode_linear(values: np.ndarray, bits: int, log: bool = False) -> tuple[byt
 
 
 def decode_linear(data: bytes, parameters: Parameters, rows: int, columns: int) -> np.ndarray:
-    """The values [rows, columns] float32 of a `linear` section. Raises `ReelError`."""
+    """Decode the values [rows, columns] float32 of a `linear` section. Raise `ReelError` if it is damaged."""
     bits = integer(parameters, "bits", 1, 16)
     low, high = numbers(parameters, "min", columns), numbers(parameters, "max", columns)
     if (high < low).any():
@@ -110,12 +114,12 @@ def decode_linear(data: bytes, parameters: Parameters, rows: int, columns: int) 
 
 
 def encode_float32(values: np.ndarray) -> tuple[bytes, Parameters]:
-    """A `float32` section of values of any shape: as they are, in C order."""
+    """Encode values of any shape as a `float32` section, in C order."""
     return np.ascontiguousarray(values, "<f4").tobytes(), {"codec": "float32"}
 
 
 def decode_float32(data: bytes, shape: tuple[int, ...]) -> np.ndarray:
-    """The finite values of a `float32` section. Raises `ReelError`."""
+    """Decode the finite values of a `float32` section. Raise `ReelError` if it is damaged."""
     expected = 4 * math.prod(shape)
     if len(data) != expected:
         raise ReelError(f"holds {len(data)} bytes where float32 numbers of shape {shape} need {expected}.")
@@ -126,13 +130,13 @@ def decode_float32(data: bytes, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def encode_bits(flags: np.ndarray) -> tuple[bytes, Parameters]:
-    """A `bits` section: one bit each of flags [S] bool."""
+    """Encode flags [S] bool as a `bits` section."""
     data, packed = deflate(pack(flags, 1))
     return data, {"codec": "bits", "count": len(flags), "deflate": packed}
 
 
 def decode_bits(data: bytes, parameters: Parameters, max_count: int) -> np.ndarray:
-    """The flags [count] bool of a `bits` section. Raises `ReelError`."""
+    """Decode the flags [count] bool of a `bits` section. Raise `ReelError` if it is damaged."""
     count = integer(parameters, "count", 0, max_count)
     plain = inflate(data, parameters, packed_size(count, 1))
     if len(plain) != packed_size(count, 1):
@@ -141,7 +145,7 @@ def decode_bits(data: bytes, parameters: Parameters, max_count: int) -> np.ndarr
 
 
 def integer(parameters: Parameters, name: str, low: int, high: int) -> int:
-    """An integer parameter in low..high. Raises `ReelError`."""
+    """Return an integer parameter in low..high. Raise `ReelError` if it is anything else."""
     value = parameters.get(name)
     if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
         raise ReelError(f"has {name} = {_short(value)}, expected a whole number from {low} to {high}.")
@@ -149,7 +153,7 @@ def integer(parameters: Parameters, name: str, low: int, high: int) -> int:
 
 
 def boolean(parameters: Parameters, name: str, default: bool | None = None) -> bool:
-    """A boolean parameter. Raises `ReelError` if it is something else, or missing without a default."""
+    """Return a boolean parameter. Raise `ReelError` if it is anything else, or missing without a default."""
     value = parameters.get(name, default)
     if not isinstance(value, bool):
         raise ReelError(f"has {name} = {_short(value)}, expected true or false.")
@@ -157,7 +161,7 @@ def boolean(parameters: Parameters, name: str, default: bool | None = None) -> b
 
 
 def number(parameters: Parameters, name: str, low: float, high: float) -> float:
-    """A finite number in low..high. Raises `ReelError`."""
+    """Return a finite number in low..high. Raise `ReelError` if it is anything else."""
     value = parameters.get(name)
     if isinstance(value, bool) or not isinstance(value, (int, float)) or not low <= value <= high:
         raise ReelError(f"has {name} = {_short(value)}, expected a number from {low:g} to {high:g}.")
@@ -165,7 +169,7 @@ def number(parameters: Parameters, name: str, low: float, high: float) -> float:
 
 
 def numbers(parameters: Parameters, name: str, count: int) -> np.ndarray:
-    """A list of `count` finite numbers that a float32 can hold, as [count] float64. Raises `ReelError`."""
+    """Return a list of `count` numbers within float32 as [count] float64. Raise `ReelError` if it is anything else."""
     value = parameters.get(name)
     if not isinstance(value, list) or len(value) != count:
         raise ReelError(f"has {name} = {_short(value)}, expected {count} numbers.")

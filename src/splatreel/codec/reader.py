@@ -1,4 +1,4 @@
-"""Reading a reel from a directory, over HTTP or from a bucket; nothing in it is trusted."""
+"""Reader of reels from a directory, over HTTP or from a bucket. The content is untrusted."""
 
 from __future__ import annotations
 
@@ -18,17 +18,21 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
 _CACHED_STATIC = 2
-"""What rests in two groups is shown at once in an overlap."""
+"""Static points are cached for two groups, because an overlap shows both."""
 _CACHED_GROUPS = 3
-"""Two are shown at once in an overlap; one more makes stepping back and forth over a border free."""
+"""An overlap shows two groups; one more makes stepping back and forth over a border fast."""
 
 
 class ReelReader:
-    """An open reel. Files are read when asked for, checked against the manifest, and decoded.
+    """Open reel. Files are read on demand, checked against the manifest, and decoded.
 
-    location: a directory, its manifest.json, or a URL of either (`open_source`). rendition: which one, of those that the manifest
-    names; None: the best. `manifest` is then that of this rendition alone. most: bytes of memory that decoding one file may
-    take; None: what a file of its length may honestly take (`budget.allowed`). Raises `ReelError` for anything that is not a reel.
+    Args:
+        location: Directory, manifest.json, or URL of either (`open_source`).
+        rendition: Name of a rendition; None chooses the best. `manifest` is then that of this rendition alone.
+        most: Memory in bytes that decoding one file may take; None uses `budget.allowed_memory`.
+
+    Raises:
+        ReelError: The location is not a reel.
     """
 
     def __init__(self, location: str | Path, rendition: str | None = None, most: int | None = None) -> None:
@@ -42,25 +46,27 @@ class ReelReader:
 
     @property
     def fps(self) -> float:
+        """Frames per second."""
         return self.manifest.fps
 
     @property
     def frames(self) -> int:
+        """Number of frames."""
         return self.manifest.frames
 
     @property
     def duration(self) -> float:
-        """Seconds from the first frame to the end of the last."""
+        """Seconds from the first frame to the end of the last frame."""
         return self.frames / self.fps
 
     def forget(self) -> None:
-        """Drop what was decoded."""
+        """Drop decoded data."""
         self._layers.clear()
         self._groups.clear()
         self._static.clear()
 
     def layer(self, index: int) -> Gaussians:
-        """The static points of layers[index] of the manifest, in reel order."""
+        """Return the static points of layers[index] of the manifest, in reel order."""
         entry = self.manifest.layers[index]
         if entry.sha256 not in self._layers:
             name = self._source.name(entry.uri)
@@ -71,8 +77,8 @@ class ReelReader:
         return self._layers[entry.sha256]
 
     def static(self, group: int) -> tuple[Gaussians, np.ndarray]:
-        """The static points of the layers that live at a group, alive or not, and the group [S] each was born at."""
-        living = tuple(self.manifest.living(group))
+        """Return the static points of the layers that live at a group, alive or not, and the group [S] at which each was born."""
+        living = tuple(self.manifest.living_layers(group))
         if living not in self._static:
             entries = [self.manifest.layers[index] for index in living]
             layers = [self.layer(index) for index in living]
@@ -86,13 +92,13 @@ class ReelReader:
         return self._static[living]
 
     def _forget_retired(self) -> None:
-        """Layers that are retired once are kept in memory only while they show: a reel may last for hours."""
+        """Drop retired layers that no cached group shows, because a reel may last for hours."""
         shown = {index for living in self._static for index in living}
         kept = {e.sha256 for index, e in enumerate(self.manifest.layers) if e.until is None or index in shown}
         self._layers = {digest: layer for digest, layer in self._layers.items() if digest in kept}
 
     def group(self, index: int) -> Group:
-        """The group of that number; the first of a reel has the manifest's `first_group`."""
+        """Return a group by its number. The first group's number is the manifest's `first_group`."""
         try:
             entry = self.manifest.group_entry(index)
         except ReelError as error:
@@ -105,23 +111,23 @@ class ReelReader:
         return self._groups[index]
 
     def read_file(self, entry: FileEntry | Asset) -> bytes:
-        """The bytes of a file, of the length and digest the manifest says. Raises `ReelError` otherwise."""
+        """Return the bytes of a file. Raise `ReelError` if length or digest differ from the manifest."""
         name = self._source.name(entry.uri)
         try:
             data = self._source.read(entry.uri, entry.bytes)
         except ReelError as error:
             if self.manifest.live:
-                raise ReelError(f"{error} A live reel drops what is old: open it again.") from error
+                raise ReelError(f"{error} A live reel drops old files: open it again.") from error
             raise
         if len(data) != entry.bytes:
-            raise ReelError(f"{name}: has {len(data)} bytes, the manifest says {entry.bytes}. Copy the reel anew.")
+            raise ReelError(f"{name}: has {len(data)} bytes, the manifest says {entry.bytes}. Copy the reel again.")
         if hashlib.sha256(data).hexdigest() != entry.sha256:
-            raise ReelError(f"{name}: its sha256 is not the manifest's: the file is damaged. Copy the reel anew.")
+            raise ReelError(f"{name}: its sha256 is not the manifest's: the file is damaged. Copy the reel again.")
         return data
 
     @property
     def name(self) -> str:
-        """What to call the reel in messages."""
+        """Name of the reel for messages."""
         return self._source.name("manifest.json")
 
     def _read_manifest(self) -> Manifest:
@@ -129,12 +135,12 @@ class ReelReader:
         if self._rendition is None:
             return manifest
         try:
-            return manifest.of_rendition(self._rendition)
+            return manifest.select_rendition(self._rendition)
         except ReelError as error:
             raise ReelError(f"{self.name}: {error}") from error
 
     def _joined_manifest(self, tries: int = 3) -> Manifest:
-        """A live reel may drop a page after the manifest that names it was read: then there is a newer manifest."""
+        """Read the manifest with its pages. A live reel may drop a page meanwhile; then its newer manifest is read."""
         data = self._source.read("manifest.json", MAX_BYTES)
         try:
             return parse_manifest(data, self.name, within_patience(self._source))
@@ -151,10 +157,10 @@ class ReelReader:
         static = self.manifest.static_points(entry.group)
         if len(group.alive) != static:
             raise ReelError(
-                f"{name}: section 'alive' holds {len(group.alive)} bits, the layers that live then {static} points."
+                f"{name}: section 'alive' holds {len(group.alive)} bits, the layers that live at the group {static} points."
             )
         return group
 
     def _check_same(self, name: str, found: tuple[int, ...], said: tuple[int, ...]) -> None:
         if found != said:
-            raise ReelError(f"{name}: says (index, points, first frame, ...) {found} of itself, the manifest {said}.")
+            raise ReelError(f"{name}: has (index, points, first frame, ...) {found}, the manifest says {said}.")

@@ -1,4 +1,4 @@
-"""A section, one named part of a layer or group file: its bytes, and the parameters that say how they are decoded."""
+"""Sections: the named parts of a layer or group file."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from splatreel.codec.quantize import Parameters
 from splatreel.errors import ReelError
 
 MAX_POINTS = 1 << 23
-"""Points of one file."""
+"""Maximum number of points in one file."""
 
 
 @dataclass(frozen=True)
 class Section:
-    """One named part of a file: its bytes, and what the header says about how to decode them."""
+    """Bytes of a section, and the parameters from the header that describe its coding."""
 
     data: bytes
     parameters: Parameters
@@ -23,14 +23,14 @@ Sections = dict[str, Section]
 
 
 def required(sections: Sections, name: str) -> Section:
-    """The section of that name. Raises `ReelError` where there is none."""
+    """Return the section of a given name. Raise `ReelError` if it is missing."""
     if name not in sections:
         raise ReelError(f"has no section {name!r}.")
     return sections[name]
 
 
 def section_of(sections: Sections, name: str, codec: str) -> Section:
-    """The section of that name and codec. Raises `ReelError`."""
+    """Return the section of a given name and codec. Raise `ReelError` if it is missing or has another codec."""
     section = required(sections, name)
     found = section.parameters.get("codec")
     if found != codec:
@@ -39,7 +39,7 @@ def section_of(sections: Sections, name: str, codec: str) -> Section:
 
 
 def named(name, function, *arguments):
-    """Call function; a `ReelError` of it gets the section's name."""
+    """Call a function and prefix its `ReelError` with the section's name."""
     try:
         return function(*arguments)
     except ReelError as error:

@@ -1,4 +1,4 @@
-"""Where the bytes of a reel come from: a directory, a web server, or a bucket."""
+"""Sources of a reel's bytes: a directory, a web server, or a bucket."""
 
 from __future__ import annotations
 
@@ -17,44 +17,48 @@ from typing import Protocol
 from urllib.parse import urljoin, urlsplit
 
 from splatreel.errors import ReelError, StorageError, UsageError
-from splatreel.storage.opening import local_path, open_folder
+from splatreel.storage.addresses import local_path, open_folder
 
 TIMEOUT = 30.0
-"""Seconds without an answer after which a server counts as gone."""
+"""Seconds without data after which a server counts as unreachable."""
 HEAD = 60.0
-"""Seconds until the head of an answer has to be there,"""
+"""Maximum seconds until a response's header is complete."""
 PATIENCE = 600.0
-"""and that one file may take in all."""
+"""Maximum seconds for one file."""
 
 
 class Source(Protocol):
-    """Gives the files of one reel."""
+    """Files of one reel."""
 
     def read(self, uri: str, limit: int) -> bytes:
-        """The file at a checked relative uri. Raises `ReelError` if it is missing or longer than `limit` bytes."""
+        """Return the file at a checked relative URI. Raise `ReelError` if it is missing or longer than `limit` bytes."""
         ...
 
     def name(self, uri: str) -> str:
-        """What to call that file in messages."""
+        """Return the name of a file for messages."""
         ...
 
 
 def within_patience(source: Source) -> Callable[[str, int], bytes]:
-    """`source.read`, for files that have all to come within `PATIENCE`: a server that trickles is asked for no more of them then."""
+    """Return `source.read` with a common deadline of `PATIENCE` for all files, against servers that send very slowly."""
     end = time.monotonic() + PATIENCE
 
     def read(uri: str, limit: int) -> bytes:
         if time.monotonic() > end:
-            raise ReelError(f"{source.name(uri)}: was not asked for, as those before took {PATIENCE:.0f} s. Try again.")
+            raise ReelError(
+                f"{source.name(uri)}: was not requested, because earlier files took {PATIENCE:.0f} s. Try again."
+            )
         return source.read(uri, limit)
 
     return read
 
 
 def open_source(location: str | Path) -> Source:
-    """The source of a reel at a directory, a path to its manifest.json, or a URL of either: http(s), or what fsspec knows.
+    """Return the source of a reel at a directory, a manifest.json, or a URL of either: http(s), or a protocol of fsspec.
 
-    Raises `ReelError` for an address that is none, `MissingDependencyError` where a Python package is missing for it.
+    Raises:
+        ReelError: The address is invalid.
+        MissingDependencyError: A required Python package is not installed.
     """
     text = str(location)
     if text.startswith(("http://", "https://")):
@@ -65,7 +69,7 @@ def open_source(location: str | Path) -> Source:
     try:
         path = local_path(location)
         if path is None:
-            return _Stored(text.removesuffix("manifest.json"))
+            return _Bucket(text.removesuffix("manifest.json"))
     except (UsageError, StorageError) as error:
         raise ReelError(str(error)) from error
     return _Directory(path.parent if path.name == "manifest.json" else path)
@@ -82,16 +86,14 @@ class _Directory:
         try:
             with open(self.root / uri, "rb", opener=_without_waiting) as file:
                 if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                    raise ReelError(f"{self.name(uri)}: is no file. Is this a reel, and is it whole?")
+                    raise ReelError(f"{self.name(uri)}: is no file. Is this a complete reel?")
                 return _bounded(file.read(limit + 1), limit, self.name(uri))
         except OSError as error:
-            raise ReelError(
-                f"{self.name(uri)}: cannot be read ({error.strerror}). Is this a reel, and is it whole?"
-            ) from error
+            raise ReelError(f"{self.name(uri)}: cannot be read ({error.strerror}). Is this a complete reel?") from error
 
 
 def _without_waiting(path: str, flags: int) -> int:
-    """A pipe is opened at once, not when somebody begins to write into it."""
+    """Open a pipe without waiting for a writer."""
     return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
@@ -109,13 +111,13 @@ class _Web:
         url = self.name(uri)
         try:
             with self.opener.open(url, timeout=TIMEOUT) as response:
-                return _bounded(_read_slowly(response, limit + 1), limit, url)
+                return _bounded(_read_with_deadline(response, limit + 1), limit, url)
         except (urllib.error.URLError, HTTPException, OSError, ValueError) as error:
             raise ReelError(f"{url}: cannot be fetched ({error}). Check the address and the connection.") from error
 
 
-class _Stored:
-    """A folder behind an address that fsspec knows."""
+class _Bucket:
+    """Folder at an address that fsspec supports."""
 
     def __init__(self, url: str) -> None:
         self.folder = open_folder(url)
@@ -129,12 +131,12 @@ class _Stored:
         except StorageError as error:
             raise ReelError(f"{error} Check the address and the connection.") from error
         if data is None:
-            raise ReelError(f"{self.name(uri)}: cannot be fetched (it is not there). Is this a reel, and is it whole?")
+            raise ReelError(f"{self.name(uri)}: cannot be fetched (it is not there). Is this a complete reel?")
         return _bounded(data, limit, self.name(uri))
 
 
-class _Impatient(HTTPConnection):
-    """Ends the connection where an answer's head is not there in time: one that trickles would pass every single timeout."""
+class _HeaderDeadline(HTTPConnection):
+    """HTTP connection that is closed if the response's header takes too long. Slow servers never exceed the socket timeout."""
 
     def connect(self) -> None:
         super().connect()
@@ -159,22 +161,22 @@ class _Impatient(HTTPConnection):
             connection.shutdown(socket.SHUT_RDWR)
 
 
-class _ImpatientTls(_Impatient, HTTPSConnection):
+class _HeaderDeadlineTls(_HeaderDeadline, HTTPSConnection):
     pass
 
 
 class _Http(urllib.request.HTTPHandler):
     def http_open(self, req: urllib.request.Request) -> HTTPResponse:
-        return self.do_open(_Impatient, req)
+        return self.do_open(_HeaderDeadline, req)
 
 
 class _Https(urllib.request.HTTPSHandler):
     def https_open(self, req: urllib.request.Request) -> HTTPResponse:
-        return self.do_open(_ImpatientTls, req)
+        return self.do_open(_HeaderDeadlineTls, req)
 
 
 class _SameHost(urllib.request.HTTPRedirectHandler):
-    """Follows redirects within the host that was asked, and no others; from HTTPS to nothing that anybody can read or change."""
+    """Handler that follows redirects within the requested host only, and never from HTTPS to HTTP."""
 
     def __init__(self, scheme: str, host: str) -> None:
         self.scheme, self.host = scheme, host
@@ -187,8 +189,8 @@ class _SameHost(urllib.request.HTTPRedirectHandler):
         return super().redirect_request(req, fp, code, msg, headers, newurl)
 
 
-def _read_slowly(response: HTTPResponse, size: int) -> bytes:
-    """Up to `size` bytes; a server that trickles is given up, since it would pass every single timeout."""
+def _read_with_deadline(response: HTTPResponse, size: int) -> bytes:
+    """Read up to `size` bytes. Slow servers never exceed the socket timeout, so a deadline applies."""
     data = bytearray()
     deadline = time.monotonic() + PATIENCE
     while len(data) < size:

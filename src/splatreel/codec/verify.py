@@ -1,4 +1,4 @@
-"""Verifies a reel: reads and decodes all of it and compares it with its manifest and its files' headers."""
+"""Verification of a reel: all files are read, decoded and compared with the manifest and their headers."""
 
 from __future__ import annotations
 
@@ -9,43 +9,47 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.codec.fragments import RATE
+from splatreel.codec.opus_sound import TYPE, check_sound_size, decode_sound
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.sound import TYPE, check_size, decode_sound
 from splatreel.errors import GaussiansError, ReelError
 
 
 @dataclass(frozen=True)
 class Verified:
-    """What was found to be in order."""
+    """Result of a successful verification."""
 
     files: int
     bytes: int
     layers: int
     groups: int
     points: int
-    """Static and dynamic points; of the renditions, the best's."""
+    """Static and dynamic points, of the best rendition."""
     strangers: list[str]
-    """Files in the reel's folder that the manifest does not name; of a reel on a server nobody knows."""
+    """Files in the reel's folder that the manifest does not name. Empty for a remote reel."""
 
 
 def verify_reel(location: str | Path, most: int | None = None) -> Verified:
-    """Check lengths, digests, ranges and that everything decodes, in every rendition.
+    """Check lengths, digests, ranges and decoding of all files in every rendition.
 
-    most: bytes of memory that a file may take, see `ReelReader`. Nothing that was checked is kept.
-    Raises `ReelError` whose message has one line for each problem, naming the file and the section.
+    Args:
+        location: Folder or URL of the reel.
+        most: Memory in bytes that a file may take, see `ReelReader`.
+
+    Raises:
+        ReelError: The message has one line per problem, with the file and the section.
     """
     reel = ReelReader(location, most=most)
     manifest = reel.manifest
     problems: list[str] = []
     for index in range(len(manifest.layers)):
-        problems += _problems(lambda i=index: _check_layer(reel, i))
+        problems += _problems_of(lambda i=index: _check_layer(reel, i))
     for rendition in manifest.renditions or (None,):
         chosen = ReelReader(location, rendition, most)
         for group in manifest.groups:
-            problems += _problems(lambda r=chosen, i=group.group: _check_group(r, i))
+            problems += _problems_of(lambda r=chosen, i=group.group: _check_group(r, i))
     for asset in manifest.assets:
-        problems += _problems(lambda a=asset: reel.read_file(a))
-    problems += _problems(lambda: _check_sound(reel))
+        problems += _problems_of(lambda a=asset: reel.read_file(a))
+    problems += _problems_of(lambda: _check_sound(reel))
     if problems:
         raise ReelError("\n".join(dict.fromkeys(problems)))
     return Verified(
@@ -65,7 +69,7 @@ def _strangers(location: Path, known: set[str]) -> list[str]:
     return sorted({path.relative_to(folder).as_posix() for path in folder.rglob("*") if path.is_file()} - known)
 
 
-def _problems(check: Callable[[], object]) -> list[str]:
+def _problems_of(check: Callable[[], object]) -> list[str]:
     try:
         check()
     except (ReelError, GaussiansError) as error:
@@ -96,18 +100,18 @@ def _check_group(reel: ReelReader, index: int) -> None:
 
 
 def _check_sound(reel: ReelReader) -> None:
-    """Every segment alone, with the first file: that it decodes, and to what is where the manifest says."""
+    """Decode every segment alone with the initialization file, and compare its times with the manifest."""
     sound = reel.manifest.presentation.sound
     if sound is None or sound.type != TYPE:
         return
     for segment in sound.segments:
-        check_size(segment)
+        check_sound_size(segment)
         uri, at = segment.asset.uri, segment.start
         init, data = reel.read_file(sound.init), reel.read_file(segment.asset)
         try:
             for time, part in decode_sound(init, [data], sound.channels):
                 if abs(time / RATE - at) > 1e-3:
-                    raise ReelError(f"has sound of {time / RATE:.3f} s where {at:.3f} s was expected.")
+                    raise ReelError(f"has sound at {time / RATE:.3f} s, expected {at:.3f} s.")
                 at += len(part) / RATE
                 if at > segment.start + segment.seconds + 1e-3:
                     break

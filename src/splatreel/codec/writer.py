@@ -1,4 +1,4 @@
-"""Writing a reel, group by group; at any moment what is on disk is a valid reel."""
+"""Writer of a reel, group by group. At any moment the files on disk are a valid reel."""
 
 from __future__ import annotations
 
@@ -17,7 +17,13 @@ from splatreel.codec.header import ReelHeader
 from splatreel.codec.manifest import Manifest, parse_manifest
 from splatreel.codec.manifest_pages import MAX_PAGE_GROUPS, PAGE, make_page
 from splatreel.codec.presentation import EMPTY, Asset, Presentation
-from splatreel.codec.published import MANIFEST, intact_end, is_whole, left_over, published_manifest
+from splatreel.codec.written_reel import (
+    MANIFEST,
+    find_leftover_files,
+    first_damaged_group,
+    is_intact,
+    read_written_manifest,
+)
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.scene.gaussians import Gaussians
@@ -25,17 +31,23 @@ from splatreel.scene.group import Group
 
 
 class ReelWriter:
-    """Encodes layers and groups into the directory `path` and publishes each group in the manifest (docs/format.md).
+    """Encoder of layers and groups into a directory, with a manifest that is updated after each group (docs/format.md).
 
-    For every group, in order: `add_layer` for the static points that are born at it, if there are some, then `add_group`. With
-    `resume` the groups already published are kept, as far as their files are there; to go on, start with any number up to the next
-    (with its layers, if it has some): the group of that number and all later ones are dropped. Without it, a reel that is
-    already in `path` is dropped, with what it says for people (`present`).
+    For every group, in order, call `add_layer` for the static points born at it, if any, then `add_group`. With
+    `resume`, intact groups are kept. Continue with any number up to the next group; that group and all later ones are
+    dropped. Without `resume`, an existing reel and its presentation are dropped.
 
-    header: what the reel says beside its files. config: with renditions, every group is written in each of them; what comes back
-    decoded is the best. first_group: the number of the first group, where no group is kept; None: 0, or what the reel had that is
-    resumed. Layers that were born earlier come before it. page: groups of a page of the manifest, which has up to twice as many.
-    Raises `ReelError` where files cannot be read or written, and for what no reader takes: before anything is encoded.
+    Args:
+        path: Directory of the reel.
+        header: Properties of the reel.
+        config: Encoding settings. With renditions, every group is written in each; decoded results are of the best.
+        resume: Keep the groups of an existing reel.
+        first_group: Number of the first group if none is kept; None means 0, or that of the resumed reel. Layers born
+            earlier come before it.
+        page: Groups per page of the manifest. The manifest itself lists up to twice as many.
+
+    Raises:
+        ReelError: Files cannot be read or written, or no reader would accept the header. Nothing is encoded then.
     """
 
     def __init__(
@@ -64,30 +76,30 @@ class ReelWriter:
             renditions=config.renditions if self.encoder.others else (),
         )
         self._check_header()
-        if published := published_manifest(self.path):
-            keep = resume and published.renditions == self._manifest.renditions
-            self._take_over(published, keep, first_group)
+        if written := read_written_manifest(self.path):
+            keep = resume and written.renditions == self._manifest.renditions
+            self._take_over(written, keep, first_group)
 
-    def _take_over(self, published: Manifest, keep: bool, first_group: int | None) -> None:
-        """What is whole of an earlier reel if it is kept, else nothing of it."""
-        manifest = self._manifest.with_files(published.layers, published.groups)
-        self._manifest = replace(manifest, first_group=published.first_group, pages=published.pages)
-        if cut := published.paged == len(published.groups):  # its first damaged page, and what followed, is not in it
-            self._publish(self._manifest)
+    def _take_over(self, written: Manifest, keep: bool, first_group: int | None) -> None:
+        """Start from an earlier reel: with its intact part if `keep`, otherwise with nothing of it."""
+        manifest = self._manifest.with_files(written.layers, written.groups)
+        self._manifest = replace(manifest, first_group=written.first_group, pages=written.pages)
+        if cut := written.paged == len(written.groups):  # a damaged page, and everything after it, is missing
+            self._write_manifest(self._manifest)
         if keep:
-            for uri in left_over(self.path, self._manifest, cut):
+            for uri in find_leftover_files(self.path, self._manifest, cut):
                 self._delete(uri)
-        self._drop_from(intact_end(self.path, self._manifest) if keep else published.first_group)
+        self._drop_from(first_damaged_group(self.path, self._manifest) if keep else written.first_group)
         if not self._manifest.groups:
-            first = first_group if first_group is not None or not keep else published.first_group
+            first = first_group if first_group is not None or not keep else written.first_group
             self._manifest = replace(self._manifest, first_group=first or 0)
-        self._manifest = replace(self._manifest, presentation=self._whole(published.presentation))
+        self._manifest = replace(self._manifest, presentation=self._without_damaged_assets(written.presentation))
         if not keep:
             self.present(EMPTY)
 
     @property
     def manifest(self) -> Manifest:
-        """What is published so far."""
+        """Manifest of the reel written so far."""
         return self._manifest
 
     def add_layer(
@@ -99,16 +111,24 @@ class ReelWriter:
         encoded: tuple[bytes, np.ndarray] | None = None,
         until: int | None = None,
     ) -> tuple[Gaussians, np.ndarray]:
-        """Encode static points that are born at `group`; they are published together with that group.
+        """Encode static points born at a group. They appear in the manifest together with that group.
 
-        until: the group at which they are retired, the first that says nothing of them; None: they never are. A group may have
-        several layers, the longest-lived first. Before the first group of a reel that begins later, layers may be of any before.
+        A group may have several layers, the longest-lived first. Before the first group of a reel that starts later,
+        layers may be of any earlier group. Train on the returned points: later groups then compensate for the coding
+        error.
 
-        importance: [N, 3], how much of the pictures hangs on each point's shape, color and place; None: all alike.
-        encoded: what `encoder.layer` gave for the same, if it has been called.
+        Args:
+            group: Number of the group.
+            first_frame: First frame of the group.
+            gaussians: Static points.
+            importance: Effect of each point's shape, color and position on the images, [N, 3]; None weighs all points
+                equally.
+            encoded: Result of `encoder.layer` for the same points, if already computed.
+            until: Group at which the layer is retired, the first without flags for it; None if never.
 
-        Returns the decoded points in reel order (train on against these: later groups then absorb the error), and
-        order [N]: order[i] is the index of the input point that became reel point i.
+        Returns:
+            The decoded points in reel order, and order [N]: order[i] is the index of the input point that became reel
+            point i.
         """
         early = not self._manifest.groups and 0 <= group < self._manifest.first_group
         if not early:
@@ -128,11 +148,15 @@ class ReelWriter:
     def add_group(
         self, group: Group, importance: np.ndarray | None = None, encoded: dict[str, bytes] | None = None
     ) -> Group:
-        """Encode and publish a group; returns it decoded, its dynamic points in reel order. importance: see `add_layer`.
+        """Encode a group and update the manifest. Return the decoded group, with dynamic points in reel order.
 
-        encoded: what `encoder.group` gave for the same, if it has been called.
+        Args:
+            group: Group to write.
+            importance: See `add_layer`.
+            encoded: Result of `encoder.group` for the same group, if already computed.
 
-        Raises `ReelError` if its `alive` does not fit the layers that live at it.
+        Raises:
+            ReelError: `alive` does not match the layers that live at the group.
         """
         self._check_next(group.index)
         self._drop_from(group.index)
@@ -142,30 +166,33 @@ class ReelWriter:
         static = sum(layer.points for layer in layers if layer.lives_at(group.index))
         if group.alive.shape != (static,):
             raise ReelError(
-                f"Group {group.index} says of {len(group.alive)} static points whether they are alive, but the layers "
+                f"Group {group.index} has alive flags of {len(group.alive)} static points, but the layers "
                 f"hold {static}. Add the layers of this group before it."
             )
         files = encoded or self.encoder.group(group, importance)
         blank = FileEntry("", 0, "", group.first_frame, group.frames, len(group.dynamic), group.index)
         entry, *others = (self._write(uri, data, replace(blank, uri=uri)) for uri, data in files.items())
         entry = replace(entry, renditions=dict(zip(self.encoder.others, others, strict=True)))
-        self._publish(self._manifest.with_files(layers, [*self._manifest.groups, entry]))
+        self._write_manifest(self._manifest.with_files(layers, [*self._manifest.groups, entry]))
         self._pending = []
         return decode_group(files[entry.uri], entry.uri)
 
     def write_asset(self, uri: str, data: bytes) -> Asset:
-        """Write a picture or a piece of sound, for a presentation to name."""
+        """Write an image or sound file for use in a presentation."""
         write_atomically(self.path / uri, data)
         return Asset(uri, len(data), hashlib.sha256(data).hexdigest())
 
     def present(self, presentation: Presentation) -> None:
-        """Publish another presentation, whose assets are written already. Assets that it no longer names are deleted."""
+        """Write another presentation, whose assets exist already, to the manifest. Assets that it no longer names are deleted."""
         self._replace(replace(self._manifest, presentation=presentation), live=self._manifest.live)
 
     def drop_before(self, group: int) -> None:
-        """Drop the groups before that number, the layers that are retired by then, and sound: the retention window of a live reel.
+        """Drop earlier groups, their retired layers and their sound, for the retention window of a live reel.
 
-        The manifest is published first. Of the groups that are in pages only whole pages are dropped; the last group stays.
+        The manifest is written first. Groups in pages are dropped only by whole pages; the last group stays.
+
+        Args:
+            group: Number of the first group to keep.
         """
         manifest = self._manifest
         pages, first = list(manifest.pages), manifest.first_group
@@ -179,15 +206,15 @@ class ReelWriter:
         kept = manifest.with_files(layers, manifest.groups[first - manifest.first_group :])
         presentation = manifest.presentation
         if presentation.sound is not None:
-            presentation = replace(presentation, sound=presentation.sound.since(kept.first_frame / kept.fps))
+            presentation = replace(presentation, sound=presentation.sound.trimmed_before(kept.first_frame / kept.fps))
         kept = replace(kept, first_group=first, pages=tuple(pages), presentation=presentation)
         self._replace(kept, live=manifest.live)
 
     def finish(self) -> None:
-        """Declare the reel complete. Raises `ReelError` if it has no group."""
+        """Mark the reel as complete. Raise `ReelError` if it has no group."""
         if not self._manifest.groups:
             raise ReelError(f"{self.path}: a reel without a group cannot be finished.")
-        self._publish(self._manifest, live=False)
+        self._write_manifest(self._manifest, live=False)
 
     def _check_header(self) -> None:
         file = self.path / MANIFEST
@@ -196,11 +223,11 @@ class ReelWriter:
         except ValueError as error:
             raise ReelError(f"{file}: would hold NaN or infinity. Look for it in the capture.") from error
 
-    def _whole(self, presentation: Presentation) -> Presentation:
-        """Without the pictures and the sound of which a file is damaged: they are made anew."""
+    def _without_damaged_assets(self, presentation: Presentation) -> Presentation:
+        """Remove images and sound with a damaged file; the caller creates them again."""
         names = {name for name in ("poster", "thumbnails", "sound") if getattr(presentation, name) is not None}
         alone = {name: replace(EMPTY, **{name: getattr(presentation, name)}) for name in names}
-        damaged = [name for name in names if not all(is_whole(self.path, asset) for asset in alone[name].assets)]
+        damaged = [name for name in names if not all(is_intact(self.path, asset) for asset in alone[name].assets)]
         return replace(presentation, **dict.fromkeys(damaged))
 
     def _check_next(self, group: int) -> None:
@@ -220,7 +247,7 @@ class ReelWriter:
             )
 
     def _drop_from(self, group: int) -> None:
-        """Take a group and all that follows out of the manifest first, and only then delete the files; with the first all layers."""
+        """Remove a group and all later ones from the manifest, then delete their files. With the first group all layers go too."""
         manifest = self._manifest
         if group >= manifest.end_group:
             return
@@ -228,14 +255,14 @@ class ReelWriter:
         self._replace(manifest.with_files(layers, manifest.groups[: group - manifest.first_group]), live=True)
 
     def _replace(self, manifest: Manifest, live: bool) -> None:
-        """Publish another manifest, and delete the files that it does not name any more."""
+        """Write another manifest, then delete the files that it no longer names."""
         before = self._manifest.uris
-        self._publish(manifest, live)
+        self._write_manifest(manifest, live)
         for uri in sorted(before - self._manifest.uris - {MANIFEST}):
             self._delete(uri)
 
-    def _publish(self, manifest: Manifest, live: bool = True) -> None:
-        """Replace manifest.json, its pages first; without groups there is none."""
+    def _write_manifest(self, manifest: Manifest, live: bool = True) -> None:
+        """Write manifest.json after its pages; delete it if there is no group."""
         manifest = self._paged(replace(manifest, live=live))
         if manifest.groups:
             write_atomically(self.path / MANIFEST, manifest.to_json().encode())
@@ -244,7 +271,7 @@ class ReelWriter:
         self._manifest = manifest
 
     def _paged(self, manifest: Manifest) -> Manifest:
-        """With as many pages as its groups need, which depends on their number alone; new ones are written."""
+        """Write new pages as needed and return the manifest with them. Their number depends only on the number of groups."""
         pages = list(manifest.pages)
         own = len(manifest.groups) - manifest.paged
         while pages and own < self._page:

@@ -1,4 +1,4 @@
-"""Compare a reel, as decoded, with the cameras of its capture that training has not seen, or with those that it has."""
+"""Evaluation of a decoded reel against held-out cameras of its capture, or against training views."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
+from PIL import Image
 
 from splatreel.capture.base import Capture
 from splatreel.codec.info import ReelInfo, reel_info
@@ -15,14 +16,13 @@ from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import UsageError
 from splatreel.evaluation import perceptual
-from splatreel.evaluation.comparison import comparison, write_png
 from splatreel.evaluation.flicker import Flicker, border_frames
 from splatreel.evaluation.metrics import psnr, psnr_per_channel, ssim
 from splatreel.evaluation.report import Quality, Report
 from splatreel.play.timeline import Timeline
 from splatreel.process import peak_memory_bytes
 from splatreel.progress import Progress, Silent
-from splatreel.scene.atomic import sweep
+from splatreel.scene.atomic import replacing, sweep
 from splatreel.scene.camera import Camera, angles_apart
 from splatreel.scene.gaussians import Gaussians
 
@@ -45,14 +45,24 @@ def evaluate(
     most: int | None = None,
     coverage: Sequence[str] = (),
 ) -> Report:
-    """Render the decoded reel from held-out cameras and measure it; `out` gets report.json, report.md and pictures.
+    """Render the decoded reel from held-out cameras and measure its quality.
 
-    rendition: of the reel, the best by default. cameras: names, see `choose_cameras` for the default. undecoded: frame
-    -> the Gaussians before encoding, for psnr_undecoded. frames: which, all that both have by default. seconds: wall time of earlier
-    stages, device: where they ran, coverage: sentences on the cameras; these only go into the report. most: bytes of memory that a file
-    may take, see `ReelReader`.
-    The picture of each camera, truth | render | error, is of the middle frame.
-    Raises `UsageError` for cameras or frames that do not fit, and what reading the reel and the capture raises.
+    Args:
+        reel: Folder or URL of the reel.
+        capture: Capture that the reel was made from.
+        rendition: Name of a rendition; None chooses the best.
+        cameras: Names of cameras; None uses the default of `choose_cameras`.
+        out: Folder for report.json, report.md and an image per camera: truth, render and error of the middle frame.
+        undecoded: Function from a frame to the Gaussians before encoding, for `psnr_undecoded`.
+        frames: Frames to evaluate; None means all frames that the reel and the capture share.
+        seconds: Wall time of earlier stages, for the report.
+        device: Device of the reconstruction, for the report.
+        progress: Progress display.
+        most: Memory in bytes that decoding a file may take, see `ReelReader`.
+        coverage: Sentences about the coverage of the cameras, for the report.
+
+    Raises:
+        UsageError: Cameras or frames do not match.
     """
     started = time.monotonic()
     progress = progress or Silent()
@@ -92,9 +102,13 @@ def evaluate(
 def measure(
     image: np.ndarray, truth: np.ndarray, lpips: perceptual.Distance | None, where: np.ndarray | None = None
 ) -> Quality:
-    """All metrics of one image against its truth, both float32 [H, W, 3] 0..1.
+    """Return all metrics of an image against its truth, both float32 [H, W, 3] 0..1.
 
-    where: [H, W] bool, only these pixels count; LPIPS, which is of whole images, is left out then.
+    Args:
+        image: Rendered image.
+        truth: Camera image.
+        lpips: LPIPS metric, or None.
+        where: Pixels to measure, [H, W] bool; None means all. LPIPS needs the whole image and is skipped with a mask.
     """
     distance = lpips(image, truth) if lpips is not None and where is None else None
     pair = image, truth, where
@@ -111,7 +125,7 @@ def summarize(
     seconds: dict[str, float],
     device: str,
 ) -> Report:
-    """The report of the scores by (frame, camera name)."""
+    """Return the report of scores by frame and camera name."""
     frames = sorted({frame for frame, _ in scores})
     names = list(dict.fromkeys(name for _, name in scores))
     trained_on = [camera.name for camera in reader.manifest.cameras]
@@ -143,7 +157,7 @@ def summarize(
 
 
 def degrees_from(manifest: Manifest, views: Sequence[Camera]) -> dict[str, float | None]:
-    """By view the angle to the nearest camera that the reel was trained on, seen from where they look; None where that is nowhere."""
+    """Return the angle of each view to the nearest training camera, seen from the focus point, or None without a focus point."""
     limits, trained = manifest.presentation.limits, list(manifest.cameras)
     if limits is None or not trained:
         return {view.name: None for view in views}
@@ -152,21 +166,27 @@ def degrees_from(manifest: Manifest, views: Sequence[Camera]) -> dict[str, float
 
 
 def read_frames(capture: Capture, frames: list[int], names: list[str]):
-    """Yield (frame, float32 [C, H, W, 3] 0..1) for ascending frames, reading neighbors together."""
+    """Yield each frame in ascending order with its images, float32 [C, H, W, 3] 0..1. Consecutive frames are read together."""
     for first in range(0, len(frames), CHUNK):
         chunk = frames[first : first + CHUNK]
-        together = chunk[-1] - chunk[0] + 1 == len(chunk)
-        images = capture.read(chunk[0], len(chunk), names) if together else None
+        consecutive = chunk[-1] - chunk[0] + 1 == len(chunk)
+        images = capture.read(chunk[0], len(chunk), names) if consecutive else None
         for i, frame in enumerate(chunk):
             truths = images[i] if images is not None else capture.read(frame, 1, names)[0]
             yield frame, truths.astype(np.float32) / 255
 
 
 def choose_cameras(capture: Capture, manifest: Manifest, names: Sequence[str] | None) -> list[Camera]:
-    """The cameras of those names; by default those that the capture holds out and the reel has not seen, or all that the capture holds
-    out where the reel was trained on each of them.
+    """Return the cameras to evaluate.
 
-    Raises `UsageError` if there are none, and for names of both kinds, of which a mean would tell nothing.
+    Args:
+        capture: Capture of the reel.
+        manifest: Manifest of the reel.
+        names: Names of cameras. None means the held-out cameras that the reel was not trained on, or all held-out
+            cameras if the reel was trained on each of them.
+
+    Raises:
+        UsageError: There are no cameras, or a mix of held-out and training views, whose mean would be meaningless.
     """
     trained = {camera.name for camera in manifest.cameras}
     if names is None:
@@ -183,7 +203,7 @@ def choose_cameras(capture: Capture, manifest: Manifest, names: Sequence[str] | 
 
 
 def choose_frames(available: int, frames: Sequence[int] | None, first: int = 0) -> list[int]:
-    """Frames in order, by default all from `first` to the one before `available`. Raises `UsageError` for another."""
+    """Return sorted frames, by default all from `first` to `available` - 1. Raise `UsageError` for a frame outside this range."""
     chosen = list(range(first, available)) if frames is None else sorted(set(frames))
     bad = [f for f in chosen if not first <= f < available]
     if bad or not chosen:
@@ -196,7 +216,7 @@ def choose_frames(available: int, frames: Sequence[int] | None, first: int = 0) 
 def check_same_capture(manifest: Manifest, capture: Capture, reel: str) -> None:
     """Raise `UsageError` if the reel was made with other cameras than the capture's.
 
-    Fewer than a third may stand elsewhere: training has put them right (`recon/cameras/poses.py`).
+    Up to a third of the cameras may have another pose, because training corrects poses (`recon/cameras/poses.py`).
     """
     known = {camera.name: camera for camera in capture.cameras}
     moved = [
@@ -213,15 +233,33 @@ def check_same_capture(manifest: Manifest, capture: Capture, reel: str) -> None:
 
 
 def check_unseen(manifest: Manifest, views: Sequence[Camera], reel: str) -> None:
-    """Raise `UsageError` for a reel that was trained on one of the views."""
+    """Raise `UsageError` if the reel was trained on one of the views."""
     seen = sorted({camera.name for camera in manifest.cameras} & {view.name for view in views})
     if seen:
         raise UsageError(
-            f"{reel}: was trained on {', '.join(seen)}, which cannot be held out of it any more. Reconstruct without them, "
+            f"{reel}: was trained on {', '.join(seen)}, so they are not held out. Reconstruct without them, "
             "--hold-out NAME,NAME, or hold out what the reel has not seen."
         )
 
 
 def reel_width(reel: str | Path) -> int:
-    """Width in pixels of the images that the reel was made from."""
+    """Return the width in pixels of the images that the reel was made from."""
     return ReelReader(reel).manifest.camera.width
+
+
+ERROR_GAIN = 4
+"""Amplification of the displayed error: 1/4 of the range is white."""
+
+
+def comparison(truth: np.ndarray, render: np.ndarray) -> np.ndarray:
+    """Return truth, render and amplified absolute error side by side, uint8 [H, 3 W, 3]. Inputs are float images [H, W, 3] 0..1."""
+    error = np.abs(truth - render) * ERROR_GAIN
+    strip = np.concatenate([truth, render, error], axis=1)
+    return (np.clip(strip, 0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+def write_png(path: Path, image: np.ndarray) -> None:
+    """Write a uint8 image [H, W, 3] atomically."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with replacing(path) as temporary:
+        Image.fromarray(image).save(temporary, format="PNG")

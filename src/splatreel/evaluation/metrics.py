@@ -1,4 +1,4 @@
-"""Image metrics, on float images [H, W, 3], sRGB 0..1; of the pixels `where` [H, W] bool only, if it is given."""
+"""Image metrics of float images [H, W, 3], sRGB 0..1, over all pixels or those in a mask `where` [H, W] bool."""
 
 from __future__ import annotations
 
@@ -10,28 +10,31 @@ from scipy.ndimage import correlate1d
 from splatreel.errors import UsageError
 
 PSNR_MAX = 100.0
-"""What two equal images score: infinity has no place in a mean or in JSON."""
+"""PSNR of two equal images. Infinity would break means and JSON."""
 
 SSIM_WINDOW = 11
 SSIM_SIGMA = 1.5
 
 
 def psnr(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None) -> float:
-    """Peak signal-to-noise ratio in dB over all pixels and channels pooled. `UsageError` if the shapes differ."""
+    """Return the peak signal-to-noise ratio in dB over all pixels and channels. Raise `UsageError` if the shapes differ."""
     return _decibel(float(np.mean(_squared_error(image, truth, where))))
 
 
 def psnr_per_channel(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None) -> float:
-    """The mean of the three channels' own PSNR, in dB, as Dynamic 3D Gaussians has it; never below the pooled one."""
+    """Return the mean of the PSNR of each channel in dB, as in Dynamic 3D Gaussians. It is never below `psnr`."""
     means = np.mean(_squared_error(image, truth, where).reshape(-1, 3), axis=0)
     return float(np.mean([_decibel(float(m)) for m in means]))
 
 
 def ssim(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None) -> float:
-    """Structural similarity with an 11x11 Gaussian window of sigma 1.5, averaged over pixels and channels.
+    """Return the structural similarity with an 11x11 Gaussian window of sigma 1.5, averaged over pixels and channels.
 
-    Zero padding at the border, as in the 3DGS code, so that figures compare with the field's. The windows of the pixels
-    `where` reach beyond them. Raises `UsageError` if the shapes differ.
+    Borders are padded with zeros as in the 3DGS code, which makes the values comparable. With a mask, windows reach
+    beyond it.
+
+    Raises:
+        UsageError: The shapes differ.
     """
     _check(image, truth, where)
     x, y = image.astype(np.float32), truth.astype(np.float32)
@@ -55,7 +58,7 @@ def _blur(image: np.ndarray) -> np.ndarray:
 
 
 def _squared_error(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None) -> np.ndarray:
-    """[H, W, 3], or [P, 3] of the pixels `where`."""
+    """Return [H, W, 3], or [P, 3] with a mask."""
     _check(image, truth, where)
     error = (image.astype(np.float64) - truth.astype(np.float64)) ** 2
     return error if where is None else error[where]

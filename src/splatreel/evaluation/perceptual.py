@@ -1,4 +1,4 @@
-"""LPIPS, where its package and the network's weights are on this machine: evaluating downloads nothing."""
+"""LPIPS, if its package and weights are on this machine. Nothing is downloaded."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ BACKBONE = "vgg16-397923af.pth"
 
 
 def available() -> bool:
-    """Whether `load` can work: the package is installed and torchvision's VGG-16 weights lie in torch's cache."""
+    """Return whether `load` can succeed: the package is installed and torch's cache holds torchvision's VGG-16 weights."""
     if importlib.util.find_spec("torch") is None or importlib.util.find_spec("lpips") is None:
         return False
     return cached_weights(BACKBONE).is_file()
 
 
 def load() -> Distance | None:
-    """LPIPS (VGG, as the 3DGS papers report it) of two float images [H, W, 3] 0..1; None if not `available`."""
+    """Return LPIPS (VGG, as in 3DGS papers) as a function of two float images [H, W, 3] 0..1, or None if not `available`."""
     if not available():
         return None
     import torch

@@ -1,4 +1,4 @@
-"""Where the time of a run goes, function by function."""
+"""Profile of a run by function."""
 
 from __future__ import annotations
 
@@ -11,17 +11,20 @@ from pathlib import Path
 from splatreel.evaluation.report import write_text
 
 MIN_SHARE = 0.005
-"""Share of the whole below which a function is not listed."""
+"""Functions below this share of the total time are not listed."""
 
 Calls = dict[tuple[str, int, str], tuple[int, int, float, float, dict]]
-"""By file, line and name: calls, also recursive ones, own and total seconds, callers."""
+"""Statistics by file, line and name: calls, calls including recursion, own seconds, total seconds, callers."""
 
 
 @contextmanager
 def profiled(path: Path | None) -> Iterator[None]:
-    """Measures what runs inside, on this thread, and writes the table to path, whatever is raised; nothing where path is None.
+    """Profile this thread inside the `with` block and write the table to a file, also after an exception.
 
-    Measuring takes about a tenth more time. Work on a GPU runs on behind the functions that asked for it, and is found where one waits.
+    Profiling takes about a tenth more time. GPU work runs asynchronously and appears in the function that waits for it.
+
+    Args:
+        path: Output file; None profiles nothing.
     """
     if path is None:
         yield
@@ -32,12 +35,12 @@ def profiled(path: Path | None) -> Iterator[None]:
         yield
     finally:
         profile.disable()
-        if path.parent.is_dir():  # else nothing was begun
+        if path.parent.is_dir():  # otherwise the run never started
             write_text(path, table(pstats.Stats(profile).stats))  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def table(calls: Calls) -> str:
-    """Markdown: the functions that most time is spent in themselves, the longest first."""
+    """Return a Markdown table of the functions with the most own time, in descending order."""
     whole = sum(own for _, _, own, _, _ in calls.values()) or 1.0
     lines = ["| share | seconds | calls | ms a call | with what it calls, s | function |", "|---|---|---|---|---|---|"]
     for (file, line, name), (_, count, own, total, _) in sorted(calls.items(), key=lambda item: -item[1][2]):
@@ -49,6 +52,6 @@ def table(calls: Calls) -> str:
 
 
 def _short(file: str) -> str:
-    """The path from the package on, or the file's own name."""
+    """Return the path from the package on, or the file's name."""
     parts = Path(file).parts
     return "/".join(parts[len(parts) - parts[::-1].index("splatreel") :]) if "splatreel" in parts else Path(file).name

@@ -1,4 +1,4 @@
-"""What an evaluation measured: report.json, and the same as Markdown."""
+"""Report of an evaluation, as report.json and as Markdown."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from splatreel.scene.untrusted import is_number, read_json
 
 @dataclass(frozen=True)
 class Quality:
-    """Picture quality: of one image, or the mean over several. lpips is None without its weights."""
+    """Image quality of one image, or the mean over several. `lpips` is None without its weights."""
 
     psnr: float
     psnr_per_channel: float
@@ -24,7 +24,7 @@ class Quality:
 
     @staticmethod
     def mean(items: list[Quality]) -> Quality:
-        """Arithmetic mean of each number."""
+        """Return the arithmetic mean of each metric."""
         names = ("psnr", "psnr_per_channel", "ssim")
         lpips = [q.lpips for q in items if q.lpips is not None]
         values = {n: sum(getattr(q, n) for q in items) / len(items) for n in names}
@@ -33,19 +33,35 @@ class Quality:
 
 @dataclass(frozen=True)
 class Report:
-    """The fields of report.json.
+    """Content of report.json.
 
-    psnr: dB, each image's pixels and channels pooled, mean over frames and cameras; psnr_per_channel: the
-    mean of the channels' own PSNR instead. psnr_undecoded: the same as psnr before encoding, None if that model is not
-    at hand. flicker, flicker_borders: mean absolute error of the steps from frame to frame, gray levels of 255, within
-    groups and where one fades into the next; None where no two such frames were evaluated. reel_bytes: all files of the
-    reel; first_view_bytes: what a player loads for its first picture; bytes_per_second: of video, without the first
-    layers, which are loaded once. seconds: wall time of each stage. points_static, points_dynamic: mean of a group.
-    peak_memory_bytes: of the process. cameras: [{name, psnr, psnr_per_channel, ssim, lpips}]; per_frame: the same with
-    `frame` for the name. trained_on: names of the cameras that the reel was made from; held_out: of those that were evaluated and are
-    none of these; it is empty where training views were evaluated, which tell nothing of new views. Each of cameras has `degrees`, the
-    angle to the nearest one that was trained on, seen from the middle of the scene; None where the cameras do not stand around one.
-    coverage: sentences on what the cameras that were trained on allow.
+    Attributes:
+        psnr: PSNR in dB over all pixels and channels of an image, mean over frames and cameras.
+        psnr_per_channel: Mean of the PSNR of each channel.
+        ssim: Structural similarity.
+        lpips: LPIPS (VGG); None without its weights.
+        psnr_undecoded: PSNR before encoding; None if that model is not available.
+        flicker: Mean absolute error of frame-to-frame changes within groups, gray levels of 255; None without
+            consecutive frames.
+        flicker_borders: The same where one group fades into the next.
+        reel_bytes: Size of all files of the reel.
+        first_view_bytes: Bytes that a player loads for its first image.
+        bytes_per_second: Bytes per second of video, without the first layers, which are loaded once.
+        seconds: Wall time of each stage.
+        points_static: Mean number of static points per group.
+        points_dynamic: Mean number of dynamic points per group.
+        peak_memory_bytes: Peak memory of the process.
+        device: Device of the reconstruction.
+        frames: Number of evaluated frames.
+        width: Width of the images.
+        height: Height of the images.
+        cameras: Per camera: name, psnr, psnr_per_channel, ssim, lpips and degrees. `degrees` is the angle to the
+            nearest training camera, seen from the focus point; None without a focus point.
+        per_frame: Per frame: frame, psnr, psnr_per_channel, ssim, lpips.
+        trained_on: Names of the training cameras.
+        held_out: Names of evaluated cameras that were not trained on. Empty if training views were evaluated, which do
+            not measure novel views.
+        coverage: Sentences about the coverage of the training cameras.
     """
 
     psnr: float
@@ -73,10 +89,11 @@ class Report:
     coverage: list[str] = field(default_factory=list)
 
     def to_json(self) -> str:
+        """Return the text of report.json."""
         return json.dumps(dataclasses.asdict(self), indent=1, allow_nan=False)
 
     def to_markdown(self) -> str:
-        """A summary to read: one table of the whole, one of the cameras."""
+        """Return a summary: a table of the whole and a table of the cameras."""
         rows = [
             ("PSNR, decoded", f"{self.psnr:.2f} dB ({self.psnr_per_channel:.2f} as the mean of channels)"),
             (
@@ -85,7 +102,7 @@ class Report:
             ),
             ("SSIM", f"{self.ssim:.4f}"),
             ("LPIPS (VGG)", "not measured: no weights" if self.lpips is None else f"{self.lpips:.4f}"),
-            ("Flicker", flickers(self.flicker, self.flicker_borders)),
+            ("Flicker", describe_flicker(self.flicker, self.flicker_borders)),
             ("Reel", f"{megabytes(self.reel_bytes)}, {megabytes(self.bytes_per_second)} a second of video"),
             ("First picture", megabytes(self.first_view_bytes)),
             ("Points, mean of a group", f"{self.points_static:,.0f} static, {self.points_dynamic:,.0f} dynamic"),
@@ -111,7 +128,7 @@ class Report:
         return "\n".join(lines) + "\n"
 
     def _views(self) -> str:
-        """What was rendered."""
+        """Describe the evaluated views."""
         if self.held_out or not self.trained_on:
             return "Held-out cameras, rendered from the decoded reel."
         return (
@@ -120,14 +137,14 @@ class Report:
         )
 
     def write(self, folder: Path) -> None:
-        """Write report.json and report.md into folder, each at once."""
+        """Write report.json and report.md atomically into a folder."""
         folder.mkdir(parents=True, exist_ok=True)
         write_text(folder / "report.json", self.to_json() + "\n")
         write_text(folder / "report.md", self.to_markdown())
 
     @staticmethod
     def read(path: Path) -> Report:
-        """Read a report.json. Raises `UsageError` if it is none of ours."""
+        """Read a report.json. Raise `UsageError` if it is not a report of this version."""
         try:
             report = Report(**read_json(path, lambda text: UsageError(f"{text} It is not a report of this version.")))
             if not all(is_number(value) for value in (report.psnr, report.ssim, report.reel_bytes, report.frames)):
@@ -139,8 +156,8 @@ class Report:
             ) from error
 
 
-def flickers(within: float | None, borders: float | None) -> str:
-    """Both in a line, as far as they were measured."""
+def describe_flicker(within: float | None, borders: float | None) -> str:
+    """Describe the flicker within groups and at borders."""
     if within is None:
         return "not measured: no two frames in a row"
     beyond = "" if borders is None else f", {borders:.2f} where groups meet"
@@ -148,11 +165,11 @@ def flickers(within: float | None, borders: float | None) -> str:
 
 
 def megabytes(count: float) -> str:
-    """Such as 12.3 MB; 1 MB is 10^6 bytes."""
+    """Format a size, for example 12.3 MB; 1 MB is 10^6 bytes."""
     return f"{count / 1e6:.3g} MB" if count < 1e8 else f"{count / 1e6:,.0f} MB"
 
 
 def write_text(path: Path, text: str) -> None:
-    """Write a file so that it is either the old or the new one, never half of it."""
+    """Replace a text file atomically."""
     with replacing(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

@@ -1,4 +1,4 @@
-"""A run before it was encoded: the reference for what compression costs."""
+"""Gaussians of a run before encoding, the reference for coding loss."""
 
 from __future__ import annotations
 
@@ -39,9 +39,10 @@ class UncompressedReel:
 
 
 def uncompressed_frames(work: Path, reel: Path) -> Callable[[int], Gaussians]:
-    """A function from a frame to everything visible at it, from the checkpoints in `work` and not from the reel's files.
+    """Return a function from a frame to all Gaussians visible at it, from the checkpoints in `work` instead of the reel's files.
 
-    Raises `ReconstructionError` for checkpoints that are missing or damaged.
+    Raises:
+        ReconstructionError: A checkpoint is missing or damaged.
     """
     timeline = Timeline(cast(ReelReader, UncompressedReel(work, reel)))
     return lambda frame: timeline.at(frame / timeline.fps)

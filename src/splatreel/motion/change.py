@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from splatreel import threads
-from splatreel.capture.frame_file import give_back
+from splatreel.capture.frame_file import release_pages
 
 MIN_DIFFERENCE = 8 / 255
 """Minimum mean absolute color difference around a pixel, 0..1, for it to count as changed."""
@@ -37,7 +37,7 @@ def changed_pixels(frames: np.ndarray) -> np.ndarray:
 
     def of(camera: int) -> np.ndarray:
         found = _changed_pixels(frames[:, camera])
-        give_back(frames)
+        release_pages(frames)
         return found
 
     with ThreadPoolExecutor(threads.count()) as pool:

@@ -13,7 +13,7 @@ import cv2
 import numpy as np
 
 from splatreel import threads
-from splatreel.capture.frame_file import give_back
+from splatreel.capture.frame_file import release_pages
 
 BLOCKS = 40
 """Blocks along the longer side of an image, whose means are compared. Means have little noise, and motion affects few blocks."""
@@ -54,7 +54,7 @@ def exposures(frames: np.ndarray, reference: np.ndarray | None = None) -> tuple[
 
     def of(camera: int) -> np.ndarray:
         found = _exposure_changes(frames[:, camera], None if reference is None else reference[camera])
-        give_back(frames)
+        release_pages(frames)
         return found
 
     with ThreadPoolExecutor(threads.count()) as pool:
@@ -74,7 +74,7 @@ def even_out(frames: np.ndarray, change: np.ndarray) -> None:
     white = 1 - np.clip((255 - levels) / (255 - WHITE_FADE_FROM), 0, 1)
     for number, (t, c) in enumerate(np.argwhere(np.any(change != 0, 2))):
         if number % frames.shape[1] == 0:
-            give_back(frames)
+            release_pages(frames)
         fade = 1 - white * np.interp(np.abs(change[t, c]).max(), WHITE_FADE_CHANGES, (1, 0))
         table = np.rint(levels * (1 + fade * np.expm1(-change[t, c]))).clip(0, 255).astype(np.uint8)
         frames[t, c] = cv2.LUT(frames[t, c], table[None])

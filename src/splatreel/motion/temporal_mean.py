@@ -7,7 +7,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from splatreel import threads
-from splatreel.capture.frame_file import give_back
+from splatreel.capture.frame_file import release_pages
 from splatreel.motion.change import difference
 
 MAX_DIFFERENCE = 8 / 255
@@ -26,7 +26,7 @@ def temporal_mean(frames: np.ndarray) -> np.ndarray:
 
     def of(camera: int) -> np.ndarray:
         found = _temporal_mean(frames[:, camera])
-        give_back(frames)
+        release_pages(frames)
         return found
 
     with ThreadPoolExecutor(threads.count()) as pool:

@@ -9,9 +9,9 @@ import numpy as np
 from av.container import OutputContainer
 
 from splatreel.codec.fragments import RATE
+from splatreel.codec.opus_sound import PREROLL, TYPE, check_sound_size, decode_sound
 from splatreel.codec.presentation import Asset, Sound
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.sound import PREROLL, TYPE, check_size, decode_sound
 from splatreel.errors import ReelError
 
 _CACHED_SEGMENTS = 4
@@ -59,7 +59,7 @@ class ReelSound:
         if not needed:
             return out
         for segment in needed:
-            check_size(segment)
+            check_sound_size(segment)
         most = round((sum(s.seconds for s in needed) + 1) * self.rate)
         try:
             init, *segments = (self._read(asset) for asset in (self._sound.init, *(s.asset for s in needed)))

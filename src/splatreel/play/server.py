@@ -22,7 +22,7 @@ from splatreel.play.connection import HEAD_BYTES, IDLE_SECONDS, ConnectionLimits
 from splatreel.play.remote_files import RemoteFiles
 from splatreel.play.served_files import ReelFiles, ServedFiles
 from splatreel.play.web_app import WebApp
-from splatreel.storage.opening import local_path
+from splatreel.storage.addresses import local_path
 
 _MAX_CONNECTIONS = 256
 _BACKLOG = 128

@@ -38,7 +38,7 @@ def write_standalone(path: Path, location: str | Path, rendition: str | None = N
     reel = ReelReader(location, rendition)
     manifest = reel.manifest
     if manifest.renditions:
-        manifest = manifest.of_rendition(manifest.renditions[0])
+        manifest = manifest.select_rendition(manifest.renditions[0])
     manifest = replace(manifest.without_pages(), live=False)
     page = (STATIC / "index.html").read_text(encoding="utf-8")
     parts = [f'<script type="application/json" id="splatreel-manifest">{_escape_json(manifest.to_json())}</script>']

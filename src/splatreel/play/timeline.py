@@ -138,8 +138,8 @@ class Timeline:
 
     def _fading(self, frame: float, weight: float, old: Group, new: Group, light: np.ndarray | None) -> Moment:
         rested, rests = (self.reel.static(group.index)[0] for group in (old, new))
-        living = set(self.manifest.living(new.index))
-        shared = [index for index in self.manifest.living(old.index) if index in living]
+        living = set(self.manifest.living_layers(new.index))
+        shared = [index for index in self.manifest.living_layers(old.index) if index in living]
         in_old, in_new = (self._points_of(shared, group.index) for group in (old, new))
         leaves, comes = old.alive.copy(), new.alive.copy()
         leaves[in_old] &= ~new.alive[in_new]
@@ -153,7 +153,7 @@ class Timeline:
 
     def _points_of(self, layers: list[int], group: int) -> np.ndarray:
         """Return which static points of a group belong to `layers`, [S] bool."""
-        living = self.manifest.living(group)
+        living = self.manifest.living_layers(group)
         counts = [self.manifest.layers[index].points for index in living]
         return np.repeat(np.isin(living, layers), counts).astype(bool)
 

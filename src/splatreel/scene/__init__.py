@@ -1,0 +1,1 @@
+"""Plain numpy types of a scene: cameras, Gaussians, groups, and their file formats."""

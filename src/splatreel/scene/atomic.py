@@ -1,7 +1,7 @@
-"""Atomic writes of files, and temporary folders that are removed even where the program was killed.
+"""Atomic file writes, and temporary folders that are removed even if the program is killed.
 
-What is being written has a name that nobody can guess, is created by nobody else before, and is locked: what a killed program left
-has no lock, and the next one removes it.
+A temporary file has a random name, is created exclusively and is locked. A killed program releases its lock, so the
+next program can remove what it left.
 """
 
 from __future__ import annotations
@@ -18,33 +18,37 @@ from splatreel.errors import GaussiansError
 
 try:
     import fcntl
-except ImportError:  # not on Windows, where nothing keeps two programs apart
+except ImportError:  # Windows has no such locks
     fcntl = None
 
 _LEFT = re.compile(r"\..*\.[0-9a-f]{16}\.tmp")
 _LONGEST = 100
-"""Characters of a file's name that the temporary one has as well."""
+"""Characters of the file's name that are kept in the temporary name."""
 
 
 @contextmanager
 def replacing(path: Path) -> Iterator[Path]:
-    """A new, empty file beside `path`; at the end it takes the place of `path`, after an exception it is deleted. Raises OSError."""
+    """Yield a new empty file beside `path`, which replaces `path` on success and is deleted on error.
+
+    Raises:
+        OSError: The file cannot be created or moved.
+    """
     temporary = _temporary(path.parent, path.name)
     try:
         handle = os.open(temporary, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o666)
     except OSError as error:
-        error.filename = str(path)  # the name that a user knows
+        error.filename = str(path)  # report the user's file, not the temporary one
         raise
     try:
         try:
             lock(handle)
             yield temporary
             os.fsync(handle)
-            if fcntl is not None:  # while it is locked
+            if fcntl is not None:  # move it while it is locked
                 os.replace(temporary, path)
         finally:
             os.close(handle)
-        if fcntl is None:  # what is open cannot be moved there
+        if fcntl is None:  # Windows cannot move an open file
             os.replace(temporary, path)
     except BaseException:
         temporary.unlink(missing_ok=True)
@@ -52,7 +56,11 @@ def replacing(path: Path) -> Iterator[Path]:
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write a file whole or not at all. Raises `GaussiansError` if it cannot be written."""
+    """Write a file completely or not at all.
+
+    Raises:
+        GaussiansError: The file cannot be written.
+    """
     try:
         with replacing(path) as temporary:
             temporary.write_bytes(data)
@@ -64,7 +72,10 @@ def write_bytes(path: Path, data: bytes) -> None:
 
 @contextmanager
 def scratch(folder: Path, name: str) -> Iterator[Path]:
-    """A new folder in `folder` to work in, which is deleted at the end, with those of this name that killed programs left."""
+    """Yield a new temporary folder in `folder` and delete it at the end.
+
+    Folders of the same name that killed programs left are deleted first.
+    """
     sweep(folder, name)
     place = _temporary(folder, name)
     place.mkdir()
@@ -80,7 +91,12 @@ def scratch(folder: Path, name: str) -> Iterator[Path]:
 
 
 def sweep(folder: Path, name: str = "") -> None:
-    """Remove what killed programs left half made in a folder, of this name or of all."""
+    """Delete temporary files and folders that killed programs left in a folder.
+
+    Args:
+        folder: Folder to clean.
+        name: Only temporary files of this name; empty means all.
+    """
     if fcntl is None:
         return
     for path in folder.glob(".*.tmp"):
@@ -89,7 +105,11 @@ def sweep(folder: Path, name: str = "") -> None:
 
 
 def lock(handle: int) -> bool:
-    """Lock an open file or folder, until it is closed; False where another program has. Where nothing can be locked, True."""
+    """Lock an open file or folder until it is closed.
+
+    Returns:
+        False if another program holds the lock. True also where locks are not supported.
+    """
     if fcntl is None:
         return True
     try:
@@ -97,7 +117,7 @@ def lock(handle: int) -> bool:
     except (BlockingIOError, PermissionError):
         return False
     except OSError:
-        return True  # some network file systems have no locks: then nobody can tell
+        return True  # some network file systems have no locks
     return True
 
 

@@ -14,7 +14,12 @@ from splatreel.errors import CaptureError
 class Camera:
     """One static, undistorted camera.
 
-    viewmat: [4, 4] float32, world to camera. K: [3, 3] float32, pixels. width, height: pixels.
+    Attributes:
+        name: Unique name within a capture.
+        viewmat: World to camera, [4, 4] float32.
+        K: Intrinsic matrix in pixels, [3, 3] float32.
+        width: Image width in pixels.
+        height: Image height in pixels.
     """
 
     name: str
@@ -39,32 +44,32 @@ class Camera:
 
     @property
     def forward(self) -> np.ndarray:
-        """Viewing direction in the world, unit, [3] float32."""
+        """Unit viewing direction in world coordinates, [3] float32."""
         return self.viewmat[2, :3]
 
     def to_dict(self) -> dict[str, Any]:
-        """As manifests have it (docs/format.md): matrices row by row, as float32 in as few digits as tell them apart.
+        """Return the camera as manifests store it (docs/format.md).
 
-        Many cameras are a good part of a small reel.
+        Matrices are stored row by row with the fewest digits that preserve float32. Cameras take much of a small reel.
         """
         arrays = {name: _short(getattr(self, name)) for name in ("K", "viewmat")}
         return {"name": self.name, "width": int(self.width), "height": int(self.height), **arrays}
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> Camera:
-        """Of JSON that is known to be right. Matrices may also be lists of rows."""
+        """Return a camera from validated JSON. Matrices may also be lists of rows."""
         viewmat, K = np.array(value["viewmat"]).reshape(4, 4), np.array(value["K"]).reshape(3, 3)
         return Camera(value["name"], viewmat, K, value["width"], value["height"])
 
     def resized(self, width: int, height: int) -> Camera:
-        """The same camera with its image resampled to width x height pixels."""
+        """Return the camera with its image resampled to width x height pixels."""
         K = self.K.copy()
         K[0] *= width / self.width
         K[1] *= height / self.height
         return replace(self, K=K, width=width, height=height)
 
     def at_most(self, side: int) -> Camera:
-        """The same with its image halved, width and height, as long as one of them is longer than this many pixels."""
+        """Return the camera with its image halved until both sides have at most `side` pixels."""
         halvings = 0
         while max(self.width, self.height) >> halvings > side:
             halvings += 1
@@ -84,7 +89,17 @@ def facing(
     height: int,
     up: tuple[float, float, float] | np.ndarray = (0.0, 1.0, 0.0),
 ) -> Camera:
-    """An upright camera. center: [3] world; forward: [3], of length 1, where it looks; focal: pixels; up: [3], of the world."""
+    """Return an upright camera.
+
+    Args:
+        name: Name of the camera.
+        center: Optical center, [3], world units.
+        forward: Unit viewing direction, [3].
+        focal: Focal length in pixels.
+        width: Image width in pixels.
+        height: Image height in pixels.
+        up: Up direction of the world, [3].
+    """
     right = np.cross(forward, up)
     right /= np.linalg.norm(right)
     viewmat = np.eye(4)
@@ -95,9 +110,9 @@ def facing(
 
 
 def focus_point(cameras: list[Camera]) -> np.ndarray:
-    """The point closest, in the least squares sense, to all optical axes; [3] float64.
+    """Return the least-squares closest point to all optical axes, [3] float64.
 
-    A weak pull to the mean camera center keeps nearly parallel rigs finite.
+    A weak pull towards the mean camera center keeps nearly parallel rigs finite.
     """
     centers = np.stack([c.center for c in cameras]).astype(np.float64)
     directions = np.stack([c.forward for c in cameras]).astype(np.float64)
@@ -109,7 +124,7 @@ def focus_point(cameras: list[Camera]) -> np.ndarray:
 
 
 def angles_apart(cameras: list[Camera], focus: np.ndarray) -> np.ndarray:
-    """[C, C] degrees between the directions in which cameras stand, seen from focus [3]; inf for each and itself."""
+    """Return the angles in degrees between cameras as seen from `focus` [3], [C, C]; the diagonal is infinite."""
     away = np.stack([camera.center for camera in cameras]).astype(np.float64) - focus
     away /= np.maximum(np.linalg.norm(away, axis=1, keepdims=True), 1e-12)
     angles = np.degrees(np.arccos(np.clip(away @ away.T, -1, 1)))
@@ -118,9 +133,11 @@ def angles_apart(cameras: list[Camera], focus: np.ndarray) -> np.ndarray:
 
 
 def middle_camera(cameras: list[Camera], focus: np.ndarray | None = None) -> int:
-    """The index of the camera that the others stand around: the least sum of angles to them, seen from where cameras look.
+    """Return the index of the camera with the smallest sum of angles to all others, as seen from `focus`.
 
-    focus: [3], where that is, if it is known better than by `focus_point`. Of a ring it is the first.
+    Args:
+        cameras: All cameras.
+        focus: Point the cameras look at, [3]; None uses `focus_point`. On a ring the first camera is chosen.
     """
     angles = angles_apart(cameras, focus_point(cameras) if focus is None else focus)
     np.fill_diagonal(angles, 0)

@@ -1,4 +1,4 @@
-"""Clearance before a viewer: static points nearer than anything that a camera can have seen are not drawn."""
+"""Clearance: static Gaussians closer to a viewer than any surface the cameras saw are not drawn."""
 
 from __future__ import annotations
 
@@ -13,22 +13,33 @@ from splatreel.scene.untrusted import is_number, numbers
 
 @dataclass(frozen=True)
 class Clearance:
-    """Static points at less than `share` of the depth that `focus` [3], world units, has for a viewer are not drawn.
+    """Rule that hides static Gaussians nearer than `share` times the viewer's depth of `focus`.
 
-    Between cameras, and close to where a new one stands, hang splats that only distant cameras have seen, and there they only looked
-    well. Where cameras stood, nothing was that near. Who walks into the scene comes closer to the focus, and sees what is near; and
-    who turns away from it does, too.
+    Floaters hang between cameras and close to novel viewpoints. Only distant cameras saw them, and they look wrong from
+    nearby. No training camera saw a surface that near. The hidden range shrinks as a viewer approaches the focus or
+    turns away from it.
+
+    Attributes:
+        focus: Point the cameras look at, [3] world units.
+        share: Share of the depth of `focus`, 0..1; 0 hides nothing.
     """
 
     focus: tuple[float, float, float] = (0.0, 0.0, 0.0)
     share: float = 0.0
 
     def to_dict(self) -> dict[str, Any]:
+        """Return the JSON value that `from_dict` accepts."""
         return {"focus": list(self.focus), "share": self.share}
 
     @staticmethod
     def from_dict(value: dict[str, Any] | None) -> Clearance:
-        """From JSON. None: everything is drawn. Raises KeyError, TypeError or ValueError for what is none."""
+        """Return a clearance from JSON; None means that everything is drawn.
+
+        Raises:
+            KeyError: A field is missing.
+            TypeError: A field has the wrong type.
+            ValueError: A number is invalid.
+        """
         if value is None:
             return NONE
         x, y, z = numbers(value["focus"], 3).tolist()
@@ -37,14 +48,14 @@ class Clearance:
         return Clearance((x, y, z), value["share"])
 
     def depth(self, camera: Camera) -> float:
-        """Up to which depth nothing that rests is drawn for a camera, world units."""
+        """Return the depth in world units up to which static Gaussians are hidden from a camera."""
         return self.share * max(float(camera.viewmat[2, :3] @ np.asarray(self.focus) + camera.viewmat[2, 3]), 0.0)
 
     def hides(self, points: np.ndarray, camera: Camera) -> np.ndarray:
-        """[N] bool: of points [N, 3], those in front of a camera that are within."""
+        """Return which points [N, 3] lie in front of a camera within the clearance, [N] bool."""
         depths = points @ camera.viewmat[2, :3] + camera.viewmat[2, 3]
         return (depths > 0) & (depths < self.depth(camera))
 
 
 NONE = Clearance()
-"""Everything is drawn from the near plane on."""
+"""No clearance: everything beyond the near plane is drawn."""

@@ -1,4 +1,4 @@
-"""A set of 3D Gaussians as plain arrays."""
+"""A set of 3D Gaussians as numpy arrays."""
 
 from __future__ import annotations
 
@@ -10,15 +10,20 @@ from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 
 C0 = 0.28209479177387814
-"""The constant spherical harmonic."""
+"""Constant of spherical harmonic degree 0."""
 
 
 @dataclass(frozen=True)
 class Gaussians:
     """Gaussians in world space, activated (no logarithms or logits), all float32.
 
-    means: [N, 3] world units. quats: [N, 4] wxyz, unit. scales: [N, 3] world units. opacities: [N] in 0..1.
-    sh: [N, (degree + 1)^2, 3] spherical harmonics in the 3DGS order; sh[:, 0] is the DC term (c_base), the rest c_rest.
+    Attributes:
+        means: Positions, [N, 3], world units.
+        quats: Rotations, [N, 4] wxyz, unit.
+        scales: Standard deviations, [N, 3], world units.
+        opacities: [N], 0..1.
+        sh: Spherical harmonics, [N, (degree + 1)^2, 3], in the 3DGS order. sh[:, 0] is the DC term (c_base), the rest
+            c_rest.
     """
 
     means: np.ndarray
@@ -43,54 +48,64 @@ class Gaussians:
         return len(self.means)
 
     def __getitem__(self, index: np.ndarray | slice) -> Gaussians:
-        """The points an index array, mask or slice selects."""
+        """Select Gaussians by an index array, a mask or a slice."""
         return Gaussians(*(getattr(self, f.name)[index] for f in fields(self)))
 
     @property
     def sh_degree(self) -> int:
+        """Degree of the spherical harmonics, 0..3."""
         return round(self.sh.shape[1] ** 0.5) - 1
 
     def check_finite(self, what: str = "Gaussians") -> None:
-        """Raise `GaussiansError` if any number is NaN or infinite."""
+        """Raise `GaussiansError` if a value is NaN or infinite."""
         for field in fields(self):
             bad = ~np.isfinite(getattr(self, field.name))
             if bad.any():
                 raise GaussiansError(f"{what}: {field.name} holds {int(bad.sum())} values that are NaN or infinite.")
 
     def moved(self, dx: np.ndarray, dq: np.ndarray) -> Gaussians:
-        """Deformed by offsets: x + dx, q * dq (paper 4.2). dx: [N, 3]; dq: [N, 4], need not be unit."""
+        """Return the Gaussians deformed by offsets: x + dx, q * dq.
+
+        Args:
+            dx: Position offsets, [N, 3], world units.
+            dq: Rotation offsets, [N, 4] wxyz, of any length.
+
+        Source:
+            Paper, section 4.2.
+        """
         quats = rotations.multiply(self.quats, rotations.normalize(dq))
         return Gaussians(self.means + dx, quats, self.scales, self.opacities, self.sh)
 
     def shaded(self, shade: np.ndarray) -> Gaussians:
-        """c_base and opacities changed by shade [N, 4]; opacities stay in 0..1."""
+        """Return the Gaussians with `shade` [N, 4] added to c_base and opacity; opacities are clamped to 0..1."""
         sh = self.sh.copy()
         sh[:, 0] += shade[:, :3]
         return Gaussians(self.means, self.quats, self.scales, np.clip(self.opacities + shade[:, 3], 0, 1), sh)
 
     def brightened(self, factor: np.ndarray) -> Gaussians:
-        """Every color, seen from anywhere, times factor [3]."""
+        """Return the Gaussians with every color, from any direction, multiplied by `factor` [3]."""
         sh = self.sh * factor
-        sh[:, 0] += (factor - 1) * np.float32(0.5 / C0)  # colors are 0.5 and what harmonics add
+        sh[:, 0] += (factor - 1) * np.float32(0.5 / C0)  # a color is 0.5 plus the harmonics
         return Gaussians(self.means, self.quats, self.scales, self.opacities, sh)
 
     def faded(self, weight: float | np.ndarray) -> Gaussians:
-        """Faded by weight 0..1 in optical depth: opacity becomes 1 - (1 - opacity)^weight.
+        """Return the Gaussians faded by `weight` 0..1 in optical depth: opacity becomes 1 - (1 - opacity)^weight.
 
-        Two coinciding sets faded by w and 1 - w absorb exactly as much light as one, which a linear fade does not.
+        Two coinciding sets faded by w and 1 - w absorb as much light as one set. A linear fade absorbs more.
         """
         opacities = 1 - (1 - np.minimum(self.opacities, 0.9999)) ** np.asarray(weight, np.float32)
         return Gaussians(self.means, self.quats, self.scales, opacities, self.sh)
 
     @staticmethod
     def empty(sh_degree: int = 3) -> Gaussians:
+        """Return zero Gaussians."""
         return Gaussians(
             np.zeros((0, 3)), np.zeros((0, 4)), np.zeros((0, 3)), np.zeros(0), np.zeros((0, (sh_degree + 1) ** 2, 3))
         )
 
     @staticmethod
     def concatenate(parts: list[Gaussians]) -> Gaussians:
-        """All points of parts, in order. SH of lower degrees is padded with zeros."""
+        """Concatenate sets of Gaussians in order, padding lower SH degrees with zeros."""
         bands = max(p.sh.shape[1] for p in parts)
         padded = [np.pad(p.sh, ((0, 0), (0, bands - p.sh.shape[1]), (0, 0))) for p in parts]
         names = ("means", "quats", "scales", "opacities")

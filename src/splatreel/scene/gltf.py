@@ -1,7 +1,7 @@
-"""Gaussians as binary glTF with the extension KHR_gaussian_splatting, ratified by Khronos.
+"""Gaussians as binary glTF with the Khronos extension KHR_gaussian_splatting.
 
-Attributes of a primitive of points, all as they are here: scales are standard deviations, opacities 0..1, quaternions xyzw.
-COLOR_0 is what viewers show that know points only. A node turns the world so that its up is glTF's, y.
+A primitive of points stores the attributes as `Gaussians` has them, with quaternions as xyzw. COLOR_0 serves viewers
+that only support points. The node's rotation turns the world's up axis to y, the up axis of glTF.
 """
 
 from __future__ import annotations
@@ -27,7 +27,16 @@ _EXTENSION = {
 
 
 def write_glb(path: str | Path, gaussians: Gaussians, up: np.ndarray) -> None:
-    """Write a .glb file atomically. up: [3] of the world. Raises `GaussiansError` if the file cannot be written."""
+    """Write a .glb file atomically.
+
+    Args:
+        path: Output file.
+        gaussians: Gaussians to write.
+        up: Up direction of the world, [3].
+
+    Raises:
+        GaussiansError: The file cannot be written.
+    """
     arrays = _attributes(gaussians)
     views, accessors, offset = [], [], 0
     for name, array in arrays.items():
@@ -60,7 +69,7 @@ def write_glb(path: str | Path, gaussians: Gaussians, up: np.ndarray) -> None:
 
 
 def _attributes(gaussians: Gaussians) -> dict[str, np.ndarray]:
-    """By name: [N, 1], [N, 3] or [N, 4], floats but for COLOR_0; all of them take a multiple of four bytes."""
+    """Return attributes by name, [N, 1], [N, 3] or [N, 4]: float32, except COLOR_0. All rows are multiples of four bytes."""
     color = np.concatenate([gaussians.sh[:, 0] * C0 + 0.5, gaussians.opacities[:, None]], 1)
     arrays = {
         "POSITION": gaussians.means,
@@ -76,7 +85,7 @@ def _attributes(gaussians: Gaussians) -> dict[str, np.ndarray]:
 
 
 def _upright(up: np.ndarray) -> list[float]:
-    """The shortest turn, xyzw, that takes `up` to y."""
+    """Return the smallest rotation, xyzw, that takes `up` to y."""
     up = up / np.linalg.norm(up)
     if up[1] < -0.999999:
         return [1.0, 0.0, 0.0, 0.0]

@@ -1,4 +1,8 @@
-"""A group of Gaussians (GOG, paper section 4): what a reel stores for one group of frames."""
+"""A group of Gaussians (GOG), the content of a reel for one group of frames.
+
+Source:
+    Paper, section 4.
+"""
 
 from __future__ import annotations
 
@@ -12,15 +16,20 @@ from splatreel.scene.gaussians import Gaussians
 
 @dataclass(frozen=True)
 class Group:
-    """Dynamic points with their offsets over a group's frames, and which static points are alive in it.
+    """Dynamic Gaussians of a group, their offsets per frame, and the static Gaussians that are alive.
 
-    dynamic: the canonical points P^d, at the keyframe or wherever training left them.
-    dx: [T, N, 3] float32 position offsets, world units. dq: [T, N, 4] float32 rotation offsets, wxyz, about unit.
-    T counts the group's own frames plus the overlap with the next group.
-    alive: [S] bool over all static points of the layers that live at this group (born by then, not retired), in reel order.
-    shade: [T, N, 4] float32, what c_base and the opacity gain on their canonical values; None where they stay. Beyond the paper:
-    light and shadow pass over things, flames flicker, things come and go.
-    light: [T, 3] float32, factors by which everything is brighter in red, green and blue; None where it is not. Beyond the paper.
+    T is the number of the group's own frames plus the overlap with the next group.
+
+    Attributes:
+        index: Number of the group.
+        first_frame: First frame of the group in the video.
+        dynamic: Canonical Gaussians P^d, at the keyframe unless training moved them.
+        dx: Position offsets, [T, N, 3] float32, world units.
+        dq: Rotation offsets, [T, N, 4] float32 wxyz, approximately unit.
+        alive: Static Gaussians shown by the group, [S] bool. S counts the layers that live at the group, in reel order.
+        shade: Change of c_base and opacity, [T, N, 4] float32; None for no change. Not in the paper: for moving
+            shadows, flickering flames, and objects that appear or disappear.
+        light: Brightness factors of red, green and blue, [T, 3] float32; None for no change. Not in the paper.
     """
 
     index: int
@@ -47,29 +56,31 @@ class Group:
 
     @property
     def frames(self) -> int:
+        """Number of frames, including the overlap."""
         return self.dx.shape[0]
 
     def at(self, frame: float) -> Gaussians:
-        """The dynamic points at a frame counted from first_frame; between frames dx and shade are linear, dq normalized linear.
+        """Return the dynamic Gaussians at a frame counted from `first_frame`, without the group's light.
 
-        Times outside the group are clamped to its first and last frame. Without its light, which is that of the static points, too.
+        Frames outside the group are clamped. Between frames, dx and shade are interpolated linearly and dq by
+        normalized linear interpolation. The light applies to static Gaussians too, see `light_at`.
         """
         low, high, u = self._between(frame)
         dx = (1 - u) * self.dx[low] + u * self.dx[high]
         a, b = self.dq[low], self.dq[high]
-        near = np.where((a * b).sum(-1, keepdims=True) < 0, -b, b)  # the shorter way round
+        near = np.where((a * b).sum(-1, keepdims=True) < 0, -b, b)  # take the shorter rotation
         moved = self.dynamic.moved(dx, (1 - u) * a + u * near)
         return moved if self.shade is None else moved.shaded((1 - u) * self.shade[low] + u * self.shade[high])
 
     def light_at(self, frame: float) -> np.ndarray | None:
-        """[3], linear between frames, clamped as in `at`; None where the light stays."""
+        """Return the light [3] at a frame, interpolated and clamped as in `at`, or None for constant light."""
         if self.light is None:
             return None
         low, high, u = self._between(frame)
         return (1 - u) * self.light[low] + u * self.light[high]
 
     def _between(self, frame: float) -> tuple[int, int, np.float32]:
-        """The frames around a time, and how far it is from the first to the second."""
+        """Return the frames before and after a time, and the interpolation weight of the second."""
         frame = float(np.clip(frame, 0, self.frames - 1))
         low = min(int(frame), max(self.frames - 2, 0))
         return low, min(low + 1, self.frames - 1), np.float32(frame - low)

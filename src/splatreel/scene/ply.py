@@ -27,10 +27,13 @@ _TYPES = {
 
 
 def write_ply(path: str | Path, gaussians: Gaussians) -> None:
-    """Write a binary PLY atomically: x y z nx ny nz f_dc_* f_rest_* (all of red, then green, then blue) opacity scale_* rot_*.
+    """Write a binary PLY file atomically.
 
-    Opacities become logits, scales natural logarithms, as the renderers of 3DGS expect. Raises `GaussiansError` if the file
-    cannot be written.
+    Properties are x y z nx ny nz f_dc_* f_rest_* (red, then green, then blue) opacity scale_* rot_*. Opacities are
+    stored as logits and scales as natural logarithms, as 3DGS renderers expect.
+
+    Raises:
+        GaussiansError: The file cannot be written.
     """
     path = Path(path)
     opacities = np.clip(gaussians.opacities.astype(np.float64), 1e-6, 1 - 1e-6)
@@ -51,9 +54,14 @@ def write_ply(path: str | Path, gaussians: Gaussians) -> None:
 
 
 def read_ply(path: str | Path, origin: np.ndarray | None = None) -> Gaussians:
-    """Read a binary 3DGS PLY of SH degree 0 to 3. Raises `GaussiansError` if the file is anything else.
+    """Read a binary 3DGS PLY file of SH degree 0 to 3.
 
-    origin: [3] float64, subtracted from all positions before these are rounded to float32; nothing by default.
+    Args:
+        path: Input file.
+        origin: Point subtracted from all positions before rounding to float32, [3] float64; None subtracts nothing.
+
+    Raises:
+        GaussiansError: The file is not such a PLY file.
     """
     path = Path(path)
     try:
@@ -62,7 +70,7 @@ def read_ply(path: str | Path, origin: np.ndarray | None = None) -> Gaussians:
             count, dtype, start = _parse_header(head, path)
             size, held = count * dtype.itemsize, os.fstat(file.fileno()).st_size - start
             if held < size:
-                raise GaussiansError(f"{path}: ends after {held} of {size} bytes of points. Copy it anew.")
+                raise GaussiansError(f"{path}: ends after {held} of {size} bytes of points. Copy it again.")
             file.seek(start)
             data = file.read(size)
     except OSError as error:
@@ -80,7 +88,7 @@ def _property_names(rest: int) -> list[str]:
 
 
 def _parse_header(head: bytes, path: Path) -> tuple[int, np.dtype, int]:
-    """(points, their record type, where they begin)."""
+    """Return the number of points, their record type, and the offset of the first record."""
     end = head.find(b"end_header\n")
     lines = head[: max(end, 0)].decode("latin-1").split("\n")
     if end < 0 or lines[0].strip() != "ply" or "format binary_little_endian 1.0" not in lines:

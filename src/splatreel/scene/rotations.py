@@ -1,4 +1,4 @@
-"""Unit quaternions (wxyz) and rotation matrices; numpy."""
+"""Unit quaternions (wxyz) and rotation matrices in numpy."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import numpy as np
 
 
 def normalize(quats: np.ndarray) -> np.ndarray:
-    """Unit quaternions; a zero quaternion becomes the identity. quats: [..., 4]."""
+    """Normalize quaternions [..., 4]. A zero quaternion becomes the identity."""
     norm = np.linalg.norm(quats, axis=-1, keepdims=True)
     identity = np.zeros_like(quats)
     identity[..., 0] = 1
@@ -14,7 +14,7 @@ def normalize(quats: np.ndarray) -> np.ndarray:
 
 
 def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Hamilton product a * b. a, b: [..., 4]."""
+    """Return the Hamilton product a * b of quaternions [..., 4]."""
     aw, ax, ay, az = np.moveaxis(a, -1, 0)
     bw, bx, by, bz = np.moveaxis(b, -1, 0)
     return np.stack(
@@ -29,7 +29,7 @@ def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def to_matrix(quats: np.ndarray) -> np.ndarray:
-    """Rotation matrices [..., 3, 3] of unit quaternions [..., 4]."""
+    """Convert unit quaternions [..., 4] to rotation matrices [..., 3, 3]."""
     w, x, y, z = np.moveaxis(quats, -1, 0)
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],

@@ -1,4 +1,4 @@
-"""A video cut into groups of frames, and these into chapters."""
+"""Division of a video into groups of frames and into chapters."""
 
 from __future__ import annotations
 
@@ -10,9 +10,13 @@ from splatreel.errors import UsageError
 
 @dataclass(frozen=True)
 class GroupSpan:
-    """The frames of one group: its own and, unless it is the last, the overlap with the next.
+    """Frames of one group.
 
-    index: of the group. first: its first frame in the video. own, count: how many frames it has without and with the overlap.
+    Attributes:
+        index: Number of the group.
+        first: First frame in the video.
+        own: Number of frames without the overlap.
+        count: Number of frames with the overlap. The last group has no overlap.
     """
 
     index: int
@@ -22,7 +26,16 @@ class GroupSpan:
 
 
 def group_spans(frames: int, length: int, overlap: int) -> list[GroupSpan]:
-    """Cut a video into groups. A rest no longer than the overlap joins the group before it."""
+    """Divide a video into groups. A remainder no longer than the overlap joins the group before it.
+
+    Args:
+        frames: Frames of the video.
+        length: Frames per group.
+        overlap: Frames shared with the next group.
+
+    Raises:
+        UsageError: The overlap is not shorter than a group.
+    """
     if overlap >= length:
         raise UsageError(f"An overlap of {overlap} frames does not fit groups of {length}. Choose a smaller overlap.")
     firsts = [f for f in range(0, frames, length) if f == 0 or frames - f > overlap]
@@ -35,7 +48,13 @@ def group_spans(frames: int, length: int, overlap: int) -> list[GroupSpan]:
 
 @dataclass(frozen=True)
 class ChapterSpan:
-    """The groups of one chapter. index: of the chapter. until: the first group of the next one; None for the last."""
+    """Groups of one chapter.
+
+    Attributes:
+        index: Number of the chapter.
+        groups: Groups of the chapter.
+        until: Number of the next chapter's first group; None for the last chapter.
+    """
 
     index: int
     groups: tuple[GroupSpan, ...]
@@ -43,12 +62,18 @@ class ChapterSpan:
 
     @property
     def first(self) -> int:
-        """Its first group."""
+        """Number of the chapter's first group."""
         return self.groups[0].index
 
 
 def chapter_spans(groups: list[GroupSpan], frames: int) -> list[ChapterSpan]:
-    """Share groups out evenly to chapters of about so many frames each; 0: one chapter. Up to half as many again are one, too."""
+    """Divide groups evenly into chapters.
+
+    Args:
+        groups: All groups.
+        frames: Target frames per chapter; 0 makes one chapter. Videos of up to 1.5 times as many frames stay one
+            chapter.
+    """
     total = sum(group.own for group in groups)
     count = min(max(1, math.ceil(total / frames - 0.5)), len(groups)) if frames else 1
     firsts = [round(index * len(groups) / count) for index in range(count)]

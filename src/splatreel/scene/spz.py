@@ -1,8 +1,12 @@
-"""Gaussians as SPZ, Niantic's compressed splat file, version 3 (https://github.com/nianticlabs/spz).
+"""Gaussians as SPZ, Niantic's compressed splat file, version 3.
 
-gzip around: `u32` magic, `u32` version, `u32` points, `u8` SH degree, `u8` fractional bits, `u8` flags, `u8` 0; then column by column
-of the points: positions (3 x 24 bits, fixed point), opacities (u8), base colors (3 x u8), logarithms of scales (3 x u8), rotations
-(u32: the three smallest parts), SH coefficients (u8, a coefficient's three channels together).
+The gzipped content is: `u32` magic, `u32` version, `u32` points, `u8` SH degree, `u8` fractional bits, `u8` flags, `u8`
+0. Then follow the columns: positions (3 x 24 bits, fixed point), opacities (u8), base colors (3 x u8), logarithms of
+scales (3 x u8), rotations (u32, three smallest components), SH coefficients (u8, the three channels of a coefficient
+together).
+
+Source:
+    https://github.com/nianticlabs/spz
 """
 
 from __future__ import annotations
@@ -22,18 +26,26 @@ MAGIC, VERSION = 0x5053474E, 3
 _LARGEST = (1 << 23) - 1
 _MOST_BITS = 20
 _COLOR_SCALE = 0.15
-"""Base colors may be out of range where the higher bands bring them back."""
+"""Base colors may be out of range if higher bands compensate for it."""
 _SH_STEPS = (8, 16, 16)
-"""Of the 256 levels, for degrees 1 to 3, as Niantic's writer has them."""
+"""Quantization steps of degrees 1 to 3, out of 256 levels, as in Niantic's writer."""
 _FLIPPED_SH = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1])
-"""Signs of the harmonics where y and z point the other way."""
+"""Signs of the harmonics when y and z are flipped."""
 
 
 def write_spz(path: str | Path, gaussians: Gaussians, antialias: bool = False) -> None:
-    """Write an SPZ file atomically. Axes go from right, down, front, as PLY files of 3DGS have them, to SPZ's right, up, back.
+    """Write an SPZ file atomically.
 
-    antialias: they are to be drawn so (`render_image`), which the file's flags tell. Scales keep a step of 6 %, opacities and
-    colors 8 bits. Raises `GaussiansError` if the file cannot be written or a point is too far away.
+    Axes are converted from right, down, front, the axes of 3DGS PLY files, to right, up, back. Scales are stored in
+    steps of 6 %, opacities and colors with 8 bits.
+
+    Args:
+        path: Output file.
+        gaussians: Gaussians to write.
+        antialias: Value of the antialiasing flag, as for `render_image`.
+
+    Raises:
+        GaussiansError: The file cannot be written, or a point is too far away.
     """
     path = Path(path)
     points = len(gaussians)
@@ -62,13 +74,13 @@ def _bytes(values: np.ndarray) -> bytes:
 
 
 def _fixed(means: np.ndarray, bits: int) -> bytes:
-    """[N, 3] as signed whole numbers of 24 bits, low byte first."""
+    """Encode positions [N, 3] as signed 24-bit integers, low byte first."""
     whole = np.rint(means.astype(np.float64) * (1 << bits)).clip(-_LARGEST, _LARGEST).astype("<i4")
     return whole.reshape(-1, 1).view(np.uint8)[:, :3].tobytes()
 
 
 def _smallest_three(quats: np.ndarray) -> bytes:
-    """[N, 4] wxyz as u32: which of x, y, z, w is largest, then of the others a sign and 9 bits of their size."""
+    """Encode quaternions [N, 4] wxyz as u32: index of the largest of x, y, z, w, then sign and 9 bits of each other component."""
     xyzw = np.roll(quats.astype(np.float64), -1, axis=1)
     largest = np.abs(xyzw).argmax(1)
     xyzw *= np.where(xyzw[np.arange(len(xyzw)), largest] < 0, -1, 1)[:, None]
@@ -81,7 +93,7 @@ def _smallest_three(quats: np.ndarray) -> bytes:
 
 
 def _harmonics(rest: np.ndarray) -> bytes:
-    """[N, K, 3] of -1..1 as bytes of a few levels: fewer make the file smaller."""
+    """Encode SH coefficients [N, K, 3] of -1..1 as bytes with few levels, which compress better."""
     steps = np.repeat(_SH_STEPS, (3, 5, 7))[: rest.shape[1], None]
     levels = np.rint(rest * 128 + 128)
     return _bytes(np.floor((levels + steps // 2) / steps) * steps)

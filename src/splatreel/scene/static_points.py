@@ -1,4 +1,4 @@
-"""The static points of a reconstruction so far, and which of them are still there."""
+"""Static Gaussians of a reconstruction, and which of them are alive."""
 
 from __future__ import annotations
 
@@ -12,9 +12,13 @@ from splatreel.scene.gaussians import Gaussians
 
 @dataclass(frozen=True)
 class StaticPoints:
-    """points: all S that were static in some group, decoded, in reel order. alive: [S] bool, those that are static now.
+    """All static Gaussians so far and their alive flags.
 
-    Points are never taken out, since a reel says of each whether a group shows it. A change gives a new value.
+    Gaussians are never removed, because a reel stores a flag for each of them. Every change returns a new object.
+
+    Attributes:
+        points: All S Gaussians that became static in some group, decoded, in reel order.
+        alive: Gaussians that are static now, [S] bool.
     """
 
     points: Gaussians
@@ -22,24 +26,25 @@ class StaticPoints:
 
     @staticmethod
     def none(sh_degree: int = 3) -> StaticPoints:
+        """Return an object without Gaussians."""
         return StaticPoints(Gaussians.empty(sh_degree), np.zeros(0, bool))
 
     @cached_property
     def living(self) -> Gaussians:
-        """The A points that are static now."""
+        """The A Gaussians that are static now."""
         return self.points[self.alive]
 
     def without(self, gone: np.ndarray) -> StaticPoints:
-        """These points are no longer static. gone: [A] bool, of the living ones."""
+        """Return the object with some living Gaussians, `gone` [A] bool, no longer alive."""
         alive = self.alive.copy()
         alive[self.alive] = ~gone
         return self.with_alive(alive)
 
     def with_alive(self, alive: np.ndarray) -> StaticPoints:
-        """The same points, of which others are static. alive: [S] bool."""
+        """Return the object with other alive flags, [S] bool."""
         return replace(self, alive=alive)
 
     def with_layer(self, decoded: Gaussians) -> StaticPoints:
-        """And the points that became static at a group, as a reader of the reel sees them."""
+        """Return the object with a decoded layer appended, all of it alive."""
         points = Gaussians.concatenate([self.points, decoded])
         return StaticPoints(points, np.concatenate([self.alive, np.ones(len(decoded), bool)]))

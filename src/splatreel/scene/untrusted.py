@@ -1,7 +1,7 @@
-"""The one reader of JSON and NumPy files that others wrote: limits first, contents afterwards.
+"""Safe readers of JSON and NumPy files from untrusted sources.
 
-A file may be a pipe or a device, endless, nested a million times, or unpack to a thousand times its size. Everything that can be known
-before it is read is checked before, and whatever is wrong is an error of the caller's kind that names the file.
+A file may be a pipe or a device, endless, deeply nested, or expand to a thousand times its size. Limits are checked
+before the content is read. Every fault raises the caller's error type with the name of the file.
 """
 
 from __future__ import annotations
@@ -24,28 +24,29 @@ import numpy as np
 from splatreel.errors import SplatreelError
 
 JSON_BYTES = 64 << 20
-"""What a JSON file may have, by default."""
+"""Default maximum size of a JSON file."""
 JSON_VALUES = 2_000_000
-"""Values of a JSON text: each takes about a hundred bytes of memory."""
+"""Default maximum number of JSON values. Each takes about a hundred bytes of memory."""
 JSON_DEPTH = 64
-"""How deep lists and objects may be nested."""
+"""Maximum nesting of lists and objects."""
 UNPACKED_BYTES, UNPACKED_RATIO = 1 << 30, 64
-"""An archive may unpack to this many bytes, or to so many times its own size, whichever is more."""
+"""Maximum unpacked size of an archive: this many bytes, or this many times its own size, whichever is larger."""
 _STRING = re.compile(rb'"(?:[^"\\]|\\.)*"?', re.S)
 _BLOCK = 1 << 20
 _ARCHIVE = b"PK\3\4"
 _HEADER = 10_000
-"""Bytes of the header of a NumPy array, at most."""
+"""Maximum size of a NumPy array header in bytes."""
 
 Kind = Callable[[str], SplatreelError]
-"""Makes the error of a message: a class, or a function that adds a remedy."""
+"""Constructor of the error for a message: a class, or a function that adds a remedy."""
 
 
 def read_file(path: Path, most: int, kind: Kind) -> bytes:
     """Return the bytes of a regular file.
 
     Raises:
-        SplatreelError: Of the given kind, for a pipe, a device or a folder, for more than `most` bytes, or where it cannot be read.
+        SplatreelError: Of the given kind, for a pipe, a device or a folder, for more than `most` bytes, or if reading
+            fails.
     """
     try:
         with open_regular(path, kind) as file:
@@ -64,11 +65,17 @@ def read_json(path: Path, kind: Kind, most: int = JSON_BYTES, values: int = JSON
 
 
 def parse_json(text: bytes | str, kind: Kind, subject: str, values: int = JSON_VALUES) -> Any:
-    """Return the value of a JSON text. subject: begins the message of an error. values: that it may have.
+    """Return the value of a JSON text.
+
+    Args:
+        text: JSON text.
+        kind: Error constructor.
+        subject: Start of the error message.
+        values: Maximum number of values.
 
     Raises:
-        SplatreelError: Of the given kind, for what is no JSON, is nested too deeply, has too many values, or holds half a character,
-            which could be neither printed nor written.
+        SplatreelError: Of the given kind, for invalid JSON, too deep nesting, too many values, or an unpaired
+            surrogate, which cannot be printed or written.
     """
     data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
     _check_size(data, kind, subject, values)
@@ -84,7 +91,7 @@ def parse_json(text: bytes | str, kind: Kind, subject: str, values: int = JSON_V
 
 
 def _check_size(data: bytes, kind: Kind, subject: str, most: int) -> None:
-    """Count values and depth without building anything."""
+    """Check the number of values and the nesting without building objects."""
     depth, values, deepest = 0, 0, 0
     bare = _STRING.sub(b"", data)
     for start in range(0, len(bare), _BLOCK):
@@ -101,7 +108,7 @@ def _check_size(data: bytes, kind: Kind, subject: str, most: int) -> None:
 
 
 def read_array(path: Path, kind: Kind) -> np.ndarray:
-    """Return the array of numbers in a .npy file. Raises as `read_arrays` does."""
+    """Return the numeric array in a .npy file. Raises as `read_arrays` does."""
     try:
         with open_regular(path, kind) as file:
             return _array(file, os.fstat(file.fileno()).st_size, f"{path}:", kind)
@@ -110,11 +117,11 @@ def read_array(path: Path, kind: Kind) -> np.ndarray:
 
 
 def read_arrays(path: Path, names: Iterable[str], kind: Kind) -> dict[str, np.ndarray]:
-    """Return arrays of numbers from a .npz file.
+    """Return numeric arrays from a .npz file.
 
     Raises:
-        SplatreelError: Of the given kind, for what is no such archive, is encrypted or damaged, lacks one of the names, unpacks to more
-            than `UNPACKED_BYTES`, or holds something other than plain numbers under one of the names.
+        SplatreelError: Of the given kind, for a damaged or encrypted archive, a missing name, an unpacked size above
+            the limit, or an array of anything but plain numbers.
     """
     try:
         with open_regular(path, kind) as file, zipfile.ZipFile(file) as archive:
@@ -144,7 +151,7 @@ def read_arrays(path: Path, names: Iterable[str], kind: Kind) -> dict[str, np.nd
 
 
 def _array(file: IO[bytes], size: int, subject: str, kind: Kind) -> np.ndarray:
-    """Return the array that begins where a file is. size: bytes that are there."""
+    """Return the array at the current position of a file with `size` remaining bytes."""
     try:
         magic = file.read(np.lib.format.MAGIC_LEN)
         if magic[:4] == _ARCHIVE:
@@ -172,12 +179,16 @@ def _array(file: IO[bytes], size: int, subject: str, kind: Kind) -> np.ndarray:
 
 
 def is_number(value: object) -> TypeGuard[float]:
-    """Return whether a value of a JSON text is a finite number: neither true nor a string, nor an integer beyond all floats."""
+    """Return whether a JSON value is a finite number: not a boolean, a string or an integer beyond the float range."""
     return isinstance(value, int | float) and not isinstance(value, bool) and -1e300 < value < 1e300
 
 
 def numbers(value: object, *shape: int) -> np.ndarray:
-    """Return nested lists of finite numbers as float64. Raises ValueError for anything else, and for another shape."""
+    """Return nested lists of finite numbers as float64.
+
+    Raises:
+        ValueError: A value is not a finite number, or the shape differs.
+    """
 
     def check(part: object, left: tuple[int, ...]) -> None:
         if not left:
@@ -194,7 +205,7 @@ def numbers(value: object, *shape: int) -> np.ndarray:
 
 
 def open_regular(path: Path, kind: Kind) -> IO[bytes]:
-    """Open a regular file, without waiting for a pipe.
+    """Open a regular file without blocking on a pipe.
 
     Raises:
         SplatreelError: Of the given kind, for a pipe, a device or a folder.

@@ -1,1 +1,1 @@
-"""Films of Gaussians that other programs made, one set a frame, turned into reels."""
+"""Import of Gaussian sequences from other programs, one set of Gaussians per frame, as reels."""

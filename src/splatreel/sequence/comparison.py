@@ -1,4 +1,4 @@
-"""Compares a reel with the film that it was made from, and finds out why the two differ."""
+"""Comparison of an imported reel with its source sequence, and diagnosis of differences."""
 
 from __future__ import annotations
 
@@ -18,25 +18,28 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.sequence.frames import Frames
 
 COMPARED, SIDE = 12, 768
-"""Pictures that are compared, and their longer side, at most."""
+"""Maximum number of compared images, and of pixels along their longer side."""
 GLANCES, GLANCE_SIDE = 12, 192
-"""Cameras that are tried to find one that sees something, and the longer side of such a picture."""
+"""Maximum number of cameras tried to find one with a non-empty view, and pixels along the longer side of these images."""
 CLOSE = 40.0
-"""dB from which on the reel can hardly be told from the film."""
+"""PSNR in dB above which reel and sequence look the same."""
 ROUNDED = 3.0
-"""Rounding alone is the cause where it leaves at most so many dB more than the whole reel has."""
+"""Coding, not rounding, is the cause if rounding alone leaves more than this many dB above the reel's PSNR."""
 FAR = 1000.0
-"""Times the distance of nearly all points from their middle, beyond which a point is far away."""
+"""A point is an outlier beyond this many times the distance of nearly all points from their median."""
 MAGENTA, GRAY_LEVEL = (1.0, 0.0, 1.0), 1 / 255
-"""A background that no film has, and how far pictures of nothing may be from it."""
+"""Background that no sequence has, and maximum deviation of an empty image from it."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """psnr: dB, mean over pictures, of the reel as it is decoded, against the film in the file's own precision.
+    """Result of a comparison.
 
-    pictures: how many were compared. blind: names of cameras that saw nothing of the film. cause: why the PSNR is below `CLOSE`, with
-    what to do about it; None where it is not, or where the cause is not known.
+    Attributes:
+        psnr: Mean PSNR in dB of the decoded reel against the sequence in the file's own precision.
+        pictures: Number of compared images.
+        blind: Names of cameras that saw nothing of the sequence.
+        cause: Cause and remedy of a PSNR below `CLOSE`; None if the PSNR is high enough or the cause is unknown.
     """
 
     psnr: float
@@ -46,7 +49,15 @@ class Comparison:
 
 
 def check_seen(frames: Frames, cameras: list[Camera], near: float, antialias: bool, whose: str) -> None:
-    """Raise `GaussiansError` if no camera sees anything of the film. near: world units. whose: where the cameras come from."""
+    """Raise `GaussiansError` if no camera sees anything of the sequence.
+
+    Args:
+        frames: Source sequence.
+        cameras: Cameras to try.
+        near: Near plane, world units.
+        antialias: How splats are drawn, see `render_image`.
+        whose: Origin of the cameras, for the message.
+    """
     some = cameras[:: -(-len(cameras) // GLANCES)]
     for frame in dict.fromkeys((0, len(frames) // 2, len(frames) - 1)):
         for camera in some:
@@ -54,15 +65,16 @@ def check_seen(frames: Frames, cameras: list[Camera], near: float, antialias: bo
             if not _is_blank(points, glance, near, antialias):
                 return
     raise GaussiansError(
-        f"{frames.path}: {whose} see nothing of the film: all their pictures are empty. Name the cameras that it was made from "
-        f"(--cameras), in the same coordinates; or leave them out, then it is seen from a ring around everything."
+        f"{frames.path}: {whose} see nothing of the sequence: all their images are empty. Name the cameras that it was trained on "
+        f"(--cameras), in the same coordinates. Without --cameras, a ring of cameras around all points is used."
     )
 
 
 def compare(frames: Frames, reel: Path, progress: Progress) -> Comparison:
-    """Compare pictures of some frames, of the film and of the reel, from one camera after the other.
+    """Compare images of some frames of the sequence and the reel, cycling through the cameras.
 
-    Raises `GaussiansError` if all these pictures are empty.
+    Raises:
+        GaussiansError: All images are empty.
     """
     timeline = open_reel(reel)
     cameras = [camera.at_most(SIDE) for camera in timeline.manifest.cameras]
@@ -88,12 +100,12 @@ def compare(frames: Frames, reel: Path, progress: Progress) -> Comparison:
     if mean < CLOSE:
         worst = int(np.argmin(values))
         frame, camera, truth, _ = pairs[worst]
-        cause = _cause(frames, timeline, frame, camera, truth, values[worst])
+        cause = _diagnose(frames, timeline, frame, camera, truth, values[worst])
     return Comparison(mean, len(pairs), tuple(blind), cause)
 
 
 def _pair(frames: Frames, timeline: Timeline, frame: int, camera: Camera) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return what a camera sees of the film and of the reel at a frame, [H, W, 3] 0..1 each; None if the film shows nothing."""
+    """Return images [H, W, 3] 0..1 of the sequence and of the reel, or None if the sequence shows nothing."""
     points, centered = _centered(frames, frame, camera)
     reel = timeline.manifest
     if _is_blank(points, centered, reel.near, reel.antialias):
@@ -104,9 +116,9 @@ def _pair(frames: Frames, timeline: Timeline, frame: int, camera: Camera) -> tup
 
 
 def _centered(frames: Frames, frame: int, camera: Camera) -> tuple[Gaussians, Camera]:
-    """Return a frame and a camera, both moved so that the camera stands at the origin.
+    """Return a frame and a camera, both moved so that the camera is at the origin.
 
-    Positions are moved before they are rounded to float32, so that nothing is lost far from the origin of the file.
+    Positions are moved before they are rounded to float32, which keeps precision far from the file's origin.
     """
     viewmat = camera.viewmat.astype(np.float64)
     center = -np.linalg.solve(viewmat[:3, :3], viewmat[:3, 3])
@@ -120,13 +132,10 @@ def _is_blank(points: Gaussians, camera: Camera, near: float, antialias: bool) -
     return bool(np.abs(drawn - np.array(MAGENTA, np.float32)).max() < GRAY_LEVEL)
 
 
-def _cause(
+def _diagnose(
     frames: Frames, timeline: Timeline, frame: int, camera: Camera, truth: np.ndarray, found: float
 ) -> str | None:
-    """Find out whether points far away, or rounding positions to float32, explain a PSNR.
-
-    truth: [H, W, 3], what camera sees of the film.
-    """
+    """Return a cause of a low PSNR: distant points, or positions rounded to float32. `truth` [H, W, 3] shows the sequence."""
     rounded = frames.read(frame)
     if (far := _far_points(rounded)) is not None:
         return far
@@ -142,7 +151,7 @@ def _cause(
 
 
 def _far_points(points: Gaussians) -> str | None:
-    """Name points so far from the others that positions in between are stored coarsely; None if there are none."""
+    """Describe points so far away that positions are stored coarsely, or return None."""
     means = points.means.astype(np.float64)
     away = np.linalg.norm(means - np.median(means, axis=0), axis=1)
     usual = float(np.quantile(away, 0.95))
@@ -151,5 +160,5 @@ def _far_points(points: Gaussians) -> str | None:
         return None
     return (
         f"{len(far):,} points, such as number {far[0]} (counted from 0), are {away[far].max():.3g} away from the middle, where nearly "
-        f"all others are within {usual:.3g}, so that positions are stored coarsely. Take them out of the files."
+        f"all others are within {usual:.3g}, so that positions are stored coarsely. Remove them from the files."
     )

@@ -1,4 +1,4 @@
-"""The `params.npz` that Dynamic 3D Gaussians writes: the same points in every frame, as they move and turn."""
+"""Reader of the `params.npz` of Dynamic 3D Gaussians: the same points in every frame, moving and rotating."""
 
 from __future__ import annotations
 
@@ -19,11 +19,15 @@ SHAPES = {
     "logit_opacities": ("N", 1),
     "log_scales": ("N", 3),
 }
-"""What is read of it; other entries say how it was trained."""
+"""Arrays that are read. Other entries describe the training."""
 
 
 class Dynamic3DGS:
-    """path: of the file. Colors are the same from everywhere. Raises `GaussiansError` where it is not such a file."""
+    """Sequence in a `params.npz` file. Colors do not depend on the view.
+
+    Raises:
+        GaussiansError: The file is not a `params.npz` of Dynamic 3D Gaussians.
+    """
 
     def __init__(self, path: Path) -> None:
         arrays = read_arrays(path, SHAPES, GaussiansError)
@@ -35,6 +39,7 @@ class Dynamic3DGS:
         return len(self._arrays["means3D"])
 
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
+        """Return the Gaussians of a frame."""
         arrays = self._arrays
         found = Gaussians(
             means=arrays["means3D"][frame] - (0.0 if origin is None else origin),
@@ -57,5 +62,5 @@ class Dynamic3DGS:
 
 
 def _as_float(array: np.ndarray, exact: bool) -> np.ndarray:
-    """Return an array as float32; positions keep the float64 that they may have (exact)."""
+    """Convert an array to float32; with `exact`, float64 positions stay float64."""
     return array if exact and array.dtype == np.float64 else array.astype(np.float32)

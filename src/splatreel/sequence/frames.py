@@ -1,4 +1,4 @@
-"""A film as another program wrote it: a set of Gaussians for each frame."""
+"""Sequences written by other programs: one set of Gaussians per frame."""
 
 from __future__ import annotations
 
@@ -21,32 +21,42 @@ LOOKED_FOR = """\
   PLY files:            frame0000.ply, frame0001.ply, ..., each as 3DGS writes it; or a numbered folder a frame with one PLY file in it
   Dynamic 3D Gaussians: params.npz"""
 Gaps = Literal["refuse", "hold"]
-"""What to do where numbers are missing: refuse the film, or hold the frame before for as long."""
+"""Treatment of missing frame numbers: refuse the sequence, or hold the previous frame."""
 MOST_FRAMES = 1_000_000
-"""Frames of a film, with those that are held."""
+"""Maximum number of frames, including held ones."""
 _LAST_NUMBER = re.compile(r"^(.*?)([0-9]+)$")
 
 
 class Frames(Protocol):
-    """path: where it was read from. size: bytes on the disk."""
+    """Sequence of Gaussians.
+
+    Attributes:
+        path: File or folder of the sequence.
+        size: Bytes on disk.
+    """
 
     path: Path
     size: int
 
     def __len__(self) -> int:
-        """How many frames there are."""
+        """Return the number of frames."""
         ...
 
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
-        """Those of a frame, counted from 0. Raises `GaussiansError` naming the file where that cannot be read.
+        """Return the Gaussians of a frame.
 
-        origin: [3] float64, subtracted from all positions before these are rounded to float32; nothing by default.
+        Args:
+            frame: Number of the frame, from 0.
+            origin: Point subtracted from all positions before rounding to float32, [3] float64; None subtracts nothing.
+
+        Raises:
+            GaussiansError: The frame cannot be read. The message names the file.
         """
         ...
 
 
 class PlyFrames:
-    """files: one a frame, in order; the same one again where a frame is held."""
+    """Sequence of PLY files, one per frame in order. A held frame repeats the previous file."""
 
     def __init__(self, path: Path, files: list[Path]) -> None:
         self.path, self.files = path, files
@@ -56,14 +66,16 @@ class PlyFrames:
         return len(self.files)
 
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
+        """Return the Gaussians of a frame."""
         file = self.files[frame]
         return check_plausible(read_ply(file, origin), str(file))
 
 
 def open_frames(path: str | Path, gaps: Gaps = "refuse") -> Frames:
-    """Open a folder of numbered PLY files, or a `params.npz` of Dynamic 3D Gaussians or a folder with one.
+    """Open a folder of numbered PLY files, or a `params.npz` of Dynamic 3D Gaussians, or a folder with one.
 
-    Raises `GaussiansError` for anything else, for files whose order cannot be told, and for frames that are missing or are no files.
+    Raises:
+        GaussiansError: The path is anything else, the order of the files is unclear, or frames are missing.
     """
     place = Path(path)
     archive = place / "params.npz" if place.is_dir() else place
@@ -73,11 +85,11 @@ def open_frames(path: str | Path, gaps: Gaps = "refuse") -> Frames:
         raise GaussiansError(f"{place}: is not a folder; one of these was looked for:\n{LOOKED_FOR}")
     files = sorted(file for file in place.iterdir() if file.suffix.lower() == ".ply" and not file.name.startswith("."))
     if odd := next((file for file in files if not file.is_file()), None):
-        raise _no_file(odd)
+        raise _not_a_file_error(odd)
     if not files:
-        folders = [folder for folder in sorted(place.iterdir()) if _number(folder) and not folder.is_file()]
+        folders = [folder for folder in sorted(place.iterdir()) if _split_number(folder) and not folder.is_file()]
         if any(folder.is_dir() for folder in folders) and (odd := next((f for f in folders if not f.is_dir()), None)):
-            raise _no_file(odd)
+            raise _not_a_file_error(odd)
         files = [_only_ply(folder) for folder in folders]
     if not files:
         raise GaussiansError(f"{place}: holds none of these:\n{LOOKED_FOR}")
@@ -87,17 +99,18 @@ def open_frames(path: str | Path, gaps: Gaps = "refuse") -> Frames:
     return PlyFrames(place, [named[name] for name in held])
 
 
-def _no_file(path: Path) -> GaussiansError:
+def _not_a_file_error(path: Path) -> GaussiansError:
     what = "a link to nothing" if path.is_symlink() and not path.exists() else "no file"
-    return GaussiansError(f"{path}: is {what}, so that a frame is missing. Put the file there, or take the entry away.")
+    return GaussiansError(f"{path}: is {what}, so a frame is missing. Add the file, or remove the entry.")
 
 
 def _without_gaps(names: list[Path], place: Path, gaps: Gaps) -> list[Path]:
-    """Names in order, the one before a gap again for each that is missing. Numbers that always grow by the same are no gaps.
+    """Return names in order, with the previous name repeated for each missing number. A constant step between numbers is no gap.
 
-    Raises `GaussiansError` for gaps that are not to be held.
+    Raises:
+        GaussiansError: There are gaps and `gaps` is "refuse".
     """
-    numbers = [number[1] for name in names if (number := _number(name))]
+    numbers = [number[1] for name in names if (number := _split_number(name))]
     steps = [after - before for before, after in pairwise(numbers)]
     if len(set(steps)) <= 1:
         return names
@@ -107,46 +120,54 @@ def _without_gaps(names: list[Path], place: Path, gaps: Gaps) -> list[Path]:
     if gaps != "hold":
         raise GaussiansError(
             f"{place}: {missing:,} frames are missing, the first of them after {names[first].name}: the next one is "
-            f"{names[first + 1].name}. Put them there; or import with --gaps hold, which shows the frame before for as long."
+            f"{names[first + 1].name}. Add them, or import with --gaps hold, which repeats the previous frame."
         )
     if len(names) + missing > MOST_FRAMES:
         raise GaussiansError(
-            f"{place}: with {missing:,} frames held it would have more than {MOST_FRAMES:,}. Number its files anew."
+            f"{place}: with {missing:,} frames held it would have more than {MOST_FRAMES:,}. Renumber its files."
         )
     return [name for name, gap in zip(names, [*steps, step], strict=True) for _ in range(gap // step)]
 
 
 def _in_order(names: list[Path], place: Path) -> list[Path]:
-    """By the number at the end of each name. Raises `GaussiansError` where one has none, another prefix or the same number."""
-    numbers = {name: _number(name) for name in names}
+    """Sort names by the number at their end.
+
+    Raises:
+        GaussiansError: A name has no number, another prefix, or a number that another name has.
+    """
+    numbers = {name: _split_number(name) for name in names}
     bare = [name.name for name, number in numbers.items() if number is None]
     if bare and len(names) > 1:
         raise GaussiansError(
-            f"{place}: {bare[0]} has no number at its end that says which frame it is. Take it away, or number it."
+            f"{place}: {bare[0]} has no number at its end that says which frame it is. Remove it, or number it."
         )
     prefixes = Counter(number[0] for number in numbers.values() if number)
     if len(prefixes) > 1:
         (usual, _), *_, (odd, _) = prefixes.most_common()
         raise GaussiansError(
-            f"{place}: holds files called {usual}N and files called {odd}N. Put each film into a folder of its own."
+            f"{place}: holds files called {usual}N and files called {odd}N. Put each sequence into its own folder."
         )
     counts = Counter(number[1] for number in numbers.values() if number)
     twice = [number for number, count in counts.items() if count > 1]
     if twice:
-        raise GaussiansError(f"{place}: holds frame {twice[0]} twice. Take one of the two away.")
+        raise GaussiansError(f"{place}: holds frame {twice[0]} twice. Remove one of them.")
     return sorted(names, key=lambda name: (numbers[name] or ("", 0))[1])
 
 
-def _number(name: Path) -> tuple[str, int] | None:
-    """What stands before the number at the end of a name, and the number; None where there is none."""
+def _split_number(name: Path) -> tuple[str, int] | None:
+    """Return the text before the number at the end of a name, and the number; None without a number."""
     found = _LAST_NUMBER.match(name.stem if name.suffix.lower() == ".ply" else name.name)
     return (found[1], int(found[2])) if found else None
 
 
 def _only_ply(folder: Path) -> Path:
-    """The PLY file of a frame's folder, the newest iteration where there are several. Raises `GaussiansError` for none, or a choice."""
+    """Return the PLY file of a frame's folder, the newest iteration if there are several.
+
+    Raises:
+        GaussiansError: There is no file, or the choice is unclear.
+    """
     found = sorted(folder.rglob("*.ply"))
-    iterations = {number[1]: file for file in found if (number := _number(file.parent))}
+    iterations = {number[1]: file for file in found if (number := _split_number(file.parent))}
     if len(found) > 1 and len(iterations) == len(found):
         return iterations[max(iterations)]
     if len(found) != 1:

@@ -1,4 +1,4 @@
-"""Segments as what a reel stores: static points, and a group of moving ones."""
+"""Conversion of segments to static layers and groups of a reel."""
 
 from __future__ import annotations
 
@@ -12,15 +12,16 @@ from splatreel.scene.group import Group
 from splatreel.sequence.segments import Segments, rests
 
 FEWEST = 100
-"""Points that a layer has at least: fewer are not worth a file, and count as moving."""
+"""Minimum number of points of a layer. Fewer points are not worth a file and are stored as dynamic."""
 STILL = 1e-3
-"""Changes of color and opacity below this are none."""
+"""Smaller changes of color and opacity are dropped."""
 
 
 class StaticLayers:
-    """The static points of a reel so far, of all its layers, and which point of the film each is.
+    """Static points of all layers of the reel so far, and their points in the sequence.
 
-    points: [S], as they were read, in reel order.
+    Attributes:
+        points: Points as read, [S], in reel order.
     """
 
     def __init__(self, sh_degree: int) -> None:
@@ -28,9 +29,17 @@ class StaticLayers:
         self._row_of = np.zeros(0, np.int64)
 
     def split(self, frame: Gaussians, segments: Segments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """alive [S] bool, which of the static points a stretch shows; the segments [B] that are born now; and those [M] that move.
+        """Split the segments of a stretch into static and dynamic ones.
 
-        frame: the first of the stretch. A point that rests is static if it is already, or if enough of them become so together.
+        A resting point is static if it is static already, or if enough points become static together.
+
+        Args:
+            frame: First frame of the stretch.
+            segments: Segments of the stretch.
+
+        Returns:
+            alive [S] bool: the static points that the stretch shows; the segments [B] that become static now; the
+            dynamic segments [M].
         """
         resting = np.flatnonzero(segments.rests)
         points = frame[segments.rows[0, resting]]
@@ -46,13 +55,13 @@ class StaticLayers:
         return alive, born, np.setdiff1d(np.arange(len(segments.numbers)), static)
 
     def add(self, points: Gaussians, numbers: np.ndarray) -> None:
-        """Those of a layer, in the order of its file; where it holds a point that an earlier one does, too, it takes its place."""
+        """Add the points of a layer in the order of its file. A point that an earlier layer holds too is replaced."""
         self._rows(numbers)
         self._row_of[numbers] = np.arange(len(self.points), len(self.points) + len(points))
         self.points = Gaussians.concatenate([self.points, points])
 
     def _rows(self, numbers: np.ndarray) -> np.ndarray:
-        """[N]: the row of `points` that each one of these is, -1 for none."""
+        """Return the row in `points` of each numbered point, [N]; -1 for none."""
         missing = numbers.max(initial=-1) + 1 - len(self._row_of)
         if missing > 0:
             self._row_of = np.concatenate([self._row_of, np.full(missing, -1)])
@@ -60,15 +69,22 @@ class StaticLayers:
 
 
 def group_of(index: int, first_frame: int, frames: Sequence[Gaussians], rows: np.ndarray, alive: np.ndarray) -> Group:
-    """The group that shows moving points: rows [T, M] of them in its frames [T], -1 where a point is not there, and so not seen.
+    """Return the group of dynamic points of a stretch.
 
-    Each is stored as it is when it first appears; before and after, it stays where it is, with an opacity of 0.
+    A point is stored with the values of its first frame. Before and after its frames it stays in place with opacity 0.
+
+    Args:
+        index: Number of the group.
+        first_frame: First frame of the group.
+        frames: Frames of the stretch, T.
+        rows: Row of each point in each frame, [T, M]; -1 where the point is absent.
+        alive: Alive flags of the static points.
     """
     there = rows >= 0
     if not rows.shape[1]:
         empty = np.zeros((len(frames), 0, 4), np.float32)
         return Group(index, first_frame, frames[0][:0], empty[..., :3], empty, alive)
-    nearest = _nearest(there)
+    nearest = _nearest_presence(there)
     columns = np.arange(rows.shape[1])
     start = there.argmax(0)
     first = Gaussians.concatenate([frames[t][rows[t, start == t]] for t in range(len(frames))])
@@ -98,8 +114,8 @@ def group_of(index: int, first_frame: int, frames: Sequence[Gaussians], rows: np
     )
 
 
-def _nearest(there: np.ndarray) -> np.ndarray:
-    """[T, M]: for each time the nearest at which a point is there, whose times are consecutive."""
+def _nearest_presence(there: np.ndarray) -> np.ndarray:
+    """Return the nearest time at which each point is present, [T, M]. The times of a point are consecutive."""
     times = np.arange(len(there))[:, None]
     start = there.argmax(0)
     end = start + there.sum(0) - 1

@@ -1,4 +1,4 @@
-"""Numbers of Gaussians that are finite, and still accidents."""
+"""Checks for Gaussians with finite but implausible values."""
 
 from __future__ import annotations
 
@@ -8,13 +8,18 @@ from splatreel.errors import GaussiansError
 from splatreel.scene.gaussians import Gaussians
 
 LIMITS = {"means": 1e12, "scales": 1e12, "sh": 1e4}
-"""Beyond them numbers are accidents: world units, world units, and coefficients of color, where 1 is much."""
+"""Maximum plausible values: world units, world units, and color coefficients, for which 1 is large."""
 
 
 def check_plausible(points: Gaussians, what: str) -> Gaussians:
-    """Return Gaussians whose numbers a renderer can do something with. Raises `GaussiansError` that names the point and the value.
+    """Return the Gaussians if all values are plausible.
 
-    what: begins the message.
+    Args:
+        points: Gaussians to check.
+        what: Start of the message.
+
+    Raises:
+        GaussiansError: A value exceeds its limit. The message names the point and the value.
     """
     if not len(points):
         return points
@@ -24,6 +29,6 @@ def check_plausible(points: Gaussians, what: str) -> Gaussians:
             row = int(values.max(1).argmax())
             raise GaussiansError(
                 f"{what}: {name} of point {row} (counted from 0) is {values[row].max():.3g}, beyond the {limit:g} that a reel can "
-                f"hold. Take that point out of the file, or export it again."
+                f"hold. Remove that point from the file, or export it again."
             )
     return points

@@ -1,4 +1,4 @@
-"""A film of Gaussians written as a reel, stretch by stretch."""
+"""Writer that turns a sequence of Gaussians into a reel, group by group."""
 
 from __future__ import annotations
 
@@ -26,30 +26,35 @@ from splatreel.sequence.frames import Frames
 from splatreel.sequence.grouping import StaticLayers, group_of
 from splatreel.sequence.identity import Identities
 from splatreel.sequence.segments import SegmentBuilder, stretch
-from splatreel.sequence.viewpoints import ring, shown
+from splatreel.sequence.viewpoints import ring, visible_positions
 
 LENGTH = 30
-"""Frames of a group, at most."""
+"""Maximum number of frames of a group."""
 NEAR = 0.2
-"""What 3DGS does not draw: world units before a camera, and"""
+"""Near plane of 3DGS in world units."""
 NEAR_SHARE = 0.02
-"""at most of the distance at which cameras typically look."""
+"""Maximum near plane as a share of the typical viewing distance."""
 MOMENTS, PICTURES = 16, 48
-"""Times of a group at which it is looked at to see what shows, and pictures in all."""
+"""Times per group at which importance is measured, and images in total."""
 
 
 def header_of(
     first: Gaussians, cameras: list[Camera] | None, up: np.ndarray | None, fps: float, antialias: bool = False
 ) -> tuple[ReelHeader, Limits | None]:
-    """What the reel says before its files, and how far from the cameras views hold, which is not known of a ring.
+    """Return the header of the reel, and the limits of its views, which are unknown for a ring of cameras.
 
-    first: the first frame. cameras: that the film was made from; None: a ring. up: [3], unit; None: as cameras stand, or -y.
+    Args:
+        first: First frame.
+        cameras: Training cameras of the sequence; None uses a ring.
+        up: Unit up direction, [3]; None derives it from the cameras, or uses -y.
+        fps: Frames per second.
+        antialias: How splats are drawn, see `render_image`.
     """
     if not len(first):
-        raise GaussiansError("The film's first frame holds no point. Take it away, or export it again.")
+        raise GaussiansError("The sequence's first frame holds no points. Remove it, or export it again.")
     fallback = np.array([0.0, -1.0, 0.0]) if up is None else up
     views = ring(first, fallback) if cameras is None else cameras
-    points = shown(first)
+    points = visible_positions(first)
     layout = measure(views, points, NEAR)
     if up is not None or cameras is None:
         layout = replace(layout, up=fallback.tolist())
@@ -69,19 +74,23 @@ def header_of(
 
 
 class SequenceEncoder:
-    """Writes the frames of a film into a reel. device: where pictures are drawn to see what shows."""
+    """Writer of the frames of a sequence into a reel. `device` draws the images that measure importance."""
 
     def __init__(self, writer: ReelWriter, device: torch.device) -> None:
         self.writer, self.device = writer, device
         self.layers = StaticLayers(writer.manifest.sh_degree)
 
     def write(self, frames: Frames, progress: Progress) -> None:
-        """All of them. Raises `GaussiansError` for a frame that cannot be read, or has another degree of view-dependent color."""
+        """Write all frames.
+
+        Raises:
+            GaussiansError: A frame cannot be read, or has another SH degree.
+        """
         progress.stage("writing the groups", len(frames))
         identities, index, first, length = Identities(), 0, 0, LENGTH
         waiting: list[tuple[Gaussians, np.ndarray]] = []
         while first < len(frames):
-            ahead = min(LENGTH, 2 * length)  # where groups are short, looking far ahead is wasted
+            ahead = min(LENGTH, 2 * length)  # short groups do not need a long lookahead
             for frame in range(first + len(waiting), min(first + ahead, len(frames))):
                 points = self._checked(frames, frame)
                 waiting.append((points, identities.of(points)))
@@ -98,7 +107,7 @@ class SequenceEncoder:
         if points.sh_degree != degree:
             raise GaussiansError(
                 f"{frames.path}: frame {frame} has view-dependent color of degree {points.sh_degree}, the first one of degree "
-                f"{degree}. Write them all alike."
+                f"{degree}. Export all frames with the same degree."
             )
         return points
 
@@ -110,14 +119,14 @@ class SequenceEncoder:
         static = Gaussians.concatenate([self.layers.points[alive], points])
         group = group_of(index, first, frames, rows, np.concatenate([alive, np.ones(len(born), bool)]))
         weights = self._importance(group, static)
-        _spare_ghosts(weights[: len(moving)], rows.min(0) < 0)
+        _raise_importance_of_absent_points(weights[: len(moving)], rows.min(0) < 0)
         if len(born):
             _, order = self.writer.add_layer(index, first, points, weights[len(weights) - len(born) :])
             self.layers.add(points[order], numbers[order])
         self.writer.add_group(group, weights[: len(group.dynamic)])
 
     def _importance(self, group: Group, static: Gaussians) -> np.ndarray:
-        """[N, 3], of the moving points and then the static ones: see `weigh`."""
+        """Return the importance [N, 3] of the dynamic points, then the static ones, see `weigh`."""
         times = np.linspace(0, group.frames - 1, min(MOMENTS, group.frames))
         moments = (Gaussians.concatenate([group.at(time), static]) for time in times)
         views = math.ceil(PICTURES / len(times))
@@ -125,11 +134,12 @@ class SequenceEncoder:
         return weigh(moments, list(reel.cameras), reel.near, self.device, reel.antialias, views)
 
 
-def _spare_ghosts(weights: np.ndarray, passing: np.ndarray) -> None:
-    """Raise the importance [M, 3] of points that are not there all the time (passing: [M] bool), in place.
+def _raise_importance_of_absent_points(weights: np.ndarray, passing: np.ndarray) -> None:
+    """Raise the importance [M, 3] of points that are absent at times (passing: [M] bool), in place.
 
-    How exactly an opacity is stored follows from how much the pictures change with the point's color, which is nothing while it is not
-    there. But then an error of its opacity shows it as a ghost. Color's class builds upon that of shape.
+    The precision of an opacity follows from the effect of the point's color on the images, which is zero while the
+    point is absent. An error of its opacity would then show as a ghost. The class of color is relative to that of
+    shape.
     """
     if passing.any():
         most = np.quantile(weights[:, : COLOR + 1], 0.9, axis=0)
@@ -144,7 +154,16 @@ def write_reel(
     holds: Limits | None = None,
     present: PresentationHook = no_presentation,
 ) -> Comparison:
-    """Write a film into a new reel, and compare the two. holds: how far from the cameras views hold. present: adds what is beside."""
+    """Write a sequence into a new reel and compare the two.
+
+    Args:
+        frames: Source sequence.
+        writer: Writer of the new reel.
+        progress: Progress display.
+        device: Device that measures importance.
+        holds: Limits of the views.
+        present: Function that adds further presentation.
+    """
     writer.present(replace(writer.manifest.presentation, limits=holds))
     SequenceEncoder(writer, device).write(frames, progress)
     present(writer, None)

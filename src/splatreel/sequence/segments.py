@@ -1,4 +1,4 @@
-"""A stretch of a film as segments: points that keep their shape for some frames, and so can be stored once, with their motion."""
+"""Division of a stretch of frames into segments: points that keep their shape, so that a group stores them once with their motion."""
 
 from __future__ import annotations
 
@@ -11,21 +11,24 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.sequence.identity import log_scales
 
 SCALE = 0.1
-"""By how much the logarithm of a scale may differ from that of a segment's first frame, and"""
+"""Maximum difference of a scale's logarithm from the segment's first frame."""
 REST = 0.05
-"""a coefficient of the view-dependent color, of which a color is the sum."""
+"""Maximum difference of a view-dependent color coefficient from the segment's first frame."""
 RESTING_PLACE, RESTING_TURN, RESTING_COLOR = 0.03, 0.01, 0.004
-"""What counts as rest: of the point's mean scale; the sine of half the angle; of a color or an opacity, 0..1."""
+"""Thresholds of rest: share of the point's mean scale; sine of half the angle; color or opacity, 0..1."""
 MANY = 1.5
-"""Segments for each point that a frame of a group has on average, at most: with more, shorter groups are smaller."""
+"""Maximum segments per point of an average frame in a group. With more segments, shorter groups are smaller."""
 
 
 @dataclass(frozen=True)
 class Segments:
     """S segments of T frames.
 
-    rows: [T, S] int64, the row of each segment's point in each frame, -1 where it has none; the frames of one are consecutive.
-    numbers: [S], which point each is (`Identities`). rests: [S] bool, whether it is there all the time and changes in no respect.
+    Attributes:
+        rows: Row of each segment's point in each frame, [T, S] int64; -1 where absent. The frames of a segment are
+            consecutive.
+        numbers: Number of each point, [S], see `Identities`.
+        rests: Segments present in all frames without any change, [S] bool.
     """
 
     rows: np.ndarray
@@ -34,7 +37,7 @@ class Segments:
 
 
 class SegmentBuilder:
-    """Takes the frames of a stretch one by one."""
+    """Builder of segments from the frames of a stretch."""
 
     def __init__(self) -> None:
         self.frames: list[Gaussians] = []
@@ -45,7 +48,7 @@ class SegmentBuilder:
         self._reference: Gaussians | None = None
 
     def add(self, points: Gaussians, numbers: np.ndarray) -> None:
-        """numbers: [N], which point each is."""
+        """Add a frame. `numbers` [N] are the numbers of its points."""
         segment = np.full(len(points), -1)
         if self._reference is not None:
             last = self._rows[-1]
@@ -61,7 +64,7 @@ class SegmentBuilder:
         begin = len(self._numbers)
         segment[new] = np.arange(begin, begin + len(new))
         self._numbers = np.concatenate([self._numbers, numbers[new]])
-        # What begins later never rests for the whole stretch.
+        # A segment that starts later never rests for the whole stretch.
         self._rested = np.concatenate([self._rested, np.full(len(new), 0 if self.frames else 1)])
         if self._reference is None:
             self._reference = points
@@ -74,7 +77,7 @@ class SegmentBuilder:
         self.opened.append(len(self._numbers))
 
     def cut(self, most: int) -> int:
-        """How many of the frames, at most so many, make a group: halved until it has few segments for its points."""
+        """Return the number of frames for a group, at most `most`, halved until it has few segments for its points."""
         length = min(most, len(self.frames))
         while length > 1:
             points = np.mean([len(frame) for frame in self.frames[:length]])
@@ -84,7 +87,7 @@ class SegmentBuilder:
         return 1
 
     def first(self, length: int) -> Segments:
-        """The segments of the first frames."""
+        """Return the segments of the first `length` frames."""
         count = self.opened[length - 1]
         rows = np.full((length, count), -1)
         for frame, some in enumerate(self._rows[:length]):
@@ -94,7 +97,7 @@ class SegmentBuilder:
 
 
 def stretch(frames: Sequence[tuple[Gaussians, np.ndarray]]) -> SegmentBuilder:
-    """A builder that has taken frames, each with the numbers of its points."""
+    """Return a builder filled with frames and the numbers of their points."""
     builder = SegmentBuilder()
     for points, numbers in frames:
         builder.add(points, numbers)
@@ -102,14 +105,14 @@ def stretch(frames: Sequence[tuple[Gaussians, np.ndarray]]) -> SegmentBuilder:
 
 
 def _keeps_shape(reference: Gaussians, points: Gaussians) -> np.ndarray:
-    """[N] bool: what a group stores once is the same, as far as one sees."""
+    """Return where the values that a group stores once are visually equal, [N] bool."""
     scales = np.abs(log_scales(points) - log_scales(reference)).max(1) <= SCALE
     rest = np.abs(points.sh[:, 1:] - reference.sh[:, 1:]).max((1, 2), initial=0.0)
     return scales & (rest <= REST)
 
 
 def rests(reference: Gaussians, points: Gaussians) -> np.ndarray:
-    """[N] bool: neither moves, turns, nor changes its color or opacity, as far as one sees."""
+    """Return where points neither move, rotate, nor change color or opacity visibly, [N] bool."""
     size = np.exp(log_scales(reference).mean(1))
     place = np.linalg.norm(points.means - reference.means, axis=1) <= RESTING_PLACE * size
     cosine = np.abs((points.quats * reference.quats).sum(1))

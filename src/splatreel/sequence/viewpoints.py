@@ -1,4 +1,4 @@
-"""From where a film of Gaussians is looked at: the cameras that it was made from, or a ring around it."""
+"""Viewpoints of a sequence: its training cameras, or a ring of cameras around it."""
 
 from __future__ import annotations
 
@@ -9,26 +9,27 @@ from typing import Any
 import numpy as np
 
 from splatreel.capture.opening import open_capture
-from splatreel.capture.poses import check_camera
+from splatreel.capture.pose_checks import check_camera
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera, facing
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.untrusted import is_number, numbers, read_json
 
 RING, WIDTH, HEIGHT = 12, 960, 540
-"""Cameras of a ring, and the pixels of each."""
+"""Number of cameras of a ring, and their size in pixels."""
 MOST_CAMERAS, MOST_PIXELS = 10_000, 1 << 20
-"""Cameras of a file, and pixels across the pictures of one."""
+"""Maximum number of cameras in a file, and of pixels across an image."""
 FIELD_OF_VIEW, ABOVE = 50.0, 15.0
-"""Degrees: what such a camera sees from side to side, and how far it looks down."""
+"""Horizontal field of view of a ring camera, and its downward angle, in degrees."""
 SHOWS = 0.1
-"""Opacity from which on a point tells where the scene is."""
+"""Minimum opacity of points that locate the scene."""
 
 
 def read_cameras(path: str | Path) -> list[Camera]:
-    """The cameras of a `cameras.json` as 3DGS writes it, of a folder with one, or of a capture that `reconstruct` takes.
+    """Return the cameras of a `cameras.json` as 3DGS writes it, of a folder with one, or of a capture.
 
-    Raises `CaptureError` naming the file and what is wrong in it.
+    Raises:
+        CaptureError: The file is invalid. The message names it.
     """
     place = Path(path)
     file = place / "cameras.json" if place.is_dir() else place
@@ -51,7 +52,7 @@ def read_cameras(path: str | Path) -> list[Camera]:
 
 
 def _camera(entry: dict[str, Any], index: int, file: Path) -> Camera:
-    """position: the center; rotation: [3, 3], camera to world; fx, fy: pixels; the principal point is the middle."""
+    """Parse a camera: center `position`, camera-to-world `rotation` [3, 3], fx and fy in pixels, central principal point."""
     if not all(is_number(entry[name]) for name in ("width", "height", "fx", "fy")):
         raise ValueError(f"width, height, fx or fy of camera {index} is no number")
     width, height = int(entry["width"]), int(entry["height"])
@@ -67,18 +68,22 @@ def _camera(entry: dict[str, Any], index: int, file: Path) -> Camera:
     return camera
 
 
-def shown(points: Gaussians) -> np.ndarray:
-    """[P, 3] float64: where the points are that are to be seen; where all are if none is."""
+def visible_positions(points: Gaussians) -> np.ndarray:
+    """Return the positions [P, 3] float64 of visible points, or of all points if none is visible."""
     seen = points.opacities >= SHOWS
     return (points.means[seen] if seen.any() else points.means).astype(np.float64)
 
 
 def ring(points: Gaussians, up: np.ndarray) -> list[Camera]:
-    """Cameras all around where the points are, which look at their middle from a little above. up: [3], unit.
+    """Return cameras around the visible points, looking at their median from slightly above.
 
-    The first one looks along the world's z axis, or its x axis if that is up.
+    The first camera looks along the world's z axis, or its x axis if z is up.
+
+    Args:
+        points: Gaussians to look at.
+        up: Unit up direction, [3].
     """
-    places = shown(points)
+    places = visible_positions(points)
     middle = np.median(places, axis=0)
     radius = max(float(np.quantile(np.linalg.norm(places - middle, axis=1), 0.9)), 1e-6)
     distance = radius / math.sin(math.radians(FIELD_OF_VIEW / 2) * HEIGHT / WIDTH)

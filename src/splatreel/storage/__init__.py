@@ -1,1 +1,1 @@
-"""Folders that may lie elsewhere: in a bucket, on another machine, or on a disk here."""
+"""Access to folders on this machine, in a bucket or on another machine."""

@@ -1,4 +1,4 @@
-"""What can be done with a folder wherever it lies, and such a folder on a disk."""
+"""Interface of a folder, and its implementation on a local disk."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from splatreel.scene.atomic import replacing, sweep
 _NAME = re.compile(r"[^/\\.\x00-\x1f][^/\\\x00-\x1f]*(/[^/\\.\x00-\x1f][^/\\\x00-\x1f]*)*")
 
 REFUSALS = (PermissionError, FileNotFoundError, NotADirectoryError, IsADirectoryError)
-"""Errors that are not the line's fault: to try again changes nothing."""
+"""Errors that a retry does not fix, unlike connection errors."""
 _FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EROFS)
-"""What a disk says that has no room, or takes nothing: nor does it change by itself."""
+"""Error numbers of a full or read-only disk, which a retry does not fix."""
 
 
 @dataclass(frozen=True)
 class Headers:
-    """What a web host says of a file: its `Content-Type` and `Cache-Control`."""
+    """HTTP headers that a web host sends with a file: `Content-Type` and `Cache-Control`."""
 
     type: str = "application/octet-stream"
     caching: str = "no-cache"
@@ -34,49 +34,54 @@ PLAIN = Headers()
 
 
 class Folder(Protocol):
-    """Files by their path within a folder, `/` between the parts. All methods raise `StorageError` where the place cannot be reached
-    or refuses, and may be called again then."""
+    """Files named by their paths within a folder, with `/` as separator.
+
+    All methods raise `StorageError` if the folder cannot be reached or refuses access. Every method may be called again
+    afterwards.
+    """
 
     def address(self, name: str) -> str:
-        """What to call a file in messages."""
+        """Return the name of a file for messages."""
         ...
 
     def read(self, name: str, most: int) -> bytes | None:
-        """The first `most` bytes of a file; None where there is none."""
+        """Return the first `most` bytes of a file, or None if the file does not exist."""
         ...
 
     def read_range(self, name: str, begin: int, end: int) -> bytes:
-        """Return the bytes from begin to end (exclusive) of a file; fewer at its end. A missing file is an error."""
+        """Return the bytes from `begin` to `end` (exclusive), fewer at the end of the file. A missing file is an error."""
         ...
 
     def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
-        """Make or replace a file: others find the old one or the new one, whole."""
+        """Create or replace a file. Readers see the old content or the new content, never a part."""
         ...
 
     def sizes(self, prefix: str = "") -> dict[str, int]:
-        """Bytes of all files whose name begins so, also in folders within it; no file whose name begins with a dot."""
+        """Return the sizes in bytes of all files whose name starts with `prefix`, including subfolders but not hidden files."""
         ...
 
     def remove(self, name: str) -> None:
-        """Delete a file; one that is not there is no error."""
+        """Delete a file. A missing file is not an error."""
         ...
 
 
 def is_plain(name: str) -> bool:
-    """Whether a name stays within a folder: no part of it is empty, hidden, or leads upwards."""
+    """Return whether a name stays within a folder: no part is empty, hidden or leads upwards."""
     return _NAME.fullmatch(name) is not None
 
 
 class LocalFolder:
-    """A folder on a disk; it is made when something is written into it."""
+    """Folder on a local disk, created by the first write."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     def address(self, name: str) -> str:
+        """Return the name of a file for messages."""
         return str(self.path / name)
 
     def read(self, name: str, most: int) -> bytes | None:
+        """Return the first `most` bytes of a file, or None."""
         try:
             with open(self.path / name, "rb") as file:
                 return file.read(most)
@@ -86,6 +91,7 @@ class LocalFolder:
             raise self._failed(name, "cannot be read", error) from error
 
     def read_range(self, name: str, begin: int, end: int) -> bytes:
+        """Return the bytes from `begin` to `end` (exclusive) of a file."""
         try:
             with open(self.path / name, "rb") as file:
                 file.seek(begin)
@@ -94,6 +100,7 @@ class LocalFolder:
             raise self._failed(name, "cannot be read", error) from error
 
     def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
+        """Create or replace a file."""
         path = self.path / name
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -104,12 +111,14 @@ class LocalFolder:
             raise self._failed(name, f"could not be written ({len(data)} bytes)", error) from error
 
     def sizes(self, prefix: str = "") -> dict[str, int]:
+        """Return the sizes of files by name."""
         try:
             return {name: size for name, size in self._walk() if name.startswith(prefix)}
         except OSError as error:
             raise self._failed(prefix, "cannot be listed", error) from error
 
     def remove(self, name: str) -> None:
+        """Delete a file."""
         try:
             (self.path / name).unlink(missing_ok=True)
         except OSError as error:

@@ -1,4 +1,4 @@
-"""A file in a folder elsewhere that is read in places: only the blocks that are asked for are fetched."""
+"""Random access to a file in a remote folder. Only requested blocks are fetched."""
 
 from __future__ import annotations
 
@@ -9,55 +9,60 @@ from typing import Any
 from splatreel.storage.folder import Folder
 
 BLOCK = 1 << 18
-"""Bytes of a block."""
+"""Bytes per block."""
 KEPT = 16
-"""Number of blocks that are kept."""
+"""Number of blocks kept in memory."""
 AHEAD = 16
-"""Most blocks that one request fetches, while a file is read forwards."""
+"""Maximum number of blocks per request during sequential reads."""
 
 
 class RangedFile(io.RawIOBase):
-    """A read-only file with a position, as FFmpeg and Pillow take it.
+    """Read-only seekable file, for FFmpeg and Pillow.
 
-    While it is read forwards, each request fetches twice as many blocks as the one before, up to `AHEAD`.
+    During sequential reads each request fetches twice as many blocks as the one before, up to `AHEAD`.
 
     Args:
-        folder: The folder that has the file.
-        file: Its name there.
-        size: Its number of bytes.
+        folder: The folder that holds the file.
+        file: Name of the file in the folder.
+        size: Size of the file in bytes.
     """
 
     def __init__(self, folder: Folder, file: str, size: int) -> None:
         self.name = folder.address(file)
         self.fetched = 0
-        """Number of bytes that were fetched so far."""
+        """Bytes fetched so far."""
         self._folder, self._file, self._size = folder, file, size
         self._at = 0
         self._blocks: OrderedDict[int, bytes] = OrderedDict()
         self._expected, self._count = -1, 1
 
     def readable(self) -> bool:
+        """Return True."""
         return True
 
     def seekable(self) -> bool:
+        """Return True."""
         return True
 
     def tell(self) -> int:
+        """Return the position."""
         return self._at
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:
+        """Set the position."""
         base = {io.SEEK_SET: 0, io.SEEK_CUR: self._at, io.SEEK_END: self._size}[whence]
         self._at = max(base + offset, 0)
         return self._at
 
     def readinto(self, buffer: Any, /) -> int:
+        """Read into a buffer and return the number of bytes."""
         view = memoryview(buffer).cast("B")
         wanted = max(min(len(view), self._size - self._at), 0)
         done = 0
         while done < wanted:
             index, within = divmod(self._at, BLOCK)
             part = self._block(index)[within : within + wanted - done]
-            if not part:  # the file is shorter than it was
+            if not part:  # the file has been truncated
                 break
             view[done : done + len(part)] = part
             done += len(part)

@@ -1,4 +1,4 @@
-"""A folder behind any address that fsspec knows: buckets of S3, Google or Azure, SFTP, memory."""
+"""Folder at any address that fsspec supports: S3, Google and Azure buckets, SFTP, memory."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from splatreel.errors import MissingDependencyError, StorageError, UsageError
 from splatreel.storage.folder import PLAIN, REFUSALS, Headers, is_plain
 
 _WHOLE = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "oss", "obs", "memory")
-"""Protocols by which a file appears when all of it has arrived. By others it is written under another name and moved."""
+"""Protocols whose files appear only when complete. For other protocols a file is written under a temporary name and moved."""
 _BY_PREFIX = ("s3", "s3a", "gs", "gcs")
-"""Protocols whose packages pass on how names begin."""
+"""Protocols that can list files by a prefix of their names."""
 _PACKAGES = {
     "s3": "s3fs",
     "s3a": "s3fs",
@@ -21,14 +21,18 @@ _PACKAGES = {
     "gcs": "gcsfs",
     **dict.fromkeys(("az", "abfs", "abfss"), "adlfs"),
 }
-"""What fsspec needs for the protocols that people use most."""
+"""Python package that fsspec needs for each common protocol."""
 
 
 class RemoteFolder:
-    """The folder at a URL such as `s3://bucket/reels/one`. Who may use it, and where the service is, say the environment variables and
-    files of the service's own tools, or those of fsspec.
+    """Folder at a URL such as `s3://bucket/reels/one`.
 
-    Raises `UsageError` for an address that is none, `MissingDependencyError` where a Python package is missing.
+    Credentials and endpoints come from the environment variables and files of the service's own tools, or from
+    fsspec's.
+
+    Raises:
+        UsageError: The address is invalid.
+        MissingDependencyError: A required Python package is not installed.
     """
 
     def __init__(self, url: str) -> None:
@@ -42,9 +46,11 @@ class RemoteFolder:
             )
 
     def address(self, name: str) -> str:
+        """Return the name of a file for messages."""
         return f"{self._url}/{name}"
 
     def read(self, name: str, most: int) -> bytes | None:
+        """Return the first `most` bytes of a file, or None."""
         try:
             return self._files.cat_file(f"{self._root}/{name}", start=0, end=most)
         except FileNotFoundError:
@@ -53,12 +59,14 @@ class RemoteFolder:
             raise self._failed(name, "cannot be read", error) from error
 
     def read_range(self, name: str, begin: int, end: int) -> bytes:
+        """Return the bytes from `begin` to `end` (exclusive) of a file."""
         try:
             return self._files.cat_file(f"{self._root}/{name}", start=begin, end=end) if end > begin else b""
         except Exception as error:
             raise self._failed(name, "cannot be read", error) from error
 
     def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
+        """Create or replace a file."""
         path = f"{self._root}/{name}"
         try:
             if self._protocol in _WHOLE:
@@ -69,10 +77,11 @@ class RemoteFolder:
             raise self._failed(name, f"could not be written ({len(data)} bytes)", error) from error
 
     def sizes(self, prefix: str = "") -> dict[str, int]:
+        """Return the sizes of files by name."""
         folder = posixpath.dirname(prefix)
         try:
             self._files.invalidate_cache()
-            found = self._files.find(f"{self._root}/{folder}".rstrip("/"), detail=True, **self._beginning(prefix))
+            found = self._files.find(f"{self._root}/{folder}".rstrip("/"), detail=True, **self._prefix_argument(prefix))
         except FileNotFoundError:
             return {}
         except Exception as error:
@@ -80,12 +89,13 @@ class RemoteFolder:
         names = {str(path).removeprefix(f"{self._root}/"): int(entry["size"]) for path, entry in found.items()}
         return {name: size for name, size in names.items() if name.startswith(prefix) and is_plain(name)}
 
-    def _beginning(self, prefix: str) -> dict[str, str]:
-        """Say to services that can list by the beginning of names what is asked for; others list the folder."""
+    def _prefix_argument(self, prefix: str) -> dict[str, str]:
+        """Return the prefix argument for services that list by prefix. Other services list the folder."""
         last = posixpath.basename(prefix)
         return {"prefix": last} if last and self._protocol in _BY_PREFIX else {}
 
     def remove(self, name: str) -> None:
+        """Delete a file."""
         try:
             with contextlib.suppress(FileNotFoundError):
                 self._files.rm_file(f"{self._root}/{name}")
@@ -110,18 +120,18 @@ class RemoteFolder:
 
 
 def _open(url: str, protocol: str) -> tuple[Any, str]:
-    """fsspec's file system, and the path within it."""
+    """Return fsspec's file system and the path within it."""
     try:
         from fsspec.core import url_to_fs
     except ModuleNotFoundError as error:
         raise MissingDependencyError(
-            f"{url}: addresses of buckets need fsspec. Run\n  pip install 'splatreel[cloud]'{_further(protocol)}"
+            f"{url}: addresses of buckets need fsspec. Run\n  pip install 'splatreel[cloud]'{_package_for(protocol)}"
         ) from error
     try:
         return url_to_fs(url, use_listings_cache=False)
     except ImportError as error:
-        further = _further(protocol)
-        advice = f"Run\n  pip install{further}" if further else f"{error}"
+        package = _package_for(protocol)
+        advice = f"Run\n  pip install{package}" if package else f"{error}"
         raise MissingDependencyError(f"{url}: a Python package for {protocol}:// is missing. {advice}") from error
     except ValueError as error:
         raise UsageError(f"{url}: is no address of a folder ({error}). Correct it.") from error
@@ -130,17 +140,17 @@ def _open(url: str, protocol: str) -> tuple[Any, str]:
 
 
 def _is_lasting(error: Exception) -> bool:
-    """Also where nobody has said who asks; the services' packages have errors of their own for that, of such names."""
+    """Return whether a retry cannot succeed. This includes missing credentials, which each service reports by its own error type."""
     return isinstance(error, REFUSALS) or type(error).__name__.endswith("CredentialsError")
 
 
-def _further(protocol: str) -> str:
+def _package_for(protocol: str) -> str:
     package = _PACKAGES.get(protocol)
     return f" {package}" if package else ""
 
 
 def header_arguments(protocol: str, headers: Headers) -> dict[str, Any]:
-    """How `pipe_file` of a protocol is told of headers; of other protocols than these, the host decides itself."""
+    """Return the arguments by which `pipe_file` sets headers. Hosts of other protocols choose headers themselves."""
     if protocol in ("s3", "s3a"):
         return {"ContentType": headers.type, "CacheControl": headers.caching}
     if protocol in ("gs", "gcs"):

@@ -1,4 +1,4 @@
-"""Files that machines without a common disk share: each carries them between its own disk and one folder elsewhere."""
+"""File exchange between machines without a common disk, through one shared folder."""
 
 from __future__ import annotations
 
@@ -10,20 +10,20 @@ from pathlib import Path
 
 from splatreel.errors import StorageError
 from splatreel.scene.atomic import replacing, sweep
+from splatreel.storage.addresses import open_folder
 from splatreel.storage.folder import is_plain
-from splatreel.storage.opening import open_folder
-from splatreel.storage.retrying import PAUSES, RetryingFolder, untold
+from splatreel.storage.retrying import PAUSES, RetryingFolder, ignore_message
 
 _KEPT = re.compile(r"(?P<name>.+)@(?P<version>[0-9]{6})-(?P<sha256>[0-9a-f]{64})", re.DOTALL)
 _EACH = 2
-"""Up to so many files beside the folders are looked up each by its name; for more, everything is listed."""
+"""Up to this many files at the top level are looked up by name; for more, the whole folder is listed."""
 _LISTINGS = 3
-"""How often files are looked up again that were replaced while they were being fetched."""
+"""Attempts to fetch files that are replaced during the fetch."""
 
 
 @dataclass(frozen=True)
 class SharedFile:
-    """The newest version of a file in the shared folder."""
+    """Newest version of a file in the shared folder."""
 
     name: str
     bytes: int
@@ -32,36 +32,52 @@ class SharedFile:
 
     @property
     def key(self) -> str:
-        """Where it lies there: `keyframe.safetensors@000000-SHA256`."""
+        """Name in the shared folder, for example `keyframe.safetensors@000000-SHA256`."""
         return f"{self.name}@{self.version:06d}-{self.sha256}"
 
 
 class SharedFolder:
-    """A folder at any address of `open_folder`, to which files are pushed and from which they are pulled.
+    """Folder at any address of `open_folder`, for files that machines push and pull.
 
-    A file lies there under its name with the version and the digest. So one listing says what has changed, nobody ever meets half a
-    file, and no clock is needed to know which is the newest. Any number of machines may push at a time, if no two push a file of the
-    same name. What fails because of the line is tried again, and `tell` hears why.
+    The stored name contains the version and the digest of a file. One listing therefore shows all changes, no reader
+    finds a partial file, and versions need no clock. Any number of machines may push at a time if no two of them push a
+    file of the same name.
 
-    Raises `UsageError` or `MissingDependencyError` for an address that cannot be used; its methods raise `StorageError`.
+    Args:
+        url: Address of the folder.
+        report: Called with the reason of each retry.
+        pauses: Seconds before each retry.
+
+    Raises:
+        UsageError: The address is invalid.
+        MissingDependencyError: A required package is not installed.
+        StorageError: Raised by the methods if the folder cannot be reached.
     """
 
     def __init__(
-        self, url: str | Path, tell: Callable[[str], None] = untold, pauses: tuple[float, ...] = PAUSES
+        self, url: str | Path, report: Callable[[str], None] = ignore_message, pauses: tuple[float, ...] = PAUSES
     ) -> None:
         self._url = str(url)
         self._known: dict[str, list[SharedFile]] = {}
-        """Versions of files that were pushed from here: nobody else pushes them, so that they need not be listed again."""
-        self._folder = RetryingFolder(open_folder(url), tell, pauses)
+        """Versions of files that this process pushed. No other process pushes them, so they are not listed again."""
+        self._folder = RetryingFolder(open_folder(url), report, pauses)
 
     def files(self, prefix: str = "") -> dict[str, SharedFile]:
-        """By name the files whose name begins so."""
+        """Return the newest version of each file whose name starts with `prefix`."""
         return _newest(self._versions(prefix))
 
     def push(self, folder: Path, names: Iterable[str]) -> list[str]:
-        """Send files of a folder here, given by their paths within it, in this order. Returns the names of those that had changed.
+        """Upload changed files in the given order.
 
-        Raises `StorageError` for a file that is not here, or whose path leads out of the folder.
+        Args:
+            folder: Local folder.
+            names: Paths within the folder.
+
+        Returns:
+            Names of the files that had changed.
+
+        Raises:
+            StorageError: A local file is missing, or a path leads out of the folder.
         """
         names, sent = list(names), []
         self._look_up([name for name in names if name not in self._known])
@@ -80,7 +96,7 @@ class SharedFolder:
         return sent
 
     def _look_up(self, names: list[str]) -> None:
-        """List the versions of files that were not pushed from here so far, no more than is needed of the folder."""
+        """List the versions of files that were not pushed from here, with as few listings as possible."""
         prefixes = {f"{name.rpartition('/')[0]}/" if "/" in name else f"{name}@" for name in names}
         if sum("/" not in prefix for prefix in prefixes) > _EACH:
             prefixes = {""}
@@ -89,24 +105,24 @@ class SharedFolder:
             self._known[name] = [version for version in found if version.name == name]
 
     def pull(self, names: Iterable[str], into: Path, listed: dict[str, SharedFile] | None = None) -> list[str]:
-        """Fetch these files into a folder here, in this order; those that are there already are left as they are.
+        """Download files in the given order. Files that are already present are kept.
 
         Args:
             names: Paths within the folder.
-            into: The folder here.
-            listed: What `files` gave, if it is known by now; else it is asked for.
+            into: Local folder.
+            listed: A recent result of `files`; None lists the folder.
 
         Returns:
-            The names of those that were fetched, sorted.
+            Names of the downloaded files, sorted.
 
         Raises:
-            StorageError: A name is not in the shared folder, or a file is damaged there.
+            StorageError: The shared folder lacks a file, or a stored file is damaged.
         """
         names = list(dict.fromkeys(names))
         return self._pull(_common(names), names, into, listed)
 
     def pull_all(self, prefix: str, into: Path) -> list[str]:
-        """The same for all files whose name begins with prefix; none is no error."""
+        """Download all files whose name starts with `prefix`, as `pull` does. Zero matching files are not an error."""
         return self._pull(prefix, None, into)
 
     def _pull(
@@ -116,7 +132,9 @@ class SharedFolder:
         for _ in range(_LISTINGS):
             files, listed = self.files(prefix) if listed is None else listed, None
             if missing := [name for name in names or () if name not in files]:
-                raise StorageError(f"{self._url}: has no file {missing[0]!r:.200}. Is the job done that makes it?")
+                raise StorageError(
+                    f"{self._url}: has no file {missing[0]!r:.200}. Has the job that writes it finished?"
+                )
             wanted = sorted(files) if names is None else names
             left = [files[name] for name in wanted if not _is_here(into, files[name])]
             found = [file.name for file in left if self._fetch(file, into)]
@@ -126,7 +144,7 @@ class SharedFolder:
         raise StorageError(f"{self._url}: files there change faster than they can be fetched. Try again later.")
 
     def _fetch(self, file: SharedFile, into: Path) -> bool:
-        """False where it has been replaced since."""
+        """Download one file. Return False if it was replaced since the listing."""
         data = self._folder.read(file.key, file.bytes + 1) if file.bytes else b""
         if data is None:
             return False
@@ -153,7 +171,7 @@ def _newest(versions: list[SharedFile]) -> dict[str, SharedFile]:
 
 
 def _common(names: list[str]) -> str:
-    """The folder that all names have in common, with its last slash: only that need be listed."""
+    """Return the folder that all names share, with a trailing slash. Only this folder is listed."""
     parts = [name.split("/")[:-1] for name in names]
     shared = []
     for level in zip(*parts, strict=False):

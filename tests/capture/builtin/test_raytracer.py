@@ -24,7 +24,7 @@ def solid(
 
 
 def front(size: int = 65) -> Camera:
-    """At z = 4, looking along -z with y up."""
+    """Return a camera at z = 4 looking along -z with y up."""
     viewmat = np.diag([1.0, -1.0, -1.0, 1.0])
     viewmat[2, 3] = 4
     return Camera("front", viewmat, np.array([[size, 0, size / 2], [0, size, size / 2], [0, 0, 1]]), size, size)
@@ -44,45 +44,45 @@ def together(a: sd.Shapes, b: sd.Shapes) -> sd.Shapes:
         (sd.CYLINDER, 4 - 0.5, None),
     ],
 )
-def test_a_solid_has_the_distance_and_the_outline_it_must_have(kind: int, depth: float, area: float | None) -> None:
+def test_solids_have_correct_distance_and_outline(kind: int, depth: float, area: float | None) -> None:
     camera = front()
-    seen = rt.trace_still(camera, NOTHING, toyroom.LIGHT)
+    seen = rt.trace_static(camera, NOTHING, toyroom.LIGHT)
     cover, distance = rt.trace_cover(camera, seen, solid(kind, (0, 0, 0), (0.5, 0.4, 0.5)), np.ones(1, bool))
     assert distance[32, 32] == pytest.approx(depth, abs=2e-3)
     if area is not None:
         assert cover.sum() / 65**2 == pytest.approx(area, rel=0.03)
 
 
-def test_what_moves_looks_as_if_it_had_always_been_there() -> None:
-    """A frame that reuses what stands still, and skips what cannot change, equals one traced anew, mirror and shadows included."""
+def test_moving_solids_look_like_static_ones() -> None:
+    """A frame that reuses static results equals one traced anew, including mirror and shadows."""
     camera, light = make_cameras(96, 72)[3], toyroom.LIGHT
     still, moving = toyroom.standing(0), toyroom.moving(0.7)
     moving.solids[:, sd.OCCLUSION] = 0  # what moves does not darken the ambient light of what stands
     everything = together(still, moving)
-    fast = rt.trace_frame(camera, rt.trace_still(camera, still, light), still, moving, light)
-    slow = rt.trace_frame(camera, rt.trace_still(camera, everything, light), everything, NOTHING, light)
+    fast = rt.trace_frame(camera, rt.trace_static(camera, still, light), still, moving, light)
+    slow = rt.trace_frame(camera, rt.trace_static(camera, everything, light), everything, NOTHING, light)
     np.testing.assert_array_equal(fast, slow)
-    assert (slow != rt.trace_frame(camera, rt.trace_still(camera, still, light), still, NOTHING, light)).any(
+    assert (slow != rt.trace_frame(camera, rt.trace_static(camera, still, light), still, NOTHING, light)).any(
         -1
     ).mean() > 0.1
 
 
-def test_a_mirror_shows_what_stands_before_it() -> None:
+def test_mirror_shows_objects_in_front_of_it() -> None:
     mirror = solid(sd.BOX, (0, 0, 0), (1, 1, 0.1), MIRROR)
     mirror.solids[:, sd.COLORS :] = 1.0
     red = solid(sd.ELLIPSOID, (0, 0, 6), (1, 1, 1))
     red.solids[:, sd.COLORS :] = [1, 0, 0] * 3
-    image = rt.trace_frame(front(), rt.trace_still(front(), mirror, toyroom.LIGHT), mirror, red, toyroom.LIGHT)
+    image = rt.trace_frame(front(), rt.trace_static(front(), mirror, toyroom.LIGHT), mirror, red, toyroom.LIGHT)
     inside, outside = image[32, 32].astype(int), image[12, 32].astype(int)
     assert inside[0] > 100
     assert inside[1:].max() == 0
     assert outside.min() > 100  # the sky
 
 
-def test_a_shadow_falls_away_from_the_lamp() -> None:
+def test_shadow_points_away_from_the_lamp() -> None:
     floor, ball = solid(sd.BOX, (0, -0.6, 0), (5, 0.1, 5)), solid(sd.ELLIPSOID, (0, 0, 0), (0.3, 0.3, 0.3))
     light = np.array([4.0, 4.0, 0.0])
-    seen = rt.trace_still(front(), floor, light)
+    seen = rt.trace_static(front(), floor, light)
     before = rt.trace_frame(front(), seen, floor, NOTHING, light).astype(int)
     after = rt.trace_frame(front(), seen, floor, ball, light).astype(int)
     _, columns = np.nonzero((before - after).sum(-1)[39:] > 60)  # below the ball

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from splatreel.capture.builtin import toyroom
-from splatreel.capture.builtin.raytracer import trace_cover, trace_frame, trace_still
+from splatreel.capture.builtin.raytracer import trace_cover, trace_frame, trace_static
 from splatreel.capture.builtin.synthetic import make_cameras, make_capture
 from splatreel.capture.opening import open_capture
 from splatreel.errors import CaptureError, UsageError
@@ -23,13 +23,14 @@ def render_truth(
     fps: float = 30.0,
     seed: int = 0,
 ) -> np.ndarray:
-    """Ground truth of one frame from any camera.
+    """Return the ground truth of a frame from any camera.
 
-    `color`: uint8 [H, W, 3] sRGB before compression. `motion`: bool [H, W], pixels at least half filled by something that is not
-    at rest at that frame (shadows and reflections do not count). `depth`: float32 [H, W], mean distance along the viewing axis.
+    `color` is uint8 [H, W, 3] sRGB before compression. `motion` is bool [H, W]: pixels at least half covered by solids
+    in motion at that frame, without shadows and reflections. `depth` is float32 [H, W], the mean distance along the
+    viewing axis.
     """
     still, moving = toyroom.standing(seed), toyroom.moving(frame / fps)
-    seen = trace_still(camera, still, toyroom.LIGHT)
+    seen = trace_static(camera, still, toyroom.LIGHT)
     if what == "color":
         return trace_frame(camera, seen, still, moving, toyroom.LIGHT)
     if what == "depth":
@@ -42,7 +43,7 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_capture(tmp_path_factory.mktemp("synthetic") / "room", **SIZE)
 
 
-def test_it_takes_a_users_path(made: Path) -> None:
+def test_make_capture_accepts_a_string_path(made: Path) -> None:
     capture = open_capture(made)
     assert (len(capture.cameras), capture.frames, capture.fps) == (14, 3, 30.0)
     assert capture.held_out == ["cam00", "cam07"]
@@ -50,13 +51,13 @@ def test_it_takes_a_users_path(made: Path) -> None:
     assert capture.near is not None
 
 
-def test_poses_survive_the_format(made: Path) -> None:
+def test_poses_round_trip_through_llff(made: Path) -> None:
     for found, meant in zip(open_capture(made).cameras, make_cameras(64, 48), strict=True):
         np.testing.assert_allclose(found.viewmat, meant.viewmat, atol=1e-5)
         np.testing.assert_allclose(found.K, meant.K, atol=1e-4)
 
 
-def test_compression_costs_almost_nothing(made: Path) -> None:
+def test_video_compression_is_nearly_lossless(made: Path) -> None:
     capture = open_capture(made)
     for name in ("cam00", "cam13"):
         read = capture.read(2, 1, [name])[0, 0].astype(float)
@@ -64,7 +65,7 @@ def test_compression_costs_almost_nothing(made: Path) -> None:
         assert 10 * np.log10(255**2 / np.mean(error**2)) > 38  # 44 at the default size
 
 
-def test_the_same_arguments_give_the_same_bytes(made: Path, tmp_path: Path) -> None:
+def test_capture_bytes_are_reproducible(made: Path, tmp_path: Path) -> None:
     again = make_capture(tmp_path / "again", **SIZE)
 
     def digests(folder: Path) -> dict[str, str]:
@@ -76,13 +77,13 @@ def test_the_same_arguments_give_the_same_bytes(made: Path, tmp_path: Path) -> N
     assert b" threads=1 " in film
 
 
-def test_made_once_it_is_kept(made: Path) -> None:
+def test_existing_capture_is_kept(made: Path) -> None:
     before = (made / "cam03.mp4").stat().st_mtime_ns
     assert make_capture(made, **SIZE) == made
     assert (made / "cam03.mp4").stat().st_mtime_ns == before
 
 
-def test_another_capture_is_not_overwritten(made: Path, tmp_path: Path) -> None:
+def test_foreign_folder_is_not_overwritten(made: Path, tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="exists and is not the built-in capture"):
         make_capture(made, width=96, height=72, frames=3)
     (tmp_path / "mine.txt").write_text("mine")
@@ -92,7 +93,7 @@ def test_another_capture_is_not_overwritten(made: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device")])
-def test_interrupted_it_leaves_nothing(tmp_path: Path, error: BaseException) -> None:
+def test_interrupt_leaves_no_partial_capture(tmp_path: Path, error: BaseException) -> None:
     def progress(share: float) -> None:
         if share > 0.3:
             raise error
@@ -105,12 +106,12 @@ def test_interrupted_it_leaves_nothing(tmp_path: Path, error: BaseException) -> 
 @pytest.mark.parametrize(
     "size", [{"width": 63}, {"height": 47}, {"width": 8}, {"frames": 0}, {"fps": 0}], ids=lambda s: next(iter(s))
 )
-def test_impossible_sizes_are_wrong_use(tmp_path: Path, size: dict[str, int]) -> None:
+def test_invalid_sizes_are_refused(tmp_path: Path, size: dict[str, int]) -> None:
     with pytest.raises(UsageError):
         make_capture(tmp_path / "room", **{**SIZE, **size})
 
 
-def test_the_motion_mask_covers_what_changes_and_little_else() -> None:
+def test_motion_mask_covers_changed_pixels() -> None:
     camera = make_cameras(96, 72)[0]
     mask = render_truth(camera, 30, "motion")
     assert mask.dtype == bool
@@ -120,7 +121,7 @@ def test_the_motion_mask_covers_what_changes_and_little_else() -> None:
     assert changed[mask].mean() > 3 * changed[~mask].mean()
 
 
-def test_depth_lies_between_the_bounds_and_agrees_with_the_parallax() -> None:
+def test_depth_agrees_with_bounds_and_parallax() -> None:
     camera, other = make_cameras(96, 72)[3], make_cameras(96, 72)[5]
     depth, seen = (render_truth(c, 0, "depth") for c in (camera, other))
     assert depth.min() >= 2.0

@@ -8,12 +8,12 @@ COLORS = ((0.5, 0.4, 0.3), (0.2, 0.2, 0.6), (0.9, 0.9, 0.9))
 
 
 def colors(kind: int, points: np.ndarray) -> np.ndarray:
-    """[N, 3] of a front face."""
+    """Return colors [N, 3] of a front face."""
     half = (1.0, 1.0, 1.0)
     return np.array([albedo(float(kind), *point, 0.0, 0.0, 1.0, half, COLORS, 3.0, 0.1) for point in points])  # pyright: ignore[reportCallIssue]
 
 
-def test_grain_makes_the_same_pattern_darker_and_lighter() -> None:
+def test_grain_scales_the_pattern() -> None:
     points = np.random.default_rng(0).uniform(-1, 1, (4000, 3))
     factor = colors(CHECKS + GRAINED, points) / colors(CHECKS, points)
     assert np.allclose(factor, factor[:, :1])
@@ -22,8 +22,8 @@ def test_grain_makes_the_same_pattern_darker_and_lighter() -> None:
     assert factor.min() > 0
 
 
-def test_grain_has_spots_of_all_sizes() -> None:
-    """What is half as far apart differs less, but not by half: a smooth texture would."""
+def test_grain_has_all_frequencies() -> None:
+    """At half the distance colors differ less, but by more than half, unlike in a smooth texture."""
     points = np.random.default_rng(1).uniform(-1, 1, (4000, 3))
 
     def grain(moved: float) -> np.ndarray:

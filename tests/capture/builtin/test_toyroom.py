@@ -1,10 +1,10 @@
-"""The scene keeps what its benchmarks rely on: who moves when, and how fast."""
+"""The scene keeps the properties that its benchmarks need: motion times and speeds."""
 
 import numpy as np
 import pytest
 
 from splatreel.capture.builtin import toyroom
-from splatreel.capture.builtin.raytracer import trace_cover, trace_still
+from splatreel.capture.builtin.raytracer import trace_cover, trace_static
 from splatreel.capture.builtin.solids import END, FIRST, OCCLUSION, POSITION, REACH
 from splatreel.capture.builtin.synthetic import make_cameras
 from splatreel.scene.camera import Camera
@@ -21,7 +21,7 @@ def on_screen(camera: Camera, point: np.ndarray) -> np.ndarray:
     return np.array([x, y]) / z
 
 
-def test_the_train_rests_through_the_first_group_and_moves_in_the_second() -> None:
+def test_train_starts_in_the_second_group() -> None:
     first = slice(*toyroom.moving(0).bodies[TRAIN, [FIRST, END]].astype(int))
     assert not toyroom.in_motion(35 / 30)[first].any()
     assert toyroom.in_motion(37 / 30)[first].all()
@@ -29,12 +29,12 @@ def test_the_train_rests_through_the_first_group_and_moves_in_the_second() -> No
     assert np.linalg.norm(place(TRAIN, 59) - place(TRAIN, 36)) > 0.2
 
 
-def test_the_globe_turns_in_place() -> None:
+def test_globe_turns_in_place() -> None:
     assert toyroom.in_motion(0.1)[0]
     np.testing.assert_array_equal(place(GLOBE, 0), place(GLOBE, 50))
 
 
-def test_the_ball_is_fast() -> None:
+def test_ball_is_fast() -> None:
     camera = make_cameras()[0]
     steps = [
         np.linalg.norm(on_screen(camera, place(BALL, t + 1)) - on_screen(camera, place(BALL, t))) for t in range(59)
@@ -42,25 +42,25 @@ def test_the_ball_is_fast() -> None:
     assert 5 < np.median(steps) < 9
 
 
-def test_the_ball_stays_between_its_bumpers_and_above_the_floor() -> None:
+def test_ball_stays_within_its_bounds() -> None:
     for t in range(300):
         x, y, _ = place(BALL, t)
         assert abs(x) < 1.5
         assert y > 0.16
 
 
-def test_the_plane_flies_in_during_the_first_group() -> None:
+def test_plane_enters_in_the_first_group() -> None:
     still, moving = toyroom.standing(), {frame: toyroom.moving(frame / 30) for frame in (3, 20)}
     first, end = moving[3].bodies[PLANE, [FIRST, END]].astype(int)
     plane = np.zeros(len(moving[3].solids), bool)
     plane[first:end] = True
     for camera in make_cameras(64, 48):
-        seen = trace_still(camera, still, toyroom.LIGHT)
+        seen = trace_static(camera, still, toyroom.LIGHT)
         assert trace_cover(camera, seen, moving[3], plane)[0].sum() == 0
         assert trace_cover(camera, seen, moving[20], plane)[0].sum() > 20
 
 
-def test_motion_is_continuous_but_for_bounces() -> None:
+def test_motion_is_continuous_except_bounces() -> None:
     for t in np.linspace(0, 8, 500):
         now, soon = toyroom.moving(t), toyroom.moving(t + 1e-4)
         assert np.abs(now.bodies[:, :3] - soon.bodies[:, :3]).max() < 1e-3
@@ -75,7 +75,7 @@ def test_every_solid_is_inside_its_body() -> None:
 
 
 @pytest.mark.parametrize("seed", [0, 1])
-def test_a_seed_is_one_scene(seed: int) -> None:
+def test_same_seed_gives_the_same_scene(seed: int) -> None:
     np.testing.assert_array_equal(toyroom.standing(seed).solids, toyroom.standing(seed).solids)
     assert (toyroom.standing(seed).solids != toyroom.standing(seed + 1).solids).any()
     assert (toyroom.standing(seed).solids[:, OCCLUSION] >= 0).all()

@@ -1,4 +1,4 @@
-"""The built-in capture is heard: an impact where and when the ball strikes something, as late and weak as a camera is far."""
+"""Impacts in the built-in capture's sound have correct times, delays and amplitudes."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from splatreel.capture.builtin import toysound
 from splatreel.capture.builtin.synthetic import make_cameras, make_capture
 from splatreel.capture.builtin.toyroom import BALL_RADIUS, BALL_REACH, ball, impacts
 from splatreel.capture.opening import open_capture
-from splatreel.capture.sound import RATE, choose, read_sound
+from splatreel.capture.soundtrack import RATE, choose, read_sound
 from splatreel.capture.sync import synchronize
 from splatreel.progress import Silent
 
@@ -17,12 +17,12 @@ SECONDS = 2.0
 
 
 def onsets(sound: np.ndarray) -> list[float]:
-    """Seconds at which it gets loud after silence."""
+    """Return the times in seconds at which sound starts after silence."""
     loud = np.flatnonzero(np.abs(sound) > 0.03)
     return (loud[np.diff(loud, prepend=-RATE) > RATE // 20] / RATE).tolist()
 
 
-def test_impacts_are_where_the_ball_turns() -> None:
+def test_impacts_coincide_with_bounces() -> None:
     times = np.arange(0, 6, 1e-3)
     x, y, _ = np.array([ball(t) for t in times]).T
     bounces = times[1:-1][(y[1:-1] <= y[:-2]) & (y[1:-1] < y[2:])]
@@ -35,8 +35,8 @@ def test_impacts_are_where_the_ball_turns() -> None:
     assert all(abs(abs(i.place[0]) - BALL_REACH - BALL_RADIUS) < 1e-9 for i in found if i.on == "bumper")
 
 
-def test_sound_takes_its_time_and_loses_its_strength() -> None:
-    near, far = (toysound.heard(np.array([0.0, 0.7, z]), SECONDS, 0) for z in (2.75, 7.6))
+def test_sound_is_delayed_and_attenuated() -> None:
+    near, far = (toysound.render_sound(np.array([0.0, 0.7, z]), SECONDS, 0) for z in (2.75, 7.6))
     for sound, z in ((near, 2.75), (far, 7.6)):
         distances = [np.linalg.norm(np.array(i.place) - (0, 0.7, z)) for i in impacts(SECONDS)]
         expected = [i.time + d / 343 for i, d in zip(impacts(SECONDS), distances, strict=True)]
@@ -50,15 +50,17 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return make_capture(tmp_path_factory.mktemp("room") / "room", width=16, height=16, frames=60)
 
 
-def test_its_films_have_it(room: Path) -> None:
+def test_videos_contain_the_sound(room: Path) -> None:
     capture = open_capture(room)
     for index, camera in enumerate(make_cameras()):
         found = np.concatenate(list(read_sound(capture.tracks()[camera.name].file, 1, RATE)))
-        assert np.abs(found[:, 0] - toysound.heard(camera.center, SECONDS, index)).max() < 1e-4, "kept without loss"
+        assert np.abs(found[:, 0] - toysound.render_sound(camera.center, SECONDS, index)).max() < 1e-4, (
+            "kept without loss"
+        )
     assert choose("auto", capture.tracks(), SECONDS, 0, room).camera == "cam10"
 
 
-def test_the_sound_of_some_frames_is_that_of_their_time(room: Path) -> None:
+def test_sound_follows_the_frame_range(room: Path) -> None:
     capture = open_capture(room, frames=(12, 45))
     seconds, begin = capture.frames / capture.fps, capture.first_frame / capture.fps
     choice = choose("cam00", capture.tracks(), seconds, begin, room)
@@ -69,7 +71,7 @@ def test_the_sound_of_some_frames_is_that_of_their_time(room: Path) -> None:
     assert len(found) == 3
 
 
-def test_sync_finds_that_they_start_together(room: Path) -> None:
+def test_sync_finds_zero_offsets(room: Path) -> None:
     starts = synchronize(room, Silent())
     assert len(starts) == 14
     assert max(starts.values()) < 0.01, "what is left is the way of the sound"

@@ -1,4 +1,4 @@
-"""Captures that are written step by step, as cameras would."""
+"""Captures written step by step, as cameras do."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -17,26 +17,26 @@ CONTAINERS: dict[str, tuple[str, dict[str, str]]] = {
     "ts": ("mpegts", {"flush_packets": "1"}),
     "mp4": ("mp4", {"flush_packets": "1", "movflags": "frag_keyframe+delay_moov+default_base_moof"}),
 }
-"""How each kind of file is written so that it can be read while it grows."""
+"""Options that make each kind of file readable while it grows."""
 KINDS = (*CONTAINERS, "segments", "pictures")
 
 Picture = Callable[[int, int], np.ndarray]
-"""Of a camera and a frame, uint8 [H, W, 3]."""
+"""Function from a camera and a frame to an image, uint8 [H, W, 3]."""
 
 
 def mark(camera: int, number: int) -> np.ndarray:
-    """A flat image whose color says which camera and which frame it is; uint8 [H, W, 3]."""
+    """Return a flat image whose color encodes camera and frame, uint8 [H, W, 3]."""
     return np.full((folders.HEIGHT, folders.WIDTH, 3), (10 + 5 * number, 40 + 40 * camera, 128), np.uint8)
 
 
 def marks(image: np.ndarray) -> tuple[int, int]:
-    """(camera, frame) by the color of an image that `mark` made."""
+    """Return the cameras and frames that the colors of images of `mark` encode."""
     red, green, _ = image.reshape(-1, 3).mean(0)
     return round((green - 40) / 40), round((red - 10) / 5)
 
 
 class Video:
-    """One file. sound: of each frame's time, [samples] float32 of `RATE`."""
+    """Writer of one file. `sound` returns the samples [n] float32 at `RATE` for a frame's time."""
 
     def __init__(
         self, path: Path, kind: str, fps: int, first: int = 0, sound: Callable[[int], np.ndarray] | None = None
@@ -70,7 +70,7 @@ class Video:
         self._container.mux(self._track.encode(frame))
 
     def skip(self, frames: int) -> None:
-        """Nothing was recorded for so long."""
+        """Record nothing for some frames."""
         self._frame += frames
 
     def close(self) -> None:
@@ -82,9 +82,10 @@ class Video:
 
 
 class Recorder:
-    """All cameras of a capture, one of `KINDS`, with the poses of `folders.cameras` unless others are given.
+    """Writer of all cameras of a capture.
 
-    segment: frames of a file, where they are numbered. sound: of each frame's time, in the first camera.
+    Poses are those of `folders.cameras` by default. `segment` is the number of frames per file for numbered files.
+    `sound` returns the sound of a frame's time for the first camera.
     """
 
     def __init__(
@@ -116,19 +117,19 @@ class Recorder:
             np.save(folder / "poses_bounds.npy", folders.llff(self.views))
 
     def write(self, frames: int, but: tuple[int, ...] = ()) -> None:
-        """So many frames of all cameras but some."""
+        """Write frames of all cameras except some."""
         for _ in range(frames):
             for camera in self.written:
                 if camera not in but:
                     self._write(camera)
 
     def lose(self, camera: int, frames: int) -> None:
-        """Frames of a camera are never written."""
+        """Drop frames of a camera."""
         self._videos[camera].skip(frames)
         self.written[camera] += frames
 
     def end(self) -> None:
-        """Complete all files, and say so."""
+        """Complete all files and write the end mark."""
         for video in self._videos.values():
             video.close()
         self._videos.clear()

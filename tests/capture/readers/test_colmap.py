@@ -18,7 +18,7 @@ def scene(tmp_path: Path) -> Path:
     return folders.colmap(tmp_path / "scene")
 
 
-def test_names_are_matched_without_their_extension(scene: Path) -> None:
+def test_names_match_without_extension(scene: Path) -> None:
     capture = open_capture(scene)
     assert [c.name for c in capture.cameras] == [f"view/cam{c:02d}" for c in range(4)]
     assert capture.held_out == ["view/cam01"]
@@ -26,7 +26,7 @@ def test_names_are_matched_without_their_extension(scene: Path) -> None:
     assert folders.which(capture.read(0, 1, ["view/cam02"])[0, 0]) == (2, 0)
 
 
-def test_cameras_and_points_are_those_of_the_model(scene: Path) -> None:
+def test_cameras_and_points_match_the_model(scene: Path) -> None:
     capture = open_capture(scene)
     for found, written in zip(capture.cameras, folders.cameras(), strict=True):
         np.testing.assert_allclose(found.viewmat, written.viewmat, atol=1e-5)
@@ -37,7 +37,7 @@ def test_cameras_and_points_are_those_of_the_model(scene: Path) -> None:
     np.testing.assert_allclose(capture.point_colors, [[1, 0.2, 0], [0, 1, 0.4]], atol=1e-6)
 
 
-def test_a_binary_model_says_the_same(scene: Path, tmp_path: Path) -> None:
+def test_binary_model_gives_the_same_cameras(scene: Path, tmp_path: Path) -> None:
     import pycolmap
 
     text = open_capture(scene)
@@ -49,12 +49,12 @@ def test_a_binary_model_says_the_same(scene: Path, tmp_path: Path) -> None:
     assert open_capture(scene).fingerprint() == text.fingerprint()
 
 
-def test_scale_counts_from_the_size_of_the_model(scene: Path) -> None:
+def test_scale_refers_to_the_model_size(scene: Path) -> None:
     assert open_capture(scene, scale=0.25).width == 16
     assert open_capture(scene, width=16).height == 12
 
 
-def test_the_smallest_images_that_are_large_enough_are_read(scene: Path) -> None:
+def test_smallest_sufficient_images_are_read(scene: Path) -> None:
     shutil.copytree(scene / "images_2", scene / "images_4")
     for path in (scene / "images_4").rglob("*.jpg"):
         Image.new("RGB", (16, 12), (255, 0, 0)).save(path)
@@ -71,8 +71,8 @@ def test_the_smallest_images_that_are_large_enough_are_read(scene: Path) -> None
         ("OPENCV_FISHEYE", "60 62 32 24 0.1 0 0 0"),
     ],
 )
-def test_what_a_lens_bends_is_straight(tmp_path: Path, model: str, params: str) -> None:
-    """Pictures whose colors say which way a pixel looks."""
+def test_colmap_lens_distortion_is_removed(tmp_path: Path, model: str, params: str) -> None:
+    """The colors of the images encode the direction of each pixel."""
     pycolmap = pytest.importorskip("pycolmap")
     scene = folders.colmap(tmp_path / "scene", model, params)
     lens = pycolmap.Camera(model=model, width=64, height=48, params=[float(p) for p in params.split()])
@@ -94,7 +94,7 @@ def test_what_a_lens_bends_is_straight(tmp_path: Path, model: str, params: str) 
     )  # most of it is still seen
 
 
-def test_parameters_of_no_lens_are_refused(tmp_path: Path) -> None:
+def test_invalid_lens_parameters_are_refused(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     scene = folders.colmap(tmp_path / "scene", "SIMPLE_RADIAL", "80 500 24 0.1")
     with pytest.raises(CaptureError, match=r"camera 1 is SIMPLE_RADIAL .*500.*Calibrate it again"):
@@ -102,7 +102,7 @@ def test_parameters_of_no_lens_are_refused(tmp_path: Path) -> None:
 
 
 def filmed(folder: Path, names: list[str], frames: list[int]) -> Path:
-    """The model with a video of each camera."""
+    """Return the model with a video of each camera."""
     made = folders.colmap(folder)
     text = (made / "sparse/0/images.txt").read_text().replace("view/", "")
     (made / "sparse/0/images.txt").write_text(text)
@@ -113,7 +113,7 @@ def filmed(folder: Path, names: list[str], frames: list[int]) -> Path:
     return made
 
 
-def test_videos_are_those_of_the_cameras(tmp_path: Path) -> None:
+def test_videos_match_the_cameras(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     scene = filmed(tmp_path / "scene", [f"cam{c:02d}.MOV" for c in range(4)], [5] * 4)
     capture = open_capture(scene, scale=0.5)
@@ -123,7 +123,7 @@ def test_videos_are_those_of_the_cameras(tmp_path: Path) -> None:
     assert open_capture(scene).held_out == ["cam03"]
 
 
-def test_a_missing_video_is_named(tmp_path: Path) -> None:
+def test_model_camera_without_video_is_named(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     scene = filmed(tmp_path / "scene", ["cam00.mp4", "cam01.mp4", "b.mp4", "cam03.mp4"], [2] * 4)
     with pytest.raises(
@@ -132,20 +132,20 @@ def test_a_missing_video_is_named(tmp_path: Path) -> None:
         open_capture(scene)
 
 
-def test_a_video_of_something_else_does_not_hide_the_images(scene: Path) -> None:
+def test_unrelated_video_does_not_hide_images(scene: Path) -> None:
     folders.write_video(scene / "preview.mp4", [folders.frame(0, 0)])
     assert open_capture(scene).frames == 1
 
 
-def test_points_are_those_of_the_frame_that_was_calibrated(tmp_path: Path) -> None:
+def test_points_belong_to_the_calibrated_frame(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     scene = filmed(tmp_path / "scene", [f"cam{c:02d}.mp4" for c in range(4)], [5] * 4)
     assert open_capture(scene).points is not None
     assert open_capture(scene, frames=(2, 5)).points is None
 
 
-def test_videos_that_do_not_start_together(tmp_path: Path) -> None:
-    """Frames are those of the same moment; the last ones are those that all of the videos have."""
+def test_start_times_align_videos(tmp_path: Path) -> None:
+    """Frames belong to the same time; the last ones exist in all videos."""
     pytest.importorskip("pycolmap")
     names = [f"cam{c:02d}.mp4" for c in range(4)]
     scene = filmed(tmp_path / "scene", names, [8, 9, 10, 11])
@@ -171,8 +171,8 @@ def test_videos_that_do_not_start_together(tmp_path: Path) -> None:
             open_capture(scene)
 
 
-def test_cameras_of_other_sizes_are_cut_to_that_of_the_most(tmp_path: Path) -> None:
-    """One upright camera among lying ones: it sees less, and nothing is squeezed."""
+def test_other_sizes_are_cropped_to_the_most_common(tmp_path: Path) -> None:
+    """One portrait camera among landscape ones shows less, and nothing is distorted."""
     pytest.importorskip("pycolmap")
     scene = folders.colmap(tmp_path / "scene")
     sparse = scene / "sparse" / "0"
@@ -198,7 +198,7 @@ def test_cameras_of_other_sizes_are_cut_to_that_of_the_most(tmp_path: Path) -> N
     ("model", "params"),
     [("SIMPLE_PINHOLE", "80 32 24"), ("SIMPLE_RADIAL", "80 32 24 0"), ("OPENCV", "80 80 32 24 0 0 0 0")],
 )
-def test_models_that_do_not_distort_are_pinholes(tmp_path: Path, model: str, params: str) -> None:
+def test_undistorted_models_are_pinholes(tmp_path: Path, model: str, params: str) -> None:
     pytest.importorskip("pycolmap")
     capture = open_capture(folders.colmap(tmp_path / "scene", model, params))
     np.testing.assert_allclose(capture.cameras[1].K, folders.cameras()[1].K, atol=1e-5)
@@ -210,21 +210,21 @@ def test_a_missing_image_is_named(scene: Path) -> None:
         open_capture(scene)
 
 
-def test_a_model_that_cannot_be_read_is_named(scene: Path) -> None:
+def test_unreadable_model_is_named(scene: Path) -> None:
     (scene / "sparse" / "0" / "images.txt").unlink()
     with pytest.raises(CaptureError, match="cannot be read as a COLMAP model"):
         open_capture(scene)
 
 
-def test_without_pycolmap_the_extra_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_missing_pycolmap_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     with pytest.raises(MissingDependencyError, match=r"splatreel\[recon\]"):
         open_capture(folders.colmap(tmp_path / "scene"))
 
 
 @pytest.mark.parametrize("named_by", ["camera", "picture"])
-def test_a_folder_of_pictures_a_camera(scene: Path, named_by: str) -> None:
-    """The model's images may be called as their cameras, or as the first picture in each one's folder."""
+def test_colmap_folder_of_images_per_camera(scene: Path, named_by: str) -> None:
+    """The model's images may be named like their cameras, or like the first image in each camera's folder."""
     shutil.rmtree(scene / "images_2")
     for c in range(4):
         folder = scene / "images" / f"cam{c:02d}"
@@ -239,7 +239,7 @@ def test_a_folder_of_pictures_a_camera(scene: Path, named_by: str) -> None:
     assert [folders.which(image) for image in capture.read(1, 2, ["cam03"])[:, 0]] == [(3, 1), (3, 2)]
 
 
-def test_a_model_without_images_is_refused(scene: Path) -> None:
+def test_model_without_images_is_refused(scene: Path) -> None:
     (scene / "sparse" / "0" / "images.txt").write_text("# no image was placed\n")
     with pytest.raises(CaptureError, match="the COLMAP model holds no images with a pose"):
         open_capture(scene)

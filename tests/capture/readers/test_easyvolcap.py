@@ -23,8 +23,8 @@ def rewrite(scene: Path, file: str, old: str, new: str) -> None:
     (scene / file).write_text(content.replace(old, new))
 
 
-def test_cameras_and_frames(scene: Path) -> None:
-    """K is for pictures twice as large."""
+def test_easyvolcap_cameras_and_frames(scene: Path) -> None:
+    """K is for images twice as large."""
     capture = open_capture(scene)
     assert ([c.name for c in capture.cameras], capture.held_out) == (["00", "01", "02", "03"], ["01"])
     assert (capture.frames, capture.fps, capture.width, capture.height) == (3, 30.0, 32, 24)
@@ -34,22 +34,22 @@ def test_cameras_and_frames(scene: Path) -> None:
     assert [folders.which(image) for image in capture.read(1, 2, ["02"])[:, 0]] == [(2, 1), (2, 2)]
 
 
-def test_rotation_vectors_do_as_well(scene: Path) -> None:
+def test_rotation_vectors_are_accepted(scene: Path) -> None:
     matrices = open_capture(scene)
     rewrite(scene, "extri.yml", "Rot_", "Other_")
     for found, other in zip(open_capture(scene).cameras, matrices.cameras, strict=True):
         np.testing.assert_allclose(found.viewmat, other.viewmat, atol=1e-6)
 
 
-def test_sizes_may_be_left_to_the_pictures(tmp_path: Path) -> None:
+def test_sizes_default_to_the_images(tmp_path: Path) -> None:
     scene = folders.easyvolcap(tmp_path / "actor1", size=1)
     for key in ("W_", "H_"):
         rewrite(scene, "intri.yml", key, f"not_{key}")
     np.testing.assert_allclose(open_capture(scene).cameras[1].K, folders.cameras()[1].K, atol=1e-5)
 
 
-def test_what_a_lens_bends_is_straight(tmp_path: Path) -> None:
-    """Pictures whose colors say which way a pixel looks, through OpenCV's own lens."""
+def test_easyvolcap_lens_distortion_is_removed(tmp_path: Path) -> None:
+    """The colors of the images encode the direction of each pixel, through OpenCV's own lens model."""
     bends = (-0.15, 0.02, 0.004, -0.003, 0.01)
     scene = folders.easyvolcap(tmp_path / "actor1", bends=bends, size=1)
     y, x = np.mgrid[:24, :32].astype(float) + 0.5
@@ -65,7 +65,7 @@ def test_what_a_lens_bends_is_straight(tmp_path: Path) -> None:
     np.testing.assert_allclose(image[..., 1], 128 + 200 * (y - K[1, 2]) / K[1, 1], atol=1.5)
 
 
-def test_videos_in_place_of_pictures(scene: Path) -> None:
+def test_easyvolcap_videos_are_read(scene: Path) -> None:
     shutil.rmtree(scene / "images")
     (scene / "videos").mkdir()
     for c in range(4):
@@ -93,13 +93,13 @@ def test_videos_in_place_of_pictures(scene: Path) -> None:
         ("intri.yml", '"03"', '"07"', r"1 of the 4 cameras in intri\.yml have neither pictures .* first is '07'"),
     ],
 )
-def test_files_that_cannot_be_used(scene: Path, file: str, old: str, new: str, message: str) -> None:
+def test_unusable_camera_files_are_named(scene: Path, file: str, old: str, new: str, message: str) -> None:
     rewrite(scene, file, old, new)
     with pytest.raises(CaptureError, match=message):
         open_capture(scene)
 
 
-def test_what_is_no_rotation(scene: Path) -> None:
+def test_invalid_rotations_are_refused(scene: Path) -> None:
     storage = cv2.FileStorage(str(scene / "extri.yml"), cv2.FILE_STORAGE_WRITE)
     for c in range(4):
         storage.write(f"Rot_{c:02d}", np.diag([1.0, 1.0, -1.0]))
@@ -109,20 +109,20 @@ def test_what_is_no_rotation(scene: Path) -> None:
         open_capture(scene)
 
 
-def test_unequal_numbers_of_pictures(scene: Path) -> None:
+def test_unequal_image_counts_are_refused(scene: Path) -> None:
     (scene / "images" / "01" / "000002.png").unlink()
     with pytest.raises(CaptureError, match=r"01 has 2, 00 has 3.*--frames 0:2"):
         open_capture(scene)
     assert open_capture(scene, frames=(0, 2)).frames == 2
 
 
-def test_starts_are_for_videos(scene: Path) -> None:
+def test_start_times_need_videos(scene: Path) -> None:
     (scene / "splatreel.json").write_text('{"starts": {"00": 0.5}}')
-    with pytest.raises(CaptureError, match=r"splatreel\.json: says when videos start, but the cameras have pictures"):
+    with pytest.raises(CaptureError, match=r"splatreel\.json: has start times of videos, but the cameras have images"):
         open_capture(scene)
 
 
-def test_a_file_of_cameras_that_is_none_is_named(scene: Path) -> None:
+def test_foreign_camera_file_is_named(scene: Path) -> None:
     (scene / "intri.yml").write_text("")
     with pytest.raises(CaptureError, match=r"intri\.yml: is no YAML file of OpenCV's.*Export the cameras again"):
         open_capture(scene)

@@ -17,11 +17,11 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def scene(made: Path, tmp_path: Path) -> Path:
-    """A copy to be spoiled."""
+    """Return a copy for modification."""
     return shutil.copytree(made, tmp_path / "scene")
 
 
-def test_cameras_are_those_that_were_written(made: Path) -> None:
+def test_neu3dv_cameras_round_trip(made: Path) -> None:
     capture = open_capture(made)
     for found, written in zip(capture.cameras, folders.cameras(), strict=True):
         assert found.name == written.name
@@ -29,34 +29,34 @@ def test_cameras_are_those_that_were_written(made: Path) -> None:
         np.testing.assert_allclose(found.K, written.K, atol=1e-5)
 
 
-def test_what_the_format_says_is_taken(made: Path) -> None:
+def test_near_bound_and_frame_rate_are_read(made: Path) -> None:
     capture = open_capture(made)
     assert (capture.frames, capture.fps, capture.near, capture.held_out) == (folders.FRAMES, 30.0, 1.5, ["cam00"])
     assert [c.name for c in capture.training_cameras] == ["cam01", "cam02", "cam03"]
 
 
-def test_frames_are_counted_within_the_range_and_cameras_come_in_the_order_asked_for(made: Path) -> None:
+def test_read_uses_range_and_camera_order(made: Path) -> None:
     capture = open_capture(made, frames=(3, 11))
     images = capture.read(2, 4, ["cam02", "cam00"])
     assert images.shape == (4, 2, folders.HEIGHT, folders.WIDTH, 3)
     assert [[folders.which(image) for image in step] for step in images] == [[(2, t), (0, t)] for t in range(5, 9)]
 
 
-def test_a_smaller_size_scales_the_cameras_too(made: Path) -> None:
+def test_resizing_scales_cameras(made: Path) -> None:
     capture = open_capture(made, scale=0.5)
     assert (capture.width, capture.height) == (16, 12)
     np.testing.assert_allclose(capture.camera("cam01").K[0], [20, 0, 8], atol=1e-5)
     assert capture.read(0, 1, ["cam01"]).shape == (1, 1, 12, 16, 3)
 
 
-def test_poses_for_another_size_of_the_same_shape_are_scaled(scene: Path) -> None:
+def test_poses_of_another_size_are_scaled(scene: Path) -> None:
     poses = np.load(scene / "poses_bounds.npy")
     poses[:, [4, 9, 14]] *= 2
     np.save(scene / "poses_bounds.npy", poses)
     np.testing.assert_allclose(open_capture(scene).cameras[0].K, folders.cameras()[0].K, atol=1e-5)
 
 
-def test_the_note_beside_the_videos_says_what_is_held_out(scene: Path) -> None:
+def test_sidecar_sets_held_out_cameras(scene: Path) -> None:
     (scene / "splatreel.json").write_text(json.dumps({"held_out": ["cam02"], "fps": 25}))
     assert open_capture(scene).held_out == ["cam02"]
     assert open_capture(scene).fps == 25
@@ -75,31 +75,31 @@ NOTES = [
 
 
 @pytest.mark.parametrize("content", NOTES)
-def test_a_bad_note_is_named(scene: Path, content: str) -> None:
+def test_invalid_sidecar_is_named(scene: Path, content: str) -> None:
     (scene / "splatreel.json").write_text(content)
     with pytest.raises(CaptureError, match=r"splatreel\.json"):
         open_capture(scene)
 
 
-def test_a_missing_video_is_counted(scene: Path) -> None:
+def test_missing_video_is_reported(scene: Path) -> None:
     (scene / "cam02.mp4").unlink()
     with pytest.raises(CaptureError, match=r"3 videos .* but 4 rows in poses_bounds\.npy.* add the missing videos"):
         open_capture(scene)
 
 
-def test_an_extra_video_is_counted(scene: Path) -> None:
+def test_extra_video_is_reported(scene: Path) -> None:
     shutil.copy(scene / "cam02.mp4", scene / "cam09.mp4")
     with pytest.raises(CaptureError, match=r"5 videos .* but 4 rows"):
         open_capture(scene)
 
 
-def test_videos_without_poses_are_told_so(scene: Path) -> None:
+def test_missing_poses_are_reported(scene: Path) -> None:
     (scene / "poses_bounds.npy").unlink()
     with pytest.raises(CaptureError, match=r"poses_bounds\.npy: is missing"):
         open_capture(scene)
 
 
-def test_unequal_frame_counts_name_both_and_the_way_out(scene: Path) -> None:
+def test_unequal_frame_counts_name_the_remedy(scene: Path) -> None:
     folders.write_video(scene / "cam03.mp4", [folders.frame(3, t) for t in range(9)])
     with pytest.raises(CaptureError, match=r"cam03\.mp4 has 9, cam00\.mp4 has 12.*--frames 0:9"):
         open_capture(scene)
@@ -109,7 +109,7 @@ def test_unequal_frame_counts_name_both_and_the_way_out(scene: Path) -> None:
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
-def test_poses_that_are_no_numbers_name_the_camera(scene: Path, value: float) -> None:
+def test_nonfinite_poses_name_the_camera(scene: Path, value: float) -> None:
     poses = np.load(scene / "poses_bounds.npy")
     poses[2, 3] = value
     np.save(scene / "poses_bounds.npy", poses)
@@ -120,7 +120,7 @@ def test_poses_that_are_no_numbers_name_the_camera(scene: Path, value: float) ->
 @pytest.mark.parametrize(
     "poses", [np.zeros((4, 15)), np.zeros((4, 3, 5)), np.zeros(17), np.zeros((4, 17), complex), np.full((4, 17), "a")]
 )
-def test_poses_of_the_wrong_shape_say_which(scene: Path, poses: np.ndarray) -> None:
+def test_poses_of_wrong_shape_are_refused(scene: Path, poses: np.ndarray) -> None:
     np.save(scene / "poses_bounds.npy", poses)
     with pytest.raises(
         CaptureError, match=r"poses_bounds\.npy: (has shape .* expected \[cameras, 17\]|is of .* numbers)"
@@ -128,13 +128,13 @@ def test_poses_of_the_wrong_shape_say_which(scene: Path, poses: np.ndarray) -> N
         open_capture(scene)
 
 
-def test_poses_that_are_no_array_file_are_named(scene: Path) -> None:
+def test_invalid_pose_file_is_named(scene: Path) -> None:
     np.save(scene / "poses_bounds.npy", np.array([{"a": 1}], dtype=object), allow_pickle=True)
     with pytest.raises(CaptureError, match=r"poses_bounds\.npy: is of object, expected an array of plain numbers"):
         open_capture(scene)
 
 
-def test_axes_that_are_no_rotation_are_refused(scene: Path) -> None:
+def test_pose_without_rotation_is_refused(scene: Path) -> None:
     poses = np.load(scene / "poses_bounds.npy")
     poses[1, :15] = 3.0
     np.save(scene / "poses_bounds.npy", poses)
@@ -161,7 +161,7 @@ def test_two_cameras_are_too_few(tmp_path: Path) -> None:
         open_capture(folders.neu3dv(tmp_path / "scene", count=2, frames=2))
 
 
-def test_camera_0_is_held_out_in_meetrooms_names_too(tmp_path: Path) -> None:
+def test_camera_0_of_meetroom_is_held_out(tmp_path: Path) -> None:
     scene = folders.neu3dv(tmp_path / "discussion")
     for file in sorted(scene.glob("cam*.mp4")):
         file.rename(scene / f"cam_{int(file.stem[3:])}.mp4")
@@ -171,7 +171,7 @@ def test_camera_0_is_held_out_in_meetrooms_names_too(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("fps", [1e-300, 1e6])
-def test_frames_a_second_that_no_reel_has_are_refused(scene: Path, fps: float) -> None:
+def test_unsupported_frame_rates_are_refused(scene: Path, fps: float) -> None:
     (scene / "splatreel.json").write_text(json.dumps({"fps": fps}))
     with pytest.raises(CaptureError, match=r"frames a second, expected 0\.001 to 100000"):
         open_capture(scene)

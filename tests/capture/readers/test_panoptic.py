@@ -15,7 +15,7 @@ def scene(tmp_path: Path) -> Path:
     return folders.panoptic(tmp_path / "basketball")
 
 
-def test_cameras_are_named_by_their_number_and_the_test_ones_held_out(scene: Path) -> None:
+def test_panoptic_holds_out_test_meta_cameras(scene: Path) -> None:
     capture = open_capture(scene)
     assert [c.name for c in capture.cameras] == ["1", "2", "10", "12"]
     assert capture.held_out == ["10"]
@@ -24,18 +24,18 @@ def test_cameras_are_named_by_their_number_and_the_test_ones_held_out(scene: Pat
     np.testing.assert_allclose(capture.camera("10").viewmat, folders.cameras()[3].viewmat)
 
 
-def test_images_of_cameras_and_frames(scene: Path) -> None:
+def test_panoptic_images_are_read(scene: Path) -> None:
     images = open_capture(scene, frames=(1, 5)).read(1, 2, ["10", "2"])
     assert [[folders.which(image) for image in step] for step in images] == [[(3, 2), (1, 2)], [(3, 3), (1, 3)]]
 
 
-def test_a_smaller_width(scene: Path) -> None:
+def test_panoptic_images_are_resized(scene: Path) -> None:
     capture = open_capture(scene, width=16)
     assert capture.read(0, 1, ["1"]).shape == (1, 1, 12, 16, 3)
     np.testing.assert_allclose(capture.camera("1").K, [[20, 0, 8], [0, 20, 6], [0, 0, 1]])
 
 
-def test_without_test_cameras_nothing_is_held_out(scene: Path) -> None:
+def test_missing_test_meta_holds_out_nothing(scene: Path) -> None:
     (scene / "test_meta.json").unlink()
     assert open_capture(scene).held_out == []
 
@@ -62,13 +62,13 @@ def spoil(scene: Path, change: Callable[[dict], object], file: str = "train_meta
         (lambda m: [m[key].pop() for key in ("k", "w2c", "fn", "cam_id")], r"unequal frame counts .*'10': 5"),
     ],
 )
-def test_a_bad_description_says_what_is_wrong(scene: Path, change: Callable[[dict], object], message: str) -> None:
+def test_invalid_meta_file_names_the_fault(scene: Path, change: Callable[[dict], object], message: str) -> None:
     spoil(scene, change)
     with pytest.raises(CaptureError, match=message):
         open_capture(scene)
 
 
-def test_a_description_that_is_no_json_is_named(scene: Path) -> None:
+def test_meta_file_without_json_is_named(scene: Path) -> None:
     (scene / "test_meta.json").write_text("{")
     with pytest.raises(CaptureError, match=r"test_meta\.json: .* should be a Panoptic"):
         open_capture(scene)

@@ -13,7 +13,7 @@ def scene(tmp_path: Path) -> Path:
     return folders.technicolor(tmp_path / "Painter")
 
 
-def test_cameras_and_frames(scene: Path) -> None:
+def test_technicolor_cameras_and_frames(scene: Path) -> None:
     capture = open_capture(scene, held_out=["02"])
     assert ([c.name for c in capture.cameras], capture.frames, capture.fps) == (["00", "01", "02", "03"], 3, 30.0)
     for found, written in zip(capture.cameras, folders.cameras(), strict=True):
@@ -22,7 +22,7 @@ def test_cameras_and_frames(scene: Path) -> None:
     assert [folders.which(image) for image in capture.read(1, 2, ["03"])[:, 0]] == [(3, 1), (3, 2)]
 
 
-def test_camera_10_is_held_out_where_there_is_one(scene: Path) -> None:
+def test_camera_10_is_held_out_by_default(scene: Path) -> None:
     assert open_capture(scene).held_out == []
     parameters = scene / "cameras_parameters.txt"
     lines = parameters.read_text().splitlines()
@@ -34,7 +34,7 @@ def test_camera_10_is_held_out_where_there_is_one(scene: Path) -> None:
     assert open_capture(scene).held_out == ["10"]
 
 
-def test_the_note_says_which_and_how_fast(scene: Path) -> None:
+def test_technicolor_sidecar_sets_held_out_and_rate(scene: Path) -> None:
     (scene / "splatreel.json").write_text('{"held_out": ["01"], "fps": 25}')
     capture = open_capture(scene, width=16, frames=(1, 3))
     assert (capture.held_out, capture.fps, capture.frames, capture.height) == (["01"], 25.0, 2, 12)
@@ -52,7 +52,7 @@ def test_the_note_says_which_and_how_fast(scene: Path) -> None:
         (lambda rows: rows[4].__setitem__(5, "3"), r"its quaternion of length 1"),
     ],
 )
-def test_parameters_that_cannot_be_used(scene: Path, change, message: str) -> None:
+def test_unusable_parameters_are_named(scene: Path, change, message: str) -> None:
     file = scene / "cameras_parameters.txt"
     rows = [line.split() for line in file.read_text().splitlines()]
     change(rows)
@@ -61,13 +61,13 @@ def test_parameters_that_cannot_be_used(scene: Path, change, message: str) -> No
         open_capture(scene)
 
 
-def test_a_picture_that_is_missing_is_named(scene: Path) -> None:
+def test_missing_frame_is_named(scene: Path) -> None:
     (scene / "Painter_undist_00052_01.png").unlink()
     with pytest.raises(CaptureError, match="camera 01 has no picture of frame 00052"):
         open_capture(scene)
 
 
-def test_other_images_are_not_its_pictures(scene: Path) -> None:
+def test_unrelated_images_are_ignored(scene: Path) -> None:
     (scene / "Painter_undist_00051_00.png").rename(scene / "cover.png")
     with pytest.raises(CaptureError, match="camera 00 has no picture of frame 00051"):
         open_capture(scene)

@@ -1,4 +1,4 @@
-"""Gaussians as sections: what the quantisation costs, and what is refused."""
+"""Gaussians as sections: quantization error and refused input."""
 
 import dataclasses
 
@@ -17,7 +17,7 @@ CONFIG = EncodeConfig()
 
 @pytest.mark.parametrize("count", [1, 2, 400])
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
-def test_round_trip(count, degree):
+def test_paper_gaussians_round_trip(count, degree):
     gaussians = points(count, degree=degree)
     sections, order = encode_gaussians(gaussians, CONFIG)
     decoded, original = decode_gaussians(sections, count), gaussians[order]
@@ -30,14 +30,14 @@ def test_round_trip(count, degree):
     assert (decoded.quats[:, 0] >= -1e-6).all()
 
 
-def test_rest_of_few_clusters_is_nearly_exact():
+def test_codebook_of_few_clusters_is_nearly_exact():
     gaussians = points(400, degree=3)
     few = gaussians.sh[np.arange(400) % 7]
     sections, order = encode_gaussians(dataclasses.replace(gaussians, sh=few), CONFIG)
     np.testing.assert_allclose(decode_gaussians(sections, 400).sh, few[order], atol=0.02)
 
 
-def test_no_entries_drop_the_higher_bands():
+def test_zero_entries_drop_higher_bands():
     sections, _ = encode_gaussians(points(50, degree=3), dataclasses.replace(CONFIG, sh_entries=0))
     assert decode_gaussians(sections, 50).sh_degree == 0
 
@@ -78,7 +78,7 @@ def test_nan_is_refused():
         ("sh_codebook", {"degree": 2}, "'sh_codebook'"),
     ],
 )
-def test_lies_name_the_section(name, change, message):
+def test_invalid_sections_are_named(name, change, message):
     sections, _ = encode_gaussians(points(100), CONFIG)
     sections[name] = Section(sections[name].data, sections[name].parameters | change)
     with pytest.raises(ReelError, match=message):
@@ -103,8 +103,8 @@ def test_huge_count_is_refused_before_anything_is_allocated():
 FLOATS = dict.fromkeys(("position_bits", "quat_bits", "opacity_bits", "scale_bits", "color_bits"))
 
 
-def test_without_bits_nothing_is_lost():
-    """The dashes of the paper's Table 9 are float32, in the order of the reel."""
+def test_float32_coding_is_lossless():
+    """Dashes in the paper's Table 9 mean float32, in the order of the reel."""
     gaussians = points(300, degree=3)
     sections, order = encode_gaussians(gaussians, dataclasses.replace(CONFIG.with_h265(**FLOATS), sh_entries=None))
     decoded, original = decode_gaussians(sections, 300), gaussians[order]
@@ -114,7 +114,7 @@ def test_without_bits_nothing_is_lost():
     assert sum(len(s.data) for s in sections.values()) == 4 * 59 * 300
 
 
-def test_a_codebook_may_hold_floats_and_each_point_may_have_its_own():
+def test_sh_rest_without_quantization_or_codebook():
     gaussians = points(300, degree=2)
     sections, order = encode_gaussians(
         gaussians, dataclasses.replace(CONFIG.with_h265(color_bits=None), sh_entries=5000)
@@ -126,8 +126,8 @@ def test_a_codebook_may_hold_floats_and_each_point_may_have_its_own():
     np.testing.assert_allclose(decode_gaussians(sections, 300).sh, gaussians.sh[order], atol=10 * step)
 
 
-def test_attributes_as_pictures():
-    """With 8 bits of video, as V3: within a few steps, and another CRF is coarser and smaller."""
+def test_attributes_as_images_round_trip():
+    """With 8 bits of video, as V3: errors are a few steps, and a higher CRF is coarser and smaller."""
     gaussians = points(500, degree=1)
     sizes, errors = [], []
     for crf in (0, 40):
@@ -151,21 +151,21 @@ def test_attributes_as_pictures():
         ("scales", {"codec": "picture", "width": 64, "height": 64}, "section 'scales' is not made of whole MP4 boxes"),
     ],
 )
-def test_lies_about_the_codec(name, change, message):
+def test_unknown_codecs_are_refused(name, change, message):
     sections, _ = encode_gaussians(points(100), CONFIG)
     sections[name] = Section(sections[name].data, sections[name].parameters | change)
     with pytest.raises(ReelError, match=message):
         decode_gaussians(sections, 100)
 
 
-def test_float32_that_are_no_numbers():
+def test_float32_nan_is_refused():
     sections, _ = encode_gaussians(points(100), CONFIG.with_h265(scale_bits=None))
     sections["scales"] = Section(np.full(300, np.nan, "<f4").tobytes(), sections["scales"].parameters)
     with pytest.raises(ReelError, match="section 'scales' holds NaN"):
         decode_gaussians(sections, 100)
 
 
-def test_weights_of_colours_serve_some_points_better_where_the_configuration_says_so():
+def test_weighted_codebook_favors_important_points():
     gaussians = points(400, degree=3)
     weights = np.where(np.arange(400) < 100, 100.0, 0.0)
     plain = dataclasses.replace(CONFIG.with_h265(weighted_codebook=False), sh_entries=30)

@@ -25,18 +25,18 @@ def motion(count, frames, seed=0):
 
 
 def encode(dx, dq, config=CONFIG):
-    """Of points that `ofs` does not look at."""
+    """Encode motion of points that `ofs` ignores."""
     return offsets.encode(dx, dq, random_gaussians(np.random.default_rng(0), dx.shape[1], 0, (0, 0, 0)), config.h265)
 
 
 def angles(a, b):
-    """Degrees between rotations."""
+    """Return the angles in degrees between rotations."""
     return np.degrees(2 * np.arccos(np.clip(np.abs((a * b).sum(-1)), 0, 1)))
 
 
 @pytest.mark.parametrize(("count", "frames"), [(1, 1), (1, 5), (300, 1), (700, 8)])
 @pytest.mark.parametrize("fold", [True, False])
-def test_round_trip(count, frames, fold):
+def test_paper_offsets_round_trip(count, frames, fold):
     dx, dq = motion(count, frames)
     data, parameters = encode(dx, dq, CONFIG.with_h265(fold=fold))
     got_dx, got_dq = offsets.decode(data, parameters, frames, count)
@@ -48,7 +48,7 @@ def test_round_trip(count, frames, fold):
     np.testing.assert_allclose(np.linalg.norm(got_dq, axis=-1), 1, atol=1e-5)
 
 
-def test_same_offsets_same_bytes():
+def test_offset_bytes_are_reproducible():
     dx, dq = motion(300, 4)
     assert encode(dx, dq) == encode(dx, dq)
 
@@ -60,7 +60,7 @@ def test_quaternion_signs_do_not_matter():
     assert (offsets.decode(*encode(dx, -dq), 4, 200)[1][..., 0] > 0).all()
 
 
-def test_no_motion_stays_none():
+def test_zero_motion_is_exact():
     dx = np.zeros((3, 50, 3))
     dq = rotations.normalize(np.zeros((3, 50, 4)))
     got_dx, got_dq = offsets.decode(*encode(dx, dq), 3, 50)
@@ -68,7 +68,7 @@ def test_no_motion_stays_none():
     np.testing.assert_array_equal(got_dq, dq)
 
 
-def test_layout_known_answers():
+def test_map_layout_known_answers():
     """Z-order in a block of 16, every odd row of blocks from right to left."""
     pixels = maps.pixels_of(256 * 6, 48)
     xy = np.stack([pixels % 48, pixels // 48], -1)
@@ -77,7 +77,7 @@ def test_layout_known_answers():
     assert len(np.unique(pixels)) == len(pixels)
 
 
-def test_is_an_mp4_that_players_take():
+def test_offsets_are_a_playable_mp4():
     dx, dq = motion(700, 5)
     data, parameters = encode(dx, dq)
     with av.open(io.BytesIO(data)) as container:
@@ -104,7 +104,7 @@ def test_fold_helps_smooth_motion():
     assert error[True] < error[False]
 
 
-def test_unknown_codec():
+def test_unknown_offset_codec_is_refused():
     dx, dq = motion(10, 2)
     data, parameters = encode(dx, dq)
     for name in ("vvc", None, [], 3):
@@ -134,13 +134,13 @@ def test_nan_is_refused():
         ({"dx_min": [0, 0, float("nan")]}, 2, 300, "dx_min"),
     ],
 )
-def test_lies(change, frames, count, message):
+def test_invalid_offset_parameters_are_refused(change, frames, count, message):
     data, parameters = encode(*motion(300, 2))
     with pytest.raises(ReelError, match=message):
         offsets.decode(data, parameters | change, frames, count)
 
 
-def test_damaged_video():
+def test_damaged_video_is_refused():
     data, parameters = encode(*motion(300, 3))
     with pytest.raises(ReelError):
         offsets.decode(b"", parameters, 3, 300)
@@ -159,8 +159,8 @@ def test_damaged_video():
     ("source", "tolerance", "degrees"),
     [("ofs", 0.003, 0.5), ("ori", 0.006, 1.5), ("dif", 0.02, 1.5), ("raw", 1e-6, 0.1)],
 )
-def test_sources_of_table_10(source, tolerance, degrees):
-    """A file of each source decodes to the same moving points, some more exactly than others."""
+def test_all_sources_of_table_10_round_trip(source, tolerance, degrees):
+    """Files of all sources decode to the same dynamic points with different precision."""
     rng = np.random.default_rng(3)
     points = random_gaussians(rng, 400, 1, (2, 0, 0))
     dx, dq = random_motion(rng, points, 6)
@@ -173,7 +173,7 @@ def test_sources_of_table_10(source, tolerance, degrees):
         assert np.median(angles(found.quats, expected.quats)) < degrees
 
 
-def test_originals_hold_their_first_frame_only_once():
+def test_original_source_stores_the_first_frame_once():
     rng = np.random.default_rng(3)
     points = random_gaussians(rng, 200, 0, (0, 0, 0))
     group = Group(0, 0, points, *random_motion(rng, points, 3), np.zeros(0, bool))
@@ -187,14 +187,14 @@ def test_originals_hold_their_first_frame_only_once():
         decode_group(pack_file(header, sections), "it")
 
 
-def test_raw_offsets_that_are_cut_off():
+def test_truncated_raw_offsets_are_refused():
     data, parameters = encode(*motion(30, 2), CONFIG.with_h265(source="raw"))
     assert len(data) == 4 * 7 * 2 * 30
     with pytest.raises(ReelError, match="float32 numbers of shape"):
         offsets.decode(data[:-4], parameters, 2, 30)
 
 
-def test_rotations_may_have_a_crf_of_their_own():
+def test_rotations_have_a_separate_crf():
     dx, dq = motion(700, 5)
     coarse = encode(dx, dq, CONFIG.with_h265(crf_rotation=45))
     fine = encode(dx, dq)

@@ -1,4 +1,4 @@
-"""The codebook of the higher SH coefficients."""
+"""Codebook of the higher SH coefficients."""
 
 import numpy as np
 
@@ -11,7 +11,7 @@ def blobs(count=2000, centers=20, seed=0):
     return (middle[rng.integers(0, centers, count)] + 0.01 * rng.normal(size=(count, 45))).astype(np.float32), middle
 
 
-def test_finds_the_clusters():
+def test_kmeans_finds_clusters():
     vectors, _ = blobs()
     codebook = vector.kmeans(vectors, 60)
     assert codebook.shape == (60, 45)
@@ -19,7 +19,7 @@ def test_finds_the_clusters():
     assert distance.mean() < 0.02  # against 45 when nothing fits, 0.0045 for the blobs' own centers
 
 
-def test_assign_is_the_nearest():
+def test_assign_returns_the_nearest_entry():
     vectors, _ = blobs(300)
     codebook = vectors[:40] + 0.1
     nearest, distance = vector.assign(vectors, codebook)
@@ -33,7 +33,7 @@ def test_same_seed_same_codebook():
     np.testing.assert_array_equal(vector.kmeans(vectors, 32, seed=3), vector.kmeans(vectors, 32, seed=3))
 
 
-def test_fewer_vectors_than_entries_are_kept():
+def test_few_vectors_are_kept_exactly():
     vectors = np.repeat(blobs(5)[0], 3, axis=0)
     codebook = vector.kmeans(vectors, 1024)
     assert codebook.shape == (5, 45)
@@ -46,8 +46,8 @@ def test_one_entry_is_the_mean():
     np.testing.assert_allclose(vector.kmeans(vectors, 1), [[2.0]])
 
 
-def test_what_weighs_more_is_served_better():
-    """Two clouds and few entries: most of them go to the one that weighs a hundred times as much, whose error falls."""
+def test_kmeans_favors_larger_weights():
+    """Of two clouds, the one with a hundred times the weight gets most of the few entries, and its error falls."""
     rng = np.random.default_rng(0)
     vectors = np.concatenate([rng.normal(0, 1, (500, 6)), rng.normal(20, 1, (500, 6))]).astype(np.float32)
     weights = np.repeat([100.0, 1.0], 500)

@@ -1,4 +1,4 @@
-"""Points and a group whose points move, for the predictive codec."""
+"""Points and a group with motion, for the predictive codec."""
 
 import numpy as np
 

@@ -19,7 +19,7 @@ def random_shapes(count, spread, seed=0):
 
 
 @pytest.mark.parametrize("spread", [0.0, 1e-7, 0.3, 4.0])
-def test_shapes_come_back(spread):
+def test_shapes_round_trip(spread):
     quats, scales = random_shapes(500, spread)
     scales[:100, 1] = scales[:100, 0]  # round about an axis
     quats[100:150] = [1, 0, 0, 0]
@@ -30,14 +30,14 @@ def test_shapes_come_back(spread):
     np.testing.assert_allclose(np.linalg.norm(found[0], axis=1), 1, atol=1e-12)
 
 
-def test_how_the_axes_are_written_makes_no_difference():
+def test_shapes_do_not_depend_on_axis_order_or_sign():
     quats, scales = random_shapes(50, 1.0)
     exchanged = rotations.normalize(rotations.multiply(quats, np.array([1.0, 1.0, 1.0, 1.0])))  # x, y, z to y, z, x
     np.testing.assert_allclose(of_shapes(-exchanged, scales[:, [1, 2, 0]]), of_shapes(quats, scales), atol=1e-12)
 
 
-def test_numbers_by_hand():
-    """Twice as large in every direction is an octave in each, and the first number has it all."""
+def test_shape_numbers_known_answers():
+    """Doubling all scales adds one octave per direction, which only the first number contains."""
     still = np.array([[1.0, 0, 0, 0]])
     np.testing.assert_allclose(
         of_shapes(still, np.full((1, 3), 2.0)), [[3 * np.sqrt(2 / 3), 0, 0, 0, 0, 0]], atol=1e-12
@@ -52,7 +52,7 @@ def test_numbers_by_hand():
 
 
 @given(arrays(np.float64, (3, 6), elements=st.floats(-1e12, 1e12)))
-def test_any_numbers_are_a_shape(numbers):
+def test_any_numbers_decode_to_a_shape(numbers):
     quats, scales = to_shapes(numbers)
     assert np.isfinite(quats).all()
     assert (scales >= 2.0**-LARGEST).all()

@@ -1,4 +1,4 @@
-"""The entropy coder: round trips, its length against the entropy, damage."""
+"""Entropy coder: round trips, length compared with the entropy, damage."""
 
 import contextlib
 
@@ -13,7 +13,7 @@ from splatreel.errors import ReelError
 
 
 def coded(values, contexts, count):
-    return entropy.encode(values, np.broadcast_to(contexts, values.shape), count)
+    return entropy.entropy_encode(values, np.broadcast_to(contexts, values.shape), count)
 
 
 @njit
@@ -33,19 +33,19 @@ def assert_same(values, contexts, count):
 
 @settings(deadline=None, max_examples=40)
 @given(st.integers(0, 1500), st.integers(0, 52), st.integers(0, 2**32 - 1))
-def test_round_trip(size, bits, seed):
+def test_entropy_round_trip(size, bits, seed):
     rng = np.random.default_rng(seed)
     assert_same(rng.integers(0, 1 << bits, size), rng.integers(0, 7, size), 7)
 
 
-def test_lanes_and_one_number_that_never_changes():
+def test_constant_numbers_round_trip_in_lanes():
     rng = np.random.default_rng(0)
     geometric = rng.geometric(0.3, 100_000)
     assert_same(np.concatenate([geometric, np.full(5000, 9)]), np.repeat([0, 1], [100_000, 5000]), 2)
     assert [coded(geometric[:count], 0, 1)[0] for count in (10, 100_000)] == [0, 2]
 
 
-def test_a_stream_of_one_context_is_read_at_once():
+def test_stream_of_one_context_is_read_in_one_call():
     values = np.random.default_rng(0).integers(0, 1 << 20, 3000)
     stream = entropy.Stream(coded(values, 0, 1), 1)
     np.testing.assert_array_equal(np.concatenate([stream.read(1000), stream.read(2000)]), values)
@@ -55,13 +55,13 @@ def test_a_stream_of_one_context_is_read_at_once():
         stream.finish()
 
 
-def test_the_largest_numbers():
+def test_largest_numbers_round_trip():
     assert_same(np.array([0, 31, 32, 33, 63, 64, entropy.MAX_VALUE]), 0, 1)
     with pytest.raises(ReelError, match="too large"):
         coded(np.array([entropy.MAX_VALUE + 1]), 0, 1)
 
 
-def test_is_about_as_long_as_the_entropy():
+def test_stream_length_is_near_the_entropy():
     values = np.random.default_rng(0).geometric(0.4, 50_000)
     _, counts = np.unique(values, return_counts=True)
     ideal = -(counts * np.log2(counts / counts.sum())).sum() / 8
@@ -76,7 +76,7 @@ def test_zigzag():
 
 @settings(deadline=None, max_examples=200)
 @given(st.data())
-def test_damage_is_a_reel_error_or_decodes(data):
+def test_damaged_stream_raises_reel_error_or_decodes(data):
     values = np.random.default_rng(0).integers(0, 200, 400)
     damaged = bytearray(coded(values, values % 3, 3))
     for at in data.draw(st.lists(st.integers(0, len(damaged) - 1), max_size=4)):

@@ -1,14 +1,14 @@
-"""The Karhunen-Loeve transform: what it keeps, and the order of its columns."""
+"""Karhunen-Loeve transform: reconstruction, and the order of its columns."""
 
 import numpy as np
 import pytest
 
 from splatreel.codec.predictive import klt
-from splatreel.codec.predictive.entropy import encode
+from splatreel.codec.predictive.entropy import entropy_encode
 from splatreel.errors import ReelError
 
 
-def test_klt_keeps_what_few_directions_hold():
+def test_klt_reconstructs_low_rank_samples():
     rng = np.random.default_rng(0)
     samples = rng.normal(size=(500, 3)) @ rng.normal(size=(3, 30))
     basis, shifts = klt.analyze(samples, 0.01)
@@ -20,20 +20,20 @@ def test_klt_keeps_what_few_directions_hold():
     )
 
 
-def test_columns_that_are_small_come_last():
+def test_small_columns_come_last():
     found = np.ones((5, 4, 2)) * np.array([8.0, 4, 1, 2])[:, None]
     found[..., 1] /= 100
     order = klt.columns_of(found)
     assert (order % 2).tolist() == [0, 0, 0, 0, 1, 1, 1, 1]
     assert (order // 2).tolist() == [0, 1, 2, 3, 0, 1, 2, 3], "those of a channel in the order of the basis"
-    data = encode(order % 2, np.zeros(8, np.int64), 1)
+    data = entropy_encode(order % 2, np.zeros(8, np.int64), 1)
     np.testing.assert_array_equal(klt.decode_columns(data, 8, 4, 2), order % 2)
     for kinds, channels in ((3, 2), (4, 1)):
         with pytest.raises(ReelError, match="has columns"):
             klt.decode_columns(data, 8, kinds, channels)
 
 
-def test_a_sum_takes_each_column_to_its_vector_and_channel():
+def test_expand_sums_columns_by_vector_and_channel():
     basis = np.array([[1.0, 10.0], [2.0, 20.0]])  # two dimensions, two vectors
     found, columns = np.array([[1, 2, 3]], np.int32), np.array([0, 1, 0])
     whole = klt.expand(found, np.array([3]), basis, columns, 2)

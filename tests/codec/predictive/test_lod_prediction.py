@@ -1,4 +1,4 @@
-"""Prediction from neighbors: levels, error bounds, what it saves, damage."""
+"""Prediction from neighbors: levels, error bounds, savings, damage."""
 
 import contextlib
 from itertools import pairwise
@@ -19,7 +19,7 @@ def quantized(count, seed=0, bits=12):
 
 
 @pytest.mark.parametrize("count", [1, 2, 63, 64, 127, 128, 129, 1000])
-def test_every_point_is_in_one_level_and_its_neighbors_in_coarser_ones(count):
+def test_each_point_has_one_level_and_coarser_neighbors(count):
     levels = lod_prediction.levels_of(quantized(count))
     known = np.zeros(count, bool)
     assert 1 <= levels.starts[1] < 2 * lod_prediction.FIRST_LEVEL
@@ -35,7 +35,7 @@ def test_every_point_is_in_one_level_and_its_neighbors_in_coarser_ones(count):
 
 
 def plain_nearest(q, point, stride):
-    """(neighbors, weights) of a point as the format says it, without compiling."""
+    """Return neighbors and weights of a point as the format defines them, without compilation."""
     middle = point // stride
     there = [j * stride for j in range(middle - 7, middle + 9) if 0 <= j * stride < len(q)]
     near = sorted(there, key=lambda other: ((q[other] - q[point]) ** 2).sum())[:4]
@@ -46,7 +46,7 @@ def plain_nearest(q, point, stride):
     return near, weights
 
 
-def test_neighbors_are_those_of_the_format():
+def test_neighbors_match_the_format():
     q = quantized(700, bits=3)  # many are equally near
     levels = lod_prediction.levels_of(q)
     for level, (first, end) in enumerate(pairwise(levels.starts)):
@@ -68,7 +68,7 @@ def test_neighbors_are_near():
 
 @settings(deadline=None, max_examples=25)
 @given(st.integers(1, 400), st.integers(1, 5), st.floats(0.1, 1e5), st.integers(0, 2**32 - 1))
-def test_round_trip_within_the_bound(count, columns, size, seed):
+def test_lod_round_trip_within_the_error_bound(count, columns, size, seed):
     rng = np.random.default_rng(seed)
     values, classes = rng.normal(size=(count, columns)) * size, rng.integers(0, lod_prediction.MAX_CLASS + 1, count)
     levels = lod_prediction.levels_of(quantized(count, seed))
@@ -79,7 +79,7 @@ def test_round_trip_within_the_bound(count, columns, size, seed):
 
 @settings(deadline=None, max_examples=25)
 @given(st.integers(1, 400), st.integers(1, 6), st.floats(0.1, 1e3), st.integers(0, 2**32 - 1))
-def test_columns_past_the_end_are_zero_and_cost_no_more_than_rounding(count, columns, size, seed):
+def test_columns_past_the_end_are_zero(count, columns, size, seed):
     rng = np.random.default_rng(seed)
     values, classes = rng.laplace(size=(count, columns)) * size, rng.integers(0, lod_prediction.MAX_CLASS + 1, count)
     levels, ends = lod_prediction.levels_of(quantized(count, seed)), lod_prediction.ends_of(values, classes)
@@ -99,7 +99,7 @@ def test_smooth_values_cost_little():
     assert sizes[0] < 0.75 * sizes[1]
 
 
-def test_values_that_are_too_large():
+def test_too_large_values_are_refused():
     levels = lod_prediction.levels_of(quantized(5))
     with pytest.raises(ReelError, match="coarser step"):
         lod_prediction.encode_lod(np.full((5, 1), 1e12), levels, np.zeros(5, np.int64))
@@ -107,7 +107,7 @@ def test_values_that_are_too_large():
 
 @settings(deadline=None, max_examples=100)
 @given(st.data())
-def test_damage_is_a_reel_error_or_decodes(data):
+def test_damaged_lod_data_raises_reel_error_or_decodes(data):
     levels, classes = lod_prediction.levels_of(quantized(150)), np.zeros(150, np.int64)
     damaged = bytearray(
         lod_prediction.encode_lod(np.random.default_rng(0).normal(size=(150, 2)) * 40, levels, classes)[0]

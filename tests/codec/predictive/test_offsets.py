@@ -1,4 +1,4 @@
-"""Points and their motion come back within what the header says; lies in it are found."""
+"""Points and motion round trip within the header's error; invalid headers are refused."""
 
 import dataclasses
 
@@ -19,7 +19,7 @@ def covariances(gaussians):
     return axes @ axes.transpose(0, 2, 1)
 
 
-def test_points_come_back():
+def test_predictive_points_round_trip():
     before = points()
     data, order = encode_layer(0, 0, before, CONFIG)
     after = decode_layer(data, "a layer")[1]
@@ -36,7 +36,7 @@ def test_points_come_back():
     assert worst.max() < 0.2
 
 
-def test_motion_is_as_near_as_the_header_says():
+def test_offset_error_matches_the_header():
     before = group()
     data, order = encode_group(before, CONFIG)
     after = decode_group(data, "a group")
@@ -51,7 +51,7 @@ def test_motion_is_as_near_as_the_header_says():
         assert (np.abs(moved[0] - moved[1][order]).max((1, 2)) / largest).max() < 0.25
 
 
-def test_between_frames_a_point_is_on_its_decoded_curve():
+def test_decoded_offsets_interpolate_between_frames():
     after = decode_group(encode_group(group(), CONFIG)[0], "a group")
     middle = after.at(3.25).means - after.dynamic.means
     np.testing.assert_allclose(middle, 0.75 * after.dx[3] + 0.25 * after.dx[4], atol=1e-6)
@@ -75,7 +75,7 @@ def test_between_frames_a_point_is_on_its_decoded_curve():
         ("sh_rest", {"degree": 7}, "'sh_rest' has degree"),
     ],
 )
-def test_lies(section, change, message):
+def test_invalid_predictive_sections_are_refused(section, change, message):
     header, sections = unpack_file(encode_group(group(40, 3), CONFIG)[0])
     found = sections[section]
     if "nan" not in str(change):

@@ -1,4 +1,4 @@
-"""Classes of importance, and what they save."""
+"""Classes of importance, and their savings."""
 
 import dataclasses
 
@@ -9,7 +9,7 @@ from splatreel.codec.predictive.precision import STEPS, classes_of
 from tests.codec.predictive.groups import CONFIG, group, points
 
 
-def test_coarser_is_smaller_and_importance_saves():
+def test_coarser_steps_and_importance_reduce_bytes():
     whole = len(encode_group(group(), CONFIG)[0])
     coarse = len(encode_group(group(), dataclasses.replace(CONFIG, coarseness=4.0))[0])
     importance = np.full((300, 3), 1e-3)
@@ -19,7 +19,7 @@ def test_coarser_is_smaller_and_importance_saves():
     assert unequal < 0.85 * whole
 
 
-def test_where_all_steps_are_coarse_those_of_hidden_points_grow_less():
+def test_coarse_steps_limit_the_largest_class():
     importance = np.geomspace(1, 1e-5, 60)[:, None].repeat(3, 1)
     fine, coarse = (classes_of(importance, 60, coarseness) for coarseness in (0.6, 2.5))
     assert (fine.max(), coarse.max()) == (3, 2)

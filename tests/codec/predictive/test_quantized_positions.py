@@ -1,4 +1,4 @@
-"""Positions come back within their steps."""
+"""Positions round trip within their steps."""
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ from splatreel.codec.predictive import quantized_positions
 
 @pytest.mark.parametrize("count", [1, 2, 500])
 @pytest.mark.parametrize("offset", [0.0, 1000.0])
-def test_positions(count, offset):
+def test_quantized_positions_round_trip(count, offset):
     means = np.random.default_rng(count).normal(size=(count, 3)) + offset
     data, parameters, order, found = quantized_positions.encode_quantized_positions(means, 0.004)
     np.testing.assert_array_equal(quantized_positions.decode_quantized_positions(data, parameters, count), found)
@@ -19,7 +19,7 @@ def test_positions(count, offset):
     assert len(refinement) == (3 * bits.sum() + 7) // 8
 
 
-def test_points_that_coincide_and_a_scene_too_large_for_the_step():
+def test_coinciding_points_and_large_scenes_round_trip():
     means = np.concatenate([np.zeros((5, 3)), np.full((1, 3), 1e6)])
     data, parameters, order, _ = quantized_positions.encode_quantized_positions(means, 1e-3)
     found, bits = quantized_positions.decode_quantized_positions(data, parameters, 6), np.zeros(6, np.int64)

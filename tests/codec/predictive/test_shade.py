@@ -1,4 +1,4 @@
-"""Colors and opacities that change come back, in both codecs."""
+"""Changes of color and opacity round trip in both codecs."""
 
 import dataclasses
 
@@ -15,7 +15,7 @@ from tests.golden import random_shade
 
 
 @pytest.mark.parametrize("codec", ["predictive", "h265"])
-def test_colours_and_opacities_that_change_come_back(codec):
+def test_shade_round_trips(codec):
     before = dataclasses.replace(group(), shade=random_shade(np.random.default_rng(2), 300, 12))
     data, order = encode_group(before, EncodeConfig(codec=codec), None)
     after = decode_group(data, "x")
@@ -25,7 +25,7 @@ def test_colours_and_opacities_that_change_come_back(codec):
     assert not np.allclose(after.at(3).opacities, after.at(0).opacities, atol=0.05)
 
 
-def test_a_shade_of_another_size_is_refused():
+def test_shade_of_wrong_size_is_refused():
     data, _ = encode_group(dataclasses.replace(group(), shade=random_shade(np.random.default_rng(2), 300, 12)), CONFIG)
     header, sections = unpack_file(data)
     sections["shade"] = dataclasses.replace(sections["shade"], data=sections["shade"].data[:-3])

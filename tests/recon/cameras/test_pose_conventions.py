@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from splatreel.capture.poses import inverted, turned_about
+from splatreel.capture.pose_checks import inverted
 from splatreel.recon.cameras.pose_conventions import match_nearest, recognize_convention
 from splatreel.recon.cameras.poses import PoseFindings, inspect_poses
 from splatreel.recon.init.features import detect
@@ -25,8 +25,8 @@ def test_correct_poses_keep_their_convention() -> None:
     ("stored", "meant"),
     [
         (inverted, "camera to world"),
-        (turned_about, "world to camera in OpenGL's axes (y up, z backwards)"),
-        (lambda cameras: inverted(turned_about(cameras)), "camera to world in OpenGL's axes (y up, z backwards)"),
+        (with_opengl_axes, "world to camera in OpenGL's axes (y up, z backwards)"),
+        (lambda cameras: inverted(with_opengl_axes(cameras)), "camera to world in OpenGL's axes (y up, z backwards)"),
     ],
 )
 def test_convention_of_the_poses_is_recognized(stored: Callable[[list[Camera]], list[Camera]], meant: str) -> None:

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.capture.poses import inverted
+from splatreel.capture.pose_checks import inverted
 from splatreel.errors import ReconstructionError
 from splatreel.recon.cameras.exposure import at_next_keyframe, measure_exposure, remove_exposure, report_exposure
 from splatreel.recon.cameras.poses import PoseFindings

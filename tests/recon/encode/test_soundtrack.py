@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.capture.sound import Track
+from splatreel.capture.soundtrack import Track
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.codec.writer import ReelWriter

@@ -11,8 +11,8 @@ import pytest
 from splatreel.capture.follower import Follower, open_growing
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.opening import open_capture
+from splatreel.codec.opus_sound import decode_sound
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.sound import decode_sound
 from splatreel.codec.verify import verify_reel
 from splatreel.config import Config
 from splatreel.progress import Silent, Span

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.evaluation.bench import front_camera
+from splatreel.evaluation.bench.microbenchmarks import front_camera
 from splatreel.recon.train import surfaces
 from splatreel.recon.train.render import Splats, View, splats
 from splatreel.scene.camera import Camera

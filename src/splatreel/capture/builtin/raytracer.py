@@ -1,9 +1,9 @@
-"""A small ray tracer for the built-in capture: matte and mirroring solids under one soft light.
+"""Ray tracer of the built-in capture: matte and mirroring solids under one soft light.
 
-It shares nothing with the splatting code, so that a reconstruction is judged against something that knows no Gaussians.
-What stands still is traced once a camera; a frame then traces only the rays, and the shadow rays, that may meet what moves.
-The kernels run on one thread without the interpreter lock: cameras are traced in parallel.
-World and camera conventions are those of `scene.camera`; lengths are world units, colors linear 0..1.
+It shares no code with splatting, so that reconstructions are judged against an independent renderer. Static solids are
+traced once per camera. A frame traces only rays and shadow rays that may hit moving solids. Kernels run on one thread
+without the interpreter lock, and cameras are traced in parallel. World and camera conventions are those of
+`scene.camera`; lengths are world units, colors linear 0..1.
 """
 
 from __future__ import annotations
@@ -31,20 +31,23 @@ from splatreel.capture.builtin.textures import MIRROR
 from splatreel.scene.camera import Camera
 
 SAMPLES = 3
-"""Rays along an edge of a pixel."""
+"""Rays per pixel edge."""
 LIGHT_SIZE = 0.5
 
-# Columns of Still.samples and Still.pixels.
+# Columns of StaticView.samples and StaticView.pixels.
 DEPTH, MIRRORED, POINT, AMBIENT, DIRECT, SAMPLE_COLUMNS = 0, 1, 2, 5, 8, 11
 PLAIN, MIDDLE, SPREAD, PIXEL_COLUMNS = 0, 3, 6, 7
 
 
-class Still(NamedTuple):
-    """What one camera sees of the standing solids.
+class StaticView(NamedTuple):
+    """View of the static solids from one camera.
 
-    samples: [H, W, S * S, 11] float32: DEPTH, distance along the unit ray; MIRRORED, the mirror hit or -1; POINT [3], what is seen, in
-    the mirror where one is hit; AMBIENT [3] and DIRECT [3], the light it sends from the surroundings and straight from the lamp.
-    pixels: [H, W, 7] float64: PLAIN [3], the color when nothing moves; MIDDLE [3] and SPREAD, a sphere around the points.
+    Attributes:
+        samples: [H, W, S * S, 11] float32. DEPTH: distance along the unit ray. MIRRORED: index of the hit mirror or -1.
+            POINT [3]: visible point, behind a mirror if one is hit. AMBIENT [3] and DIRECT [3]: its light from the
+            surroundings and from the lamp.
+        pixels: [H, W, 7] float64. PLAIN [3]: color without motion. MIDDLE [3] and SPREAD: bounding sphere of the
+            visible points.
     """
 
     samples: np.ndarray
@@ -53,7 +56,7 @@ class Still(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def _openness(shapes, me, x, y, z, nx, ny, nz):
-    """Share of the ambient light that the other solids leave: each counts as the sphere of its extent."""
+    """Return the share of ambient light that the other solids leave; each counts as the sphere of its extent."""
     light = 1.0
     for i in range(len(shapes.solids)):
         if i != me and shapes.solids[i, OCCLUSION] > 0:
@@ -68,9 +71,9 @@ def _openness(shapes, me, x, y, z, nx, ny, nz):
 
 @njit(cache=True, error_model="numpy")
 def _lamp(light, sample, x, y, z):
-    """Unit direction and distance from a point to the part of the lamp that this sub-sample sees.
+    """Return the unit direction and distance from a point to the part of the lamp that a sub-sample uses.
 
-    The parts stand like rooks on the square of the lamp: a shadow edge has as many steps as there are, in either direction.
+    The parts form a rook pattern on the lamp's square, which gives shadow edges the most steps in both directions.
     """
     n = SAMPLES * SAMPLES
     lx = light[0] + ((sample * 7 % n + 0.5) / n - 0.5) * LIGHT_SIZE - x
@@ -82,9 +85,9 @@ def _lamp(light, sample, x, y, z):
 
 @njit(cache=True, error_model="numpy")
 def _lit(still, shapes, i, me, light, sample, x, y, z):
-    """(ambient rgb, direct rgb) leaving solid i of `shapes` at a point; only `still` casts shadows and occludes.
+    """Return ambient rgb and direct rgb leaving solid i of `shapes` at a point. Only `still` casts shadows and occludes.
 
-    me: the solid's index among the standing ones, which it does not darken itself, or -1.
+    `me` is the solid's index among the static ones, which it does not occlude, or -1.
     """
     nx, ny, nz, r, g, b = surface(shapes, i, x, y, z)
     open_sky = _openness(still, me, x, y, z, nx, ny, nz)
@@ -100,7 +103,7 @@ def _lit(still, shapes, i, me, light, sample, x, y, z):
 
 @njit(cache=True, error_model="numpy")
 def _shade(still, moving, i, light, sample, x, y, z):
-    """Color leaving moving solid i at a point, with the shadows of everything."""
+    """Return the color leaving moving solid i at a point, with all shadows."""
     ar, ag, ab, r, g, b = _lit(still, moving, i, -1, light, sample, x, y, z)
     if r + g + b > 0:
         sx, sy, sz, distance = _lamp(light, sample, x, y, z)
@@ -111,7 +114,7 @@ def _shade(still, moving, i, light, sample, x, y, z):
 
 @njit(cache=True, error_model="numpy")
 def _ray(camera, row, col, sample):
-    """Unit world direction through a sub-sample. camera: [6, 3] as `_pack` makes it."""
+    """Return the unit world direction through a sub-sample. camera [6, 3] comes from `_pack`."""
     u = (col + (sample % SAMPLES + 0.5) / SAMPLES - camera[4, 0]) / camera[5, 0]
     v = (row + (sample // SAMPLES + 0.5) / SAMPLES - camera[4, 1]) / camera[5, 1]
     x = camera[1, 0] * u + camera[2, 0] * v + camera[3, 0]
@@ -123,14 +126,14 @@ def _ray(camera, row, col, sample):
 
 @njit(cache=True, error_model="numpy")
 def _sky(dy):
-    """What a ray that leaves the room sees, by the height of its direction."""
+    """Return the color of a ray that leaves the room, by the height of its direction."""
     up = min(1.0, max(0.0, 0.5 + dy))
     return 0.42 + 0.2 * up, 0.44 + 0.24 * up, 0.46 + 0.32 * up
 
 
 @njit(cache=True, error_model="numpy")
 def _reflect(still, i, x, y, z, dx, dy, dz):
-    """Direction after mirror i, and the mirror's tint."""
+    """Return the direction after mirror i, and the mirror's tint."""
     nx, ny, nz, r, g, b = surface(still, i, x, y, z)
     k = 2 * (dx * nx + dy * ny + dz * nz)
     return dx - k * nx, dy - k * ny, dz - k * nz, r, g, b
@@ -138,7 +141,7 @@ def _reflect(still, i, x, y, z, dx, dy, dz):
 
 @njit(cache=True, error_model="numpy")
 def _look(still, light, s, ox, oy, oz, dx, dy, dz):
-    """(distance, mirror, point, ambient, direct) of what a ray sees of the standing solids; a mirror in a mirror shows the sky."""
+    """Return distance, mirror, point, ambient and direct light of a ray among static solids. A mirror in a mirror shows the sky."""
     distance, i = nearest(still, ox, oy, oz, dx, dy, dz, FAR)
     x, y, z = ox + distance * dx, oy + distance * dy, oz + distance * dz
     tr, tg, tb, t, mirror = 1.0, 1.0, 1.0, distance, -1
@@ -156,7 +159,7 @@ def _look(still, light, s, ox, oy, oz, dx, dy, dz):
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
-def _trace_still(camera, light, still, samples):
+def _trace_static(camera, light, still, samples):
     height, width, count, _ = samples.shape
     for row in range(height):
         for col in range(width):
@@ -172,7 +175,7 @@ def _trace_still(camera, light, still, samples):
 
 @njit(cache=True, error_model="numpy")
 def _unchanged(camera, light, moving, pixels, row, col):
-    """True only if no moving body can be seen in a pixel or cast a shadow on what is seen there."""
+    """Return True only if no moving body can appear in a pixel or cast a shadow on its visible points."""
     dx, dy, dz = _ray(camera, row, col, SAMPLES * (SAMPLES // 2) + SAMPLES // 2)
     x, y, z = pixels[row, col, MIDDLE], pixels[row, col, MIDDLE + 1], pixels[row, col, MIDDLE + 2]
     sx, sy, sz = light[0] - x, light[1] - y, light[2] - z
@@ -190,7 +193,7 @@ def _unchanged(camera, light, moving, pixels, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _sample(camera, light, still, moving, samples, row, col, s):
-    """Color of one sub-sample, given what it sees of the standing solids."""
+    """Return the color of one sub-sample, given its view of the static solids."""
     ox, oy, oz = camera[0, 0], camera[0, 1], camera[0, 2]
     dx, dy, dz = _ray(camera, row, col, s)
     depth, mirror = samples[row, col, s, DEPTH], int(samples[row, col, s, MIRRORED])
@@ -246,28 +249,28 @@ def _trace_cover(camera, moving, counts, samples, cover, distance):
 
 
 def _pack(camera: Camera) -> np.ndarray:
-    """[6, 3] float64: center, right, down, forward, (cx, cy, 0), (fx, fy, 0)."""
+    """Return a camera as [6, 3] float64: center, right, down, forward, (cx, cy, 0), (fx, fy, 0)."""
     viewmat, K = camera.viewmat.astype(np.float64), camera.K.astype(np.float64)
     center = -viewmat[:3, :3].T @ viewmat[:3, 3]
     return np.stack([center, *viewmat[:3, :3], [K[0, 2], K[1, 2], 0], [K[0, 0], K[1, 1], 0]])
 
 
-def trace_still(camera: Camera, still: Shapes, light: np.ndarray) -> Still:
-    """What `camera` sees of the standing solids. light: [3], the lamp's center."""
+def trace_static(camera: Camera, still: Shapes, light: np.ndarray) -> StaticView:
+    """Trace the static solids from a camera. `light` [3] is the lamp's center."""
     samples = np.empty((camera.height, camera.width, SAMPLES * SAMPLES, SAMPLE_COLUMNS), np.float32)
-    _trace_still(_pack(camera), light, still, samples)
+    _trace_static(_pack(camera), light, still, samples)
     points = samples[..., POINT : POINT + 3].astype(np.float64)
     low, high = points.min(2), points.max(2)
     pixels = np.empty((camera.height, camera.width, PIXEL_COLUMNS))
     pixels[..., PLAIN : PLAIN + 3] = (samples[..., AMBIENT : AMBIENT + 3] + samples[..., DIRECT : DIRECT + 3]).mean(2)
     pixels[..., MIDDLE : MIDDLE + 3] = (low + high) / 2
     pixels[..., SPREAD] = np.linalg.norm(high - low, axis=-1) / 2
-    pixels[(samples[..., MIRRORED] >= 0).any(2), SPREAD] = FAR  # what a mirror shows may change wherever it stands
-    return Still(samples, pixels)
+    pixels[(samples[..., MIRRORED] >= 0).any(2), SPREAD] = FAR  # the content of a mirror may change anywhere
+    return StaticView(samples, pixels)
 
 
-def trace_frame(camera: Camera, seen: Still, still: Shapes, moving: Shapes, light: np.ndarray) -> np.ndarray:
-    """One frame as uint8 [H, W, 3] sRGB."""
+def trace_frame(camera: Camera, seen: StaticView, still: Shapes, moving: Shapes, light: np.ndarray) -> np.ndarray:
+    """Return one frame as uint8 [H, W, 3] sRGB."""
     image = np.empty((camera.height, camera.width, 3))
     _trace_frame(_pack(camera), light, still, moving, *seen, image)
     linear = np.clip(image, 0, 1)
@@ -275,9 +278,11 @@ def trace_frame(camera: Camera, seen: Still, still: Shapes, moving: Shapes, ligh
     return np.round(srgb * 255).astype(np.uint8)
 
 
-def trace_cover(camera: Camera, seen: Still, moving: Shapes, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(cover, depth), both [H, W] float32: the share of each pixel that the moving solids with counts [N] bool fill, and the mean
-    depth along the viewing axis of all that is seen.
+def trace_cover(camera: Camera, seen: StaticView, moving: Shapes, counts: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return coverage and depth, both [H, W] float32.
+
+    Coverage is the share of each pixel that moving solids with counts [N] bool fill. Depth is the mean along the
+    viewing axis.
     """
     cover, depth = np.zeros((2, camera.height, camera.width))
     _trace_cover(_pack(camera), moving, counts, seen.samples, cover, depth)

@@ -1,6 +1,6 @@
-"""Boxes, ellipsoids and cylinders, and where rays meet them; compiled.
+"""Boxes, ellipsoids and cylinders, and their ray intersections; compiled.
 
-Numba's cache watches the file of the function that is called, not those it calls in turn: after a change here or in
+Numba's cache watches only the file of the called function, not of functions that it calls. After a change here or in
 `textures`, save `raytracer` too.
 """
 
@@ -17,9 +17,9 @@ from splatreel.capture.builtin.textures import albedo
 BOX, ELLIPSOID, CYLINDER = 0, 1, 2
 FAR = 1e9
 EPSILON = 1e-4
-"""Hits nearer than this are the surface that the ray starts on."""
+"""Nearer hits are the surface on which the ray starts."""
 
-# Columns of Shapes.solids. One array, not one an attribute: numba passes arrays by value, and calls would cost more than rays.
+# Columns of Shapes.solids. Numba passes arrays by value, so one array per attribute would make calls cost more than rays.
 KIND, TEXTURE, SCALE, PHASE, OCCLUSION, REACH = range(6)
 POSITION, HALF, ROTATION, COLORS, SOLID_COLUMNS = 6, 9, 12, 21, 30
 # Columns of Shapes.bodies.
@@ -27,13 +27,14 @@ CENTER, RADIUS, FIRST, END, SHADOWS, BODY_COLUMNS = 0, 3, 4, 5, 6, 7
 
 
 class Shapes(NamedTuple):
-    """Solids, sorted by the body they are part of.
+    """Solids, sorted by body.
 
-    solids: [N, 30] float64: KIND; TEXTURE with its SCALE and PHASE; OCCLUSION, how strongly it darkens the ambient light around
-    it; REACH, the radius of the sphere around it; POSITION [3]; HALF [3] extents (a cylinder's axis is y); ROTATION [3 x 3] local
-    to world; COLORS [3 x 3], three linear colors.
-    bodies: [B, 7] float64: CENTER [3] and RADIUS of a sphere around its solids, the FIRST solid and the END, and whether it SHADOWS
-    anything.
+    Attributes:
+        solids: [N, 30] float64: KIND; TEXTURE with SCALE and PHASE; OCCLUSION, strength of ambient occlusion; REACH,
+            radius of the bounding sphere; POSITION [3]; HALF [3] extents (a cylinder's axis is y); ROTATION [3 x 3]
+            local to world; COLORS [3 x 3], linear.
+        bodies: [B, 7] float64: CENTER [3] and RADIUS of a bounding sphere, FIRST solid and END, and whether it casts
+            SHADOWS.
     """
 
     solids: np.ndarray
@@ -42,7 +43,7 @@ class Shapes(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def three(array, i, k):
-    """Three neighboring numbers; a slice would cost a reference count that all threads share."""
+    """Return three neighboring numbers. A slice would update a reference count that all threads share."""
     return array[i, k], array[i, k + 1], array[i, k + 2]
 
 
@@ -58,7 +59,7 @@ def _to_local(shapes, i, x, y, z):
 
 @njit(cache=True, error_model="numpy")
 def _slab(o, d, half, low, high):
-    """The part [low, high] of a ray's parameter for which |o + t d| <= half, on one axis."""
+    """Return the range [low, high] of a ray's parameter for which |o + t d| <= half on one axis."""
     if abs(d) < 1e-12:
         return (low, high) if abs(o) <= half else (FAR, -FAR)
     a, b = (-half - o) / d, (half - o) / d
@@ -67,7 +68,7 @@ def _slab(o, d, half, low, high):
 
 @njit(cache=True, error_model="numpy")
 def _hit(shapes, i, ox, oy, oz, dx, dy, dz):
-    """Distance along a unit ray to solid i from outside it, or FAR."""
+    """Return the distance along a unit ray to solid i from outside it, or FAR."""
     p, half, reach = three(shapes.solids, i, POSITION), three(shapes.solids, i, HALF), shapes.solids[i, REACH]
     ox, oy, oz = ox - p[0], oy - p[1], oz - p[2]
     along = ox * dx + oy * dy + oz * dz
@@ -101,7 +102,7 @@ def _hit(shapes, i, ox, oy, oz, dx, dy, dz):
 
 @njit(cache=True, error_model="numpy")
 def meets(shapes, body, ox, oy, oz, dx, dy, dz, limit, margin, widening):
-    """Whether a ray may meet a body's sphere, grown by margin + widening * distance, before `limit`."""
+    """Return whether a ray may hit a body's sphere, grown by margin + widening * distance, before `limit`."""
     c = three(shapes.bodies, body, CENTER)
     cx, cy, cz = c[0] - ox, c[1] - oy, c[2] - oz
     along = cx * dx + cy * dy + cz * dz
@@ -111,7 +112,7 @@ def meets(shapes, body, ox, oy, oz, dx, dy, dz, limit, margin, widening):
 
 @njit(cache=True, error_model="numpy")
 def nearest(shapes, ox, oy, oz, dx, dy, dz, limit):
-    """(distance, index) of the first solid before `limit`; index -1 if there is none."""
+    """Return distance and index of the first solid before `limit`; index -1 if there is none."""
     best, index = limit, -1
     for body in range(len(shapes.bodies)):
         if meets(shapes, body, ox, oy, oz, dx, dy, dz, best, 0.0, 0.0):
@@ -124,7 +125,7 @@ def nearest(shapes, ox, oy, oz, dx, dy, dz, limit):
 
 @njit(cache=True, error_model="numpy")
 def blocked(shapes, ox, oy, oz, dx, dy, dz, limit):
-    """Whether any solid lies on a ray before `limit`."""
+    """Return whether a solid lies on a ray before `limit`."""
     for body in range(len(shapes.bodies)):
         if shapes.bodies[body, SHADOWS] > 0 and meets(shapes, body, ox, oy, oz, dx, dy, dz, limit, 0.0, 0.0):
             for i in range(int(shapes.bodies[body, FIRST]), int(shapes.bodies[body, END])):
@@ -135,7 +136,7 @@ def blocked(shapes, ox, oy, oz, dx, dy, dz, limit):
 
 @njit(cache=True, error_model="numpy")
 def _normal(shapes, i, x, y, z):
-    """Outward unit normal in local coordinates at a local point of the surface."""
+    """Return the outward unit normal in local coordinates at a local surface point."""
     h = three(shapes.solids, i, HALF)
     if shapes.solids[i, KIND] == ELLIPSOID:
         nx, ny, nz = x / (h[0] * h[0]), y / (h[1] * h[1]), z / (h[2] * h[2])
@@ -156,7 +157,7 @@ def _normal(shapes, i, x, y, z):
 
 @njit(cache=True, error_model="numpy")
 def surface(shapes, i, x, y, z):
-    """World normal and albedo at a world point on solid i."""
+    """Return the world normal and albedo at a world point on solid i."""
     a, R = shapes.solids, ROTATION
     x, y, z = _to_local(shapes, i, x - a[i, POSITION], y - a[i, POSITION + 1], z - a[i, POSITION + 2])
     nx, ny, nz = _normal(shapes, i, x, y, z)

@@ -17,29 +17,29 @@ import numpy as np
 
 from splatreel import threads
 from splatreel.capture.builtin import toyroom
-from splatreel.capture.builtin.raytracer import trace_frame, trace_still
-from splatreel.capture.builtin.toysound import heard
+from splatreel.capture.builtin.raytracer import trace_frame, trace_static
+from splatreel.capture.builtin.toysound import render_sound
 from splatreel.capture.sidecar import SIDECAR, SIDECAR_BYTES
-from splatreel.capture.sound import RATE
+from splatreel.capture.soundtrack import RATE
 from splatreel.errors import CaptureError, UsageError
 from splatreel.scene.atomic import scratch
 from splatreel.scene.camera import Camera, facing
 from splatreel.scene.untrusted import read_json
 
 VERSION = 3
-"""Raised when the same arguments make another capture than before."""
+"""Increase when the same arguments produce another capture."""
 
 NEAR, FAR = 2.0, 9.0
-"""Bounds of the visible content from every camera, world units."""
+"""Depth range of the visible content from every camera, world units."""
 TARGET = np.array([0.0, 0.72, -0.25])
 RADIUS = 4.5
 HELD_OUT = {"cam00": (0.0, 15.0), "cam07": (-11.0, 18.0)}
-"""Held-out cameras and their (azimuth, elevation) in degrees: between the rows and columns of the training cameras."""
+"""Held-out cameras and their azimuth and elevation in degrees, between the rows and columns of training cameras."""
 AZIMUTHS, ELEVATIONS = (-25.0, -15.0, -5.0, 5.0, 15.0, 25.0), (8.0, 24.0)
 
 
 def make_cameras(width: int = 256, height: int = 192) -> list[Camera]:
-    """Fourteen cameras on a forward-facing arc of 50 by 16 degrees, cam00 to cam13."""
+    """Return fourteen cameras on a forward-facing arc of 50 by 16 degrees, cam00 to cam13."""
     training = [(a, e) for a in AZIMUTHS for e in ELEVATIONS]
     angles = dict(HELD_OUT)
     free = (f"cam{i:02d}" for i in range(len(training) + len(HELD_OUT)))
@@ -63,11 +63,25 @@ def make_capture(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> Path:
-    """Film the toy room into a new Neu3DV folder at `path`, the same bytes for the same arguments.
+    """Film the toy room into a new Neu3DV folder. The same arguments give the same bytes.
 
-    width, height: pixels, even. seed: varies textures and small things. progress is called with the share done, 0..1.
-    An existing folder that holds this very capture is kept; nothing half written is ever left at `path`.
-    Raises `UsageError` for impossible sizes and `CaptureError` where `path` holds something else.
+    An existing folder with the same capture is kept. No partial capture is left at `path`.
+
+    Args:
+        path: Output folder.
+        width: Image width in pixels, even.
+        height: Image height in pixels, even.
+        frames: Number of frames.
+        fps: Frames per second.
+        seed: Variation of textures and small objects.
+        progress: Called with the finished share, 0..1.
+
+    Returns:
+        The folder.
+
+    Raises:
+        UsageError: A size is invalid.
+        CaptureError: `path` holds something else or cannot be written.
     """
     path = Path(path)
     if width < 16 or height < 16 or width % 2 or height % 2 or frames < 1 or fps < 1:
@@ -101,7 +115,7 @@ def _is_made_by(path: Path, recipe: dict) -> bool:
 
 
 def _write(folder: Path, recipe: dict, progress: Callable[[float], None]) -> None:
-    """All files of the capture; the cameras are filmed in parallel."""
+    """Write all files of the capture, cameras in parallel."""
     cameras = make_cameras(recipe["width"], recipe["height"])
     total, done, stop = len(cameras) * recipe["frames"], count(1), Event()
 
@@ -115,7 +129,7 @@ def _write(folder: Path, recipe: dict, progress: Callable[[float], None]) -> Non
         try:
             for job in [pool.submit(film, camera) for camera in cameras]:
                 job.result()
-        except BaseException:  # Ctrl-C reaches this thread only
+        except BaseException:  # only this thread receives Ctrl-C
             stop.set()
             pool.shutdown(wait=False, cancel_futures=True)
             raise
@@ -125,11 +139,11 @@ def _write(folder: Path, recipe: dict, progress: Callable[[float], None]) -> Non
 
 
 def _film(folder: Path, camera: Camera, recipe: dict) -> Iterator[int]:
-    """Write one camera's video; yields the number of each frame as it is written."""
+    """Write one camera's video and yield the number of each written frame."""
     still = toyroom.standing(recipe["seed"])
-    seen = trace_still(camera, still, toyroom.LIGHT)
+    seen = trace_static(camera, still, toyroom.LIGHT)
     seconds, seed = recipe["frames"] / recipe["fps"], 100 * recipe["seed"] + int(camera.name.removeprefix("cam"))
-    sound = heard(camera.center, seconds, seed)
+    sound = render_sound(camera.center, seconds, seed)
     with VideoWriter(folder / f"{camera.name}.mp4", camera, recipe["fps"], sound) as video:
         for t in range(recipe["frames"]):
             video.add(trace_frame(camera, seen, still, toyroom.moving(t / recipe["fps"]), toyroom.LIGHT))
@@ -137,7 +151,7 @@ def _film(folder: Path, camera: Camera, recipe: dict) -> Iterator[int]:
 
 
 def llff_row(camera: Camera, near: float, far: float) -> np.ndarray:
-    """[17] float64: the 3x5 matrix of axes (down, right, backwards), center and (height, width, focal), then near and far."""
+    """Return a row of poses_bounds, [17] float64: 3x5 matrix of axes (down, right, backwards), center and size, then near and far."""
     right, down, forward = camera.viewmat[:3, :3].astype(np.float64)
     hwf = [camera.height, camera.width, camera.K[0, 0]]
     matrix = np.stack([down, right, -forward, camera.center, hwf], 1)
@@ -145,9 +159,14 @@ def llff_row(camera: Camera, near: float, far: float) -> np.ndarray:
 
 
 class VideoWriter:
-    """An H.264 file of nearly lossless quality; one thread, so that the bytes do not depend on the machine.
+    """Writer of a nearly lossless H.264 file. It uses one thread, so that the bytes do not depend on the machine.
 
-    sound: [samples] float32 at `RATE` a second from the first picture on, kept without loss (ALAC); None: the file is silent.
+    Args:
+        path: Output file.
+        camera: Camera whose size the images have.
+        fps: Frames per second.
+        sound: Samples [n] float32 at `RATE` per second from the first frame on, stored losslessly (ALAC); None means no
+            sound.
     """
 
     def __init__(self, path: Path, camera: Camera, fps: int, sound: np.ndarray | None = None) -> None:
@@ -156,7 +175,9 @@ class VideoWriter:
         self._stream.width, self._stream.height, self._stream.pix_fmt = camera.width, camera.height, "yuv444p"
         self._stream.codec_context.thread_count = 1
         options = {"crf": "6", "preset": "medium", "g": str(fps), "flags": "+bitexact"}
-        self._stream.codec_context.options = options | {"x264-params": "mbtree=0"}  # with it, bytes differ under load
+        self._stream.codec_context.options = options | {
+            "x264-params": "mbtree=0"
+        }  # mbtree makes the bytes depend on load
         self._sound, self._track = sound, None
         if sound is not None:
             self._track = self._container.add_stream("alac", rate=RATE, layout="mono")
@@ -166,6 +187,7 @@ class VideoWriter:
         return self
 
     def add(self, image: np.ndarray) -> None:
+        """Add an image, uint8 [H, W, 3]."""
         self._container.mux(self._stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
 
     def __exit__(self, kind: type | None, *_: object) -> None:

@@ -1,7 +1,7 @@
 """Procedural textures of the built-in capture: smooth functions of a solid's local coordinates.
 
-Their finest detail is a few pixels wide at the default size, so that pixels sample them without aliasing. `GRAINED` ones are for large
-pictures.
+Their finest detail is a few pixels wide at the default size, which avoids aliasing. `GRAINED` textures are for large
+images.
 """
 
 from __future__ import annotations
@@ -12,21 +12,21 @@ from numba import njit
 
 SOLID, PLANKS, WALLPAPER, CHECKS, STRIPES, DOTS, RINGS, GLOBE, SECTORS, PAINTING, EMBLEM, BANDS, MIRROR = range(13)
 GRAINED = 32
-"""Added to a kind: darker and lighter in spots of all sizes, as are stone, wood and cloth."""
+"""Added to a kind: brightness varies in spots of all sizes, as on stone, wood and cloth."""
 _COARSEST, _OCTAVES, _DEEP = 5.0, 6, 0.45
-"""Spots a unit of length of the largest kind; kinds, each half as large; how much darker and lighter."""
+"""Spots per unit of length of the largest size; number of sizes, each half as large; amplitude."""
 
 
 @njit(cache=True, error_model="numpy")
 def _step(x, width):
-    """Smooth step from 0 to 1 around x = 0."""
+    """Return a smooth step from 0 to 1 around x = 0."""
     t = min(1.0, max(0.0, x / width + 0.5))
     return t * t * (3 - 2 * t)
 
 
 @njit(cache=True, error_model="numpy")
 def _hash(x, y, z):
-    """A number in 0..1 for a lattice point."""
+    """Return a number in 0..1 for a lattice point."""
     h = (x * 374761393 + y * 668265263 + z * 1440662683) & 0x7FFFFFFF
     h = ((h ^ (h >> 13)) * 1274126177) & 0x7FFFFFFF
     return ((h ^ (h >> 16)) & 0xFFFF) / 65535.0
@@ -34,7 +34,7 @@ def _hash(x, y, z):
 
 @njit(cache=True, error_model="numpy")
 def _noise(x, y, z):
-    """Value noise in 0..1, features about one unit wide."""
+    """Return value noise in 0..1 with features about one unit wide."""
     ix, iy, iz = math.floor(x), math.floor(y), math.floor(z)
     fx, fy, fz = x - ix, y - iy, z - iz
     fx, fy, fz = fx * fx * (3 - 2 * fx), fy * fy * (3 - 2 * fy), fz * fz * (3 - 2 * fz)
@@ -58,7 +58,7 @@ def _times(color, k):
 
 @njit(cache=True, error_model="numpy")
 def _planks(x, z, colors, scale, phase):
-    """Floorboards along z: each its own tone, grain along it, a dark gap between."""
+    """Return floorboards along z, each with its own tone and grain, separated by dark gaps."""
     u = x * scale + phase
     board = math.floor(u)
     along = z * scale * 0.28 + _hash(int(board), 7, 1) * 5
@@ -71,7 +71,7 @@ def _planks(x, z, colors, scale, phase):
 
 @njit(cache=True, error_model="numpy")
 def _wallpaper(u, v, colors, scale, phase):
-    """Broad stripes with a diamond on every other one."""
+    """Return broad stripes with a diamond on every other one."""
     s = u * scale + phase
     stripe = _step(abs(s - math.floor(s) - 0.5) - 0.25, 0.06)
     column = math.floor(s + 0.5)
@@ -87,7 +87,7 @@ def _wallpaper(u, v, colors, scale, phase):
 
 @njit(cache=True, error_model="numpy")
 def _globe(x, y, z, colors, scale, phase):
-    """Seas, land, ice caps and a few meridians; x, y, z on the unit sphere."""
+    """Return seas, land, ice caps and a few meridians; x, y, z on the unit sphere."""
     land = _noise(x * scale + phase, y * scale, z * scale) + 0.45 * _noise(
         x * scale * 2.3, y * scale * 2.3 + phase, z * scale * 2.3
     )
@@ -101,7 +101,7 @@ def _globe(x, y, z, colors, scale, phase):
 
 @njit(cache=True, error_model="numpy")
 def _painting(u, v, colors):
-    """A sunset over hills; u, v in -1..1, v up."""
+    """Return a sunset over hills; u, v in -1..1, v up."""
     sky = _blend(colors[0], colors[1], min(1.0, max(0.0, 0.55 + 0.5 * v)))
     du, dv = u - 0.35, (v - 0.28) * 0.75
     color = _blend(sky, (1.0, 0.75, 0.25), _step(0.27 - math.sqrt(du * du + dv * dv), 0.06))
@@ -113,7 +113,7 @@ def _painting(u, v, colors):
 
 @njit(cache=True, error_model="numpy")
 def _emblem(u, v, face, colors):
-    """A toy block's face: a frame and one of three figures; u, v in -1..1."""
+    """Return a toy block's face: a frame and one of three figures; u, v in -1..1."""
     frame = _step(max(abs(u), abs(v)) - 0.76, 0.08)
     r, angle = math.sqrt(u * u + v * v), math.atan2(v, u)
     if face == 0:
@@ -127,7 +127,7 @@ def _emblem(u, v, face, colors):
 
 @njit(cache=True, error_model="numpy")
 def _grain(x, y, z):
-    """A factor around 1: value noise of several sizes, the small ones fainter, about as in photographs."""
+    """Return a factor around 1: value noise of several sizes, smaller ones fainter, about as in photographs."""
     total, frequency, amplitude, most = 0.0, _COARSEST, 1.0, 0.0
     for _ in range(_OCTAVES):
         total += amplitude * (2 * _noise(x * frequency, y * frequency, z * frequency) - 1)
@@ -138,7 +138,7 @@ def _grain(x, y, z):
 
 @njit(cache=True, error_model="numpy")
 def albedo(kind, x, y, z, nx, ny, nz, half, colors, scale, phase):
-    """Linear color of a texture at a local point with local normal; see the constants above for the kinds."""
+    """Return the linear color of a texture at a local point with a local normal; see the constants above for the kinds."""
     if kind < GRAINED:
         return _pattern(kind, x, y, z, nx, ny, nz, half, colors, scale, phase)
     color = _pattern(kind - GRAINED, x, y, z, nx, ny, nz, half, colors, scale, phase)
@@ -147,7 +147,7 @@ def albedo(kind, x, y, z, nx, ny, nz, half, colors, scale, phase):
 
 @njit(cache=True, error_model="numpy")
 def _pattern(kind, x, y, z, nx, ny, nz, half, colors, scale, phase):
-    """As `albedo`, without grain."""
+    """Return the color of a texture without grain."""
     ax, ay, az = abs(nx), abs(ny), abs(nz)
     face = 0 if ax >= ay and ax >= az else (1 if ay >= az else 2)
     u, v, hu, hv = (

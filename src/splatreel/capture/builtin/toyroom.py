@@ -1,6 +1,6 @@
-"""The scene of the built-in capture: a toy room in which a globe turns, a ball bounces, a plane flies in and a train sets off.
+"""Scene of the built-in capture: a toy room with a turning globe, a bouncing ball, a plane that flies in and a train that sets off.
 
-World: x right, y up, z towards the cameras; the floor is y = 0. Times are seconds.
+World: x right, y up, z towards the cameras; the floor is y = 0. Times are in seconds.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ LIGHT = np.array([1.3, 4.6, 3.4])
 PLANE_ENTERS = 0.4
 TRAIN_STARTS = 1.2
 BALL_RADIUS, BALL_REACH, BALL_SPEED, BALL_HOP = 0.16, 1.44, 2.7, 0.62
-"""How far to either side the ball comes, how fast, and the seconds from one bounce to the next."""
+"""Radius of the ball, its reach to either side, its speed, and the seconds between bounces."""
 BALL_START, BALL_PHASE = 0.6, 0.25
-"""At time 0: how far it has come from the left, and the share of a hop."""
+"""State of the ball at time 0: distance from the left end, and phase of the bounce."""
 
 Color = tuple[float, float, float]
 WHITE, CREAM, BLACK = (0.95, 0.94, 0.9), (0.93, 0.86, 0.7), (0.09, 0.09, 0.11)
@@ -33,14 +33,14 @@ def _linear(color: Color) -> list[float]:
 
 
 class Builder:
-    """Collects solids and packs them as `Shapes`."""
+    """Builder that collects solids and packs them as `Shapes`."""
 
     def __init__(self) -> None:
         self._solids: list[np.ndarray] = []
         self._bodies: list[tuple[int, bool]] = []
 
     def body(self, shadows: bool = True) -> None:
-        """Start a body; solids added from now on are part of it. Neighbors share one, so that rays can pass them by together."""
+        """Start a body, to which the following solids belong. Neighboring solids share a body, so that rays skip them together."""
         self._bodies.append((len(self._solids), shadows))
 
     def add(
@@ -55,7 +55,7 @@ class Builder:
         turn: np.ndarray | None = None,
         occlusion: float = 0.35,
     ) -> None:
-        """One solid; `colors` may be fewer than three, the last is repeated."""
+        """Add a solid. With fewer than three colors the last is repeated."""
         three = np.array([_linear(c) for c in (*colors, colors[-1], colors[-1])[:3]])
         rotation = np.eye(3) if turn is None else turn
         reach = {BOX: math.hypot(*half), ELLIPSOID: max(half), CYLINDER: math.hypot(max(half[0], half[2]), half[1])}[
@@ -65,6 +65,7 @@ class Builder:
         self._solids.append(np.concatenate([numbers, position, half, rotation.ravel(), three.ravel()]))
 
     def shapes(self) -> Shapes:
+        """Return all solids."""
         solids = np.stack(self._solids)
         ends = [first for first, _ in self._bodies[1:]] + [len(solids)]
         bodies = []
@@ -77,23 +78,25 @@ class Builder:
 
 
 def turn_y(angle: float) -> np.ndarray:
-    """Rotation about the vertical axis, radians."""
+    """Return the rotation by an angle in radians about the vertical axis."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, 0, s], [0, 1, 0], [-s, 0, c]])
 
 
 def turn_z(angle: float) -> np.ndarray:
+    """Return the rotation by an angle in radians about the z axis."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])
 
 
 def turn_x(angle: float) -> np.ndarray:
+    """Return the rotation by an angle in radians about the x axis."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[1, 0, 0], [0, c, -s], [0, s, c]])
 
 
 def standing(seed: int = 0) -> Shapes:
-    """The solids that never move. seed: varies the textures' phases and the blocks' places a little."""
+    """Return the solids that never move. `seed` varies texture phases and the positions of the blocks slightly."""
     rng = np.random.default_rng(seed)
     b = Builder()
     _room(b, rng)
@@ -139,7 +142,7 @@ def _room(b: Builder, rng: np.random.Generator) -> None:
 
 
 def _books(b: Builder, rng: np.random.Generator) -> None:
-    """A board on the wall with books of two colors each."""
+    """Add a shelf with books of two colors each."""
     b.body()
     b.add(BOX, (-0.85, 1.14, -1.62), (0.75, 0.03, 0.18), (WOOD,), occlusion=0.15)
     x = -1.5
@@ -156,7 +159,7 @@ def _books(b: Builder, rng: np.random.Generator) -> None:
 
 
 def _mirror(b: Builder) -> None:
-    """A standing mirror at the left, turned to the middle of the room."""
+    """Add a standing mirror at the left, facing the middle of the room."""
     turn = turn_y(0.62) @ turn_x(-0.06)
     center = np.array([-1.42, 0.62, -0.85])
     b.body()
@@ -193,7 +196,7 @@ def _toys(b: Builder, rng: np.random.Generator) -> None:
 
 
 def moving(seconds: float) -> Shapes:
-    """The solids that ever move, as they are at a time; always the same ones in the same order."""
+    """Return the solids that move at some time, as they are at a time; always the same ones in the same order."""
     b = Builder()
     _globe(b, seconds)
     _ball(b, seconds)
@@ -203,21 +206,21 @@ def moving(seconds: float) -> Shapes:
 
 
 def in_motion(seconds: float) -> np.ndarray:
-    """Which of the solids of `moving` are not at rest at that time, [N] bool."""
+    """Return which solids of `moving` are in motion at a time, [N] bool."""
     place = slice(POSITION, POSITION + 3), slice(ROTATION, ROTATION + 9)
     now, soon = moving(seconds).solids, moving(seconds + 1e-3).solids
     return np.any([np.abs(now[:, part] - soon[:, part]).max(1) > 1e-9 for part in place], axis=0)
 
 
 def _globe(b: Builder, t: float) -> None:
-    """The slow turner: two thirds of a radian a second."""
+    """Add the slowly turning globe: two thirds of a radian per second."""
     colors = ((0.14, 0.42, 0.68), (0.5, 0.62, 0.22), WHITE)
     b.body()
     b.add(ELLIPSOID, (0.02, 0.8, -0.75), (0.38,) * 3, colors, tx.GLOBE, 2.0, 3.0, turn=turn_z(-0.3) @ turn_y(0.66 * t))
 
 
 def ball(t: float) -> tuple[float, float, float]:
-    """Where the middle of the ball is."""
+    """Return the center of the ball."""
     way = (BALL_SPEED * t + BALL_START) % (4 * BALL_REACH)
     x = way - BALL_REACH if way < 2 * BALL_REACH else 3 * BALL_REACH - way
     phase = (t / BALL_HOP + BALL_PHASE) % 1.0
@@ -226,7 +229,14 @@ def ball(t: float) -> tuple[float, float, float]:
 
 @dataclass(frozen=True)
 class Impact:
-    """The ball strikes something. place: where they touch. on: floor or bumper. strength: of the strongest one is 1."""
+    """Impact of the ball.
+
+    Attributes:
+        time: Time in seconds.
+        place: Point of contact.
+        on: floor or bumper.
+        strength: Strength relative to the strongest impact.
+    """
 
     time: float
     place: tuple[float, float, float]
@@ -235,7 +245,7 @@ class Impact:
 
 
 def impacts(seconds: float) -> list[Impact]:
-    """All of the first so many seconds, in the order of time."""
+    """Return all impacts of the first seconds, sorted by time."""
     bounces = [(k - BALL_PHASE) * BALL_HOP for k in range(1, math.ceil(seconds / BALL_HOP + BALL_PHASE) + 1)]
     crossing = 2 * BALL_REACH / BALL_SPEED
     turns = [k * crossing - BALL_START / BALL_SPEED for k in range(1, math.ceil(seconds / crossing) + 2)]
@@ -250,7 +260,7 @@ def impacts(seconds: float) -> list[Impact]:
 
 
 def _ball(b: Builder, t: float) -> None:
-    """The fast thing: to and fro between two bumpers, bouncing; 6 to 8 pixels a frame at the default size."""
+    """Add the fast object: it bounces between two bumpers, 6 to 8 pixels per frame at the default size."""
     place = ball(t)
     turn = turn_z(-2.0 * place[0] / BALL_REACH) @ turn_x(0.5)
     b.body()
@@ -258,14 +268,14 @@ def _ball(b: Builder, t: float) -> None:
 
 
 def _plane(b: Builder, t: float) -> None:
-    """Flies in from the right about PLANE_ENTERS, then circles."""
+    """Add the plane, which flies in from the right at about PLANE_ENTERS, then circles."""
     radius, speed = 0.85, 1.7
     x_straight = 2.0 - speed * (t - PLANE_ENTERS)
     angle = max(0.0, -x_straight / radius)
     place = np.array([x_straight if x_straight > 0 else -radius * math.sin(angle), 0, radius * math.cos(angle) - 0.5])
     bank = 0.35 * min(1.0, max(0.0, (1.0 - x_straight)))
     place[1] = 1.42 + 0.06 * math.sin(2.5 * t)
-    frame = turn_y(math.pi + angle) @ turn_x(-bank)  # local x is where it flies
+    frame = turn_y(math.pi + angle) @ turn_x(-bank)  # local x is the direction of flight
 
     b.body()
 
@@ -280,7 +290,7 @@ def _plane(b: Builder, t: float) -> None:
 
 
 def _train(b: Builder, t: float) -> None:
-    """Rests until TRAIN_STARTS, then runs to and fro in front of the globe's stand."""
+    """Add the train, which rests until TRAIN_STARTS, then runs to and fro in front of the globe's stand."""
     x = -0.95 + 0.8 * (1 - math.cos(1.35 * max(0.0, t - TRAIN_STARTS)))
     roll = -(x + 0.95) / 0.09
 

@@ -1,0 +1,1 @@
+"""Captures that are still being written."""

@@ -1,4 +1,4 @@
-"""When a capture that is still being written ends: its end mark, or nothing new for some time."""
+"""End of a growing capture: its end mark, or no new data for some time."""
 
 from __future__ import annotations
 
@@ -8,20 +8,23 @@ from collections.abc import Callable
 from pathlib import Path
 
 END = "splatreel.end"
-"""A file of this name in the capture's folder says that nothing more comes."""
+"""Name of the file in the capture's folder that marks its end."""
 POLL = 0.1
-"""Seconds between two looks at what is being written."""
+"""Seconds between checks for new data."""
 
 
 def is_recorded(folder: Path) -> bool:
-    """Return whether a folder holds a capture that was written to be followed, and that has ended."""
+    """Return whether a folder holds a finished capture that was written to be followed."""
     return (folder / END).exists()
 
 
 class Growth:
-    """Whether more is to come, asked and told by several threads.
+    """State of a growing capture, shared by several threads.
 
-    folder: of the capture. timeout: seconds without anything new, told by `grew`, after which it is taken for ended.
+    Args:
+        folder: Folder of the capture.
+        timeout: Seconds without new data (`grew`) after which the capture counts as ended.
+        clock: Function that returns seconds.
     """
 
     def __init__(self, folder: Path, timeout: float, clock: Callable[[], float] = time.monotonic) -> None:
@@ -32,25 +35,26 @@ class Growth:
         self._lock = threading.Lock()
 
     def grew(self) -> None:
-        """Something new is there, in all cameras."""
+        """Record new data in all cameras."""
         self._grown = self.clock()
 
     def stop(self) -> None:
-        """Nobody wants more: who waits goes on, and finds that it ended."""
+        """Stop following. Waiting threads continue and see the end of the capture."""
         self._stop.set()
 
     @property
     def stopped(self) -> bool:
+        """True if following was stopped."""
         return self._stop.is_set()
 
     @property
     def quiet(self) -> float:
-        """Seconds since something new was there."""
+        """Seconds since the last new data."""
         return self.clock() - self._grown
 
     @property
     def why(self) -> str | None:
-        """Why it ended, as a sentence; None as long as more may come. What was written before is there when it is told."""
+        """Reason of the end as a sentence, or None while the capture grows. Data written before the end exists by then."""
         with self._lock:
             if self._why is None:
                 if (self.folder / END).exists():
@@ -61,15 +65,16 @@ class Growth:
 
     @property
     def ended(self) -> bool:
+        """True if the capture has ended or following was stopped."""
         return self.stopped or self.why is not None
 
     @classmethod
     def over(cls, folder: Path) -> Growth:
-        """Return that of a capture of which nothing more comes."""
+        """Return the state of a finished capture."""
         growth = cls(folder, 0.0)
         growth._why = "The capture is complete."
         return growth
 
     def pause(self, seconds: float = POLL) -> None:
-        """Wait a little, or until nobody wants more."""
+        """Wait briefly, or until following is stopped."""
         self._stop.wait(seconds)

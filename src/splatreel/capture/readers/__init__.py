@@ -1,0 +1,1 @@
+"""Readers of capture layouts, one file per layout."""

@@ -1,8 +1,9 @@
-"""COLMAP models: cameras with their lenses and sparse points, and a video of each, or its pictures.
+"""COLMAP models: cameras with lenses and sparse points, and a video or images per camera.
 
-The videos lie in the folder itself or in `videos`, the pictures in `images`, or smaller in `images_2`, `images_4`, ...: a photograph
-a camera, which is one time step, or a folder of pictures a camera. Their names may differ from the model's in the extension. Pictures
-of lenses that bend, or of another shape than the other cameras', are made those of pinhole cameras.
+Videos are in the folder itself or in `videos`. Images are in `images`, or smaller in `images_2`, `images_4`, ...: one
+photograph per camera, which is one time step, or one folder of images per camera. File extensions may differ from the
+model's. Images with distortion, or with another aspect ratio than the other cameras', are resampled for a pinhole
+camera.
 """
 
 from __future__ import annotations
@@ -20,10 +21,10 @@ import numpy as np
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import Files
-from splatreel.capture.growing.segments import segment_files
+from splatreel.capture.growing.segmented_video import segment_files
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
 from splatreel.capture.images import image_size
-from splatreel.capture.lens import Lens, resized
+from splatreel.capture.lens import Lens, undistorted_camera
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source, video_source
 from splatreel.capture.video import VIDEO_SUFFIXES
@@ -35,15 +36,15 @@ VIDEOS = ("videos", ".")
 
 
 def is_colmap(path: Path) -> bool:
+    """Return whether a folder holds a COLMAP model."""
     return _model_folder(path) is not None
 
 
 class ColmapCapture(FileCapture):
-    """A COLMAP model with its videos or images; a middle camera is held out unless the request or its note says otherwise.
+    """COLMAP model with videos or images. By default a middle camera is held out.
 
-    A camera is named by its image without the extension, or by its folder where that has other pictures of it. `scale` counts from the
-    size that most of the model's images have, whichever folder of images is there; the smallest images that are large enough are
-    read. Without a size they are read as they are.
+    A camera is named by its image without extension, or by its folder if the folder has more images of the camera.
+    `scale` refers to the size of most of the model's images. The smallest images that are large enough are read.
     """
 
     def __init__(self, path: Path, request: Request) -> None:
@@ -56,7 +57,7 @@ class ColmapCapture(FileCapture):
         growing, sidecar = request.growth is not None, read_sidecar(path)
         files, names = video_files(path, segmented=True), _camera_names(path, images, 0 if growing else 1)
         if any(name in files for name in names):
-            # Videos that calibration left out start as well.
+            # Start times of videos that calibration left out are ignored.
             starts = {name: start for name, start in sidecar.starts.items() if name in names or name not in files}
             source = video_source(path, _of_cameras(path, files, names), replace(sidecar, starts=starts), request)
             width, height = request.size(*shape, path)
@@ -64,7 +65,9 @@ class ColmapCapture(FileCapture):
             pictures, (width, height) = _choose(path, names, shape, request)
             source = picture_source(path, pictures, sidecar, request)
         first, _ = request.range(source.frames, path)
-        points, colors = _points(reconstruction) if first == 0 else (None, None)  # of what the model was made from
+        points, colors = (
+            _points(reconstruction) if first == 0 else (None, None)
+        )  # the model was made from the first frame
         lenses: dict[str, Lens] = {}
         cameras = [
             _camera(model, name, image, width, height, lenses) for name, image in zip(names, images, strict=True)
@@ -84,11 +87,11 @@ class ColmapCapture(FileCapture):
 
 
 def _camera(model: Path, name: str, image: Any, width: int, height: int, lenses: dict[str, Lens]) -> Camera:
-    """One image of the model as a camera of the output size; a lens that bends is noted."""
+    """Return an image of the model as a camera at the output size, and record its lens if it has distortion."""
     viewmat = np.eye(4)
     viewmat[:3] = image.cam_from_world().matrix()
     origin = f"{model}: camera {image.camera.camera_id}"
-    camera, lens = resized(name, viewmat, image.camera, width, height, origin)
+    camera, lens = undistorted_camera(name, viewmat, image.camera, width, height, origin)
     if lens is not None:
         lenses[name] = lens
     return camera
@@ -97,7 +100,7 @@ def _camera(model: Path, name: str, image: Any, width: int, height: int, lenses:
 def _choose(
     path: Path, names: list[str], shape: tuple[int, int], request: Request
 ) -> tuple[dict[str, list[Path]], tuple[int, int]]:
-    """The pictures that are read, by camera, and the size of what comes out."""
+    """Return the images to read by camera, and the output size."""
     folders = _image_folders(path, names, request.files)
     width, height = max(folders)
     if request.width is not None or request.scale is not None:
@@ -107,10 +110,10 @@ def _choose(
 
 
 def video_files(path: Path, segmented: bool = False) -> dict[str, Path]:
-    """Return the videos of a folder by name: those in its folder `videos`, or else its own.
+    """Return the videos of a folder by name: those in its folder `videos`, otherwise its own.
 
     Args:
-        path: The folder.
+        path: Folder of the capture.
         segmented: Also return folders of numbered videos.
     """
     for folder in VIDEOS:
@@ -131,23 +134,26 @@ def _model_folder(path: Path) -> Path | None:
 
 
 def import_pycolmap() -> ModuleType:
-    """Raises `MissingDependencyError` where it is not installed. PyAV is loaded already: after pycolmap, either may crash."""
+    """Return the module pycolmap. Raise `MissingDependencyError` if it is not installed.
+
+    PyAV must be loaded before pycolmap, otherwise either may crash.
+    """
     ended_by = signal.getsignal(signal.SIGTERM)
     try:
         import pycolmap
     except ImportError as error:
         raise MissingDependencyError("Reading COLMAP models needs pycolmap: pip install 'splatreel[recon]'.") from error
     if ended_by is not None and threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, ended_by)  # its log takes the signal for a crash: it dumps the stack and aborts
+        signal.signal(signal.SIGTERM, ended_by)  # pycolmap's logging treats the signal as a crash and aborts
     return pycolmap
 
 
 def _read_model(model: Path) -> Any:
-    """The model as a pycolmap.Reconstruction with at least one image."""
+    """Return the model as a pycolmap.Reconstruction with at least one image."""
     pycolmap = import_pycolmap()
     try:
         reconstruction = pycolmap.Reconstruction(str(model))
-    except Exception as error:  # pycolmap passes on whatever its C++ reader throws
+    except Exception as error:  # pycolmap passes on all exceptions of its C++ reader
         raise CaptureError(f"{model}: cannot be read as a COLMAP model ({error}). Export it again.") from error
     if not reconstruction.images:
         raise CaptureError(f"{model}: the COLMAP model holds no images with a pose.")
@@ -159,7 +165,7 @@ def _name(image: Any) -> str:
 
 
 def _camera_names(path: Path, images: list[Any], single: int) -> list[str]:
-    """By image, or by its folder where each has one of its own that holds more than `single` pictures of the same camera."""
+    """Return names by image, or by folder if each folder holds more than `single` images of one camera."""
     names = [_name(image) for image in images]
     parents = [str(PurePosixPath(name).parent) for name in names]
     own = len(set(parents)) == len(parents) and "." not in parents
@@ -169,7 +175,7 @@ def _camera_names(path: Path, images: list[Any], single: int) -> list[str]:
 
 
 def _of_cameras(path: Path, files: dict[str, Path], names: list[str]) -> dict[str, Path]:
-    """The video of every camera of the model."""
+    """Return the video of every camera of the model."""
     absent = [name for name in names if name not in files]
     if absent:
         raise CaptureError(
@@ -180,7 +186,7 @@ def _of_cameras(path: Path, files: dict[str, Path], names: list[str]) -> dict[st
 
 
 def _image_folders(path: Path, names: list[str], where: Files) -> dict[tuple[int, int], dict[str, list[Path]]]:
-    """By the size of its images, each folder that has the images of every camera, as {camera: files}."""
+    """Return folders with images of every camera by image size, as {camera: files}."""
     folders, missing = {}, []
     for folder in sorted(path.glob("images*")):
         files = pictures_by_camera(folder, names)
@@ -199,7 +205,7 @@ def _image_folders(path: Path, names: list[str], where: Files) -> dict[tuple[int
 
 
 def pictures_by_camera(folder: Path, names: list[str]) -> dict[str, list[Path]]:
-    """Of each camera that a folder has: the picture that is named as it, or those in the folder that is."""
+    """Return the images of each camera that a folder has: the image with its name, or those in the folder with its name."""
     single = {
         file.relative_to(folder).with_suffix("").as_posix(): [file]
         for file in folder.rglob("*")
@@ -210,7 +216,7 @@ def pictures_by_camera(folder: Path, names: list[str]) -> dict[str, list[Path]]:
 
 
 def _points(reconstruction: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Sparse points [P, 3] float32 and their colors 0..1, in the order of their ids; None where there are none."""
+    """Return sparse points [P, 3] float32 and colors 0..1 in order of their ids, or None."""
     points = [p for _, p in sorted(reconstruction.points3D.items())]
     if not points:
         return None, None

@@ -1,8 +1,8 @@
-"""EasyVolcap folders, as ENeRF-Outdoor, MobileStage and others come: `intri.yml`, `extri.yml` and a folder of pictures a camera.
+"""EasyVolcap folders, the layout of ENeRF-Outdoor, MobileStage and others: `intri.yml`, `extri.yml` and images per camera.
 
-The two files are OpenCV's: `names`, and by name `K` [3, 3], `D` or `dist` [5] (k1, k2, p1, p2, k3), `W` and `H` in the one,
-`Rot` [3, 3] or `R` [3], a rotation vector, and `T` [3] of world to camera in the other. Pictures lie in `images/NAME/`, or there is
-`videos/NAME.mp4`.
+Both files are OpenCV's. The first has `names` and per name `K` [3, 3], `D` or `dist` [5] (k1, k2, p1, p2, k3), `W` and
+`H`. The second has `Rot` [3, 3] or `R` [3], a rotation vector, and `T` [3], world to camera. Images are in
+`images/NAME/`, or there is `videos/NAME.mp4`.
 """
 
 from __future__ import annotations
@@ -15,8 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.lens import Lens, import_cv2, resized
-from splatreel.capture.poses import check_rotation
+from splatreel.capture.lens import Lens, import_cv2, undistorted_camera
+from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.readers.colmap import import_pycolmap, pictures_by_camera, video_files
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source, video_source
@@ -28,11 +28,12 @@ INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 
 
 def is_easyvolcap(path: Path) -> bool:
+    """Return whether a folder is an EasyVolcap folder."""
     return (path / INTRINSICS).is_file() and (path / EXTRINSICS).is_file()
 
 
 class EasyVolcapCapture(FileCapture):
-    """An EasyVolcap folder; a middle camera is held out unless the request or `splatreel.json` says otherwise."""
+    """EasyVolcap folder. By default a middle camera is held out."""
 
     def __init__(self, path: Path, request: Request) -> None:
         intrinsics, extrinsics = _Numbers(path / INTRINSICS), _Numbers(path / EXTRINSICS)
@@ -55,7 +56,9 @@ class EasyVolcapCapture(FileCapture):
         cameras = []
         for name in names:
             lens = _lens(intrinsics, name, read)
-            camera, bent = resized(name, _viewmat(extrinsics, name), lens, *size, f"{path / INTRINSICS}: camera {name}")
+            camera, bent = undistorted_camera(
+                name, _viewmat(extrinsics, name), lens, *size, f"{path / INTRINSICS}: camera {name}"
+            )
             cameras.append(camera)
             if bent is not None:
                 lenses[name] = bent
@@ -65,7 +68,7 @@ class EasyVolcapCapture(FileCapture):
 
 
 class _Numbers:
-    """A file that OpenCV wrote. Raises `CaptureError` for one that it did not."""
+    """File written by OpenCV. Raises `CaptureError` for other files."""
 
     def __init__(self, file: Path) -> None:
         cv2 = import_cv2(PURPOSE)
@@ -80,14 +83,14 @@ class _Numbers:
     def names(self) -> list[str]:
         node = self._storage.getNode("names")
         found = [node.at(i) for i in range(node.size())] if node.isSeq() else []
-        # Names without quotes are numbers.
+        # Unquoted numeric names are parsed as numbers.
         names = [entry.string() or str(self._whole(entry, "names")) for entry in found]
         if not names:
             raise CaptureError(f"{self.file}: lists no cameras under `names`. Export the cameras again.")
         return names
 
     def array(self, name: str, shape: tuple[int, ...], *keys: str) -> np.ndarray | None:
-        """The first of KEY_NAME that is there, of that shape; None where none is."""
+        """Return the first existing KEY_NAME with a given shape, or None."""
         for key in keys:
             value = self._matrix(f"{key}_{name}")
             if value is None:
@@ -115,7 +118,7 @@ class _Numbers:
         return value
 
     def number(self, key: str, name: str) -> int:
-        """0 where it is not there."""
+        """Return an integer, or 0 if it is missing."""
         node = self._storage.getNode(f"{key}_{name}")
         return 0 if node.empty() else max(self._whole(node, f"{key}_{name}"), 0)
 
@@ -126,7 +129,7 @@ class _Numbers:
 
 
 def _lens(intrinsics: _Numbers, name: str, read: tuple[int, int]) -> Any:
-    """A pycolmap.Camera of the size that K is for: what the file says, or else that of the pictures."""
+    """Return a pycolmap.Camera for the image size of K: that in the file, or that of the images."""
     K = intrinsics.needed(name, (3, 3), "K")
     bends = intrinsics.array(name, (5,), "D", "dist")
     if min(K[0, 0], K[1, 1]) <= 0 or abs(K[0, 1]) > 1e-2 * K[0, 0]:

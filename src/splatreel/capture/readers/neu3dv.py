@@ -1,8 +1,8 @@
-"""Neural 3D Video folders: one `camNN.mp4` a camera and `poses_bounds.npy` (LLFF).
+"""Neural 3D Video folders: one `camNN.mp4` per camera and `poses_bounds.npy` (LLFF).
 
-A row of poses_bounds is a 3x5 matrix, then near and far. The matrix holds camera-to-world axes in the order (down, right,
-backwards), the camera center, and (height, width, focal). The principal point is the image center.
-An optional `splatreel.json` beside the videos says more (`capture/sidecar.py`).
+A row of poses_bounds is a 3x5 matrix, then near and far. The matrix holds camera-to-world axes in the order (down,
+right, backwards), the camera center, and (height, width, focal). The principal point is the image center. An optional
+`splatreel.json` adds more (`capture/sidecar.py`).
 """
 
 from __future__ import annotations
@@ -14,9 +14,9 @@ import numpy as np
 
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.poses import check_rotation
+from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.readers.colmap import is_colmap, video_files
-from splatreel.capture.sidecar import failed, read_sidecar
+from splatreel.capture.sidecar import calibration_error, read_sidecar
 from splatreel.capture.sources import Video, video_source
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
@@ -25,15 +25,16 @@ from splatreel.scene.untrusted import read_array
 POSES = "poses_bounds.npy"
 EXPECTED = "3x5 pose, near and far in a row"
 HELD_OUT = re.compile("cam_?0+")
-"""The camera numbered 0: `cam00`, in MeetRoom `cam_0`."""
+"""Camera numbered 0: `cam00`, in MeetRoom `cam_0`."""
 
 
 def is_neu3dv(path: Path) -> bool:
+    """Return whether a folder is a Neu3DV folder."""
     return (path / POSES).is_file() or (any(path.glob("cam*.mp4")) and not is_colmap(path))
 
 
 class Neu3DVCapture(FileCapture):
-    """A Neu3DV folder; the camera numbered 0 is held out unless the request or `splatreel.json` says otherwise."""
+    """Neu3DV folder. By default the camera numbered 0 is held out."""
 
     def __init__(self, path: Path, request: Request) -> None:
         files = _videos(path)
@@ -62,7 +63,7 @@ class Neu3DVCapture(FileCapture):
 
 
 def _videos(path: Path) -> dict[str, Path]:
-    """Return the videos by camera, of any kind, or folders of numbered ones; other files beside MP4 files do not count."""
+    """Return MP4 files by camera, otherwise videos of any type or folders of numbered videos."""
     plain = {file.stem: file for file in sorted(path.glob("cam*.mp4"))}
     return plain or {
         name: file for name, file in sorted(video_files(path, segmented=True).items()) if name.startswith("cam")
@@ -70,9 +71,9 @@ def _videos(path: Path) -> dict[str, Path]:
 
 
 def _read_poses(file: Path) -> np.ndarray:
-    """poses_bounds.npy as [C, 17] float64, checked."""
+    """Return the checked content of poses_bounds.npy, [C, 17] float64."""
     if not file.is_file():
-        if (failure := failed(file.parent)) is not None:
+        if (failure := calibration_error(file.parent)) is not None:
             raise failure
         raise CaptureError(
             f"{file}: is missing. A Neu3DV folder needs it beside its videos; LLFF's imgs2poses makes one, and so, as a COLMAP "
@@ -101,7 +102,7 @@ def _read_poses(file: Path) -> np.ndarray:
 
 
 def _camera(path: Path, name: str, video: Video, row: np.ndarray) -> Camera:
-    """One row of poses_bounds as an OpenCV camera of the video's size."""
+    """Return a row of poses_bounds as an OpenCV camera of the video's size."""
     matrix = row[:15].reshape(3, 5)
     height, width, focal = matrix[:, 4]
     down, right, back, center = matrix[:, :4].T

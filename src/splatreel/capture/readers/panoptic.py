@@ -1,6 +1,7 @@
-"""Panoptic Sports, the CMU Panoptic scenes in the layout of "Dynamic 3D Gaussians" (Luiten et al. 2024).
+"""Panoptic Sports: CMU Panoptic scenes in the layout of "Dynamic 3D Gaussians" (Luiten et al. 2024).
 
-`train_meta.json` and `test_meta.json` hold w, h, k[t][c], w2c[t][c] (OpenCV), fn[t][c] (path below `ims/`) and cam_id[t][c].
+`train_meta.json` and `test_meta.json` hold w, h, k[t][c], w2c[t][c] (OpenCV), fn[t][c] (path below `ims/`) and
+cam_id[t][c].
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ import numpy as np
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.image_sequences import ImageSequences
-from splatreel.capture.poses import check_rotation
+from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.sidecar import Sidecar
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
@@ -21,10 +22,11 @@ from splatreel.scene.untrusted import is_number, read_json
 
 META = ("train_meta.json", "test_meta.json")
 META_BYTES, META_VALUES = 256 << 20, 10_000_000
-"""Of such a file: each camera has a pose and a lens in every frame."""
+"""Maximum size of such a file: every frame has a pose and a lens per camera."""
 
 
 def is_panoptic(path: Path) -> bool:
+    """Return whether a folder is a Panoptic Sports folder."""
     return (path / META[0]).is_file()
 
 
@@ -35,7 +37,7 @@ class _View:
 
 
 class PanopticCapture(FileCapture):
-    """A Panoptic Sports folder; cameras are named by their number, those of test_meta.json are held out by default."""
+    """Panoptic Sports folder. Cameras are named by number, and those of test_meta.json are held out by default."""
 
     def __init__(self, path: Path, request: Request) -> None:
         views: list[_View] = []
@@ -67,7 +69,7 @@ def _not_panoptic(text: str) -> CaptureError:
 
 
 def _read_meta(file: Path) -> list[_View]:
-    """The cameras of one meta file. Cameras are static: a pose that changes over time is an error."""
+    """Return the cameras of a meta file. A pose that changes over time is an error."""
     meta = read_json(file, _not_panoptic, META_BYTES, META_VALUES)
     try:
         names = [str(int(i)) for i in meta["cam_id"][0]]

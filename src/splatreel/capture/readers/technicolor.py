@@ -1,7 +1,7 @@
-"""Technicolor light-field videos (Sabater et al. 2017), undistorted: `SCENE_undist_FRAME_CAMERA.png` and `cameras_parameters.txt`.
+"""Undistorted Technicolor light-field videos (Sabater et al. 2017): `SCENE_undist_FRAME_CAMERA.png` and `cameras_parameters.txt`.
 
-After a line of titles, a line a camera: focal length, principal point (2), aspect ratio, skew, rotation quaternion wxyz and translation
-of world to camera.
+After a header line there is a line per camera: focal length, principal point (2), aspect ratio, skew, rotation
+quaternion wxyz and translation, world to camera.
 """
 
 from __future__ import annotations
@@ -24,17 +24,18 @@ from splatreel.scene.untrusted import read_file
 PARAMETER_BYTES = 1 << 20
 PARAMETERS = "cameras_parameters.txt"
 HELD_OUT = "10"
-"""In the middle of the rig; what the field's tables are of (paper, appendix B)."""
+"""Middle camera of the rig, used in published tables (paper, appendix B)."""
 NUMBERS = 12
 PICTURE = re.compile(r".+_undist_(\d+)_(\d+)")
 
 
 def is_technicolor(path: Path) -> bool:
+    """Return whether a folder is a Technicolor folder."""
     return (path / PARAMETERS).is_file()
 
 
 class TechnicolorCapture(FileCapture):
-    """A Technicolor folder; cameras are named by their two digits, and 10 is held out unless the request or its note says otherwise."""
+    """Technicolor folder. Cameras are named by their two digits, and 10 is held out by default."""
 
     def __init__(self, path: Path, request: Request) -> None:
         sidecar, files = read_sidecar(path), _pictures(path)
@@ -66,7 +67,7 @@ def _camera(name: str, row: np.ndarray, width: int, height: int) -> Camera:
 
 
 def _pictures(path: Path) -> dict[str, list[Path]]:
-    """By camera, in the order of frames, which every camera must have the same of."""
+    """Return the images by camera in order of frames. All cameras must have the same frames."""
     found: dict[str, dict[int, Path]] = defaultdict(dict)
     for file in image_files(path):
         if match := PICTURE.fullmatch(file.stem):
@@ -82,7 +83,7 @@ def _pictures(path: Path) -> dict[str, list[Path]]:
 
 
 def _read_parameters(file: Path) -> np.ndarray:
-    """[cameras, 12], checked."""
+    """Return the checked parameters, [cameras, 12]."""
     data = read_file(file, PARAMETER_BYTES, CaptureError)
     try:
         rows = [np.array(line.split(), np.float64) for line in data.decode("utf-8").splitlines()[1:] if line.strip()]

@@ -1,0 +1,1 @@
+"""The paper's codec: quantized attributes, codebook, Draco positions and H.265 motion."""

@@ -1,13 +1,17 @@
-"""The paper's coding of Gaussians (section 4.3) as sections: quantized attributes, SH codebook, Draco positions."""
+"""The paper's coding of Gaussians as sections: quantized attributes, SH codebook, Draco positions.
+
+Source:
+    Paper, section 4.3.
+"""
 
 from __future__ import annotations
 
 import numpy as np
 
 from splatreel.codec import morton, quantize
-from splatreel.codec.paper import points, vector
-from splatreel.codec.paper.attributes import decode_values, encode_values
-from splatreel.codec.quantize import Parameters, integer
+from splatreel.codec.paper import draco_points, maps, vector
+from splatreel.codec.paper.hevc import decode_tracks, encode_tracks
+from splatreel.codec.quantize import Parameters, boolean, integer, numbers
 from splatreel.codec.section import MAX_POINTS, Section, Sections, named, required, section_of
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
@@ -18,11 +22,20 @@ from splatreel.scene.gaussians import Gaussians
 def encode_gaussians(
     gaussians: Gaussians, config: EncodeConfig, placed: bool = True, weights: np.ndarray | None = None
 ) -> tuple[Sections, np.ndarray]:
-    """Sections of the points, and order [N]: order[i] is the input point that is decoded as point i.
+    """Encode points as sections. Zero points give zero sections.
 
-    weights: [N] >= 0, how much the pictures depend on each point's color, for `H265Config.weighted_codebook`; None: all the same.
-    placed: with `means` and `quats`; without them another section says where the points are. No points, no sections.
-    Raises `GaussiansError` for NaN and infinity.
+    Args:
+        gaussians: Points to encode.
+        config: Encoding settings.
+        placed: Store `means` and `quats`; otherwise another section holds positions and rotations.
+        weights: Effect of each point's color on the images, [N], for `H265Config.weighted_codebook`; None weighs all
+            equally.
+
+    Returns:
+        The sections, and order [N]: order[i] is the input point that is decoded as point i.
+
+    Raises:
+        GaussiansError: A value is NaN or infinite.
     """
     gaussians.check_finite("Gaussians to encode")
     if len(gaussians) > MAX_POINTS:
@@ -48,11 +61,11 @@ def encode_gaussians(
 
 
 Placed = tuple[np.ndarray, np.ndarray]
-"""Positions [N, 3] and unit quaternions [N, 4] of points whose file does not have them in sections of their own."""
+"""Positions [N, 3] and unit quaternions [N, 4] of points whose file has no sections for them."""
 
 
 def decode_gaussians(sections: Sections, count: int, placed: Placed | None = None) -> Gaussians:
-    """The `count` points of a file's sections, in reel order. Raises `ReelError` that names the section."""
+    """Decode the `count` points of a file in reel order. Raise `ReelError` with the name of the damaged section."""
     if not 0 <= count <= MAX_POINTS:
         raise ReelError(f"claims {count} points, more than the {MAX_POINTS} a file may hold.")
     if not count:
@@ -72,8 +85,11 @@ def decode_gaussians(sections: Sections, count: int, placed: Placed | None = Non
 
 
 def _encode_means(means: np.ndarray, bits: int | None) -> tuple[Sections, np.ndarray]:
-    """Section `means` and the order of the points; float32 in the order that a Draco point cloud of them would have, without bits."""
-    data, parameters, order = points.encode_points(means, bits or morton.MAX_BITS)
+    """Encode the section `means` and return it with the order.
+
+    Without bits, float32 positions are stored in the order of a Draco point cloud.
+    """
+    data, parameters, order = draco_points.encode_draco(means, bits or morton.MAX_BITS)
     if bits is None:
         data, parameters = quantize.encode_float32(means[order])
     return {"means": Section(data, parameters)}, order
@@ -84,11 +100,11 @@ def _decode_means(sections: Sections, count: int) -> np.ndarray:
     if section.parameters.get("codec") == "float32":
         return named("means", quantize.decode_float32, section.data, (count, 3))
     section = section_of(sections, "means", "draco")
-    return named("means", points.decode_points, section.data, section.parameters, count)
+    return named("means", draco_points.decode_draco, section.data, section.parameters, count)
 
 
 def _encode_rest(gaussians: Gaussians, config: EncodeConfig, weights: np.ndarray | None) -> Sections:
-    """`sh_rest`, by itself or as indices into `sh_codebook`; few points get few entries, so that it does not outweigh the indices."""
+    """Encode `sh_rest`, directly or as indices into `sh_codebook`. The codebook shrinks with the number of points."""
     rest = gaussians.sh[:, 1:].reshape(len(gaussians), -1)
     degree: Parameters = {"degree": gaussians.sh_degree}
     how = config.h265
@@ -97,7 +113,7 @@ def _encode_rest(gaussians: Gaussians, config: EncodeConfig, weights: np.ndarray
         return {"sh_rest": Section(data, parameters | degree)}
     entries = min(config.sh_entries, max(1, len(gaussians) // 4))
     if weights is not None:
-        weights = weights / max(float(weights.mean()), 1e-30) + 1e-4  # what nobody sees still has to be somewhere
+        weights = weights / max(float(weights.mean()), 1e-30) + 1e-4  # points that no camera sees keep a small weight
     codebook = vector.kmeans(rest, entries, weights=weights)
     nearest, _ = vector.assign(rest, codebook)
     bits = max(1, (len(codebook) - 1).bit_length())
@@ -108,7 +124,7 @@ def _encode_rest(gaussians: Gaussians, config: EncodeConfig, weights: np.ndarray
 
 
 def _decode_rest(sections: Sections, count: int) -> np.ndarray:
-    """c_rest, [N, (degree + 1)^2 - 1, 3]."""
+    """Decode c_rest, [N, (degree + 1)^2 - 1, 3]."""
     rest = sections["sh_rest"]
     if rest.parameters.get("codec") != "vq":
         return _values(sections, "sh_rest", count, _coefficients(rest, "sh_rest")).reshape(count, -1, 3)
@@ -136,3 +152,58 @@ def _coefficients(section: Section, name: str) -> int:
 def _values(sections: Sections, name: str, rows: int, columns: int) -> np.ndarray:
     section = required(sections, name)
     return named(name, decode_values, section.data, section.parameters, rows, columns)
+
+
+def encode_values(
+    values: np.ndarray, bits: int | None, *, log: bool = False, crf: int | None = None
+) -> tuple[bytes, Parameters]:
+    """Encode values [N, C].
+
+    Args:
+        values: One row per point.
+        bits: Bits per value; None stores float32.
+        log: Quantize logarithms of positive values.
+        crf: Rate factor of H.265; None does not store the values as images.
+    """
+    if crf is not None:
+        return _encode_pictures(values, log, crf)
+    if bits is None:
+        return quantize.encode_float32(values)
+    return quantize.encode_linear(values, bits, log)
+
+
+def decode_values(data: bytes, parameters: Parameters, rows: int, columns: int) -> np.ndarray:
+    """Decode values [rows, columns] float32 with the section's codec. Raise `ReelError` if the section is damaged."""
+    codec = parameters.get("codec")
+    if codec == "linear":
+        return quantize.decode_linear(data, parameters, rows, columns)
+    if codec == "float32":
+        return quantize.decode_float32(data, (rows, columns))
+    if codec == "picture":
+        return _decode_pictures(data, parameters, rows, columns)
+    raise ReelError(f"has the unknown codec {codec!r:.60}; known are linear, float32 and picture.")
+
+
+def _encode_pictures(values: np.ndarray, log: bool, crf: int) -> tuple[bytes, Parameters]:
+    """Encode each column as an image of 8 bits, all in one HEVC track."""
+    columns = np.asarray(values, np.float64)
+    if log:
+        columns = np.log2(np.maximum(columns, np.finfo(np.float32).tiny))
+    low, high = columns.min(0), columns.max(0)
+    q = np.rint((columns - low) / np.where(high > low, high - low, 1) * 255).astype(np.uint8)
+    width, height = maps.size_of(len(q))
+    pictures = maps.to_maps(q.T[:, :, None], maps.pixels_of(len(q), width), width, height)
+    parameters: Parameters = {"codec": "picture", "width": width, "height": height}
+    ranges = {"min": low.tolist(), "max": high.tolist()} | ({"log": True} if log else {})
+    return encode_tracks([("values", pictures, f"crf={crf}")]), parameters | ranges
+
+
+def _decode_pictures(data: bytes, parameters: Parameters, rows: int, columns: int) -> np.ndarray:
+    width, height = maps.decode_size(parameters, rows)
+    low, high = numbers(parameters, "min", columns), numbers(parameters, "max", columns)
+    pictures = decode_tracks(data, 1, columns, [(width, height)])[0]
+    q = maps.from_maps(pictures, maps.pixels_of(rows, width), width)[:, :, 0].T
+    values = low + q * ((high - low) / 255)
+    if boolean(parameters, "log", default=False):
+        values = np.exp2(np.clip(values, -126, 126))
+    return np.ascontiguousarray(values, np.float32)

@@ -1,8 +1,11 @@
-"""The paper's video codec of motion (section 4.3): positions with 16 bits, rotations with 8, as maps, maps as HEVC.
+"""The paper's video codec of motion: positions of 16 bits and rotations of 8 bits as maps, encoded with HEVC.
 
-The high byte of positions is lossless, the low one and rotations are lossy. Going past the paper, the low byte can be folded: stored
-mirrored where the high byte is odd, it is a triangle wave over positions instead of a sawtooth, without the jumps that cost a
-video codec most. What the values are, offsets or something else, `offsets` knows.
+The high byte of positions is lossless; the low byte and rotations are lossy. Beyond the paper, the low byte may be
+folded: it is stored mirrored where the high byte is odd. Over positions it is then a triangle wave instead of a
+sawtooth, whose jumps cost a video codec most. The module `offsets` chooses the values to encode.
+
+Source:
+    Paper, section 4.3.
 """
 
 from __future__ import annotations
@@ -17,7 +20,7 @@ from splatreel.errors import ReelError
 
 
 def encode(dx: np.ndarray, dq: np.ndarray, config: H265Config) -> tuple[bytes, Parameters]:
-    """Encode values of positions dx [T, N, 3] and of quaternions dq [T, N, 4], N >= 1, points in Morton order."""
+    """Encode position values dx [T, N, 3] and quaternion values dq [T, N, 4] of N >= 1 points in Morton order."""
     count = dx.shape[1]
     if 4 * (2 * count + maps.MAX_SLACK) > 2 * MAX_PIXELS:
         raise ReelError(f"{count} dynamic points are more than the h265 codec holds. Lower the number of points.")
@@ -40,7 +43,7 @@ def encode(dx: np.ndarray, dq: np.ndarray, config: H265Config) -> tuple[bytes, P
 
 
 def decode(data: bytes, parameters: Parameters, frames: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """The values [T, N, 3] and [T, N, 4], float32. Raises `ReelError`."""
+    """Decode the values [T, N, 3] and [T, N, 4], float32. Raise `ReelError` if the section is damaged."""
     width, height = maps.decode_size(parameters, count)
     fold = boolean(parameters, "fold")
     ranges = [numbers(parameters, n, c) for n, c in (("dx_min", 3), ("dx_max", 3), ("dq_min", 4), ("dq_max", 4))]
@@ -58,7 +61,7 @@ def decode(data: bytes, parameters: Parameters, frames: int, count: int) -> tupl
 
 
 def _quantize(values: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(integers 0..steps [T, N, C] uint16, min [C], max [C])."""
+    """Return integers 0..steps [T, N, C] uint16, minima [C] and maxima [C]."""
     low, high = (values.min((0, 1)).astype(np.float64), values.max((0, 1)).astype(np.float64))
     q = np.rint((values - low) / np.where(high > low, high - low, 1) * steps)
     return q.astype(np.uint16), low, high

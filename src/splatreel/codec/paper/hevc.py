@@ -1,4 +1,4 @@
-"""HEVC tracks of bytes in an MP4 file: the video side of the `h265` offset codec, through PyAV's libx265."""
+"""HEVC tracks of 8-bit images in an MP4 file, for the `h265` codec, through PyAV's libx265."""
 
 from __future__ import annotations
 
@@ -15,21 +15,28 @@ _X265 = (
     "keyint={frames}:min-keyint={frames}:scenecut=0:open-gop=0:bframes=0:repeat-headers=0:info=0:range=full:"
     "log-level=none:frame-threads=1:weightp=0:{rate}"
 )
-"""One key picture, no reordering. What makes x265's result depend on more than its input is off: its frame threads, and
-its weighted prediction, which for small pictures reads memory it never wrote (60 encodings of the same 8 pictures of 96 x 32
-gave 9 results)."""
+"""Parameters for one key picture without reordering and for reproducible output.
+
+Frame threads and weighted prediction are off, because they make the output depend on more than the input. Weighted
+prediction reads uninitialized memory for small pictures: 60 encodings of the same 8 pictures of 96 x 32 gave 9 results.
+"""
 
 _LEVELS = ((36_864, 30), (122_880, 60), (245_760, 63), (552_960, 90), (983_040, 93), (2_228_224, 120), (8_912_896, 150))
-"""(largest luma picture, general_level_idc), from Table A.8 of H.265."""
+"""Largest luma picture and general_level_idc, from Table A.8 of H.265."""
 
 MAX_PIXELS = 8_912_896
-"""Luma pixels of the largest picture that common decoders take (level 5)."""
+"""Luma pixels of the largest picture that common decoders accept (level 5)."""
 
 
 def encode_tracks(tracks: list[tuple[str, np.ndarray, str]], fps: int = 30) -> bytes:
-    """An MP4 file. tracks: (name, pictures [T, H, W] uint8, x265 rate control such as `lossless=1` or `crf=20`).
+    """Encode tracks into an MP4 file. The same pictures give the same bytes.
 
-    The same pictures give the same bytes. Raises `MissingDependencyError` without libx265.
+    Args:
+        tracks: Name, pictures [T, H, W] uint8, and x265 rate control such as `lossless=1` or `crf=20` of each track.
+        fps: Frames per second.
+
+    Raises:
+        MissingDependencyError: PyAV has no libx265.
     """
     file = io.BytesIO()
     container = av.open(file, "w", format="mp4", options={"fflags": "+bitexact"})
@@ -46,9 +53,16 @@ def encode_tracks(tracks: list[tuple[str, np.ndarray, str]], fps: int = 30) -> b
 
 
 def decode_tracks(data: bytes, count: int, frames: int, sizes: list[tuple[int, int]]) -> list[np.ndarray]:
-    """The pictures of each of `count` tracks, [frames, height, width] uint8 each; sizes: (width, height) of each track.
+    """Decode `count` tracks to pictures [frames, height, width] uint8 each.
 
-    Raises `ReelError` if data is anything else.
+    Args:
+        data: MP4 file.
+        count: Number of tracks.
+        frames: Pictures per track.
+        sizes: Width and height of each track.
+
+    Raises:
+        ReelError: The data is anything else.
     """
     check_samples(data, frames)
     return [_decode_track(data, track, count, frames, *sizes[track]) for track in range(count)]
@@ -115,9 +129,9 @@ def _decode_track(data: bytes, track: int, count: int, frames: int, width: int, 
 
 
 def _with_level(data: bytes, level: int) -> bytes:
-    """Write general_level_idc into every hvcC box and the VPS and SPS in it.
+    """Write general_level_idc into every hvcC box and its VPS and SPS.
 
-    x265 marks lossless streams as level 8.5, which hardware decoders refuse, and takes no level for them.
+    x265 marks lossless streams as level 8.5, which hardware decoders refuse, and ignores a level given for them.
     """
     out = bytearray(data)
     box = out.find(b"hvcC")
@@ -140,11 +154,11 @@ def _with_level(data: bytes, level: int) -> bytes:
 
 
 _LEVEL_BYTE = {32: 17, 33: 14}
-"""Where general_level_idc stands in a VPS (NAL type 32) and an SPS (33), emulation prevention bytes not counted."""
+"""Position of general_level_idc in a VPS (NAL type 32) and an SPS (33), not counting emulation prevention bytes."""
 
 
 def _raw_position(data: bytearray, start: int, index: int) -> int:
-    """The position in data of byte `index` of the NAL unit at `start`, skipping emulation prevention bytes."""
+    """Return the position of byte `index` of the NAL unit at `start`, skipping emulation prevention bytes."""
     zeros = 0
     at = start
     while True:

@@ -1,4 +1,8 @@
-"""Values of points as pictures (paper section 4.3): Morton order in blocks, so that neighbors in space are neighbors there."""
+"""Maps: values of points as images, in Morton order within blocks, so that spatial neighbors are neighboring pixels.
+
+Source:
+    Paper, section 4.3.
+"""
 
 from __future__ import annotations
 
@@ -8,21 +12,21 @@ from splatreel.codec.quantize import Parameters, integer
 from splatreel.errors import ReelError
 
 BLOCK = 16
-"""Side of the blocks the points run through, and what picture sides are multiples of."""
+"""Side of the blocks in pixels; widths and heights are multiples of it."""
 _MIN_SIDE = 64
-"""One coding tree unit: x265 corrupts memory on pictures of 48 x 16 pixels."""
+"""Side of one coding tree unit. x265 corrupts memory on pictures of 48 x 16 pixels."""
 MAX_SLACK = 4096
 """Pixels that a map may have beyond its points."""
 
 
 def size_of(count: int) -> tuple[int, int]:
-    """(width, height) of the map of `count` points."""
+    """Return width and height of the map of `count` points."""
     width = max(int(np.ceil(count**0.5 / BLOCK)) * BLOCK, _MIN_SIDE)
     return width, max(int(np.ceil(count / (width * BLOCK))) * BLOCK, _MIN_SIDE)
 
 
 def decode_size(parameters: Parameters, count: int) -> tuple[int, int]:
-    """The (width, height) that a section names. Raises `ReelError` where they do not fit `count` points."""
+    """Return the width and height that a section names. Raise `ReelError` if they do not fit `count` points."""
     width, height = (integer(parameters, side, BLOCK, 8192) for side in ("width", "height"))
     if width % BLOCK or height % BLOCK or not count <= width * height <= 2 * count + MAX_SLACK:
         raise ReelError(f"has maps of {width} x {height} pixels, which do not fit {count} points.")
@@ -30,7 +34,7 @@ def decode_size(parameters: Parameters, count: int) -> tuple[int, int]:
 
 
 def pixels_of(count: int, width: int) -> np.ndarray:
-    """Index [count] into a map of that width, row by row, of each point: Z-order in blocks, blocks boustrophedon."""
+    """Return the pixel index [count] of each point in a map of the given width: Z-order in blocks, blocks boustrophedon."""
     index = np.arange(count)
     block, inside = index >> 8, index & 255
     x, y = _even_bits(inside), _even_bits(inside >> 1)
@@ -44,7 +48,7 @@ def _even_bits(value: np.ndarray) -> np.ndarray:
 
 
 def to_maps(values: np.ndarray, pixels: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Pictures [T, height, C * width] uint8 of values [T, N, C]: one tile a channel, side by side."""
+    """Return images [T, height, C * width] uint8 of values [T, N, C], one tile per channel, side by side."""
     frames, _, channels = values.shape
     maps = np.empty((frames, channels, height * width), np.uint8)
     maps[:] = values[:, -1, :, None]
@@ -54,7 +58,7 @@ def to_maps(values: np.ndarray, pixels: np.ndarray, width: int, height: int) -> 
 
 
 def from_maps(maps: np.ndarray, pixels: np.ndarray, width: int) -> np.ndarray:
-    """Values [T, N, C] of pictures [T, height, C * width]."""
+    """Return values [T, N, C] of images [T, height, C * width]."""
     frames, height, total = maps.shape
     tiles = maps.reshape(frames, height, total // width, width).transpose(0, 1, 3, 2)
     return np.ascontiguousarray(tiles).reshape(frames, height * width, -1)[:, pixels]

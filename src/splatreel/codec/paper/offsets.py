@@ -1,11 +1,14 @@
-"""The paper's codings of motion by name (section 4.3, Table 10): which values are coded, and how.
+"""The paper's codings of motion by name.
 
-    h265        `ofs`: the offsets dx and dq themselves
-    h265-ori    `ori`: x + dx and q dq; the canonical points are those of the first frame, and not stored once more
-    h265-dif    `dif`: each frame's offsets less those of the frame before; those before the first are no motion at all
-    float32     `raw`: the offsets uncompressed
+    h265        `ofs`: the offsets dx and dq h265-ori    `ori`: x + dx and q dq; the first frame also holds the
+    canonical points h265-dif    `dif`: differences of offsets between consecutive frames; the first frame is relative
+    to no motion float32     `raw`: the offsets uncompressed
 
-The paper adds quaternions in `ori`; a point's rotation at a time is their product (section 4.2), which is what is coded here.
+For `ori` the paper adds quaternions. Rotations compose by multiplication (section 4.2), and the product is encoded
+here.
+
+Source:
+    Paper, section 4.3 and Table 10.
 """
 
 from __future__ import annotations
@@ -21,16 +24,23 @@ from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 
 ORIGINAL = "h265-ori"
-"""The codec whose first frame is the canonical points."""
+"""Codec whose first frame holds the canonical points."""
 NAMES = {"ofs": "h265", "ori": ORIGINAL, "dif": "h265-dif", "raw": "float32"}
-"""`H265Config.source` to the codec of the section."""
+"""Codec of the section by `H265Config.source`."""
 _REST = np.array([1.0, 0, 0, 0])
 
 
 def encode(dx: np.ndarray, dq: np.ndarray, points: Gaussians, config: H265Config) -> tuple[bytes, Parameters]:
-    """Encode the motion dx [T, N, 3] and dq [T, N, 4] of N >= 1 points, in Morton order, as `config.source` says.
+    """Encode the motion of N >= 1 points in Morton order, as `config.source` selects.
 
-    Raises `ReelError` for NaN and for more offsets than one group may have.
+    Args:
+        dx: Position offsets, [T, N, 3].
+        dq: Rotation offsets, [T, N, 4].
+        points: Canonical points.
+        config: Settings of the codec.
+
+    Raises:
+        ReelError: An offset is NaN or infinite, or a group has too many offsets.
     """
     check_offsets(dx, dq)
     codec = NAMES[config.source]
@@ -50,9 +60,10 @@ def encode(dx: np.ndarray, dq: np.ndarray, points: Gaussians, config: H265Config
 
 
 def decode(data: bytes, parameters: Parameters, frames: int, count: int) -> tuple[np.ndarray, np.ndarray]:
-    """dx [frames, count, 3] and unit dq [frames, count, 4], float32; of `h265-ori` positions and unit rotations instead.
+    """Decode dx [frames, count, 3] and unit dq [frames, count, 4], float32. `h265-ori` gives positions and unit rotations instead.
 
-    Raises `ReelError` if data is damaged.
+    Raises:
+        ReelError: The data is damaged.
     """
     check_offset_count(frames, count)
     codec = parameters.get("codec")
@@ -74,13 +85,13 @@ def decode(data: bytes, parameters: Parameters, frames: int, count: int) -> tupl
 
 
 def about_identity(dq: np.ndarray) -> np.ndarray:
-    """Unit rotations with w >= 0: q and -q turn alike, and this one is near the identity (1, 0, 0, 0)."""
+    """Normalize rotations and choose the sign with w >= 0, which is near the identity (1, 0, 0, 0)."""
     dq = rotations.normalize(np.asarray(dq, np.float64))
     return np.where(dq[..., :1] < 0, -dq, dq)
 
 
 def _continuous(quats: np.ndarray, first: np.ndarray) -> np.ndarray:
-    """quats [T, N, 4], each with the sign that is nearer to the frame before; first [N, 4]: with the signs of the first frame."""
+    """Return quats [T, N, 4], each with the sign nearer to the frame before. `first` [N, 4] fixes the signs of the first frame."""
     before = np.concatenate([first[None], quats[:-1]])
     flips = np.sign((quats * before).sum(-1, keepdims=True))
     return quats * np.cumprod(np.where(flips < 0, -1.0, 1.0), axis=0)

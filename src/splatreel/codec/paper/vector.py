@@ -1,4 +1,8 @@
-"""Vector quantization of the higher SH coefficients (paper section 4.3): k-means with a small codebook."""
+"""Vector quantization of higher SH coefficients: k-means with a small codebook.
+
+Source:
+    Paper, section 4.3.
+"""
 
 from __future__ import annotations
 
@@ -10,11 +14,17 @@ _CHUNK = 2048
 
 
 def kmeans(vectors: np.ndarray, entries: int, seed: int = 0, weights: np.ndarray | None = None) -> np.ndarray:
-    """A codebook [K, D] float32 of vectors [N, D], K <= entries, by Lloyd's algorithm on a sample.
+    """Return a codebook [K, D] float32 of vectors [N, D], K <= entries, by Lloyd's algorithm on a sample.
 
-    weights: [N] > 0, how much each vector matters; None: all alike. The same input and seed give the same codebook. Where there
-    are no more different vectors than entries, they are the codebook. Opacity is no good weight (within 0.01 dB over four
-    seeds), how much the pictures hang on a point's color is: docs/experiments/README.md.
+    The same input and seed give the same codebook. If there are at most `entries` distinct vectors, they are the
+    codebook.
+
+    Args:
+        vectors: Vectors to quantize.
+        entries: Maximum size of the codebook.
+        seed: Seed of the sample and of the initial entries.
+        weights: Weight of each vector, [N] > 0; None weighs all equally. The effect of a point's color on the images is
+            a good weight; opacity is not (docs/experiments/README.md).
     """
     vectors = np.ascontiguousarray(vectors, np.float32)
     rng = np.random.default_rng(seed)
@@ -34,7 +44,7 @@ def kmeans(vectors: np.ndarray, entries: int, seed: int = 0, weights: np.ndarray
 
 
 def assign(vectors: np.ndarray, codebook: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The nearest entry [N] int64 of each vector and its squared distance [N] float32. vectors: [N, D]."""
+    """Return the nearest entry [N] int64 of each vector [N, D] and its squared distance [N] float32."""
     vectors = np.ascontiguousarray(vectors, np.float32)
     norms = (codebook**2).sum(1)
     nearest = np.empty(len(vectors), np.int64)
@@ -51,7 +61,7 @@ def assign(vectors: np.ndarray, codebook: np.ndarray) -> tuple[np.ndarray, np.nd
 def _centers(
     vectors: np.ndarray, masses: np.ndarray, nearest: np.ndarray, distance: np.ndarray, entries: int
 ) -> np.ndarray:
-    """Means of the clusters; an empty cluster moves to a vector that is served worst."""
+    """Return the weighted means of the clusters. An empty cluster moves to a vector with a large error."""
     mass = np.bincount(nearest, masses, entries)
     columns = [np.bincount(nearest, masses * column, entries) for column in vectors.T.astype(np.float64)]
     empty = np.flatnonzero(mass == 0)

@@ -1,0 +1,1 @@
+"""The predictive codec: integers of points, predicted from neighbors and entropy coded."""

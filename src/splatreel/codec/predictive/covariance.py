@@ -1,8 +1,8 @@
-"""A Gaussian's shape as six numbers: the logarithm of the square root of its covariance, R diag(log2 s) R^T.
+"""Shape of a Gaussian as six numbers: the logarithm of the square root of its covariance, R diag(log2 s) R^T.
 
-It does not depend on the order of axes or on signs, a rotation changes it the more the longer the Gaussian is, and neighbors on a
-surface have similar numbers. Distances of the six are distances of shapes: they are an orthonormal basis of the symmetric matrices,
-but for the size, which counts sqrt 2 times as much.
+The six numbers do not depend on the order or the sign of the axes. A rotation changes them more for longer Gaussians,
+and neighbors on a surface have similar numbers. They are coordinates in an orthonormal basis of the symmetric matrices,
+except that the size counts sqrt 2 times as much.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from splatreel.scene import rotations
 
 NUMBERS = 6
 LARGEST = 126
-"""Octaves: what a float32 holds."""
+"""Maximum absolute octave that float32 holds."""
 _XX, _XY, _XZ, _YY, _YZ, _ZZ = range(6)
 _X, _Y, _Z = 1, 2, 3
 _SWEEPS = 12
 _NOTHING = 1e-18
-"""Share of the squares of a matrix that its other half may keep: far below what a float32 tells apart."""
+"""Share of a matrix's squared norm that off-diagonal elements may keep, far below float32 precision."""
 
 
 def of_shapes(quats: np.ndarray, scales: np.ndarray) -> np.ndarray:
-    """[N, 6] float64: size, x against y, z against both, then xy, xz, yz, of rotations [N, 4] and scales [N, 3]."""
+    """Return [N, 6] float64 of rotations [N, 4] and scales [N, 3]: size, x against y, z against both, then xy, xz, yz."""
     turns = rotations.to_matrix(rotations.normalize(quats.astype(np.float64)))
     octaves = np.log2(np.maximum(scales.astype(np.float64), 1e-30))
     xx, xy, xz, _, yy, yz, _, _, zz = ((turns * octaves[:, None]) @ turns.transpose(0, 2, 1)).reshape(-1, 9).T
@@ -34,7 +34,7 @@ def of_shapes(quats: np.ndarray, scales: np.ndarray) -> np.ndarray:
 
 @njit(**EXACT)
 def to_shapes(numbers):
-    """(unit quaternions [N, 4], scales [N, 3]), float64, of numbers [N, 6]: Jacobi's rotations, in the order that the format says."""
+    """Return unit quaternions [N, 4] and scales [N, 3], float64, of numbers [N, 6], by Jacobi rotations in the order of the format."""
     count = len(numbers)
     quats, scales = np.empty((count, 4)), np.empty((count, 3))
     root2, root6 = np.sqrt(2.0), np.sqrt(6.0)
@@ -53,7 +53,7 @@ def to_shapes(numbers):
 
 @njit(**EXACT)
 def _diagonalize(m, q):
-    """Turns the axes of m until it is diagonal; q becomes the rotation that took them there."""
+    """Rotate the axes of m until it is diagonal; q becomes that rotation."""
     for _ in range(_SWEEPS):
         rest = m[_XY] * m[_XY] + m[_XZ] * m[_XZ] + m[_YZ] * m[_YZ]
         whole = m[_XX] * m[_XX] + m[_YY] * m[_YY] + m[_ZZ] * m[_ZZ]
@@ -66,7 +66,7 @@ def _diagonalize(m, q):
 
 @njit(**EXACT)
 def _turn(m, q, aa, bb, ab, ac, bc, a, b, c):
-    """About the third axis c by what makes m zero at the first two, a and b: where the numbers of these axes are, in m and in q."""
+    """Rotate about axis c so that m becomes zero at axes a and b. The other arguments are the positions of these axes in m and q."""
     off = m[ab]
     if off == 0:
         return
@@ -78,7 +78,7 @@ def _turn(m, q, aa, bb, ab, ac, bc, a, b, c):
     sine = tangent * cosine
     m[aa], m[bb], m[ab] = m[aa] - tangent * off, m[bb] + tangent * off, 0.0
     m[ac], m[bc] = cosine * m[ac] - sine * m[bc], sine * m[ac] + cosine * m[bc]
-    # The axes become cosine a - sine b and sine a + cosine b: a rotation about c by the negative angle, multiplied from the right.
+    # The new axes are cosine a - sine b and sine a + cosine b: a rotation about c by the negative angle, multiplied from the right.
     w = np.sqrt((1 + cosine) / 2)
     v = -sine / (2 * w)
     q[0], q[a], q[b], q[c] = w * q[0] - v * q[c], w * q[a] + v * q[b], w * q[b] - v * q[a], w * q[c] + v * q[0]

@@ -1,7 +1,10 @@
-"""Entropy coding of whole numbers: rANS in a few interleaved lanes, which a processor decodes at the same time (docs/format.md).
+"""Entropy coding of integers by rANS in interleaved lanes, which a processor decodes in parallel (docs/format.md).
 
-Each number has a context that encoder and decoder know before it. A context has its own frequencies, stored in front.
-After Duda, "Asymmetric numeral systems", 2013; interleaved lanes after Giesen, "Interleaved entropy coders", 2014.
+Encoder and decoder know the context of each integer beforehand. The stream starts with the frequencies of every
+context.
+
+Source:
+    Duda, "Asymmetric numeral systems", 2013; Giesen, "Interleaved entropy coders", 2014.
 """
 
 from __future__ import annotations
@@ -21,17 +24,17 @@ _SCALE = 1 << _SCALE_BITS
 _LOW = 1 << 16
 """States stay in 2^16 .. 2^32 - 1 and are refilled by 16 bits."""
 _DIRECT = 32
-"""Numbers below it are their own token; larger ones are a token of their length and next bit, and plain bits."""
+"""Smaller integers are their own token. Larger ones have a token of their length and next bit, followed by plain bits."""
 _HEADER = struct.Struct("<BBHII")
 _MAX_LANES = 10
 _LANES = 2
-"""2 to this power: more do not decode faster, and each costs four bytes."""
+"""Logarithm of the number of lanes. More lanes do not decode faster and cost four bytes each."""
 _SPARE = 8
-"""Zeros after words and bits: a lying stream is found out at its end, not by reading over it."""
+"""Zeros appended to words and bits, so that reading past the end of a damaged stream stays in bounds until `finish` detects it."""
 
 
-def encode(values: np.ndarray, contexts: np.ndarray, count: int) -> bytes:
-    """Bytes of values [n], 0 to 2^52 - 1, and their contexts [n], 0 to count - 1 (at most 255)."""
+def entropy_encode(values: np.ndarray, contexts: np.ndarray, count: int) -> bytes:
+    """Encode values [n], 0 to 2^52 - 1, with contexts [n], 0 to count - 1 (at most 255)."""
     values, contexts = np.asarray(values, np.int64), np.asarray(contexts, np.int64)
     tokens, lengths = _tokens(values)
     counts = np.bincount(contexts * TOKENS + tokens, minlength=count * TOKENS)
@@ -47,9 +50,9 @@ def encode(values: np.ndarray, contexts: np.ndarray, count: int) -> bytes:
 
 
 class Stream:
-    """What `encode` wrote, and how far it has been read. Raises `ReelError` for damaged data; memory is bounded by its length.
+    """Decoder of the bytes of `entropy_encode`. Raises `ReelError` for damaged data; the memory is bounded by its length.
 
-    Compiled loops read it with `take`, and `parts` are what that needs.
+    Compiled loops read it with `take(context, *parts)`.
     """
 
     def __init__(self, data: bytes, contexts: int) -> None:
@@ -70,11 +73,11 @@ class Stream:
         self.parts = lookup, states, plain, np.frombuffer(data[ends[3] :] + bytes(_SPARE), np.uint8), self._cursor
 
     def read(self, count: int) -> np.ndarray:
-        """The next values [count] int64, all of context 0."""
+        """Return the next values [count] int64, all of context 0."""
         return _take_many(count, *self.parts)
 
     def finish(self) -> None:
-        """Raise `ReelError` unless everything was read and came out as it went in."""
+        """Raise `ReelError` unless everything was read and the states ended as they began."""
         _, word, bit = self._cursor.tolist()
         if (word, (bit + 7) // 8) != self._ends or (self.parts[1] != _LOW).any():
             raise ReelError("is damaged: its entropy coder does not end as it began.")
@@ -82,7 +85,7 @@ class Stream:
 
 @njit(**EXACT)
 def take(context, lookup, states, words, raw, cursor):
-    """The next number. cursor [3]: lane, word, bit; past the ends there are zeros."""
+    """Return the next integer. cursor [3] holds lane, word and bit. Past the ends, zeros are read."""
     lane = cursor[0]
     state = states[lane]
     entry = np.int64(lookup[(context << _SCALE_BITS) | (state & (_SCALE - 1))])
@@ -114,7 +117,7 @@ def _take_many(count, lookup, states, words, raw, cursor):
 
 @njit(**EXACT)
 def _rans(frequencies, starts, states, words):
-    """How many words there are; they and the states after encoding from the last number to the first."""
+    """Encode from the last integer to the first into `states` and `words`. Return the number of words."""
     used, lanes = 0, len(states)
     for i in range(len(frequencies) - 1, -1, -1):
         frequency, state = frequencies[i], states[i % lanes]
@@ -127,16 +130,17 @@ def _rans(frequencies, starts, states, words):
 
 
 def zigzag(values: np.ndarray) -> np.ndarray:
-    """Signed to unsigned: 0, -1, 1, -2 become 0, 1, 2, 3."""
+    """Map signed to unsigned integers: 0, -1, 1, -2 become 0, 1, 2, 3."""
     return (values << 1) ^ (values >> 63)
 
 
 def unzigzag(values: np.ndarray) -> np.ndarray:
+    """Invert `zigzag`."""
     return (values >> 1) ^ -(values & 1)
 
 
 def _tokens(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """(tokens [n], how many plain bits follow each [n]); a number of b + 2 bits whose top bit is 1 keeps its low b bits plain."""
+    """Return tokens [n] and the number of plain bits after each [n]. An integer of b + 2 bits keeps its low b bits plain."""
     if len(values) and not 0 <= values.min() <= values.max() <= MAX_VALUE:
         raise ReelError("Numbers are too large for the entropy coder. Use a coarser step.")
     lengths = np.frexp(values.astype(np.float64))[1].astype(np.int64) - 2
@@ -146,7 +150,7 @@ def _tokens(values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _normalized(counts: np.ndarray) -> np.ndarray:
-    """Frequencies [TOKENS] that sum to 4096 (or are all 0), none that occurs below 1."""
+    """Scale counts to frequencies [TOKENS] with sum 4096 (or all 0). A token that occurs has at least 1."""
     total = int(counts.sum())
     if not total:
         return counts
@@ -158,7 +162,10 @@ def _normalized(counts: np.ndarray) -> np.ndarray:
 
 
 def _packed_tables(frequencies: np.ndarray) -> bytes:
-    """Frequencies [contexts, TOKENS] as bits: of each context how many tokens have one, then how many bits each takes, and these."""
+    """Pack frequencies [contexts, TOKENS] as bits.
+
+    Each context stores the number of tokens, then bit length and value of each frequency.
+    """
     bits = np.zeros(frequencies.size * 32, np.uint8)
     used = _write_tables(frequencies, bits)
     return np.packbits(bits[:used], bitorder="little").tobytes()
@@ -193,7 +200,7 @@ def _bit_length(number):
 
 @njit(**EXACT)
 def _write_gamma(number, bits, at):
-    """A number of b + 1 bits, at least 1, as b zeros, a one, and its low b bits; gives the place after it."""
+    """Write an integer of b + 1 bits, at least 1, as b zeros, a one, and its low b bits. Return the position after it."""
     low = _bit_length(number) - 1
     bits[at + low] = 1
     for bit in range(low):
@@ -202,18 +209,18 @@ def _write_gamma(number, bits, at):
 
 
 def _lookup(tables: bytes, contexts: int) -> np.ndarray:
-    """[contexts * 4096]: for each place in the scale the token << 25 | frequency << 12 | place in the token's own interval."""
+    """Return [contexts * 4096]: token << 25 | frequency << 12 | position in the token's interval, for each position in the scale."""
     bits = np.unpackbits(np.frombuffer(tables, np.uint8), bitorder="little")
     result = np.zeros((contexts, _SCALE), np.uint32)
     read = _read_tables(bits, result)
     if read < 0 or (read + 7) // 8 != len(tables):
-        raise ReelError("has frequencies that are cut off, or do not sum to 4096.")
+        raise ReelError("has frequencies that are truncated or do not sum to 4096.")
     return result.ravel()
 
 
 @njit(**EXACT)
 def _read_tables(bits, result):
-    """Fills the table of `_lookup`; how many bits that took, or -1."""
+    """Fill the table of `_lookup`. Return the number of bits read, or -1 for damaged data."""
     at = 0
     for context in range(len(result)):
         used, at = _read_gamma(bits, at)
@@ -239,7 +246,7 @@ def _read_tables(bits, result):
 
 @njit(**EXACT)
 def _read_gamma(bits, at):
-    """(number, the place after it, or -1 where the bits end or the number is longer than any that is written)."""
+    """Return an integer and the position after it. The position is -1 if the bits end or the integer is too long."""
     low = 0
     while 0 <= at + low < len(bits) and bits[at + low] == 0:
         low += 1
@@ -252,7 +259,7 @@ def _read_gamma(bits, at):
 
 
 def _pack_bits(values: np.ndarray, lengths: np.ndarray) -> bytes:
-    """The low `lengths` bits of the values, lowest first, without gaps."""
+    """Pack the low `lengths` bits of the values, lowest first, without gaps."""
     long = np.flatnonzero(lengths)
     values, lengths = values[long], lengths[long]
     planes = []

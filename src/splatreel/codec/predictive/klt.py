@@ -1,28 +1,36 @@
-"""The Karhunen-Loeve transform: samples as few coefficients in a basis of their own, which is stored with them (docs/format.md)."""
+"""Karhunen-Loeve transform: samples as few coefficients in a basis that is stored with them (docs/format.md)."""
 
 from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numba import njit
 
-from splatreel.codec.predictive.entropy import Stream, encode, unzigzag, zigzag
-from splatreel.codec.quantize import Parameters, integer
+from splatreel.codec.predictive.entropy import Stream, entropy_encode, unzigzag, zigzag
+from splatreel.codec.predictive.lod_prediction import decode_lod, encode_lod, ends_of
+from splatreel.codec.predictive.predictor import Predictor
+from splatreel.codec.quantize import Parameters, integer, number
+from splatreel.codec.section import Section
 from splatreel.errors import ReelError
 from splatreel.jit import EXACT
 
 _MAX_SHIFT = 20
 MOST_NUMBERS = 1 << 20
-"""In a basis: one of zeros takes no bytes, however large it claims to be."""
+"""Maximum size of a basis. A basis of zeros takes no bytes, however large it claims to be."""
 _BLOCK = 32
-"""Points whose sums are kept at hand before they are written out frame by frame."""
+"""Points whose sums stay in the cache before they are written frame by frame."""
 _SPARE = 8
-"""Rounding the basis costs at most about this fraction of a step."""
+"""Inverse of the rounding error of the basis, in steps."""
 
 
 def analyze(samples: np.ndarray, step: float) -> tuple[np.ndarray, list[int]]:
-    """The basis [D, K] int64 of samples [M, D] and shifts [K]: column k in units of 2^-shifts[k].
+    """Return the basis [D, K] int64 of samples [M, D] and shifts [K]; column k has units of 2^-shifts[k].
 
-    Directions in which the samples spread by less than a twentieth of a step are left out; K is at least 1, K D at most `MOST_NUMBERS`.
+    Directions with a spread below a twentieth of a step are dropped. K is at least 1, and K D at most `MOST_NUMBERS`.
     """
     spread, basis = np.linalg.eigh(samples.T @ samples / max(len(samples), 1))
     spread, basis = np.sqrt(np.maximum(spread[::-1], 0)), basis[:, ::-1]
@@ -32,18 +40,19 @@ def analyze(samples: np.ndarray, step: float) -> tuple[np.ndarray, list[int]]:
 
 
 def coefficients(samples: np.ndarray, basis: np.ndarray, shifts: list[int]) -> np.ndarray:
-    """What samples [M, D] are in the rounded basis, [M, K]."""
+    """Return the coefficients [M, K] of samples [M, D] in the rounded basis."""
     return samples @ np.linalg.pinv(real(basis, shifts)).T
 
 
 def real(basis: np.ndarray, shifts: list[int]) -> np.ndarray:
+    """Return the basis as float64."""
     return basis * 2.0 ** -np.array(shifts)
 
 
 def columns_of(found: np.ndarray) -> np.ndarray:
-    """The order [K C] of the coefficients [N, K, C], as k C + c: large ones first, but those of a channel in the order of the basis.
+    """Return the order [K C] of coefficients [N, K, C], as k C + c: large ones first, and those of a channel in the order of the basis.
 
-    What is small in all points then comes last, and few of them have it.
+    Columns that are small for all points come last, where few points store them.
     """
     sizes = np.abs(found).mean(0)
     falling = np.maximum.accumulate(sizes[::-1])[::-1]
@@ -51,7 +60,7 @@ def columns_of(found: np.ndarray) -> np.ndarray:
 
 
 def decode_columns(data: bytes, count: int, kinds: int, channels: int) -> np.ndarray:
-    """Which of the channels each of `count` columns is of; at most `kinds`, those of the basis, of each. Raises `ReelError`."""
+    """Decode the channel of each of `count` columns. Raise `ReelError` if a channel has more than `kinds` columns."""
     stream = Stream(data, 1)
     columns = stream.read(count)
     stream.finish()
@@ -61,12 +70,12 @@ def decode_columns(data: bytes, count: int, kinds: int, channels: int) -> np.nda
 
 
 def encode_basis(basis: np.ndarray) -> bytes:
-    """Column after column."""
-    return encode(zigzag(basis.T.ravel()), np.zeros(basis.size, np.int64), 1)
+    """Encode a basis column by column."""
+    return entropy_encode(zigzag(basis.T.ravel()), np.zeros(basis.size, np.int64), 1)
 
 
 def decode_basis(data: bytes, parameters: Parameters, name: str, dimensions: int) -> np.ndarray:
-    """The basis [dimensions, K] float64 whose shifts are the parameter `name`. Raises `ReelError`."""
+    """Decode the basis [dimensions, K] float64 whose shifts are the parameter `name`. Raise `ReelError` if it is damaged."""
     shifts = parameters.get(name)
     if not isinstance(shifts, list) or not 1 <= len(shifts) <= dimensions:
         raise ReelError(f"has {name} that are not 1 to {dimensions} numbers.")
@@ -80,9 +89,14 @@ def decode_basis(data: bytes, parameters: Parameters, name: str, dimensions: int
 
 
 def expand(found: np.ndarray, ends: np.ndarray, basis: np.ndarray, columns: np.ndarray, channels: int) -> np.ndarray:
-    """[D, N, C] float32 of coefficients [N, L], of which a point has the first `ends` [N], in a basis [D, K].
+    """Return values [D, N, C] float32 of coefficients.
 
-    columns: [L] the channel of each; the first of a channel is of the first vector of the basis, and so on.
+    Args:
+        found: Coefficients, [N, L].
+        ends: Number of coefficients that each point has, [N].
+        basis: Basis, [D, K].
+        columns: Channel of each column, [L]. The n-th column of a channel belongs to the n-th vector of the basis.
+        channels: Number of channels C.
     """
     result = np.empty((len(basis), len(found), channels), np.float32)
     vectors = np.array([(columns[:place] == channel).sum() for place, channel in enumerate(columns)], np.int64)
@@ -108,3 +122,85 @@ def _expand(found, ends, basis, columns, vectors, result):
             for i in range(some):
                 for c in range(channels):
                     result[d, first + i, c] = sums[i, c, d]
+
+
+_STREAMS = struct.Struct("<IIII")
+"""Lengths of the four streams: basis, channels of the columns, numbers of columns, coefficients."""
+_BLOCK_VALUES = 1 << 18
+"""Values processed at a time."""
+
+
+def encode_klt(kind: int, values: np.ndarray, step: float, predictor: Predictor) -> tuple[Section, np.ndarray]:
+    """Encode values [N, D, C]. The transform is over D, and the C channels share its basis.
+
+    Returns:
+        The section, and the values as decoded, [D, N, C].
+    """
+    count, dimensions, channels = values.shape
+    samples = values.transpose(0, 2, 1).reshape(-1, dimensions)
+    basis, shifts = analyze(samples, step)
+    found = coefficients(samples, basis, shifts).reshape(count, channels, -1).transpose(0, 2, 1) / step
+    order, classes = columns_of(found), predictor.classes[:, kind]
+    wanted = found.reshape(count, -1)[:, order]
+    ends = ends_of(wanted, classes)
+    order = order[: max(int(ends.max()), 1)]
+    kinds = int((order // channels).max()) + 1  # vectors of the basis that some point uses
+    basis, shifts, columns = basis[:, :kinds], shifts[:kinds], order % channels
+    body, kept = encode_lod(wanted[:, : len(order)], predictor.levels, classes, ends)
+    streams = (
+        encode_basis(basis),
+        entropy_encode(columns, np.zeros_like(columns), 1),
+        encode_lod(ends[:, None], predictor.levels, np.zeros_like(classes))[0],
+        body,
+    )
+    data = _STREAMS.pack(*map(len, streams)) + b"".join(streams)
+    section = Section(data, {"codec": "klt", "step": step, "shifts": shifts, "columns": len(columns)})
+    return section, expand(kept, ends, real(basis, shifts) * step, columns, channels)
+
+
+@dataclass(frozen=True)
+class Coefficients:
+    """Decoded `klt` section before the inverse transform; see `klt.expand`.
+
+    Attributes:
+        found: Coefficients, [N, L].
+        ends: Number of coefficients that each point has, [N].
+        basis: Basis, [D, K].
+        columns: Channel of each column, [L].
+        channels: Number of channels C.
+    """
+
+    found: np.ndarray
+    ends: np.ndarray
+    basis: np.ndarray
+    columns: np.ndarray
+    channels: int
+
+    def expand(self, some: slice) -> np.ndarray:
+        """Return the values [D, n, C] float32 of a slice of the points, which limits the memory for large groups."""
+        return expand(self.found[some], self.ends[some], self.basis, self.columns, self.channels)
+
+
+def decode_klt(kind: int, section: Section, dimensions: int, channels: int, predictor: Predictor) -> Coefficients:
+    """Decode the coefficients of values [D, N, C]. Raise `ReelError` if the section is damaged."""
+    data, parameters = section.data, section.parameters
+    sizes = _STREAMS.unpack_from(data) if len(data) >= _STREAMS.size else (0,) * 4
+    if _STREAMS.size + sum(sizes) != len(data):
+        raise ReelError(f"holds {len(data)} bytes, its streams {', '.join(map(str, sizes))}.")
+    cuts = np.cumsum([_STREAMS.size, *sizes]).tolist()
+    basis_data, columns_data, ends_data, body = (data[a:b] for a, b in pairwise(cuts))
+    step = number(parameters, "step", 1e-30, 1e30)
+    basis = decode_basis(basis_data, parameters, "shifts", dimensions)
+    most = integer(parameters, "columns", 1, basis.shape[1] * channels)
+    columns, classes = decode_columns(columns_data, most, basis.shape[1], channels), predictor.classes[:, kind]
+    ends = decode_lod(ends_data, (len(classes), 1), predictor.levels, np.zeros_like(classes))[:, 0].astype(np.int64)
+    if (ends < 0).any() or (ends > most).any():
+        raise ReelError(f"has points of {ends.min()} to {ends.max()} columns, of {most}.")
+    found = decode_lod(body, (len(classes), most), predictor.levels, classes, ends)
+    return Coefficients(found, ends, basis * step, columns, channels)
+
+
+def blocks(count: int, dimensions: int) -> Iterator[slice]:
+    """Return slices of points for processing `dimensions` values per point."""
+    size = max(_BLOCK_VALUES // dimensions, 1)
+    return (slice(first, min(first + size, count)) for first in range(0, count, size))

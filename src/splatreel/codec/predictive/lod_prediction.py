@@ -1,8 +1,8 @@
-"""Level-of-detail prediction: whole numbers of points, predicted from points nearby of coarser levels (docs/format.md).
+"""Level-of-detail prediction: integers of points, predicted from nearby points of coarser levels (docs/format.md).
 
-Points come in Morton order. Every 2^k-th of them comes first, then those half way between, and so on: a level of detail at a time.
-A point is predicted from the nearest points of the coarser levels, and what is left is entropy coded; the same
-neighbors tell how large that will be. All arithmetic is exact, so that every decoder finds the same numbers.
+Points are in Morton order. The first level has every 2^k-th point, the next level the points halfway between, and so
+on. A point is predicted from the nearest points of coarser levels, and its residual is entropy coded. The same
+neighbors predict the size of the residual. All arithmetic is exact, so that every decoder computes the same integers.
 """
 
 from __future__ import annotations
@@ -12,37 +12,40 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from splatreel.codec.predictive.entropy import Stream, encode, take, zigzag
+from splatreel.codec.predictive.entropy import Stream, entropy_encode, take, zigzag
 from splatreel.errors import ReelError
 from splatreel.jit import EXACT
 
 FIRST_LEVEL = 64
-"""The coarsest level has between this many points and twice as many, and is predicted to be zero."""
+"""The coarsest level has between this many points and twice as many. Its prediction is zero."""
 NEIGHBORS = 4
 _REACH = 8
-"""Points of the coarser levels, before and after in Morton order, that neighbors are chosen from."""
+"""Points of coarser levels before and after in Morton order, from which neighbors are chosen."""
 _WEIGHT_BITS = 12
 _WEIGHT = 1 << _WEIGHT_BITS
 _LIMIT = 1 << 30
 DEAD_ZONE = 0.4
-"""A residual is rounded up from 1 - this on: zeros are cheap."""
+"""A residual is rounded up from 1 - DEAD_ZONE on, because zeros are cheap."""
 MAX_CLASS = 7
 _EDGES = np.array([1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 512])
 CONTEXTS = len(_EDGES) + 1
-"""Classes of the expected size of a residual, in eighths of a step."""
+"""Number of classes of the expected size of a residual, in eighths of a step."""
 _LARGEST = 4095
-"""Sizes matter up to this many eighths of a step,"""
+"""Upper bound of the size of a residual, in eighths of a step."""
 _LARGEST_SIZE = 65535
-"""and of a neighbor up to this many steps of class 0."""
+"""Upper bound of a neighbor's size, in steps of class 0."""
 _CONTEXT_OF = np.searchsorted(_EDGES, np.arange(_LARGEST + 1), side="right").astype(np.uint8)
 
 
 @dataclass(frozen=True)
 class Levels:
-    """In which order points are decoded, and from which others each is predicted.
+    """Decoding order of points, and the neighbors that predict each point.
 
-    order: [N], level after level. starts: where each level starts in it, and N. neighbors, weights: [N, 4] by place in `order`,
-    weights in 4096ths; all 0 in the first level.
+    Attributes:
+        order: Points, level after level, [N].
+        starts: First position of each level in `order`, then N.
+        neighbors: Predicting points of each position in `order`, [N, 4]; 0 in the first level.
+        weights: Their weights in 4096ths, [N, 4]; 0 in the first level.
     """
 
     order: np.ndarray
@@ -52,7 +55,7 @@ class Levels:
 
 
 def levels_of(quantized: np.ndarray) -> Levels:
-    """The levels of points at quantized positions [N, 3] int64 below 2^21, in Morton order; every point is in one of them."""
+    """Return the levels of quantized positions [N, 3] int64 below 2^21 in Morton order."""
     count = len(quantized)
     stride = 1
     while count // (2 * stride) >= FIRST_LEVEL:
@@ -70,7 +73,7 @@ def levels_of(quantized: np.ndarray) -> Levels:
 
 @njit(**EXACT)
 def _nearest(quantized, order, strides):
-    """The nearest of 16 multiples of stride around each point; ties go to the earlier. Weights fall with the distance."""
+    """Return the nearest of 16 multiples of the stride around each point, earlier ones on ties. Weights fall with distance."""
     count = len(order)
     neighbors = np.zeros((count, NEIGHBORS), np.int32)
     weights = np.zeros((count, NEIGHBORS), np.int32)
@@ -95,7 +98,7 @@ def _nearest(quantized, order, strides):
                 k -= 1
             if k < NEIGHBORS:
                 squares[k], found[k] = square, candidate
-        # Square root, sum and quotient of doubles are exactly defined; the order of the sum is part of the format.
+        # IEEE 754 defines square root, sum and quotient exactly. The order of the sum is part of the format.
         for k in range(NEIGHBORS):
             nearness[k] = 1 / (1 + np.sqrt(np.float64(squares[k]))) if squares[k] < far else 0.0
         total, rest = ((nearness[0] + nearness[1]) + nearness[2]) + nearness[3], _WEIGHT
@@ -110,10 +113,16 @@ def _nearest(quantized, order, strides):
 def encode_lod(
     values: np.ndarray, levels: Levels, classes: np.ndarray, ends: np.ndarray | None = None
 ) -> tuple[bytes, np.ndarray]:
-    """Encode values [N, C], in steps, as whole numbers that are off by at most (1 - DEAD_ZONE) 2^class.
+    """Encode values [N, C], in steps, as integers with an error of at most (1 - DEAD_ZONE) 2^class.
 
-    classes: [N] int64, 0 to 7. ends: [N], how many of its columns a point has (`ends_of`), the others being 0; None: all.
-    Returns the bytes and the whole numbers [N, C] int32 that `decode_lod` gives.
+    Args:
+        values: Values in steps, [N, C].
+        levels: Levels of the points.
+        classes: Class of each point, [N] int64, 0 to 7.
+        ends: Number of columns that each point has, [N], see `ends_of`; the others are 0. None means all.
+
+    Returns:
+        The bytes, and the integers [N, C] int32 that `decode_lod` returns.
     """
     if not np.abs(values).max(initial=0) < _LIMIT / 2:
         raise ReelError("Values are too many steps from zero to be encoded. Use a coarser step.")
@@ -126,13 +135,13 @@ def encode_lod(
     )
     if used < 0:
         raise ReelError("Values are too many steps from zero to be encoded. Use a coarser step.")
-    return encode(zigzag(residuals[:used]), contexts[:used], CONTEXTS), found
+    return entropy_encode(zigzag(residuals[:used]), contexts[:used], CONTEXTS), found
 
 
 def decode_lod(
     data: bytes, shape: tuple[int, int], levels: Levels, classes: np.ndarray, ends: np.ndarray | None = None
 ) -> np.ndarray:
-    """The whole numbers [N, C] int32 of `encode_lod`. Raises `ReelError`."""
+    """Decode the integers [N, C] int32 of `encode_lod`. Raise `ReelError` if the data is damaged."""
     stream = Stream(data, CONTEXTS)
     ends = _all(shape) if ends is None else ends
     found, sizes = _empty(shape)
@@ -145,7 +154,7 @@ def decode_lod(
 
 
 def ends_of(values: np.ndarray, classes: np.ndarray) -> np.ndarray:
-    """[N] int64: the last of a point's columns [N, C], in steps, that is not nearer to zero than rounding goes, plus one."""
+    """Return the number of leading columns [N] int64 of values [N, C], in steps, after which all round to zero."""
     there = np.abs(values) >= (1 - DEAD_ZONE) * 2.0 ** classes[:, None]
     return np.where(there.any(1), values.shape[1] - there[:, ::-1].argmax(1), 0)
 
@@ -155,15 +164,15 @@ def _all(shape: tuple[int, int]) -> np.ndarray:
 
 
 def _empty(shape: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:
-    """For values and for the sizes of their residuals."""
+    """Return arrays for values and for the sizes of their residuals."""
     return np.zeros(shape, np.int32), np.zeros(shape, np.uint16)
 
 
 @njit(**EXACT)
 def _expect(values, sizes, near, weights, shift, columns, expected, around):
-    """Fills what a point's neighbors let expect in its first columns: values, and sizes of residuals in eighths of its steps.
+    """Predict a point's first columns from its neighbors: values, and sizes of residuals in eighths of its steps.
 
-    A loop of its own, so that a processor takes several columns at once. Doubles hold the sums exactly.
+    This is a separate loop so that it is vectorized over columns. Doubles hold the sums exactly.
     """
     a, b, c, d = near[0], near[1], near[2], near[3]
     p, q, r, s = np.float64(weights[0]), np.float64(weights[1]), np.float64(weights[2]), np.float64(weights[3])
@@ -179,7 +188,7 @@ def _expect(values, sizes, near, weights, shift, columns, expected, around):
 
 @njit(**EXACT)
 def _predict_and_round(values, order, neighbors, weights, classes, ends, residuals, contexts, found, sizes):
-    """Fills residuals and contexts, in the order of coding, and values as decoded; how many residuals, -1 where one is too large."""
+    """Fill residuals and contexts in coding order, and decoded values. Return the number of residuals, or -1 if one is too large."""
     used = 0
     expected, around = np.empty(found.shape[1]), np.empty(found.shape[1], np.int32)
     for place in range(len(order)):
@@ -203,7 +212,7 @@ def _predict_and_round(values, order, neighbors, weights, classes, ends, residua
 
 @njit(**EXACT)
 def _predict_and_read(order, neighbors, weights, classes, ends, found, sizes, lookup, states, words, raw, cursor):
-    """Fills the values; whether they are in range and the stream was long enough."""
+    """Fill the values. Return whether they are in range and the stream was long enough."""
     expected, around = np.empty(found.shape[1]), np.empty(found.shape[1], np.int32)
     for place in range(len(order)):
         point = order[place]

@@ -1,4 +1,4 @@
-"""Points in the predictive codec: positions, shapes, opacities and colors as whole numbers, predicted and entropy coded."""
+"""Points in the predictive codec: positions, shapes, opacities and colors as predicted, entropy coded integers."""
 
 from __future__ import annotations
 
@@ -7,9 +7,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatreel.codec.predictive import covariance
-from splatreel.codec.predictive.klt_section import blocks, decode_klt, encode_klt
+from splatreel.codec.predictive.klt import blocks, decode_klt, encode_klt
 from splatreel.codec.predictive.lod_prediction import MAX_CLASS, levels_of
-from splatreel.codec.predictive.precision import COARSEST, COLOR, MOTION, RELATIVE, SHAPE, STEPS, Steps, classes_of
+from splatreel.codec.predictive.precision import (
+    COLOR,
+    MOTION,
+    RELATIVE,
+    SHAPE,
+    STEPS,
+    Steps,
+    classes_of,
+    coarsest_class,
+)
 from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.predictive.quantized_positions import (
     decode_quantized_positions,
@@ -24,12 +33,20 @@ from splatreel.errors import ReelError
 from splatreel.scene.gaussians import Gaussians
 
 COLORS = np.array([[1, 1, 1], [1, 0, -1], [-1, 2, -1]]) / np.sqrt([[3], [2], [6]])
-"""Orthonormal: brightness, red against blue, green against both."""
+"""Orthonormal color transform: brightness, red against blue, green against both."""
 
 
 @dataclass(frozen=True)
 class EncodedPoints:
-    """Sections of points; order [N]: the input point of each encoded one. quats: theirs, [N, 4]. size: typical, world units."""
+    """Sections of points and what the encoding of their offsets needs.
+
+    Attributes:
+        sections: Sections by name.
+        order: Input point of each encoded point, [N].
+        quats: Rotations of the encoded points, [N, 4].
+        size: Typical size of the points, world units.
+        predictor: Predictor of further sections.
+    """
 
     sections: Sections
     order: np.ndarray
@@ -45,16 +62,21 @@ def encode_points(
     moving: bool = True,
     steps: Steps = STEPS,
 ) -> EncodedPoints:
-    """Encode points, N >= 1, finite. importance: [N, 3] >= 0, see `classes_of`; None: all the same.
+    """Encode finite points, N >= 1.
 
-    moving: offsets are stored as well, so that motion has a class of its own. steps: quantization steps at a coarseness of 1.
+    Args:
+        gaussians: Points to encode.
+        importance: Importance of shape, color and motion, [N, 3] >= 0, see `classes_of`; None makes all equal.
+        config: Encoding settings.
+        moving: Offsets are stored too, so motion has its own class.
+        steps: Quantization steps at a coarseness of 1.
     """
     gaussians.check_finite("Gaussians to encode")
     if len(gaussians) > MAX_POINTS:
         raise ReelError(f"{len(gaussians)} points are more than a file holds ({MAX_POINTS}).")
     coarse = config.coarseness
     size = float(np.exp(np.median(np.log(np.maximum(gaussians.scales, 1e-30)))))
-    finer = COARSEST[coarse > 1]
+    finer = coarsest_class(coarse)
     step = steps.position * coarse * size
     data, parameters, order, quantized = encode_quantized_positions(gaussians.means, step * 2**finer)
     points = gaussians[order]
@@ -81,7 +103,7 @@ def encode_points(
 
 
 def decode_points(sections: Sections, count: int) -> tuple[Gaussians, Predictor]:
-    """The `count` >= 1 points of a file's sections. Raises `ReelError` that names the section."""
+    """Decode the `count` >= 1 points of a file. Raise `ReelError` with the name of the damaged section."""
     section = section_of(sections, "means", "lattice")
     quantized = named("means", decode_quantized_positions, section.data, section.parameters, count)
     finer = named("means", integer, section.parameters, "finer", 0, MAX_CLASS)
@@ -110,7 +132,7 @@ def decode_points(sections: Sections, count: int) -> tuple[Gaussians, Predictor]
 
 
 def _decode_rest(sections: Sections, predictor: Predictor) -> np.ndarray:
-    """Spherical harmonics [N, (degree + 1)^2, 3] float32, the first of which is still open. Raises `ReelError`."""
+    """Decode spherical harmonics [N, (degree + 1)^2, 3] float32; the first coefficient is left uninitialized."""
     count = len(predictor.classes)
     if "sh_rest" not in sections:
         return np.empty((count, 1, 3), np.float32)

@@ -1,7 +1,7 @@
-"""How precisely each point is coded: steps of quantization, and classes of points whose steps are coarser.
+"""Precision of each point: quantization steps, and classes of points with coarser steps.
 
-Every quantity is a multiple of a step. Points that hardly show get steps that are a power of two larger; which one is their class,
-and is stored (docs/format.md).
+Every quantity is an integer multiple of a step. The steps of unimportant points are larger by a power of two. Its
+exponent is the point's class, which is stored (docs/format.md).
 """
 
 from __future__ import annotations
@@ -13,9 +13,10 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Steps:
-    """Steps of the most important points at `EncodeConfig.coarseness` 1.
+    """Quantization steps of the most important points at `EncodeConfig.coarseness` 1.
 
-    position and motion are in multiples of the points' typical size, turn is in radians, shape in octaves (`covariance`).
+    `position` and `motion` are multiples of the points' typical size, `turn` is in radians, `shape` in octaves
+    (`covariance`).
     """
 
     position: float = 0.028
@@ -38,18 +39,23 @@ class Steps:
 
 STEPS = Steps()
 IMPORTANCE_EXPONENT = np.array([1.0, 1.0, 0.85])
-"""Of shape, color and motion: steps grow with this power of falling importance; below 1 was better for motion on held-out views."""
-COARSEST = 3, 2
-"""The largest class an encoder gives at a coarseness up to 1, and above: a larger error would show even where little does."""
+"""Exponents for shape, color and motion: steps grow with this power of falling importance. An exponent below 1 for motion improved
+held-out views.
+"""
 SHAPE, COLOR, MOTION = range(3)
 RELATIVE = np.array([0, 1, 1])
-"""Classes of color and motion are stored less that of shape: a point that hardly shows does so in every respect."""
+"""1 where a class is stored relative to that of shape: points are usually unimportant in all respects."""
+
+
+def coarsest_class(coarseness: float) -> int:
+    """Return the largest class that the encoder assigns. A larger error would be visible even for unimportant points."""
+    return 2 if coarseness > 1 else 3
 
 
 def classes_of(importance: np.ndarray | None, count: int, coarseness: float = 1.0) -> np.ndarray:
-    """Classes [N, 3] int64: steps grow as importance [N, 3] falls below its 90th percentile. None: all 0."""
+    """Return classes [N, 3] int64. Steps grow as importance [N, 3] falls below its 90th percentile; None gives class 0."""
     if importance is None:
         return np.zeros((count, 3), np.int64)
     top = np.maximum(np.quantile(importance, 0.9, axis=0), 1e-30)
     octaves = np.log2(top / np.maximum(importance, top * 1e-6))
-    return np.clip(np.rint(octaves * IMPORTANCE_EXPONENT), 0, COARSEST[coarseness > 1]).astype(np.int64)
+    return np.clip(np.rint(octaves * IMPORTANCE_EXPONENT), 0, coarsest_class(coarseness)).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Values of points coded by prediction: which points each is predicted from, and how coarse its steps are."""
+"""Sections with predicted values of points."""
 
 from __future__ import annotations
 
@@ -13,18 +13,23 @@ from splatreel.codec.section import Section, Sections, named, section_of
 
 @dataclass(frozen=True)
 class Predictor:
-    """Encodes and decodes values of points. classes: [N, 3] int64, of shape, color and motion, see `precision.classes_of`."""
+    """Encoder and decoder of predicted values of points.
+
+    Attributes:
+        levels: Levels of the points.
+        classes: Classes of shape, color and motion, [N, 3] int64, see `precision.classes_of`.
+    """
 
     levels: Levels
     classes: np.ndarray
 
     def encode(self, kind: int, values: np.ndarray, step: float) -> Section:
-        """Values [N, C] as a section."""
+        """Encode values [N, C] as a section."""
         data, _ = encode_lod(values / step, self.levels, self.classes[:, kind])
         return Section(data, {"codec": "field", "step": step})
 
     def decode(self, kind: int, sections: Sections, name: str, columns: int) -> np.ndarray:
-        """Values [N, C] float64. Raises `ReelError`."""
+        """Decode values [N, C] float64. Raise `ReelError` if the section is damaged."""
         section = section_of(sections, name, "field")
         step = named(name, number, section.parameters, "step", 1e-30, 1e30)
         shape = len(self.classes), columns
@@ -32,7 +37,7 @@ class Predictor:
 
     @classmethod
     def in_file_order(cls, count: int) -> Predictor:
-        """Of points in the paper's coding: each predicted from those next to it in the file, all of class 0."""
+        """Return the predictor for points in the paper's coding: each is predicted from its neighbors in the file, all of class 0."""
         positions = np.zeros((count, 3), np.int64)
         positions[:, 0] = np.arange(count)
         return cls(levels_of(positions), np.zeros((count, 3), np.int64))

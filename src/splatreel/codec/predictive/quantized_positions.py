@@ -1,6 +1,6 @@
-"""Quantized positions, as differences of Morton codes, which are small because the points are sorted by them.
+"""Quantized positions as differences of Morton codes, which are small because the points are sorted by them.
 
-Refinement bits say where in its cell of the grid a point lies: those that show most get the most of them.
+Refinement bits give the position of a point within its grid cell. Important points have more of them.
 """
 
 from __future__ import annotations
@@ -8,18 +8,20 @@ from __future__ import annotations
 import numpy as np
 
 from splatreel.codec import morton
-from splatreel.codec.predictive.entropy import Stream, encode
+from splatreel.codec.predictive.entropy import Stream, entropy_encode
 from splatreel.codec.quantize import Parameters, number, numbers
 from splatreel.errors import ReelError
 
 MAX_BITS = 17
-"""Bits of an axis: a code then fits into a double, which is what a browser counts with."""
+"""Bits per axis. A code then fits into a double, the number type of browsers."""
 
 
 def encode_quantized_positions(means: np.ndarray, step: float) -> tuple[bytes, Parameters, np.ndarray, np.ndarray]:
-    """Encode positions means [N, 3], N >= 1, to the nearest multiples of step, or of what 17 bits an axis allow.
+    """Encode positions means [N, 3], N >= 1, as multiples of a step, or of the smallest step that 17 bits per axis allow.
 
-    Returns the bytes, the parameters, order [N] (the input point that is decoded as point i), and the quantized positions [N, 3] int64.
+    Returns:
+        The bytes, the parameters, order [N] (the input point that is decoded as point i), and the quantized positions
+        [N, 3] int64.
     """
     means = np.asarray(means, np.float64)
     low = means.min(0)
@@ -27,12 +29,12 @@ def encode_quantized_positions(means: np.ndarray, step: float) -> tuple[bytes, P
     quantized = np.rint((means - low) / step).astype(np.int64)
     codes = morton.encode(quantized).astype(np.int64)
     order = np.argsort(codes, kind="stable")
-    data = encode(np.diff(codes[order], prepend=0), np.zeros(len(order), np.int64), 1)
+    data = entropy_encode(np.diff(codes[order], prepend=0), np.zeros(len(order), np.int64), 1)
     return data, {"codec": "lattice", "min": low.tolist(), "step": step}, order, quantized[order]
 
 
 def decode_quantized_positions(data: bytes, parameters: Parameters, count: int) -> np.ndarray:
-    """The quantized positions [count, 3] int64. Raises `ReelError`."""
+    """Decode the quantized positions [count, 3] int64. Raise `ReelError` if the section is damaged."""
     _cells(parameters)
     stream = Stream(data, 1)
     codes = np.cumsum(stream.read(count))
@@ -43,7 +45,7 @@ def decode_quantized_positions(data: bytes, parameters: Parameters, count: int) 
 
 
 def encode_refinement_bits(means: np.ndarray, parameters: Parameters, quantized: np.ndarray, bits: np.ndarray) -> bytes:
-    """Which of 2^bits [N] parts along each axis of its cell, quantized [N, 3], every point of means [N, 3] lies in."""
+    """Encode in which of 2^bits [N] parts along each axis of its cell every point of means [N, 3] lies."""
     within = (np.asarray(means, np.float64) - parameters["min"]) / parameters["step"] - quantized + 0.5
     parts = 1 << bits[:, None]
     refinement = np.clip(np.floor(within * parts), 0, parts - 1).astype(np.int64)
@@ -52,7 +54,7 @@ def encode_refinement_bits(means: np.ndarray, parameters: Parameters, quantized:
 
 
 def decode_refinement_bits(data: bytes, parameters: Parameters, quantized: np.ndarray, bits: np.ndarray) -> np.ndarray:
-    """Positions [N, 3] float32, in the middle of the parts of their cells that the bits name. Raises `ReelError`."""
+    """Return positions [N, 3] float32 at the centers of the encoded parts of their cells. Raise `ReelError` for a wrong length."""
     low, step = _cells(parameters)
     if len(data) != (3 * int(bits.sum()) + 7) // 8:
         raise ReelError(f"holds {len(data)} bytes where its points have {3 * int(bits.sum())} bits.")
@@ -68,5 +70,5 @@ def decode_refinement_bits(data: bytes, parameters: Parameters, quantized: np.nd
 
 
 def _cells(parameters: Parameters) -> tuple[np.ndarray, float]:
-    """Where the grid of quantized positions begins, and how wide its cells are. Raises `ReelError`."""
+    """Return origin and cell width of the grid of quantized positions. Raise `ReelError` if they are invalid."""
     return numbers(parameters, "min", 3), number(parameters, "step", 0, 1e30)

@@ -1,10 +1,10 @@
-"""Shade in the predictive codec: changes of color and opacity over a group, coded as motion is."""
+"""Section `shade`: changes of color and opacity over a group, encoded as motion is."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from splatreel.codec.predictive.klt_section import blocks, decode_klt, encode_klt
+from splatreel.codec.predictive.klt import blocks, decode_klt, encode_klt
 from splatreel.codec.predictive.points import COLORS
 from splatreel.codec.predictive.precision import COLOR, Steps
 from splatreel.codec.predictive.predictor import Predictor
@@ -12,6 +12,7 @@ from splatreel.codec.section import Sections, named, section_of
 from splatreel.config import EncodeConfig
 
 SHADE = np.diag([1.0, 1.0, 1.0, 2.0])
+"""Transform of c_base and opacity for encoding. Opacity counts twice as much as color, about its effect in an image."""
 SHADE[:3, :3] = COLORS
 """From c_base and opacity to what is coded: opacity counts twice as much as color, about what it changes in a picture."""
 
@@ -19,13 +20,13 @@ SHADE[:3, :3] = COLORS
 def encode_shade(
     shade: np.ndarray, order: np.ndarray, predictor: Predictor, config: EncodeConfig, steps: Steps
 ) -> Sections:
-    """Section `shade` of changes of color and opacity [T, N, 4], in the order of the input points."""
+    """Encode changes of color and opacity [T, N, 4], given in the order of the input points."""
     values = np.asarray(shade, np.float64)[:, order].transpose(1, 0, 2) @ SHADE.T
     return {"shade": encode_klt(COLOR, values, steps.shade * config.coarseness, predictor)[0]}
 
 
 def decode_shade(sections: Sections, frames: int, predictor: Predictor) -> np.ndarray:
-    """[T, N, 4] float32. Raises `ReelError`."""
+    """Decode the changes, [T, N, 4] float32. Raise `ReelError` if the section is damaged."""
     count, back = len(predictor.classes), np.linalg.inv(SHADE).T.astype(np.float32)
     found = named("shade", decode_klt, COLOR, section_of(sections, "shade", "klt"), frames, 4, predictor)
     shade = np.empty((frames, count, 4), np.float32)

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 
 from splatreel import threads
-from splatreel.capture.frame_file import frame_array, give_back
+from splatreel.capture.frame_file import frame_array, release_pages
 from splatreel.kernels.image import Backdrop, render_image
 from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.init.layout import Layout
@@ -84,7 +84,7 @@ class GroupInput:
         pairs = zip(self.images.reshape(-1, *self.images.shape[2:]), images.reshape(-1, *images.shape[2:]), strict=True)
         with ThreadPoolExecutor(threads.count()) as pool:
             list(pool.map(lambda pair: cv2.resize(pair[0], size, dst=pair[1], interpolation=cv2.INTER_AREA), pairs))
-        give_back(self.images)
+        release_pages(self.images)
         return replace(self, images=images, rig=replace(self.rig, cameras=cameras))
 
     def draw(self, points: Gaussians, camera: Camera) -> np.ndarray:

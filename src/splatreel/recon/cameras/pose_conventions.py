@@ -12,7 +12,7 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from splatreel.capture.poses import inverted, turned_about
+from splatreel.capture.pose_checks import inverted, with_opengl_axes
 from splatreel.recon.init.features import Features, epipolar_lines, line_distances, match
 from splatreel.recon.init.triangulate import intersect, neighbor_pairs
 from splatreel.scene.camera import Camera
@@ -32,8 +32,8 @@ Matches = dict[tuple[int, int], np.ndarray]
 
 CONVENTIONS: dict[str, Callable[[list[Camera]], list[Camera]]] = {
     "camera to world": inverted,
-    "world to camera in OpenGL's axes (y up, z backwards)": turned_about,
-    "camera to world in OpenGL's axes (y up, z backwards)": lambda cameras: turned_about(inverted(cameras)),
+    "world to camera in OpenGL's axes (y up, z backwards)": with_opengl_axes,
+    "camera to world in OpenGL's axes (y up, z backwards)": lambda cameras: with_opengl_axes(inverted(cameras)),
 }
 """Functions from the given cameras to the intended ones, by the convention of the file."""
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from splatreel.capture.base import Capture
-from splatreel.capture.sound import choose
+from splatreel.capture.soundtrack import choose
+from splatreel.codec.opus_sound import EncodedSound, encode_sound, write_sound
 from splatreel.codec.presentation import Vec3
-from splatreel.codec.sound import EncodedSound, encode_sound, write_sound
 from splatreel.codec.writer import ReelWriter
 from splatreel.progress import Progress
 from splatreel.recon.run import checkpoint

@@ -12,12 +12,12 @@ import numpy as np
 
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.follower import Follower
-from splatreel.capture.growing.sound import begin_with
-from splatreel.capture.growing.videos import GrowingVideos
+from splatreel.capture.growing.growing_sound import choose_growing_track
+from splatreel.capture.growing.growing_videos import GrowingVideos
 from splatreel.codec.container import write_atomically
 from splatreel.codec.fragments import RATE, initialization
+from splatreel.codec.opus_sound import SEGMENT_SECONDS, TYPE, SoundEncoder
 from splatreel.codec.presentation import Sound, SoundSegment
-from splatreel.codec.sound import SEGMENT_SECONDS, TYPE, SoundEncoder
 from splatreel.codec.writer import ReelWriter
 from splatreel.errors import SplatreelError
 from splatreel.progress import Progress
@@ -104,7 +104,7 @@ class LiveSoundtrack:
         sound = Sound(
             TYPE, RATE, self._channels, init, tuple(segments), camera_position(self.follower.capture, self.camera)
         )
-        sound = sound.since(manifest.first_frame / manifest.fps)
+        sound = sound.trimmed_before(manifest.first_frame / manifest.fps)
         if sound != before:
             writer.present(replace(manifest.presentation, sound=sound))
         first = int(sound.segments[0].start) // SEGMENT_SECONDS
@@ -121,7 +121,7 @@ class LiveSoundtrack:
         capture = self.follower.capture
         tracks = {name: track.file for name, track in capture.tracks().items()}
         seconds = min(self.follower.frames / capture.fps, SELECTION_SECONDS)
-        chosen = begin_with(wanted, tracks, seconds, capture.path) if self._source is not None else None
+        chosen = choose_growing_track(wanted, tracks, seconds, capture.path) if self._source is not None else None
         self.progress.note("Sound: none" if chosen is None else f"Sound: camera {chosen[0]}, recorded live")
         if chosen is None:
             checkpoint.save_json(file, None)

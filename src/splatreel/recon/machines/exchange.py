@@ -10,7 +10,7 @@ from splatreel.recon.jobs import chapter_name
 from splatreel.recon.run.job_log import LOGS
 from splatreel.recon.run.store import LAST_OF_GROUP, REEL_FILES_OF_GROUP, Store
 from splatreel.scene.spans import ChapterSpan
-from splatreel.storage.retrying import untold
+from splatreel.storage.retrying import ignore_message
 from splatreel.storage.shared_folder import SharedFolder
 
 _OF_GROUP = re.compile(r"(group[0-9]{4,})/(\w[\w.-]*)")
@@ -27,7 +27,7 @@ class Exchange:
         tell: Receives messages about retries.
     """
 
-    def __init__(self, url: str, out: Path, tell: Callable[[str], None] = untold) -> None:
+    def __init__(self, url: str, out: Path, tell: Callable[[str], None] = ignore_message) -> None:
         """Remember both folders."""
         self._shared, self._work = SharedFolder(f"{url.rstrip('/')}/work", tell), out / "work"
 

@@ -12,7 +12,7 @@ from splatreel.codec.container import write_atomically
 from splatreel.errors import ReelError, StorageError
 from splatreel.recon.jobs import ChapteredRun, chapter_name, has_chapter
 from splatreel.recon.run.job_log import read_log
-from splatreel.storage.opening import open_folder
+from splatreel.storage.addresses import open_folder
 
 STATUS = "status.json"
 INTERVAL = 2.0

@@ -178,7 +178,7 @@ class GroupTrainer:
             self._use_pictures(self.larger_pictures.pop(0)[1])
         loss, done = self.step(iteration), iteration + 1
         if done % GIVE_BACK_EVERY == 0:
-            self.pictures.give_back()
+            self.pictures.release_pages()
         self.recovery.check_iteration(done, loss, self)
         if self.density.update(done, self.pictures):
             self.find_neighbors()

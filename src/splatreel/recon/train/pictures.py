@@ -11,7 +11,7 @@ import torch
 from torch import Tensor
 
 from splatreel import threads
-from splatreel.capture.frame_file import frame_array, give_back
+from splatreel.capture.frame_file import frame_array, release_pages
 from splatreel.recon.train.render import View
 
 
@@ -73,10 +73,10 @@ class Pictures:
             sizes.append((round(end * iterations), shown))
         return sizes[::-1]
 
-    def give_back(self) -> None:
+    def release_pages(self) -> None:
         """Release the memory pages of images that are backed by a file. They are read again when needed."""
         if self.array is not None:
-            give_back(self.array)
+            release_pages(self.array)
 
     def halved(self) -> Pictures:
         """Return the images at half size. Frames are converted one at a time, since a group's images as floats take much memory."""
@@ -87,7 +87,7 @@ class Pictures:
 
         def halve(frame: int) -> None:
             small[frame].copy_(halved(self.images[frame]))
-            self.give_back()
+            self.release_pages()
 
         with ThreadPoolExecutor(threads.count()) as pool:
             list(pool.map(halve, range(count)))

@@ -1,0 +1,114 @@
+"""Folders of numbered images, one per camera, that are still being written."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from PIL import Image, UnidentifiedImageError
+
+from splatreel.capture.frame_table import FrameTable
+from splatreel.capture.growing.segmented_video import Numbered, numbered
+from splatreel.capture.images import image_size, read_image
+from splatreel.capture.sidecar import SIDECAR, Sidecar
+from splatreel.capture.soundtrack import Track
+from splatreel.errors import CaptureError
+
+END_MARKS = {".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9", ".png": b"IEND\xaeB`\x82"}
+"""Last bytes of a complete image."""
+
+
+class GrowingPictures:
+    """Images of all cameras, numbered consecutively from the same number. They start together.
+
+    An image counts when it and all earlier ones are complete. The frame rate is the sidecar's, or 30.
+    """
+
+    def __init__(self, path: Path, files: dict[str, list[Path]], sidecar: Sidecar) -> None:
+        self.path = path
+        self.fps = sidecar.fps or 30.0
+        if sidecar.starts:
+            raise CaptureError(
+                f"{path / SIDECAR}: has start times of videos, but the cameras have images. Remove `starts`."
+            )
+        self._names = {name: _numbered(found) for name, found in files.items()}
+        starts = {names.start for names in self._names.values()}
+        if len(starts) > 1:
+            late = max(self._names, key=lambda name: self._names[name].start)
+            raise CaptureError(
+                f"{path}: the pictures of {late} begin at {self._names[late].file(0).name}, others' at number {min(starts)}. All "
+                f"cameras' pictures count from the same number on, one by one."
+            )
+        self._counts = dict.fromkeys(self._names, 0)
+        self.update()
+
+    def size(self, name: str) -> tuple[int, int]:
+        """Return width and height of a camera's first image."""
+        return image_size(self._names[name].file(0))
+
+    @property
+    def frames(self) -> int:
+        """Number of time steps complete in all cameras."""
+        return min(self._counts.values(), default=0)
+
+    def counts(self) -> dict[str, int]:
+        """Return the number of complete time steps by camera."""
+        return dict(self._counts)
+
+    def waiting_for(self, name: str) -> Path:
+        """Return the file of a camera's next image."""
+        return self._names[name].file(self._counts[name])
+
+    def update(self) -> None:
+        """Check for new images."""
+        for name, names in self._names.items():
+            while is_complete_picture(names.file(self._counts[name])):
+                self._counts[name] += 1
+
+    def settle(self) -> None:
+        """Check for the last time, after the capture has ended."""
+        self.update()
+
+    def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
+        """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
+        for index, picture in enumerate(out):
+            picture[:] = read_image(self._names[name].file(first + index), out.shape[2], out.shape[1])
+
+    def sources(self, first: int, count: int) -> list[Path]:
+        """Return the files that are read."""
+        return [names.folder for names in self._names.values()]
+
+    def tables(self) -> dict[Path, FrameTable]:
+        """Return nothing, because images have no frame tables."""
+        return {}
+
+    def tracks(self, first: int) -> dict[str, Track]:
+        """Return nothing, because images have no sound."""
+        return {}
+
+    def close(self) -> None:
+        """Do nothing, because no files stay open."""
+
+
+def is_complete_picture(file: Path) -> bool:
+    """Return whether an image exists and is complete."""
+    if not file.is_file():
+        return False  # reading a pipe would block
+    try:
+        mark = END_MARKS.get(file.suffix.lower())
+        if mark is not None:
+            with open(file, "rb") as opened:
+                opened.seek(max(file.stat().st_size - len(mark), 0))
+                if opened.read() == mark:
+                    return True
+        with Image.open(file) as image:  # other formats, and files with data after the image
+            image.load()
+        return True
+    except (OSError, UnidentifiedImageError, SyntaxError, ValueError):
+        return False
+
+
+def _numbered(files: list[Path]) -> Numbered:
+    names = numbered(files)
+    assert names is not None
+    return names

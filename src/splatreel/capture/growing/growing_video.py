@@ -1,0 +1,284 @@
+"""Video that is still being written: Matroska, MPEG-TS or fragmented MP4."""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right, insort
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from threading import Event, Lock, Thread
+from typing import BinaryIO
+
+import av
+import numpy as np
+from av.container import InputContainer
+from av.error import FFmpegError
+
+from splatreel.capture.growing.growing_sound import Packets, sound_errors
+from splatreel.capture.growing.growth import Growth
+from splatreel.capture.video import to_rgb
+from splatreel.errors import CaptureError
+
+
+class Tail:
+    """Growing file as a stream for FFmpeg. `read` waits for bytes that are not written yet, until the capture ends.
+
+    Args:
+        path: File to read.
+        growth: State of the capture.
+        left: Set when no reader is left.
+    """
+
+    def __init__(self, path: Path, growth: Growth, left: Event) -> None:
+        self.name = str(path)
+        self._path, self._growth, self._left = path, growth, left
+        self._file: BinaryIO | None = None
+
+    def read(self, count: int) -> bytes:
+        """Return at least one byte, or none at the end. Raise OSError if the file cannot be read."""
+        while True:
+            if self._growth.stopped or self._left.is_set():
+                return b""
+            ended = self._growth.ended  # read before looking, so that everything written before the end is returned
+            data = self._read_available(count)
+            if data or ended:
+                return data
+            self._growth.pause()
+
+    def close(self) -> None:
+        """Close open files."""
+        if self._file is not None:
+            self._file.close()
+
+    def _read_available(self, count: int) -> bytes:
+        if self._file is None:
+            try:
+                self._file = open(self._path, "rb", buffering=0)  # noqa: SIM115 - `close` closes it
+            except FileNotFoundError:
+                return b""
+        return self._file.read(count)
+
+
+OPTIONS = {"analyzeduration": "1000000", "fpsprobesize": "1"}
+"""FFmpeg options that read no more than needed to detect the streams, because more is not written yet."""
+COUNTED = 24
+"""Number of frames whose times give the frame rate if the file does not state it."""
+HELD_BACK = 16
+"""Packets whose order may still change if the file has no decoding times. H.264 reorders no more than this."""
+
+
+class GrowingVideo:
+    """Complete frames of a growing video, indexed by presentation time.
+
+    A thread demuxes packets as they are written. A frame counts once it and all frames displayed before it exist.
+    Sequential reads are fast. Going back restarts at the beginning of the file and decodes from a keyframe. The
+    constructor waits for the first frame.
+
+    Attributes:
+        width: Width in pixels.
+        height: Height in pixels.
+        fps: Average frames per second.
+
+    Raises:
+        CaptureError: The file is not a video, or can only be read when complete.
+    """
+
+    def __init__(self, path: Path, growth: Growth) -> None:
+        self.path, self._growth, self._left = path, growth, Event()
+        self._pts: list[int] = []
+        self._keys: list[int] = []
+        self._final: int | None = -(1 << 63)  # no frame before this time is missing; None: all frames are known
+        self._lock, self._failure = Lock(), None
+        self._decoder: Iterator[av.VideoFrame] | None = None
+        self._next = 0
+        with self._guard():
+            _check_form(Tail(path, growth, self._left))
+            container, stream = open_tail(Tail(path, growth, self._left))
+        if stream is None:
+            container.close()
+            raise CaptureError(f"{path}: holds no video stream. Record it again or leave the camera out.")
+        self.width, self.height = stream.codec_context.width, stream.codec_context.height
+        self._time_base = float(stream.time_base or 0)
+        said = stream.average_rate
+        self._thread = Thread(target=self._index, args=(container, stream), name=f"index {path.name}", daemon=True)
+        self._thread.start()
+        self._wait(1)
+        self.fps = float(said) if said else self._counted_rate()
+
+    def update(self) -> None:
+        """Do nothing, because a thread checks for new frames."""
+
+    def settle(self) -> None:
+        """Wait until all frames are known, after the capture has ended."""
+        self._thread.join()
+
+    @property
+    def waiting_for(self) -> Path:
+        """File of the next frame."""
+        return self.path
+
+    @property
+    def last(self) -> float | None:
+        """Seconds from the first frame to the last complete one, or None."""
+        whole = self._complete_frames()
+        return self._seconds(self._pts[whole - 1]) if whole else None
+
+    def numbers(self, wanted: np.ndarray) -> np.ndarray:
+        """Return the number of the frame nearest to each time, in seconds after the first frame."""
+        return np.array([self._nearest(float(time)) for time in wanted], np.int64)
+
+    def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
+        """Decode frames with ascending numbers into out [count, H, W, 3] uint8 sRGB, resized by area to H x W."""
+        missing = set(numbers.tolist())
+        with self._guard():
+            for number, frame in self._decode_from(int(numbers[0])):
+                if number in missing:
+                    out[numbers == number] = to_rgb(frame, out.shape[2], out.shape[1], 0)
+                    missing.discard(number)
+                if not missing:
+                    return
+        self._drop_decoder()
+        raise CaptureError(
+            f"{self.path}: frame {min(missing)} cannot be decoded; the file is damaged. Follow from a later frame on (--frames)."
+        )
+
+    @property
+    def written(self) -> Path:
+        """File that can be read already."""
+        return self.path
+
+    def sound(self) -> Packets:
+        """Yield the packets of the sound track as they are written."""
+        with sound_errors(self.path), av.open(Tail(self.path, self._growth, self._left), "r") as container:
+            shift = self._pts[0] * self._time_base
+            for packet in container.demux(container.streams.audio[0]):
+                yield shift, packet
+
+    def close(self) -> None:
+        """Stop reading permanently."""
+        self._left.set()
+        self._thread.join()
+        self._drop_decoder()
+
+    def _index(self, container: InputContainer, stream: av.VideoStream) -> None:
+        try:
+            with container:
+                for packet in container.demux(stream):
+                    if packet.size and packet.pts is not None and not packet.is_discard and not packet.is_corrupt:
+                        self._note(packet.pts, packet.dts, packet.is_keyframe)
+        except (FFmpegError, ValueError) as error:
+            self._failure = error  # later packets cannot be read, so the camera ends here
+        with self._lock:
+            self._final = None
+
+    def _note(self, pts: int, dts: int | None, key: bool) -> None:
+        with self._lock:
+            insort(self._pts, pts)
+            if key:
+                insort(self._keys, pts)
+            if dts is not None:
+                self._final = dts
+            elif len(self._pts) > HELD_BACK:
+                self._final = self._pts[-1 - HELD_BACK]
+
+    def _counted_rate(self) -> float:
+        """Return the frame rate measured on the first frames, after waiting for them."""
+        self._wait(COUNTED)
+        first = self._pts[: min(self._complete_frames(), COUNTED)]
+        return (len(first) - 1) / self._seconds(first[-1]) if len(first) > 1 else 0.0
+
+    def _wait(self, frames: int) -> None:
+        """Wait for a number of complete frames, or for the end."""
+        while self._complete_frames() < frames and self._thread.is_alive():
+            self._growth.pause()
+
+    def _complete_frames(self) -> int:
+        """Return the number of complete frames from the first one on."""
+        with self._lock:
+            return len(self._pts) if self._final is None else bisect_right(self._pts, self._final)
+
+    def _seconds(self, pts: int) -> float:
+        return (pts - self._pts[0]) * self._time_base
+
+    def _nearest(self, time: float) -> int:
+        with self._lock:
+            after = bisect_left(self._pts, self._pts[0] + time / self._time_base)
+            if after == len(self._pts):
+                return after - 1
+            sooner = after > 0 and time - self._seconds(self._pts[after - 1]) <= self._seconds(self._pts[after]) - time
+            return after - 1 if sooner else after
+
+    def _decode_from(self, first: int) -> Iterator[tuple[int, av.VideoFrame]]:
+        """Yield numbers and frames from at most `first` on, continuing after the last read unless a keyframe is nearer."""
+        with self._lock:
+            key = self._keys[max(bisect_right(self._keys, self._pts[first]) - 1, 0)]
+            nearest = bisect_left(self._pts, key)
+        if self._decoder is None or first < self._next or nearest > self._next:
+            self._drop_decoder()
+            self._decoder = _frames(Tail(self.path, self._growth, self._left), key)
+        for frame in self._decoder:
+            if frame.pts is None:
+                continue
+            with self._lock:
+                number = bisect_left(self._pts, frame.pts)
+            self._next = number + 1
+            yield number, frame
+
+    def _drop_decoder(self) -> None:
+        self._decoder, self._next = None, 0
+
+    @contextmanager
+    def _guard(self) -> Iterator[None]:
+        try:
+            yield
+        except (FFmpegError, OSError) as error:
+            self._drop_decoder()
+            raise CaptureError(
+                f"{self.path}: cannot be decoded ({error.strerror or error}). Record Matroska, MPEG-TS or fragmented MP4, or leave the "
+                f"camera out."
+            ) from error
+
+
+def open_tail(tail: Tail) -> tuple[InputContainer, av.VideoStream | None]:
+    """Open a growing file for one pass, and return its video stream. Waits until the streams are known."""
+    container = av.open(tail, "r", options=OPTIONS)
+    return container, container.streams.video[0] if container.streams.video else None
+
+
+def _frames(tail: Tail, start: int) -> Iterator[av.VideoFrame]:
+    """Yield the frames from the packet with presentation time `start` on. Earlier packets are read, but not decoded."""
+    container, stream = open_tail(tail)
+    with container:
+        assert stream is not None
+        stream.codec_context.thread_count = 1  # cameras are decoded in parallel instead
+        begun = False
+        for packet in container.demux(stream):
+            begun = begun or packet.pts == start
+            if begun:
+                yield from packet.decode()
+
+
+def _check_form(tail: Tail) -> None:
+    """Raise `CaptureError` for an MP4 file that is neither fragmented nor starts with its frame table."""
+    if Path(tail.name).suffix.lower() not in (".mp4", ".m4v", ".mov"):
+        return
+    try:
+        while len(head := _read(tail, 8)) == 8:
+            size, kind = int.from_bytes(head[:4], "big"), head[4:]
+            if kind == b"moov":
+                return
+            if kind == b"mdat" or size < 8:
+                raise CaptureError(
+                    f"{tail.name}: is an MP4 file that cannot be read before it is complete. Record Matroska (.mkv), MPEG-TS (.ts) or "
+                    f"fragmented MP4, or numbered files of some seconds a camera."
+                )
+            _read(tail, size - 8)
+    finally:
+        tail.close()
+
+
+def _read(tail: Tail, count: int) -> bytes:
+    data = b""
+    while len(data) < count and (part := tail.read(count - len(data))):
+        data += part
+    return data

@@ -1,0 +1,230 @@
+"""Video of a camera in numbered files of some seconds each, such as `cam00/000001.mp4`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.capture.files import LOCAL, Files, open_media
+from splatreel.capture.frame_table import FrameTable
+from splatreel.capture.growing.growing_sound import Packets, sound_errors
+from splatreel.capture.growing.growth import Growth
+from splatreel.capture.video import VIDEO_SUFFIXES, VideoFile
+from splatreel.errors import CaptureError
+
+NUMBERED = re.compile(r"(.*?)(\d+)")
+SELF_CONTAINED = (".mp4", ".m4v", ".mov")
+"""Files that become readable when they are complete. Other files are complete when the next one exists."""
+OPEN = 2
+"""Number of files kept open."""
+
+
+@dataclass(frozen=True)
+class Numbered:
+    """Consecutively numbered files of a folder. `start` is the number of the first."""
+
+    folder: Path
+    prefix: str
+    digits: int
+    suffix: str
+    start: int
+
+    def file(self, index: int) -> Path:
+        """Return the file at an index from the first."""
+        return self.folder / f"{self.prefix}{self.start + index:0{self.digits}d}{self.suffix}"
+
+
+def numbered(files: list[Path]) -> Numbered | None:
+    """Return the naming of the files of a folder, or None without files. Raise `CaptureError` for a name without a number."""
+    found: list[tuple[int, re.Match[str], Path]] = []
+    for file in files:
+        match = NUMBERED.fullmatch(file.stem)
+        if match is None:
+            raise CaptureError(f"{file}: the names of files that are followed end in numbers, one after the other.")
+        found.append((int(match[2]), match, file))
+    if not found:
+        return None
+    start, match, file = min(found)[0], *min(found)[1:]
+    return Numbered(file.parent, match[1], len(match[2]), file.suffix, start)
+
+
+def segment_files(folder: Path) -> list[Path]:
+    """Return the videos in a folder."""
+    return [file for file in folder.iterdir() if file.suffix.lower() in VIDEO_SUFFIXES and file.is_file()]
+
+
+@dataclass(frozen=True)
+class Segment:
+    """File of a segmented video.
+
+    Attributes:
+        file: Path of the file.
+        first: Number of its first frame.
+        start: Seconds from the first frame of the video to its first frame.
+        times: Times of its frames after its first.
+        begins: Time of its first frame in the file.
+    """
+
+    file: Path
+    first: int
+    start: float
+    times: np.ndarray
+    begins: float
+
+
+class SegmentedVideo:
+    """Frames of all complete files in order.
+
+    A file is complete when the next one exists, when the capture has ended, or when it is a readable MP4 file. Times
+    may continue from file to file or restart in each.
+    """
+
+    def __init__(
+        self,
+        folder: Path,
+        names: Numbered,
+        growth: Growth,
+        files: Files = LOCAL,
+        tables: Mapping[Path, FrameTable] | None = None,
+    ) -> None:
+        self.path, self._names, self._growth = folder, names, growth
+        self._files, self._known = files, tables or {}
+        self.tables: dict[Path, FrameTable] = {}
+        self.segments: list[Segment] = []
+        self._open: dict[Path, VideoFile] = {}
+        self._origin = 0.0
+        while not self.segments and not growth.ended:
+            self.update()
+            if not self.segments:
+                growth.pause()
+        self.update()
+        if not self.segments:
+            raise CaptureError(f"{self.waiting_for}: is not complete. Record again or leave the camera out.")
+        first = self._video(self.segments[0].file)
+        self.width, self.height, self.fps = first.width, first.height, first.fps
+
+    def update(self) -> None:
+        """Check for completed files."""
+        while (video := self._complete(len(self.segments))) is not None:
+            if not self.segments:
+                self._origin = video.start
+            says, follows = video.start - self._origin, self._end()
+            start = says if says > follows - 0.5 / max(video.fps, 1e-3) else follows
+            first = sum((len(self.segments[-1].times), self.segments[-1].first)) if self.segments else 0
+            self.tables[video.path] = video.table
+            self.segments.append(Segment(video.path, first, start, video.times, video.start))
+
+    def settle(self) -> None:
+        """Count the readable part of the last file, after the capture has ended."""
+        self.update()
+
+    @property
+    def frames(self) -> int:
+        """Number of complete frames."""
+        return self.segments[-1].first + len(self.segments[-1].times) if self.segments else 0
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the frames in seconds after the first one, [frames] float64."""
+        return np.concatenate([segment.start + segment.times for segment in self.segments] or [np.zeros(0)])
+
+    @property
+    def waiting_for(self) -> Path:
+        """File of the next frame."""
+        return self._names.file(len(self.segments))
+
+    @property
+    def last(self) -> float | None:
+        """Seconds from the first frame to the last complete one, or None."""
+        if not self.segments:
+            return None
+        return self.segments[-1].start + float(self.segments[-1].times[-1])
+
+    def numbers(self, wanted: np.ndarray) -> np.ndarray:
+        """Return the number of the frame nearest to each time, in seconds after the first frame."""
+        starts = np.array([segment.start for segment in self.segments])
+        low = max(int(np.searchsorted(starts, wanted.min(), "right")) - 2, 0)
+        high = int(np.searchsorted(starts, wanted.max(), "right")) + 1
+        near = self.segments[low:high]
+        times = np.concatenate([segment.start + segment.times for segment in near])
+        return near[0].first + np.searchsorted((times[1:] + times[:-1]) / 2, wanted)
+
+    def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
+        """Decode frames with ascending numbers into out [count, H, W, 3] uint8 sRGB, resized by area to H x W."""
+        firsts = np.array([segment.first for segment in self.segments])
+        which = np.searchsorted(firsts, numbers, "right") - 1
+        for index in np.unique(which):
+            mine = np.flatnonzero(which == index)
+            segment = self.segments[index]
+            part = np.empty((len(mine), *out.shape[1:]), np.uint8)
+            self._video(segment.file).read_into(part, numbers[mine] - segment.first)
+            out[mine] = part
+
+    @property
+    def written(self) -> Path:
+        """File that can be read already."""
+        return self.segments[0].file
+
+    def sound(self) -> Packets:
+        """Yield the packets of the sound track, file by file as they are completed."""
+        index = 0
+        while True:
+            ended = self._growth.ended  # read before looking, so that all completed files count
+            if index < len(self.segments):
+                yield from self._sound_of(self.segments[index])
+                index += 1
+            elif ended:
+                return
+            else:
+                self._growth.pause()
+
+    def _sound_of(self, segment: Segment) -> Packets:
+        with sound_errors(segment.file), open_media(self._files, segment.file) as container:
+            for packet in container.demux(container.streams.audio[0]):
+                if packet.size:
+                    yield segment.begins - segment.start, packet
+
+    def close(self) -> None:
+        """Close open files."""
+        for video in self._open.values():
+            video.close()
+        self._open.clear()
+
+    def _end(self) -> float:
+        """Return the time at which the next frame is expected."""
+        if not self.segments:
+            return 0.0
+        last = self.segments[-1]
+        step = last.times[-1] / (len(last.times) - 1) if len(last.times) > 1 else 0.0
+        return last.start + float(last.times[-1] + step)
+
+    def _complete(self, index: int) -> VideoFile | None:
+        file = self._names.file(index)
+        if not file.exists():
+            return None
+        over = self._names.file(index + 1).exists() or self._growth.ended
+        if not over and file.suffix.lower() not in SELF_CONTAINED:
+            return None
+        try:
+            video = self._video(file)
+        except CaptureError:
+            if self._growth.ended:
+                return None  # the last file was truncated
+            if over:
+                raise
+            return None
+        return video if video.frames else None
+
+    def _video(self, file: Path) -> VideoFile:
+        video = self._open.pop(file, None)
+        if video is None:
+            video = VideoFile(file, self._files, self.tables.get(file) or self._known.get(file))
+        self._open[file] = video  # most recently used last
+        while len(self._open) > OPEN:
+            oldest = next(iter(self._open))
+            self._open.pop(oldest).close()
+        return video

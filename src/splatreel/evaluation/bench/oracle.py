@@ -1,0 +1,261 @@
+"""Oracle: single frames reconstructed independently and compared with held-out cameras.
+
+It shows the quality that geometry and cameras allow, without errors of motion, layers or cross-fades. Reels are judged
+by their distance to it. It is also the baseline "3DGS per frame", with its size and time.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from splatreel.capture.base import Capture
+from splatreel.codec.group_file import decode_layer, encode_layer
+from splatreel.config import Config
+from splatreel.config.records import complete_settings
+from splatreel.errors import UsageError
+from splatreel.evaluation import perceptual
+from splatreel.evaluation.bench.oracle_report import OracleReport, Score, SingleFrame
+from splatreel.evaluation.evaluate import check_same_capture, check_unseen, measure
+from splatreel.evaluation.report import Quality, write_text
+from splatreel.kernels.image import render_image
+from splatreel.play.timeline import Timeline, open_reel
+from splatreel.progress import Progress, Silent
+from splatreel.recon.encode.importance import weigh
+from splatreel.recon.run import checkpoint
+from splatreel.recon.run.device import pick_device
+from splatreel.recon.run.requirements import check_capture
+from splatreel.recon.run.run_record import differences
+from splatreel.recon.train.single_frame import reconstruct_single_frame
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+
+def oracle(
+    capture: Capture,
+    out: Path,
+    config: Config,
+    frames: list[int],
+    *,
+    reel: Path | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> OracleReport:
+    """Reconstruct single frames, and measure them and the same frames of a reel on the held-out cameras.
+
+    OUT/oracle.json receives each finished frame, so the same call continues after an interruption. OUT/oracle.md
+    receives the tables.
+
+    Args:
+        capture: Capture with held-out cameras.
+        out: Output folder.
+        config: Configuration.
+        frames: Frames within the capture's range, as the reel counts them.
+        reel: Reel to compare; None compares nothing.
+        device: auto, cpu or cuda.
+        progress: Progress display.
+
+    Raises:
+        UsageError: No camera is held out, a frame does not exist, OUT belongs to another capture or configuration, or
+            the reel was made with other cameras.
+    """
+    check_capture(capture)
+    chosen, views = pick_device(device), held_out_views(capture)
+    timeline = open_reel(reel) if reel is not None else None
+    if timeline is not None:
+        check_reel(timeline, capture, str(reel))
+    frames = check_frames(frames, capture, timeline)
+    finished = OracleFrames(Path(out) / "oracle.json", capture, config)
+    progress, names, lpips = progress or Silent(), [view.name for view in views], perceptual.load()
+    medians = median_pictures(capture, names)
+    todo = [frame for frame in frames if frame not in finished.frames]
+    scores: list[Score] = []
+    for frame in frames:
+        truths = capture.read(frame, 1, names)[0].astype(np.float32) / 255
+        masks = [moving_pixels(truth, median) for truth, median in zip(truths, medians, strict=True)]
+        held_out = HeldOutPictures(views, truths, masks, lpips)
+        if frame in todo:
+            done = todo.index(frame)
+            title, span = (
+                f"frame {frame} by itself ({done + 1} of {len(todo)})",
+                (done / len(todo), (done + 1) / len(todo)),
+            )
+            progress.stage(title, config.keyframe.first_iterations, span)
+            finished.add(reconstruct_frame(capture, frame, config, held_out, chosen, progress))
+        if timeline is not None:
+            scores.append(held_out.score(timeline.at(frame / timeline.fps), timeline.render))
+    report = OracleReport([finished.frames[frame] for frame in frames], scores)
+    finished.save(report.reel_dict(str(reel)) if reel is not None else None)
+    write_text(Path(out) / "oracle.md", report.to_markdown())
+    return report
+
+
+def reconstruct_frame(
+    capture: Capture, frame: int, config: Config, held_out: HeldOutPictures, device: torch.device, progress: Progress
+) -> SingleFrame:
+    """Reconstruct one frame from its own images, encode and measure it."""
+    cameras = capture.training_cameras
+    images = capture.read(frame, 1, [camera.name for camera in cameras])[0]
+    first = capture.first_frame + frame == 0  # the capture's sparse points belong to its first frame
+    start = time.monotonic()
+    gaussians, layout = reconstruct_single_frame(
+        cameras,
+        images,
+        config,
+        points=capture.points if first else None,
+        point_colors=capture.point_colors if first else None,
+        near=capture.near,
+        device=device,
+        progress=progress,
+    )
+    seconds = round(time.monotonic() - start, 3)
+    shows = weigh([gaussians], cameras, layout.near, device, config.antialias)
+    data, _ = encode_layer(0, frame, gaussians, config.encode, importance=shows)
+    _, decoded = decode_layer(data, f"frame {frame}")
+    draw = partial(render_image, near=layout.near, antialias=config.antialias, background=layout.background)
+    score, after = held_out.score(gaussians, draw), held_out.score(decoded, draw)
+    return SingleFrame(frame, score, after.whole, len(gaussians), len(data), seconds, device.type)
+
+
+@dataclass(frozen=True)
+class HeldOutPictures:
+    """Held-out images of one frame.
+
+    Attributes:
+        views: Held-out cameras, C.
+        truths: Camera images, float32 [C, H, W, 3] 0..1.
+        masks: Pixels with motion, C of [H, W] bool.
+        lpips: LPIPS metric, or None.
+    """
+
+    views: list[Camera]
+    truths: np.ndarray
+    masks: list[np.ndarray]
+    lpips: perceptual.Distance | None
+
+    def score(self, gaussians: Gaussians, draw: Callable[[Gaussians, Camera], np.ndarray]) -> Score:
+        """Draw Gaussians from every view and return the mean score over views; `moving` uses the views with a non-empty mask."""
+        whole: list[Quality] = []
+        moving: list[Quality] = []
+        for view, truth, mask in zip(self.views, self.truths, self.masks, strict=True):
+            image = np.clip(draw(gaussians, view), 0, 1)
+            whole.append(measure(image, truth, self.lpips))
+            if mask.any():
+                moving.append(measure(image, truth, None, mask))
+        return Score(Quality.mean(whole), Quality.mean(moving) if moving else None)
+
+
+def held_out_views(capture: Capture) -> list[Camera]:
+    """Return the held-out cameras. Raise `UsageError` if there are none."""
+    if not capture.held_out:
+        raise UsageError(
+            f"{capture.path}: no camera is held out, so there is nothing to compare with. Name some: --hold-out NAME,NAME."
+        )
+    return [capture.camera(name) for name in capture.held_out]
+
+
+def check_frames(frames: list[int], capture: Capture, timeline: Timeline | None) -> list[int]:
+    """Return sorted distinct frames. Raise `UsageError` if there are none, or if the capture or the reel lacks one."""
+    first, available = 0, capture.frames
+    if timeline is not None:
+        first, available = timeline.manifest.first_frame, min(capture.frames, timeline.frames)
+    bad = [frame for frame in frames if not first <= frame < available]
+    if bad or not frames:
+        whose = f"{capture.path} has" if timeline is None else f"{capture.path} and the reel share"
+        raise UsageError(
+            f"Frames {bad or 'none'} were asked for; {whose} frames {first} to {available - 1}. Choose among these."
+        )
+    return sorted(set(frames))
+
+
+def check_reel(timeline: Timeline, capture: Capture, reel: str) -> None:
+    """Raise `UsageError` for a reel of another capture, or one trained on held-out cameras."""
+    check_same_capture(timeline.manifest, capture, reel)
+    check_unseen(timeline.manifest, held_out_views(capture), reel)
+
+
+VERSION = 1
+"""Increase when earlier frames cannot be compared with new ones."""
+DECIDING = ("keyframe", "encode", "correct_colors", "seed")
+"""Fields of `Config` that affect a single frame."""
+
+
+class OracleFrames:
+    """Finished frames of a capture and configuration, in a file that is replaced after each frame.
+
+    Raises:
+        UsageError: The file belongs to another capture or configuration.
+        ReconstructionError: The file cannot be read.
+    """
+
+    def __init__(self, path: Path, capture: Capture, config: Config) -> None:
+        decide = json.loads(config.to_json())
+        self.path = path
+        self.record: dict[str, Any] = {
+            "version": VERSION,
+            "capture": capture.describe(),
+            "config": {name: decide[name] for name in DECIDING},
+        }
+        self.frames: dict[int, SingleFrame] = self._load() if path.exists() else {}
+
+    def _load(self) -> dict[int, SingleFrame]:
+        found = checkpoint.load_json(self.path)
+        theirs: dict[str, Any] = found if isinstance(found, dict) else {}
+        settings = complete_settings(theirs.get("config"))
+        theirs = theirs | {"config": {name: settings.get(name) for name in DECIDING}}
+        others = differences({name: theirs.get(name) for name in self.record}, self.record)
+        if others:
+            raise UsageError(
+                f"{self.path}: holds frames of another capture or configuration: {'; '.join(others[:3])}. "
+                "Choose another --out, ask for the same again, or delete the file to start over."
+            )
+        try:
+            return {frame["frame"]: SingleFrame.from_dict(frame) for frame in theirs["frames"]}
+        except (KeyError, TypeError, AttributeError) as error:
+            raise UsageError(f"{self.path}: is damaged ({error!r}). Delete it to start over.") from error
+
+    def add(self, frame: SingleFrame) -> None:
+        """Add a frame and write the file."""
+        self.frames[frame.frame] = frame
+        self.save(None)
+
+    def save(self, reel: dict[str, Any] | None) -> None:
+        """Write the file with the results of the reel, if any."""
+        frames = [dataclasses.asdict(self.frames[number]) for number in sorted(self.frames)]
+        checkpoint.save_json(self.path, self.record | {"frames": frames, "reel": reel})
+
+
+THRESHOLD = 8 / 255
+"""Mean absolute difference of the channels, 0..1, from the camera's median image, above which a pixel moves."""
+MOST_FRAMES = 20
+"""Maximum number of frames for the median."""
+
+
+def median_pictures(capture: Capture, names: list[str]) -> list[np.ndarray]:
+    """Return the median of each named camera over the capture's frames, uint8 [H, W, 3].
+
+    At most 20 evenly spread frames are used; of an even number the lower middle. One camera's frames are in memory at a
+    time.
+    """
+    times = np.linspace(0, capture.frames - 1, min(MOST_FRAMES, capture.frames)).round().astype(int)
+    middle = (len(times) - 1) // 2
+    pictures = []
+    for name in names:
+        stack = np.stack([capture.read(int(time), 1, [name])[0, 0] for time in times])
+        stack.partition(middle, axis=0)
+        pictures.append(stack[middle].copy())
+    return pictures
+
+
+def moving_pixels(truth: np.ndarray, median: np.ndarray) -> np.ndarray:
+    """Return the pixels where an image, float32 [H, W, 3] 0..1, differs from its camera's median, uint8 [H, W, 3], as [H, W] bool."""
+    return np.abs(truth - median.astype(np.float32) / 255).mean(-1) > THRESHOLD

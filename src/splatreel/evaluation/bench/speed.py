@@ -1,0 +1,207 @@
+"""Speed of a reconstruction, as ratios within one run, because seconds differ between machines and days."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from splatreel import threads
+from splatreel.capture.base import Capture
+from splatreel.config import Config
+from splatreel.errors import UsageError
+from splatreel.evaluation.bench.timing import Timing, medians_ms, ratio
+from splatreel.evaluation.evaluate import evaluate
+from splatreel.process import peak_memory_bytes
+from splatreel.progress import Progress, Silent
+from splatreel.recon.cameras.group_input import GroupInput
+from splatreel.recon.cameras.rig import Rig
+from splatreel.recon.layering.tracking import GroupStart
+from splatreel.recon.pipeline import Result, reconstruct
+from splatreel.recon.run.machine_speed import on_one_thread
+from splatreel.recon.run.store import Store
+from splatreel.recon.stages.group_stages import restored_rig
+from splatreel.recon.train.density import MEASURE_EVERY
+from splatreel.recon.train.group import GroupTrainer
+from splatreel.recon.train.render import draw
+from splatreel.recon.train.stages import group_trainer
+from splatreel.scene.spans import GroupSpan
+from splatreel.scene.static_points import StaticPoints
+
+BATCH = 8
+"""Iterations timed together. Each uses another camera and frame."""
+
+
+def bench_reconstruct(
+    capture: Capture,
+    out: Path,
+    configs: dict[str, Config],
+    *,
+    device: str = "auto",
+    loop: int | None = None,
+    repeats: int = 5,
+    progress: Progress | None = None,
+) -> list[Timing]:
+    """Reconstruct with every configuration into OUT/<name>, then time training iterations. The first configuration is the reference.
+
+    The same call continues after an interruption. Memory is that of this process.
+
+    Args:
+        capture: Capture to reconstruct.
+        out: Output folder.
+        configs: Configurations by name.
+        device: auto, cpu or cuda.
+        loop: Also reconstruct the first configuration with the capture repeated for this many frames, and report the
+            additional memory.
+        repeats: Number of timings; the median counts.
+        progress: Progress display.
+
+    Raises:
+        UsageError: `loop` is not larger than the number of frames.
+    """
+    progress = progress or Silent()
+    if loop is not None and loop <= capture.frames:
+        raise UsageError(
+            f"--loop {loop} is out of range: the capture has {capture.frames} frames. Choose more than that."
+        )
+    (name, config), *others = configs.items()
+    first, result = _run(capture, out, name, config, device, progress)
+    rows = [first]
+    trainer = trainer_of(capture, result.work, config, torch.device(result.device))
+    if len(trainer.points):
+        rows.append(iteration_row(trainer, repeats))
+    del trainer
+    if loop is not None:
+        looped, _ = _run(LoopedCapture(capture, loop), out, f"{name} looped", config, device, progress)
+        looped["more_memory_mb"] = round(float(looped["peak_memory_mb"]) - float(first["peak_memory_mb"]), 1)
+        rows.append(looped)
+    for other, settings in others:
+        row, _ = _run(capture, out, other, settings, device, progress)
+        row["times_as_long"] = ratio(float(row["seconds"]), float(first["seconds"]))
+        if "psnr" in first:
+            row["psnr_more"] = round(float(row["psnr"]) - float(first["psnr"]), 3)
+        rows.append(row)
+    return rows
+
+
+def _run(
+    capture: Capture, out: Path, name: str, config: Config, device: str, progress: Progress
+) -> tuple[Timing, Result]:
+    """Reconstruct and, with held-out cameras, evaluate the decoded reel.
+
+    `seconds_a_megapixel` is per frame and per million pixels of one camera's image.
+    """
+    result = reconstruct(capture, out / name.replace(" ", "-"), config, device=device, progress=progress)
+    seconds = sum(result.seconds.values())
+    megapixels = capture.width * capture.height / 1e6
+    row: Timing = {
+        "what": name,
+        "frames": capture.frames,
+        "seconds": round(seconds, 1),
+        "seconds_a_frame": round(seconds / capture.frames, 3),
+        "seconds_a_megapixel": round(seconds / capture.frames / megapixels, 3),
+        **{f"{stage}_share": round(spent / seconds, 3) for stage, spent in result.seconds.items()},
+        "peak_memory_mb": round((peak_memory_bytes() or 0) / 1e6, 1),
+    }
+    if capture.held_out:
+        row["psnr"] = round(evaluate(result.reel, capture, device=result.device, progress=progress).psnr, 3)
+    return row, result
+
+
+def trainer_of(capture: Capture, work: Path, config: Config, device: torch.device) -> GroupTrainer:
+    """Return a trainer of the first group of a finished run, in its final state. It measures static points as often as possible."""
+    store = Store(work)
+    group, layout = store.group(0).group().group, store.layout()
+    assert layout is not None
+    rig = restored_rig(Rig.of(capture.training_cameras), store.group(0), group.frames)
+    images = capture.read(group.first_frame, group.frames, rig.names)
+    span = GroupSpan(0, group.first_frame, group.frames, group.frames)
+    rig = dataclasses.replace(rig, ends=())
+    data = GroupInput(span, images, rig, None, layout, device, config.seed, config.antialias)
+    config = dataclasses.replace(
+        config,
+        layering=dataclasses.replace(config.layering, adapt_every=1),
+        group=dataclasses.replace(config.group, coarse_share=0.0, time_offsets=False),
+    )
+    start = GroupStart(group.dynamic, group.dynamic.means + group.dx)
+    return group_trainer(data, start, StaticPoints(store.static(0), group.alive), config)
+
+
+def iteration_row(trainer: GroupTrainer, repeats: int) -> Timing:
+    """Time an iteration of a group, as the median of batches.
+
+    `undivided` is the slowdown if every tile is drawn and static points get gradients. `one_thread` is the slowdown on
+    one thread. `tiles` is the mean share of tiles drawn otherwise.
+    """
+    middle = trainer.iterations // 2 // MEASURE_EVERY * MEASURE_EVERY
+    layered, whole = (
+        _batch(trainer, at) for at in (middle + MEASURE_EVERY // 2, middle)
+    )  # both with the same regularizers
+    layered()  # warm up; the loop below draws the static points of every view
+    for camera in range(len(trainer.pictures.views)):
+        trainer.static.view(camera)
+    works = [layered, whole]
+    if trainer.pictures.images.device.type == "cpu":
+        works.append(lambda: on_one_thread(layered))
+    times = medians_ms(works, repeats)
+    row: Timing = {
+        "what": "group iteration",
+        "points": len(trainer.points),
+        "still": int(trainer.static.alive.sum()),
+        "ms": round(times[0] / BATCH, 3),
+        "undivided": ratio(times[1], times[0]),
+        "tiles": round(_tiles(trainer), 3),
+    }
+    return row if len(times) < 3 else {**row, "threads": threads.count(), "one_thread": ratio(times[2], times[0])}
+
+
+def _batch(trainer: GroupTrainer, iteration: int) -> Callable[[], None]:
+    def work() -> None:
+        for _ in range(BATCH):
+            trainer.step(iteration)
+
+    return work
+
+
+@torch.no_grad()
+def _tiles(trainer: GroupTrainer) -> float:
+    """Return the share of tiles with dynamic points."""
+    shares = []
+    for camera, view in enumerate(trainer.pictures.views):
+        moving = trainer.points.at(camera % trainer.pictures.count, view, trainer.pictures.near)
+        tiles = draw(moving, view, trainer.static.view(camera)).tiles
+        assert tiles is not None
+        shares.append(float(tiles.float().mean()))
+    return sum(shares) / len(shares)
+
+
+class LoopedCapture(Capture):
+    """Capture that repeats the frames of another one. The caller closes the source."""
+
+    def __init__(self, source: Capture, frames: int) -> None:
+        self.source = source
+        super().__init__(
+            source.path,
+            source.cameras,
+            held_out=source.held_out,
+            frame_range=(0, frames),
+            fps=source.fps,
+            points=source.points,
+            point_colors=source.point_colors,
+            near=source.near,
+        )
+
+    def sources(self) -> list[Path]:
+        """Return the files that are read."""
+        return self.source.sources()
+
+    def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
+        done = 0
+        while done < len(out):
+            frame = (first + done) % self.source.frames
+            count = min(self.source.frames - frame, len(out) - done)
+            out[done : done + count] = self.source.read(frame, count, cameras)
+            done += count
