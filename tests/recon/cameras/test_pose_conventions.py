@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from splatreel.capture.pose_checks import inverted
+from splatreel.capture.pose_checks import inverted, with_opengl_axes
 from splatreel.recon.cameras.pose_conventions import match_nearest, recognize_convention
 from splatreel.recon.cameras.poses import PoseFindings, inspect_poses
 from splatreel.recon.init.features import detect
