@@ -99,7 +99,7 @@ def test_blind_camera_is_named_and_skipped(tmp_path: Path, capsys: pytest.Captur
     file.write_text(entries([away(views[0]), *views[1:]], np.zeros(3)))
     assert main(["import", str(film), "--out", str(tmp_path / "reel"), "--cameras", str(file)]) == 0
     said = capsys.readouterr().out
-    assert "Cameras that see nothing of the sequence: cam0." in said
+    assert "Cameras that see nothing of the film: cam0." in said
     assert float(said.split("pictures have ")[1].split(" dB")[0]) < 90
 
 
