@@ -44,6 +44,7 @@ ifeq ($(NPM),)
 else
 	$(MAKE) player/node_modules/.package-lock.json
 	npm --prefix player run typecheck
+	npm --prefix player run lint
 	npm --prefix player run check
 endif
 
@@ -65,7 +66,7 @@ screens: $(SETUP)  ## take the player's golden screenshots anew
 	$(BIN)/python -m tests.player.screens
 
 docs: $(DOCS)  ## build the documentation into out/site; a warning is an error
-	$(BIN)/mkdocs build --quiet --strict --site-dir out/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --quiet --strict --site-dir out/site
 
 wheel: $(SETUP)  ## build the wheel and the source archive into dist
 	$(BIN)/python -m build --no-isolation --outdir dist

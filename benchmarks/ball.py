@@ -1,4 +1,4 @@
-"""The thrown ball of Panoptic basketball, frame by frame: is it there, and is it a ball?
+"""Show whether the thrown ball of Panoptic basketball survives in a reel, frame by frame.
 
 python benchmarks/ball.py OUT CAPTURE --width 640
 
@@ -25,7 +25,11 @@ THERE = 0.5
 
 
 def red(image: np.ndarray) -> np.ndarray:
-    """[H, W] bool of the red pixels of a picture [H, W, 3], 0..1, specks left out."""
+    """Return the red pixels of an image as [H, W] bool, without specks.
+
+    Args:
+        picture: [H, W, 3], 0..1.
+    """
     mask = image[..., 0] - np.maximum(image[..., 1], image[..., 2]) > RED
     return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0
 
@@ -59,7 +63,11 @@ def main(
 
 
 def found(shares: dict[int, float]) -> dict:
-    """What is recorded of one camera. shares: by frame in which it sees the ball, how much of it is there, 0..1."""
+    """Return the record of one camera.
+
+    Args:
+        shares: Share of the ball that the reel shows, 0..1, for each frame in which the camera sees it.
+    """
     worst = min(shares, key=lambda frame: shares[frame])
     return {
         "seen": len(shares),

@@ -25,7 +25,11 @@ def main(
     out: Path | None = None,
     note: str = "",
 ) -> None:
-    """Reconstruct, evaluate, record. cameras: names to evaluate on, with commas; the capture's test cameras by default."""
+    """Reconstruct, evaluate, record.
+
+    Args:
+        cameras: Names to evaluate on, separated by commas; by default the capture's test cameras.
+    """
     out = out or Path(f"out/basketball-{width}-{quality}")
     source = open_capture(capture, width=width, frames=parse_frames(frames))
     config = dataclasses.replace(preset(quality), seed=seed)

@@ -1,4 +1,4 @@
-"""What workers and threads gain with chapters: two workers of one thread against one of two, and what the model says of more cores.
+"""Measure the speedup of workers and threads for a video of chapters.
 
 python benchmarks/chapters.py CAPTURE --width 240
 
@@ -34,7 +34,7 @@ Row = dict[str, Any]
 
 
 def work(connection: Connection, capture: Path, options: Row, settings: Row, out: Path, count: int, jobs: list) -> None:
-    """A process: jobs one after the other, each a chapter or one of the names above."""
+    """Run jobs one after the other in this process. A job is a chapter or one of the names above."""
     quiet_threads()
     threads.use(count)
     keep_freed_memory()
@@ -65,7 +65,7 @@ def work(connection: Connection, capture: Path, options: Row, settings: Row, out
 
 
 def at_once(common: tuple, *tasks: tuple[Path, int, list]) -> tuple[list[Row], float, list[int]]:
-    """Processes beside each other: what their jobs took, how long all of it was, the memory of each."""
+    """Run processes side by side, and return the figures of their jobs, the total time and each process's memory."""
     context, started, running = multiprocessing.get_context("spawn"), time.monotonic(), []
     for task in tasks:
         mine, theirs = context.Pipe()
@@ -80,9 +80,9 @@ def at_once(common: tuple, *tasks: tuple[Path, int, list]) -> tuple[list[Row], f
 
 
 def serial_share(one: Row, two: Row) -> float:
-    """Of a job's processor time, what one thread does while the others wait: the main thread's on two, less what they share.
+    """Return the processor time that one thread spends while the others wait.
 
-    What is not the main thread's on one thread either, such as decoding ahead, is work that others do.
+    This is the main thread's time on two threads, less its share of the parallel work. Decoding ahead runs on other threads.
     """
     apart = two["processor"] * (1 - one["main_thread"] / one["processor"])
     shared = max(two["processor"] - two["main_thread"] - apart, 0.0)
@@ -100,7 +100,7 @@ def main(
     out: Path = Path("out/benchmark-chapters"),
     note: str = "",
 ) -> None:
-    """Make two chapters in both ways, print, record."""
+    """Reconstruct two chapters in both ways, print, record."""
     shutil.rmtree(out, ignore_errors=True)
     settings = {
         "quality": quality,
@@ -143,9 +143,12 @@ def main(
 
 
 def modelled(scene: Row, chapters: list[Row], finish: Row, frames: int) -> Row:
-    """Minutes of a video of CHAPTERS by the model, on more cores and machines than there are here. frames: of a chapter measured here.
+    """Return the modelled minutes of a video of CHAPTERS on more cores and machines.
 
-    A chapter is taken to cost as much a frame as these, whose first keyframe is a larger part of them.
+    The model assumes that a chapter costs as much per frame as the measured ones.
+
+    Args:
+        frames: Frames of a measured chapter.
     """
     scale = CHAPTER_FRAMES / frames
     chapter = scale * sum(row["processor"] for row in chapters) / len(chapters)

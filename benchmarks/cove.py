@@ -1,4 +1,4 @@
-"""Cove: a film of a dancer in a white cove, cameras all around: nothing behind her that any two pictures could be compared by.
+"""Film and reconstruct `cove`: a dancer in a white cove, with cameras all around.
 
 Volumetric studios look so. Twenty-four cameras stand upright in a ring, twenty of them to train on; the walls are white as the floor
 is, with a strip of sky above them. A skirt of ten flaps flies up and down as she turns.
@@ -39,7 +39,7 @@ def film() -> Film:
 
 
 def ring(width: int, height: int) -> list[Camera]:
-    """Upright pictures from all around, at three heights."""
+    """Return upright cameras all around, at three heights."""
     cameras = []
     for i in range(CAMERAS):
         angle = 2 * math.pi * i / CAMERAS
@@ -50,7 +50,7 @@ def ring(width: int, height: int) -> list[Camera]:
 
 
 def standing() -> Shapes:
-    """A white floor and white walls around it."""
+    """Return a white floor with white walls around it."""
     b = Builder()
     b.body(shadows=False)
     b.add(BOX, (0, -0.5, 0), (9, 0.5, 9), (WHITE,), occlusion=0)
@@ -62,7 +62,7 @@ def standing() -> Shapes:
 
 
 def moving(t: float) -> Shapes:
-    """She turns, faster and faster, hops, swings her legs, and lifts her arms."""
+    """Return the dancer: she turns faster and faster, hops, swings her legs and lifts her arms."""
     b, turn = Builder(), turn_y(2.2 * t + 0.8 * t * t)
     hop = 0.12 * abs(math.sin(5 * t))
     place = np.array([0.35 * math.sin(2 * t), hop, 0.3 * math.cos(1.7 * t) - 0.3])

@@ -1,4 +1,4 @@
-"""PSNR of a held-out camera against the seconds that a reconstruction has taken, until it is done or its time is over."""
+"""Measure the PSNR of a held-out camera against the seconds of a reconstruction."""
 
 import gc
 import shutil
@@ -34,7 +34,7 @@ POINTS = 40
 
 
 class OutOfTime(Exception):
-    """Training was to end by now."""
+    """Raised when the time limit of a training is over."""
 
 
 def reconstruct_until(
@@ -97,7 +97,7 @@ class Curve:
         self.estimate = Estimate(self.seconds)
 
     def seconds(self) -> float:
-        """Since the start, without those of measuring."""
+        """Return the seconds since the start, without those of measuring."""
         return time.monotonic() - self._start - self._measuring
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
@@ -126,7 +126,7 @@ class Curve:
         self.shown.note(text)
 
     def summary(self, finished: bool) -> dict[str, Any]:
-        """Seconds, and those of a frame: of a run that is not finished, those that are to be expected, or None if that is not known."""
+        """Return the seconds in total and per frame. For an unfinished run they are extrapolated, or None."""
         self._note_seconds()
         taken, frames = self.seconds(), self.run.capture.frames
         left = 0.0 if finished else self.estimate.seconds_left()
@@ -134,7 +134,7 @@ class Curve:
         return {"seconds": round(taken, 2), "seconds_a_frame" if finished else "seconds_a_frame_expected": a_frame}
 
     def look_at_keyframe(self, trainer: KeyframeTrainer, pictures: Pictures) -> float:
-        """dB of the held-out camera at the group's first frame."""
+        """Return the PSNR of the held-out camera at the group's first frame, dB."""
         view, near = self._view(pictures), pictures.near
         seen = deformed(trainer.points.params, None, None, view, near)
         if trainer.static is not None and len(trainer.static):
@@ -142,7 +142,7 @@ class Curve:
         return psnr(draw(seen, view).image, self._truth(self.run.groups[self.group].first))
 
     def look_at_group(self, trainer: GroupTrainer) -> float:
-        """dB of the held-out camera, mean over the first, the middle and the last frame that the group has alone."""
+        """Return the mean PSNR of the held-out camera over the first, middle and last own frame of the group, dB."""
         view, near, span = self._view(trainer.pictures), trainer.pictures.near, self.run.groups[self.group]
         alive = torch.nonzero(trainer.static.alive)[:, 0]
         still = resting({name: value[alive] for name, value in trainer.static.params.items()}, view, near)
@@ -153,7 +153,7 @@ class Curve:
         return float(np.mean(values))
 
     def _view(self, pictures: Pictures) -> View:
-        """Of the held-out camera at full size, as those that are trained on are drawn."""
+        """Return the held-out camera as a view at full size."""
         return View.of(self.camera, self.run.device, pictures.views[0].antialias, self.run.store.layout())
 
     def _truth(self, frame: int) -> Tensor:
@@ -172,13 +172,17 @@ class Curve:
 
 
 def resting(params: dict[str, Tensor], view: View, near: float) -> Splats:
-    """Static points as a view sees them. params: unconstrained, as `TrainablePoints` has them."""
+    """Return the static points that a view sees.
+
+    Args:
+        params: Unconstrained parameters, as in `TrainablePoints`.
+    """
     return splats(*activate(params), view, max(near, view.clear))
 
 
 @contextmanager
 def watched(curve: Curve) -> Iterator[None]:
-    """Let the curve look at what is trained: reconstruction tells how far it is, but not what it has."""
+    """Pass what is trained to the curve, because progress reports steps and not points."""
     keyframe, group = KeyframeTrainer.train, GroupTrainer.train
 
     def train_keyframe(

@@ -1,4 +1,4 @@
-"""The built-in capture, as `splatreel demo` takes it.
+"""Reconstruct the built-in capture as `splatreel demo` does.
 
 python benchmarks/demo.py
 """

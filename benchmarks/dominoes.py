@@ -1,4 +1,4 @@
-"""Dominoes: a third film, beside the built-in capture and basketball, and unkind on purpose.
+"""Film and reconstruct `dominoes`: small falling dominoes, a waving figure and a thrown ball before repeated wallpaper.
 
 Eighteen cameras in a ring, each with its own colors and noise; small dominoes fall within a second (the paper's own failure case),
 a figure waves, a ball is thrown across; the wallpaper looks the same everywhere.
@@ -43,7 +43,7 @@ def film() -> Film:
 
 
 def ring(width: int, height: int) -> list[Camera]:
-    """Cameras all around, at four heights, that look at the table."""
+    """Return cameras all around, at four heights, that look at the table."""
     cameras = []
     for i in range(CAMERAS):
         angle = 2 * math.pi * i / CAMERAS
@@ -55,7 +55,7 @@ def ring(width: int, height: int) -> list[Camera]:
 
 
 def standing() -> Shapes:
-    """A papered room, a table, five boxes."""
+    """Return a papered room, a table and five boxes."""
     b = Builder()
     b.body(shadows=False)
     b.add(BOX, (0, -0.5, 0), (7.2, 0.5, 7.2), (toys.WOOD, (0.78, 0.56, 0.34)), tx.PLANKS, 2.0, 0.3, occlusion=0)
@@ -82,7 +82,7 @@ def moving(seconds: float, ball: bool = True) -> Shapes:
 
 
 def _dominoes(b: Builder, t: float) -> None:
-    """From a quarter of a second on one falls every twentieth, in 0.16 seconds."""
+    """Return the dominoes. From 0.25 s on, one falls every twentieth of a second, in 0.16 s."""
     colors = (toys.RED, toys.YELLOW, toys.WHITE, toys.BLUE, toys.GREEN)
     for i in range(DOMINOES):
         lean = 1.15 * min(max((t - 0.25 - 0.05 * i) / 0.16, 0.0), 1.0) ** 1.7
@@ -93,7 +93,7 @@ def _dominoes(b: Builder, t: float) -> None:
 
 
 def _figure(b: Builder, t: float) -> None:
-    """Sways and swings its arms."""
+    """Return the figure, which sways and swings its arms."""
     x, z, sway = -0.2, -1.5, 0.06 * math.sin(3 * t)
     b.body()
     b.add(ELLIPSOID, (x + sway, 1.0, z), (0.22, 0.42, 0.15), (toys.PURPLE, toys.PINK), tx.STRIPES, 20.0)
@@ -106,7 +106,7 @@ def _figure(b: Builder, t: float) -> None:
 
 
 def _ball(b: Builder, t: float) -> None:
-    """Rests in the air for half a second, then flies across and hops on."""
+    """Return the ball: it rests for half a second, flies across and hops."""
     u = max(t - 0.5, 0.0)
     x, y = -2.4 + 3.6 * u, 1.3 + 3.2 * u - 4.9 * u * u
     if y < 0.14:

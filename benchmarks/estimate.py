@@ -1,4 +1,4 @@
-"""What `reconstruct --estimate` says, and what runs then take: processor time, since other work makes them wait, and memory.
+"""Compare estimates of `reconstruct --estimate` with runs: processor time and memory.
 
 python benchmarks/estimate.py
 """
@@ -26,7 +26,7 @@ CASES: tuple[Case, ...] = (("draft", 160, 90, 30), ("standard", 160, 90, 45), ("
 
 
 def main(cases: Literal[1, 2, 3] = 1, out: Path = Path("out/benchmark-estimate"), note: str = "") -> None:
-    """Film, estimate, reconstruct on one thread and record so many cases."""
+    """Film, estimate, reconstruct on one thread, and record each case."""
     for case in CASES[:cases]:
         fresh = multiprocessing.get_context("spawn")  # the peak of memory is of a process
         with ProcessPoolExecutor(1, mp_context=fresh) as pool:
@@ -36,7 +36,7 @@ def main(cases: Literal[1, 2, 3] = 1, out: Path = Path("out/benchmark-estimate")
 
 
 def measure(case: Case, out: Path) -> dict:
-    """Estimated and taken. The first run after an installation compiles as well, which is not estimated."""
+    """Return the estimated and the measured figures. Estimates leave out the compilation of kernels."""
     quiet_threads()
     threads.use(1)
     keep_freed_memory()

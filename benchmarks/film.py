@@ -1,4 +1,4 @@
-"""Films of traced scenes, written as captures: what benchmarks show that neither the built-in capture nor basketball has."""
+"""Synthetic films, ray traced and written as captures, for properties that other captures lack."""
 
 import dataclasses
 import json
@@ -49,7 +49,7 @@ class Film:
     late: float = 0.0
 
     def write(self, path: Path, frames: int) -> None:
-        """Write a Neu3DV folder, whole or not at all; the same bytes every time."""
+        """Write a Neu3DV folder atomically. The bytes are the same every time."""
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=path.parent) as temporary:
             folder = Path(temporary) / path.name
@@ -75,20 +75,24 @@ class Film:
                 video.add(noisy.clip(0, 255).astype(np.uint8))
 
     def picture(self, camera: Camera, seen: Still, seconds: float) -> np.ndarray:
-        """[H, W, 3] gray levels without noise, at a time. seen: what the camera sees of what stands."""
+        """Return a noise-free image in gray levels, [H, W, 3].
+
+        Args:
+            seen: Static surfaces that the camera sees.
+        """
         return trace_frame(camera, seen, self.still, self.moving(seconds), self.light)
 
     def _habits(self, number: int) -> np.ndarray:
-        """[3] of a camera: when its exposure goes up, radians, how fast, radians a second, and by how many frames it is late."""
+        """Return the phase (radians), the rate (radians per second) of a camera's exposure, and its lateness in frames, [3]."""
         return np.random.default_rng((number, 1)).uniform((0, 2, -self.late), (2 * np.pi, 8, self.late))
 
     def _lateness(self, number: int) -> float:
-        """Frames by which a camera is late."""
+        """Return the frames by which a camera is late."""
         lates = {n: self._habits(n)[2] for n, camera in enumerate(self.cameras) if camera.name not in self.held_out}
         return float(lates[number] - np.mean(list(lates.values()))) if number in lates else 0.0
 
     def run(self, name: str, quality: Quality, frames: int, seed: int, out: Path | None, note: str) -> Path:
-        """Film it unless it is there, reconstruct, evaluate, record as `name`; where the reel is."""
+        """Film the scene unless it exists, reconstruct, evaluate and record it as `name`; return the reel's path."""
         out = out or Path(f"out/benchmark-{name}-{quality}-{frames}-{seed}")
         started = time.monotonic()
         if not (out / "capture").exists():
@@ -99,9 +103,12 @@ class Film:
         return out / "reel"
 
     def shows(self, reel: Path, frames: int, without: Callable[[float], Shapes]) -> dict[str, dict]:
-        """Whether a reel of this film shows a thing. without: what moves, less that thing.
+        """Return, for each held-out camera, how well a reel shows a moving thing.
 
-        By held-out camera: of the pixels that show it, the share that looks more like it than like what is behind it.
+        The value is the share of the thing's pixels that look more like it than like the background.
+
+        Args:
+            without: The moving solids without the thing.
         """
         played, summaries = open_reel(reel), {}
         for camera in [camera for camera in self.cameras if camera.name in self.held_out]:

@@ -1,4 +1,4 @@
-"""A show that is filmed while it is reconstructed and watched: cameras write at a set pace, a browser plays the live reel.
+"""Measure a live reconstruction: cameras write in real time, and a browser plays the live reel.
 
 python benchmarks/follow.py --seconds 180
 
@@ -36,7 +36,7 @@ SHOWN = re.compile(r"Group (\d+) written ([\d.]+) s after its last frame was fil
 
 
 class Show:
-    """Videos in MPEG-TS, written frame by frame: those of so many cameras of a capture, to and fro."""
+    """Videos in MPEG-TS that are written frame by frame, playing a capture forward and backward."""
 
     def __init__(self, folder: Path, capture: Capture, poses: Path, fps: int, cameras: int) -> None:
         self.folder, self.fps = folder, fps
@@ -54,7 +54,11 @@ class Show:
         self.late = 0.0
 
     def film(self, seconds: float) -> None:
-        """In real time. late: the most seconds by which a frame was written too late."""
+        """Write frames in real time.
+
+        Args:
+            late: Receives the largest delay of a frame, in seconds.
+        """
         begun, count = time.monotonic(), len(self._pictures)
         there_and_back = [*range(count), *range(count - 2, 0, -1)]
         for number, source in enumerate(itertools.islice(itertools.cycle(there_and_back), round(seconds * self.fps))):
@@ -70,14 +74,18 @@ class Show:
 
 
 def wait_for(reel: Path, over: threading.Event) -> None:
-    """Until its first group is there. over: set when nothing more comes."""
+    """Wait for the first group.
+
+    Args:
+        over: Set when nothing more comes.
+    """
     while not (reel / "manifest.json").exists():
         if over.wait(0.2):
             raise SystemExit("The reconstruction ended before its first group; see its log.")
 
 
 def watch(url: str) -> dict:
-    """Play a live reel until it has ended; how the picture stood still."""
+    """Play a live reel to its end, and return how long the picture stood still."""
     with sync_playwright() as driver:
         path = next(
             found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))
@@ -116,7 +124,12 @@ def main(
     out: Path = Path("out/benchmark-follow"),
     note: str = "",
 ) -> None:
-    """Film, follow, watch, record. group: frames of one. iterations: of motion, a frame."""
+    """Film, follow, watch, record.
+
+    Args:
+        group: Frames of a group.
+        iterations: Motion iterations per frame.
+    """
     shutil.rmtree(out, ignore_errors=True)
     film = make_capture(out / "film", width=width, height=height, frames=30, fps=fps, seed=0)
     with closing(open_capture(film)) as capture:

@@ -1,4 +1,4 @@
-"""On a machine with an NVIDIA GPU: its tests, whether it computes what the CPU does, how fast it is, and trainings, in some minutes.
+"""Test and measure Splatreel on a machine with an NVIDIA GPU, within a time limit.
 
 python benchmarks/gpu.py --minutes 8 --basketball FOLDER
 
@@ -77,11 +77,11 @@ class Bench:
     standin: bool
 
     def left(self) -> float:
-        """Seconds."""
+        """Return the remaining seconds."""
         return max(self.ends - time.monotonic(), 0.0)
 
     def record(self, name: str, found: Found) -> None:
-        """Append a line. Of a step that found numbers which are not finite, and so have no place in JSON, it says that."""
+        """Append a record. A step with numbers that are not finite, which JSON cannot hold, is recorded as failed."""
         label = {"device": self.device, "torch": torch.__version__, "cuda": torch.version.cuda}
         label["gsplat"] = version("gsplat")
         try:
@@ -135,7 +135,7 @@ def fail(code: int, text: str) -> None:
 
 
 def machine(standin: bool) -> contextlib.AbstractContextManager[None]:
-    """This one, or the one with the stand-in of the tests."""
+    """Return this machine, or the one with the stand-in of the tests."""
     if not standin:
         return contextlib.nullcontext()
     sys.path.insert(0, str(ROOT))
@@ -145,7 +145,7 @@ def machine(standin: bool) -> contextlib.AbstractContextManager[None]:
 
 
 def missing() -> str | None:
-    """What this machine lacks, and what to do; None if it lacks nothing."""
+    """Return what this machine lacks and how to fix it; None if it lacks nothing."""
     if not torch.cuda.is_available():
         if torch.version.cuda is None:
             return (
@@ -167,7 +167,7 @@ def missing() -> str | None:
 
 
 def prepare_compiler() -> None:
-    """gsplat is compiled for this card alone, by as many processes as cores and memory allow, unless the user says otherwise."""
+    """Compile gsplat for this GPU only, with as many processes as cores and memory allow, unless the user chose otherwise."""
     major, minor = torch.cuda.get_device_capability()
     os.environ.setdefault("TORCH_CUDA_ARCH_LIST", f"{major}.{minor}")
     jobs = min(os.cpu_count() or 1, int((free_memory() or COMPILER_BYTES) / COMPILER_BYTES))
@@ -175,7 +175,7 @@ def prepare_compiler() -> None:
 
 
 def run_steps(bench: Bench, names: list[str]) -> bool:
-    """Whether any failed."""
+    """Run the steps, and return True if any failed."""
     failed = False
     for place, name in enumerate(names):
         if bench.left() == 0:
@@ -196,7 +196,11 @@ def run_steps(bench: Bench, names: list[str]) -> bool:
 
 
 def run_step(bench: Bench, name: str, share: float) -> bool:
-    """Run a step and record what it found, or how it failed. share: seconds for it, if it is a training. Whether it succeeded."""
+    """Run and record a step, and return True if it succeeded.
+
+    Args:
+        share: Seconds for the step, if it is a training.
+    """
     found: Found = {}
     print(f"{name} ...", flush=True)
     started = time.monotonic()
@@ -215,7 +219,7 @@ def run_step(bench: Bench, name: str, share: float) -> bool:
 
 
 def usable() -> bool:
-    """Whether CUDA still works: after some errors no call of this process succeeds."""
+    """Return True if CUDA still works. After some errors, no call of the process succeeds."""
     try:
         torch.cuda.empty_cache()
         torch.cuda.synchronize()
@@ -225,7 +229,7 @@ def usable() -> bool:
 
 
 def in_new_process(bench: Bench, names: list[str]) -> None:
-    """Run the steps that are left in the time that is left."""
+    """Run the remaining steps in the remaining time."""
     if not names or bench.left() == 0:
         return
     command = [sys.executable, __file__, "--minutes", str(bench.left() / 60), "--steps", ",".join(names)]
@@ -235,7 +239,7 @@ def in_new_process(bench: Bench, names: list[str]) -> None:
 
 
 def compile_kernels(bench: Bench, found: Found, share: float) -> None:
-    """gsplat's, by using one of them."""
+    """Compile the kernels of gsplat by using one of them."""
     place = torch.zeros(1, 3, device="cuda")
     splat.spherical_harmonics(0, place, torch.zeros(1, 1, 3, device="cuda"))
     torch.cuda.synchronize()
@@ -243,7 +247,7 @@ def compile_kernels(bench: Bench, found: Found, share: float) -> None:
 
 
 def cuda_tests(bench: Bench, found: Found, share: float) -> None:
-    """The tests that are marked so, in a process of their own."""
+    """Run the tests marked `cuda` in a process of their own."""
     command = [sys.executable, "-m", "pytest", "-m", "cuda", "-q", "tests/kernels/test_cuda.py"]
     command += ["-p", "tests.standin.plugin"] if bench.standin else []
     ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=bench.left())
@@ -254,7 +258,7 @@ def cuda_tests(bench: Bench, found: Found, share: float) -> None:
 
 
 def parity(bench: Bench, found: Found, share: float) -> None:
-    """One iteration on both devices."""
+    """Compare one iteration on both devices."""
     points, width, height = bench.sizes.parity
     found |= {"points": points, "width": width, "height": height}
     found["largest_relative_difference"] = differences(points, width, height)
@@ -264,7 +268,7 @@ def parity(bench: Bench, found: Found, share: float) -> None:
 
 
 def kernel_times(bench: Bench, found: Found, share: float) -> None:
-    """Milliseconds of each part of a step, on both."""
+    """Measure the milliseconds of each part of a step on both devices."""
     rows = found["milliseconds"] = {}
     for points, width, height in bench.sizes.scenes:
         for device in ("cuda", "cpu"):
@@ -274,7 +278,7 @@ def kernel_times(bench: Bench, found: Found, share: float) -> None:
 
 
 def drawing_rates(bench: Bench, found: Found, share: float) -> None:
-    """Pictures a second of points that are on the GPU."""
+    """Measure images per second of points that are on the GPU."""
     found["points"] = bench.sizes.points
     torch.cuda.reset_peak_memory_stats()
     for width, height in bench.sizes.drawn:
@@ -283,13 +287,13 @@ def drawing_rates(bench: Bench, found: Found, share: float) -> None:
 
 
 def basketball(bench: Bench, found: Found, share: float, quality: Quality) -> None:
-    """The Panoptic capture, as basketball.py takes it."""
+    """Return the Panoptic capture as basketball.py opens it."""
     assert bench.basketball is not None
     train(bench, found, share, bench.basketball, bench.sizes.basketball, f"basketball-{quality}", quality)
 
 
 def film(bench: Bench, found: Found, share: float) -> None:
-    """The kitchen, unless it is there."""
+    """Film the kitchen, unless it exists."""
     if not kitchen_folder(bench).exists():
         kitchen.film(bench.sizes.kitchen).write(kitchen_folder(bench), bench.sizes.frames)
 

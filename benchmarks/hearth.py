@@ -1,4 +1,4 @@
-"""Hearth: what is no body. A fire, steam before a screen whose picture changes at once, poured water, and somebody who walks through.
+"""Film and reconstruct `hearth`: fire, steam, poured water, a changing screen and a person who walks through.
 
 The cameras are those of kitchen. Flames add light, steam takes it away: both are fogs whose depth along a ray is computed, not splats
 that are laid over each other.
@@ -88,7 +88,7 @@ def film() -> Film:
 
 
 def fogs(seconds: float) -> list[Fog]:
-    """Flames that rise, shrink and redden; steam that rises and spreads. Each begins anew elsewhere when it has gone out."""
+    """Return flames that rise, shrink and redden, and steam that rises and spreads."""
     found = []
     for k in range(FLAMES):
         wide, deep, late, speed, turn = np.random.default_rng((5, k)).normal(0, 1, 5)
@@ -156,7 +156,7 @@ def moving(seconds: float) -> Shapes:
 
 
 def _walker(b: Builder, seconds: float) -> None:
-    """From the right behind the table to the left."""
+    """Return the person, who walks behind the table from right to left."""
     x, swing = 2.6 - 2.2 * seconds, math.sin(9 * seconds)
     shirt = ((0.6, 0.2, 0.25), toys.CREAM)
     b.body()
@@ -176,7 +176,7 @@ def _walker(b: Builder, seconds: float) -> None:
 
 
 def _rays(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
-    """Where the camera is, [3], and unit directions through the middles of its pixels, [H, W, 3]."""
+    """Return the camera center, [3], and unit directions through the middles of its pixels, [H, W, 3]."""
     v, u = np.mgrid[: camera.height, : camera.width] + 0.5
     pixels = np.stack([u, v, np.ones_like(u)], -1)
     rays = pixels @ np.linalg.inv(camera.K).T @ camera.viewmat[:3, :3]

@@ -1,4 +1,4 @@
-"""Juggle: a film as those of CMU Panoptic are: cameras on a dome, fast arms, a bat that swings, and three balls that look alike.
+"""Film and reconstruct `juggle`: fast arms, a swinging bat and three balls that look alike, from a dome of cameras.
 
 Thirty cameras all around, 26 of them to train on; a ball is twelve pixels wide and flies as far from one frame to the next.
 
@@ -48,7 +48,7 @@ def film() -> Film:
 
 
 def dome(width: int, height: int) -> list[Camera]:
-    """Cameras all around, from knee height to above all heads, that look at the middle."""
+    """Return cameras all around, from knee height to above all heads, that look at the middle."""
     cameras = []
     for i in range(CAMERAS):
         angle, up = i * math.pi * (3 - math.sqrt(5)), math.radians(-8 + 53 * (i * 7 % CAMERAS) / CAMERAS)
@@ -60,7 +60,7 @@ def dome(width: int, height: int) -> list[Camera]:
 
 
 def standing() -> Shapes:
-    """A dome of panels, a floor, two boxes."""
+    """Return a dome of panels, a floor and two boxes."""
     b = Builder()
     b.body(shadows=False)
     b.add(BOX, (0, -0.5, 0), (5, 0.5, 5), ((0.42, 0.4, 0.38), (0.5, 0.47, 0.44)), tx.CHECKS, 1.5, 0.3, occlusion=0)
@@ -92,7 +92,7 @@ def moving(seconds: float, without: str = "") -> Shapes:
 
 
 def _ball(t: float) -> tuple[float, float, float]:
-    """Where a ball of a cascade is: thrown from one hand to the other, carried inwards there, and thrown back."""
+    """Return the position of a ball in a cascade."""
     turn, u = divmod(t, FLIGHT + DWELL)
     side = 1 if turn % 2 else -1
     if u < FLIGHT:
@@ -103,7 +103,7 @@ def _ball(t: float) -> tuple[float, float, float]:
 
 
 def _juggler(b: Builder, t: float) -> None:
-    """Stands in the middle; hands go round as the balls want it."""
+    """Return the juggler, whose hands follow the balls."""
     _body(b, np.array([0.02 * math.sin(3 * t), 0, 0]), 0.0, ((0.75, 0.2, 0.25), toys.WHITE))
     cycle = 2 * (FLIGHT + DWELL) / 3
     for side in (-1, 1):
@@ -117,7 +117,7 @@ def _juggler(b: Builder, t: float) -> None:
 
 
 def _batter(b: Builder, t: float, bat: bool) -> None:
-    """Swings a bat round and back again, half a turn in half a second: its end then flies at ten units a second."""
+    """Return the batter. The end of the bat moves at ten units per second."""
     u = t % 1.6
     share = min(max((u - 0.3) / SWING, 0.0), 1.0) if u < 1.1 else 1 - (u - 1.1) / SWING
     angle = -1.2 + 3.2 * share * share * (3 - 2 * share)
@@ -135,7 +135,7 @@ def _batter(b: Builder, t: float, bat: bool) -> None:
 
 
 def _body(b: Builder, place: np.ndarray, heading: float, shirt: tuple[toys.Color, ...]) -> None:
-    """A figure without arms."""
+    """Return a figure without arms."""
     turn = turn_y(heading)
     b.body()
     b.add(ELLIPSOID, tuple(place + np.array([0, 1.12, 0])), (0.22, 0.36, 0.14), shirt, tx.STRIPES, 14.0, turn=turn)
@@ -154,7 +154,7 @@ def _body(b: Builder, place: np.ndarray, heading: float, shirt: tuple[toys.Color
 
 
 def _arm(b: Builder, shoulder: np.ndarray, hand: np.ndarray, sleeve: toys.Color) -> None:
-    """A bent arm between two places."""
+    """Return a bent arm between two positions."""
     elbow = (shoulder + hand) / 2 - np.array([0, 0.12, 0])
     for start, end, color in ((shoulder, elbow, sleeve), (elbow, hand, SKIN)):
         along = end - start

@@ -1,4 +1,4 @@
-"""CPU kernels: median milliseconds of each part of a training step, against the torch twin on a small scene.
+"""Measure the CPU kernels: median milliseconds of each part of a training step, and of the torch twin.
 
 python benchmarks/kernels.py [--record] [--repeats 21] [--note TEXT]
 
@@ -35,7 +35,12 @@ def main(repeats: int = 21, note: str = "", save: Annotated[bool, tyro.conf.arg(
 
 
 def measure(kernels, n: int, width: int, height: int, repeats: int, device: str = "cpu") -> dict[str, float]:
-    """Parts of one step with the functions of a module, `splat` or `twin`, on a device: cpu or cuda."""
+    """Return the timings of the parts of a step.
+
+    Args:
+        functions: The module `splat` or `twin`.
+        device: cpu or cuda.
+    """
     means, quats, scales, opacities, sh, K = (tensor.to(device) for tensor in scene(n, width, height))
     leaves = [tensor.requires_grad_() for tensor in (means, quats, scales, opacities, sh)]
     target = torch.rand(height, width, 3, generator=torch.Generator().manual_seed(0)).to(device)
@@ -77,7 +82,7 @@ def measure(kernels, n: int, width: int, height: int, repeats: int, device: str 
 
 
 def waiting(work: Callable[[], object]) -> Callable[[], None]:
-    """The work until the GPU has done it."""
+    """Return the work with a wait for the GPU at its end."""
 
     def done() -> None:
         work()
@@ -87,7 +92,7 @@ def waiting(work: Callable[[], object]) -> Callable[[], None]:
 
 
 def scene(n: int, width: int, height: int) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """means, quats, scales, opacities, sh, and K of a camera at the origin looking along z."""
+    """Return means, quats, scales, opacities, sh, and K of a camera at the origin that looks along z."""
     rng = np.random.default_rng(0)
     depth = rng.uniform(2, 10, n)
     offset = rng.uniform(-0.5, 0.5, (n, 2)) * [width, height] / width

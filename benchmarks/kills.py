@@ -1,4 +1,4 @@
-"""Each verb that takes long, killed by SIGKILL at random moments and continued by the same command, until it ends (`tests/kills.py`).
+"""Kill each long verb by SIGKILL at random moments, and continue it with the same command until it ends.
 
 python benchmarks/kills.py 50
 """
@@ -17,7 +17,7 @@ from tests.kills import NAMES, run
 
 
 def main(kills: Positional[int] = 50, seed: int = 0, note: str = "") -> None:
-    """Kill each command so many times; ends with 1 if any file is not as an undisturbed run leaves it."""
+    """Kill each command this many times. Exit with 1 if a file differs from that of an undisturbed run."""
     results = run(dict.fromkeys(NAMES, kills), seed)
     commands = {
         found.command: {

@@ -1,4 +1,4 @@
-"""Kitchen: a film as those of Neural 3D Video are: all cameras on one side, somebody cooks, and the window shows what is far.
+"""Film and reconstruct `kitchen`: cameras on one side, somebody cooks, and the window shows distant hills.
 
 Eighteen cameras in two rows on a stretch of 2.4 units; what moves is a body's length away, the view from the window five times as far.
 
@@ -48,7 +48,7 @@ def main(
 
 
 def film(width: int = 336, rich: bool = False) -> Film:
-    """Pictures are three quarters as high as wide."""
+    """Return the film. Images have an aspect ratio of 4:3."""
     cameras = wall(width, round(width * 3 / 4))
     if not rich:
         return Film(cameras, HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN)
@@ -58,7 +58,7 @@ def film(width: int = 336, rich: bool = False) -> Film:
 
 
 def grained(shapes: Shapes) -> Shapes:
-    """The same with grain on all surfaces."""
+    """Return the same solids with grain on all surfaces."""
     solids = shapes.solids.copy()
     solids[:, TEXTURE] += tx.GRAINED
     return shapes._replace(solids=solids)
@@ -100,7 +100,7 @@ def standing() -> Shapes:
 
 
 def room(b: Builder) -> None:
-    """A floor, a papered wall with a window in it, and hills far behind."""
+    """Return a floor, a papered wall with a window, and distant hills."""
     b.body(shadows=False)
     b.add(BOX, (0, -0.5, -3), (9, 0.5, 9), (toys.WOOD, (0.78, 0.56, 0.34)), tx.PLANKS, 2.0, 0.3, occlusion=0)
     paper = ((0.85, 0.83, 0.78), (0.8, 0.78, 0.72), toys.CREAM)
@@ -119,7 +119,7 @@ def moving(seconds: float) -> Shapes:
 
 
 def _cook(b: Builder, t: float) -> None:
-    """Sways, nods and works with both hands."""
+    """Return the cook, who sways, nods and works with both hands."""
     x, _, z = COOK + np.array([0.06 * math.sin(1.3 * t), 0, 0])
     head = x + 0.02 * math.sin(2 * t)
     b.body()
@@ -137,7 +137,7 @@ def _cook(b: Builder, t: float) -> None:
 
 
 def _food(b: Builder, t: float) -> None:
-    """A slice is tossed and turns over; behind it a flame flickers, without a shadow."""
+    """Return a slice that is tossed and turns over, and a flickering flame behind it."""
     u = t % TOSS / TOSS
     food = PAN + np.array([0.03 * math.sin(9 * t), 0.09 + 2 * u * (1 - u), 0])
     b.body()

@@ -1,4 +1,4 @@
-"""Small charts beside and below each other, both axes logarithmic: an SVG written by hand, which every browser shows."""
+"""Charts with two logarithmic axes, in a grid, as a handwritten SVG."""
 
 import math
 from collections.abc import Sequence
@@ -29,9 +29,10 @@ class Panel:
 
 
 def charts(lines: Sequence[tuple[str, Sequence[Panel]]]) -> str:
-    """An SVG of lines of charts, each with what y is, in all charts of that line on the same scale.
+    """Return an SVG of rows of charts. The charts of a row share the scale of y.
 
-    Raises ValueError where there is no point.
+    Raises:
+        ValueError: There is no point.
     """
     across = max(len(panels) for _, panels in lines)
     wide, high = LEFT + across * (WIDTH + BETWEEN), len(lines) * (TOP + HEIGHT + BELOW)
@@ -65,7 +66,7 @@ class Scale:
         return self._begin + self._length * (math.log10(value) - self.low) / (self.high - self.low)
 
     def ticks(self) -> list[float]:
-        """Round numbers on it: 1, 2 and 5 times powers of ten, or of a long one the powers alone."""
+        """Return round numbers on the axis: 1, 2 and 5 times powers of ten; only powers on a long axis."""
         steps = (1,) if self.high - self.low > 3 else (1, 2, 5)
         decades = range(math.floor(self.low), math.ceil(self.high) + 1)
         numbers = [step * 10.0**decade for decade in decades for step in steps]
@@ -73,7 +74,11 @@ class Scale:
 
 
 def _chart(panel: Panel, scale: Scale, left: int, top: int, color: str, first: bool) -> list[str]:
-    """Its elements. first: it has the numbers of y beside it."""
+    """Return the elements of a chart.
+
+    Args:
+        first: The chart has the numbers of y beside it.
+    """
     parts = [f'<path d="M{left} {top}V{top + HEIGHT}H{left + WIDTH}" stroke="#999" fill="none"/>']
     for value in scale.ticks():
         y = scale.place(value)

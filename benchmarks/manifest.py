@@ -1,4 +1,4 @@
-"""Size of the manifest of a long reel, and how long it takes to read and to write one, recorded. Nothing is encoded.
+"""Measure the size of a long reel's manifest, and the time to read and write it. Nothing is encoded.
 
 python benchmarks/manifest.py --groups 10000
 """
@@ -42,7 +42,7 @@ def main(groups: int = 10_000, chapter: int = 10, cameras: int = 20, note: str =
 
 
 def reel(groups: int, chapter: int, cameras: int) -> tuple[Manifest, dict[str, bytes]]:
-    """The manifest, split as a writer splits it, and the files of its pages by uri."""
+    """Return the manifest, split as a writer splits it, and the files of its pages by URI."""
     layers = [entry("layers", 0)]
     for index in range(0, groups, chapter):
         until = index + chapter
@@ -79,7 +79,7 @@ def camera(index: int) -> Camera:
 
 
 def least(function: Callable[[], object], times: int = 5) -> float:
-    """Seconds of the fastest of some calls."""
+    """Return the seconds of the fastest call."""
     taken = []
     for _ in range(times):
         started = time.perf_counter()

@@ -1,8 +1,8 @@
-"""One frame by OpenSplat and by ours, both on the CPU, from the same points, in as many iterations: PSNR of new views, and seconds.
+"""Train one frame with OpenSplat and with Splatreel on the CPU, from the same points, and compare PSNR and seconds.
 
 python benchmarks/opensplat.py CAPTURE --program PATH/TO/opensplat --iterations 300 --width 672
 
-OpenSplat (its licence is AGPL; nothing of it is part of this project) is built with cmake, `-DGPU_RUNTIME=CPU`, against OpenCV and the
+OpenSplat (its license is AGPL; nothing of it is part of this project) is built with cmake, `-DGPU_RUNTIME=CPU`, against OpenCV and the
 libtorch of the torch wheel: `-DCMAKE_PREFIX_PATH=$(python -c 'import torch; print(torch.utils.cmake_prefix_path)')`.
 """
 
@@ -49,7 +49,7 @@ def main(
     width: int | None = None,
     note: str = "",
 ) -> None:
-    """Train the first frame with either, one after the other, and compare on the held-out cameras."""
+    """Train the first frame with both programs, one after the other, and compare them on the held-out cameras."""
     keep_freed_memory()
     source = open_capture(capture, width=width)
     found = compare(source, program, iterations)
@@ -58,9 +58,9 @@ def main(
 
 
 def compare(source: Capture, program: Path, iterations: int) -> dict[str, Any]:
-    """Of either: PSNR and SSIM of held-out cameras, seconds, CPU seconds and points; and how many times as long OpenSplat took.
+    """Return PSNR and SSIM of held-out cameras, seconds, CPU seconds and points of both, and the ratio of their times.
 
-    Other programs on the machine change seconds, and hardly CPU seconds, which are summed over the cores.
+    CPU seconds are summed over the cores. Other programs hardly change them.
     """
     cameras, views = source.training_cameras, held_out_views(source)
     images = source.read(0, 1, [camera.name for camera in cameras])[0]
@@ -91,14 +91,20 @@ def compare(source: Capture, program: Path, iterations: int) -> dict[str, Any]:
 
 
 def clock() -> np.ndarray:
-    """[2] float64: seconds, and CPU seconds of this process and of those that it has waited for; only differences mean something."""
+    """Return seconds, and CPU seconds of this process and its finished children, [2] float64. Only differences have a meaning."""
     return np.array([time.monotonic(), sum(os.times()[:4])])
 
 
 def write_project(
     folder: Path, cameras: list[Camera], images: np.ndarray, points: np.ndarray, colors: np.ndarray
 ) -> None:
-    """A nerfstudio project. images: [C, H, W, 3] uint8. points: [P, 3], colors: [P, 3] 0..1."""
+    """Write a nerfstudio project.
+
+    Args:
+        images: [C, H, W, 3] uint8.
+        points: [P, 3] positions.
+        colors: [P, 3], 0..1.
+    """
     frames = []
     for camera, image in zip(cameras, images, strict=True):
         cv2.imwrite(str(folder / f"{camera.name}.png"), image[..., ::-1])
@@ -119,7 +125,7 @@ def write_project(
 
 
 def opensplat(program: Path, project: Path, iterations: int) -> tuple[Gaussians, np.ndarray]:
-    """Its points, in our coordinates, and the seconds and CPU seconds that its process took."""
+    """Run OpenSplat; return its points in our coordinates, and the seconds and CPU seconds of its process."""
     ply = project / "splat.ply"
     command = [str(program), str(project), "--cpu", "--keep-crs", "-n", str(iterations), "-o", str(ply)]
     command += ["--num-downscales", str(HALVINGS), "--resolution-schedule", str(max(iterations // 3, 1))]
@@ -132,7 +138,7 @@ def opensplat(program: Path, project: Path, iterations: int) -> tuple[Gaussians,
 def compared(
     points: Gaussians, views: list[Camera], truths: np.ndarray, draw: Callable[[Gaussians, Camera], np.ndarray]
 ) -> dict[str, float]:
-    """Means over the held-out cameras."""
+    """Return means over the held-out cameras."""
     pairs = [(np.clip(draw(points, view), 0, 1), truth) for view, truth in zip(views, truths, strict=True)]
     return {
         "psnr": round(float(np.mean([psnr(image, truth) for image, truth in pairs])), 2),

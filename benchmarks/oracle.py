@@ -1,4 +1,4 @@
-"""Single frames of a capture, each reconstructed on its own: the limit that a dynamic reconstruction of them can reach.
+"""Reconstruct single frames of a capture on their own: an upper limit for a dynamic reconstruction of them.
 
 python benchmarks/oracle.py CAPTURE --width 320 --frames 0:60 --reel OUT
 """
@@ -63,7 +63,7 @@ def main(
 
 
 def summary(result: OracleReport, sh_degree: int) -> dict:
-    """Means over the frames, and sums of bytes and seconds. As in the other records, psnr is after encoding."""
+    """Return means over the frames, and sums of bytes and seconds. The PSNR is that after encoding."""
     decoded, raw = result.decoded(), result.mean()
     size, points = (sum(getattr(frame, name) for frame in result.frames) for name in ("bytes", "points"))
     numbers = 3 + 4 + 3 + 1 + 3 * (sh_degree + 1) ** 2

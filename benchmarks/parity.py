@@ -1,4 +1,4 @@
-"""A GPU beside the CPU: whether one iteration of training is the same on both, and how many pictures a second each draws."""
+"""Compare a GPU with the CPU: the results of one training iteration, and images drawn per second."""
 
 import math
 
@@ -32,7 +32,11 @@ def differences(points: int, width: int, height: int) -> dict[str, dict[str, flo
 
 
 def relative(got: Tensor, expected: Tensor) -> float:
-    """Largest difference over the largest value expected. Raises `RuntimeError` where a number is not finite."""
+    """Return the largest difference divided by the largest expected value.
+
+    Raises:
+        RuntimeError: A number is not finite.
+    """
     error = float((got - expected).abs().max() / expected.abs().max().clamp_min(1e-12))
     if not math.isfinite(error):
         raise RuntimeError("the GPU found numbers that are not finite, in an iteration where the CPU did not")
@@ -40,7 +44,11 @@ def relative(got: Tensor, expected: Tensor) -> float:
 
 
 def iteration(gaussians: Gaussians, camera: Camera, device: torch.device, among: bool) -> dict[str, Tensor]:
-    """The loss and the gradients of an iteration, as tensors of the CPU. among: a quarter of the points moves among the others."""
+    """Return the loss and the gradients of an iteration, as tensors on the CPU.
+
+    Args:
+        among: A quarter of the points moves among the others.
+    """
     view = View.of(camera, device, antialias=True)
     count = len(gaussians) // 4 if among else len(gaussians)
     points = TrainablePoints.from_gaussians(gaussians[np.arange(count)], default_rates(UNIT), device)
@@ -63,7 +71,10 @@ def iteration(gaussians: Gaussians, camera: Camera, device: torch.device, among:
 
 
 def drawing(points: int, width: int, height: int, repeats: int) -> dict[str, float]:
-    """Pictures a second. cuda: they stay on the GPU, where the points are; view: as `splatreel view` draws, from and to numpy."""
+    """Return images drawn per second.
+
+    On `cuda`, they stay on the GPU. `view` copies from and to NumPy, as `splatreel view` does.
+    """
     gaussians, camera = cloud(points), front_camera(width, height)
     arrays = (gaussians.means, gaussians.quats, gaussians.scales, gaussians.opacities, gaussians.sh)
     means, quats, scales, opacities, sh = (torch.from_numpy(array).cuda() for array in arrays)

@@ -1,4 +1,4 @@
-"""The README's picture: a held-out camera of the built-in capture at a few moments, rendered from the decoded reel.
+"""Draw the README's picture: a held-out camera of the built-in capture at a few times, rendered from the decoded reel.
 
 python benchmarks/picture.py out/demo/reel
 """
@@ -22,7 +22,11 @@ def main(
     width: int = 400,
     out: Path = ROOT / "docs" / "images" / "demo.jpg",
 ) -> None:
-    """Render and write the pictures side by side. width: of each, pixels."""
+    """Render and write the images side by side.
+
+    Args:
+        width: Width of each image, pixels.
+    """
     timeline = splatreel.open_reel(reel)
     manifest = timeline.manifest
     view = next(c for c in make_cameras(manifest.camera.width, manifest.camera.height) if c.name == camera)

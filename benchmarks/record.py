@@ -29,7 +29,7 @@ def record(benchmark: str, values: dict, note: str = "", results: Path = RESULTS
 
 
 def revision() -> str:
-    """Short hash of the commit, with + where tracked files differ from it; `unknown` outside of a checkout."""
+    """Return the short hash of the commit, with + if tracked files differ from it; `unknown` outside of a checkout."""
     named = subprocess.run(["git", "rev-parse", "--short", "HEAD"], cwd=ROOT, capture_output=True, text=True)
     if named.returncode != 0:
         return "unknown"
@@ -40,7 +40,7 @@ def revision() -> str:
 def machine() -> str:
     """Return such as `2 cores of AMD EPYC 7763 64-Core Processor, Linux, load 0.4`.
 
-    A load near or above the cores means that times are not to be trusted.
+    Times are not reliable if the load is near or above the number of cores.
     """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     load = f", load {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
@@ -48,5 +48,5 @@ def machine() -> str:
 
 
 def summary(report: dict) -> dict:
-    """A report.json without its long lists."""
+    """Return a report.json without its long lists."""
     return {name: value for name, value in report.items() if name not in ("cameras", "per_frame")}

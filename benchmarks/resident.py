@@ -1,4 +1,4 @@
-"""The memory that a process holds, and its children, while something runs: sampled by a thread."""
+"""Sample the memory of a process and its children in a thread while something runs."""
 
 import os
 import threading
@@ -33,13 +33,14 @@ class Resident:
         self._thread.join()
 
     def peak(self) -> int:
-        """The most of all samples, or what the system says of this process, whose peak none may have met."""
+        """Return the maximum of all samples and of the peak that the system reports."""
         return max(most_of_this_process(), *(held for _, held in self.samples))
 
     def peaks(self, ends: Sequence[float]) -> list[int]:
-        """[G] the most within each stretch of time. ends: of the stretches, seconds since the epoch; each begins where the last ended.
+        """Return the peak within each interval, [G]; 0 for an interval without a sample.
 
-        0 for a stretch in which no sample was taken.
+        Args:
+            ends: End of each interval, seconds since the epoch. Each begins where the last one ended.
         """
         found, begin = [], 0.0
         for end in ends:
@@ -57,7 +58,7 @@ class Resident:
 
 
 def resident_of(pid: str) -> int:
-    """Bytes; 0 of a process that has ended."""
+    """Return the resident bytes of a process; 0 if it has ended."""
     try:
         return int(Path("/proc", pid, "statm").read_text(encoding="ascii").split()[1]) * PAGE
     except (OSError, IndexError):
@@ -65,7 +66,7 @@ def resident_of(pid: str) -> int:
 
 
 def children_of(parent: str) -> list[str]:
-    """Processes that another one started, and that have not ended."""
+    """Return the running children of a process."""
     return [pid for pid in os.listdir("/proc") if pid.isdigit() and _parent_of(pid) == parent]
 
 
@@ -78,6 +79,9 @@ def _parent_of(pid: str) -> str | None:
 
 
 def most_of_this_process() -> int:
-    """Bytes. Not what `getrusage` says: of a process that was started by a large one, that has the large one's peak."""
+    """Return the peak bytes of this process.
+
+    `getrusage` is wrong here: a process that a large one started reports the large one's peak.
+    """
     lines = Path("/proc/self/status").read_text(encoding="utf-8").splitlines()
     return next(1024 * int(line.split()[1]) for line in lines if line.startswith("VmHWM:"))

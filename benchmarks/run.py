@@ -1,4 +1,4 @@
-"""Reconstruct a capture, evaluate the decoded reel and record the result: what the benchmarks of whole captures share."""
+"""Reconstruct a capture, evaluate the decoded reel and record the result. Benchmarks of whole captures share this."""
 
 import dataclasses
 import time

@@ -66,7 +66,7 @@ class Case:
         return f"scaling {self.axis} {scaling_page.value_of(self.axis, self.row())}"
 
     def row(self) -> Row:
-        """As a record has it."""
+        """Return the case as a record has it."""
         return dataclasses.asdict(self) | {"height": self.height}
 
 
@@ -96,7 +96,7 @@ class Sizes:
     )
 
     def cases(self) -> list[Case]:
-        """All, axis after axis, each from the smallest."""
+        """Return all cases, axis after axis, each from the smallest."""
         base = partial(Case, width=self.widths[0], cameras=self.cameras[0], frames=self.filmed, settings=self.settings)
         chapters = {"chapter_frames": self.chapter, "group.length": self.chapter, "group.overlap": 1}
         film = partial(base, frames=self.chapter * max(self.threads), settings=self.settings | chapters)
@@ -162,7 +162,7 @@ def fail(text: str) -> None:
 
 
 def longest(cases: list[Case]) -> dict[tuple[int, int], int]:
-    """Frames of the film of each width and number of cameras: one film does for several cases."""
+    """Return the number of frames to film for each width and number of cameras. Several cases share a film."""
     found: dict[tuple[int, int], int] = {}
     for case in cases:
         found[case.width, case.cameras] = max(case.frames, found.get((case.width, case.cameras), 0))
@@ -170,7 +170,7 @@ def longest(cases: list[Case]) -> dict[tuple[int, int], int]:
 
 
 def in_a_process(function: Callable[..., Any], *arguments: Any) -> Any:
-    """What a function gives in a process of its own, which has imported nothing but this file. Raises what it does."""
+    """Run a function in a new process that imports only this file, and return its result. Its exceptions are raised here."""
     with ProcessPoolExecutor(1, mp_context=multiprocessing.get_context("spawn")) as pool:
         return pool.submit(function, *arguments).result()
 
@@ -187,7 +187,7 @@ class Bench:
     warm: bool = False
 
     def run(self, cases: list[Case]) -> bool:
-        """Measure and record those that are not recorded; whether any failed."""
+        """Measure and record the cases that are not recorded; return True if any failed."""
         failed = False
         for case in cases:
             if self.is_recorded(case):
@@ -201,13 +201,13 @@ class Bench:
         return failed
 
     def is_recorded(self, case: Case) -> bool:
-        """Whether there is a row of it, from this source, with this note."""
+        """Return True if a record of this source with this note exists."""
         same = json.loads(json.dumps(case.row())) | {"benchmark": case.name, "note": self.note, "source": source()}
         rows = scaling_page.rows(self.results)
         return any(all(row.get(name) == value for name, value in same.items()) for row in rows)
 
     def measured(self, case: Case) -> Row:
-        """Its record. Films first, and compiles the kernels, where that has not been done."""
+        """Return the record of a case. Film it and compile the kernels first, if necessary."""
         film = self.film(case, self.films[case.width, case.cameras])
         self.warm_up()
         print(f"{case.name}: measuring", flush=True)
@@ -216,7 +216,7 @@ class Bench:
         return record(case.name, case.row() | label | found, self.note, self.results)
 
     def warm_up(self) -> None:
-        """Compile the kernels, once: what is measured after it finds them compiled."""
+        """Compile the kernels once, so that no measurement includes it."""
         if not self.warm:
             print("compiling the kernels that are not compiled yet", flush=True)
             for case in WARM:
@@ -224,7 +224,7 @@ class Bench:
             self.warm = True
 
     def film(self, case: Case, frames: int) -> Path:
-        """Where it is."""
+        """Return the path of the film."""
         path = self.out / f"film-{case.width}-{case.cameras}-{frames}"
         if not path.exists():
             print(f"filming {frames} frames of {case.width}x{case.height} by {case.cameras} cameras", flush=True)
@@ -233,7 +233,7 @@ class Bench:
 
 
 def write_film(path: Path, width: int, cameras: int, frames: int) -> None:
-    """The kitchen, by so many cameras, none of them held out."""
+    """Film the kitchen with this many cameras; none is held out."""
     import kitchen
 
     wall = kitchen.wall(width, round(width * 3 / 4), cameras // kitchen.ROWS)
@@ -282,7 +282,7 @@ def measure(case: Case, film: Path, out: Path) -> Row:
 
 
 def points(reel: Path) -> int:
-    """That the first group shows."""
+    """Return the number of points in the first group."""
     from splatreel.codec.reader import ReelReader
 
     manifest = ReelReader(reel).manifest
@@ -290,7 +290,7 @@ def points(reel: Path) -> int:
 
 
 def ends(store: "Store") -> list[float]:
-    """When each group was finished, in seconds since the epoch."""
+    """Return when each group was finished, in seconds since the epoch."""
     count = store.finished_groups()
     return [(store.group(index).folder / "group.safetensors").stat().st_mtime for index in range(count)]
 

@@ -1,4 +1,4 @@
-"""The tables and the plot of docs/scaling.md, from the records of benchmarks/scaling.py."""
+"""Write the tables and the plot of docs/scaling.md from the records of benchmarks/scaling.py."""
 
 import json
 import math
@@ -35,31 +35,31 @@ EARLY, LATE = 1, 99
 
 
 def number_of(axis: str, row: Row) -> float:
-    """What a row is, on an axis."""
+    """Return the value of a record on an axis."""
     return row["width"] * row["height"] / 1e6 if axis == "pixels" else row[axis]
 
 
 def value_of(axis: str, row: Row) -> str:
-    """The same in words: megapixels with two digits."""
+    """Return the value in words; megapixels have two digits."""
     number = number_of(axis, row)
     return f"{number:.2g}" if axis == "pixels" else str(number)
 
 
 def rows(results: Path = RESULTS) -> list[Row]:
-    """All records of scaling, the latest last."""
+    """Return all records of scaling, the latest last."""
     lines = results.read_text(encoding="utf-8").splitlines() if results.exists() else []
     return [row for line in lines if line.strip() and (row := json.loads(line))["benchmark"].startswith("scaling ")]
 
 
 def records(results: Path = RESULTS) -> dict[str, list[Row]]:
-    """By axis, the latest record of each value, from the smallest."""
+    """Return the latest record of each value on an axis, from the smallest."""
     latest = {row["benchmark"]: row for row in rows(results)}
     by_axis = {axis: [row for row in latest.values() if row["axis"] == axis] for axis in AXES}
     return {axis: sorted(some, key=lambda row: number_of(axis, row)) for axis, some in by_axis.items()}
 
 
 def exponent(points: Sequence[tuple[float, float]]) -> float | None:
-    """The slope of log y against log x, by least squares. None for fewer than two points, or numbers that have no logarithm."""
+    """Return the slope of log y against log x by least squares; None if it is undefined."""
     if len(points) < 2 or min(min(point) for point in points) <= 0:
         return None
     logs = [(math.log(x), math.log(y)) for x, y in points]
@@ -74,7 +74,7 @@ def points_of(axis: str, some: Sequence[Row], name: str) -> list[tuple[float, fl
 
 
 def page(by_axis: dict[str, list[Row]]) -> str:
-    """What stands between the markers, in Markdown."""
+    """Return the Markdown between the markers."""
     if not any(by_axis.values()):
         return MISSING
     parts = [f"![Time and memory against each axis, both logarithmic](images/{PLOT.name})", summary(by_axis)]
@@ -87,7 +87,7 @@ def page(by_axis: dict[str, list[Row]]) -> str:
 
 
 def summary(by_axis: dict[str, list[Row]]) -> str:
-    """The exponents of each axis, in a table."""
+    """Return a table of the exponents of each axis."""
     lines = [_line(("axis", "values", "time", "time, last two", "memory", "memory, last two")), _line(["---"] * 6)]
     for axis, some in by_axis.items():
         values = ", ".join(value_of(axis, row) for row in some)
@@ -98,7 +98,7 @@ def summary(by_axis: dict[str, list[Row]]) -> str:
 
 
 def table(axis: str, some: Sequence[Row]) -> str:
-    """Each value's row."""
+    """Return a table with a row for each value."""
     shown = [name for name in COLUMNS if name != axis]
     first = AXES[axis].partition(",")[0]
     lines = [_line((first, *shown)), _line(["---"] * (1 + len(shown)))]
@@ -110,7 +110,7 @@ def table(axis: str, some: Sequence[Row]) -> str:
 
 
 def _cells(row: Row) -> dict[str, str]:
-    """What a row says, by column."""
+    """Return the cells of a record by column."""
     cells = (
         f"{row['width']}x{row['height']}",
         str(row["cameras"]),
@@ -128,7 +128,7 @@ def _cells(row: Row) -> dict[str, str]:
 
 
 def crowded(row: Row) -> str:
-    """Said where there are more threads than cores."""
+    """Return a remark if there are more threads than cores."""
     return "" if row["threads"] <= row["cores"] else f", on {row['cores']} cores"
 
 
@@ -163,7 +163,7 @@ def memory(some: Sequence[Row]) -> str:
 
 
 def plot(by_axis: dict[str, list[Row]]) -> str:
-    """An SVG: time above, memory below, a chart for each axis."""
+    """Return an SVG with a column for each axis: time above, memory below."""
     lines = []
     for title, name in (("seconds", TIME), ("memory, MB", MEMORY)):
         panels = []
@@ -177,14 +177,22 @@ def plot(by_axis: dict[str, list[Row]]) -> str:
 
 
 def write(by_axis: dict[str, list[Row]], document: Path = PAGE, image: Path = PLOT) -> None:
-    """Put what was measured into the page, and draw it. Raises ValueError where the page has no place for it."""
+    """Write the page and the plot.
+
+    Raises:
+        ValueError: The page lacks the markers.
+    """
     document.write_text(replaced(document.read_text(encoding="utf-8"), page(by_axis)), encoding="utf-8")
     if any(by_axis.values()):
         image.write_text(plot(by_axis), encoding="utf-8")
 
 
 def replaced(text: str, inner: str) -> str:
-    """A document with what stands between its two markers replaced. Raises ValueError where they are missing."""
+    """Return a document with the text between its two markers replaced.
+
+    Raises:
+        ValueError: A marker is missing.
+    """
     head, begin, rest = text.partition(BEGIN)
     _, end, tail = rest.partition(END)
     if not begin or not end:

@@ -1,4 +1,4 @@
-"""Studio: a film as a small studio makes it with twenty phones, out of step, each with an exposure of its own; a backdrop of paper.
+"""Film and reconstruct `studio`: twenty unsynchronized phones with changing exposures before a paper backdrop.
 
 Phones on 190 degrees, seventeen of them to train on. A dancer turns close to them, faster and faster, with a scarf that waves as
 nothing in the other films does; a wheel of six blades spins; a person walks in.
@@ -49,12 +49,12 @@ def main(
 
 
 def film(drift: float = 0.0, late: float = 0.0) -> Film:
-    """In step and evenly exposed unless told otherwise: where things are in a frame is then the same for all cameras."""
+    """Return the film; by default synchronized and evenly exposed, so that all cameras agree on positions."""
     return Film(arc(320, 180), HELD_OUT, standing(), moving, LIGHT, NOISE, GAIN, drift, late)
 
 
 def arc(width: int, height: int) -> list[Camera]:
-    """Phones on tripods of three heights, most of them turned to the dancer, of two focal lengths."""
+    """Return phones of two focal lengths on tripods of three heights, most of them turned to the dancer."""
     cameras = []
     for i in range(CAMERAS):
         angle, radius = math.radians(-95 + 190 * i / (CAMERAS - 1)), 2.7 + 0.3 * (i * 7 % 3)
@@ -66,7 +66,7 @@ def arc(width: int, height: int) -> list[Camera]:
 
 
 def standing() -> Shapes:
-    """A backdrop of paper that bends into the floor, and a few things in front of it; stands and boxes behind the phones."""
+    """Return a paper backdrop that bends into the floor, things in front of it, and stands behind the phones."""
     b = Builder()
     b.body(shadows=False)
     paper = (0.72, 0.73, 0.75)
@@ -100,7 +100,7 @@ def moving(seconds: float, scarf: bool = True) -> Shapes:
 
 
 def _dancer(b: Builder, t: float, place: np.ndarray, heading: float) -> None:
-    """Turns, faster and faster, with arms that rise and a leg that swings out."""
+    """Return the dancer, who turns faster and faster with rising arms and a swinging leg."""
     turn = turn_y(heading)
 
     def at(*local: float) -> tuple[float, ...]:
@@ -123,7 +123,7 @@ def _dancer(b: Builder, t: float, place: np.ndarray, heading: float) -> None:
 
 
 def _scarf(b: Builder, t: float, place: np.ndarray, heading: float) -> None:
-    """A band of cloth that hangs from a hand and waves behind it: each part follows where the one before was earlier."""
+    """Return a band of cloth that hangs from a hand. Each part follows the part before it with a delay."""
     b.body()
     for k in range(SCARF):
         lag = 0.05 * k
@@ -137,7 +137,7 @@ def _scarf(b: Builder, t: float, place: np.ndarray, heading: float) -> None:
 
 
 def _wheel(b: Builder, t: float) -> None:
-    """A wheel of six blades, two turns a second."""
+    """Return a wheel of six blades, two turns per second."""
     b.body()
     for k in range(6):
         turn = turn_z(4 * math.pi * t + k * math.pi / 3)
@@ -148,7 +148,7 @@ def _wheel(b: Builder, t: float) -> None:
 
 
 def _visitor(b: Builder, t: float) -> None:
-    """Walks in from where nobody looks, and past the dancer."""
+    """Return the visitor, who walks in from an unseen side and past the dancer."""
     x = 3.2 - 2.2 * max(0.0, t - 0.3)
     place, swing = np.array([x, 0, 1.05]), 0.6 * math.sin(8 * t)
     turn = turn_y(-math.pi / 2)

@@ -39,14 +39,14 @@ SHORT_COLUMNS = ("held-out cameras of", "frames", "PSNR dB", "SSIM", "reel", "ti
 
 
 def latest(results: Path = RESULTS) -> dict[str, dict]:
-    """The last record of each benchmark, by name; empty where nothing has been recorded."""
+    """Return the last record of each benchmark by name; empty if nothing was recorded."""
     lines = results.read_text(encoding="utf-8").splitlines() if results.exists() else []
     records = [json.loads(line) for line in lines if line.strip()]
     return {record["benchmark"]: record for record in records}
 
 
 def table(records: dict[str, dict]) -> str:
-    """The page's Markdown table, and on which machines it was measured."""
+    """Return the page's Markdown table, and the machines that it was measured on."""
     single = {name: name.split() for name in sorted(records) if name.split()[0] == ORACLE}
     rows = ROWS | {name: f"{words[1]}, {words[2]} wide, {ON_ITS_OWN}" for name, words in single.items()}
     lines = _lines(records, rows, COLUMNS)
@@ -58,7 +58,7 @@ def table(records: dict[str, dict]) -> str:
 
 
 def short_table(records: dict[str, dict]) -> str:
-    """The README's Markdown table: some of the page's rows and columns."""
+    """Return the README's Markdown table: some rows and columns of the page's table."""
     return "\n".join(_lines(records, {name: ROWS[name] for name in SHORT_ROWS}, SHORT_COLUMNS))
 
 
@@ -73,7 +73,7 @@ def _row(cells: Iterable[str]) -> str:
 
 
 def _cells(label: str, record: dict | None) -> dict[str, str]:
-    """What a row says, by column."""
+    """Return the cells of a record by column."""
     if record is None:
         return dict(zip(COLUMNS, [label, *[MISSING] * (len(COLUMNS) - 1)], strict=True))
     cells = (
@@ -94,7 +94,7 @@ def _cells(label: str, record: dict | None) -> dict[str, str]:
 
 
 def _machine(record: dict) -> tuple[str, str]:
-    """What it was measured on, and its load before."""
+    """Return the machine of a record, and its load before."""
     machine, _, load = str(record.get("machine_before", record["machine"])).partition(", load ")
     return machine, load
 
@@ -105,7 +105,11 @@ def _number(record: dict, name: str, style: str, factor: float = 1, unit: str = 
 
 
 def replaced(text: str, inner: str) -> str:
-    """A document with what stands between its two markers replaced. Raises ValueError where they are missing."""
+    """Return a document with the text between its two markers replaced.
+
+    Raises:
+        ValueError: A marker is missing.
+    """
     head, begin, rest = text.partition(BEGIN)
     _, end, tail = rest.partition(END)
     if not begin or not end:

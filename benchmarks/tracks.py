@@ -1,4 +1,4 @@
-"""Tracks against the truth: of points on all that moves in the films, the share that stays on what they are on.
+"""Measure the tracker against the truth: the share of points that stay on the solid on which they started.
 
 They start where they belong and nothing is trained, so that only the tracker is judged.
 
@@ -42,7 +42,11 @@ SKY = 100.0
 
 
 def main(films: tuple[str, ...] = tuple(FILMS), frames: int = 35, out: Path = Path("out"), note: str = "") -> None:
-    """Film what is not there yet, track one group, print, record. films: names of benchmarks."""
+    """Film what is missing, track one group, print, record.
+
+    Args:
+        films: Names of benchmarks.
+    """
     values = {}
     for name in films:
         film: Film = FILMS[name].film()
@@ -56,7 +60,7 @@ def main(films: tuple[str, ...] = tuple(FILMS), frames: int = 35, out: Path = Pa
 
 
 def followed(film: Film, capture: Capture) -> dict:
-    """How the points of one film fare."""
+    """Return how many points of one film stay on their solids."""
     cameras = capture.training_cameras
     frames = capture.read(0, capture.frames, [camera.name for camera in cameras])
     seen = [_seen(film, camera) for camera in cameras]
@@ -93,7 +97,7 @@ def _seen(film: Film, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def _points(places: np.ndarray, spacing: float) -> Gaussians:
-    """Opaque balls at these places, one in each cube of a grid."""
+    """Return opaque round Gaussians at these positions, one in each cell of a grid."""
     means = places[np.unique(np.floor(places / spacing).astype(np.int64), axis=0, return_index=True)[1]]
     count = len(means)
     scales = np.full((count, 3), 0.7 * spacing, np.float32)
@@ -117,19 +121,19 @@ def _on(film: Film, places: np.ndarray, pixel: float) -> np.ndarray:
 
 
 def _pose(scene: Shapes, solid: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Middle [3], half extents [3] and rotation [3, 3] of a solid."""
+    """Return the center [3], half extents [3] and rotation [3, 3] of a solid."""
     row = scene.solids[solid]
     return row[POSITION:HALF], row[HALF:ROTATION], row[ROTATION : ROTATION + 9].reshape(3, 3)
 
 
 def _distance(scene: Shapes, solid: int, places: np.ndarray) -> np.ndarray:
-    """[N] from the box around a solid."""
+    """Return the distance from the box around a solid, [N]."""
     middle, half, turn = _pose(scene, solid)
     return np.linalg.norm(np.maximum(np.abs((places - middle) @ turn) - half, 0), axis=-1)
 
 
 def _carried(before: Shapes, after: Shapes, solid: int, places: np.ndarray) -> np.ndarray:
-    """Places [N, 3] on a solid, after it has moved."""
+    """Return positions [N, 3] on a solid after it has moved."""
     (middle, _, turn), (there, _, turned) = _pose(before, solid), _pose(after, solid)
     return (places - middle) @ turn @ turned.T + there
 

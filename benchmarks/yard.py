@@ -1,4 +1,4 @@
-"""Yard: a film outdoors with few cameras. Two run, a ball is thrown behind one of them, trees stand far away under a sky.
+"""Film and reconstruct `yard`: two runners and a thrown ball outdoors, with few cameras and distant trees.
 
 Twelve cameras on 140 degrees, ten of them to train on; the trees are four to six times as far as the players.
 
@@ -42,7 +42,7 @@ def film() -> Film:
 
 
 def arc(width: int, height: int) -> list[Camera]:
-    """Cameras on an arc, at five heights, at three distances, not all of which look at the middle."""
+    """Return cameras on an arc, at five heights and three distances. Not all of them look at the middle."""
     cameras = []
     for i in range(CAMERAS):
         angle, radius = math.radians(-70 + 140 * i / (CAMERAS - 1)), 5.5 + 0.5 * (i * 5 % 3)
@@ -54,7 +54,7 @@ def arc(width: int, height: int) -> list[Camera]:
 
 
 def standing() -> Shapes:
-    """Grass, a house, a board, a box and a row of trees."""
+    """Return grass, a house, a board, a box and a row of trees."""
     b, rng = Builder(), np.random.default_rng(0)
     b.body(shadows=False)
     b.add(BOX, (0, -0.5, 0), (60, 0.5, 60), ((0.35, 0.5, 0.25), (0.42, 0.58, 0.3)), tx.PLANKS, 0.8, 0.3, occlusion=0)
@@ -86,7 +86,11 @@ def moving(seconds: float, ball: bool = True) -> Shapes:
 
 
 def _runner(b: Builder, place: tuple[float, ...], heading: float, phase: float, shirt: tuple[toys.Color, ...]) -> None:
-    """Swings arms and legs. phase: of the stride, radians."""
+    """Return a runner.
+
+    Args:
+        phase: Phase of the stride, radians.
+    """
     turn = turn_y(heading)
 
     def limb(joint: tuple[float, ...], length: float, half: tuple[float, ...], swing: float) -> tuple:
@@ -106,7 +110,7 @@ def _runner(b: Builder, place: tuple[float, ...], heading: float, phase: float, 
 
 
 def _ball(b: Builder, t: float) -> None:
-    """Thrown anew every second."""
+    """Return the ball, which is thrown anew every second."""
     u = t % 1.0
     b.body()
     place = (-1.5 + 3 * u, 0.9 + 4.1 * u - 4.9 * u * u, 0.3)

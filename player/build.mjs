@@ -9,7 +9,7 @@ const here = dirname(fileURLToPath(import.meta.url));
 const out = resolve(process.argv[2] ?? join(here, "../src/splatreel/play/static"));
 const packages = join(here, "node_modules");
 
-// The decoders stay separate files: a reel that does not need one never downloads it. Scripts become modules by their last line.
+// Decoders stay separate files, which only reels that need them download. An export appended to the script makes it a module.
 const decoders = {
   "draco-decode.js": ["draco3d/draco_decoder_nodejs.js", "DracoDecoderModule"],
   "draco_decoder.wasm": ["draco3d/draco_decoder.wasm"],
@@ -17,7 +17,7 @@ const decoders = {
   "hevc-decode.wasm": ["@hevcjs/core/wasm/hevc-decode.wasm"],
 };
 
-// What is loaded when it is asked for, by a literal that bundlers of others find: `import("./share.js")`.
+// Parts loaded on demand, by a literal that other bundlers find: `import("./share.js")`.
 const parts = { "open-files": "src/files/open-files.ts", "path-panel": "src/ui/path-panel.ts", share: "src/ui/share.ts" };
 const late = {
   name: "late",
@@ -27,7 +27,7 @@ const late = {
   }),
 };
 
-// Styles are text of the player's, without comments and spaces.
+// Styles are embedded as minified text.
 const styles = {
   name: "styles",
   setup: (build) => build.onLoad({ filter: /\.css$/ }, async ({ path }) => {
@@ -51,7 +51,7 @@ const common = {
 await rm(out, { recursive: true, force: true });
 await mkdir(out, { recursive: true });
 await build({ ...common, entryPoints: { player: "src/main.ts" }, format: "esm", outdir: out });
-// Each is whole, so that it can lie anywhere, also in a page.
+// Each part is self-contained, so that it can be embedded in a page.
 await build({ ...common, entryPoints: parts, format: "esm", outdir: out });
 await build({
   ...common,
@@ -71,7 +71,7 @@ for (const [name, [source, exported]] of Object.entries(decoders)) {
 }
 await writeFile(join(out, "THIRD_PARTY.txt"), await notices());
 
-/** The bundled page. What it does before the player is there stands in it: a file of its own would cost a round trip. */
+/** Return the bundled page. Its first script is inline, since a separate file would cost a round trip. */
 async function page() {
   const options = { ...common, entryPoints: ["src/element/page-prefetch.ts"], format: "esm", external: ["./player.js"], write: false };
   const early = (await build(options)).outputFiles[0].text.trim();
@@ -79,14 +79,14 @@ async function page() {
   return html.replace("<script data-early></script>", () => `<script type="module" data-early>${early}</script>`);
 }
 
-/** Have bundlers of others leave imports of an address that is only known later as they are. Minifying drops such comments. */
+/** Mark dynamic imports of computed addresses, so that other bundlers leave them alone. Minifying drops such comments. */
 async function leaveAddresses(path) {
   const text = await readFile(path, "utf8");
   await writeFile(path, text.replace(/\bimport\((?!["'`]|\$\{)/g, "import(/* webpackIgnore: true *//* @vite-ignore */"));
 }
 
 async function notices() {
-  const licence = (name) => readFile(join(packages, name, "LICENSE"), "utf8");
+  const license = (name) => readFile(join(packages, name, "LICENSE"), "utf8");
   return [
     "The player in this folder is part of Splatreel (Apache-2.0). It carries two decoders and an encoder of others:",
     "",
@@ -95,9 +95,9 @@ async function notices() {
     "",
     "hevc-decode.js, hevc-decode.wasm: npm package @hevcjs/core, under this licence:",
     "",
-    await licence("@hevcjs/core"),
+    await license("@hevcjs/core"),
     "share.js: holds the npm package uqr, which writes QR codes, under this licence:",
     "",
-    await licence("uqr"),
+    await license("uqr"),
   ].join("\n");
 }

@@ -1,4 +1,4 @@
-// Fails when the committed bundle is not what the source builds: node check.mjs.
+// Fails if the committed bundle differs from the one that the source builds: node check.mjs.
 import { execFileSync } from "node:child_process";
 import { mkdtempSync, readdirSync, readFileSync, rmSync } from "node:fs";
 import { tmpdir } from "node:os";
@@ -16,7 +16,7 @@ try {
   if (different.length > 0) {
     console.error(`The committed player differs from its source: ${different.join(", ")}. Run \`make player\` and commit the result.`);
     process.exitCode = 1;
-  } else console.log(`The committed player is what its source builds (${names.length} files).`);
+  } else console.log(`The committed player equals the one that its source builds (${names.length} files).`);
 } finally {
   rmSync(fresh, { recursive: true });
 }

@@ -1,52 +1,57 @@
-// Runs tests/**/*.test.ts under node's own test runner: node test.mjs [--coverage] [part of a file's name ...].
-// Writes out/tests.json: each file's tests, what failed and why, and with --coverage the lines of src that the tests ran.
-import { build } from "esbuild";
+// Runs tests/**/*.test.ts under Node's own test runner: node test.mjs [part of a file's name ...].
+// Started as `npm run coverage`, it also measures the lines of src that the tests run.
+// Writes out/tests.json: passed and failed tests per file, and the coverage.
 import { mkdirSync, mkdtempSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { dirname, join, relative } from "node:path";
 import { run } from "node:test";
 import { spec } from "node:test/reporters";
-import { fileURLToPath } from "node:url";
-import { assembly } from "./assembly.mjs";
-import { coverageOf } from "./coverage.mjs";
+import { fileURLToPath, pathToFileURL } from "node:url";
+import { compileAssembly } from "./assembly.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
 const out = mkdtempSync(join(tmpdir(), "splatreel-tests-"));
-const covers = process.argv.includes("--coverage");
-const parts = process.argv.slice(2).filter((part) => !part.startsWith("--"));
+const parts = process.argv.slice(2);
 const names = readdirSync(join(here, "tests"), { recursive: true })
   .filter((name) => name.endsWith(".test.ts") && (parts.length === 0 || parts.some((part) => name.includes(part))))
   .sort();
-const options = { absWorkingDir: here, bundle: true, plugins: [assembly], external: ["./player.js"], loader: { ".css": "text", ".svg": "text" }, format: "esm", platform: "node", target: "node20", logLevel: "warning" };
 try {
-  const [bundles, traces] = [join(out, "bundles"), join(out, "coverage")];
-  await build({ ...options, entryPoints: names.map((name) => join("tests", name)), outbase: "tests", outdir: bundles, outExtension: { ".js": ".mjs" }, sourcemap: "linked" });
-  const results = await tested(names, bundles, traces);
-  const coverage = covers ? await coverageOf(join(here, "src"), bundles, traces, options) : null;
+  process.chdir(here);
+  process.env.SPLATREEL_KERNELS = join(out, "kernels.wasm");
+  writeFileSync(process.env.SPLATREEL_KERNELS, await compileAssembly(join(here, "wasm/kernels.wasm")));
+  process.env.NODE_OPTIONS = `${process.env.NODE_OPTIONS ?? ""} --enable-source-maps --import ${pathToFileURL(join(here, "loader.mjs"))}`;
+  const results = await runTests();
   mkdirSync(join(here, "out"), { recursive: true });
-  writeFileSync(join(here, "out/tests.json"), JSON.stringify({ files: results, coverage }, null, 1));
-  if (coverage && parts.length === 0) console.log(coverage.line);
+  writeFileSync(join(here, "out/tests.json"), JSON.stringify(results, null, 1));
+  if (results.coverage) console.log(results.coverage.line);
 } finally {
   rmSync(out, { recursive: true });
 }
 
-/** Run the bundles, each in a process of its own; by file, how many tests passed and what failed. */
-async function tested(names, bundles, traces) {
-  if (covers) process.env.NODE_V8_COVERAGE = traces;
-  process.env.NODE_OPTIONS = `${process.env.NODE_OPTIONS ?? ""} --enable-source-maps`;
-  process.chdir(here);
-  const results = Object.fromEntries(names.map((name) => [name, { passed: 0, failed: [] }]));
-  // Source maps give the name before bundling; a file that fails as a whole has the name of its bundle.
-  const fileOf = ({ file }) => results[file.endsWith(".ts") ? relative(join(here, "tests"), file) : relative(bundles, file).replace(/\.mjs$/, ".ts")];
-  const stream = run({ files: names.map((name) => join(bundles, name.replace(/\.ts$/, ".mjs"))), concurrency: true });
+/** Run each file in a process of its own. Returns passed and failed tests per file, and the coverage, if it is measured. */
+async function runTests() {
+  const files = Object.fromEntries(names.map((name) => [name, { passed: 0, failed: [] }]));
+  let coverage = null;
+  const fileOf = ({ file }) => files[relative(join(here, "tests"), file)];
+  const stream = run({ files: names.map((name) => join(here, "tests", name)), concurrency: true });
   stream.on("test:pass", (test) => void (test.nesting === 0 && fileOf(test).passed++));
   stream.on("test:fail", (test) => {
     process.exitCode = 1;
     const error = test.details.error?.cause ?? test.details.error;
     if (test.nesting === 0) fileOf(test).failed.push(`${test.name}: ${error?.stack ?? error}`);
   });
+  stream.on("test:coverage", ({ summary }) => (coverage = coverageOf(summary)));
   const report = stream.compose(spec);
   report.pipe(process.stdout);
   await new Promise((resolve) => report.on("end", resolve));
-  return results;
+  return { files, coverage };
+}
+
+/** Reduce Node's coverage summary to the files of src: counts, the lines that no test runs, and a line for people. */
+function coverageOf({ files }) {
+  const source = files.filter(({ path }) => path.startsWith(join(here, "src")));
+  const sum = (key) => source.reduce((total, file) => total + file[key], 0);
+  const [lines, covered] = [sum("totalLineCount"), sum("coveredLineCount")];
+  const missed = Object.fromEntries(source.map(({ path, lines: counts }) => [relative(join(here, "src"), path), counts.filter(({ count }) => count === 0).map(({ line }) => line)]));
+  return { lines, covered, missed, line: `TypeScript coverage: ${Math.round((100 * covered) / lines)} % of ${lines} lines (unit tests)` };
 }

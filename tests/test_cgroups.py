@@ -79,7 +79,10 @@ def test_without_limits_there_are_none(mounted: Path, text: str) -> None:
 def test_threads_keep_to_the_quota(mounted: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("os.sched_getaffinity", lambda _: set(range(16)), raising=False)
     own(mounted, "0::/\n")
+    threads.available.cache_clear()
     assert threads.available() == 16
     for quota, cores in (("400000 100000", 4), ("50000 100000", 1), ("1750000 100000", 16), ("299000 100000", 2)):
         write(mounted, cpu__max=quota)
+        threads.available.cache_clear()
         assert threads.available() == cores
+    threads.available.cache_clear()

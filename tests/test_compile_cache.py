@@ -1,4 +1,4 @@
-"""Kernels in a locked-down container: the package's folder and the home are read-only."""
+"""The kernel cache in a container whose package folder and home are read-only."""
 
 import os
 import shutil
@@ -26,7 +26,7 @@ print(entropy._bit_length(np.uint64(5)) if hasattr(entropy, "_bit_length") else 
 
 @pytest.fixture
 def package(tmp_path: Path) -> Path:
-    """The package where nothing can be written, not even by root: a file takes the place of each folder for compiled code."""
+    """Copy the package to a place where no cache can be written, even by root: a file replaces each `__pycache__` folder."""
     place = tmp_path / "site" / "splatreel"
     ignored = shutil.ignore_patterns("__pycache__", "static")
     shutil.copytree(SOURCE, place, ignore=ignored)
@@ -51,7 +51,7 @@ def run(package: Path, temporary: Path, how: str) -> subprocess.CompletedProcess
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a container")
-def test_kernels_are_cached_in_the_temporary_folder(package: Path, tmp_path: Path) -> None:
+def test_kernels_are_cached_in_temporary_folder(package: Path, tmp_path: Path) -> None:
     ended = run(package, tmp_path / "tmp", "temporary")
     assert (ended.returncode, ended.stdout) == (0, "3\n"), ended.stderr
     (folder,) = (tmp_path / "tmp").iterdir()
@@ -61,7 +61,7 @@ def test_kernels_are_cached_in_the_temporary_folder(package: Path, tmp_path: Pat
 
 
 @pytest.mark.skipif(os.name != "posix", reason="a container")
-def test_kernels_run_without_a_cache_where_nothing_can_be_written(package: Path, tmp_path: Path) -> None:
+def test_kernels_run_without_cache_if_nothing_is_writable(package: Path, tmp_path: Path) -> None:
     ended = run(package, tmp_path / "tmp", "nothing")
     assert (ended.returncode, ended.stdout) == (0, "3\n"), ended.stderr
     assert list((tmp_path / "tmp").iterdir()) == []
@@ -69,9 +69,7 @@ def test_kernels_run_without_a_cache_where_nothing_can_be_written(package: Path,
 
 @pytest.mark.skipif(os.name != "posix", reason="permissions")
 @pytest.mark.parametrize("kind", ["open to others", "a link", "a file"])
-def test_a_folder_that_others_may_write_to_is_not_used(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
-) -> None:
+def test_folder_writable_by_others_is_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
     folder = tmp_path / f"splatreel-numba-{os.getuid()}"
     if kind == "a link":

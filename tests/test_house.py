@@ -185,6 +185,7 @@ ROOMS_OF_THE_PLAYER = (
     ("reel",),
     ("camera", "decode", "sound"),
     ("draw", "stream"),
+    ("webgl",),
     ("player",),
     ("ui",),
     ("element",),

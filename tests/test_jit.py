@@ -1,4 +1,4 @@
-"""Kernels: one signature each, cached, and the same result for any number of threads."""
+"""Kernels: one signature each, a cache on disk, and results that do not depend on the number of threads."""
 
 import os
 import subprocess
@@ -28,7 +28,7 @@ def _scale(first, last, values, factor, out):
         out[i] = factor * values[i]
 
 
-def test_a_kernel_runs_over_all_items() -> None:
+def test_kernel_runs_over_all_items() -> None:
     values, out = np.arange(1000, dtype=np.float32), np.zeros(1000, np.float32)
     for number in (1, 2, 16):
         out[:] = 0
@@ -37,14 +37,14 @@ def test_a_kernel_runs_over_all_items() -> None:
         np.testing.assert_array_equal(out, values / 2)
 
 
-def test_a_second_signature_is_refused() -> None:
+def test_kernel_rejects_second_signature() -> None:
     values = np.arange(10, dtype=np.float64)
     with pytest.raises(TypeError, match=r"[Nn]o matching definition"):
         _scale.over(10, values, np.float32(0.5), values)
     assert len(_scale.dispatcher.signatures) == 1
 
 
-def test_a_kernel_is_compiled_once_for_all_processes(tmp_path: Path) -> None:
+def test_kernel_is_compiled_once_for_all_processes(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "NUMBA_CACHE_DIR": str(tmp_path)}
     ran = [
         subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, env=environment, check=True)
@@ -56,7 +56,7 @@ def test_a_kernel_is_compiled_once_for_all_processes(tmp_path: Path) -> None:
     assert first[3] == second[3]
 
 
-def test_a_kernel_waits_for_the_warmup() -> None:
+def test_kernel_waits_for_warmup() -> None:
     waited: list[str] = []
 
     class Warmup:

@@ -1,3 +1,5 @@
+"""The number of threads and the thread pool of the kernels."""
+
 import itertools
 import subprocess
 import sys
@@ -25,17 +27,17 @@ def restored(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     cv2.setNumThreads(before[1])
 
 
-def test_all_cores_unless_limited() -> None:
+def test_count_is_all_cores_unless_limited() -> None:
     threads.use(None)
     assert threads.count() == threads.available() >= 1
 
 
-def test_loaded_libraries_follow_the_limit() -> None:
+def test_limit_applies_to_loaded_libraries() -> None:
     threads.use(1)
     assert (threads.count(), torch.get_num_threads(), cv2.getNumThreads()) == (1, 1, 1)
 
 
-def test_libraries_that_are_loaded_later_follow_the_limit() -> None:
+def test_limit_applies_to_libraries_loaded_later() -> None:
     program = (
         "from splatreel import threads; threads.use(1)\n"
         "import torch, cv2; print(torch.get_num_threads(), cv2.getNumThreads())"
@@ -44,7 +46,7 @@ def test_libraries_that_are_loaded_later_follow_the_limit() -> None:
 
 
 @pytest.mark.parametrize("number", [0, -1, 10_000])
-def test_a_number_out_of_range_is_refused(number: int) -> None:
+def test_limit_rejects_number_out_of_range(number: int) -> None:
     with pytest.raises(
         UsageError, match=rf"--threads {number} is out of range: this process has \d+ cores?\. Choose 1 to"
     ):
@@ -52,7 +54,7 @@ def test_a_number_out_of_range_is_refused(number: int) -> None:
     assert threads.count() == threads.available()
 
 
-def test_the_command_line_names_the_range(capsys: pytest.CaptureFixture[str]) -> None:
+def test_threads_option_error_names_the_range(capsys: pytest.CaptureFixture[str]) -> None:
     for verb in (["reconstruct", "x", "--out", "y"], ["bench", "kernels"], ["evaluate", "x", "y", "--out", "z"]):
         assert main([*verb, "--threads", "10000"]) == 2
         captured = capsys.readouterr()
@@ -78,15 +80,15 @@ def test_few_items_are_not_divided() -> None:
     assert calls == [(0, 99)]
 
 
-def test_another_thread_takes_part() -> None:
-    """The first range waits for the second one, so that it can only end if another thread runs that."""
+def test_pool_thread_runs_a_range() -> None:
+    """The first range waits for the second one, so it can only end if another thread runs the second one."""
     arrived = threading.Barrier(2)
     with threads.limited(2):
         threads.run_ranges(lambda first, last: arrived.wait(timeout=60), 2, ())
     assert not arrived.broken
 
 
-def test_an_error_of_any_range_is_raised_and_the_pool_goes_on() -> None:
+def test_pool_raises_error_of_any_range_and_continues() -> None:
     def fail_at(first: int, last: int, bad: int) -> None:
         time.sleep(0.001)
         if first == bad:
@@ -123,7 +125,7 @@ def test_many_threads_use_the_pool_at_once() -> None:
 
 
 @pytest.mark.skipif(not hasattr(__import__("os"), "fork"), reason="only POSIX systems fork")
-def test_a_forked_process_has_a_pool_of_its_own() -> None:
+def test_forked_process_has_its_own_pool() -> None:
     program = (
         "import os; from splatreel import threads\n"
         "def run():\n"

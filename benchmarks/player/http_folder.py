@@ -1,4 +1,4 @@
-"""Serves a folder to a browser on this machine, as fast as it goes or like a slow network."""
+"""Serve a folder to a browser on this machine, at full speed or like a slow network."""
 
 import gzip
 import io
@@ -17,10 +17,15 @@ _TEXTS = (".html", ".js", ".json", ".css", ".wasm")
 
 
 class Line:
-    """What all answers share: a rate, a delay of each, and files that are held back."""
+    """A network line that all responses share: a rate, a latency, and files that are held back."""
 
     def __init__(self, mbit: float = float("inf"), latency: float = 0.0) -> None:
-        """mbit: Mbit/s; latency: seconds."""
+        """Set the line up.
+
+        Args:
+            mbit: Rate, Mbit/s.
+            latency: Delay of each response, seconds.
+        """
         self.rate = mbit * 1e6 / 8
         self.latency = latency
         self.held: re.Pattern[str] | None = None
@@ -29,13 +34,13 @@ class Line:
         self._lock = threading.Lock()
 
     def wait(self, path: str) -> None:
-        """Before an answer."""
+        """Wait before a response."""
         time.sleep(self.latency)
         if self.held and self.held.search(path):
             self.released.wait()
 
     def pass_through(self, count: int) -> None:
-        """Returns when so many bytes have had their turn."""
+        """Return when this many bytes have had their turn."""
         with self._lock:
             self._free = max(self._free, time.monotonic()) + count / self.rate
             due = self._free
@@ -54,7 +59,7 @@ class _Handler(SimpleHTTPRequestHandler):
         super().do_GET()
 
     def send_head(self) -> BinaryIO | None:  # type: ignore[override]
-        """Texts are compressed, as hosts do."""
+        """Compress text, as web hosts do."""
         path = Path(self.translate_path(self.path))
         if path.is_dir() or path.suffix not in _TEXTS or not path.is_file():
             return super().send_head()  # type: ignore[return-value]
@@ -73,19 +78,19 @@ class _Handler(SimpleHTTPRequestHandler):
             outputfile.write(data)
 
     def log_message(self, format: str, *args: object) -> None:
-        """The terminal is for results."""
+        """Print nothing: the terminal is for results."""
 
 
 class _Server(ThreadingHTTPServer):
     daemon_threads = True
 
     def handle_error(self, request: object, client_address: object) -> None:
-        """A page that goes away in the middle of an answer is no news."""
+        """Ignore pages that close during a response."""
 
 
 @contextmanager
 def serve_folder(folder: Path, line: Line | None = None) -> Iterator[str]:
-    """The address of a folder's files, until the block ends."""
+    """Yield the address of a folder's files until the block ends."""
     server = _Server(("127.0.0.1", 0), partial(_Handler, directory=str(folder), line=line or Line()))
     threading.Thread(target=server.serve_forever, daemon=True).start()
     try:

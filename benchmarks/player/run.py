@@ -1,4 +1,4 @@
-"""Draws one scene of points with this player and with others, in one browser: python benchmarks/player/run.py --help."""
+"""Draw one scene with this player and with others in one browser: python benchmarks/player/run.py --help."""
 
 from __future__ import annotations
 
@@ -64,12 +64,12 @@ def main() -> None:
 
 
 def chromium() -> str | None:
-    """The browser of this machine; None: Playwright's own."""
+    """Return the browser of this machine; None for Playwright's own."""
     return next((p for n in ("chromium", "chromium-browser", "google-chrome") if (p := shutil.which(n))), None)
 
 
 def bundle(folder: Path, players: list[str]) -> None:
-    """One script a player, as its users would ship it."""
+    """Bundle each player into one script, as its users would."""
     for player in players:
         command = [
             HERE / "node_modules/.bin/esbuild",
@@ -85,7 +85,7 @@ def bundle(folder: Path, players: list[str]) -> None:
 
 
 def turns(browser: Browser, url: str, arguments: argparse.Namespace, truth: Path) -> dict[str, list[dict]]:
-    """Every player's results, a round after the other, so that what else the machine does falls on all of them."""
+    """Return each player's results. Players take turns, so that other load on the machine affects all of them."""
     results = {player: [] for player in arguments.players}
     for _ in range(arguments.rounds):
         for player in results:
@@ -94,13 +94,13 @@ def turns(browser: Browser, url: str, arguments: argparse.Namespace, truth: Path
 
 
 def summary(results: list[dict]) -> dict:
-    """Of the round with the least median: the others were disturbed more."""
+    """Return the round with the smallest median: it was disturbed least."""
     best = min(results, key=lambda result: result["frame_ms"])
     return best | {"frame_ms_of_rounds": [result["frame_ms"] for result in results]}
 
 
 def measure(browser: Browser, url: str, player: str, size: list[int], truth: Path) -> dict:
-    """Milliseconds of a picture (median and least) and of a sort, and how near the picture is to the CPU's, dB."""
+    """Return milliseconds of a frame (median and minimum) and of a sort, and the PSNR against the CPU's image."""
     import numpy as np
     from PIL import Image
 

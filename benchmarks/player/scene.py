@@ -1,4 +1,4 @@
-"""One static scene in the formats of all players, with an orbit of cameras and a picture by the CPU to compare with."""
+"""Write one static scene in the formats of all players, with an orbit of cameras and a reference image."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ LARGEST = 0.03
 
 
 def read_points(path: Path) -> Gaussians:
-    """A 3DGS PLY as it is, or colored points as splats about as large as the way to their neighbors."""
+    """Return a 3DGS PLY as it is, or colored points as Gaussians about as large as the distance to their neighbors."""
     if path.suffix == ".ply":
         return read_ply(path)
     with np.load(path) as data:
@@ -73,7 +73,7 @@ def write_scene(points: Gaussians, count: int, folder: Path, size: list[int], pi
 
 
 def orbit(means: np.ndarray, pictures: int, size: list[int]) -> tuple[list[np.ndarray], float]:
-    """World-to-camera matrices [4, 4] around the middle of the points, and a focal length in pixels."""
+    """Return world-to-camera matrices [4, 4] around the middle of the points, and a focal length in pixels."""
     middle = np.median(means, axis=0)
     reach = 1.2 * np.percentile(np.linalg.norm(means - middle, axis=1), 60)
     poses = []

@@ -1,4 +1,4 @@
-"""From a seek to its picture in a reel of hours, at its beginning and at its end: benchmarks/player/seek.py REEL --groups 10000.
+"""Measure the time from a seek to its frame in a reel of hours: benchmarks/player/seek.py REEL --groups 10000.
 
 The long reel is the given one again and again: each time is a chapter, whose layers are retired with it. Its files are links.
 With --groups 0 the given reel is played as it is.
@@ -80,7 +80,7 @@ def main() -> None:
 
 
 def write_long(source: Path, target: Path, count: int) -> Manifest:
-    """A reel of so many groups in a folder."""
+    """Write a reel of this many groups into a folder."""
     reel = ReelReader(source).manifest
     for kind in ("layers", "groups", "pages"):
         (target / kind).mkdir(parents=True)
@@ -103,7 +103,7 @@ def write_long(source: Path, target: Path, count: int) -> Manifest:
 
 
 def again(entry: FileEntry, begin: int, shift: int, chapter: int, source: Path, target: Path) -> FileEntry:
-    """A file as that of the chapter that begins with a group, `shift` frames later."""
+    """Return a file's entry in the chapter that begins with a group, `shift` frames later."""
     uri = f"{Path(entry.uri).parent}/{begin + entry.group:06d}.safetensors"
     (target / uri).symlink_to(source / entry.uri)
     until = None if entry.frames else begin + chapter
@@ -113,7 +113,7 @@ def again(entry: FileEntry, begin: int, shift: int, chapter: int, source: Path, 
 
 
 def time_of(manifest: Manifest, group: int) -> float:
-    """Seconds of a group's middle."""
+    """Return the middle of a group in seconds."""
     entry = manifest.groups[group]
     return (entry.first_frame + entry.frames / 2) / manifest.fps
 

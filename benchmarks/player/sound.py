@@ -1,4 +1,4 @@
-"""How far pictures are from the sound over a minute of seeks, rate changes and a stalled group: benchmarks/player/sound.py --help."""
+"""Measure the offset between pictures and sound during seeks, rate changes and a stall: benchmarks/player/sound.py --help."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def main() -> None:
 
 
 def run(page: Page, url: str, line: Line, seconds: float) -> Sync:
-    """Play the golden reel with sound in a loop; every two to four seconds somebody seeks or changes the rate."""
+    """Play the golden reel with sound in a loop, with a seek or a rate change every two to four seconds."""
     line.held = re.compile(r"groups/0002")
     page.goto(url + "index.html?autoplay=0")
     wait_for_picture(page)
@@ -83,13 +83,13 @@ def run(page: Page, url: str, line: Line, seconds: float) -> Sync:
 
 
 def summary(found: Sync) -> dict:
-    """Milliseconds; positive where pictures are late."""
+    """Return offsets in milliseconds; positive if pictures are late."""
     parts = {"pictures": found.pictures, "clock": found.clock}
     return {"clicks": found.clicks, "goal_ms": GOAL} | {name: statistics_of(offsets) for name, offsets in parts.items()}
 
 
 def statistics_of(offsets: list[float]) -> dict:
-    """Of milliseconds."""
+    """Return statistics of milliseconds."""
     return {
         "found": len(offsets),
         "within_goal": sum(abs(offset) <= GOAL for offset in offsets),

@@ -1,4 +1,4 @@
-"""How long a reel takes to its first picture over a slow network, and a seek to its picture: benchmarks/player/start.py --help."""
+"""Measure the time to the first frame and of a seek over a slow network: benchmarks/player/start.py --help."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ const look = () => {
   const pictures = player?.stage?.pictures ?? 0;
   if (player?.manifest) mark('manifest');
   if (posters().some((image) => image.complete && image.naturalWidth > 0 && image.checkVisibility())) mark('poster');
-  if (player?.stream?.layersHere.length) mark('layer');
+  if (player?.stream?.loadedLayers.length) mark('layer');
   if (player?.stream?.held.length) mark('group');
   if (pictures > before && !window.marks.whole) {
     finish();
@@ -90,7 +90,7 @@ def main() -> None:
 
 
 def once(browser: Browser, folder: Path, manifest: dict, arguments: argparse.Namespace) -> dict:
-    """Milliseconds, each page with caches of its own."""
+    """Return milliseconds. Each page has caches of its own."""
     times = {}
     with serve_folder(folder, Line(arguments.mbit, arguments.latency)) as url:
         page = opened(browser, url, arguments)
@@ -114,7 +114,7 @@ def once(browser: Browser, folder: Path, manifest: dict, arguments: argparse.Nam
 
 
 def opened(browser: Browser, url: str, arguments: argparse.Namespace) -> Page:
-    """A page that has shown its first whole picture."""
+    """Return a page that has drawn its first whole frame."""
     width, height = arguments.size
     page = browser.new_context(viewport={"width": width, "height": height}).new_page()
     page.add_init_script(WATCH)

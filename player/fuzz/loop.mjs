@@ -1,4 +1,4 @@
-// The inside of run.mjs: node loop.mjs BUNDLE CORPUS SECONDS, on stdout lines with how many executions there were more; or BUNDLE PROGRAM, just that one.
+// Inner loop of run.mjs: node loop.mjs BUNDLE CORPUS SECONDS prints the number of new executions per line; BUNDLE PROGRAM runs one program.
 import { createHash } from "node:crypto";
 import { ftruncateSync, openSync, readdirSync, readFileSync, statSync, writeFileSync, writeSync } from "node:fs";
 import { Session } from "node:inspector";
@@ -6,7 +6,7 @@ import { createRequire } from "node:module";
 import { join } from "node:path";
 
 const MOST_BYTES = 6e8;
-/** Executions for which coverage is asked once, which takes longer than one of them. */
+/** Executions per query of the coverage, which is slower than an execution. */
 const BATCH = 32;
 const [bundle, corpus, seconds] = process.argv.slice(2);
 const session = new Session();
@@ -21,7 +21,7 @@ ask("Profiler.startPreciseCoverage", { callCount: true, detailed: true });
 const { fuzz } = createRequire(import.meta.url)(bundle);
 
 const seen = new Set();
-/** How many blocks have been reached since it was asked last, that were not before. remember: they are known from now on. */
+/** Return the number of newly reached blocks since the last query. remember: mark them as known. */
 function news(remember) {
   let count = 0;
   for (const script of ask("Profiler.takePreciseCoverage").result) {
@@ -59,7 +59,7 @@ function tell() {
   untold = 0;
 }
 
-/** Execute all, and where something new was reached each by itself, to find the programs to keep. */
+/** Execute all programs. If they reach new blocks, execute each by itself to find those to keep. */
 async function executeAll(batch) {
   for (const program of batch) await execute(program);
   if (news(false) === 0) return;
@@ -72,7 +72,7 @@ async function executeAll(batch) {
 }
 
 const random = (below) => Math.floor(Math.random() * below);
-/** One to four changes: a byte set, put in or left out, the tail of another program. */
+/** Return a program with one to four changes: a byte set, inserted or removed, or the tail of another program. */
 function mutated(program) {
   let bytes = [...program];
   for (let i = random(4); i >= 0; i--) {

@@ -1,4 +1,4 @@
-/** What must hold for any file in the player: it decodes, or `ReelError` names it and the section. See run.mjs. */
+/** Fuzz target: any file either decodes or throws a `ReelError` that names the file and the section. See run.mjs. */
 import { readFileSync, readdirSync } from "node:fs";
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
@@ -31,7 +31,7 @@ const seeds = ["golden", "golden-predictive"].flatMap((name) => read(join(proces
 const addressOf = (name: string): string => pathToFileURL(join(packages, "draco3d", name)).href;
 const files = { "draco-decode.js": addressOf("draco_decoder_nodejs.js"), "draco_decoder.wasm": addressOf("draco_decoder.wasm") };
 
-/** Draco as in a worker, by the package's own file. */
+/** Decode Draco as in a worker, by the package's own file. */
 export const decodeCloud = (bytes: Uint8Array): Promise<Float32Array> => decodeDraco(bytes, files);
 
 function read(folder: string): Seed[] {
@@ -49,7 +49,7 @@ function draftOf(data: Buffer): Draft {
   return { own: JSON.parse(header.__metadata__.splatreel), sections, places: {} };
 }
 
-/** What an edit may change of a seed; bytes are never changed in place. */
+/** Copy the parts of a seed that edits change. Bytes are never changed in place. */
 function copyOf(seed: Seed): Seed {
   return "manifest" in seed ? structuredClone(seed) : { own: structuredClone(seed.own), sections: { ...seed.sections }, places: {} };
 }
@@ -66,7 +66,7 @@ function pack({ own, sections, places }: Draft): Buffer {
   return Buffer.concat([size, text, ...Object.values(sections)]);
 }
 
-/** Reads a string of bytes as numbers; past its end everything is 0. */
+/** Reads numbers from bytes. Past the end all are 0. */
 class Program {
   private at = 0;
 
@@ -85,7 +85,7 @@ class Program {
   }
 }
 
-/** Decode the file that the program makes of a seed. Throws whatever should not be thrown. */
+/** Decode the file that a program makes of a seed. Throws unexpected errors. */
 export async function fuzz(data: Buffer): Promise<void> {
   const program = new Program(data);
   const seed = copyOf(seeds[program.below(seeds.length)]);
@@ -102,7 +102,7 @@ export async function fuzz(data: Buffer): Promise<void> {
   }
 }
 
-/** The file and the section are named, and nothing but a `ReelError` is at the bottom of it. */
+/** Check that an error names the file and the section, and that its root cause is a `ReelError`. */
 function check(error: unknown, manifest: boolean): void {
   let cause = error;
   while (cause instanceof Error && cause.cause !== undefined) cause = cause.cause;
@@ -110,7 +110,7 @@ function check(error: unknown, manifest: boolean): void {
   if (!manifest && !error.message.startsWith(NAME)) throw new Error(`The error does not name the file: ${error.message}`);
 }
 
-/** Gray pictures in place of a video decoder, which belongs to somebody else and has no way to be guided. */
+/** Return gray frames instead of running the video decoder, which is third-party and cannot be guided. */
 async function decodeTrack(track: Track): Promise<Uint8Array> {
   return new Uint8Array(track.width * track.height * track.samples.length).fill(128);
 }
@@ -131,7 +131,7 @@ function edit(draft: Draft, program: Program): void {
   } else draft.places[name] = { [["dtype", "shape", "data_offsets"][program.below(3)]]: VALUES[program.below(VALUES.length)] };
 }
 
-/** The zlib stream of a section, changed before it is deflated. */
+/** Change the data of a section before it is deflated. */
 function inside(data: Buffer, program: Program): Buffer {
   try {
     return deflateSync(damaged(inflateSync(data), program, true));
@@ -159,7 +159,7 @@ function editValue(owner: Json, key: string, program: Program): void {
   else owner[key] = structuredClone(VALUES[program.below(VALUES.length)]);
 }
 
-/** Bytes changed, inserted, left out or cut off, one edit; none if the program is at its end. */
+/** Apply one edit to bytes: change, insert, remove or cut; none at the end of the program. */
 function damaged(data: Buffer, program: Program, always = false): Buffer {
   if (!always && !program.left) return data;
   const kind = program.byte() % 6;

@@ -1,6 +1,6 @@
-// Fuzzes the player's reader, guided by V8's block coverage: node fuzz/run.mjs CORPUS SECONDS, in player/.
-// Programs that reach new blocks stay in CORPUS, and one that breaks a rule of reader.ts, takes 60 s or 600 MB is kept there as
-// crash-N, with why in crash-N.txt; node fuzz/run.mjs CORPUS/crash-N repeats it.
+// Fuzzes the player's decoder, guided by V8's block coverage: node fuzz/run.mjs CORPUS SECONDS, in player/.
+// Programs that reach new blocks are kept in CORPUS. One that breaks a rule of reader.ts, or takes 60 s or 600 MB, is kept as
+// crash-N, with the reason in crash-N.txt. node fuzz/run.mjs CORPUS/crash-N repeats it.
 import { build } from "esbuild";
 import { spawn } from "node:child_process";
 import { existsSync, mkdirSync, mkdtempSync, readdirSync, readFileSync, rmSync, statSync, writeFileSync } from "node:fs";
@@ -31,7 +31,7 @@ else {
 }
 rmSync(folder, { recursive: true });
 
-/** Run the loop until it ends by itself, which a finding makes it do, or hangs. */
+/** Run the loop until it ends with a finding or hangs. */
 function once(seconds) {
   return new Promise((done) => {
     const child = spawn("node", ["--max-old-space-size=3000", join(here, "loop.mjs"), target, corpus, String(seconds)], { stdio: ["ignore", "pipe", "pipe"] });

@@ -1,4 +1,4 @@
-/** As a module: defines <splat-reel>. In the bundled page: opens its reel. */
+/** Entry point: defines <splat-reel>, and opens the reel of the bundled page. */
 import { SplatReelElement } from "./element/element";
 import { openPage, type PageRoot } from "./element/page";
 

@@ -11,8 +11,8 @@ test("two transfers at a time share the line", () => {
   meter.begin(0);
   meter.begin(0);
   for (let now = 100; now <= 1000; now += 100) {
-    meter.came(25_000, now);
-    meter.came(25_000, now);
+    meter.addBytes(25_000, now);
+    meter.addBytes(25_000, now);
   }
   near(meter.rate, 4e6);
 });
@@ -20,10 +20,10 @@ test("two transfers at a time share the line", () => {
 test("pauses between transfers do not count, waiting for the first byte does", () => {
   const meter = new BandwidthMeter();
   meter.begin(0);
-  meter.came(50_000, 400);
+  meter.addBytes(50_000, 400);
   meter.end(400);
   meter.begin(5000);
-  meter.came(50_000, 5400);
+  meter.addBytes(50_000, 5400);
   near(meter.rate, 1e6);
 });
 
@@ -31,21 +31,21 @@ test("what was long ago is forgotten", () => {
   const meter = new BandwidthMeter();
   meter.begin(0);
   let now = 0;
-  for (let i = 0; i < 20; i++) meter.came(125_000, (now += 1000));
+  for (let i = 0; i < 20; i++) meter.addBytes(125_000, (now += 1000));
   near(meter.rate, 1e6);
-  for (let i = 0; i < 5; i++) meter.came(125_000, (now += 100));
+  for (let i = 0; i < 5; i++) meter.addBytes(125_000, (now += 100));
   near(meter.rate, 1e7);
 });
 
 test("a line that rests may be better than it was", () => {
   const meter = new BandwidthMeter();
   meter.begin(0);
-  meter.came(125_000, 1000);
+  meter.addBytes(125_000, 1000);
   meter.end(1000);
   near(meter.optimisticRate(1000), 1e6);
   near(meter.optimisticRate(11_000), 4e6);
   meter.begin(20_000);
   assert.equal(meter.optimisticRate(21_000), meter.rate);
-  meter.came(125_000, 20_100);
+  meter.addBytes(125_000, 20_100);
   near(meter.rate, 1e7);
 });

@@ -55,7 +55,7 @@ test("what is no path says where and what to do", () => {
   const cases: [unknown, RegExp][] = [
     [[], /a\.json is not a camera path: its format is absent/],
     [file({ version: 2 }), /version is 2.*Update/],
-    [file({ keyframes: [] }), /no list of 1 to 10000/],
+    [file({ keyframes: [] }), /not a list of 1 to 10000/],
     [file({}, { at: 0 }), /at of keyframe 1 is 0.*grow/],
     [file({}, { at: "2" }), /at of keyframe 1 is "2"/],
     [file({}, { time: -1 }), /time of keyframe 1 is -1/],

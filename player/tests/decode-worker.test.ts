@@ -55,7 +55,7 @@ test("trouble is told, and what cannot be had or decoded says why", async () => 
   host.answer(status(503), whole(bytes));
   await time.until(ask(2, bytes.length));
   const [trouble, done] = replies(2)[1];
-  assert.match((trouble as { trouble: string }).trouble, /^Trying again/);
+  assert.match((trouble as { trouble: string }).trouble, /^Retrying/);
   assert.ok("file" in done);
   host.answer(status(404));
   await time.until(ask(3, bytes.length));

@@ -36,7 +36,7 @@ test("a host that fails is asked again, after waits that grow, and past what the
   assert.deepEqual(await get(), BODY);
   for (const [i, least] of [0.3, 1, 2].entries()) assert.ok(waits()[i] >= least && waits()[i] <= 1.5 * least + 0.01, `${waits()}`);
   assert.deepEqual(host.asked.map(({ cache }) => cache), ["default", "reload", "reload", "reload"]);
-  assert.match(troubles[0], /^Trying again: it answered 503/);
+  assert.match(troubles[0], /^Retrying: it answered 503/);
   assert.match(troubles[2], /Failed to fetch.*Check the address/);
 });
 

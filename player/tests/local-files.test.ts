@@ -34,7 +34,7 @@ test("a file that is missing, cut off, too long or changed says so, at once", as
   assert.deepEqual(await read(source), bytes);
   const none = new LocalFiles("x", () => null);
   const cases: [Partial<Source>, RegExp][] = [
-    [{ part: none.part("a.bin") }, /a\.bin cannot be read: it is not there/],
+    [{ part: none.part("a.bin") }, /a\.bin cannot be read: it is missing/],
     [{ bytes: 5 }, /ends after 4 of 5 bytes/],
     [{ bytes: 3 }, /more than the 3 bytes/],
     [{ sha256: "0".repeat(64) }, /checksum/],

@@ -221,7 +221,7 @@ test("why it is late is told", async () => {
   host.answer(status(503));
   track.want(clock, true);
   await time.pass(100);
-  assert.match(track.trouble!, /^Trying again/);
+  assert.match(track.trouble!, /^Retrying/);
   assert.equal(events.at(-1), "progress");
   host.answer(answers);
   await time.pass(1000);
@@ -248,7 +248,7 @@ test("a browser without media sources plays the whole sound as one file, once it
 
 test("sound that a browser cannot play is none, and says why", () => {
   Object.assign(globalThis, { MediaSource: undefined });
-  for (const [live, message] of [[false, /does not play sound of the type audio\/mp4; codecs="opus"/], [true, /only once the reel is whole/]] as const) {
+  for (const [live, message] of [[false, /does not play sound of the type audio\/mp4; codecs="opus"/], [true, /only once the reel is complete/]] as const) {
     track = new Soundtrack((event) => events.push(event), () => undefined);
     openReel(soundOf(), live);
     track.want(clock, true);

@@ -72,7 +72,7 @@ test("a zip that is cut off, damaged, encrypted or strange says so", async () =>
   const large = Buffer.from(good);
   large.writeUInt32LE(0xffffffff, good.length - 6);
   const cases: [Buffer, RegExp][] = [
-    [good.subarray(0, good.length - 5), /a\.zip cannot be read: it is no zip, or it was cut off/],
+    [good.subarray(0, good.length - 5), /a\.zip cannot be read: it is not a zip, or it was cut off/],
     [damaged, /damaged at manifest\.json/],
     [directory, /its directory is damaged/],
     [outside, /it is damaged/],
@@ -85,7 +85,7 @@ test("a zip that is cut off, damaged, encrypted or strange says so", async () =>
 
 test("what is no reel is called by what it is", async () => {
   const cases: [File[], RegExp][] = [
-    [[file(text("ply"), "scene.ply")], /That is not a reel: scene\.ply is one still scene.*Give the folder/],
+    [[file(text("ply"), "scene.ply")], /That is not a reel: scene\.ply is a single static scene.*Give the folder/],
     [[file(text("mp4"), "film.MP4")], /film\.MP4 is an ordinary video/],
     [[file(text("{}"), "manifest.json")], /manifest\.json is one file of a reel/],
     [[file(zip([{ name: "a.txt", bytes: text("a") }]))], /a\.zip holds no manifest\.json/],

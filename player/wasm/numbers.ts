@@ -4,7 +4,7 @@
  * read or written: words and bits are counted against their ends, contexts and neighbours are made here or by the caller.
  */
 
-/** What `lod` returns. */
+/** Return values of `lod`. */
 const FINE: u32 = 0;
 const ENDS_EARLY: u32 = 1;
 const TOO_LARGE: u32 = 2;
@@ -21,12 +21,12 @@ const LARGEST_SIZE: i64 = 65535;
 const REACH: i32 = 8;
 const WEIGHT: f64 = 4096;
 
-/** Where free memory begins. */
+/** Return the start of free memory. */
 export function begin(): usize {
   return __heap_base;
 }
 
-// The stream that `lod` reads.
+// Stream that `lod` reads.
 let lookup: usize = 0;
 let states: usize = 0;
 let lanes: u32 = 0;
@@ -126,7 +126,7 @@ export function lod(found: usize, sizes: usize, contextOf: usize, order: usize, 
   return FINE;
 }
 
-/** Neighbours u32 [4] and weights u16 [4] of a point of a level: the nearest of 16 multiples of stride in positions i32 [count, 3], and weights that fall with the distance. */
+/** Write the neighbors u32 [4] and weights u16 [4] of a point: the nearest of 16 multiples of stride in positions i32 [count, 3], with weights that decrease with distance. */
 function nearest(quantized: usize, count: i32, point: i32, stride: i32, neighbours: usize, weights: usize): void {
   const middle = point / stride;
   const here = quantized + 12 * point;
@@ -175,7 +175,7 @@ function nearest(quantized: usize, count: i32, point: i32, stride: i32, neighbou
   store<i32>(neighbours, w3 > 0 ? i3 : 0, 12);
 }
 
-/** As `levelsOf`: order u32 [count], neighbours u32 [count, 4] and weights u16 [count, 4], the last two of zeros, of quantized positions i32 [count, 3]. */
+/** As `levelsOf`: write order u32 [count], neighbors u32 [count, 4] and weights u16 [count, 4] of quantized positions i32 [count, 3]. The last two must be zeros. */
 export function levels(quantized: usize, count: i32, firstStride: i32, order: usize, neighbours: usize, weights: usize): void {
   let at: usize = 0;
   for (let i = 0; i < count; i += firstStride, at++) store<i32>(order + 4 * at, i);

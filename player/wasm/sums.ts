@@ -1,4 +1,4 @@
-/** Sums over the basis of a `klt` section, and what textures hold of them, for WebAssembly: twins of ../src/decode/klt.ts. */
+/** Reconstruction of a `klt` section in WebAssembly: twins of ../src/decode/klt.ts. */
 
 @external("env", "sin") declare function sin(x: f64): f64;
 @external("env", "cos") declare function cos(x: f64): f64;
@@ -83,7 +83,7 @@ export function expandRows(found: usize, ends: usize, points: usize, count: i32,
   }
 }
 
-/** Rotation vectors (x, y, z, 0) f32 [count, 4] become quaternions (w, x, y, z). */
+/** Convert rotation vectors (x, y, z, 0) f32 [count, 4] to quaternions (w, x, y, z), in place. */
 export function turn(values: usize, count: i32): void {
   for (const end = values + 16 * count; values < end; values += 16) {
     const x = <f64>load<f32>(values);
@@ -98,7 +98,7 @@ export function turn(values: usize, count: i32): void {
   }
 }
 
-/** (b, r, g, o) f32 [count, 4] become red, green, blue and o / 2. shares: f64 [3]. */
+/** Convert (b, r, g, o) f32 [count, 4] to red, green, blue and o / 2, in place. shares: f64 [3]. */
 export function color(values: usize, count: i32, shares: usize): void {
   const b = load<f64>(shares);
   const r = load<f64>(shares, 8);
@@ -114,7 +114,7 @@ export function color(values: usize, count: i32, shares: usize): void {
   }
 }
 
-/** The ranges f32 [2, 4] (least, most), widened by values f32 [count, 4]. */
+/** Widen the ranges f32 [2, 4] (minimum, maximum) by values f32 [count, 4]. */
 export function range(values: usize, count: i32, ranges: usize): void {
   let low = v128.load(ranges);
   let high = v128.load(ranges, 16);

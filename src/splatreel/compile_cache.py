@@ -1,7 +1,7 @@
-"""Where numba keeps compiled kernels, also in a container whose package folder and home are read-only.
+"""The folder in which numba caches compiled kernels, also in a container whose package folder and home are read-only.
 
-By default that is beside each source file, else in the user's cache folder. Where neither can be written, numba refuses to import a
-function that is to be cached.
+By default numba caches beside each source file, else in the user's cache folder. If neither is writable, numba raises an error when a
+cached function is imported.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ VARIABLE = "NUMBA_CACHE_DIR"
 
 @functools.cache
 def choose_compile_cache() -> None:
-    """Have numba cache in the temporary folder where its own folders cannot be written, and not at all where that cannot be either.
+    """Choose a writable folder for numba's cache: numba's own, else one in the temporary folder, else turn the cache off.
 
-    Comes before the first kernel is imported. Processes that are started from this one follow it.
+    Call this before the first kernel is imported. Child processes inherit the choice.
     """
     chosen = os.environ.get(VARIABLE)
     if chosen and _writable(Path(chosen)):
@@ -33,17 +33,17 @@ def choose_compile_cache() -> None:
         _cache_nothing()
         return
     os.environ[VARIABLE] = str(private)
-    if "numba" in sys.modules:  # it has read the variable
+    if "numba" in sys.modules:  # numba has read the variable already
         sys.modules["numba"].config.CACHE_DIR = str(private)
 
 
 def _user_cache() -> Path:
-    """Return the folder that numba takes for a user, about: on other systems than Linux it is elsewhere in the home."""
+    """Return numba's cache folder for the user on Linux. On other systems it is elsewhere in the home folder."""
     return Path(os.environ.get("XDG_CACHE_HOME") or os.path.expanduser("~/.cache"))
 
 
 def _writable(folder: Path) -> bool:
-    """Return whether files can be made in a folder, or a folder that is missing can be made."""
+    """Return whether files can be created in a folder, or whether a missing folder can be created."""
     while not os.path.lexists(folder) and folder != folder.parent:
         folder = folder.parent
     try:
@@ -54,7 +54,7 @@ def _writable(folder: Path) -> bool:
 
 
 def _private_folder() -> Path | None:
-    """Return a folder of this user alone in the temporary one: what is cached is code, which nobody else may put there."""
+    """Return a folder in the temporary folder that only this user can write to, since the cache holds code; None if impossible."""
     user = os.getuid() if hasattr(os, "getuid") else os.environ.get("USERNAME", "user")
     try:
         folder = Path(tempfile.gettempdir()) / f"splatreel-numba-{user}"
@@ -67,7 +67,7 @@ def _private_folder() -> Path | None:
 
 
 def _cache_nothing() -> None:
-    """Compile in every process anew. Numba has no setting for that."""
+    """Turn numba's cache off: every process compiles anew. Numba has no setting for this, so its method is replaced."""
     from numba.core.dispatcher import Dispatcher
 
     Dispatcher.enable_caching = lambda self: None

@@ -1,4 +1,4 @@
-"""Kernels: functions that numba compiles for one signature, cached on disk, and that run over ranges on all threads."""
+"""Kernels: functions that numba compiles for one signature, caches on disk, and runs over ranges of items on all threads."""
 
 from __future__ import annotations
 
@@ -29,14 +29,14 @@ class Warmup(Protocol):
     """Compiles kernels ahead of time in other processes."""
 
     def wait_for(self, kernel: str) -> None:
-        """Return when the kernel is in the cache, or will not be compiled by this warmup."""
+        """Wait until the kernel is in the cache. Return at once if this warmup will not compile it."""
 
 
 _warmup: Warmup | None = None
 
 
 def use_warmup(warmup: Warmup | None) -> None:
-    """Make kernels wait for this warmup before they compile themselves. None: no warmup is running."""
+    """Make kernels wait for a warmup before they compile themselves. None: no warmup is running."""
     global _warmup
     _warmup = warmup
 
@@ -62,6 +62,14 @@ class Kernel:
     def __init__(
         self, function: Callable[..., Any], signature: Sequence[types.Type], options: dict[str, Any], name: str = ""
     ) -> None:
+        """Declare the kernel.
+
+        Args:
+            function: The function to compile.
+            signature: Types of all arguments.
+            options: Options of `numba.njit`.
+            name: Name of the kernel in its module. "": the name of the function.
+        """
         self.module = function.__module__
         self.name = f"{self.module.removeprefix('splatreel.')}.{name or function.__name__.strip('_')}"
         self.signature = tuple(signature)
@@ -79,7 +87,7 @@ class Kernel:
         Args:
             count: Number of items.
             *arguments: The kernel's arguments after `first` and `last`.
-            grain: Fewest items that are worth a thread of their own.
+            grain: Smallest number of items that is worth a thread.
             chunks: Number of ranges. None: one per thread.
         """
         if self._call != self.dispatcher:
@@ -87,7 +95,7 @@ class Kernel:
         threads.run_ranges(self.dispatcher, count, arguments, grain, chunks)
 
     def is_cached(self) -> bool:
-        """Return whether numba's cache on disk seems to have the kernel, judged by the names and dates of files."""
+        """Return whether numba's cache on disk seems to have the kernel. The names and dates of its files decide."""
         code = self.dispatcher.py_func.__code__
         index = f"{self.module.rsplit('.', 1)[-1]}.{self.dispatcher.py_func.__qualname__}-{code.co_firstlineno}."
         try:
@@ -101,7 +109,7 @@ class Kernel:
             return False
 
     def needs_warmup(self) -> bool:
-        """Return whether another process can spare this one the compilation: there is a cache, and the kernel is not in it."""
+        """Return whether another process can compile the kernel for this one: there is a cache, and the kernel is not in it."""
         return self.dispatcher.stats.cache_path is not None and not self.is_cached()
 
     def compile(self) -> None:
@@ -122,12 +130,12 @@ class Kernel:
 def kernel(
     *signature: types.Type, options: dict[str, Any] | None = None, name: str = ""
 ) -> Callable[[Callable[..., Any]], Kernel]:
-    """Decorate a function that is called as a whole.
+    """Decorate a function that is called directly, not over ranges.
 
     Args:
         *signature: Types of all arguments.
         options: Options of `numba.njit`. None: `FAST`.
-        name: Name of the kernel in its module, if it is not the function's.
+        name: Name of the kernel in its module. "": the name of the function.
     """
     return lambda function: Kernel(function, signature, FAST if options is None else options, name)
 
@@ -135,13 +143,13 @@ def kernel(
 def range_kernel(
     *signature: types.Type, allocates: bool = False, name: str = ""
 ) -> Callable[[Callable[..., Any]], Kernel]:
-    """Decorate a function of independent items, `function(first, last, *arguments)`, for `Kernel.over`.
+    """Decorate a function `function(first, last, *arguments)` over independent items, for `Kernel.over`.
 
-    Items must not write what other items read or write, so that results do not depend on the number of threads.
+    An item must not write memory that other items read or write. Then the result does not depend on the number of threads.
 
     Args:
         *signature: Types of the arguments after `first` and `last`.
-        allocates: The function makes arrays. Other functions are compiled without counting references to arrays, which is slow.
-        name: Name of the kernel in its module, if it is not the function's.
+        allocates: Whether the function makes arrays. If not, numba leaves out reference counting, which is slow.
+        name: Name of the kernel in its module. "": the name of the function.
     """
     return kernel(INT, INT, *signature, options=FAST if allocates else FAST | {"_nrt": False}, name=name)

@@ -1,10 +1,11 @@
-"""The number of threads that the program uses, and the pool on which kernels run.
+"""The number of threads that the program uses, and the thread pool that runs kernels.
 
-Kernels, torch, OpenCV and the decoders take turns, so they share one number.
+Kernels, torch, OpenCV and the decoders run one after another, so they share one number.
 """
 
 from __future__ import annotations
 
+import functools
 import itertools
 import os
 import sys
@@ -20,8 +21,12 @@ from splatreel.errors import UsageError
 _limit: int | None = None
 
 
+@functools.cache
 def available() -> int:
-    """Return the number of processor cores that this process may use, by its affinity and its share of their time."""
+    """Return the number of processor cores that this process may use, by its affinity and its share of their time.
+
+    The first answer is kept. Reading the limits takes 0.1 ms, as long as a small kernel, and every call of a kernel asks.
+    """
     cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     quota = cpu_quota()
     return cores if quota is None else max(1, min(cores, int(quota)))
@@ -33,7 +38,7 @@ def count() -> int:
 
 
 def chosen() -> int | None:
-    """Return the number that `use` was given, if it was."""
+    """Return the limit that `use` set, or None."""
     return _limit
 
 
@@ -43,7 +48,7 @@ def use(threads: int | None) -> None:
     Libraries that are loaded later read the limit from their environment variables.
 
     Args:
-        threads: Number of threads, 1 to the number of cores. None leaves everything unchanged.
+        threads: Number of threads, 1 to the number of cores. None: change nothing.
 
     Raises:
         UsageError: The number is out of range.
@@ -67,7 +72,7 @@ def use(threads: int | None) -> None:
 
 @contextmanager
 def limited(threads: int) -> Iterator[None]:
-    """Use so many threads inside a `with` block, for measurements."""
+    """Set the number of threads inside a `with` block, for measurements."""
     global _limit
     before, torch = _limit, sys.modules.get("torch")
     torch_threads = torch.get_num_threads() if torch else 0
@@ -94,11 +99,11 @@ def run_ranges(
         function: Called once for each range.
         items: Number of items.
         arguments: Passed on to every call.
-        grain: Fewest items in a range, except where there are fewer in all.
+        grain: Smallest number of items in a range, unless there are fewer items.
         chunks: Number of ranges. None: one per thread.
 
     Raises:
-        Exception: Whatever the function raised first.
+        Exception: The first exception that the function raised.
     """
     workers = count()
     ranges = max(1, min(chunks or workers, items // grain))
@@ -111,7 +116,7 @@ def run_ranges(
 
 
 class _Job:
-    """Ranges that threads claim one after the other."""
+    """Ranges that threads claim one after another."""
 
     def __init__(self, function: Callable[..., Any], cuts: list[int], arguments: tuple[Any, ...]) -> None:
         self.function, self.cuts, self.arguments = function, cuts, arguments
@@ -119,7 +124,7 @@ class _Job:
         self.done: SimpleQueue[BaseException | None] = SimpleQueue()
 
     def work(self) -> int:
-        """Run ranges until none is left to claim. Returns how many."""
+        """Run ranges until none is left to claim. Return their number."""
         claimed = 0
         while (place := next(self.places)) < len(self.cuts) - 1:
             self.function(self.cuts[place], self.cuts[place + 1], *self.arguments)
@@ -127,7 +132,7 @@ class _Job:
         return claimed
 
     def help(self) -> None:
-        """Do the same in a thread of the pool, which reports each range that it claimed."""
+        """Run ranges in a thread of the pool, and report the end or the error of each to `done`."""
         while (place := next(self.places)) < len(self.cuts) - 1:
             error = None
             try:
@@ -137,7 +142,7 @@ class _Job:
             self.done.put(error)
 
     def stop(self) -> None:
-        """Let no thread claim another range."""
+        """Prevent threads from claiming further ranges."""
         self.places = itertools.repeat(len(self.cuts))
 
 
@@ -150,7 +155,7 @@ class _Pool:
         self.growing = threading.Lock()
 
     def run(self, function: Callable[..., Any], cuts: list[int], arguments: tuple[Any, ...], helpers: int) -> None:
-        """Run the ranges between cuts in this thread and up to `helpers` others."""
+        """Run the ranges between cuts in this thread and in up to `helpers` threads of the pool."""
         if self.size < helpers:
             self._grow(helpers)
         job = _Job(function, cuts, arguments)
@@ -177,14 +182,14 @@ class _Pool:
         while True:
             job = jobs.get()
             job.help()
-            del job  # its arguments are not kept alive while the thread sleeps
+            del job  # so that a sleeping thread does not keep the job's arguments alive
 
 
 _pool = _Pool()
 
 
 def _renew() -> None:
-    """Replace the pool in a forked process, which has none of its threads."""
+    """Replace the pool in a forked process, because the pool's threads do not survive the fork."""
     global _pool
     _pool = _Pool()
 

@@ -10,7 +10,7 @@ from tests.test_house import ROOMS_OF_RECON, ROOMS_OF_THE_PLAYER, RUNGS
 ROOT = Path(__file__).parent.parent.parent
 SOURCE = ROOT / "src" / "splatreel"
 DESIGN = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
-WHERE = DESIGN.partition("## Where is what")[2].partition("\n## ")[0]
+WHERE = DESIGN.partition("## Repository layout")[2].partition("\n## ")[0]
 FOLDER = re.compile(r"^    ((?:  )*)(\S+)/  +(\S.*)$", re.MULTILINE)
 PATH = re.compile(r"`([\w./-]+/[\w./-]*)`")
 

@@ -1,7 +1,7 @@
-"""A string of bytes as a list of edits to a seed: whatever a fuzzer comes up with then is nearly a reel, and gets past the first check.
+"""Interpretation of a byte string as edits to a seed. So every input of a fuzzer is almost a valid file and passes the first checks.
 
-The first byte chooses the seed, then each edit takes one byte for its kind and what it needs. The seeds' headers, section lengths,
-section bytes, zlib streams and the file as a whole can be changed; sections can be taken from another seed.
+The first byte chooses the seed. Each edit then reads one byte for its kind, and its arguments. Edits change headers, section lengths,
+section bytes, zlib streams and the whole file, or take a section from another seed.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ MAX_EDITS = 12
 
 
 class Program:
-    """Reads a string of bytes; past its end everything is 0."""
+    """Reader of a byte string. Past the end, every number is 0."""
 
     def __init__(self, data: bytes) -> None:
         self.data, self.at = data, 0
@@ -42,13 +42,13 @@ class Program:
         return value
 
     def below(self, count: int) -> int:
-        """A number below `count`, which is at least 1."""
+        """Return a number in 0..count - 1. count: at least 1."""
         return self.number(1 if count <= 256 else 4) % count
 
 
 @dataclass
 class Draft:
-    """A file as its parts. own: the metadata. places: false data offsets of sections."""
+    """The parts of a file. own: the metadata. places: header entries of sections that replace the true ones."""
 
     own: dict[str, Any]
     sections: dict[str, bytes]
@@ -75,14 +75,14 @@ class Draft:
 
 @cache
 def _parts(data: bytes) -> tuple[str, dict[str, bytes]]:
-    """The metadata as text and the sections of a file, read once: a fuzzer asks thousands of times a second."""
+    """Return the metadata as text and the sections of a file. The cache matters: a fuzzer asks thousands of times per second."""
     size = int.from_bytes(data[:8], "little")
     own = json.loads(data[8 : 8 + size])["__metadata__"]["splatreel"]
     return own, {name: section.data for name, section in unpack_file(data)[1].items()}
 
 
 def run(data: bytes) -> tuple[str, bytes]:
-    """(name of the seed, the edited file) of a program."""
+    """Run a program: return the name of the seed and the edited file."""
     program = Program(data)
     names = sorted(files())
     name = names[program.below(len(names))]
@@ -149,7 +149,7 @@ def _edit_value(owner: Any, key: Any, program: Program) -> None:
 
 
 def damaged(data: bytes, program: Program, always: bool = False) -> bytes:
-    """Bytes changed, inserted, left out or cut off, one edit; none if the program is at its end."""
+    """Return data after one edit that changes, inserts, removes or cuts off bytes; unchanged if the program is at its end."""
     if not (always or program.left):
         return data
     kind = program.number() % 6

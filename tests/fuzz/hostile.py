@@ -1,6 +1,7 @@
-"""Files that lie on purpose, for both readers: python -m tests.fuzz.hostile writes tests/data/hostile anew.
+"""Hostile files for the tests of both readers. `python -m tests.fuzz.hostile` writes them to tests/data/hostile.
 
-KIND-NAME.bin, KIND being layer, group or manifest. What fuzzing finds is added there by `python -m tests.fuzz.run PROGRAM --keep NAME`.
+Their names are KIND-NAME.bin, where KIND is layer, group or manifest. `python -m tests.fuzz.run PROGRAM --keep NAME` adds a file that
+fuzzing found.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from tests.fuzz.edits import Draft
 from tests.fuzz.seeds import files
 
 _LENGTHS = struct.Struct("<IIII")
-"""Of the four streams of a `klt` section."""
+"""Lengths of the four streams of a `klt` section."""
 FOLDER = Path(__file__).parent.parent / "data" / "hostile"
 LIES: dict[str, tuple[str, Callable[[Draft], object]]] = {
     "layer-millions-of-points": ("layer-predictive", lambda d: d.own.update(points=8_000_000)),
@@ -56,7 +57,7 @@ LIES: dict[str, tuple[str, Callable[[Draft], object]]] = {
     "layer-equal-points": ("layer-predictive", lambda d: _still(d, 800_000, 0)),
     "layer-draco-many-numbers": ("layer-h265", lambda d: d.sections.update(means=_numbers(d.sections["means"]))),
 }
-"""By name the seed, and what is done to it."""
+"""For each name the seed and the edit that makes it hostile."""
 MANIFEST_LIES: dict[str, Callable[[dict[str, Any]], object]] = {
     "manifest-path-up": lambda m: m["groups"][0].update(uri="../../secret"),
     "manifest-absolute-path": lambda m: m["layers"][0].update(uri="/etc/passwd"),
@@ -96,13 +97,13 @@ def _lives(manifest: dict[str, Any]) -> list[tuple[dict[str, Any], dict[str, int
 
 
 def _page(**lie: object) -> dict[str, Any]:
-    """What a manifest says of a page, of which this is a lie."""
+    """Return the entry of a page in a manifest, with false values."""
     said = {"uri": "pages/000000.json", "bytes": 900, "sha256": "0" * 64, "first_frame": 0, "frames": 3, "groups": 1}
     return said | lie
 
 
 def _sound(**segment: object) -> dict[str, Any]:
-    """Sound of one segment, of which this is a lie."""
+    """Return sound of one segment with false values."""
     asset = {"uri": "sound/init.mp4", "bytes": 565, "sha256": "0" * 64}
     first = asset | {"uri": "sound/0000.m4s", "start": 0, "seconds": 2} | segment
     kind = 'audio/mp4; codecs="opus"'
@@ -110,13 +111,13 @@ def _sound(**segment: object) -> dict[str, Any]:
 
 
 def _millions_of_flags(draft: Draft) -> None:
-    """8 MB of zeros, deflated."""
+    """Replace the alive bitmap by 8 MB of zeros, deflated."""
     draft.own["sections"]["alive"].update(count=1 << 26, deflate=True)
     draft.sections["alive"] = zlib.compress(bytes(1 << 23), 9)
 
 
 def _still(draft: Draft, points: int, frames: int) -> None:
-    """Points that are all the same take no bytes; with zeros, an eighth of a byte of each and a 256th a frame."""
+    """Replace the points by equal ones, which take no bytes, and pad the file with zeros to pass the limits on points per byte."""
     same = Gaussians(
         np.zeros((points, 3)),
         np.tile([1.0, 0, 0, 0], (points, 1)),
@@ -141,7 +142,7 @@ def _still(draft: Draft, points: int, frames: int) -> None:
 
 
 def _samples(video: bytes) -> bytes:
-    """The tables of a video's first track claim twenty million samples of one byte."""
+    """Make the tables of a video's first track claim twenty million samples of one byte."""
     out, count = bytearray(video), 20_000_000
     for name, at, words in ((b"stts", 8, (count, 512)), (b"stsc", 8, (1, count, 1)), (b"stsz", 4, (1, count))):
         struct.pack_into(f">{len(words)}I", out, video.index(name) + 4 + at, *words)
@@ -149,17 +150,17 @@ def _samples(video: bytes) -> bytes:
 
 
 def _numbers(cloud: bytes) -> bytes:
-    """Positions of 255 numbers each."""
+    """Make a Draco cloud claim positions of 255 numbers each."""
     return cloud[:19] + b"\xff" + cloud[20:]
 
 
 def _normals(cloud: bytes) -> bytes:
-    """A Draco cloud whose only attribute says that it is normals, not positions: the type follows how many attributes there are."""
+    """Make the only attribute of a Draco cloud claim to be normals. The type follows the number of attributes."""
     return cloud[:17] + b"\1" + cloud[18:]
 
 
 def _millions_in_a_basis(draft: Draft) -> None:
-    """A basis of 3000 x 3000 zeros, which take no bytes: 72 MB for each array of them."""
+    """Add a basis of 3000 x 3000 zeros, which takes no bytes in the file and 72 MB per array in memory."""
     frames = 3000
     draft.own["frames"] = frames
     draft.own["sections"]["dx"]["shifts"] = [4] * frames

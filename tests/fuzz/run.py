@@ -1,9 +1,9 @@
-"""Fuzz the Python reader, guided by coverage, until stopped: python -m tests.fuzz.run FOLDER [options of libFuzzer].
+"""Coverage-guided fuzzing of the Python reader until stopped: python -m tests.fuzz.run FOLDER [options of libFuzzer].
 
-Needs atheris (pip install atheris). FOLDER keeps what reaches new code; an input that breaks the rules of `target` is written as
-FOLDER/crash-*, timeout-* or oom-*, and `python -m tests.fuzz.run FOLDER/crash-...` repeats it. Into tests/data/hostile goes the
-edited file, which `--keep NAME` writes there. What numba compiles is checked for its bounds and not for coverage, which is that of
-the Python around it: interpreted, with coverage, an input took a hundred times as long.
+It needs atheris (pip install atheris). FOLDER keeps inputs that reach new code. An input that breaks the rules of `target` is written
+to FOLDER/crash-*, timeout-* or oom-*. `python -m tests.fuzz.run FOLDER/crash-...` repeats it, and with `--keep NAME` writes the edited
+file to tests/data/hostile. Numba code is checked for out-of-bounds access, but coverage comes from the Python code around it.
+Interpreting numba code with coverage would take a hundred times as long.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ from tests.fuzz.target import check
 
 
 def instrument() -> None:
-    """Follow coverage in all functions and methods of the codec but those that numba compiles, whose code has to stay as it is."""
+    """Instrument all functions and methods of the codec for coverage, except functions that numba compiles."""
     for entry in pkgutil.iter_modules(codec.__path__, f"{codec.__name__}."):
         module = import_module(entry.name)
         classes = [value for value in vars(module).values() if isinstance(value, type)]
@@ -43,7 +43,7 @@ def instrument() -> None:
 
 
 def keep(program: Path, name: str) -> None:
-    """Write the edited file of a program where the tests find it."""
+    """Write the edited file of a program to the folder of hostile files."""
     seed, data = run(program.read_bytes())
     FOLDER.mkdir(exist_ok=True)
     (FOLDER / f"{seed.split('-')[0]}-{name}.bin").write_bytes(data)

@@ -1,4 +1,4 @@
-"""What fuzzing starts from: a tiny file of every codec and kind, manifests of both versions, and a page."""
+"""Seeds for fuzzing: a tiny file of every codec and kind, manifests of both versions, a page, and sound."""
 
 from __future__ import annotations
 
@@ -31,19 +31,22 @@ POINTS, FRAMES = 12, 3
 
 FIRST_PAGE = "pages/000000.json"
 DOCUMENTS = "manifest", "manifest-long", "page"
-"""The seeds that are JSON."""
+"""Names of the seeds that are JSON."""
 
 
 @cache
 def pages() -> dict[str, bytes]:
-    """By uri the pages of `manifest-long`."""
+    """Return the pages of `manifest-long` by uri."""
     return {f"pages/{path.name}": path.read_bytes() for path in (LONG / "pages").iterdir()}
 
 
 @cache
 def files() -> dict[str, bytes]:
-    """`layer-NAME` and `group-NAME` of every configuration, the `manifest` of a reel, `manifest-long` of one in `pages`, the first
-    `page` of these, and the `sound` of a reel."""
+    """Return the seeds by name.
+
+    They are `layer-NAME` and `group-NAME` for every configuration, the `manifest` of a reel, the `manifest-long` of a reel with pages,
+    the first `page` of the latter, and the `sound` of a reel.
+    """
     found = {}
     for name, config in CONFIGURATIONS.items():
         found[f"layer-{name}"], _ = encode_layer(0, 0, points(POINTS, degree=2), config, weights(POINTS))

@@ -1,4 +1,4 @@
-"""What must hold for any file: it decodes, or `ReelError` names it; in bounded memory and time."""
+"""Rules for any file: it decodes, or raises a `ReelError` that names it, in bounded memory and time."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ NAME = "some/file"
 
 
 def check(seed: str, data: bytes) -> bool:
-    """Decode the edited file of a seed; True if it is a file of a reel. Raises whatever should not be raised."""
+    """Decode the edited file of a seed. Return whether it is valid; raise any exception that breaks the rules."""
     try:
         if seed == "page":
             _parse_page(data)
@@ -47,7 +47,7 @@ def _fetch(uri: str, limit: int) -> bytes:
 
 
 def _parse_page(data: bytes) -> None:
-    """As a page of a manifest that says its length and digest."""
+    """Parse data as a page of a manifest with the matching length and digest."""
     document = json.loads(files()["manifest-long"])
     document["pages"][0] |= {"bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
     text = json.dumps(document).encode()
@@ -55,7 +55,7 @@ def _parse_page(data: bytes) -> None:
 
 
 def _says_where(message: str, data: bytes) -> bool:
-    """A section, unless the header is at fault: what it is of, or how much it claims."""
+    """Return whether a message names the section, or reports an error of the header."""
     try:
         unpack_file(data)
     except ReelError:

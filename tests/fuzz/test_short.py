@@ -1,4 +1,4 @@
-"""A few hundred steps of `tests.fuzz.run`, always the same, and the files that lie."""
+"""Four hundred fixed steps of `tests.fuzz.run`, and the hostile files."""
 
 import random
 import tracemalloc
@@ -14,11 +14,11 @@ from tests.fuzz.target import check
 HOSTILE = sorted(FOLDER.glob("*.bin"))
 
 
-def test_the_seeds_are_files_of_a_reel() -> None:
+def test_seeds_are_valid_files() -> None:
     assert all(check(name, data) for name, data in files().items())
 
 
-def test_whatever_is_done_to_a_file_it_decodes_or_an_error_names_it() -> None:
+def test_edited_file_decodes_or_raises_named_error() -> None:
     dice = random.Random(0)
     outcomes = []
     for step in range(400):
@@ -31,7 +31,7 @@ def test_whatever_is_done_to_a_file_it_decodes_or_an_error_names_it() -> None:
 
 
 @pytest.mark.parametrize("path", HOSTILE, ids=lambda path: path.stem)
-def test_hostile_files_are_refused_at_little_cost(path: Path) -> None:
+def test_hostile_file_is_rejected_with_little_memory(path: Path) -> None:
     tracemalloc.start()
     try:
         assert not check(path.stem.split("-")[0], path.read_bytes())
@@ -40,5 +40,5 @@ def test_hostile_files_are_refused_at_little_cost(path: Path) -> None:
         tracemalloc.stop()
 
 
-def test_the_hostile_files_are_there() -> None:
+def test_hostile_files_exist() -> None:
     assert {path.stem for path in HOSTILE} >= {*LIES, *MANIFEST_LIES}

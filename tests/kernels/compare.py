@@ -1,4 +1,4 @@
-"""Runs a kernel and its twin on the same input and compares results and gradients."""
+"""Comparison of a kernel with its twin: same inputs, equal results and gradients."""
 
 from collections.abc import Callable, Sequence
 
@@ -12,7 +12,7 @@ Outputs = Tensor | tuple[Tensor, ...]
 def assert_parity(
     fast: Callable[..., Outputs], slow: Callable[..., Outputs], inputs: Sequence[Tensor], tolerance: float = 1e-5
 ) -> None:
-    """fast in float32 against slow in float64: all outputs and all gradients within tolerance of the largest value."""
+    """Assert that `fast` in float32 equals `slow` in float64: all outputs and gradients, relative to the largest value."""
     singles = [tensor.clone().requires_grad_() for tensor in inputs]
     doubles = [tensor.double().requires_grad_() for tensor in inputs]
     fast_outputs, slow_outputs = _floats(fast(*singles)), _floats(slow(*doubles))
@@ -37,7 +37,7 @@ def assert_close(a: Tensor, b: Tensor, tolerance: float, what: str) -> None:
 
 
 def splats(n: int, channels: int, width: int, height: int, seed: int = 0) -> list[Tensor]:
-    """means2d, conics, colors, opacities, depths, radii: some off the image, some at equal depth, some culled."""
+    """Return means2d, conics, colors, opacities, depths and radii. Some are off the image, at equal depth, or culled."""
     rng = np.random.default_rng(seed)
     means2d = rng.uniform(-6, 6, (n, 2)) + rng.uniform(0, 1, (n, 2)) * [width, height]
     half = rng.normal(0, 2.5, (n, 2, 2))
@@ -49,7 +49,7 @@ def splats(n: int, channels: int, width: int, height: int, seed: int = 0) -> lis
 
 
 def gaussians(n: int, bands: int = 16, seed: int = 0) -> list[Tensor]:
-    """means, quats (not unit), scales, opacities, sh about the origin."""
+    """Return means, quats (not normalized), scales, opacities and sh of Gaussians around the origin."""
     g = torch.Generator().manual_seed(seed)
     scales, opacities = torch.rand(n, 3, generator=g) * 0.3 + 0.02, torch.rand(n, generator=g)
     means, quats, sh = (torch.randn(*shape, generator=g) for shape in ((n, 3), (n, 4), (n, bands, 3)))
@@ -57,7 +57,7 @@ def gaussians(n: int, bands: int = 16, seed: int = 0) -> list[Tensor]:
 
 
 def camera(width: int, height: int, distance: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
-    """viewmat and K of a camera in general position, its principal point off the centre."""
+    """Return viewmat and K of a camera in general position, with its principal point off the center."""
     rotation = np.linalg.qr(np.random.default_rng(3).normal(size=(3, 3)))[0]
     viewmat = np.eye(4)
     viewmat[:3, :3] = rotation * np.sign(np.linalg.det(rotation))

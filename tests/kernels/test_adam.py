@@ -1,4 +1,4 @@
-"""Adam against torch's own, over steps with and without gradients."""
+"""Adam compared with torch's Adam, over steps with and without gradients."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ ONCE = np.ones(1, np.float32)
 
 @pytest.mark.parametrize("kernel", [adam.adam, twin.adam])
 @pytest.mark.parametrize("shape", [(1,), (7, 3), (90, 45, 3), (25, 300, 7), (3, 0, 3)])
-def test_steps_are_those_of_torch(kernel, shape):
+def test_adam_equals_torch(kernel, shape):
     generator = torch.Generator().manual_seed(0)
     ours = torch.randn(shape, generator=generator)
     theirs = ours.clone().requires_grad_()
@@ -32,8 +32,8 @@ def test_steps_are_those_of_torch(kernel, shape):
 
 
 @pytest.mark.parametrize("kernel", [adam.adam, twin.adam])
-def test_many_tensors_and_rows_that_share_a_gradient(kernel):
-    """All in one call: one whole tensor, and knots whose gradients are one gradient times factors, across chunks and past the end."""
+def test_adam_steps_many_tensors_and_shared_gradients(kernel):
+    """One call steps a whole tensor and knots that share one gradient times factors, across chunks and past the end."""
     generator = torch.Generator().manual_seed(0)
     factors = np.array([0.1, 0.5, -0.3, 0.2], np.float32)
     shapes = (5000, 3), (9, 700, 4), (0, 3)

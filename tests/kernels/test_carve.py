@@ -1,4 +1,4 @@
-"""Carving against the same in numpy, and where too few views agree."""
+"""Space carving compared with numpy."""
 
 import numpy as np
 
@@ -10,7 +10,10 @@ NEAR, LEAST, SHARE = 0.8, 3.0, 0.6
 
 
 def scene(seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """places [R, D, 3], some beside or behind cameras, own colors, images, masks and depths, some infinite."""
+    """Return sample points [R, D, 3], colors of rays, images, masks and depths.
+
+    Some points are beside or behind cameras, and some depths are infinite.
+    """
     rng = np.random.default_rng(seed)
     places = rng.normal(0, 1.5, (60, 9, 3)).astype(np.float32)
     images = rng.integers(0, 256, (7, 30, 40, 3)).astype(np.uint8)
@@ -38,7 +41,7 @@ def expected(
     return np.where(held, difference / np.maximum(agree, 1), np.inf).reshape(places.shape[:2])
 
 
-def test_parity() -> None:
+def test_disagreement_equals_numpy() -> None:
     places, own, images, wrong, depths = scene()
     poses, lenses = np.stack([c.viewmat for c in CAMERAS]), np.stack([c.K for c in CAMERAS])
     found = carve.disagreement(places, own, poses, lenses, images, wrong, depths, NEAR, LEAST, SHARE)

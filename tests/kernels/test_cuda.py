@@ -1,4 +1,4 @@
-"""CUDA against the twin. On a machine without a GPU or gsplat these tests skip."""
+"""The CUDA backend compared with the twin. These tests skip without a GPU or gsplat."""
 
 # pyright: reportCallIssue=false
 # Pyright assumes that an unpacked list fills all remaining positional arguments.
@@ -16,7 +16,7 @@ from tests.kernels.compare import camera, gaussians, splats
 needs_cuda = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device: the gsplat path was not tested")
 
 
-def test_missing_gsplat_names_the_extra(monkeypatch):
+def test_missing_gsplat_error_names_the_extra(monkeypatch):
     monkeypatch.setitem(sys.modules, "gsplat", None)
     with pytest.raises(MissingDependencyError, match=r"splatreel\[cuda\]"):
         cuda.CudaBackend().spherical_harmonics(0, torch.zeros(1, 3), torch.zeros(1, 1, 3))
@@ -49,7 +49,7 @@ def test_project_parity():
 
 
 def compare(on_gpu, on_cpu, inputs, leaves):
-    """The same outputs and gradients to the first `leaves` inputs on both devices."""
+    """Assert that both devices give the same outputs and the same gradients to the first `leaves` inputs."""
     gpu = [t.cuda().requires_grad_(i < leaves) for i, t in enumerate(inputs)]
     cpu = [t.clone().requires_grad_(i < leaves) for i, t in enumerate(inputs)]
     for a, b in zip(on_gpu(*gpu), on_cpu(*cpu), strict=True):

@@ -1,4 +1,4 @@
-"""Deformed points as a view sees them, against the twin and in known answers."""
+"""Deformed points in a view, compared with the twin and with known answers."""
 
 from typing import Any
 
@@ -17,7 +17,7 @@ CENTER = torch.tensor([0.3, -0.2, -3.0])
 
 
 def moment(count: int, bands: int = 4, seed: int = 0) -> list[torch.Tensor]:
-    """Unconstrained points, dx, dq and shade."""
+    """Return unconstrained points, dx, dq and shade."""
     means, quats, scales, _, sh = gaussians(count, bands, seed)
     generator = torch.Generator().manual_seed(seed + 1)
     logits, dx, dq, shade = (
@@ -37,22 +37,22 @@ def seen(module, antialias, shaded=True):
 
 @pytest.mark.parametrize("antialias", [False, True])
 @pytest.mark.parametrize(("count", "bands"), [(300, 1), (300, 4), (300, 16), (1, 4), (0, 4)])
-def test_parity(count, bands, antialias):
+def test_deformed_equals_twin(count, bands, antialias):
     assert_parity(seen(splat, antialias), seen(twin, antialias), moment(count, bands), 5e-5)
 
 
-def test_parity_of_splats_thinner_than_a_pixel():
+def test_deformed_equals_twin_for_thin_splats():
     parts = moment(300)
     parts[2] -= 3
     assert_parity(seen(splat, True), seen(twin, True), parts, 5e-5)
 
 
-def test_parity_without_shade():
+def test_deformed_equals_twin_without_shade():
     assert_parity(seen(splat, True, False), seen(twin, True, False), moment(200)[:-1], 5e-5)
 
 
 @pytest.mark.parametrize("antialias", [False, True])
-def test_parity_of_points_that_stay(antialias):
+def test_deformed_equals_twin_without_offsets(antialias):
     def of(module):
         return lambda *points: module.deformed(points, None, None, PINHOLE, CENTER.to(points[0].dtype), 0.5, antialias)[
             :4
@@ -62,16 +62,16 @@ def test_parity_of_points_that_stay(antialias):
 
 
 @pytest.mark.parametrize("moved", [False, True])
-def test_the_pieces_give_the_same(moved):
-    """What CUDA is given, made of the kernels one by one."""
+def test_deformed_equals_separate_kernels(moved):
+    """The default implementation, which CUDA uses, calls the kernels one by one."""
     *points, dx, dq, shade = moment(300)
     arguments = points, (dx, dq) if moved else None, shade if moved else None, PINHOLE, CENTER, 0.5, True
     for a, b in zip(splat.deformed(*arguments), Backend.deform(BACKENDS["cpu"], *arguments), strict=True):
         torch.testing.assert_close(a, b)
 
 
-def test_offsets_move_and_turn():
-    """A long thin point along x, a quarter turn about z by dq of any length, moved to the middle of the picture."""
+def test_deformed_moves_and_rotates_points():
+    """Offsets with an unnormalized dq rotate a long thin point by 90 degrees about z and move it to the center of the image."""
     half = torch.tensor([[2**-0.5, 0, 0, 2**-0.5]])
     long = torch.tensor([[0.5, 0.01, 0.01]]).log()
     none = torch.zeros(1)
@@ -100,7 +100,7 @@ def test_offsets_move_and_turn():
 
 
 @pytest.mark.parametrize(("index", "name"), [(0, "means"), (1, "quats"), (2, "log_scales"), (6, "dx"), (7, "dq")])
-def test_nan_is_refused(index, name):
+def test_deformed_rejects_nan(index, name):
     parts = moment(5)
     parts[index][3, 1] = float("nan")
     *points, dx, dq, shade = parts

@@ -1,4 +1,4 @@
-"""Drawing moving splats among frozen ones gives the picture and the gradients of drawing everything."""
+"""Drawing moving splats among frozen splats gives the image and the gradients of drawing everything."""
 
 # pyright: reportCallIssue=false
 # Pyright assumes that an unpacked list fills all remaining positional arguments.
@@ -64,21 +64,19 @@ def differentiated(draw, moving, static, target):
 
 @pytest.mark.parametrize("faint", [True, False])
 @pytest.mark.parametrize("seed", range(5))
-def test_picture_and_gradients_equal_those_of_drawing_everything(seed, faint):
+def test_rasterize_among_equals_drawing_everything(seed, faint):
     static, moving = splats(400, seed), splats(30, seed + 100, ((30.0, 40.0), 0.3))
-    static[4][:20] = moving[4][:20]  # equal depths: what moves is in front
+    static[4][:20] = moving[4][:20]  # at equal depth, moving splats are in front
     if not faint:
         static[3][:], moving[3][:] = 0.97, 0.9  # pixels fill up
     target = torch.rand(HEIGHT, WIDTH, 3, generator=torch.Generator().manual_seed(seed))
     expected = differentiated(whole, moving, static, target)
-    for draw in (
-        (among, oracle, masked) if faint else (among,)
-    ):  # the twin rounds another way at the edge of what is full
+    for draw in (among, oracle, masked) if faint else (among,):  # the twin rounds differently where pixels fill up
         for a, b in zip(expected, differentiated(draw, moving, static, target), strict=True):
             torch.testing.assert_close(a, b, rtol=1e-3, atol=2e-6)
 
 
-def test_only_the_tiles_that_something_moves_in_are_drawn_anew():
+def test_rasterize_among_draws_only_touched_tiles():
     static, moving = splats(400, 0), splats(30, 100, ((30.0, 40.0), 0.3))
     frozen = splat.freeze(*static, WIDTH, HEIGHT)
     image, alpha, tiles = splat.rasterize_among(*moving, frozen)
@@ -93,7 +91,7 @@ def test_only_the_tiles_that_something_moves_in_are_drawn_anew():
     assert not alone[kept].any()
 
 
-def test_without_moving_splats_the_picture_is_kept():
+def test_rasterize_among_without_splats_keeps_frozen_image():
     static, nothing = splats(50, 0), splats(0, 1)
     frozen = splat.freeze(*static, WIDTH, HEIGHT)
     image, alpha, tiles = splat.rasterize_among(*nothing, frozen)
@@ -102,13 +100,13 @@ def test_without_moving_splats_the_picture_is_kept():
     assert torch.equal(alpha, frozen.alpha)
 
 
-def test_without_frozen_splats_the_others_are_alone():
+def test_rasterize_among_without_frozen_splats_equals_rasterize():
     moving, nothing = splats(50, 0), splats(0, 1)
     for a, b in zip(among(moving, nothing), whole(moving, nothing), strict=True):
         torch.testing.assert_close(a, b)
 
 
-def test_nan_is_refused():
+def test_freeze_rejects_nan():
     static, moving = splats(5, 0), splats(5, 1)
     frozen = splat.freeze(*static, WIDTH, HEIGHT)
     moving[0][2, 1] = float("nan")
@@ -118,7 +116,7 @@ def test_nan_is_refused():
         splat.freeze(*moving, WIDTH, HEIGHT)
 
 
-def test_a_splat_touches_the_tiles_of_its_square_on_cuda():
+def test_tile_spans_cover_square_of_radius():
     spans = cuda.tile_spans(torch.tensor([[40.0, 20.0], [-9.0, 5.0]]), torch.tensor([5, 5]), WIDTH, HEIGHT)
     assert spans.tolist() == [[2, 2, 0, 1], [0, -1, 0, -1]]
     tiles = cuda.touched_tiles(spans, WIDTH, HEIGHT)

@@ -1,4 +1,4 @@
-"""Spherical harmonics against the twin and known answers."""
+"""Spherical harmonics compared with the twin and with known answers."""
 
 import pytest
 import torch
@@ -10,18 +10,18 @@ from tests.kernels.compare import assert_parity
 
 @pytest.mark.parametrize("degree", [0, 1, 2, 3])
 @pytest.mark.parametrize("bands", [(0, 0), 16])  # exactly what the degree needs, and more
-def test_parity(degree, bands):
+def test_harmonics_equal_twin(degree, bands):
     count = bands if isinstance(bands, int) else (degree + 1) ** 2
     generator = torch.Generator().manual_seed(degree)
     inputs = [torch.randn(200, 3, generator=generator), torch.randn(200, count, 3, generator=generator)]
     fast, slow = (lambda *a, m=m: m.spherical_harmonics(degree, *a) for m in (splat, twin))
-    if degree == 0:  # a constant has no gradient to directions: the twin leaves None
+    if degree == 0:  # a constant has no gradient to directions, and the twin returns None
         inputs, directions = inputs[1:], inputs[0]
         fast, slow = (lambda c, m=m: m.spherical_harmonics(0, directions.to(c.dtype), c) for m in (splat, twin))
     assert_parity(fast, slow, inputs)
 
 
-def test_coefficients_alone_get_the_same_gradient():
+def test_harmonics_gradient_without_directions_is_the_same():
     generator = torch.Generator().manual_seed(0)
     directions, coefficients = torch.randn(50, 3, generator=generator), torch.randn(50, 16, 3, generator=generator)
     gradients = []
@@ -35,7 +35,7 @@ def test_coefficients_alone_get_the_same_gradient():
 
 
 @pytest.mark.parametrize("bands", [1, 4, 9, 16])
-def test_colors_of_a_view_are_those_of_the_twin(bands):
+def test_view_colors_equal_twin(bands):
     generator = torch.Generator().manual_seed(bands)
     means, base = torch.randn(200, 3, generator=generator), 3 * torch.randn(200, 1, 3, generator=generator)
     center, rest = torch.tensor([0.3, -2.0, 4.0]), 0.3 * torch.randn(200, bands - 1, 3, generator=generator)
@@ -44,8 +44,8 @@ def test_colors_of_a_view_are_those_of_the_twin(bands):
     assert_parity(fast, slow, [base, rest])
 
 
-def test_bands_are_orthonormal():
-    """Over the sphere the squared basis functions integrate to 1 and the products of two to 0."""
+def test_harmonics_are_orthonormal():
+    """Over the sphere, squared basis functions integrate to 1, and products of two different ones to 0."""
     directions = torch.randn(400_000, 3, generator=torch.Generator().manual_seed(0))
     coefficients = torch.eye(16)[:, :, None].expand(-1, -1, 3)
     basis = torch.stack(
@@ -58,7 +58,7 @@ def test_bands_are_orthonormal():
     torch.testing.assert_close(gram, torch.eye(16), atol=0.02, rtol=0)
 
 
-def test_first_band_points_where_3dgs_says():
+def test_harmonics_first_band_follows_3dgs():
     coefficients = torch.zeros(3, 4, 3)
     coefficients[0, 1] = coefficients[1, 2] = coefficients[2, 3] = 1
     directions = torch.tensor([[0.0, 5, 0], [0, 0, 2], [3, 0, 0]])  # y, z, x: any length
@@ -67,6 +67,6 @@ def test_first_band_points_where_3dgs_says():
 
 
 @pytest.mark.parametrize(("degree", "bands"), [(2, 4), (4, 25), (-1, 1)])
-def test_wrong_degree_is_refused(degree, bands):
+def test_harmonics_reject_wrong_degree(degree, bands):
     with pytest.raises(GaussiansError, match="SH degree"):
         splat.spherical_harmonics(degree, torch.ones(2, 3), torch.ones(2, bands, 3))

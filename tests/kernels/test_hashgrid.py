@@ -1,4 +1,4 @@
-"""The hash grid against the twin and known answers."""
+"""The hash grid compared with the twin and with known answers."""
 
 import numpy as np
 import pytest
@@ -12,7 +12,7 @@ RESOLUTIONS = np.array([[4, 4, 3], [8, 9, 5], [33, 32, 16]])  # two dense levels
 
 
 @pytest.mark.parametrize("features", [1, 2, 4])
-def test_parity(features):
+def test_hashgrid_equals_twin(features):
     generator = torch.Generator().manual_seed(features)
     coords = torch.rand(400, 3, generator=generator)
     table = torch.randn(3, 1024, features, generator=generator)
@@ -21,15 +21,15 @@ def test_parity(features):
     )
 
 
-def test_parity_at_the_ends_and_beyond():
+def test_hashgrid_equals_twin_at_and_beyond_the_ends():
     coords = torch.tensor([[0.0, 0, 0], [1, 1, 1], [1.5, 0.3, 0.2], [0.1, -2, 0.3], [0.3, 1, 0]])
     table = torch.randn(3, 1024, 2, generator=torch.Generator().manual_seed(0))
     fast, slow = motion.hashgrid(coords, table, RESOLUTIONS), twin.hashgrid(coords, table, RESOLUTIONS)
     torch.testing.assert_close(fast, slow)
 
 
-def test_a_dense_level_reproduces_a_linear_function():
-    """Trilinear interpolation of a linear function's corner values is exact, and so is its slope."""
+def test_dense_level_reproduces_linear_function():
+    """Trilinear interpolation of a linear function is exact, in value and in slope."""
     grid = torch.stack(torch.meshgrid(*[torch.arange(5.0) / 4] * 3, indexing="ij"), -1)
     slope = torch.tensor([0.3, -2.0, 1.5])
     table = torch.zeros(1, 128, 1)
@@ -42,12 +42,12 @@ def test_a_dense_level_reproduces_a_linear_function():
     torch.testing.assert_close(coords.grad, slope.expand(50, 3))
 
 
-def test_no_points():
+def test_hashgrid_accepts_no_points():
     assert motion.hashgrid(torch.zeros(0, 3), torch.zeros(3, 1024, 2), RESOLUTIONS).shape == (0, 6)
 
 
 @pytest.mark.parametrize("size", [1000, 1024])
-def test_shapes_that_do_not_fit_are_refused(size):
+def test_hashgrid_rejects_wrong_shapes(size):
     resolutions = RESOLUTIONS if size == 1000 else RESOLUTIONS[:2]
     with pytest.raises(GaussiansError, match="power of two"):
         motion.hashgrid(torch.zeros(2, 3), torch.zeros(3, size, 2), resolutions)

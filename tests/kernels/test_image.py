@@ -1,4 +1,4 @@
-"""Rendering to numpy, without torch."""
+"""Rendering to numpy without torch."""
 
 # pyright: reportCallIssue=false
 # Pyright assumes that an unpacked list fills all remaining positional arguments.
@@ -26,7 +26,7 @@ def cloud(n: int = 100) -> Gaussians:
 
 
 @pytest.mark.parametrize("degree", [None, 1])
-def test_equals_the_torch_render(degree):
+def test_render_image_equals_torch_render(degree):
     scene = cloud()
     expected = splat.render(*gaussians(100), CAMERA.viewmat, CAMERA.K, W, H, degree=degree).image
     image = render_image(scene, CAMERA, degree=degree)
@@ -34,7 +34,7 @@ def test_equals_the_torch_render(degree):
     np.testing.assert_allclose(image, expected.numpy(), atol=1e-6)
 
 
-def test_background_shows_through():
+def test_render_image_shows_background():
     empty = render_image(Gaussians.empty(), CAMERA, background=(0.1, 0.2, 0.3))
     np.testing.assert_allclose(empty, np.broadcast_to(np.array([0.1, 0.2, 0.3], np.float32), (H, W, 3)))
     rendered = splat.render(*gaussians(100), CAMERA.viewmat, CAMERA.K, W, H)
@@ -43,7 +43,7 @@ def test_background_shows_through():
 
 
 @pytest.mark.parametrize("antialias", [False, True])
-def test_others_before_a_backdrop_look_as_all_together(antialias):
+def test_backdrop_with_others_equals_rendering_everything(antialias):
     scene, how = cloud(), {"antialias": antialias, "background": (0.1, 0.2, 0.3)}
     order = np.random.default_rng(0).permutation(100)
     backdrop = Backdrop(scene[order[:60]], CAMERA, **how)
@@ -52,18 +52,18 @@ def test_others_before_a_backdrop_look_as_all_together(antialias):
         np.testing.assert_allclose(backdrop.with_others(others), expected, atol=1e-6)
 
 
-def test_nan_is_refused():
+def test_render_image_rejects_nan():
     scene = cloud()
     scene.means[3, 0] = np.nan
     with pytest.raises(GaussiansError, match="means"):
         render_image(scene, CAMERA)
 
 
-def test_too_high_a_degree_is_refused():
+def test_render_image_rejects_too_high_degree():
     with pytest.raises(GaussiansError, match="degree 4"):
         render_image(cloud(), CAMERA, degree=4)
 
 
-def test_torch_is_not_imported():
+def test_render_image_does_not_import_torch():
     program = "import sys; import splatreel.kernels.image; sys.exit('torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0

@@ -1,4 +1,4 @@
-"""The loss of splats among frozen ones equals that of the whole picture, up to a constant, and leaves the frozen picture as it was."""
+"""The layered loss equals the loss of the whole image up to a constant, and restores the frozen image."""
 
 # pyright: reportCallIssue=false
 # Pyright assumes that an unpacked list fills all remaining positional arguments.
@@ -29,7 +29,7 @@ def gradients(points):
 
 
 def whole(moving, frozen, target):
-    """The loss of the whole picture."""
+    """Return the loss of the whole image."""
     image, _, _ = splat.rasterize_among(*moving, frozen)
     return splat.photometric_loss(image + BACKGROUND, target, 0.2, GAIN)
 
@@ -40,7 +40,7 @@ def assert_close(found, expected):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_gradients_equal_those_of_the_whole_picture(seed):
+def test_layered_gradients_equal_those_of_whole_image(seed):
     moving, frozen, target = scene(seed)
     expected, found = leaves(moving), leaves(moving)
     (2 * whole(expected, frozen, target)).backward()
@@ -50,7 +50,7 @@ def test_gradients_equal_those_of_the_whole_picture(seed):
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_frozen_splats_get_gradients_where_they_are_asked_for(seed):
+def test_layered_gradients_of_frozen_splats_where_requested(seed):
     moving, frozen, target = scene(seed)
     static, before = splats(400, seed), frozen.image.clone()
     asked = torch.rand(400, generator=torch.Generator().manual_seed(seed)) < 0.05
@@ -65,7 +65,7 @@ def test_frozen_splats_get_gradients_where_they_are_asked_for(seed):
     assert torch.equal(frozen.image, before)
 
 
-def test_without_some_frozen_splats_the_picture_is_that_of_the_others():
+def test_remove_draws_remaining_frozen_splats():
     static = splats(400, 0)
     frozen, rows = splat.freeze(*static, WIDTH, HEIGHT), torch.arange(400)
     for gone in (rows[::7], rows[3:40:2]):
@@ -80,7 +80,7 @@ def test_without_some_frozen_splats_the_picture_is_that_of_the_others():
     assert len(rows) < 340
 
 
-def test_the_loss_differs_from_that_of_the_whole_picture_by_a_constant():
+def test_layered_loss_differs_from_whole_image_by_constant():
     moving, frozen, target = scene(0)
     apart = []
     for brighter in (0.0, 0.1, 0.2):
@@ -90,7 +90,7 @@ def test_the_loss_differs_from_that_of_the_whole_picture_by_a_constant():
     torch.testing.assert_close(torch.stack(apart), apart[0].expand(3), rtol=0, atol=1e-6)
 
 
-def test_the_frozen_picture_stays_as_it_is():
+def test_layered_loss_restores_frozen_image():
     moving, frozen, target = scene(1)
     before = frozen.image.clone(), frozen.alpha.clone()
     splat.layered_loss(*moving, frozen, target)
@@ -102,7 +102,7 @@ def test_the_frozen_picture_stays_as_it_is():
     assert torch.equal(frozen.image, before[0])
 
 
-def test_without_splats_there_is_no_gradient():
+def test_layered_loss_accepts_no_splats():
     moving, frozen, target = scene(2)
     nothing = leaves([value[:0] for value in moving])
     splat.layered_loss(*nothing, frozen, target).backward()

@@ -1,4 +1,4 @@
-"""Splines and ARAP against the twin."""
+"""Splines and the as-rigid-as-possible loss compared with the twin."""
 
 import numpy as np
 import pytest
@@ -16,7 +16,7 @@ WEIGHTS = np.array([0.1, 0.5, 0.3, 0.1], np.float32)
 
 
 def moving(nodes: int, points: int):
-    """Control values of nodes and points, and their skin."""
+    """Return the control values of nodes and points, and their skin."""
     generator, size = torch.Generator().manual_seed(1), (points, min(4, nodes))
     skin = torch.randint(max(nodes, 1), size, generator=generator), torch.rand(size, generator=generator)
     return [normal(7, nodes, 7, seed=nodes), normal(7, points, 7, seed=points)], skin
@@ -24,8 +24,8 @@ def moving(nodes: int, points: int):
 
 @pytest.mark.parametrize("knot", [0, 3])
 @pytest.mark.parametrize(("nodes", "points"), [(0, 90), (5, 90), (64, 700), (1, 1), (2, 0)])
-def test_offsets(nodes, points, knot):
-    """And their gradient is the one of the twin, which autograd finds, by the weights of the four knots."""
+def test_offsets_and_gradient_equal_twin(nodes, points, knot):
+    """The gradient to the controls equals the twin's autograd gradient: the gradient to the values times the four knots' weights."""
     controls, skin = moving(nodes, points)
     found = motion.offsets((controls[0], controls[1]), knot, WEIGHTS, skin, 2.5)
     doubles = [level.double().requires_grad_() for level in controls]
@@ -41,7 +41,7 @@ def test_offsets(nodes, points, knot):
                 assert_close(weight * gradient, level.grad[knot + k], 1e-5, f"gradient to knot {k}")
 
 
-def test_spline():
+def test_spline_equals_twin():
     controls = normal(9, 40, 4)
     for knot in (0, 5):
         assert_close(
@@ -50,9 +50,9 @@ def test_spline():
 
 
 @pytest.mark.parametrize("unit", [1.0, 5.0])
-def test_arap(unit):
+def test_arap_equals_twin(unit):
     means, neighbor = normal(300, 3), torch.randint(300, (300,), generator=torch.Generator().manual_seed(2))
-    neighbor[:3] = torch.arange(3)  # at no distance
+    neighbor[:3] = torch.arange(3)  # neighbors at distance zero
     weights = torch.rand(300, generator=torch.Generator().manual_seed(3))
 
     def of(module, dx, dq):

@@ -1,4 +1,4 @@
-"""Projection against the twin, against gsplat's reference, and against known answers."""
+"""Projection compared with the twin, with gsplat's reference and with known answers."""
 
 # pyright: reportCallIssue=false
 # Pyright assumes that an unpacked list fills all remaining positional arguments.
@@ -16,7 +16,7 @@ W, H = 37, 29
 
 @pytest.mark.parametrize("antialias", [False, True])
 @pytest.mark.parametrize("distance", [3.0, 0.5])  # at 0.5 many points are behind the camera or far outside the view
-def test_parity(distance, antialias):
+def test_project_equals_twin(distance, antialias):
     viewmat, K = camera(W, H, distance)
     means, quats, scales, *_ = gaussians(300)
     assert_parity(
@@ -29,7 +29,7 @@ def test_parity(distance, antialias):
     assert 0 < (radii > 0).sum() < 300
 
 
-def test_point_on_the_axis_is_at_the_principal_point():
+def test_point_on_axis_projects_to_principal_point():
     K = np.array([[100, 0, 20], [0, 100, 15], [0, 0, 1]])
     point = (torch.tensor([[0.0, 0, 2]]), torch.tensor([[1.0, 0, 0, 0]]), torch.full((1, 3), 0.02))
     projection = splat.project(*point, np.eye(4), K, 40, 30)
@@ -41,7 +41,7 @@ def test_point_on_the_axis_is_at_the_principal_point():
 
 
 @pytest.mark.parametrize("mean", [(0.0, 0, -2), (0, 0, 0.005), (50, 0, 1)])
-def test_unseen_is_culled_and_gets_no_gradient(mean):
+def test_invisible_point_is_culled_without_gradient(mean):
     means = torch.tensor([mean]).float().requires_grad_()
     projection = splat.project(means, torch.ones(1, 4), torch.full((1, 3), 0.1), np.eye(4), camera(W, H)[1], W, H)
     assert projection.radii[0] == 0
@@ -50,7 +50,7 @@ def test_unseen_is_culled_and_gets_no_gradient(mean):
     assert not means.grad.any()
 
 
-def test_scaling_a_quaternion_changes_nothing():
+def test_quaternion_scale_has_no_effect():
     viewmat, K = camera(W, H)
     means, quats, scales, *_ = gaussians(50)
     a = splat.project(means, quats, scales, viewmat, K, W, H)
@@ -60,21 +60,21 @@ def test_scaling_a_quaternion_changes_nothing():
 
 @pytest.mark.parametrize("index", [0, 1, 2])
 @pytest.mark.parametrize("value", [float("nan"), float("inf")])
-def test_nan_is_refused(index, value):
+def test_project_rejects_nan(index, value):
     inputs = gaussians(5)[:3]
     inputs[index][2, 1] = value
     with pytest.raises(GaussiansError, match="1 values"):
         splat.project(*inputs, *camera(W, H), W, H)
 
 
-def test_huge_finite_values_are_not_taken_for_nan():
+def test_project_accepts_huge_finite_values():
     means, quats, scales = gaussians(5)[:3]
     means[0] = 3e38
     means[1] = 3e38  # the sum overflows
     splat.project(means, quats, scales, *camera(W, H), W, H)
 
 
-def test_equals_gsplat():
+def test_project_equals_gsplat():
     reference = pytest.importorskip("gsplat.cuda._torch_impl", reason="gsplat is not installed")
     viewmat, K = camera(W, H)
     means, quats, scales, *_ = gaussians(300)

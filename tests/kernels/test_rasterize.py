@@ -1,4 +1,4 @@
-"""The rasteriser against the twin, known answers, and its own promises: determinism and independent calls."""
+"""The rasterizer compared with the twin and with known answers; its determinism and independent calls."""
 
 # pyright: reportCallIssue=false
 # Pyright assumes that an unpacked list fills all remaining positional arguments.
@@ -33,13 +33,13 @@ def parity(inputs, width, height, tolerance=3e-5):
 
 @pytest.mark.parametrize("channels", [1, 2, 3, 5, 6])
 @pytest.mark.parametrize(("width", "height"), [(37, 29), (16, 32), (1, 1), (5, 50)])
-def test_parity(channels, width, height):
+def test_rasterize_equals_twin(channels, width, height):
     parity(splats(150, channels, width, height, seed=channels), width, height)
 
 
 @pytest.mark.parametrize("opacity", [0.97, 0.9999, 1.0])
-def test_parity_where_pixels_fill_up(opacity):
-    """Alphas beyond the clamp at 0.999, and pixels that end long before the last splat."""
+def test_rasterize_equals_twin_for_full_pixels(opacity):
+    """Alphas exceed the clamp at 0.999, and pixels are full long before the last splat."""
     inputs = splats(300, 3, 40, 30)
     inputs[3] = torch.full_like(inputs[3], opacity)
     alpha = splat.rasterize(*inputs, 40, 30)[1]
@@ -47,15 +47,15 @@ def test_parity_where_pixels_fill_up(opacity):
     parity(inputs, 40, 30, 1e-4)
 
 
-def test_parity_of_splats_that_cover_everything():
+def test_rasterize_equals_twin_for_huge_splats():
     inputs = splats(40, 3, 50, 34)
     inputs[1][:5] = torch.tensor([1e-6, 0, 1e-6])
     inputs[0][:2] = torch.tensor([1e4, -1e4])
     parity(inputs, 50, 34)
 
 
-def test_one_splat():
-    """At its centre a splat has the alpha of its opacity; one sigma away exp(-1/2) of it."""
+def test_single_splat_has_gaussian_alpha():
+    """At its center, the alpha of a splat is its opacity; one sigma away it is exp(-1/2) times as much."""
     one = [torch.tensor(v) for v in ([[8.5, 8.5]], [[1 / 4, 0, 1 / 4]], [[0.5, 1, 0.25]], [0.8], [1.0])]
     image, alpha = splat.rasterize(*one, torch.ones(1, dtype=torch.int32), 20, 20)
     torch.testing.assert_close(alpha[8, 8], torch.tensor(0.8))
@@ -64,7 +64,7 @@ def test_one_splat():
     assert alpha[0, 0] == 0  # below 1/255
 
 
-def test_nearer_splat_is_in_front():
+def test_nearer_splat_is_drawn_in_front():
     two = [
         torch.tensor([[8.5, 8.5]] * 2),
         torch.tensor([[0.1, 0, 0.1]] * 2),
@@ -78,7 +78,7 @@ def test_nearer_splat_is_in_front():
 
 
 @pytest.mark.parametrize("n", [0, 4])
-def test_nothing_to_draw_is_black(n):
+def test_rasterize_without_visible_splats_is_black(n):
     inputs = splats(n, 3, 20, 20)
     inputs[5] = torch.zeros(n, dtype=torch.int32)
     inputs[2].requires_grad_()
@@ -92,7 +92,7 @@ def test_nothing_to_draw_is_black(n):
 
 
 @pytest.mark.parametrize("index", [0, 1, 2, 3])
-def test_nan_is_refused(index):
+def test_rasterize_rejects_nan(index):
     inputs = splats(5, 3, 20, 20)
     inputs[index][(1,) * inputs[index].ndim] = float("nan")
     with pytest.raises(GaussiansError, match="NaN"):
@@ -101,8 +101,8 @@ def test_nan_is_refused(index):
 
 @settings(max_examples=25, deadline=None)
 @given(st.integers(0, 10**6), st.integers(0, 80), st.integers(1, 40), st.integers(1, 40))
-def test_any_scene(seed, n, width, height):
-    """Alpha in 0..1, and the twin's image but for the odd pixel where rounding crosses the 1/255 cut."""
+def test_random_scene_equals_twin(seed, n, width, height):
+    """Alpha is in 0..1. The image equals the twin's, except for rare pixels where rounding crosses the cut at 1/255."""
     inputs = splats(n, 3, width, height, seed)
     image, alpha = splat.rasterize(*inputs, width, height)
     expected, expected_alpha = twin.rasterize(*inputs, width, height)
@@ -113,7 +113,7 @@ def test_any_scene(seed, n, width, height):
     assert int((error > 1e-5).sum()) <= 4
 
 
-def test_same_bits_for_any_number_of_threads():
+def test_rasterize_bits_do_not_depend_on_threads():
     inputs = splats(500, 3, 100, 70)
 
     def run():
@@ -130,7 +130,7 @@ def test_same_bits_for_any_number_of_threads():
         assert all(torch.equal(a, b) for a, b in zip(found[0], others, strict=True))
 
 
-def test_two_renders_at_once_do_not_disturb_each_other():
+def test_concurrent_renders_are_independent():
     a, b = splats(100, 3, 40, 30, 1), splats(200, 3, 40, 30, 2)
 
     def gradient(inputs, between) -> Any:
@@ -144,7 +144,7 @@ def test_two_renders_at_once_do_not_disturb_each_other():
     assert torch.equal(alone, gradient(a, lambda: gradient(b, lambda: None)))
 
 
-def test_changing_a_saved_tensor_in_place_is_noticed():
+def test_in_place_change_of_saved_tensor_raises():
     inputs = splats(20, 3, 20, 20)
     image, _ = splat.rasterize(inputs[0].requires_grad_(), *inputs[1:], 20, 20)
     image *= 2
@@ -152,7 +152,7 @@ def test_changing_a_saved_tensor_in_place_is_noticed():
         image.sum().backward()
 
 
-def test_bins_are_front_to_back_and_complete():
+def test_bins_are_complete_and_front_to_back():
     means2d, conics, _, opacities, depths, radii = (t.contiguous().numpy() for t in splats(300, 3, 70, 50))
     bins = binning.bin_splats(means2d, conics, opacities, depths, radii, 70, 50)
     assert sorted(bins.slots) == list(range(len(bins.ids)))
@@ -163,8 +163,8 @@ def test_bins_are_front_to_back_and_complete():
     assert not set(bins.ids) & set(np.flatnonzero(radii == 0))
 
 
-def test_a_splat_is_in_the_tiles_and_rows_that_its_ellipse_reaches():
-    """Against every pixel's alpha: nothing that shows is left out, and hardly a row that shows nothing is kept."""
+def test_bins_cover_the_ellipse_of_each_splat():
+    """Compared with the alpha of every pixel, no visible row is left out and few invisible rows are kept."""
     means2d, conics, _, opacities, depths, radii = (t.contiguous().numpy() for t in splats(300, 3, 70, 50))
     conics[:40] = [[0.5, 0.49, 0.5], [0.02, 0, 3]] * 20  # long and thin
     bins = binning.bin_splats(means2d, conics, opacities, depths, radii, 70, 50)
@@ -182,8 +182,8 @@ def test_a_splat_is_in_the_tiles_and_rows_that_its_ellipse_reaches():
     assert (rows & ~expected).sum() < 0.15 * expected.sum()
 
 
-def test_a_second_process_starts_quickly():
-    """The compiled kernels come from the cache on disk: a process that renders must not compile again."""
+def test_second_process_loads_cached_kernels():
+    """A second process loads the compiled kernels from the cache on disk and does not compile again."""
     program = (
         "import time, numpy as np; start = time.process_time()\n"
         "from splatreel.kernels.cpu import binning, blending, rasterize\n"

@@ -1,4 +1,4 @@
-"""Rigid moves of patches, against the same said slowly, and against moves that are template."""
+"""Rigid moves of patches, compared with plain Python and with known moves."""
 
 import numpy as np
 import pytest
@@ -28,7 +28,7 @@ def cloud(count: int, seed: int = 0) -> np.ndarray:
 
 
 def pixels(point: np.ndarray) -> list[tuple[int, int]]:
-    """Row and column of a point in every view."""
+    """Return row and column of a point in every view."""
     found = []
     for camera in CAMERAS:
         x, y, z = camera.K @ (camera.viewmat[:3, :3] @ point + camera.viewmat[:3, 3])
@@ -42,7 +42,7 @@ def turned(points: np.ndarray, axis: tuple[float, ...], angle: float, shift: tup
     return (points @ rotations.to_matrix(quat[None])[0].T + shift).astype(np.float32)
 
 
-def test_points_are_seen_in_the_colours_of_their_pixels_unless_something_hides_them() -> None:
+def test_sample_colors_reads_visible_pixels() -> None:
     points, pictures = cloud(10), noise(0)
     seen, colors = rigid.sample_colors(points, views(pictures))
     assert seen.all()
@@ -57,7 +57,7 @@ def test_points_are_seen_in_the_colours_of_their_pixels_unless_something_hides_t
     np.testing.assert_allclose(hidden[:, 1], colors[:, [0, 2, 3]].mean(1), rtol=1e-5)
 
 
-def test_the_difference_is_the_mean_over_points_and_views_none_more_than_the_cap() -> None:
+def test_color_difference_is_mean_of_capped_differences() -> None:
     points, before, after = cloud(24), noise(1), noise(2)
     seen, colors = rigid.sample_colors(points, views(before))
     found = rigid.color_differences(points, np.arange(24)[None], Template(seen, colors, views(after)))
@@ -70,7 +70,7 @@ def test_the_difference_is_the_mean_over_points_and_views_none_more_than_the_cap
     np.testing.assert_allclose(found, np.mean(expected), rtol=1e-5)
 
 
-def test_what_hardly_any_view_sees_is_neither_right_nor_wrong_and_no_place_to_go() -> None:
+def test_rarely_visible_patch_has_neutral_difference_and_capped_cost() -> None:
     points, pictures = cloud(24), noise(3)
     seen, colors = rigid.sample_colors(points, views(pictures))
     patch, hidden = np.arange(24)[None], views(noise(4), depth=0.5)
@@ -81,7 +81,7 @@ def test_what_hardly_any_view_sees_is_neither_right_nor_wrong_and_no_place_to_go
 
 
 @pytest.mark.parametrize("angle", [0.0, 0.3, 2.0])
-def test_a_patch_starts_with_the_rigid_move_that_flow_or_its_past_says(angle: float) -> None:
+def test_initial_move_fits_flow_or_stays(angle: float) -> None:
     here, patches = cloud(40), np.stack([np.arange(20), np.arange(20, 40)])
     there = turned(here, (1, 2, -1), angle, (0.2, -0.1, 0.3))
     pictures = views(noise(4))
@@ -89,13 +89,13 @@ def test_a_patch_starts_with_the_rigid_move_that_flow_or_its_past_says(angle: fl
     moves, _ = rigid.initial_moves(here, here, there, patches, np.zeros(2, bool), template)
     for move, patch in zip(moves, patches, strict=True):
         np.testing.assert_allclose(here[patch] @ move[:, :3].T + move[:, 3], there[patch], atol=1e-5)
-    # the pictures have not changed: of all moves, none is best, whatever flow and the past say
+    # The images do not change. So the best move is none, whatever the flow and the previous motion are.
     moves, costs = rigid.initial_moves(here, there, there, patches, np.ones(2, bool), template)
     assert costs.max() < 0.02
     np.testing.assert_allclose(moves[:, :, :3], np.broadcast_to(np.eye(3), (2, 3, 3)), atol=1e-6)
 
 
-def test_a_sweep_never_makes_it_worse_and_hands_good_moves_on() -> None:
+def test_refine_moves_adopts_better_move_of_neighbor() -> None:
     here, patches = cloud(48), np.stack([np.arange(24), np.arange(24, 48)])
     pictures = views(noise(5))
     template = Template(*rigid.sample_colors(here, pictures), pictures)

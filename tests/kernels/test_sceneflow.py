@@ -1,4 +1,4 @@
-"""The motion that views agree on, against the same in numpy, and against flow made from a known motion."""
+"""Scene flow compared with numpy, and on optical flow made from a known motion."""
 
 import numpy as np
 
@@ -12,7 +12,7 @@ OPEN = np.full((6, 24, 32), np.inf, np.float32)
 
 
 def points(seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Places [N, 3], some out of sight of some views, and the motion before."""
+    """Return points [N, 3], some invisible in some views, and their previous motion."""
     rng = np.random.default_rng(seed)
     return rng.normal(0, 1, (80, 3)).astype(np.float32), rng.normal(0, 0.1, (80, 3)).astype(np.float32)
 
@@ -42,7 +42,7 @@ def expected(means, last, fields, depths):
     return motion, certainty
 
 
-def test_parity() -> None:
+def test_sceneflow_equals_numpy() -> None:
     means, last = points()
     rng = np.random.default_rng(1)
     fields = rng.normal(0, 2, (6, 48, 64, 2)).astype(np.float16)
@@ -54,7 +54,7 @@ def test_parity() -> None:
     np.testing.assert_allclose(certainty, true_certainty, rtol=1e-3, atol=1e-4)
 
 
-def test_only_the_pixels_asked_for_matter() -> None:
+def test_sceneflow_reads_only_needed_pixels() -> None:
     means, last = points()
     rng = np.random.default_rng(1)
     fields = rng.normal(0, 2, (6, 48, 64, 2)).astype(np.float16)
@@ -71,7 +71,7 @@ def test_only_the_pixels_asked_for_matter() -> None:
         assert (sceneflow.solve(means, last, POSES, LENSES, changed, depths, NEAR)[0] != motion).any()
 
 
-def test_flow_of_a_motion_gives_that_motion() -> None:
+def test_sceneflow_recovers_known_motion() -> None:
     means, _ = points()
     moved = np.array([0.02, -0.03, 0.01], np.float32)
     mean, fields = means[:1] * 0.2, np.zeros((6, 48, 64, 2), np.float16)
@@ -85,7 +85,7 @@ def test_flow_of_a_motion_gives_that_motion() -> None:
     assert certainty[0] > 4
 
 
-def test_a_point_that_no_view_sees_goes_on() -> None:
+def test_invisible_point_keeps_its_motion() -> None:
     means, last = points()
     fields, walls = np.zeros((6, 48, 64, 2), np.float16), np.ones_like(OPEN)
     motion, certainty = sceneflow.solve(means, last, POSES, LENSES, fields, walls, NEAR)

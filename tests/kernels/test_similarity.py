@@ -1,4 +1,4 @@
-"""The photometric loss against the twin's convolutions and known answers."""
+"""The photometric loss compared with the twin's convolutions and with known answers."""
 
 import pytest
 import torch
@@ -16,7 +16,7 @@ def pictures(height, width, seed=0):
 
 @pytest.mark.parametrize("lambda_dssim", [0.0, 0.2, 1.0])
 @pytest.mark.parametrize(("height", "width"), [(29, 37), (1, 1), (4, 40), (40, 3), (12, 11)])
-def test_parity(lambda_dssim, height, width):
+def test_photometric_loss_equals_twin(lambda_dssim, height, width):
     image, target = pictures(height, width)
     assert_parity(
         lambda x: splat.photometric_loss(x, target, lambda_dssim),
@@ -26,7 +26,7 @@ def test_parity(lambda_dssim, height, width):
     )
 
 
-def test_equal_pictures_have_no_loss():
+def test_photometric_loss_of_equal_images_is_zero():
     _, target = pictures(20, 20)
     image = target.clone().requires_grad_()
     loss = splat.photometric_loss(image, target)
@@ -36,19 +36,19 @@ def test_equal_pictures_have_no_loss():
     assert float(image.grad.abs().max()) < 1e-6
 
 
-def test_l1_alone_is_the_mean_difference():
+def test_photometric_loss_without_ssim_is_mean_difference():
     image, target = torch.full((8, 8, 3), 0.75), torch.full((8, 8, 3), 0.5)
     assert float(splat.photometric_loss(image, target, 0.0)) == pytest.approx(0.25)
 
 
-def test_bytes_are_0_to_255():
+def test_photometric_loss_accepts_uint8_target():
     image, target = pictures(20, 20)
     bytes_ = (target * 255).round().to(torch.uint8)
     expected = float(splat.photometric_loss(image, bytes_.float() / 255))
     assert float(splat.photometric_loss(image, bytes_)) == pytest.approx(expected, rel=1e-6)
 
 
-def test_the_gradient_scales_with_the_loss():
+def test_photometric_gradient_scales_with_loss():
     image, target = pictures(20, 20)
     once, twice = image.clone().requires_grad_(), image.clone().requires_grad_()
     splat.photometric_loss(once, target).backward()
@@ -60,7 +60,7 @@ def test_the_gradient_scales_with_the_loss():
 
 @pytest.mark.parametrize("as_bytes", [True, False])
 @pytest.mark.parametrize(("height", "width"), [(29, 37), (40, 130)])
-def test_parity_with_a_gain(height, width, as_bytes):
+def test_photometric_loss_equals_twin_with_gain(height, width, as_bytes):
     image, target = pictures(height, width)
     target = (target * 255).round().to(torch.uint8) if as_bytes else target
     assert_parity(
@@ -72,8 +72,8 @@ def test_parity_with_a_gain(height, width, as_bytes):
 
 
 @pytest.mark.parametrize("seed", range(4))
-def test_tiles_have_the_gradient_and_the_changes_of_the_whole(seed):
-    """Where only some tiles change, so does the loss; and pixels next to them see them through the window."""
+def test_photometric_gradient_of_tiles_equals_whole_image(seed):
+    """If only some tiles change, the loss changes as much as that of the whole image. The window reaches into neighboring tiles."""
     generator = torch.Generator().manual_seed(seed)
     height, width, gain = 90, 350, torch.tensor([0.9, 1.0, 1.1])
     tiles = torch.rand(6, 22, generator=generator) < (0.05, 0.3, 0.7, 1.0)[seed]
@@ -97,7 +97,7 @@ def test_tiles_have_the_gradient_and_the_changes_of_the_whole(seed):
     assert part_after - part_before == pytest.approx(after - before, abs=2e-7)
 
 
-def test_no_tiles_no_gradient():
+def test_photometric_gradient_is_zero_without_tiles():
     image, target = pictures(20, 40)
     leaf = image.requires_grad_()
     splat.photometric_loss(leaf, target, tiles=torch.zeros(2, 3, dtype=torch.bool)).backward()
@@ -105,12 +105,12 @@ def test_no_tiles_no_gradient():
     assert not leaf.grad.any()
 
 
-def test_a_gain_to_be_learned_needs_all_tiles():
+def test_photometric_loss_rejects_tiles_with_trainable_gain():
     image, target = pictures(20, 40)
     with pytest.raises(GaussiansError, match="pass no tiles"):
         splat.photometric_loss(image, target, 0.2, torch.ones(3).requires_grad_(), torch.ones(2, 3, dtype=torch.bool))
 
 
-def test_different_sizes_are_refused():
+def test_photometric_loss_rejects_different_sizes():
     with pytest.raises(GaussiansError, match=r"\(4, 5, 3\)"):
         splat.photometric_loss(torch.zeros(4, 5, 3), torch.zeros(5, 4, 3))

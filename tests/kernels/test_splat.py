@@ -1,4 +1,4 @@
-"""Whole renders and nearest neighbors."""
+"""Complete renders, antialiasing and nearest neighbors."""
 
 # pyright: reportCallIssue=false
 # Pyright assumes that an unpacked list fills all remaining positional arguments.
@@ -29,7 +29,7 @@ def twin_render(means, quats, scales, opacities, sh, viewmat, K):
 
 
 @pytest.mark.parametrize("bands", [1, 16])
-def test_parity_of_a_whole_render(bands):
+def test_render_equals_twin(bands):
     viewmat, K = camera(W, H)
     assert_parity(
         lambda *a: tuple(splat.render(*a, viewmat, K, W, H)[:2]),
@@ -39,7 +39,7 @@ def test_parity_of_a_whole_render(bands):
     )
 
 
-def test_screen_gradients_can_be_kept():
+def test_render_retains_screen_gradients():
     viewmat, K = camera(W, H)
     means, *rest = gaussians(50)
     rendered = splat.render(means.requires_grad_(), *rest, torch.from_numpy(viewmat), torch.from_numpy(K), W, H)
@@ -51,7 +51,7 @@ def test_screen_gradients_can_be_kept():
     assert not rendered.means2d.grad[rendered.radii == 0].any()
 
 
-def test_lower_degree_ignores_the_higher_bands():
+def test_render_at_lower_degree_ignores_higher_bands():
     viewmat, K = camera(W, H)
     means, quats, scales, opacities, sh = gaussians(50)
     low = splat.render(means, quats, scales, opacities, sh, viewmat, K, W, H, degree=1).image
@@ -59,7 +59,7 @@ def test_lower_degree_ignores_the_higher_bands():
 
 
 @pytest.mark.parametrize("name", ["opacities", "sh"])
-def test_nan_is_refused(name):
+def test_render_rejects_nan(name):
     scene = dict(zip(("means", "quats", "scales", "opacities", "sh"), gaussians(5), strict=True))
     scene[name].view(-1)[0] = float("nan")
     with pytest.raises(GaussiansError, match="NaN"):
@@ -68,7 +68,7 @@ def test_nan_is_refused(name):
 
 @pytest.mark.parametrize("k", [1, 5])
 @pytest.mark.parametrize("asked", [True, False])
-def test_neighbors_equal_brute_force(k, asked):
+def test_nearest_neighbors_equal_brute_force(k, asked):
     generator = torch.Generator().manual_seed(0)
     points = torch.rand(200, 3, generator=generator)
     queries = torch.rand(30, 3, generator=generator) if asked else None
@@ -79,7 +79,7 @@ def test_neighbors_equal_brute_force(k, asked):
     torch.testing.assert_close(distances, expected_distances)
 
 
-def test_coinciding_points_are_each_others_neighbors():
+def test_nearest_neighbors_include_coinciding_points():
     points = torch.zeros(4, 3)
     indices, distances = splat.nearest_neighbors(points, 2)
     assert indices.shape == (4, 2)
@@ -88,12 +88,12 @@ def test_coinciding_points_are_each_others_neighbors():
 
 
 @pytest.mark.parametrize("k", [0, 4])
-def test_too_many_neighbors_are_refused(k):
+def test_nearest_neighbors_rejects_wrong_k(k):
     with pytest.raises(GaussiansError, match="there are 3"):
         splat.nearest_neighbors(torch.zeros(4, 3), k)
 
 
-def test_antialiased_opacities_fall_by_what_the_blur_adds_to_the_area():
+def test_antialiased_opacity_falls_by_blurred_area():
     long, wide, angle = 4.0, 0.05, 0.6
     turn = torch.tensor([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     blurred = turn @ torch.diag(torch.tensor([long + 0.1, wide + 0.1])) @ turn.T
@@ -105,10 +105,10 @@ def test_antialiased_opacities_fall_by_what_the_blur_adds_to_the_area():
     torch.testing.assert_close(culled, torch.tensor([0.8]))
 
 
-def test_an_antialiased_picture_has_gradients_that_are_its_slopes():
+def test_antialiased_gradients_equal_finite_differences():
     viewmat, K = camera(W, H)
     points = [tensor.double() for tensor in gaussians(4, 1)]
-    points[2] = points[2] * 0.05  # thin: the blur is most of what is seen of them
+    points[2] = points[2] * 0.05  # thin Gaussians, of which the blur is the larger part
     points[2].requires_grad_()
 
     def opacities(scales):
@@ -118,7 +118,7 @@ def test_an_antialiased_picture_has_gradients_that_are_its_slopes():
     assert torch.autograd.gradcheck(opacities, (points[2],), eps=1e-7, atol=1e-4)
 
 
-def test_half_the_size_looks_like_the_whole_picture_only_with_antialias():
+def test_half_size_image_matches_only_with_antialias():
     rng = np.random.default_rng(0)
     count = 400
     points = Gaussians(
@@ -143,7 +143,7 @@ def test_half_the_size_looks_like_the_whole_picture_only_with_antialias():
 
 
 @pytest.mark.parametrize("antialias", [False, True])
-def test_both_doors_draw_the_same_picture(antialias):
+def test_render_image_equals_render(antialias):
     viewmat, K = camera(W, H)
     tensors = gaussians(80, 4)
     image = splat.render(*tensors, viewmat, K, W, H, antialias=antialias).image

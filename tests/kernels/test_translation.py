@@ -1,4 +1,4 @@
-"""Color differences against the same in numpy."""
+"""Color differences under translations compared with numpy."""
 
 import numpy as np
 
@@ -25,7 +25,7 @@ def expected(points: np.ndarray, motion: np.ndarray, here: np.ndarray, there: np
     return float(np.mean(differences)) if differences else 1.0
 
 
-def test_parity() -> None:
+def test_color_differences_equal_numpy() -> None:
     rng = np.random.default_rng(0)
     points, motions = (rng.normal(0, size, (count, 3)).astype(np.float32) for size, count in ((1.2, 20), (0.5, 15)))
     motions[-1] = 99, 0, 0

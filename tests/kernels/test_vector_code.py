@@ -1,4 +1,4 @@
-"""The machine code of hot loops: vector instructions on every processor that users have, compiled for it here."""
+"""Machine code of hot kernels, compiled here for several processors: it must consist of vector instructions."""
 
 import json
 import os
@@ -55,7 +55,7 @@ print(json.dumps({kernel.name: share(assembly(kernel)) for kernel in kernels}))
 @pytest.mark.slow
 @pytest.mark.parametrize("processor", PROCESSORS)
 def test_hot_kernels_are_vector_code(processor: str) -> None:
-    """Most single-precision arithmetic works on whole rows of pixels or blocks of points."""
+    """More than half of the single-precision arithmetic instructions are vector instructions."""
     environment = dict(os.environ)
     if processor != "aarch64":
         environment |= {"NUMBA_CPU_NAME": processor, "NUMBA_CPU_FEATURES": PROCESSORS[processor]}

@@ -24,8 +24,8 @@ class Notes(Silent):
         self.lines.append(text)
 
 
-def test_every_module_with_kernels_is_known() -> None:
-    """A kernel that is not in the list would be compiled when it is first called, while the user waits."""
+def test_warmup_lists_every_module_with_kernels() -> None:
+    """A kernel missing from the list would compile at its first call, while the user waits."""
     with_kernels = {
         path.stem
         for path in SOURCE.glob("*.py")
@@ -36,7 +36,7 @@ def test_every_module_with_kernels_is_known() -> None:
     assert len(names) == len(set(names)) > 40
 
 
-def test_another_process_compiles_and_reports(tmp_path: Path) -> None:
+def test_warmup_compiles_in_another_process(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "NUMBA_CACHE_DIR": str(tmp_path)}
     program = (
         "from splatreel import jit; from splatreel.kernels import warmup; from splatreel.progress import Silent\n"
@@ -53,7 +53,7 @@ def test_another_process_compiles_and_reports(tmp_path: Path) -> None:
     assert ran.stdout.splitlines() == ["[1, 1]", "None"], ran.stderr
 
 
-def test_a_process_that_dies_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_warmup_does_not_wait_for_dead_process(monkeypatch: pytest.MonkeyPatch) -> None:
     def dead(names: list[str]) -> subprocess.Popen[str]:
         return subprocess.Popen([sys.executable, "-c", "print('one', flush=True)"], stdout=subprocess.PIPE, text=True)
 
@@ -64,7 +64,7 @@ def test_a_process_that_dies_is_not_waited_for(monkeypatch: pytest.MonkeyPatch) 
     running.stop()
 
 
-def test_the_user_hears_what_takes_so_long(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_warmup_reports_progress_while_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
     program = "import sys; print('one', flush=True); sys.stdin.readline()"
 
     def slow(names: list[str]) -> subprocess.Popen[str]:
@@ -85,7 +85,7 @@ def test_the_user_hears_what_takes_so_long(monkeypatch: pytest.MonkeyPatch) -> N
     assert notes.lines[0] == "compiling kernels, once per machine (1 of 2)"
 
 
-def test_kernels_do_not_wait_for_a_warmup_that_is_over() -> None:
+def test_kernels_do_not_wait_after_warmup() -> None:
     with warmup.background_warmup(Silent()):
         pass
     assert jit._warmup is None

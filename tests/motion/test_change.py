@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatreel.motion.change import changes
+from splatreel.motion.change import changed_pixels
 
 
 def filmed(noise: float, flicker: float = 0.0, frames: int = 12) -> np.ndarray:
@@ -15,7 +15,7 @@ def filmed(noise: float, flicker: float = 0.0, frames: int = 12) -> np.ndarray:
 
 
 def test_changes_are_where_square_moves() -> None:
-    found = changes(filmed(3.0))
+    found = changed_pixels(filmed(3.0))
     assert found.shape == (2, 48, 64)
     assert found[0, 12:18, 10:46].all()
     assert not found[0, 24:].any()
@@ -24,11 +24,11 @@ def test_changes_are_where_square_moves() -> None:
 
 def test_changes_ignore_noise_and_flicker() -> None:
     for film in (filmed(12.0), filmed(2.0, flicker=10)):
-        found = changes(film)
+        found = changed_pixels(film)
         assert found[0, 12:18, 10:46].mean() > 0.9
         assert found[0, 24:].mean() < 0.05
         assert found[1].mean() < 0.05
 
 
 def test_changes_of_one_frame_are_empty() -> None:
-    assert not changes(filmed(3.0)[:1]).any()
+    assert not changed_pixels(filmed(3.0)[:1]).any()

@@ -162,7 +162,7 @@ def test_raft_without_weights_names_path(monkeypatch: pytest.MonkeyPatch, tmp_pa
 def test_raft_refuses_other_weights_and_loads_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
     fake_torchvision(monkeypatch)
     (tmp_path / "text.pth").write_text("no weights")
-    with pytest.raises(MissingDependencyError, match=r"text\.pth: these are not weights"):
+    with pytest.raises(MissingDependencyError, match=r"text\.pth: not the weights"):
         RaftFlow(tmp_path / "text.pth")
     expected = torch.nn.Linear(2, 2)
     torch.save(expected.state_dict(), tmp_path / "good.pth")

@@ -5,7 +5,7 @@ import pytest
 
 from splatreel.kernels.image import render_image
 from splatreel.motion import light as module
-from splatreel.motion.light import AGREE, MIN_CHANGE, changes_of_light
+from splatreel.motion.light import MIN_AGREEING_SHARE, MIN_CHANGE, changes_of_light
 from splatreel.recon.layering.relighting import RelitPoints
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import blots
@@ -72,7 +72,7 @@ def test_light_ignores_single_frame_and_noise() -> None:
 def test_light_ignores_change_of_one_camera() -> None:
     frames = film(0 * shadow(3, 5))
     frames[3:6, 1] //= 2
-    assert 1 / len(CAMERAS) < AGREE
+    assert 1 / len(CAMERAS) < MIN_AGREEING_SHARE
     assert not changes_of_light(WALL, CAMERAS, frames, NEAR).any()
 
 
@@ -86,7 +86,7 @@ def test_light_ignores_change_of_whole_scene() -> None:
 
 
 def test_light_keeps_strongest_changes(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module, "MOST", 0.01)
+    monkeypatch.setattr(module, "MAX_CHANGED_SHARE", 0.01)
     found = (changes_of_light(WALL, CAMERAS, film(shadow(3, 5)), NEAR) != 0).any(0)
     assert found.sum() == 9
     assert found[INSIDE].sum() == 9

@@ -9,7 +9,7 @@ import pytest
 from splatreel.config import LayeringConfig
 from splatreel.errors import UsageError
 from splatreel.motion.flow import DisFlow
-from splatreel.motion.masks import ENOUGH_WIDTH, GrabCutSegmenter, later_frames, make_segmenter, motion_masks
+from splatreel.motion.masks import FLOW_WIDTH, GrabCutSegmenter, later_frames, make_segmenter, motion_masks
 
 CONFIG = LayeringConfig()
 
@@ -109,7 +109,7 @@ def test_masks_of_large_images_use_small_flow() -> None:
         assert mask[42 * scale : 68 * scale, 42 * scale : 68 * scale].mean() > 0.95
         assert not mask[: 25 * scale].any()
         assert not mask[:, 100 * scale :].any()
-    assert set(widths) == {ENOUGH_WIDTH}
+    assert set(widths) == {FLOW_WIDTH}
 
 
 def test_masks_ignore_flow_without_color_change() -> None:

@@ -17,7 +17,7 @@ OTHERS = ["evil.example", "localhost.evil.example", "127.0.0.1.evil.example:8080
 
 
 @pytest.mark.parametrize("bound", ["127.0.0.1", "::1"])
-def test_on_this_machine_only(bound: str):
+def test_loopback_server_answers_to_loopback_names_only(bound: str):
     names = AllowedHosts(bound, bound)
     for host in ITSELF:
         assert host in names, host
@@ -26,7 +26,7 @@ def test_on_this_machine_only(bound: str):
 
 
 @pytest.mark.parametrize("bound", ["0.0.0.0", "::", "192.168.0.7", "fe80::1%eth0"])
-def test_on_the_network_any_address_and_the_names_of_the_machine(bound: str):
+def test_network_server_answers_to_addresses_and_machine_names(bound: str):
     names = AllowedHosts(bound, "Reels.example")
     machine = socket.gethostname()
     for host in (*ITSELF, "192.168.0.7:8080", "[fe80::1]:1", "reels.example", machine, f"{machine}.local:8080"):
@@ -35,7 +35,7 @@ def test_on_the_network_any_address_and_the_names_of_the_machine(bound: str):
         assert host not in names, host
 
 
-def test_further_names():
+def test_allowed_hosts_accept_further_names():
     names = AllowedHosts("127.0.0.1", "127.0.0.1", ["Tunnel.example."])
     assert "tunnel.example:443" in names
     assert "other.example" not in names
@@ -44,7 +44,7 @@ def test_further_names():
             AllowedHosts("127.0.0.1", "127.0.0.1", [wrong])
 
 
-def test_another_name_is_refused_with_the_remedy():
+def test_unknown_host_is_refused_with_remedy():
     with serve(GOLDEN, port=0) as server:
         status, text = ask(server.url, "rebound.example:80")
         assert status == 421
@@ -65,7 +65,7 @@ def ask(url: str, host: str) -> tuple[int, str]:
         connection.close()
 
 
-def test_a_name_that_is_none_frees_the_port():
+def test_invalid_host_name_frees_port():
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     with pytest.raises(UsageError, match="not the name"):

@@ -67,7 +67,7 @@ def golden_document(folder: Path) -> list[dict]:
     return result
 
 
-def test_is_where_the_golden_numbers_say(tmp_path: Path):
+def test_camera_path_matches_golden_numbers(tmp_path: Path):
     """`python -m tests.play.test_camera_path` writes them anew."""
     for entry, want in zip(golden_document(tmp_path), json.loads(GOLDEN.read_text()), strict=True):
         assert entry["path"] == want["path"]
@@ -76,7 +76,7 @@ def test_is_where_the_golden_numbers_say(tmp_path: Path):
             assert np.allclose(moment["viewmat"], expected["viewmat"], atol=1e-9)
 
 
-def test_passes_its_keyframes_and_rests_between_equal_ones():
+def test_camera_path_passes_keyframes_and_stays_between_equal_ones():
     keys = [Keyframe(t, 0.0, at(x)) for t, x in [(0, 0), (1, 1), (3, 2), (4, 2), (5, 4)]]
     path = CameraPath(keys)
     assert path.seconds == 5
@@ -87,7 +87,7 @@ def test_passes_its_keyframes_and_rests_between_equal_ones():
     assert speeds[0] == pytest.approx(speeds[1], rel=0.01)
 
 
-def test_a_closed_loop_has_no_kink_where_it_ends():
+def test_camera_path_loop_is_smooth_at_its_ends():
     ring = [Keyframe(float(i), 0.0, at(*place)) for i, place in enumerate([(0, 0), (1, 0), (1, 1), (0, 1), (0, 0)])]
     path = CameraPath(ring, loop=True)
     ahead = centre(path.at(1e-4)[0]) - centre(path.at(0)[0])
@@ -108,7 +108,7 @@ def bad_keyframe(**changes: object) -> dict:
         ([], "its format is absent"),
         (document(format="splatreel"), 'its format is "splatreel"'),
         (document(version=2), "its version is 2"),
-        (document(keyframes=[]), "no list of 1 to"),
+        (document(keyframes=[]), "not a list of 1 to"),
         (document(keyframes=[7]), "at of keyframe 0 is absent"),
         (bad_keyframe(at=0), "at of keyframe 1 is 0. Give seconds from 0 on that grow"),
         (bad_keyframe(at=float("nan")), "at of keyframe 1 is NaN"),
@@ -119,14 +119,14 @@ def bad_keyframe(**changes: object) -> dict:
         (bad_keyframe(viewmat=["a"] * 16), "viewmat of keyframe 1"),
     ],
 )
-def test_what_is_no_path_says_where_and_what_to_do(tmp_path: Path, value: object, message: str):
+def test_invalid_camera_path_names_field_and_remedy(tmp_path: Path, value: object, message: str):
     file = write(tmp_path / "path.json", value)
     with pytest.raises(UsageError, match=r"path\.json is not a camera path") as caught:
         read_path(file)
     assert message in str(caught.value)
 
 
-def test_a_file_that_cannot_be_read_says_so(tmp_path: Path):
+def test_unreadable_camera_path_raises_usage_error(tmp_path: Path):
     with pytest.raises(UsageError, match=r"none\.json: cannot be read"):
         read_path(tmp_path / "none.json")
     (tmp_path / "bytes").write_bytes(b"\xff\x00")
@@ -143,7 +143,7 @@ if __name__ == "__main__":
         GOLDEN.write_text(json.dumps(golden_document(Path(folder)), indent=1) + "\n")
 
 
-def test_a_file_that_is_too_large_for_a_path_is_not_read(tmp_path: Path) -> None:
+def test_oversized_camera_path_is_not_read(tmp_path: Path) -> None:
     file = tmp_path / "path.json"
     with file.open("wb") as opened:
         opened.truncate(1 << 40)  # a hole: it takes no place on the disk

@@ -1,4 +1,4 @@
-"""The web server under attack: what others hold open, send too much of, or do not read takes little memory and delays nobody."""
+"""Limits of the web server: slow, excessive and stalled requests use little memory and delay no other request."""
 
 import http.client
 import os
@@ -45,7 +45,7 @@ def shorten(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
     monkeypatch.setattr(connection, name, 0.3)
 
 
-def test_headers_that_are_dribbled_are_given_up(server: Server, monkeypatch: pytest.MonkeyPatch):
+def test_slow_headers_time_out(server: Server, monkeypatch: pytest.MonkeyPatch):
     shorten(monkeypatch, "REQUEST_SECONDS")
     with dial(server) as peer:
         try:
@@ -57,7 +57,7 @@ def test_headers_that_are_dribbled_are_given_up(server: Server, monkeypatch: pyt
     pytest.fail("it was not given up")
 
 
-def test_the_second_request_must_come_whole_as_well(server: Server, monkeypatch: pytest.MonkeyPatch):
+def test_slow_second_request_times_out(server: Server, monkeypatch: pytest.MonkeyPatch):
     shorten(monkeypatch, "REQUEST_SECONDS")
     monkeypatch.setattr(connection, "IDLE_SECONDS", 1000)
     with dial(server) as peer:
@@ -65,14 +65,14 @@ def test_the_second_request_must_come_whole_as_well(server: Server, monkeypatch:
         assert received(peer).count(b"HTTP/1.1 200") == 1  # it ends: else this times out
 
 
-def test_who_asks_for_nothing_is_given_up(server: Server, monkeypatch: pytest.MonkeyPatch):
+def test_idle_connection_times_out(server: Server, monkeypatch: pytest.MonkeyPatch):
     shorten(monkeypatch, "IDLE_SECONDS")
     with dial(server) as peer:
         peer.sendall(GET)
         assert received(peer).startswith(b"HTTP/1.1 200")
 
 
-def test_who_does_not_read_is_given_up(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_stalled_reader_times_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     shorten(monkeypatch, "STALL_SECONDS")
     reel = large_reel(tmp_path)
     with serve(reel, port=0) as server, dial(server) as peer:
@@ -81,7 +81,7 @@ def test_who_does_not_read_is_given_up(tmp_path: Path, monkeypatch: pytest.Monke
         assert len(received(peer)) < LARGE, "it was cut off"
 
 
-def test_who_reads_slowly_gets_all(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_slow_reader_receives_everything(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     """Longer than a reader may stall in all, but never at once."""
     monkeypatch.setattr(connection, "STALL_SECONDS", 2.0)
     reel, size = large_reel(tmp_path), 0
@@ -97,7 +97,7 @@ def test_who_reads_slowly_gets_all(tmp_path: Path, monkeypatch: pytest.MonkeyPat
 
 
 @pytest.mark.parametrize("count", [2, 3, 20_000])
-def test_of_many_requests_in_one_go_two_are_answered(server: Server, count: int):
+def test_connection_answers_two_pipelined_requests_and_closes(server: Server, count: int):
     """Then the connection ends; those who send them so must be ready to send the others again."""
     with dial(server) as peer:
         with suppress(ConnectionError):
@@ -106,7 +106,7 @@ def test_of_many_requests_in_one_go_two_are_answered(server: Server, count: int)
     assert answers == 2 or (count > 3 and answers < 2), "what is unread when a connection ends takes answers with it"
 
 
-def test_many_requests_one_after_the_other_are_all_answered_on_one_connection(server: Server):
+def test_connection_answers_sequential_requests(server: Server):
     address = urlsplit(server.url)
     asking = http.client.HTTPConnection(address.netloc, timeout=120)
     asking.connect()
@@ -118,7 +118,7 @@ def test_many_requests_one_after_the_other_are_all_answered_on_one_connection(se
     asking.close()
 
 
-def test_there_is_room_for_who_comes_last(server: Server):
+def test_new_connection_replaces_longest_waiting_one(server: Server):
     """The connection that waited longest is given up, not the newest."""
     with ExitStack() as stack:
         for _ in range(300):
@@ -126,7 +126,7 @@ def test_there_is_room_for_who_comes_last(server: Server):
         assert request(server, "/reel/manifest.json")[0].status == 200
 
 
-def test_it_is_readers_that_are_kept_where_there_are_too_many(server: Server):
+def test_connection_limit_keeps_active_readers(server: Server):
     with dial(server) as peer, ExitStack() as stack:
         peer.sendall(GET)
         assert peer.recv(1 << 16).startswith(b"HTTP/1.1 200")
@@ -137,7 +137,7 @@ def test_it_is_readers_that_are_kept_where_there_are_too_many(server: Server):
 
 
 @pytest.mark.skipif(not os.path.exists("/proc/self/status"), reason="memory is read from /proc")
-def test_attacks_take_little_memory_and_delay_nobody(tmp_path: Path):
+def test_attacks_use_little_memory_and_cause_no_delay(tmp_path: Path):
     with served(large_reel(tmp_path)) as victim:
         before = victim.peak()
         for attack in ATTACKS:
@@ -148,7 +148,7 @@ def test_attacks_take_little_memory_and_delay_nobody(tmp_path: Path):
             assert victim.peak() - before < 100e6, attack.__name__
 
 
-def test_closing_waits_for_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+def test_server_closes_at_once_despite_open_connections(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     for name in ("REQUEST_SECONDS", "IDLE_SECONDS", "STALL_SECONDS"):
         monkeypatch.setattr(connection, name, 1000)
     server = serve(large_reel(tmp_path), port=0)

@@ -23,7 +23,7 @@ def camera(x: float) -> Camera:
     return Camera(f"at {x}", viewmat, np.array([[100, 0, 32], [0, 100, 24], [0, 0, 1]]), 64, 48)
 
 
-def test_a_path_passes_the_nearest_camera_first_without_a_jump():
+def test_film_passes_nearest_camera_first_without_jump():
     shots = film_through_cameras(camera(0), [camera(3), camera(0), camera(1), camera(2)], 31, 30, 5)
     assert [round(30 * seconds) for seconds, _ in shots] == list(range(5, 36))
     places = np.array([c.center[0] for _, c in shots])
@@ -31,7 +31,7 @@ def test_a_path_passes_the_nearest_camera_first_without_a_jump():
     assert np.abs(np.diff(places)).max() < 0.15
 
 
-def test_a_path_keeps_the_lens_and_turns_smoothly():
+def test_film_keeps_lens_and_rotates_smoothly():
     turned = camera(1).viewmat.copy()
     turned[:3, :3] = [[0, 0, 1], [0, 1, 0], [-1, 0, 0]]
     path = [c for _, c in film_through_cameras(camera(0), [replace(camera(1), viewmat=turned)], 5, 30)]
@@ -40,13 +40,13 @@ def test_a_path_keeps_the_lens_and_turns_smoothly():
     assert np.allclose(angles, [0, 22.5, 45, 67.5, 90], atol=1)
 
 
-def test_without_other_cameras_it_stays():
+def test_film_without_other_cameras_does_not_move():
     for cameras in ([], [camera(0)]):
         assert [c.center[0] for _, c in film_through_cameras(camera(0), cameras, 3, 30)] == [0, 0, 0]
     assert len(film_through_cameras(camera(0), [camera(1)], 1, 30)) == 1
 
 
-def test_a_film_of_a_path_has_its_seconds_its_times_and_the_lens():
+def test_film_along_path_has_its_duration_times_and_lens():
     keyframes = [Keyframe(t, time, camera(x).viewmat) for t, time, x in [(0.0, 1.0, 0), (1.0, 2.0, 1), (2.0, 2.0, 1)]]
     shots = film_along_path(CameraPath(keyframes), camera(9), 10)
     assert len(shots) == 21
@@ -57,7 +57,7 @@ def test_a_film_of_a_path_has_its_seconds_its_times_and_the_lens():
     assert len(film_along_path(CameraPath(keyframes[:1]), camera(9), 10)) == 1
 
 
-def test_knows_whether_time_goes_at_the_reels_pace():
+def test_sound_start_requires_reel_speed():
     keyframes = [Keyframe(float(t), 3.0 + t, camera(t).viewmat) for t in range(3)]
     assert sound_start(film_along_path(CameraPath(keyframes), camera(0), 30), 30) == 3
     assert sound_start(film_through_cameras(camera(0), [camera(1)], 9, 30, 6), 30) == 0.2
@@ -65,7 +65,7 @@ def test_knows_whether_time_goes_at_the_reels_pace():
     assert sound_start(film_along_path(CameraPath(slow), camera(0), 30), 30) is None
 
 
-def test_the_film_shows_the_reel(tmp_path: Path):
+def test_film_shows_reel(tmp_path: Path):
     reel = open_reel(GOLDEN)
     start = reel.manifest.camera.resized(81, 60)
     done = []
@@ -80,7 +80,7 @@ def test_the_film_shows_the_reel(tmp_path: Path):
     assert -10 * np.log10(np.mean((pictures[2] / 255 - want) ** 2)) > 25
 
 
-def test_flash_and_click_coincide_in_a_film(tmp_path: Path):
+def test_film_sound_is_synchronized(tmp_path: Path):
     reel = open_reel(flashes.GOLDEN)
     start, first, count = reel.manifest.camera.resized(32, 24), 50, 90
     write_film(tmp_path / "film.mp4", reel, [((first + i) / reel.fps, start) for i in range(count)])
@@ -94,7 +94,7 @@ def test_flash_and_click_coincide_in_a_film(tmp_path: Path):
     np.testing.assert_allclose((rises - 0.5) / reel.fps, expected, atol=1e-6)
 
 
-def test_a_film_out_of_step_is_silent(tmp_path: Path):
+def test_film_at_other_speed_is_silent(tmp_path: Path):
     reel = open_reel(flashes.GOLDEN)
     start = reel.manifest.camera.resized(32, 24)
     write_film(tmp_path / "film.mp4", reel, [(2 * i / reel.fps, start) for i in range(6)])
@@ -102,7 +102,7 @@ def test_a_film_out_of_step_is_silent(tmp_path: Path):
         assert not film.streams.audio
 
 
-def test_a_film_that_is_not_finished_leaves_the_old_one(tmp_path: Path) -> None:
+def test_interrupted_film_keeps_old_file(tmp_path: Path) -> None:
     def stop(done: int) -> None:
         raise KeyboardInterrupt
 
@@ -113,7 +113,7 @@ def test_a_film_that_is_not_finished_leaves_the_old_one(tmp_path: Path) -> None:
     assert [(path.name, path.read_bytes()) for path in tmp_path.iterdir()] == [("film.mp4", b"an older film")]
 
 
-def test_a_film_is_encoded_so_that_its_bytes_do_not_depend_on_the_machine(tmp_path: Path) -> None:
+def test_film_encoding_is_deterministic(tmp_path: Path) -> None:
     """One thread, and no macroblock tree: with it 22 of 7,190 encodings of the same pictures under load differed."""
     reel = open_reel(GOLDEN)
     for name in ("a.mp4", "b.mp4"):

@@ -35,7 +35,7 @@ def sorted_means(points: Gaussians) -> np.ndarray:
 
 
 @pytest.mark.parametrize(("old", "retired"), [(4, True), (3, False)])
-def test_from_one_group_to_the_next_what_is_retired_fades_out_and_what_is_shared_stays(old, retired):
+def test_retired_layers_fade_out_and_shared_layers_stay(old, retired):
     """Group 5 is a chapter's first: of the one before it shares six static points with it, of a chapter all twelve."""
     reader, frame = ReelReader(LONG), 2 * old + 2.5
     moment = open_reel(LONG).at(frame / FPS)
@@ -53,7 +53,7 @@ def test_from_one_group_to_the_next_what_is_retired_fades_out_and_what_is_shared
     assert len(reader.static(old + 1)[0]) == (10 if retired else 12)
 
 
-def test_every_moment_of_a_reel_in_pages_is_shown_by_the_group_of_its_time():
+def test_paged_reel_shows_group_of_each_time():
     timeline, reader = open_reel(LONG), ReelReader(LONG)
     for group, after in pairwise(timeline.manifest.groups):
         frame = after.first_frame - 0.75  # past the cross-fade, which takes a frame
@@ -61,7 +61,7 @@ def test_every_moment_of_a_reel_in_pages_is_shown_by_the_group_of_its_time():
         np.testing.assert_array_equal(sorted_means(timeline.at(frame / FPS)), sorted_means(expected))
 
 
-def test_a_reel_that_begins_later_shows_its_first_frame_before(tmp_path: Path):
+def test_trimmed_reel_shows_first_frame_before_its_start(tmp_path: Path):
     writer = new_writer(tmp_path, config=QUICK, page=2)
     for index in range(10):
         add_chapter_group(writer, index, CHAPTER)
@@ -77,7 +77,7 @@ def test_a_reel_that_begins_later_shows_its_first_frame_before(tmp_path: Path):
         np.testing.assert_array_equal(timeline.at(seconds).means, means)
 
 
-def test_the_clock_of_a_reel_that_begins_later_stays_within_it():
+def test_clock_of_trimmed_reel_stays_within_reel():
     clock = Clock(2.1, start=0.8)
     assert clock.time == 0.8
     clock.advance(1.0)
@@ -93,7 +93,7 @@ def test_the_clock_of_a_reel_that_begins_later_stays_within_it():
 
 
 @pytest.mark.parametrize("path", [LONG, WINDOW], ids=["long", "window"])
-def test_a_page_holds_all_groups_of_a_reel_in_pages(path: Path, tmp_path: Path) -> None:
+def test_standalone_page_contains_all_groups_of_paged_reel(path: Path, tmp_path: Path) -> None:
     write_standalone(tmp_path / "page.html", path)
     scripts = Scripts(tmp_path / "page.html")
     manifest, before = (
@@ -105,7 +105,7 @@ def test_a_page_holds_all_groups_of_a_reel_in_pages(path: Path, tmp_path: Path) 
     assert set(scripts.of("data-reel-file")) == manifest.uris
 
 
-def test_what_is_served_of_a_live_reel_follows_its_window(tmp_path: Path) -> None:
+def test_served_files_of_live_reel_follow_its_window(tmp_path: Path) -> None:
     writer = new_writer(tmp_path, config=QUICK, page=2)
     files, named = ServedFiles(tmp_path), []
     for index in range(11):
@@ -120,9 +120,7 @@ def test_what_is_served_of_a_live_reel_follows_its_window(tmp_path: Path) -> Non
     assert files.find("pages/000099.json") is None
 
 
-def test_a_film_and_frames_of_a_reel_that_begins_later_are_of_its_own_frames(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_exports_of_trimmed_reel_use_its_own_frames(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["export", str(WINDOW), "--out", str(tmp_path / "film.mp4"), "--width", "32"]) == 0
     with av.open(str(tmp_path / "film.mp4")) as film:
         assert sum(1 for _ in film.decode(video=0)) == 13
@@ -133,7 +131,7 @@ def test_a_film_and_frames_of_a_reel_that_begins_later_are_of_its_own_frames(
         assert "there is no frame 7; choose 8 to 20" in capsys.readouterr().err
 
 
-def test_info_counts_what_is_in_pages(capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_counts_paged_groups(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", str(WINDOW)]) == 0
     text = capsys.readouterr().out
     assert "13 frames at 10 a second, 1.30 s" in text
@@ -150,13 +148,13 @@ def test_info_counts_what_is_in_pages(capsys: pytest.CaptureFixture[str]) -> Non
     assert found["first_view_bytes"] == own + ReelReader(LONG).manifest.pages[0].bytes + sum(x.bytes for x in first)
 
 
-def test_info_counts_both_layers_of_a_group(capsys: pytest.CaptureFixture[str]) -> None:
+def test_info_counts_both_layers_of_group(capsys: pytest.CaptureFixture[str]) -> None:
     layers = [layer for layer in ReelReader(LONG).manifest.layers if layer.group == 0]
     assert main(["info", str(LONG)]) == 0
     assert f"10 new static points ({sum(layer.bytes for layer in layers):,} bytes)" in capsys.readouterr().out
 
 
-def test_a_poster_and_thumbnails_are_made_of_a_reel_that_begins_later(tmp_path: Path) -> None:
+def test_trimmed_reel_gets_poster_and_thumbnails(tmp_path: Path) -> None:
     writer = new_writer(tmp_path, config=QUICK, page=2)
     for index in range(10):
         add_chapter_group(writer, index, CHAPTER)

@@ -32,7 +32,7 @@ def complete(writer: ReelWriter, present: PresentationWriter) -> None:
     writer.finish()
 
 
-def test_the_poster_is_there_with_the_first_group_and_shows_what_the_start_camera_sees(tmp_path: Path) -> None:
+def test_poster_is_written_with_first_group(tmp_path: Path) -> None:
     writer = new_writer(tmp_path)
     add_groups(writer, range(1), PresentationWriter({"title": "Balls"}))
     manifest = open_reel(tmp_path).manifest
@@ -50,7 +50,7 @@ def test_the_poster_is_there_with_the_first_group_and_shows_what_the_start_camer
     assert -10 * np.log10(np.mean((np.asarray(image) / 255 - truth) ** 2)) > 28
 
 
-def test_a_run_that_was_cut_off_anywhere_ends_with_the_same_reel(tmp_path: Path) -> None:
+def test_interrupted_presentation_run_resumes_to_same_reel(tmp_path: Path) -> None:
     present = PresentationWriter({"author": "Somebody"})
     add_groups(writer := new_writer(tmp_path / "whole"), range(3), present)
     complete(writer, present)
@@ -64,9 +64,7 @@ def test_a_run_that_was_cut_off_anywhere_ends_with_the_same_reel(tmp_path: Path)
     assert verify_reel(tmp_path / "cut").strangers == []
 
 
-def test_a_poster_and_thumbnails_that_are_there_are_not_drawn_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_existing_poster_and_thumbnails_are_kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     add_groups(writer := new_writer(tmp_path), range(2), PresentationWriter())
     complete(writer, PresentationWriter())
     before = contents(tmp_path)
@@ -75,7 +73,7 @@ def test_a_poster_and_thumbnails_that_are_there_are_not_drawn_again(
     assert contents(tmp_path) == before
 
 
-def test_words_change_and_the_others_stay(tmp_path: Path) -> None:
+def test_presentation_changes_given_texts_only(tmp_path: Path) -> None:
     add_groups(writer := new_writer(tmp_path), range(1), PresentationWriter({"title": "One", "licence": "CC0-1.0"}))
     complete(writer, PresentationWriter({"title": "Two"}))
     found = open_reel(tmp_path).manifest.presentation
@@ -84,7 +82,7 @@ def test_words_change_and_the_others_stay(tmp_path: Path) -> None:
         PresentationWriter({"title": "x" * 201})(writer, None)
 
 
-def test_thumbnails_are_pictures_of_their_times(tmp_path: Path) -> None:
+def test_thumbnails_show_their_times(tmp_path: Path) -> None:
     add_groups(writer := new_writer(tmp_path), range(4), PresentationWriter())
     complete(writer, PresentationWriter())
     reel = open_reel(tmp_path)
@@ -101,7 +99,7 @@ def test_thumbnails_are_pictures_of_their_times(tmp_path: Path) -> None:
         assert np.argmin(errors) == index
 
 
-def test_long_reels_have_sheets_of_five_minutes(tmp_path: Path) -> None:
+def test_long_reel_has_thumbnail_sheets_of_five_minutes(tmp_path: Path) -> None:
     """Ten minutes at a frame every two seconds: a picture each ten seconds, 30 a sheet, the last one not full."""
     writer = new_writer(tmp_path, fps=0.5)
     writer.add_layer(0, 0, points(20))
@@ -115,7 +113,7 @@ def test_long_reels_have_sheets_of_five_minutes(tmp_path: Path) -> None:
     assert sum(sheet.bytes for sheet in found.sheets) < 110_000
 
 
-def test_a_reel_that_gets_other_groups_loses_the_thumbnails_of_before(tmp_path: Path) -> None:
+def test_new_groups_remove_old_thumbnails(tmp_path: Path) -> None:
     add_groups(writer := new_writer(tmp_path), range(2), PresentationWriter())
     complete(writer, PresentationWriter())
     add_groups(writer := new_writer(tmp_path, resume=True), range(2, 3), PresentationWriter())
@@ -123,13 +121,13 @@ def test_a_reel_that_gets_other_groups_loses_the_thumbnails_of_before(tmp_path: 
     assert not list(tmp_path.glob("thumbnails/*"))
 
 
-def test_pictures_get_coarser_until_they_fit() -> None:
+def test_jpeg_quality_decreases_until_size_fits() -> None:
     noise = np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8)
     fine, coarse = jpeg.jpeg_within(noise, 10**6), jpeg.jpeg_within(noise, 8_000)
     assert len(coarse) <= 8_000 < len(fine)
 
 
-def test_a_poster_that_does_not_fit_is_smaller(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_oversized_poster_is_downscaled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("splatreel.play.poster.MOST_BYTES", 4_000)
     add_groups(writer := new_writer(tmp_path), range(1), PresentationWriter())
     poster = writer.manifest.presentation.poster
@@ -137,9 +135,7 @@ def test_a_poster_that_does_not_fit_is_smaller(tmp_path: Path, monkeypatch: pyte
     assert (poster.width, poster.height) == (640, 480)
 
 
-def test_killed_at_any_write_the_same_command_ends_with_the_same_reel(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_killed_edit_resumes_to_same_reel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     present = PresentationWriter({"title": "Balls"})
 
     def run(folder: Path) -> None:

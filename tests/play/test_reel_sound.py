@@ -16,7 +16,7 @@ from tests.codec.reels import edit_manifest, give_sound, write_reel
 RATE = 48000
 
 
-def test_flash_and_click_coincide() -> None:
+def test_reel_sound_is_synchronized() -> None:
     reel = open_reel(flashes.GOLDEN)
     sound = reel.sound.samples(0, reel.duration)
     np.testing.assert_allclose(flashes.onsets(sound), flashes.CLICKS, atol=1e-3)
@@ -30,7 +30,7 @@ def _brightness(reel, seconds: float) -> float:
     return float(reel.render(reel.at(seconds), reel.manifest.camera.resized(40, 30)).mean())
 
 
-def test_samples_do_not_depend_on_where_one_starts(tmp_path: Path) -> None:
+def test_samples_do_not_depend_on_start(tmp_path: Path) -> None:
     noise = np.random.default_rng(0).normal(0, 0.1, (6 * RATE, 2)).astype(np.float32)
     reel = write_reel(tmp_path)
     give_sound(reel, encode_sound([noise], 2), (1, 2, 3))
@@ -47,7 +47,7 @@ def test_samples_do_not_depend_on_where_one_starts(tmp_path: Path) -> None:
         assert error[RATE // 20 :].max() < 1e-3, start
 
 
-def test_there_is_silence_around_it() -> None:
+def test_samples_outside_of_sound_are_silent() -> None:
     sound = open_reel(flashes.GOLDEN).sound
     around = sound.samples(-1, 6)
     assert around.shape == (6 * RATE, 1)
@@ -57,18 +57,18 @@ def test_there_is_silence_around_it() -> None:
     assert sound.samples(1, 0).shape == (0, 1)
 
 
-def test_over_http() -> None:
+def test_reel_sound_over_http() -> None:
     with serve(flashes.GOLDEN, port=0) as server:
         sound = open_reel(f"{server.url}reel/manifest.json").sound
         found = flashes.onsets(sound.samples(1, 2))
     np.testing.assert_allclose(found + 1, flashes.CLICKS[1:3], atol=1e-3)
 
 
-def test_a_silent_reel_has_none() -> None:
+def test_silent_reel_has_no_sound() -> None:
     assert open_reel(golden.GOLDEN).sound is None
 
 
-def test_what_lies_about_itself_is_refused(tmp_path: Path) -> None:
+def test_sound_with_false_claims_is_refused(tmp_path: Path) -> None:
     reel = tmp_path / "reel"
     shutil.copytree(flashes.GOLDEN, reel)
     edit_manifest(reel, lambda document: document["sound"].update(channels=2))

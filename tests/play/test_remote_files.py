@@ -31,7 +31,7 @@ def read(files: RemoteFiles, name: str) -> bytes:
     return data
 
 
-def test_a_server_fetches_from_a_bucket_what_it_is_asked_for(bucket, tmp_path):
+def test_server_fetches_remote_files_on_request(bucket, tmp_path):
     reel = write_reel(tmp_path / "reel")
     Publication(reel, open_folder(bucket.url("reel"))).update()
     bucket.client.put_object(Bucket=bucket.name, Key="reel/secret.txt", Body=b"secret")
@@ -49,7 +49,7 @@ def test_a_server_fetches_from_a_bucket_what_it_is_asked_for(bucket, tmp_path):
         group = next(name for name in names if name.startswith("groups/0000"))
         bucket.client.put_object(Bucket=bucket.name, Key=f"reel/{group}", Body=b"x" * names[group])
         assert get(f"{server.url}reel/{group}")[0] == 200  # it is kept
-        server._http.config.app._files._files.clear()  # pyright: ignore
+        server._http.config.app._app._files._files.clear()  # pyright: ignore
         assert get(f"{server.url}reel/{group}")[:2] == (
             502,
             b"The remote host of the reel does not deliver this file.\n",
@@ -57,12 +57,12 @@ def test_a_server_fetches_from_a_bucket_what_it_is_asked_for(bucket, tmp_path):
         assert get(server.url)[0] == 200
 
 
-def test_a_place_without_a_reel_is_not_served(bucket):
+def test_remote_address_without_reel_is_refused(bucket):
     with pytest.raises(ReelError, match=r"manifest\.json: cannot be fetched"):
         serve(bucket.url("nothing"), port=0)
 
 
-def test_a_reel_that_grows_is_seen_to_grow_and_its_pages_are_fetched_once(tmp_path, monkeypatch):
+def test_remote_reel_grows_and_fetches_pages_once(tmp_path, monkeypatch):
     pytest.importorskip("fsspec", reason="needs the extra cloud")
     monkeypatch.setattr(remote_files, "FRESH", 0.0)
     writer, folder = new_writer(tmp_path / "reel", page=2), open_folder("memory://growing/reel")
@@ -84,7 +84,7 @@ def test_a_reel_that_grows_is_seen_to_grow_and_its_pages_are_fetched_once(tmp_pa
     assert all(read(files, page) for page in pages)
 
 
-def test_what_was_known_is_served_while_the_bucket_is_away(tmp_path, monkeypatch):
+def test_known_files_are_served_while_remote_is_down(tmp_path, monkeypatch):
     fsspec = pytest.importorskip("fsspec", reason="needs the extra cloud")
     monkeypatch.setattr(remote_files, "FRESH", 0.0)
     Publication(write_chapters(tmp_path / "reel"), open_folder("memory://away/reel")).update()
@@ -100,7 +100,7 @@ def test_what_was_known_is_served_while_the_bucket_is_away(tmp_path, monkeypatch
         files.open(other)
 
 
-def test_a_manifest_is_not_asked_for_again_at_once(tmp_path):
+def test_remote_manifest_is_not_refetched_at_once(tmp_path):
     pytest.importorskip("fsspec", reason="needs the extra cloud")
     Publication(write_reel(tmp_path / "reel"), open_folder("memory://often/reel")).update()
     files, fetched = RemoteFiles("memory://often/reel"), []
@@ -111,12 +111,12 @@ def test_a_manifest_is_not_asked_for_again_at_once(tmp_path):
     assert fetched == [] or time.monotonic() - start > remote_files.FRESH
 
 
-def test_only_so_much_is_kept(tmp_path, monkeypatch):
+def test_remote_file_cache_is_bounded(tmp_path, monkeypatch):
     pytest.importorskip("fsspec", reason="needs the extra cloud")
     Publication(write_chapters(tmp_path / "reel"), open_folder("memory://much/reel")).update()
     files = RemoteFiles("memory://much/reel")
     uris = sorted(uri for uri in files._manifest.uris if uri.startswith("groups/"))
-    monkeypatch.setattr(remote_files, "MOST_KEPT", 3 * max(files._entries[uri].bytes for uri in uris))
+    monkeypatch.setattr(remote_files, "CACHE_BYTES", 3 * max(files._entries[uri].bytes for uri in uris))
     for uri in uris:
         read(files, uri)
     assert 2 <= len(files._files) < len(uris)

@@ -1,4 +1,4 @@
-"""The player's web server: what it serves, what it refuses, and how it ends."""
+"""The web server of the player: responses, refusals, and shutdown."""
 
 import http.client
 import json
@@ -55,7 +55,7 @@ def request(server: Server, path: str, method: str = "GET", **headers: str) -> t
         connection.close()
 
 
-def test_serves_the_player_and_the_reel(server: Server):
+def test_server_serves_player_and_reel(server: Server):
     page, body = request(server, "/")
     assert page.status == 200
     assert page.headers["Content-Type"] == "text/html; charset=utf-8"
@@ -75,7 +75,7 @@ def test_serves_the_player_and_the_reel(server: Server):
         ("/reel/groups/0000.safetensors", "application/octet-stream"),
     ],
 )
-def test_content_types(server: Server, path: str, content_type: str):
+def test_server_content_types(server: Server, path: str, content_type: str):
     assert request(server, path, "HEAD")[0].headers["Content-Type"] == content_type
 
 
@@ -88,27 +88,27 @@ def test_content_types(server: Server, path: str, content_type: str):
         ("bytes=2040-9999", DATA[2040:], "bytes 2040-2047/2048"),
     ],
 )
-def test_ranges(server: Server, header: str, expected: bytes, content_range: str):
+def test_server_answers_byte_ranges(server: Server, header: str, expected: bytes, content_range: str):
     response, body = request(server, "/reel/groups/0000.safetensors", Range=header)
     assert response.status == 206
     assert body == expected
     assert response.headers["Content-Range"] == content_range
 
 
-def test_ranges_beyond_the_file(server: Server):
+def test_server_refuses_range_beyond_file(server: Server):
     response, _ = request(server, "/reel/groups/0000.safetensors", Range="bytes=2048-")
     assert response.status == 416
     assert response.headers["Content-Range"] == "bytes */2048"
 
 
 @pytest.mark.parametrize("header", ["bytes=5-2", "bytes=-", "items=0-1", "bytes=0-1,4-5", "bytes=x-"])
-def test_ranges_that_make_no_sense_give_the_whole(server: Server, header: str):
+def test_server_answers_invalid_ranges_with_whole_file(server: Server, header: str):
     response, body = request(server, "/reel/groups/0000.safetensors", Range=header)
     assert response.status == 200
     assert body == DATA
 
 
-def test_head_and_not_modified(server: Server):
+def test_server_answers_head_and_not_modified(server: Server):
     response, body = request(server, "/reel/manifest.json", "HEAD")
     assert (response.status, body) == (200, b"")
     assert response.headers["Content-Length"] == str((GOLDEN / "manifest.json").stat().st_size)
@@ -147,14 +147,14 @@ def test_head_and_not_modified(server: Server):
         "/none.html",
     ],
 )
-def test_refuses_everything_else(server: Server, path: str):
+def test_server_refuses_other_paths(server: Server, path: str):
     response, body = request(server, path)
     assert response.status == 404
     assert b"secret" not in body
 
 
 @pytest.mark.parametrize("method", ["POST", "PUT", "DELETE", "OPTIONS", "TRACE", "MADE-UP"])
-def test_is_read_only(server: Server, method: str):
+def test_server_is_read_only(server: Server, method: str):
     response, _ = request(server, "/reel/manifest.json", method)
     assert response.status == 405
     assert response.headers["Allow"] == "GET, HEAD"
@@ -162,7 +162,7 @@ def test_is_read_only(server: Server, method: str):
 
 @pytest.mark.parametrize("said", [{"Content_Length": "5"}, {"Transfer_Encoding": "chunked"}])
 @pytest.mark.parametrize(("method", "status"), [("GET", 413), ("POST", 405)])
-def test_bodies_are_refused_unread(server: Server, method: str, status: int, said: dict[str, str]):
+def test_server_refuses_request_bodies(server: Server, method: str, status: int, said: dict[str, str]):
     response, _ = request(server, "/reel/manifest.json", method, **said)
     assert (response.status, response.headers["Connection"]) == (status, "close")
 
@@ -172,7 +172,7 @@ def preflight(server: Server) -> http.client.HTTPResponse:
     return request(server, "/reel/manifest.json", "OPTIONS", Origin="http://elsewhere", **asked)[0]
 
 
-def test_other_sites_may_not_read(server: Server):
+def test_server_without_cors_blocks_other_sites(server: Server):
     response, _ = request(server, "/reel/manifest.json", Origin="http://elsewhere")
     assert response.status == 200
     assert "Access-Control-Allow-Origin" not in response.headers
@@ -180,7 +180,7 @@ def test_other_sites_may_not_read(server: Server):
     assert preflight(server).status == 405
 
 
-def test_with_cors_other_sites_may_read(reel: Path):
+def test_server_with_cors_admits_other_sites(reel: Path):
     with serve(reel, port=0, cors=True) as server:
         response, _ = request(server, "/reel/manifest.json", Origin="http://elsewhere")
         asked = preflight(server)
@@ -192,7 +192,7 @@ def test_with_cors_other_sites_may_read(reel: Path):
     assert "Range" in asked.headers["Access-Control-Allow-Headers"]
 
 
-def test_files_of_a_reel_run_nothing(reel: Path):
+def test_files_of_reel_cannot_run_scripts(reel: Path):
     """Its manifest may call a page a picture."""
     (reel / "page.html").write_text("<script>alert(1)</script>")
     poster = {"uri": "page.html", "bytes": 25, "sha256": "0" * 64, "width": 1, "height": 1}
@@ -203,7 +203,7 @@ def test_files_of_a_reel_run_nothing(reel: Path):
     assert response.headers["Content-Security-Policy"] == "default-src 'none'"
 
 
-def test_the_page_has_the_policy_of_the_docs(server: Server):
+def test_page_has_documented_content_security_policy(server: Server):
     documented = re.findall(r"^ +Content-Security-Policy: (.+)$", DOCS.read_text(encoding="utf-8"), re.M)[0]
     response, _ = request(server, "/")
     assert response.headers["Referrer-Policy"] == "no-referrer"
@@ -215,7 +215,7 @@ def test_the_page_has_the_policy_of_the_docs(server: Server):
         assert set(hashed) <= set(sent[name].split(" ")), name
 
 
-def test_a_live_reel_shows_what_it_grows_by(reel: Path):
+def test_server_follows_live_manifest(reel: Path):
     whole = (reel / "manifest.json").read_text()
     with serve(reel, port=0) as server:
         assert request(server, "/reel/groups/0000.safetensors")[0].status == 200
@@ -228,7 +228,7 @@ def test_a_live_reel_shows_what_it_grows_by(reel: Path):
         assert request(server, "/reel/groups/0000.safetensors")[0].status == 200
 
 
-def test_a_file_that_became_shorter_cuts_the_connection(server: Server, reel: Path, monkeypatch: pytest.MonkeyPatch):
+def test_shortened_file_closes_connection(server: Server, reel: Path, monkeypatch: pytest.MonkeyPatch):
     """The promised length cannot be kept."""
     monkeypatch.setattr(
         "splatreel.play.web_app.os.fstat", lambda _: SimpleNamespace(st_mtime_ns=1, st_mtime=1, st_size=9999)
@@ -237,7 +237,7 @@ def test_a_file_that_became_shorter_cuts_the_connection(server: Server, reel: Pa
         request(server, "/reel/groups/0000.safetensors")
 
 
-def test_many_at_once_and_one_that_stalls(server: Server):
+def test_server_answers_many_requests_despite_stalled_one(server: Server):
     address = urlsplit(server.url)
     with socket.create_connection((address.hostname, address.port)) as stalled:
         stalled.sendall(b"GET /reel/manifest.json HTTP/1.1\r\n")
@@ -246,11 +246,11 @@ def test_many_at_once_and_one_that_stalls(server: Server):
     assert all(body == DATA for body in bodies)
 
 
-def test_listens_on_loopback_only_by_default(server: Server):
+def test_server_listens_on_loopback_by_default(server: Server):
     assert server.url.startswith("http://127.0.0.1:")
 
 
-def test_close_frees_the_port(reel: Path):
+def test_close_frees_port(reel: Path):
     server = serve(reel, port=0)
     port = urlsplit(server.url).port
     assert port
@@ -260,17 +260,17 @@ def test_close_frees_the_port(reel: Path):
     serve(reel, port=port).close()
 
 
-def test_a_port_that_there_is_not(reel: Path):
+def test_invalid_port_raises_usage_error(reel: Path):
     with pytest.raises(UsageError, match=r"127\.0\.0\.1:99999 .*0-65535.*Choose another"):
         serve(reel, port=99999)
 
 
-def test_a_folder_without_a_reel(tmp_path: Path):
+def test_folder_without_reel_raises_reel_error(tmp_path: Path):
     with pytest.raises(ReelError, match=r"no manifest\.json"):
         serve(tmp_path, port=0)
 
 
-def test_never_started_server_can_be_closed_and_frees_its_port(reel: Path):
+def test_unstarted_server_frees_port_on_close(reel: Path):
     server = Server(reel)
     address = urlsplit(server.url)
     server.close()
@@ -304,7 +304,7 @@ class Head(HTMLParser):
         self._open = ""
 
 
-def test_the_page_says_what_the_reel_says(tmp_path: Path):
+def test_page_contains_metadata_of_reel(tmp_path: Path):
     reel = write_reel(tmp_path / "reel", groups=1)
     writer = new_writer(reel, resume=True)
     words = {"title": HOSTILE, "author": "A. Nobody", "description": "'Two' <b>cats</b>"}
@@ -334,7 +334,7 @@ def edit_reel_live(reel: Path, title: str) -> None:
     writer.present(replace(writer.manifest.presentation, title=title))
 
 
-def test_a_reel_that_says_nothing_has_the_plain_title(server: Server, reel: Path):
+def test_page_of_reel_without_metadata_has_default_title(server: Server, reel: Path):
     """Its manifest is damaged, even: the player says so, not the server."""
     (reel / "manifest.json").write_text('{"format": "splatreel"}')
     assert Head(request(server, "/")[1]).title == "Splatreel"

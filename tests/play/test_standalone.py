@@ -50,7 +50,7 @@ def reel(tmp_path: Path) -> Path:
     return shutil.copytree(PREDICTIVE, tmp_path / "reel")
 
 
-def test_the_page_holds_the_reel_and_what_plays_it(reel: Path, tmp_path: Path) -> None:
+def test_standalone_page_contains_reel_and_player(reel: Path, tmp_path: Path) -> None:
     edit_reel(reel, {"title": HOSTILE, "description": HOSTILE})
     size = write_standalone(tmp_path / "made" / "reel.html", reel)
     page = tmp_path / "made" / "reel.html"
@@ -71,7 +71,7 @@ def test_the_page_holds_the_reel_and_what_plays_it(reel: Path, tmp_path: Path) -
     assert "data-early" not in text
 
 
-def test_one_rendition_is_taken_and_a_live_reel_is_as_it_is_now(tmp_path: Path) -> None:
+def test_standalone_page_takes_one_rendition_and_ends_live_reel(tmp_path: Path) -> None:
     write_golden(tmp_path / "reel", "predictive", ("high", "low"))
     file = tmp_path / "reel" / "manifest.json"
     file.write_text(file.read_text().replace('"live": false', '"live": true'))
@@ -86,8 +86,8 @@ def test_one_rendition_is_taken_and_a_live_reel_is_as_it_is_now(tmp_path: Path) 
         assert "renditions" not in manifest
 
 
-def test_what_cannot_be_put_into_a_page(reel: Path, tmp_path: Path) -> None:
-    with pytest.raises(ReelError, match=r"coded as in the paper.*splatreel encode"):
+def test_standalone_page_refuses_unsupported_reels(reel: Path, tmp_path: Path) -> None:
+    with pytest.raises(ReelError, match=r"uses the paper's codec.*splatreel encode"):
         write_standalone(tmp_path / "page.html", GOLDEN)
     file = reel / "groups" / "0000.safetensors"
     file.write_bytes(file.read_bytes()[:-1])
@@ -96,7 +96,7 @@ def test_what_cannot_be_put_into_a_page(reel: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "page.html").exists()
 
 
-def test_code_that_speaks_of_scripts_ends_none(reel: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_standalone_page_escapes_script_ends(reel: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     static = shutil.copytree(standalone.STATIC, tmp_path / "static")
     (static / "player.js").write_text('const t="</Script><!--",r=/<\\/script>/')
     monkeypatch.setattr(standalone, "STATIC", static)

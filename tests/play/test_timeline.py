@@ -32,7 +32,7 @@ def reel(tmp_path_factory):
     return path
 
 
-def test_first_frame(reel):
+def test_timeline_shows_first_frame(reel):
     timeline, reader = open_reel(reel), ReelReader(reel)
     shown = timeline.at(0)
     expected = Gaussians.concatenate([reader.layer(0), reader.group(0).at(0)])
@@ -41,7 +41,7 @@ def test_first_frame(reel):
     assert (timeline.frames, timeline.fps, timeline.duration) == (10, 10, 1.0)
 
 
-def test_pictures_are_drawn_as_the_manifest_says(tmp_path):
+def test_render_follows_manifest(tmp_path):
     shutil.copytree(PREDICTIVE, tmp_path / "reel")
     edit_manifest(tmp_path / "reel", lambda manifest: manifest.update(near=3.5))
     timeline = open_reel(tmp_path / "reel")
@@ -52,7 +52,7 @@ def test_pictures_are_drawn_as_the_manifest_says(tmp_path):
     assert np.abs(image - render_image(gaussians, camera, antialias=True)).mean() > 1e-3
 
 
-def test_where_nothing_is_the_background_shows_in_the_light_of_the_moment(tmp_path):
+def test_background_is_scaled_by_light(tmp_path):
     """The second group of this reel grows darker and redder."""
     shutil.copytree(PREDICTIVE, tmp_path / "reel")
     edit_manifest(tmp_path / "reel", lambda manifest: manifest.update(background=[0.2, 0.4, 0.6]))
@@ -67,7 +67,7 @@ def test_where_nothing_is_the_background_shows_in_the_light_of_the_moment(tmp_pa
 
 
 @pytest.mark.parametrize("frame", [1.0, 7.0])
-def test_what_rests_is_not_drawn_close_to_a_camera(reel, tmp_path, frame):
+def test_clearance_hides_static_points_near_camera(reel, tmp_path, frame):
     """From a depth among the static points, some of them are gone, and every moving one is there."""
     shutil.copytree(reel, tmp_path / "reel")
     before = open_reel(reel)
@@ -87,7 +87,7 @@ def test_what_rests_is_not_drawn_close_to_a_camera(reel, tmp_path, frame):
     np.testing.assert_array_equal(after.render(moment, camera), before.render(shown[kept], camera))
 
 
-def test_between_two_frames(reel):
+def test_timeline_interpolates_between_frames(reel):
     group = ReelReader(reel).group(0)
     shown = open_reel(reel).at(0.15)
     np.testing.assert_allclose(shown.means[6:], group.dynamic.means + (group.dx[1] + group.dx[2]) / 2, atol=1e-6)
@@ -95,7 +95,7 @@ def test_between_two_frames(reel):
 
 
 @pytest.mark.parametrize(("frame", "weight"), [(4.0, 0.0), (4.5, 0.15625), (5.0, 0.5)])
-def test_overlap(reel, frame, weight):
+def test_timeline_overlap_fades_points(reel, frame, weight):
     """Static points alive in both groups stay; the rest of the old group leaves as the rest of the new one comes."""
     reader = ReelReader(reel)
     shown = open_reel(reel).at(frame / FPS)
@@ -109,7 +109,7 @@ def test_overlap(reel, frame, weight):
 
 
 @pytest.mark.parametrize(("frame", "weight"), [(4.0, 0.0), (4.5, 0.15625), (5.0, 0.5)])
-def test_pictures_fade_from_group_to_group(reel, frame, weight):
+def test_render_blends_images_between_groups(reel, frame, weight):
     """That of the old group alone, static points that die with it too, and that of the new one."""
     reader, timeline = ReelReader(reel), open_reel(reel)
     camera = replace(timeline.manifest.camera, width=64, height=48)
@@ -122,7 +122,7 @@ def test_pictures_fade_from_group_to_group(reel, frame, weight):
     np.testing.assert_allclose(timeline.render(shown, camera), (1 - weight) * a + weight * b, atol=1e-5)
 
 
-def test_light_is_that_of_the_group_that_comes_and_falls_on_everything(reel, tmp_path):
+def test_light_of_new_group_applies_to_everything(reel, tmp_path):
     """The same reel with a second group whose light changes: the same points, only brighter, the ones that leave as well."""
     reader = ReelReader(reel)
     light = np.linspace((1, 0.5, 0.25), (2, 1, 0.5), 6, dtype=np.float32)
@@ -140,27 +140,27 @@ def test_light_is_that_of_the_group_that_comes_and_falls_on_everything(reel, tmp
         np.testing.assert_allclose(lit.render(shown, camera), plain.render(before, camera) * factor, atol=2e-3)
 
 
-def test_after_the_overlap(reel):
+def test_timeline_shows_new_group_after_overlap(reel):
     shown = open_reel(reel).at((FIRST + OVERLAP) / FPS)
     assert len(shown) == 5 + 4 + 7
 
 
-def test_just_before_the_next_group(reel):
+def test_timeline_shows_old_group_before_next(reel):
     assert len(open_reel(reel).at(0.3999)) == 11
 
 
 @pytest.mark.parametrize(("outside", "inside"), [(-3, 0), (0.9, 0.9), (1.0, 0.9), (1e9, 0.9), (float("inf"), 0.9)])
-def test_times_outside_are_clamped(reel, outside, inside):
+def test_timeline_clamps_times(reel, outside, inside):
     timeline = open_reel(reel)
     np.testing.assert_array_equal(timeline.at(outside).means, timeline.at(inside).means)
 
 
-def test_nan_is_refused(reel):
+def test_timeline_refuses_nan(reel):
     with pytest.raises(ValueError, match="NaN"):
         open_reel(reel).at(float("nan"))
 
 
-def test_no_overlap_and_no_points(tmp_path):
+def test_timeline_without_overlap_or_points(tmp_path):
     writer = new_writer(tmp_path, overlap=0)
     writer.add_group(new_group(0, 0, 0, frames=2))
     writer.add_layer(1, 2, points(3))
@@ -169,7 +169,7 @@ def test_no_overlap_and_no_points(tmp_path):
     assert [len(timeline.at(seconds)) for seconds in (0, 0.1, 0.2, 5)] == [0, 0, 3, 3]
 
 
-def test_live_reel_without_groups(tmp_path, reel):
+def test_timeline_of_live_reel_without_groups_raises(tmp_path, reel):
     (tmp_path / "manifest.json").write_bytes((reel / "manifest.json").read_bytes())
     edit_manifest(tmp_path, lambda d: d.update(live=True, groups=[], layers=[], frames=0))
     with pytest.raises(ReelError, match="no group yet"):

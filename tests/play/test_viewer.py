@@ -17,7 +17,7 @@ class Handle:
     fov: float
 
 
-def test_a_camera_comes_back_as_it_was_placed() -> None:
+def test_viewer_camera_round_trip() -> None:
     viewmat = np.eye(4)
     viewmat[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]
     viewmat[:3, 3] = (0.2, -0.3, 4)
@@ -34,7 +34,7 @@ def test_a_camera_comes_back_as_it_was_placed() -> None:
     assert np.allclose(back.K, given.K, atol=1e-4)
 
 
-def test_unknown_places_still_have_something_ahead() -> None:
+def test_viewer_camera_without_pivot_ahead_gets_one() -> None:
     handle = Handle()
     camera = Camera("away", np.eye(4), np.diag([50.0, 50, 1]), 100, 100)
     place_camera(handle, camera, np.array([0.0, 0, -2]))  # the middle lies behind

@@ -224,4 +224,4 @@ def test_a_driver_that_refuses_the_shaders_is_said(page: Page, server: Server):
     page.goto(server.url)
     alert = page.locator("splat-reel").get_by_role("alert")
     alert.wait_for()
-    assert "graphics driver refuses the player's shaders: ERROR" in str(alert.text_content())
+    assert "graphics driver rejects the player's shaders: ERROR" in str(alert.text_content())

@@ -55,7 +55,7 @@ def test_what_is_no_reel_says_what_it_is_and_the_reel_plays_on(page: Page, serve
     sheet = page.locator("splat-reel .drop")
     for name, message in [
         ("cut.zip", "it was cut off"),
-        ("scene.ply", "That is not a reel: scene.ply is one still scene"),
+        ("scene.ply", "That is not a reel: scene.ply is a single static scene"),
     ]:
         serve_file(page, tmp_path / name)
         page.evaluate(DROP, [f"/{name}", name])
@@ -75,7 +75,7 @@ def test_a_damaged_file_of_a_reel_on_this_machine_is_an_error_at_once(page: Page
     open_player(page, server)
     page.locator("splat-reel input.folder").set_input_files(folder)
     page.wait_for_function(f"{PLAYER}.error !== null")
-    assert "its checksum is not the manifest's" in page.evaluate(f"{PLAYER}.error.message")
+    assert "its checksum differs from the manifest" in page.evaluate(f"{PLAYER}.error.message")
 
 
 def test_the_page_asks_for_a_reel_where_it_has_none_and_plays_the_folder_that_is_chosen(page: Page, server: Server):

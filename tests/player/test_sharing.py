@@ -110,7 +110,7 @@ def test_a_frame_without_permissions_promises_nothing(plain: Page, server: Serve
     link = dialog.get_by_label("Link", exact=True)
     frame.evaluate("document.execCommand = () => false")  # nor the older way
     dialog.get_by_role("button", name="Copy: Link").click()
-    frame.locator("splat-reel").get_by_text("It is marked: copy it").wait_for()
+    frame.locator("splat-reel").get_by_text("Selected: copy it").wait_for()
     assert link.evaluate("(area) => area.selectionEnd - area.selectionStart === area.value.length") is True
     plain.keyboard.press("Escape")
     assert dialog.is_hidden()
@@ -129,7 +129,7 @@ def test_a_refused_screen_is_said_and_a_window_can_be_filled(page: Page, server:
     open_player(page, server)
     page.evaluate(f"void ({REEL}.requestFullscreen = () => Promise.reject(new TypeError()))")
     page.keyboard.press("f")
-    page.locator("splat-reel").get_by_text("The browser does not give the screen").wait_for()
+    page.locator("splat-reel").get_by_text("The browser does not allow fullscreen").wait_for()
     page.evaluate("Object.defineProperty(document, 'fullscreenEnabled', {value: false})")
     page.evaluate(f"{REEL}.style.width = '300px'")
     page.keyboard.press(".")  # anything happens
@@ -137,7 +137,7 @@ def test_a_refused_screen_is_said_and_a_window_can_be_filled(page: Page, server:
     assert full.get_attribute("aria-label") == "Fill the window"
     full.click()
     assert page.locator("splat-reel").bounding_box() == {"x": 0, "y": 0, "width": 480, "height": 320}
-    assert full.get_attribute("aria-label") == "Leave the whole window"
+    assert full.get_attribute("aria-label") == "Exit full window"
     page.keyboard.press("Escape")
     box = page.locator("splat-reel").bounding_box()
     assert box is not None
@@ -178,4 +178,4 @@ def test_no_picture_before_there_is_one(page: Page, server: Server):
     page.goto(server.url)
     page.wait_for_function(f"{REEL}?.player?.manifest")
     page.keyboard.press("p")
-    page.locator("splat-reel").get_by_text("The picture is not here yet").wait_for()
+    page.locator("splat-reel").get_by_text("The picture is not ready yet").wait_for()

@@ -33,7 +33,7 @@ def unit_results(packages: None) -> dict[str, dict]:
     """By file of player/tests: how many tests passed, and what failed. Where coverage is measured, that of TypeScript is, too."""
     results = PLAYER / "out" / "tests.json"
     results.unlink(missing_ok=True)
-    command = ["node", "test.mjs", *(["--coverage"] if "COVERAGE_RUN" in os.environ else [])]
+    command = ["node", *(["--experimental-test-coverage"] if "COVERAGE_RUN" in os.environ else []), "test.mjs"]
     result = subprocess.run(command, cwd=PLAYER, capture_output=True, text=True, timeout=900)
     assert results.exists(), result.stdout + result.stderr
     return json.loads(results.read_text())["files"]

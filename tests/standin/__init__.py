@@ -1,1 +1,1 @@
-"""A GPU that is none: what runs on CUDA runs on it, with the same errors where tensors of two devices meet."""
+"""A simulated GPU: code for CUDA runs on it, and mixing tensors of two devices raises the same errors as on a GPU."""

@@ -1,8 +1,8 @@
-"""Tensors that say they are on CUDA and are not.
+"""Simulated CUDA tensors.
 
-Each wraps a tensor on the CPU, which only `remote` code gets to: numpy, and operations with tensors that do not say so, fail as they
-do on a GPU. What waits for the device (`item`, `nonzero`, masks as indices) is counted. To autograd they are on the CPU, whose engine
-needs no device then; so device and `is_cuda` are told to Python alone.
+A simulated tensor wraps a tensor on the CPU. Conversion to numpy, and operations together with CPU tensors, fail as they do on a GPU.
+Operations that wait for the device (`item`, `nonzero`, masks as indices) are counted. Only Python code sees a CUDA device. For autograd
+the tensors are on the CPU, because its engine would need a real device.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from torch.overrides import TorchFunctionMode
 from torch.utils._pytree import tree_leaves, tree_map
 
 WAITS = Counter[str]()
-"""How often what waited for the device."""
+"""Number of waits for the device, for each operation."""
 _WAITING = {"aten::_local_scalar_dense": "item", "aten::nonzero": "nonzero"}
 _PULLS = {"aten::index", "aten::index_put_", "aten::_index_put_impl_"}
-"""Operations whose indices may be on the CPU; `copy_` goes from one device to the other."""
+"""Operations whose indices may be on the CPU."""
 _ON_CPU = (Tensor.numpy, Tensor.__array__, Tensor.data_ptr)
 
 
 class Remote(Tensor):
-    """A tensor [...] that says it is on CUDA; held: the one on the CPU."""
+    """A simulated CUDA tensor. held: the wrapped tensor on the CPU."""
 
     held: Tensor
 
@@ -52,7 +52,7 @@ class Remote(Tensor):
         if func in (Tensor.to, Tensor.cpu, Tensor.cuda):
             return _moved(func, *args, **kwargs)
         if kwargs.get("device") is not None:
-            kwargs["device"] = "cpu"  # a new tensor like this one: the result is wrapped
+            kwargs["device"] = "cpu"  # for new tensors like this one; __torch_dispatch__ wraps the result
         with torch._C.DisableTorchFunctionSubclass():
             return func(*args, **kwargs)
 
@@ -61,22 +61,22 @@ class Remote(Tensor):
         kwargs, name = kwargs or {}, func._schema.name
         _meet(name, args, kwargs)
         result = func(*tree_map(held, args), **tree_map(held, kwargs))
-        if func._schema.is_mutable:  # in place: the wrapper stays what it is
+        if func._schema.is_mutable:  # in place: return the same wrapper
             return None if result is None else kwargs.get("out", args[0])
         return tree_map(lambda value: Remote(value) if type(value) is Tensor else value, result)
 
 
 def held(value: Any) -> Any:
-    """What a remote tensor wraps; anything else as it is."""
+    """Return the tensor that a remote tensor wraps. Return other values unchanged."""
     return value.held if isinstance(value, Remote) else value
 
 
 def _meet(name: str, args: Any, kwargs: Any) -> None:
-    """Raises RuntimeError where tensors of two devices meet that must not, and counts what waits."""
+    """Raise RuntimeError if an operation mixes tensors of two devices, and count waits for the device."""
     tensors = [value for value in tree_leaves((args, kwargs)) if isinstance(value, Tensor)]
     near = [tensor for tensor in tensors if not isinstance(tensor, Remote) and tensor.dim()]
     if name == "aten::stack":
-        # For what of `unbind` has no gradient autograd makes zeros, where it thinks that the others are.
+        # For parts of `unbind` without a gradient, autograd makes zeros on the CPU, where it takes the other parts to be.
         near = [tensor for tensor in near if tensor.any()]
     pulls = name in _PULLS and isinstance(args[0], Remote)
     if near and not pulls and name != "aten::copy_":
@@ -107,7 +107,7 @@ class _Down(torch.autograd.Function):
 
 
 def _moved(func: Any, tensor: Tensor, *args: Any, **kwargs: Any) -> Tensor:
-    """`to`, `cpu` and `cuda`, of which one side is remote."""
+    """Run `to`, `cpu` or `cuda` between the CPU and the simulated device."""
     dtype, device = kwargs.get("dtype"), kwargs.get("device")
     device = {Tensor.cpu: "cpu", Tensor.cuda: "cuda"}.get(func, device)
     for value in args:
@@ -129,7 +129,7 @@ def _moved(func: Any, tensor: Tensor, *args: Any, **kwargs: Any) -> Tensor:
 
 
 class Asked(TorchFunctionMode):
-    """New tensors that are asked for on CUDA, and tensors that are sent there, become remote."""
+    """Mode in which tensors that are created on CUDA or moved to CUDA become remote tensors."""
 
     def __torch_function__(self, func: Any, types: Any, args: Any = (), kwargs: Any = None) -> Any:
         kwargs = dict(kwargs or {})

@@ -1,4 +1,4 @@
-"""The machine with the stand-in: torch finds CUDA there, and gsplat."""
+"""Contexts in which torch reports a simulated CUDA device, with or without gsplat."""
 
 import importlib.util
 import sys
@@ -14,11 +14,11 @@ from tests.standin.device import WAITS, Asked
 
 @contextmanager
 def without_gsplat() -> Iterator[None]:
-    """torch says that there is CUDA, but gsplat is not installed: nothing can be trained there."""
+    """Simulate a machine with CUDA but without gsplat, on which training is impossible."""
     find = importlib.util.find_spec
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(importlib.util, "find_spec", lambda name, *rest: None if name == "gsplat" else find(name, *rest))
-        patch.setitem(sys.modules, "gsplat", None)  # to import it fails
+        patch.setitem(sys.modules, "gsplat", None)  # makes the import fail
         patch.setitem(sys.modules, "gsplat.cuda._wrapper", None)
         patch.setattr(torch.cuda, "is_available", lambda: True)
         with Asked():
@@ -27,7 +27,7 @@ def without_gsplat() -> Iterator[None]:
 
 @contextmanager
 def gpu() -> Iterator[None]:
-    """torch says that there is CUDA, and gsplat is there, with kernels that this machine can run."""
+    """Simulate a machine with CUDA and gsplat. The kernels of gsplat are replaced by kernels for the CPU."""
     find, overwrite = importlib.util.find_spec, torch.__future__.get_overwrite_module_params_on_conversion()
     with pytest.MonkeyPatch.context() as patch:
         gsplat.install(patch)
@@ -38,7 +38,9 @@ def gpu() -> Iterator[None]:
         patch.setattr(torch.cuda, "get_device_capability", lambda device=None: (9, 0))
         for nothing in ("synchronize", "reset_peak_memory_stats", "empty_cache"):
             patch.setattr(torch.cuda, nothing, lambda device=None: None)
-        torch.__future__.set_overwrite_module_params_on_conversion(True)  # the data of a wrapper cannot be swapped
+        torch.__future__.set_overwrite_module_params_on_conversion(
+            True
+        )  # because the data of a wrapper cannot be swapped
         WAITS.clear()
         try:
             with Asked():

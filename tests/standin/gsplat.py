@@ -1,6 +1,6 @@
-"""gsplat's own functions, their checks of shapes and their autograd, over kernels of this package in the place of CUDA's.
+"""gsplat with CPU kernels of this package in place of its CUDA kernels. Its Python code, shape checks and autograd stay.
 
-What CUDA leaves unset is NaN here: rows of culled points, and alpha in tiles that are masked.
+Values that the CUDA kernels leave unset are NaN here: rows of culled points, and alpha in masked tiles.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ TILE = 16
 
 
 def install(patch: pytest.MonkeyPatch) -> None:
-    """Let gsplat find these kernels. Skips the test where gsplat is not installed."""
-    # Its own backend looks for a compiler.
+    """Make gsplat use these kernels. Skip the test if gsplat is not installed."""
+    # gsplat's own backend would look for a compiler.
     patch.setitem(sys.modules, "gsplat.cuda._backend", ModuleType("gsplat.cuda._backend"))
     wrapper = pytest.importorskip("gsplat.cuda._wrapper", reason="gsplat is not installed")
     kernels = Kernels()
@@ -32,7 +32,7 @@ def install(patch: pytest.MonkeyPatch) -> None:
 
 
 class Kernels:
-    """The CUDA kernels that are called, by their names; the arguments that have no effect here are not named."""
+    """Replacements for the CUDA kernels, under the same names. Arguments without effect here have no names."""
 
     def __init__(self) -> None:
         self.near, self.radii = 0.0, torch.zeros(0, dtype=torch.int32)
@@ -74,7 +74,7 @@ class Kernels:
         return Remote(weights), Remote(ways)
 
     def intersect_tile(self, means2d, radii, depths, *_) -> tuple[Tensor, Tensor, Tensor]:
-        """One list for all tiles: what is seen, near to far."""
+        """Return one list for all tiles: the visible splats, near to far."""
         _, extents, depth = _ready(means2d, radii, depths)
         assert extents.dtype == torch.int32
         self.radii = extents[0].amax(1)
@@ -114,7 +114,7 @@ class Kernels:
 
 
 def _ready(*values: Tensor) -> list[Tensor]:
-    """What the tensors hold, which kernels want in one piece and on their device."""
+    """Return the wrapped tensors, after checking that they are on the simulated device and contiguous, as the kernels require."""
     for value in values:
         assert isinstance(value, Remote)
         assert value.is_contiguous()
@@ -122,5 +122,5 @@ def _ready(*values: Tensor) -> list[Tensor]:
 
 
 def _pixels(masks: Tensor, width: int, height: int) -> Tensor:
-    """[H, W] bool of tiles [1, rows, columns]."""
+    """Return the pixels [H, W] bool of tiles [1, rows, columns]."""
     return held(masks)[0].repeat_interleave(TILE, 0).repeat_interleave(TILE, 1)[:height, :width]

@@ -1,4 +1,4 @@
-"""For `pytest -p tests.standin.plugin`: tests that need a GPU run on the stand-in."""
+"""Plugin for `pytest -p tests.standin.plugin`: tests that need a GPU run on the simulated GPU."""
 
 from contextlib import ExitStack
 

@@ -1,16 +1,16 @@
-/** Why a reel does not play, in the words of people who did not make it. */
+/** Reasons why a reel does not play, for viewers. */
 export const PLAIN = {
-  damaged: "A part of the reel is damaged, or of a kind that this player does not know.",
-  device: "This browser cannot draw reels. Another one, or a newer one, may.",
+  damaged: "A part of the reel is damaged, or this player cannot read it.",
+  device: "This browser cannot draw reels. Try another or a newer one.",
   missing: "There is no reel at this address, or a part of it is missing.",
   network: "The reel cannot be downloaded. Check the network, and try again.",
   newer: "The reel was made for a newer player.",
-  other: "What is at this address is no reel.",
-  player: "The player failed. Its files may be missing, or this page may not let it run.",
-  refused: "The site that has the reel does not let this page show it.",
+  other: "The file at this address is not a reel.",
+  player: "The player failed. Its files may be missing, or the page may block it.",
+  refused: "The site that hosts the reel does not let this page show it.",
 };
 
-/** What went wrong with a reel. The message is exact, for whoever made or serves it; `plain` is for whoever watches. */
+/** An error of a reel. `message` is exact, for its author or host; `plain` is for viewers. */
 export class ReelError extends Error {
   override name = "ReelError";
   readonly plain: string;
@@ -21,7 +21,7 @@ export class ReelError extends Error {
   }
 }
 
-/** What `work` gives; an error of it then names the section. */
+/** Return the result of `work`. Errors are rethrown with the name of the section. */
 export async function inSection<T>(name: string, work: () => T | Promise<T>): Promise<T> {
   try {
     return await work();
@@ -30,19 +30,21 @@ export async function inSection<T>(name: string, work: () => T | Promise<T>): Pr
   }
 }
 
+/** Return the message of anything that was thrown. */
 export function messageOf(error: unknown): string {
   return error instanceof Error ? error.message : String(error);
 }
 
+/** The browser took the graphics device away. */
 export class DeviceLostError extends Error {
   override name = "DeviceLostError";
 
   constructor() {
-    super("The graphics device was lost. The player goes on when it is back.");
+    super("The graphics device was lost. Playback continues when it is back.");
   }
 }
 
-/** What to tell whoever watches. */
+/** Return the message of an error for viewers. */
 export function plainWords(error: Error): string {
   if (error instanceof ReelError) return error.plain;
   return error instanceof DeviceLostError ? error.message : PLAIN.player;

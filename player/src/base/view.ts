@@ -1,4 +1,4 @@
-/** A pinhole view: viewmat [16] world to camera row by row (OpenCV), lens in pixels of a width x height picture. */
+/** A pinhole view: viewmat [16], world to camera, row-major (OpenCV), and intrinsics in pixels of a width x height image. */
 export interface View {
   viewmat: number[];
   fx: number;
@@ -7,6 +7,6 @@ export interface View {
   cy: number;
   width: number;
   height: number;
-  /** Least depth to draw, world units. */
+  /** Near plane, in world units. */
   near: number;
 }

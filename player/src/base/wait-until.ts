@@ -1,4 +1,4 @@
-/** Resolves when a condition holds, looked at whenever an event comes; rejects when the player has an error. */
+/** Resolve when `reached` returns true, which is checked on each event; reject when the player has an error. */
 export function waitUntil(player: EventTarget & { error: Error | null }, event: string, reached: () => boolean): Promise<void> {
   return new Promise((resolve, reject) => {
     const check = (): void => {

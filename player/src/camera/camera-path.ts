@@ -1,16 +1,16 @@
-/** A camera path: views and times of the reel at seconds of the path, and a smooth way through them (docs/format.md). */
+/** Camera paths: keyframes of view and reel time, and smooth interpolation between them (docs/format.md). */
 import { ReelError } from "../base/errors";
 import { add, dot, eyeOf, length, scale, subtract, viewmatOf, type Vec3 } from "../base/matrix";
 import { axesOf, multiply, quatOf, slerp, turnAbout, turnBetween, type Quat } from "../base/quaternion";
 
-/** at: seconds of the path; time: seconds of the reel; viewmat [16]: world to camera, row by row, OpenCV. */
+/** A view and time of the reel. at: seconds of the path; time: seconds of the reel; viewmat [16]: world to camera, row-major, OpenCV. */
 export interface Keyframe {
   at: number;
   time: number;
   viewmat: number[];
 }
 
-/** A path as its file holds it. */
+/** JSON of a path file. */
 export interface PathFile {
   format: "splatreel-path";
   version: 1;
@@ -18,21 +18,22 @@ export interface PathFile {
   keyframes: Keyframe[];
 }
 
-/** Most keyframes of a file. */
-const MOST = 10_000;
-/** Ends nearer than this, in radians and in parts of the path's length, are one view. */
+/** Maximum number of keyframes. */
+const MAX_KEYFRAMES = 10_000;
+/** A loop whose ends differ by less than this, in radians and relative to its length, is smooth at its ends. */
 const SAME = 1e-5;
-/** Seconds from one camera of the capture to the next. */
+/** Seconds between cameras of the capture. */
 const LEG = 2;
 
+/** A smooth path through keyframes. */
 export class CameraPath {
   private readonly eyes: Vec3[];
   private readonly turns: Quat[];
-  /** At each keyframe: world units a second, and radians a second about the camera's own axes. */
+  /** Tangents at the keyframes: world units per second, and rotation vectors per second in the camera's frame. */
   private readonly speeds: Vec3[];
   private readonly spins: Vec3[];
 
-  /** keyframes: at least one, their `at` growing. loop: it begins again at the end, without a kink where the last view is the first. */
+  /** keyframes: at least one, with increasing `at`. loop: repeat, smoothly if the first and last views agree. */
   constructor(readonly keyframes: readonly Keyframe[], readonly loop: boolean) {
     this.eyes = keyframes.map(({ viewmat }) => eyeOf(viewmat));
     this.turns = keyframes.map(({ viewmat: m }) => quatOf([[m[0], m[1], m[2]], [m[4], m[5], m[6]], [m[8], m[9], m[10]]]));
@@ -47,19 +48,19 @@ export class CameraPath {
     this.spins = tangents(arcs, steps, round);
   }
 
-  /** There and back through cameras, viewmats [16], from a view and always on to the nearest that was not passed. No time of the reel. */
+  /** Return a looping path from a view through cameras, viewmats [16], nearest first, and back. It has no reel time. */
   static through(start: number[], cameras: number[][]): CameraPath {
     const stops = nearestFirst(start, cameras);
     const back = stops.slice(0, -1).reverse();
     return new CameraPath([...stops, ...back].map((viewmat, i) => ({ at: LEG * i, time: 0, viewmat })), true);
   }
 
-  /** Seconds that it takes. */
+  /** Duration in seconds. */
   get seconds(): number {
     return this.keyframes.at(-1)!.at;
   }
 
-  /** Where it is after some seconds, and seconds of the reel a second; `cut`: from one keyframe to the next without a move. */
+  /** Return the view, the time of the reel, and the rate of that time. cut: jump between keyframes instead of moving. */
   at(seconds: number, cut = false): { viewmat: number[]; time: number; pace: number } {
     const { keyframes, eyes, turns } = this;
     const now = this.loop && this.seconds > 0 ? seconds % this.seconds : seconds;
@@ -76,19 +77,20 @@ export class CameraPath {
     return { viewmat: viewmatOf(eye, ...axesOf(turn)), time, pace };
   }
 
-  /** The keyframe that was passed last; the last but one at the end. */
+  /** Return the index of the last passed keyframe, at most the last but one. */
   private leg(seconds: number): number {
     const { keyframes } = this;
     const next = keyframes.findIndex(({ at }, i) => i > 0 && at > seconds);
     return next < 0 ? Math.max(keyframes.length - 2, 0) : next - 1;
   }
 
+  /** Return the JSON of a path file. */
   toJSON(): PathFile {
     return { format: "splatreel-path", version: 1, loop: this.loop, keyframes: [...this.keyframes] };
   }
 }
 
-/** Cameras, viewmats [16], from a start and always on to the nearest that was not passed; one that stands at the start is. */
+/** Order cameras, viewmats [16], from a start on, each followed by the nearest one left. A camera at the start is left out. */
 export function nearestFirst(start: number[], cameras: number[][]): number[][] {
   const way = (a: number[], b: number[]): number => length(subtract(eyeOf(a), eyeOf(b)));
   const left = cameras.filter((camera) => way(camera, start) > 1e-6);
@@ -100,7 +102,7 @@ export function nearestFirst(start: number[], cameras: number[][]): number[][] {
   return stops;
 }
 
-/** Read the JSON of a path file. name: of the file, for errors. Throws `ReelError`. */
+/** Parse the JSON of a path file. name: of the file, for errors. Throws `ReelError`. */
 export function parsePath(value: unknown, name: string): CameraPath {
   const wrong = (why: string): never => {
     throw new ReelError(`${name} is not a camera path: ${why}`);
@@ -110,7 +112,7 @@ export function parsePath(value: unknown, name: string): CameraPath {
   if (json.format !== "splatreel-path") wrong(`its format is ${shown(json.format)}. Give one that this player saved.`);
   if (json.version !== 1) wrong(`its version is ${shown(json.version)}, and this player knows version 1. Update the player.`);
   const list = json.keyframes;
-  if (!Array.isArray(list) || list.length < 1 || list.length > MOST) return wrong(`its keyframes are no list of 1 to ${MOST}. Add one.`);
+  if (!Array.isArray(list) || list.length < 1 || list.length > MAX_KEYFRAMES) return wrong(`its keyframes are not a list of 1 to ${MAX_KEYFRAMES}. Add one.`);
   let before = -1;
   const keyframes = list.map((item: Partial<Keyframe> | null, i): Keyframe => {
     const { at, time, viewmat } = item ?? {};
@@ -138,8 +140,9 @@ function isPose(m: unknown): m is number[] {
 }
 
 /**
- * Rates at the keyframes of a curve with these moves between them: of a parabola through three, but no more than three times
- * that of the slower side, so that between equal keyframes it rests. round: the last keyframe is the first.
+ * Return the rates at the keyframes of a curve: that of the parabola through three keyframes, limited to three times the slower side, so
+ * that the curve does not move between equal keyframes. moves, steps: differences and seconds between keyframes. round: the last keyframe
+ * equals the first.
  */
 function tangents(moves: Vec3[], steps: number[], round: boolean): Vec3[] {
   const count = moves.length;
@@ -155,13 +158,13 @@ function tangents(moves: Vec3[], steps: number[], round: boolean): Vec3[] {
   });
 }
 
-/** A part of the way from a to b, leaving with u and coming with v. */
+/** Interpolate from a to b at t in 0..1, with tangents u and v. */
 function hermite(a: Vec3, u: Vec3, b: Vec3, v: Vec3, t: number): Vec3 {
   const [s, c] = [t * t, t * t * t];
   return add(add(scale(a, 1 - 3 * s + 2 * c), scale(b, 3 * s - 2 * c)), add(scale(u, t - 2 * s + c), scale(v, c - s)));
 }
 
-/** The same on the sphere of turns, by de Casteljau's construction; u and v: radians about the camera's own axes. */
+/** Interpolate rotations likewise, by de Casteljau's algorithm. u and v: rotation vectors in the camera's frame. */
 function arc(a: Quat, u: Vec3, b: Quat, v: Vec3, t: number): Quat {
   let points = [a, multiply(a, turnAbout(scale(u, 1 / 3))), multiply(b, turnAbout(scale(v, -1 / 3))), b];
   while (points.length > 1) points = points.slice(1).map((point, i) => slerp(points[i], point, t));

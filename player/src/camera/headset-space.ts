@@ -1,22 +1,23 @@
-/** How a reel lies in the room of a headset, which has meters, y up, its floor at 0, and people who look along -z. */
+/** Maps a reel into the space of a headset: meters, y up, floor at 0, forward along -z. */
 import { add, cross, dot, eyeOf, length, normalize, scale, subtract, type Vec3 } from "../base/matrix";
 import type { View } from "../base/view";
 import type { Manifest } from "../reel/manifest";
 
-/** Meters from the middle of the scene at which the capture's cameras stand, in the median: as people stand around something. */
+/** Median distance in meters of the capture's cameras from the center of the scene. */
 const DISTANCE = 2;
-/** Meters of the eyes above the floor. */
+/** Height of the eyes above the floor, in meters. */
 const EYES = 1.6;
 
+/** Scale and pose of a reel in the space of a headset. */
 export class HeadsetSpace {
-  /** Meters a world unit. */
+  /** Meters per world unit. */
   readonly meters: number;
 
-  /** The room's axes in the world, and where its origin lies. */
+  /** Axes and origin of the headset's space in world units. */
   private readonly axes: [Vec3, Vec3, Vec3];
   private readonly origin: Vec3;
 
-  /** viewmat [16]: people begin there, upright. floor: the room's origin lies on its floor, else where the eyes are. */
+  /** viewmat [16]: the first view, made upright. floor: whether the origin is on the floor, or at the eyes. */
   constructor({ bounds, up, camera, cameras }: Manifest, viewmat: number[], floor: boolean) {
     const middle = scale(add(...bounds), 0.5);
     const distances = (cameras.length > 0 ? cameras : [camera]).map(({ viewmat: m }) => length(subtract(eyeOf(m), middle))).sort((a, b) => a - b);
@@ -24,18 +25,18 @@ export class HeadsetSpace {
     const y = normalize(up);
     const level = (v: Vec3): Vec3 => subtract(v, scale(y, dot(v, y)));
     const [ahead, above]: Vec3[] = [[viewmat[8], viewmat[9], viewmat[10]], [-viewmat[4], -viewmat[5], -viewmat[6]]];
-    // Who looks straight down goes on looking at what is at the top of the picture.
+    // A view straight down faces the direction of the top of the image.
     const forward = normalize(length(level(ahead)) > 0.05 ? level(ahead) : level(scale(above, -Math.sign(dot(ahead, y)))));
     const z = scale(forward, -1);
     this.axes = [cross(y, z), y, z];
     this.origin = subtract(eyeOf(viewmat), scale(y, floor ? EYES / this.meters : 0));
   }
 
-  /** What a view of the headset sees, in world units. inverse [16]: room to eye; projection [16]; both column by column, as of WebXR. */
+  /** Return a view of the headset in world units. inverse [16]: space to eye; projection [16]; both column-major, as in WebXR. */
   view(inverse: ArrayLike<number>, projection: ArrayLike<number>, width: number, height: number, near: number): View {
     const { axes, origin, meters } = this;
     const rows = [0, 1, 2].map((i) => {
-      const sign = i === 0 ? 1 : -1; // y and z point the other way
+      const sign = i === 0 ? 1 : -1; // y and z axes have opposite signs in OpenCV
       const row = axes.reduce((sum, axis, a) => add(sum, scale(axis, sign * inverse[4 * a + i])), [0, 0, 0] as Vec3);
       return [...row, (sign * inverse[12 + i]) / meters - dot(row, origin)];
     });

@@ -1,19 +1,20 @@
-/** Where views hold, and the way back from beyond: as the manifest says, else as far as the reel's box and cameras make sense. */
+/** Limits of the view: those of the manifest, else derived from the reel's bounds and cameras. */
 import { add, cross, dot, eyeOf, length, normalize, rotate, scale, subtract, type Vec3 } from "../base/matrix";
 import type { Manifest } from "../reel/manifest";
 
-/** The middle may leave the reel's box by this part of its diagonal. */
+/** The pivot may leave the bounds by this part of their diagonal. */
 const MARGIN = 0.25;
-/** Where a reel names no distances: so many times as far as its cameras and corners. */
+/** Default maximum distance, relative to the farthest camera or corner. */
 const REACH = 1.5;
-/** Degrees beyond the limit at which a picture has all but gone, and what is left of it. */
+/** Degrees beyond the limit at which the fade is complete, and the part of the image that remains. */
 const GONE = 45;
 const LEFT = 0.08;
-/** Nearer to the focus than this part of the nearest camera's distance, the side that one looks from says little. */
+/** Part of the nearest camera's distance within which the fade decreases, since the angle to the cameras is unstable there. */
 const INSIDE = 0.3;
 
+/** Distances, angle and floor within which the view is good. */
 export class Limits {
-  /** Length of the box's diagonal. */
+  /** Diagonal of the bounds. */
   readonly extent: number;
   readonly center: Vec3;
 
@@ -21,10 +22,10 @@ export class Limits {
   private readonly bounds: [Vec3, Vec3];
   readonly focus: Vec3;
   private readonly distance: [number, number];
-  /** Radians; none: as far as one likes. */
+  /** Maximum angle to the nearest camera, in radians. */
   private readonly angle: number;
   private readonly floor: number;
-  /** From the focus to the cameras. */
+  /** Unit vectors from the focus to the cameras. */
   private readonly sides: Vec3[];
   private readonly nearest: number;
 
@@ -45,14 +46,14 @@ export class Limits {
     this.nearest = Math.min(...eyes.map(length));
   }
 
-  /** The nearest place for the middle. */
+  /** Return the nearest permitted pivot. */
   middle(point: Vec3): Vec3 {
     const [low, high] = this.bounds;
     const margin = MARGIN * this.extent;
     return point.map((value, a) => Math.min(Math.max(value, low[a] - margin), high[a] + margin)) as Vec3;
   }
 
-  /** A part of the way to the nearest place to look from, about the focus. */
+  /** Move a part of the way, 0 to 1, to the nearest permitted eye position. */
   eye(point: Vec3, part = 1): Vec3 {
     const out = subtract(point, this.focus);
     const way = length(out);
@@ -64,12 +65,12 @@ export class Limits {
     return this.above(way > 0 ? add(this.focus, scale(inward, factor)) : point, part);
   }
 
-  /** A part of the way to the nearest place above the floor. */
+  /** Move a part of the way to the nearest position above the floor. */
   above(point: Vec3, part = 1): Vec3 {
     return add(point, scale(this.up, part * Math.max(this.floor - dot(point, this.up), 0)));
   }
 
-  /** How much of a picture from there fades, 0 to 1: more the farther it is from where cameras looked. */
+  /** Return the fade of a view from a position, 0 to 1, which increases beyond the limit of the angle. */
   fade(point: Vec3): number {
     const out = subtract(point, this.focus);
     const excess = this.nearestSide(out).angle - this.angle;

@@ -1,8 +1,8 @@
-/** Links that hold a time and a pose: `#t=1.25&view=` eye, turn wxyz and distance of the pivot, separated by commas. */
+/** Links with a time and a view: `#t=1.25&view=` eye, rotation wxyz and pivot distance, separated by commas. */
 import { normalized } from "../base/quaternion";
 import type { Start } from "./pose";
 
-/** An address with a time and a pose. */
+/** Return an address with a time and a view. */
 export function linkTo(address: string, { seconds, view }: Start): string {
   const parts = [];
   if (seconds !== null) parts.push(`t=${round(seconds, 3)}`);
@@ -10,7 +10,7 @@ export function linkTo(address: string, { seconds, view }: Start): string {
   return `${address.split("#")[0]}#${parts.join("&")}`;
 }
 
-/** What an address holds; what cannot be read counts as not there. */
+/** Parse the time and view of an address. Invalid parts are null. */
 export function startOf(address: string): Start {
   const parameters = new URLSearchParams(address.split("#")[1] ?? "");
   const seconds = Number.parseFloat(parameters.get("t") ?? "");

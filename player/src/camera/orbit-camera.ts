@@ -1,4 +1,4 @@
-/** A camera that orbits a pivot, with inertia and soft limits. It starts exactly at a camera of the reel. */
+/** Interactive camera that orbits a pivot, with inertia and soft limits. It starts exactly at a camera of the reel. */
 import { add, dot, eyeOf, length, normalize, scale, subtract, viewmatOf, type Vec3 } from "../base/matrix";
 import { axesOf, quatOf, type Quat } from "../base/quaternion";
 import type { View } from "../base/view";
@@ -8,21 +8,21 @@ import { Horizon, type Gaze } from "./horizon";
 import { Limits } from "./limits";
 import type { CameraState } from "./pose";
 
-/** How fast a flick dies away and a key takes hold, per second. */
+/** Rate at which a flick decays and a key accelerates, per second. */
 const FRICTION = 6;
-/** How fast the camera comes back from beyond its limits, and how fast a tilt goes, per second. */
+/** Rate at which the camera returns to its limits and a tilt decays, per second. */
 const PULL = 5;
-/** Of a screen of another shape than the picture: one side of the picture is shown to at least 1 / this. */
+/** Maximum crop of the image to fill a screen of another aspect ratio. */
 const CROP = 1.4;
-/** Of an upright screen, the part of its height that the picture is to have, and what may become of its width then. */
+/** On a portrait screen, the part of its height that the image fills, and the maximum crop for that. */
 const TALL = 0.7;
 const TALL_CROP = 2.5;
-/** A focus that is farther from the middle of an upright screen, in halves of its width, is brought there. */
+/** On a portrait screen, the offset of the focus, in half widths, above which the first view is centered on it. */
 const ASIDE = 0.2;
-/** Seconds a change of pose takes. */
+/** Duration of a transition between poses, in seconds. */
 const GLIDE = 0.5;
 
-/** Velocities: turns about the pivot (radians a second), moves (pivot distances a second), zoom (factors of e a second). */
+/** Velocities per second: rotation about the pivot (radians), translation (pivot distances), zoom (powers of e). */
 export interface Motion {
   yaw: number;
   pitch: number;
@@ -35,44 +35,45 @@ export interface Motion {
 const STILL: Motion = { yaw: 0, pitch: 0, right: 0, down: 0, forward: 0, zoom: 0 };
 const AXES = Object.keys(STILL) as (keyof Motion)[];
 
-/** A state while it moves. */
+/** A state during a transition. */
 interface Sight {
   eye: Vec3;
   gaze: Gaze;
   distance: number;
 }
 
+/** The camera that people steer. */
 export class OrbitCamera {
   private readonly horizon: Horizon;
   private readonly home: Camera;
-  /** Least depth to draw, world units. */
+  /** Near plane, in world units. */
   readonly near: number;
   private readonly limits: Limits;
   private start: CameraState;
   private readonly poses: CameraState[];
   private eye: Vec3 = [0, 0, 0];
   private gaze!: Gaze;
-  /** From the eye to the pivot, which is straight ahead. */
+  /** Distance to the pivot, which is straight ahead. */
   private distance = 1;
-  /** What keys ask for; zero when none is down. */
+  /** Velocities that the pressed keys request. */
   private thrust: Motion = { ...STILL };
-  /** A hand holds the picture: limits wait. */
+  /** True during a drag, while the limits do not pull. */
   private held = false;
   private velocity: Motion = { ...STILL };
   private glide: { from: Sight; to: Sight; at: number } | null = null;
   private followed: { path: CameraPath; at: number; cut: boolean } | null = null;
   private flythrough: CameraPath | null = null;
-  /** A hand is where the camera is now. */
+  /** True if people moved the camera to its present pose. */
   private moved = false;
-  /** A hand has been on it. */
+  /** True once people have moved the camera. */
   touched = false;
 
-  /** screen: what it begins on, CSS pixels. calm: no inertia, no gliding, for people who asked for less motion. */
+  /** screen: size of the canvas, in CSS pixels. calm: disable inertia and transitions, for people who prefer reduced motion. */
   constructor(manifest: Manifest, screen?: { clientWidth: number; clientHeight: number }, private readonly calm = false) {
     const { up, camera, cameras, near } = manifest;
     this.horizon = new Horizon(normalize(up));
     this.home = camera;
-    // Nearer than the capture was trained to be drawn: people walk up to things.
+    // Nearer than the near plane of training, since people walk up to objects.
     this.near = 0.4 * near;
     this.limits = new Limits(manifest);
     this.start = this.stateOf(camera);
@@ -85,7 +86,7 @@ export class OrbitCamera {
     return viewmatOf(this.eye, ...this.axes);
   }
 
-  /** Take a pose [16], world to camera; the pivot stays at its distance in front. */
+  /** Set a pose [16], world to camera. The distance of the pivot does not change. */
   set viewmat(m: number[]) {
     this.state = { eye: eyeOf(m), turn: turnOf(m), distance: this.distance };
   }
@@ -100,7 +101,7 @@ export class OrbitCamera {
     this.place(state);
   }
 
-  /** Begin so that the reel's focus is in the middle of an upright screen, whose sides cut off much of the picture. */
+  /** Center the first view on the focus if a portrait screen crops much of the image. */
   private fit(width: number, height: number): void {
     const { viewmat: m, fx } = this.view(width, height);
     const { focus } = this.limits;
@@ -111,12 +112,12 @@ export class OrbitCamera {
     this.state = this.start = { ...this.start, turn };
   }
 
-  /** Back to the reel's own camera, level. */
+  /** Return to the reel's own camera, made level. */
   reset(): void {
     this.glideTo(this.level(this.start));
   }
 
-  /** Go to the camera of the capture that is `step` beyond the nearest one, level. */
+  /** Go to the camera of the capture that is `step` after the nearest one, made level. */
   visit(step: number): void {
     const { poses } = this;
     if (poses.length === 0) return;
@@ -126,12 +127,12 @@ export class OrbitCamera {
     this.glideTo(poses[(nearest + step + poses.length) % poses.length]);
   }
 
-  /** The path that it follows, and the seconds of it that have passed. */
+  /** The path being followed, and its time. */
   get following(): Readonly<{ path: CameraPath; at: number }> | null {
     return this.followed;
   }
 
-  /** Follow a path from some seconds on, until a hand is on the camera; null: stop. cut: from keyframe to keyframe without a move. */
+  /** Follow a path from time `at` on, until people move the camera; null to stop. cut: jump between keyframes instead of moving. */
   follow(path: CameraPath | null, at = 0, cut = false): void {
     [this.glide, this.moved, this.followed] = [null, false, path && { path, at, cut }];
     this.velocity = { ...STILL };
@@ -147,7 +148,7 @@ export class OrbitCamera {
     this.follow(this.flythrough, 0, this.calm);
   }
 
-  /** Turn to a point seen at camera coordinates, and orbit about it from now on. */
+  /** Turn to a point in camera coordinates, and make it the pivot. */
   focus([x, y, z]: Vec3): void {
     const [right, down, forward] = this.axes;
     const way = add(add(scale(right, x), scale(down, y)), scale(forward, z));
@@ -156,7 +157,7 @@ export class OrbitCamera {
     this.glideTo({ eye, turn: horizon.turnOf(horizon.level(horizon.toward(gaze, way))), distance: length(way) });
   }
 
-  /** Turn about the pivot, in radians: positive yaw moves the picture to the right, positive pitch down. */
+  /** Rotate about the pivot, in radians. Positive yaw moves the image to the right, positive pitch down. */
   orbit(yaw: number, pitch: number): void {
     this.touch();
     const { pivot } = this;
@@ -164,12 +165,12 @@ export class OrbitCamera {
     this.eye = subtract(pivot, this.ahead);
   }
 
-  /** Shift view and pivot so that the pivot moves by pixels on a screen of this focal length. */
+  /** Translate so that the pivot moves by pixels. focal: focal length in pixels. */
   pan(dx: number, dy: number, focal: number): void {
     this.walk(-dx / focal, -dy / focal, 0);
   }
 
-  /** Shift view and pivot, in distances of the pivot. */
+  /** Translate view and pivot, in units of the pivot distance. */
   walk(right: number, down: number, forward: number): void {
     this.touch();
     const [x, y, z] = this.axes;
@@ -184,28 +185,28 @@ export class OrbitCamera {
     this.eye = subtract(pivot, this.ahead);
   }
 
-  /** Move by itself as long as keys are down; null: none is. */
+  /** Set the velocities of the pressed keys; null for none. */
   steer(motion: Motion | null): void {
     this.thrust = motion ?? { ...STILL };
   }
 
-  /** A hand is on the picture, which stands still. */
+  /** Begin a drag: stop all motion. */
   hold(): void {
     this.flick(0, 0);
     this.held = true;
   }
 
-  /** The hand lets go. */
+  /** End a drag. */
   release(): void {
     this.held = false;
   }
 
-  /** Let a drag go on with this angular velocity (radians a second). */
+  /** Continue a drag with this angular velocity, in radians per second. */
   flick(yaw: number, pitch: number): void {
     this.velocity = this.calm ? { ...STILL } : { ...STILL, yaw, pitch };
   }
 
-  /** Advance what moves by itself; true while the camera does. */
+  /** Advance all motion. Returns true while the camera moves. */
   step(seconds: number): boolean {
     if (this.followed) return this.stepAlong(this.followed, seconds);
     if (this.glide) return this.stepGlide(seconds);
@@ -224,13 +225,13 @@ export class OrbitCamera {
     return this.stepBack(seconds) || upright || moving;
   }
 
-  /** The view in a picture of width x height pixels, its field of view that of the reel's camera. */
+  /** Return the view for an image of width x height pixels, with the field of view of the reel's camera. */
   view(width: number, height: number): View {
     const { K, width: w, height: h } = this.home;
     const whole = Math.min(width / w, height / h);
     const filled = Math.max(width / w, height / h);
-    // Fill a screen of another shape where little is lost by it. On an upright one a strip would be left of a wide picture:
-    // there it takes most of the height, of which its own sides are the price.
+    // Fill a screen of another aspect ratio if that crops little. On a portrait screen a wide image would be a thin strip, so that
+    // it fills most of the height, at the cost of its sides.
     const most = height > width ? Math.max(CROP, Math.min((TALL * filled) / whole, TALL_CROP)) : CROP;
     const zoom = Math.min(filled, most * whole);
     return {
@@ -245,12 +246,12 @@ export class OrbitCamera {
     };
   }
 
-  /** The camera's own: x right, y down, z forward. */
+  /** Axes of the camera: x right, y down, z forward. */
   private get axes(): [Vec3, Vec3, Vec3] {
     return axesOf(this.horizon.turnOf(this.gaze));
   }
 
-  /** From the eye to the pivot. */
+  /** Vector from the eye to the pivot. */
   private get ahead(): Vec3 {
     return scale(this.horizon.forwardOf(this.gaze), this.distance);
   }
@@ -259,7 +260,7 @@ export class OrbitCamera {
     return add(this.eye, this.ahead);
   }
 
-  /** A hand is on it: nothing else moves it any more. */
+  /** Record that people move the camera, and stop all other motion. */
   private touch(): void {
     [this.glide, this.followed, this.moved, this.touched] = [null, null, true, true];
   }
@@ -273,7 +274,7 @@ export class OrbitCamera {
     return { ...state, turn: horizon.turnOf(horizon.level(horizon.gazeOf(state.turn))) };
   }
 
-  /** The pivot of a camera of the capture is what lies in the middle of the scene's depth. */
+  /** Return the state of a camera of the capture. Its pivot is at the depth of the scene's center. */
   private stateOf({ viewmat: m }: Pick<Camera, "viewmat">): CameraState {
     const { center, extent } = this.limits;
     const ahead = dot(subtract(center, eyeOf(m)), [m[8], m[9], m[10]]);
@@ -303,18 +304,18 @@ export class OrbitCamera {
     const { path, at, cut } = followed;
     const { tilt } = this.gaze;
     this.place(this.stateOf(path.at(at, cut)));
-    // A flight through the cameras is level, from where it began on.
+    // A flight through the cameras becomes level after its start.
     if (path === this.flythrough) this.gaze = this.righted({ ...this.gaze, tilt }, seconds);
     if (!path.loop && at >= path.seconds) this.followed = null;
     return true;
   }
 
-  /** How much of the picture is to fade, 0 to 1, because people went where no camera looked from. */
+  /** Fade of the image, 0 to 1, for views far from those of the capture's cameras. */
   get offCameraFade(): number {
     return this.moved ? this.limits.fade(this.eye) : 0;
   }
 
-  /** Come back from beyond the limits, once people have left them and let go; from below the floor at once. */
+  /** Return to the limits after a drag ends; to the floor at once. */
   private stepBack(seconds: number): boolean {
     if (!this.moved) return false;
     const { limits, held } = this;
@@ -329,7 +330,7 @@ export class OrbitCamera {
     return true;
   }
 
-  /** Level the horizon, once a hand is on the view: cameras of captures stand a little askew. */
+  /** Level the horizon once people move the camera, since cameras of captures are slightly tilted. */
   private stepUpright(seconds: number): boolean {
     if (!this.moved || this.horizon.isLevel(this.gaze)) return false;
     this.gaze = this.righted(this.gaze, seconds);

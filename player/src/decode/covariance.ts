@@ -1,4 +1,4 @@
-/** Shapes as six numbers, the logarithm of the square root of a covariance, back to rotations and scales (docs/format.md). */
+/** Shapes stored as the logarithm of the square root of a covariance, six numbers, to rotations and scales (docs/format.md). */
 
 const LARGEST = 126;
 const SWEEPS = 12;
@@ -6,13 +6,13 @@ const NOTHING = 1e-18;
 const ROOT2 = Math.sqrt(2);
 const ROOT6 = Math.sqrt(6);
 
-/** A symmetric matrix xx, xy, xz, yy, yz, zz and a quaternion wxyz that are being worked on. */
+/** Scratch memory: a symmetric matrix xx, xy, xz, yy, yz, zz and a quaternion wxyz. */
 const m = new Float64Array(6);
 const q = new Float64Array(4);
 const [XX, XY, XZ, YY, YZ, ZZ] = [0, 1, 2, 3, 4, 5];
 const [X, Y, Z] = [1, 2, 3];
 
-/** Unit quaternions [N, 4] and scales [N, 3] of numbers [N, 6]. Exact but for the powers: Python finds the same rotations. */
+/** Convert numbers [N, 6] to unit quaternions [N, 4] and scales [N, 3]. Python computes exactly the same rotations. */
 export function toShapes(numbers: Float64Array): { quats: Float32Array; scales: Float32Array } {
   const count = numbers.length / 6;
   const quats = new Float32Array(4 * count);
@@ -29,7 +29,7 @@ export function toShapes(numbers: Float64Array): { quats: Float32Array; scales: 
     m[YZ] = numbers[n + 5] / ROOT2;
     q.fill(0);
     q[0] = 1;
-    diagonalise();
+    diagonalize();
     const norm = Math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3]);
     for (let k = 0; k < 4; k++) quats[4 * i + k] = q[k] / norm;
     scales[3 * i] = power(m[XX]);
@@ -43,8 +43,8 @@ function power(octaves: number): number {
   return 2 ** Math.min(Math.max(octaves, -LARGEST), LARGEST);
 }
 
-/** Turns the axes of `m` until it is diagonal; `q` becomes the rotation that took them there. */
-function diagonalise(): void {
+/** Diagonalize `m` by Jacobi rotations, which accumulate in `q`. */
+function diagonalize(): void {
   for (let sweep = 0; sweep < SWEEPS; sweep++) {
     const rest = m[XY] * m[XY] + m[XZ] * m[XZ] + m[YZ] * m[YZ];
     const whole = m[XX] * m[XX] + m[YY] * m[YY] + m[ZZ] * m[ZZ];
@@ -55,7 +55,7 @@ function diagonalise(): void {
   }
 }
 
-/** About the third axis c by what makes `m` zero at the first two, a and b: where the numbers of these axes are, in `m` and in `q`. */
+/** Rotate about axis c so that `m` is zero at axes a and b. The arguments are the indices of these axes in `m` and `q`. */
 function turn(aa: number, bb: number, ab: number, ac: number, bc: number, a: number, b: number, c: number): void {
   const off = m[ab];
   if (off === 0) return;

@@ -1,7 +1,7 @@
 /** Decoding of one file of a reel. */
 import { ReelError, inSection, messageOf } from "../base/errors";
 import { parseContainer, type Container } from "../reel/container";
-import { decodeAppearance, neighboursInOrder } from "./appearance";
+import { decodeAppearance, neighborsInOrder } from "./appearance";
 import { flags, tensor } from "./dequantize";
 import { decodeGaussians, type DecodePoints, type Gaussians } from "./gaussians";
 import { decodeOffsets, type DecodeTrack } from "./h265-offsets";
@@ -59,13 +59,13 @@ async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTr
   const section = file.sections.offsets;
   if (file.kind === "group" && file.points > 0 && !section) throw new ReelError("it has no section offsets");
   if (section && section.codec !== "h265") {
-    throw new ReelError(`its motion has the codec ${section.codec}, and this player knows h265: encode it again with --source ofs, or by the predictive codec`);
+    throw new ReelError(`its motion has the codec ${section.codec}, and this player knows h265: encode it again with --source ofs, or with the predictive codec`);
   }
   const [points, offsets] = await Promise.all([
     decodeGaussians(file, decodePoints),
     section && file.points > 0 ? inSection("offsets", () => decodeOffsets(tensor(file, "offsets"), section, file, decodeTrack)) : null,
   ]);
-  return { points, offsets: offsets && { ...offsets, appearance: file.sections.shade ? await decodeAppearance(file, offsets.frames, neighboursInOrder(file.points, kernels)) : null } };
+  return { points, offsets: offsets && { ...offsets, appearance: file.sections.shade ? await decodeAppearance(file, offsets.frames, neighborsInOrder(file.points, kernels)) : null } };
 }
 
 /** Return the buffers of a decoded file, to transfer it to another thread without a copy. */

@@ -1,16 +1,16 @@
-/** `linear`, `vq` and `bits` sections: packed integers, deflated or not, back to numbers (docs/format.md). */
+/** Decoding of `linear`, `vq` and `bits` sections: packed integers, optionally deflated (docs/format.md). */
 import { ReelError, inSection, messageOf } from "../base/errors";
 import type { Container, Section } from "../reel/container";
 
-/** What a reel's files hold at most. */
+/** Maximum number of static points of a reel. */
 export const MAX_STATIC = 2 ** 26;
 
-/** Bytes that `count` integers of `bits` bits are packed into. */
+/** Return the bytes of `count` packed integers of `bits` bits. */
 export function packedSize(count: number, bits: number): number {
   return bits > 8 ? count + Math.ceil((count * (bits - 8)) / 8) : Math.ceil((count * bits) / 8);
 }
 
-/** Integers [count] of 1 to 16 bits: the low bytes of all, then the bits above, without gaps, lowest bit first. */
+/** Unpack integers of 1 to 16 bits: first the low bytes of all, then the higher bits without gaps, lowest bit first. */
 export function unpack(data: Uint8Array, bits: number, count: number): Uint16Array {
   const result = new Uint16Array(count);
   let shift = 0;
@@ -29,21 +29,21 @@ export function unpack(data: Uint8Array, bits: number, count: number): Uint16Arr
   return result;
 }
 
-/** Undo zlib where the section says so, to exactly `size` bytes, or at most that many if not `exact`. */
+/** Decompress zlib data if `deflated`. The result has `size` bytes, or fewer if not `exact`. */
 export async function inflate(data: Uint8Array, deflated: boolean, size: number, exact = true): Promise<Uint8Array> {
   if (deflated) data = await inflateUpTo(data, size);
   if (data.byteLength > size || (exact && data.byteLength < size)) throw new ReelError(`it holds ${data.byteLength} bytes, expected ${size}`);
   return data;
 }
 
-/** Stops soon after `size` bytes: a small stream may claim gigabytes. */
+/** Decompress, but stop after `size` bytes, since a small stream may expand to gigabytes. */
 async function inflateUpTo(data: Uint8Array, size: number): Promise<Uint8Array> {
   const reader = new Blob([data as BlobPart]).stream().pipeThrough(new DecompressionStream("deflate")).getReader();
   const parts: Uint8Array[] = [];
   let length = 0;
   while (length <= size) {
     const { done, value } = await reader.read().catch((error: unknown) => {
-      throw new ReelError(`it is no zlib stream (${messageOf(error)})`);
+      throw new ReelError(`it is not a zlib stream (${messageOf(error)})`);
     });
     if (done) break;
     parts.push(value);
@@ -59,7 +59,7 @@ async function inflateUpTo(data: Uint8Array, size: number): Promise<Uint8Array> 
   return result;
 }
 
-/** Integers [columns * rows] of a section, column by column. */
+/** Return the integers [count] of a section, column by column. */
 export async function integers(file: Container, name: string, bits: number, count: number): Promise<Uint16Array> {
   return inSection(name, async () => {
     const plain = await inflate(tensor(file, name), file.sections[name].deflate === true, packedSize(count, bits));
@@ -67,7 +67,7 @@ export async function integers(file: Container, name: string, bits: number, coun
   });
 }
 
-/** Values [rows, columns] of a `linear` section. */
+/** Decode the values [rows, columns] of a `linear` section. */
 export async function linear(file: Container, name: string, rows: number, columns: number): Promise<Float32Array> {
   const section = sectionOf(file, name, "linear");
   const bits = await inSection(name, () => whole(section, "bits", 1, 16));
@@ -85,23 +85,23 @@ export async function linear(file: Container, name: string, rows: number, column
   return values;
 }
 
-/** Flags [count], 0 or 1, of a `bits` section. */
+/** Decode the flags [count], 0 or 1, of a `bits` section. */
 export async function flags(file: Container, name: string): Promise<Uint8Array> {
   const section = sectionOf(file, name, "bits");
   const count = await inSection(name, () => whole(section, "count", 0, MAX_STATIC));
   return Uint8Array.from(await integers(file, name, 1, count));
 }
 
-/** A whole number of a section's parameters. */
+/** Return an integer parameter of a section. */
 export function whole(section: Section, name: string, low: number, high: number): number {
   const value = section[name];
   if (!Number.isInteger(value) || (value as number) < low || (value as number) > high) {
-    throw new ReelError(`its ${name} is ${short(value)}, not a whole number from ${low} to ${high}`);
+    throw new ReelError(`its ${name} is ${short(value)}, not an integer from ${low} to ${high}`);
   }
   return value as number;
 }
 
-/** A list of numbers that a float32 holds. */
+/** Return a parameter that is a list of numbers within the range of float32. */
 export function numbersOf(section: Section, name: string, count: number): number[] {
   const value = section[name];
   if (!Array.isArray(value) || value.length !== count || !value.every((item) => typeof item === "number" && Math.abs(item) <= 3e38)) {
@@ -110,11 +110,12 @@ export function numbersOf(section: Section, name: string, count: number): number
   return value as number[];
 }
 
+/** Return a value as JSON of at most 60 characters, for messages. */
 export function short(value: unknown): string {
   return (JSON.stringify(value) ?? "missing").slice(0, 60);
 }
 
-/** A section's parameters, if its codec is the one this player knows for it. */
+/** Return the parameters of a section, if it has the expected codec. */
 export function sectionOf(file: Container, name: string, codec: string): Section {
   const section = file.sections[name];
   if (!section) throw new ReelError(`it has no section ${name}`);
@@ -124,6 +125,7 @@ export function sectionOf(file: Container, name: string, codec: string): Section
   return section;
 }
 
+/** Return the data of a section. */
 export function tensor(file: Container, name: string): Uint8Array {
   const found = file.tensors[name];
   if (!found) throw new ReelError(`it has no data for section ${name}`);

@@ -1,4 +1,4 @@
-/** Draco point clouds to integer or float positions, by the WASM decoder of npm draco3d. Runs in a worker. */
+/** Decoding of Draco point clouds by the WASM decoder of npm draco3d. Runs in a worker. */
 import { ReelError } from "../base/errors";
 import { fileAddress, type FileAddresses } from "../files/workers";
 
@@ -22,7 +22,7 @@ interface DracoCloud {
   num_points(): number;
 }
 
-/** What draco-decode.js exports. */
+/** Exports of draco-decode.js. */
 interface DracoExport {
   default(options: object): Promise<DracoModule>;
 }
@@ -36,10 +36,10 @@ function loadDraco(files: FileAddresses): Promise<DracoModule> {
   return loading;
 }
 
-/** Positions [N, 3] in the order of the file. */
+/** Decode positions [N, 3] in the order of the file. */
 export async function decodeDraco(bytes: Uint8Array, files: FileAddresses): Promise<Float32Array> {
-  // A cloud of one attribute of three numbers; each more takes memory.
-  if (bytes.length < 21 || bytes[15] !== 1 || bytes[16] !== 1 || bytes[19] !== 3) throw new ReelError("The positions of a file are a cloud of more than positions.");
+  // Accept only clouds with one attribute of three numbers, since others take more memory.
+  if (bytes.length < 21 || bytes[15] !== 1 || bytes[16] !== 1 || bytes[19] !== 3) throw new ReelError("The point cloud of a file has other attributes than positions.");
   const draco = await loadDraco(files);
   const decoder = new draco.Decoder();
   const cloud = new draco.PointCloud();
@@ -47,7 +47,7 @@ export async function decodeDraco(bytes: Uint8Array, files: FileAddresses): Prom
     const status = decoder.DecodeArrayToPointCloud(new Int8Array(bytes.slice().buffer), bytes.byteLength, cloud);
     if (!status.ok()) throw new ReelError(`The positions of a file cannot be decoded (${status.error_msg()}).`);
     const id = decoder.GetAttributeId(cloud, draco.POSITION);
-    if (id < 0) throw new ReelError("The positions of a file hold no positions.");
+    if (id < 0) throw new ReelError("The point cloud of a file has no positions.");
     const attribute = decoder.GetAttribute(cloud, id);
     const size = cloud.num_points() * 12;
     const pointer = draco._malloc(size);

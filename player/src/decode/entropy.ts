@@ -1,27 +1,28 @@
-/** Whole numbers out of an rANS stream (docs/format.md). */
+/** Decoding of integers from an rANS stream (docs/format.md). */
 import { ReelError } from "../base/errors";
 
 const HEADER_BYTES = 12;
 const SCALE_BITS = 12;
 const SCALE = 1 << SCALE_BITS;
 const LOW = 65536;
-/** Numbers below it are their own token. */
+/** Smaller numbers are their own token. */
 const DIRECT = 32;
 const TOKENS = 128;
-/** Plain bits of the longest number below 2^31. */
+/** Maximum number of raw bits of a number below 2^31. */
 const LONGEST = 29;
 
-/** A stream taken apart. */
+/** The parts of a stream. */
 export interface Stream {
-  /** [contexts * 4096] token << 25 | frequency << 12 | place in the token's interval. */
+  /** [contexts * 4096] token << 25 | frequency << 12 | position in the token's interval. */
   lookup: Uint32Array;
   states: Uint32Array;
   words: Uint16Array;
-  /** With eight zeros after its end, so that whole windows can be read. */
+  /** Raw bits, padded with eight zero bytes, so that whole words can be read. */
   raw: Uint8Array;
   rawBytes: number;
 }
 
+/** Split a stream into its parts. */
 export function streamOf(data: Uint8Array, contexts: number): Stream {
   if (data.byteLength < HEADER_BYTES) throw new ReelError("a stream is too short");
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
@@ -33,7 +34,7 @@ export function streamOf(data: Uint8Array, contexts: number): Stream {
   const wordsAt = statesAt + 4 * lanes;
   const rawAt = wordsAt + 2 * words;
   if (data[0] > 10 || data[1] !== contexts || rawAt + rawBytes !== data.byteLength) throw new ReelError("a stream does not fit its header");
-  // Copies begin where numbers of their size may.
+  // Copies are aligned to their element size.
   return {
     lookup: lookupOf(data.subarray(HEADER_BYTES, statesAt), contexts),
     states: new Uint32Array(data.slice(statesAt, wordsAt).buffer),
@@ -43,6 +44,7 @@ export function streamOf(data: Uint8Array, contexts: number): Stream {
   };
 }
 
+/** Decodes integers from interleaved rANS states. */
 export class EntropyDecoder {
   private word = 0;
   private bit = 0;
@@ -57,13 +59,13 @@ export class EntropyDecoder {
     ({ lookup: this.lookup, states: this.states, words: this.words, raw: this.raw, rawBytes: this.rawBytes } = streamOf(data, contexts));
   }
 
-  /** The next number, below 2^31. Throws for larger ones. */
+  /** Return the next number, below 2^31. Throws for larger ones. */
   next(context: number): number {
     const token = this.token(context);
     return token < DIRECT ? token : this.long(token - DIRECT);
   }
 
-  /** The next number, below 2^52. */
+  /** Return the next number, below 2^52. */
   nextLarge(context: number): number {
     const token = this.token(context) - DIRECT;
     if (token < 0) return token + DIRECT;
@@ -73,7 +75,7 @@ export class EntropyDecoder {
     return (2 | (token & 1)) * 2 ** bits + this.bits(bits - LONGEST) * 2 ** LONGEST + low;
   }
 
-  /** Throws unless everything was read and came out as it went in. */
+  /** Throw unless all data was read and the final states are intact. */
   finish(): void {
     const whole = this.word === this.words.length && (this.bit + 7) >>> 3 === this.rawBytes;
     if (!whole || this.states.some((state) => state !== LOW)) throw new ReelError("a stream is damaged");
@@ -99,7 +101,7 @@ export class EntropyDecoder {
     return ((2 | (token & 1)) << bits) | this.bits(bits);
   }
 
-  /** The next `count` plain bits, at most LONGEST. */
+  /** Return the next `count` raw bits, at most LONGEST. */
   private bits(count: number): number {
     const { raw, bit } = this;
     const at = bit >>> 3;
@@ -118,12 +120,12 @@ function padded(bytes: Uint8Array): Uint8Array {
   return result;
 }
 
-/** 0, 1, 2, 3 become 0, -1, 1, -2. */
+/** Map 0, 1, 2, 3 to 0, -1, 1, -2. */
 export function unzigzag(value: number): number {
   return (value >>> 1) ^ -(value & 1);
 }
 
-/** Bits, the lowest of a byte first. */
+/** Reads bits, lowest of a byte first. */
 class Bits {
   private at = 0;
 
@@ -138,7 +140,7 @@ class Bits {
     return value;
   }
 
-  /** A number of b + 1 bits: b zeros, a one, and its low b bits. */
+  /** Return an Elias gamma code: b zeros, a one, and the low b bits of a number of b + 1 bits. */
   gamma(): number {
     let low = 0;
     while (this.take(1) === 0) if (++low > 8) throw new ReelError("frequencies are damaged");
@@ -164,7 +166,7 @@ function lookupOf(tables: Uint8Array, contexts: number): Uint32Array {
       const frequency = length === 0 ? 0 : (1 << (length - 1)) | bits.take(length - 1);
       if (place + frequency > end) throw new ReelError("frequencies do not sum to 4096");
       const base = ((token << 25) | (frequency << SCALE_BITS)) >>> 0;
-  for (let i = 0; i < frequency; i++) result[place++] = base + i;
+      for (let i = 0; i < frequency; i++) result[place++] = base + i;
     }
     if (place !== end && place !== end - SCALE) throw new ReelError("frequencies do not sum to 4096");
   }

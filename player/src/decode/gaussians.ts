@@ -1,9 +1,10 @@
-/** The points of a file: every section but the offsets, decoded. */
+/** Decoding of the points of a file in the paper's codec: all sections except the offsets. */
 import { ReelError, inSection } from "../base/errors";
 import type { Container } from "../reel/container";
 import { integers, linear, numbersOf, sectionOf, short, tensor, whole } from "./dequantize";
 import { mortonOrder } from "./morton";
 
+/** Points of a file. */
 export interface Gaussians {
   count: number;
   /** [N, 3] */
@@ -23,8 +24,10 @@ export interface Gaussians {
   shDegree: number;
 }
 
+/** Decodes a Draco point cloud to positions [N, 3]. */
 export type DecodePoints = (bytes: Uint8Array) => Promise<Float32Array>;
 
+/** Decode the points of a file. */
 export async function decodeGaussians(file: Container, decodePoints: DecodePoints): Promise<Gaussians> {
   const count = file.points;
   if (!(Number.isInteger(count) && count >= 0)) throw new ReelError(`it claims ${count} points`);
@@ -47,7 +50,7 @@ function empty(): Gaussians {
   return { count: 0, means: none(), quats: none(), scales: none(), opacities: none(), shBase: none(), ...rest };
 }
 
-/** Draco holds lattice points in any order; the reel's order is that of their Morton codes. */
+/** Decode positions. Draco does not keep the order of points, so they are sorted by Morton code, as the encoder did. */
 async function decodeMeans(file: Container, count: number, decodePoints: DecodePoints): Promise<Float32Array> {
   const section = sectionOf(file, "means", "draco");
   const low = numbersOf(section, "min", 3);
@@ -68,11 +71,11 @@ async function decodeMeans(file: Container, count: number, decodePoints: DecodeP
   return means;
 }
 
-/** Refuse what is no plain point cloud of that many points before the decoder makes room for it. */
+/** Reject data that is not a plain point cloud of `count` points, before the decoder allocates memory. */
 function checkDraco(bytes: Uint8Array, count: number): void {
   const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
   const known = bytes.byteLength >= 15 && String.fromCharCode(...bytes.subarray(0, 5)) === "DRACO" && bytes[7] === 0;
-  if (!known || view.getUint16(9, true) & 0x8000) throw new ReelError("it is no plain Draco point cloud");
+  if (!known || view.getUint16(9, true) & 0x8000) throw new ReelError("it is not a plain Draco point cloud");
   const points = view.getInt32(11, true);
   if (points !== count) throw new ReelError(`it is a cloud of ${points} points, expected ${count}`);
 }

@@ -1,19 +1,21 @@
-/** The `h265` offsets section: maps in three video tracks back to integers per frame and point (docs/format.md). */
+/** The `h265` offsets section: maps in three video tracks to integers per frame and point (docs/format.md). */
 import { ReelError } from "../base/errors";
 import type { Container, Section } from "../reel/container";
 import { numbersOf, whole } from "./dequantize";
 import { parseMp4, type Track } from "./mp4";
 import type { Offsets } from "./offsets";
 
+/** Decodes the luma planes of a video track. */
 export type DecodeTrack = (track: Track) => Promise<Uint8Array>;
 
 const BLOCK = 16;
 
-/** Pixels that a map may have beyond its points. */
+/** Maximum number of pixels of a map beyond twice its points. */
 const MAX_SLACK = 4096;
-/** Frames times points. */
+/** Maximum of frames times points. */
 export const MAX_VALUES = 2 ** 26;
 
+/** Decode the offsets of a group. */
 export async function decodeOffsets(bytes: Uint8Array, section: Section, file: Container, decodeTrack: DecodeTrack): Promise<Omit<Offsets, "appearance">> {
   const { points: count, frames } = file;
   const width = whole(section, "width", BLOCK, 8192);
@@ -26,7 +28,7 @@ export async function decodeOffsets(bytes: Uint8Array, section: Section, file: C
   [3, 3, 4].forEach((channels, i) => {
     if (tracks[i]?.width !== channels * width || tracks[i].height !== height) throw new ReelError("its offset maps have the wrong size");
   });
-  if (!tracks.every((track) => track.samples.length === frames)) throw new ReelError(`its offset tracks do not have ${frames} pictures each`);
+  if (!tracks.every((track) => track.samples.length === frames)) throw new ReelError(`its offset tracks do not have ${frames} frames each`);
   const [high, low, rotation] = await Promise.all(tracks.slice(0, 3).map(decodeTrack));
   const pixels = pixelsOf(count, width);
   return {
@@ -46,7 +48,7 @@ function rangeOf(section: Section, name: string, channels: number, steps: number
   return { min, step: numbersOf(section, `${name}_max`, channels).map((max, i) => (max - min[i]) / steps) };
 }
 
-/** Where each point lies in a map of that width: Z-order in blocks of 16 x 16, blocks back and forth. Index [count]. */
+/** Return the pixel of each point in a map: Z-order within blocks of 16 x 16, blocks in alternating direction. */
 export function pixelsOf(count: number, width: number): Uint32Array {
   const evenBits = (v: number): number => (v & 1) | ((v >> 1) & 2) | ((v >> 2) & 4) | ((v >> 3) & 8);
   const columns = width / BLOCK;
@@ -58,7 +60,7 @@ export function pixelsOf(count: number, width: number): Uint32Array {
   });
 }
 
-/** dx [T, N, 4] of the high and low bytes' pictures [T, height, 3 * width]. */
+/** Join images [T, height, 3 * width] of the high and low bytes into dx [T, N, 4]. */
 function joinBytes(
   high: Uint8Array, low: Uint8Array, pixels: Uint32Array, width: number, height: number, frames: number, fold: boolean,
 ): Uint16Array {
@@ -80,7 +82,7 @@ function joinBytes(
   return result;
 }
 
-/** Bytes [T, N, 4] of pictures [T, height, 4 * width]. */
+/** Gather bytes [T, N, 4] from images [T, height, 4 * width]. */
 function gather(picture: Uint8Array, pixels: Uint32Array, width: number, height: number, frames: number): Uint8Array {
   const count = pixels.length;
   const result = new Uint8Array(frames * count * 4);

@@ -1,4 +1,4 @@
-/** Decodes one H.265 track per message. The first message says where the player's files are. */
+/** Worker that decodes one H.265 track per message. The first message holds the addresses of the player's files. */
 import { messageOf } from "../base/errors";
 import type { FileAddresses } from "../files/workers";
 import { decodeTrack } from "./hevc";

@@ -1,9 +1,9 @@
-/** H.265 tracks to luma planes: WebCodecs where the browser has HEVC, a WASM decoder otherwise. Runs in a worker. */
+/** Decoding of H.265 tracks to luma planes, by WebCodecs if the browser has HEVC, else by a WASM decoder. Runs in a worker. */
 import { ReelError, messageOf } from "../base/errors";
 import { fileAddress, type FileAddresses } from "../files/workers";
 import type { Track } from "./mp4";
 
-/** The Emscripten module of hevc-decode.js (npm @hevcjs/core), as far as it is used here. */
+/** The part of the Emscripten module hevc-decode.js (npm @hevcjs/core) that is used here. */
 interface HevcModule {
   HEAPU8: Uint8Array;
   HEAPU16: Uint16Array;
@@ -17,27 +17,28 @@ interface HevcModule {
   _hevc_decoder_flush(decoder: number): number;
 }
 
-/** What hevc-decode.js exports. */
+/** Exports of hevc-decode.js. */
 interface HevcExport {
   default(options: object): Promise<HevcModule>;
 }
 
+/** Contents of an hvcC box. */
 export interface HevcHeader {
-  /** RFC 6381 name, such as hvc1.1.6.L93.90. */
+  /** Codec string of RFC 6381, such as hvc1.1.6.L93.90. */
   codec: string;
-  /** Bytes of a NAL unit's length field. */
+  /** Bytes of the length field of a NAL unit. */
   lengthSize: number;
   parameterSets: Uint8Array[];
 }
 
-/** Luma planes [samples, height, width] of one track, in display order. */
+/** Decode the luma planes [samples, height, width] of a track, in display order. */
 export async function decodeTrack(track: Track, files: FileAddresses): Promise<Uint8Array> {
   const header = parseHvcC(track.hvcC);
   if (await hasWebCodecs(track, header)) {
     try {
       return await decodeWithWebCodecs(track, header);
     } catch {
-      // Some platforms announce HEVC and then refuse a stream, or hand out frames that cannot be read back: the other
+      // Some platforms announce HEVC and then reject a stream, or return frames that cannot be read back. The WASM
       // decoder gives the same bytes.
     }
   }
@@ -107,7 +108,7 @@ async function decodeWithWebCodecs(track: Track, header: HevcHeader): Promise<Ui
   return planes;
 }
 
-/** The first plane of I420 and NV12 is the luma; copyTo hands its bytes over unconverted, which drawing would not. */
+/** Copy the luma plane, the first one of I420 and NV12. Drawing the frame instead would convert its colors. */
 async function copyLuma(frame: VideoFrame, track: Track, planes: Uint8Array): Promise<void> {
   if (frame.format !== "I420" && frame.format !== "NV12") throw new ReelError(`Frames of format ${frame.format} are opaque.`);
   const rect = frame.visibleRect;
@@ -171,7 +172,7 @@ function feed(module: HevcModule, decoder: number, data: Uint8Array): void {
   }
 }
 
-/** The frame struct of hevc-decode: pointers y, cb, cr, then width, height, luma stride (in 16-bit samples), ... */
+/** Copy the luma plane of a frame struct: pointers y, cb, cr, then width, height, and luma stride in 16-bit samples. */
 function copyWasmLuma(module: HevcModule, struct: number, track: Track, planes: Uint8Array, frame: number): void {
   const [luma, , , width, height, stride] = integers(module, struct, 6);
   if (width !== track.width || height !== track.height) throw new ReelError(`a frame is ${width}x${height}`);
@@ -182,7 +183,7 @@ function copyWasmLuma(module: HevcModule, struct: number, track: Track, planes: 
   }
 }
 
-/** 32-bit integers in the module's memory, which may have moved since the last call. */
+/** Return 32-bit integers in the memory of the module. Call it each time, since the memory may be reallocated. */
 function integers(module: HevcModule, pointer: number, count: number): Int32Array {
   return new Int32Array(module.HEAPU8.buffer, pointer, count);
 }

@@ -1,7 +1,8 @@
-/** The loops that decoding takes its time for, behind one signature each: plain ones here, those of WebAssembly in wasm.ts, which give the same numbers. */
+/** The hot loops of decoding, in plain JavaScript; wasm.ts has the same in WebAssembly, with equal results. */
 import { decodeRows, decodeTexture, type Form, type Klt, type Texture } from "./klt";
 import { decodeLod, levelsOf, type Levels } from "./lod-prediction";
 
+/** The hot loops of the predictive codec. */
 export interface Kernels {
   levelsOf(quantized: Float64Array): Levels;
   decodeLod(data: Uint8Array, columns: number, levels: Levels, shifts: Uint8Array): Int32Array;

@@ -1,41 +1,41 @@
-/** Sums over the basis of a `klt` section, and what textures hold of them (docs/format.md). */
+/** Reconstruction of a `klt` section: sums over its basis, quantized for textures (docs/format.md). */
 import { decodeLod, type Levels } from "./lod-prediction";
 
-/** Of brightness, red against blue, and green against both in the three colors. */
+/** Weights of the color transform: brightness, red minus blue, and green minus both. */
 export const SHARES = [1 / Math.sqrt(3), 1 / Math.sqrt(2), 1 / Math.sqrt(6)];
 
-/** A section whose coefficients are still coded. */
+/** A section with its coefficients still encoded. */
 export interface Klt {
-  /** [N, L] coefficients, a `field`, of which a point has the first `ends` [N]. */
+  /** [N, L] coefficients, encoded as a `field`. Each point has the first `ends` [N] of them. */
   data: Uint8Array;
   ends: Int32Array;
-  /** [L] the channel of each; the first of a channel is of the first vector of the basis, and so on. */
+  /** [L] channel of each coefficient. The k-th coefficient of a channel belongs to the k-th basis vector. */
   columns: Uint8Array;
   channels: number;
-  /** [D, K] in the section's unit */
+  /** [D, K], multiplied by the step of the section. */
   basis: Float64Array;
   dimensions: number;
   levels: Levels;
-  /** [N] classes of the section's kind. */
+  /** [N] classes of the points, which scale their steps by powers of two. */
   shifts: Uint8Array;
 }
 
-/** What becomes of the sums, and of what points have that have none. */
+/** Conversion of the sums to a texture. rest: value of points without coefficients. */
 export interface Form {
   turn: "nothing" | "quaternion" | "color";
   rest: [number, number, number, number];
-  /** Whole numbers go from 0 to it: 255 or 65535. */
+  /** Largest integer: 255 or 65535. */
   most: number;
 }
 
-/** [D, N, 4] whole numbers that stand for min + value * step of their channel. */
+/** [D, N, 4] integers, which represent min + value * step of their channel. */
 export interface Texture<T extends Uint8Array | Uint16Array = Uint8Array | Uint16Array> {
   data: T;
   min: number[];
   step: number[];
 }
 
-/** Points that have coefficients. */
+/** Return the points that have coefficients. */
 export function coded(ends: Int32Array): Uint32Array {
   const result = new Uint32Array(ends.length);
   let count = 0;
@@ -43,7 +43,7 @@ export function coded(ends: Int32Array): Uint32Array {
   return result.slice(0, count);
 }
 
-/** Sums [M, D] of the M points that have coefficients, of one channel. */
+/** Decode the sums [M, D] of one channel, for the M points that have coefficients. */
 export function decodeRows(klt: Klt): Float32Array {
   const points = coded(klt.ends);
   const result = new Float32Array(points.length * klt.dimensions);
@@ -51,7 +51,7 @@ export function decodeRows(klt: Klt): Float32Array {
   return result;
 }
 
-/** The sums at all D, of three or four channels, in the form that a texture has them. */
+/** Decode the sums of three or four channels as a texture. */
 export function decodeTexture(klt: Klt, form: Form): Texture {
   const points = coded(klt.ends);
   const values = new Float32Array(4 * klt.dimensions * points.length);
@@ -61,7 +61,7 @@ export function decodeTexture(klt: Klt, form: Form): Texture {
   return wholes(values, form, points, klt.dimensions, klt.ends.length);
 }
 
-/** Where coefficients go in rows of `across` channels, a row a vector of the basis, and how many rows the first 0, 1, ... L of them reach. */
+/** Return the slot of each coefficient in rows of `across` channels, one row per basis vector, and the number of rows that the first 0 to L coefficients fill. */
 export function slotsOf(columns: Uint8Array, across: number): { slots: Int32Array; rows: Int32Array } {
   const slots = new Int32Array(columns.length);
   const rows = new Int32Array(columns.length + 1);
@@ -73,7 +73,7 @@ export function slotsOf(columns: Uint8Array, across: number): { slots: Int32Arra
   return { slots, rows };
 }
 
-/** The sum of dimension d, the n-th of the points and channel c goes to d across + n along + c. */
+/** Compute the sums. That of dimension d, point n and channel c is stored at d across + n along + c. */
 function expand({ data, ends, columns, channels, basis, dimensions, levels, shifts }: Klt, points: Uint32Array, result: Float32Array, across: number, along: number): void {
   const stride = basis.length / dimensions;
   const found = decodeLod(data, columns.length, levels, shifts, ends);
@@ -86,7 +86,7 @@ function expand({ data, ends, columns, channels, basis, dimensions, levels, shif
     const from = columns.length * points[n];
     own.fill(0, 0, channels * used);
     for (let at = 0; at < end; at++) own[slots[at]] = found[from + at];
-    // Four dimensions at a time: what is read of the point serves all, and no sum waits for another. The last may come twice.
+    // Four dimensions at a time share the reads of a point and have independent sums. The last one may be computed twice.
     for (let first = 0; first < dimensions; first += 4) {
       const d = Math.max(Math.min(first, dimensions - 4), 0);
       const [d1, d2, d3] = [Math.min(d + 1, last), Math.min(d + 2, last), Math.min(d + 3, last)];
@@ -108,7 +108,7 @@ function expand({ data, ends, columns, channels, basis, dimensions, levels, shif
   }
 }
 
-/** Rotation vectors (x, y, z, 0) become quaternions (w, x, y, z). */
+/** Convert rotation vectors (x, y, z, 0) to quaternions (w, x, y, z), in place. */
 function quaternions(values: Float32Array): void {
   for (let i = 0; i < values.length; i += 4) {
     const x = values[i];
@@ -116,7 +116,7 @@ function quaternions(values: Float32Array): void {
     const z = values[i + 2];
     const angle = Math.sqrt(x * x + y * y + z * z);
     const share = angle > 1e-12 ? Math.sin(angle / 2) / angle : 0.5;
-    // q and -q turn alike, and of neighbouring frames the nearer ones are to be blended: the sign follows the vector.
+    // q and -q are the same rotation. The sign follows the vector, so that neighboring frames can be blended.
     values[i] = Math.cos(angle / 2);
     values[i + 1] = x * share;
     values[i + 2] = y * share;
@@ -124,7 +124,7 @@ function quaternions(values: Float32Array): void {
   }
 }
 
-/** (b, r, g) at a place become red, green and blue. */
+/** Convert (b, r, g) at an index to red, green and blue, in place. */
 export function primaries(values: Float32Array | Float64Array, at: number): void {
   const bright = values[at] * SHARES[0];
   const red = values[at + 1] * SHARES[1];
@@ -134,7 +134,7 @@ export function primaries(values: Float32Array | Float64Array, at: number): void
   values[at + 2] = bright - red - green;
 }
 
-/** (b, r, g, o) become red, green, blue and o / 2. */
+/** Convert (b, r, g, o) to red, green, blue and o / 2, in place. */
 function colors(values: Float32Array): void {
   for (let i = 0; i < values.length; i += 4) {
     primaries(values, i);
@@ -142,7 +142,7 @@ function colors(values: Float32Array): void {
   }
 }
 
-/** Values [D, points, 4] as whole numbers over each channel's range, into rows of `count` points; the others rest. */
+/** Quantize values [D, points, 4] over the range of each channel, into rows of `count` points. The other points get the value `rest`. */
 function wholes(values: Float32Array, { rest, most }: Form, points: Uint32Array, dimensions: number, count: number): Texture {
   const low = Float64Array.from(rest);
   const high = Float64Array.from(rest);
@@ -163,7 +163,7 @@ function wholes(values: Float32Array, { rest, most }: Form, points: Uint32Array,
   return { data, min: [...low], step };
 }
 
-/** Of channels that reach from low to high: steps a unit, the rest's whole number, and units a step. */
+/** Return the quantization of channels from low to high: steps per unit, the integer of `rest`, and units per step. */
 export function scaleOf(low: ArrayLike<number>, high: ArrayLike<number>, rest: number[], most: number): { share: number[]; stay: number[]; step: number[] } {
   const share = rest.map((_, c) => (high[c] > low[c] ? most / (high[c] - low[c]) : 0));
   return { share, stay: rest.map((value, c) => Math.round((value - low[c]) * share[c])), step: rest.map((_, c) => (high[c] - low[c]) / most) };

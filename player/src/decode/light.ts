@@ -1,22 +1,22 @@
-/** The light of a whole group, frame by frame (docs/format.md). */
+/** Light of a group per frame (docs/format.md). */
 import { ReelError } from "../base/errors";
 import type { Vec3 } from "../base/matrix";
 import type { Container } from "../reel/container";
 import { linear } from "./dequantize";
 
-const MOST_FRAMES = 10_000;
-/** Factor by which light may be brighter or darker. */
-const MOST = 1024;
+const MAX_FRAMES = 10_000;
+/** Maximum factor by which the light may change, and its inverse the minimum. */
+const MAX_FACTOR = 1024;
 
-/** [T, 3] factors of all colors. */
+/** Decode the factors [T, 3] of all colors. */
 export async function decodeLight(file: Container): Promise<Float32Array> {
-  if (file.frames > MOST_FRAMES) throw new ReelError(`section light would hold ${file.frames} frames`);
+  if (file.frames > MAX_FRAMES) throw new ReelError(`section light would hold ${file.frames} frames`);
   const light = await linear(file, "light", file.frames, 3);
-  if (!light.every((factor) => factor > 0.99 / MOST && factor < 1.01 * MOST)) throw new ReelError("section light has factors too far from 1");
+  if (!light.every((factor) => factor > 0.99 / MAX_FACTOR && factor < 1.01 * MAX_FACTOR)) throw new ReelError("section light has factors too far from 1");
   return light;
 }
 
-/** At a frame of the group, linear between frames. */
+/** Return the factors at a frame of the group, interpolated linearly. */
 export function lightAt(light: Float32Array | null, frame: number): Vec3 {
   if (light === null) return [1, 1, 1];
   const low = Math.floor(frame);

@@ -1,4 +1,4 @@
-/** Whole numbers of points, predicted from points nearby (docs/format.md). Exact: Python finds the same numbers. */
+/** Integers of points, predicted from nearby points (docs/format.md). Python computes exactly the same. */
 import { ReelError } from "../base/errors";
 import { EntropyDecoder } from "./entropy";
 
@@ -7,25 +7,25 @@ const NEIGHBOURS = 4;
 const REACH = 8;
 const WEIGHT = 4096;
 const LIMIT = 2 ** 30;
-/** Sizes matter up to this many eighths of a step, */
+/** Maximum size of a residual, in eighths of a step. */
 const LARGEST = 4095;
-/** and those of neighbours up to this many steps of class 0. */
+/** Maximum stored size of a residual, in steps of class 0. */
 const LARGEST_SIZE = 65535;
 const EDGES = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 512];
 export const CONTEXTS = EDGES.length + 1;
-/** The context of a size. */
+/** Context of each size. */
 export const CONTEXT_OF = Uint8Array.from({ length: LARGEST + 1 }, (_, size) => EDGES.filter((edge) => edge <= size).length);
 
-/** In which order points are decoded, and from which others each is predicted. */
+/** The order in which points are decoded, and the neighbors that predict each. */
 export interface Levels {
-  /** [N] all points, level after level. */
+  /** [N] points, level by level. */
   order: Uint32Array;
-  /** [N, 4] by place in `order`: neighbours and their weights, which sum to 4096 or, in the first level, to 0. */
+  /** [N, 4] neighbors by position in `order`. Their weights sum to 4096, or to 0 in the first level. */
   neighbours: Uint32Array;
   weights: Uint16Array;
 }
 
-/** Levels of points at quantized positions [N, 3] in Morton order. */
+/** Return the levels of points at quantized positions [N, 3] in Morton order. */
 export function levelsOf(quantized: ArrayLike<number>): Levels {
   const count = quantized.length / 3;
   const order = new Uint32Array(count);
@@ -43,7 +43,7 @@ export function levelsOf(quantized: ArrayLike<number>): Levels {
   return { order, neighbours, weights };
 }
 
-/** How far points of the first level are apart. */
+/** Return the stride between points of the first level. */
 export function firstStride(count: number): number {
   let stride = 1;
   while (Math.floor(count / (2 * stride)) >= FIRST_LEVEL) stride *= 2;
@@ -54,7 +54,7 @@ const found = new Float64Array(NEIGHBOURS);
 const squares = new Float64Array(NEIGHBOURS);
 const nearness = new Float64Array(NEIGHBOURS);
 
-/** The nearest of 16 multiples of stride around a point, ties to the earlier, and weights that fall with the distance. */
+/** Find the four nearest of 16 multiples of stride around a point, and weights that decrease with distance. Ties go to the earlier point. */
 function nearest(quantized: ArrayLike<number>, count: number, point: number, stride: number, neighbours: Uint32Array, weights: Uint16Array, at: number): void {
   const middle = Math.floor(point / stride);
   squares.fill(Infinity);
@@ -85,7 +85,7 @@ function nearest(quantized: ArrayLike<number>, count: number, point: number, str
   }
 }
 
-/** Whole numbers [N, columns]. shifts: [N], the steps of a point are 2^shift. ends: [N], how many of its columns a point has; all by default. */
+/** Decode integers [N, columns]. shifts: [N] steps of a point, as powers of two. ends: [N] number of columns of a point, by default all. */
 export function decodeLod(data: Uint8Array, columns: number, levels: Levels, shifts: Uint8Array, ends?: Int32Array): Int32Array {
   const decoder = new EntropyDecoder(data, CONTEXTS);
   const { order, neighbours, weights } = levels;
@@ -105,11 +105,11 @@ export function decodeLod(data: Uint8Array, columns: number, levels: Levels, shi
   return found;
 }
 
-/** Of the point that is being decoded: where its neighbours begin in `found`, and their weights. */
+/** Offsets in `found` of the neighbors of the present point, and their weights. */
 const near = new Int32Array(NEIGHBOURS);
 const share = new Int32Array(NEIGHBOURS);
 
-/** The first `end` columns of the point that begins at `at` in `found`. */
+/** Decode the first `end` columns of the point at offset `at` in `found`. */
 function decodePoint(decoder: EntropyDecoder, found: Int32Array, sizes: Uint16Array, at: number, end: number, shift: number): void {
   const [a, b, c, d] = [near[0], near[1], near[2], near[3]];
   const [p, q, r, s] = [share[0], share[1], share[2], share[3]];

@@ -1,4 +1,4 @@
-/** Morton (Z-order) sorting of lattice points: bit 3b + a of a code is bit b of axis a. */
+/** Sorting of lattice points by Morton code (Z-order): bit 3b + a of a code is bit b of axis a. */
 
 const DIGIT_BITS = 4;
 const MAX_BITS = 21;
@@ -7,8 +7,8 @@ const MAX_BITS = 21;
 const SPREAD = Uint16Array.from({ length: 1 << DIGIT_BITS }, (_, v) => (v & 1) | ((v & 2) << 2) | ((v & 4) << 4) | ((v & 8) << 6));
 
 /**
- * Order [N] that sorts lattice points [N, 3] (0 <= q < 2^21) by Morton code; stable.
- * A radix sort whose digit is four bits of each axis, so that no 63-bit code is ever formed.
+ * Return the stable order [N] of lattice points [N, 3] (0 <= q < 2^21) by Morton code.
+ * It is a radix sort with digits of four bits per axis, so that no 63-bit code is formed.
  */
 export function mortonOrder(q: ArrayLike<number>): Uint32Array {
   const count = q.length / 3;

@@ -1,9 +1,10 @@
-/** The little of MP4 a reel needs: the HEVC tracks of a progressive or fragmented file, sample by sample. */
+/** Parsing of HEVC tracks from a progressive or fragmented MP4 file. */
 import { ReelError } from "../base/errors";
 
+/** A video track. */
 export interface Track {
   id: number;
-  /** Handler name, which says what the track holds ("hi", "lo", "rot"). */
+  /** Handler name: "hi", "lo" or "rot". */
   name: string;
   width: number;
   height: number;
@@ -21,7 +22,7 @@ interface Box {
   offset: number;
 }
 
-/** Tracks in file order, of at most so many samples: a small file may claim billions of empty ones. Throws `ReelError` when boxes are missing or point outside the file. */
+/** Return the tracks in file order. most: maximum samples per track, since a small file may claim billions. Throws `ReelError` if boxes are missing or point outside the file. */
 export function parseMp4(file: Uint8Array, most: number): Track[] {
   const view = new DataView(file.buffer, file.byteOffset, file.byteLength);
   try {
@@ -86,7 +87,7 @@ function parseTrack(file: Uint8Array, view: DataView, trak: Box, most: number): 
   };
 }
 
-/** Samples of a progressive file, from the sample tables (none for a fragmented one). */
+/** Return the samples of a progressive file from its sample tables; none for a fragmented file. */
 function tableSamples(file: Uint8Array, view: DataView, stbl: Box, most: number): Uint8Array[] {
   const tables = boxes(view, stbl.start, stbl.end);
   const stsz = find(tables, "stsz").start;

@@ -1,12 +1,11 @@
-/** What changes of a group's points over its frames: motion, color and opacity. */
+/** Changes of a group's points over its frames: motion, color and opacity. */
 import type { Texture } from "./klt";
 
-/** [T, N, 4]: red, green and blue of the DC term, and the opacity. */
+/** [T, N, 4] changes of red, green and blue of the DC term, and of the opacity. */
 export type Appearance = Texture<Uint8Array>;
 
 /**
- * Offsets as the integers they were stored as, one texel a point: the vertex stage undoes the quantization.
- * dx = dxMin + value * dxStep; dq = dqMin + value * dqStep, to be normalized.
+ * Offsets as stored integers, which the shader dequantizes: dx = dxMin + value * dxStep; dq = dqMin + value * dqStep, then normalized.
  */
 export interface Offsets {
   frames: number;
@@ -18,8 +17,8 @@ export interface Offsets {
   dxStep: number[];
   dqMin: number[];
   dqStep: number[];
-  /** Whether dq turns about the world's axes, after the points' own rotations; else about those that these have made of them. */
+  /** True if dq rotates in world space, after the point's own rotation; false if it rotates in the point's frame. */
   worldly: boolean;
-  /** Null where color and opacity stay. */
+  /** Null if color and opacity are constant. */
   appearance: Appearance | null;
 }

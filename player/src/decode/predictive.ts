@@ -1,4 +1,4 @@
-/** Points and offsets of the predictive codec: whole numbers back to Gaussians (docs/format.md). */
+/** Decoding of points and offsets of the predictive codec (docs/format.md). */
 import { ReelError, inSection } from "../base/errors";
 import type { Container, Section } from "../reel/container";
 import { toShapes } from "./covariance";
@@ -10,24 +10,25 @@ import { coded, primaries, type Form, type Klt } from "./klt";
 import type { Levels } from "./lod-prediction";
 import type { Offsets } from "./offsets";
 
-/** Kinds of quantities: a point has a class of each, and steps of 2^class. */
+/** Kinds of values. A point has a class of each kind, and steps of 2^class. */
 const SHAPE = 0;
 export const COLOR = 1;
 const MOTION = 2;
-/** Numbers of a basis, K D, at most. */
-const MOST_BASIS = 2 ** 20;
+/** Maximum number of values of a basis. */
+const MAX_BASIS = 2 ** 20;
 const MOVES: Form = { turn: "nothing", rest: [0, 0, 0, 0], most: 65535 };
 const TURNS: Form = { turn: "quaternion", rest: [1, 0, 0, 0], most: 255 };
 
-/** What decoding the values of points needs to know of them. */
-export interface Neighbourhood {
+/** Neighbors and classes of the points, by which their values are decoded. */
+export interface Neighborhood {
   levels: Levels;
   /** [3][N] */
   classes: Uint8Array[];
   kernels: Kernels;
 }
 
-export async function decodePredictive(file: Container, kernels: Kernels): Promise<{ points: Gaussians; here: Neighbourhood }> {
+/** Decode the points of a file. */
+export async function decodePredictive(file: Container, kernels: Kernels): Promise<{ points: Gaussians; here: Neighborhood }> {
   const count = file.points;
   const { quantized, ...cells } = await inSection("means", () => decodeQuantizedPositions(file, count));
   const levels = kernels.levelsOf(quantized);
@@ -45,8 +46,8 @@ export async function decodePredictive(file: Container, kernels: Kernels): Promi
   return { points: { count, ...plain, ...rest }, here };
 }
 
-/** Offsets [T] at the frames, as whole numbers over their own ranges: see `Offsets`. */
-export async function decodeMotion(file: Container, here: Neighbourhood): Promise<Omit<Offsets, "appearance">> {
+/** Decode the motion of a group, see `Offsets`. */
+export async function decodeMotion(file: Container, here: Neighborhood): Promise<Omit<Offsets, "appearance">> {
   const { frames, points: count } = file;
   if (!(Number.isInteger(frames) && frames >= 1 && frames * count <= 2 ** 26)) throw new ReelError(`it claims ${frames} frames`);
   const moves = await inSection("dx", () => here.kernels.decodeTexture(kltOf(file, "dx", MOTION, frames, 3, here), MOVES));
@@ -63,7 +64,7 @@ export async function decodeMotion(file: Container, here: Neighbourhood): Promis
   };
 }
 
-/** What the quantized positions mean: `min` + `step` times them, and how many bits the finest points have for their place in a cell. */
+/** Lattice of the quantized positions: origin `low`, cell size `step`, and additional bits of the finest points. */
 interface Cells {
   low: number[];
   step: number;
@@ -113,7 +114,7 @@ function decodeRefinementBits(file: Container, quantized: Float64Array, { low, s
   return means;
 }
 
-/** Bits 0, 3, 6, ... of a number of at most 27 bits. */
+/** Return bits 0, 3, 6, ... of a number of at most 27 bits. */
 function everyThird(code: number): number {
   let bits = code & 0x1249249;
   bits = (bits | (bits >> 2)) & 0x10c30c3;
@@ -136,7 +137,7 @@ async function decodeClasses(file: Container, levels: Levels, kernels: Kernels):
   return classes;
 }
 
-async function decodeRest(file: Container, here: Neighbourhood): Promise<Pick<Gaussians, "shRest" | "codebook" | "shDegree">> {
+async function decodeRest(file: Container, here: Neighborhood): Promise<Pick<Gaussians, "shRest" | "codebook" | "shDegree">> {
   const shDegree = sectionOf(file, "sh_rest", "klt").degree as number;
   if (![1, 2, 3].includes(shDegree)) throw new ReelError(`it has spherical harmonics of degree ${shDegree}`);
   const size = 3 * ((shDegree + 1) ** 2 - 1);
@@ -152,8 +153,8 @@ async function decodeRest(file: Container, here: Neighbourhood): Promise<Pick<Ga
   return { shRest, codebook, shDegree };
 }
 
-/** Values [N, columns] of a `field` section. */
-function values(file: Container, name: string, kind: number, columns: number, here: Neighbourhood): Promise<Float64Array> {
+/** Decode the values [N, columns] of a `field` section. */
+function values(file: Container, name: string, kind: number, columns: number, here: Neighborhood): Promise<Float64Array> {
   const section = sectionOf(file, name, "field");
   return inSection(name, () => {
     const step = stepOf(section);
@@ -163,8 +164,8 @@ function values(file: Container, name: string, kind: number, columns: number, he
   });
 }
 
-/** A `klt` section of D dimensions, its basis and ends decoded. */
-export function kltOf(file: Container, name: string, kind: number, dimensions: number, channels: number, here: Neighbourhood): Klt {
+/** Parse a `klt` section of D dimensions, and decode its basis and ends. */
+export function kltOf(file: Container, name: string, kind: number, dimensions: number, channels: number, here: Neighborhood): Klt {
   const section = sectionOf(file, name, "klt");
   const step = stepOf(section);
   const data = tensor(file, name);
@@ -182,7 +183,7 @@ export function kltOf(file: Container, name: string, kind: number, dimensions: n
   return { data: body, ends, columns, channels, basis, dimensions, levels: here.levels, shifts: here.classes[kind] };
 }
 
-/** The channel of each column: no channel has more than the basis has vectors. */
+/** Decode the channel of each column. No channel has more columns than the basis has vectors. */
 function decodeColumns(data: Uint8Array, section: Section, vectors: number, channels: number): Uint8Array {
   const count = section.columns as number;
   if (!(Number.isInteger(count) && count >= 1 && count <= vectors * channels)) throw new ReelError(`it has ${JSON.stringify(count)} columns`);
@@ -203,12 +204,12 @@ function stepOf(section: Section): number {
   return step;
 }
 
-/** Basis vectors [K][D]. */
+/** Decode the basis vectors [K][D]. */
 function decodeBasis(data: Uint8Array, section: Section, dimensions: number): Float64Array[] {
   const shifts = section.shifts as number[];
   if (!Array.isArray(shifts) || shifts.length < 1 || shifts.length > dimensions || !shifts.every((s) => s >= 0 && s <= 20)) throw new ReelError("it has a basis of the wrong size");
-  // One of zeros takes no bytes, however large it claims to be.
-  if (shifts.length * dimensions > MOST_BASIS) throw new ReelError(`it has a basis of ${shifts.length} x ${dimensions} numbers`);
+  // A basis of zeros takes no bytes, whatever its claimed size.
+  if (shifts.length * dimensions > MAX_BASIS) throw new ReelError(`it has a basis of ${shifts.length} x ${dimensions} numbers`);
   const decoder = new EntropyDecoder(data, 1);
   const basis = shifts.map((shift) => Float64Array.from({ length: dimensions }, () => unzigzag(decoder.next(0)) * 2 ** -shift));
   decoder.finish();

@@ -1,11 +1,11 @@
-/** The kernels by WebAssembly (../wasm): arrays are copied into its memory, worked on, and the results copied out. */
+/** Kernels in WebAssembly (../wasm): arrays are copied into its memory, and the results copied out. */
 import { ReelError } from "../base/errors";
 import { streamOf } from "./entropy";
 import type { Kernels } from "./kernels";
 import { coded, slotsOf, scaleOf, SHARES, type Form, type Klt, type Texture } from "./klt";
 import { CONTEXT_OF, CONTEXTS, firstStride, type Levels } from "./lod-prediction";
 
-/** What ../wasm exports; all but memory take and give addresses and whole numbers. */
+/** Exports of ../wasm. All functions take addresses and integers. */
 interface Module {
   memory: WebAssembly.Memory;
   begin(): number;
@@ -20,15 +20,15 @@ interface Module {
   quantize(values: number, frames: number, points: number, count: number, rows: number, scale: number, stay: number, data: number, bytes: number): void;
 }
 
-/** By what `lod` returns. */
+/** Errors by the return value of `lod`. */
 const WRONG = ["", "a stream ends too early", "a stream holds numbers that are too large", "a section decodes to numbers that are too large", "a stream is damaged"];
 const PAGE = 65536;
-/** A memory that grew beyond it is not kept for the next file. */
+/** Maximum memory that is kept for the next file. */
 const KEPT = 64 * 2 ** 20;
 
 type Numbers = Uint8Array | Uint16Array | Uint32Array | Int32Array | Float32Array | Float64Array;
 
-/** Memory of a module instance, given out from its beginning to its end and all taken back at once. */
+/** Bump allocator in the memory of a module instance. */
 class Arena {
   readonly run: Module;
   private at: number;
@@ -46,12 +46,12 @@ class Arena {
     this.at = this.run.begin();
   }
 
-  /** Room for so many bytes, what is in it unknown. */
+  /** Allocate uninitialized bytes. Returns their address. */
   room(bytes: number): number {
     const place = Math.ceil(this.at / 16) * 16;
     this.at = place + bytes;
     const { memory } = this.run;
-    // A page more than that: vectors may be read beyond the end of an array.
+    // One page more, since vector loads may read beyond the end of an array.
     const missing = this.at + PAGE - memory.buffer.byteLength;
     if (missing > 0) grow(memory, Math.ceil(missing / PAGE));
     return place;
@@ -69,7 +69,7 @@ class Arena {
     return place;
   }
 
-  /** What lies at an address, copied into an array. */
+  /** Copy from an address into an array. */
   take<T extends Numbers>(place: number, array: T): T {
     new Uint8Array(array.buffer, array.byteOffset, array.byteLength).set(new Uint8Array(this.run.memory.buffer, place, array.byteLength));
     return array;
@@ -80,11 +80,11 @@ function grow(memory: WebAssembly.Memory, pages: number): void {
   try {
     memory.grow(pages);
   } catch (error) {
-    throw new ReelError("it needs more memory than there is", { cause: error });
+    throw new ReelError("it needs more memory than is available", { cause: error });
   }
 }
 
-/** The kernels by a compiled module. Throws where it does not start. */
+/** Return the kernels of a compiled module. Throws if it cannot be instantiated. */
 export function wasmKernels(module: WebAssembly.Module): Kernels {
   const start = (): Arena => new Arena(new WebAssembly.Instance(module, { env: { sin: Math.sin, cos: Math.cos } }));
   let arena = start();
@@ -113,7 +113,7 @@ function levelsOf(arena: Arena, quantized: Float64Array): Levels {
   return { order: arena.take(order, new Uint32Array(count)), neighbours: arena.take(neighbours, new Uint32Array(4 * count)), weights: arena.take(weights, new Uint16Array(4 * count)) };
 }
 
-/** Where the whole numbers [N, columns] of a stream are, and the ends. */
+/** Decode the integers [N, columns] of a stream. Returns the addresses of them and of `ends`. */
 function lod(arena: Arena, data: Uint8Array, columns: number, levels: Levels, shifts: Uint8Array, ends: Int32Array | null): { found: number; ends: number } {
   const stream = streamOf(data, CONTEXTS);
   const count = shifts.length;

@@ -1,6 +1,6 @@
 import type { View } from "../base/view";
 
-/** A view and where it is drawn: a part of a framebuffer (null: the canvas), from the lower left. */
+/** A view and its place in a framebuffer (null for the canvas). x, y: lower left corner in pixels. */
 export interface Eye {
   framebuffer: WebGLFramebuffer | null;
   x: number;

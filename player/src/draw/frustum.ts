@@ -1,31 +1,33 @@
-/** What a view sees, for leaving out of the order what it does not. */
+/** View frustum, to leave invisible points out of the order. */
 import { dot } from "../base/matrix";
 import type { View } from "../base/view";
 import type { Clearance } from "../reel/manifest";
 
-/** Beyond the picture's borders, as a part of its size: the view may turn while it is being sorted for. */
+/** Margin around the image, relative to its size, since the view may turn during the sort. */
 const MARGIN = 0.1;
-/** As far as slopes are followed when splats are projected, from the picture's middle: 1.3 times to its border. */
+/** Largest slope at which splats are projected, relative to the border of the image. */
 const LARGEST_SLOPE = 1.3;
-/** Standard deviations to where the strongest splat ends, at an alpha of 1/100. */
+/** Standard deviations at which an opaque splat ends, at an alpha of 1/100. */
 export const EXTENT = Math.sqrt(2 * Math.log(100));
 
+/** Part of space that a view sees. */
 export interface Frustum {
-  /** World to camera, [3, 4] row by row. */
+  /** World to camera, [3, 4], row-major. */
   viewmat: number[];
   near: number;
-  /** From this depth on, what rests is seen. */
+  /** Minimum depth of static points. */
   clear: number;
   /** Slopes x / z and y / z at the borders, margins included. */
   left: number;
   right: number;
   top: number;
   bottom: number;
-  /** How far a splat of radius 1 at depth 1 may reach, in slopes. */
+  /** Maximum extent of a splat of radius 1 at depth 1, as a slope. */
   reachX: number;
   reachY: number;
 }
 
+/** Return the frustum of a view. clearance: distance within which static points are hidden. */
 export function frustumOf({ viewmat, fx, fy, cx, cy, width, height, near }: View, clearance: Clearance | null = null): Frustum {
   const [left, right] = [-(cx + MARGIN * width) / fx, (width - cx + MARGIN * width) / fx];
   const [top, bottom] = [-(cy + MARGIN * height) / fy, (height - cy + MARGIN * height) / fy];
@@ -35,7 +37,7 @@ export function frustumOf({ viewmat, fx, fy, cx, cy, width, height, near }: View
   return { viewmat: viewmat.slice(0, 12), near, clear, left, right, top, bottom, reachX: reach(left, right), reachY: reach(top, bottom) };
 }
 
-/** Whether what was sorted for one view is all that another one sees, at a depth and beyond. */
+/** Return true if the frustum of `sorted` contains all that another view sees at `depth` and beyond. */
 export function covers(sorted: View, { viewmat: n, fx, fy, cx, cy, width, height }: View, depth: number): boolean {
   const { viewmat: m, left, right, top, bottom } = frustumOf(sorted);
   return [0, 1, 2, 3].every((corner) => {

@@ -1,6 +1,6 @@
 import type { Shown } from "../reel/timeline";
 
-/** What is drawn: layers by their uris, all that live at one of the groups, and which groups. Without a group, every point of the layers. */
+/** The groups to draw, and the URIs of all layers that live at one of them. Without a group, all points of the layers are drawn. */
 export interface Scene {
   layers: string[];
   current: Shown | null;

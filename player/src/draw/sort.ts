@@ -1,15 +1,17 @@
-/** Far-to-near order of the points in view, by their depths: static and moving ones apart, then merged. */
+/** Sorting of visible points far to near. Static and dynamic points are sorted separately and then merged. */
 import type { Frustum } from "./frustum";
 import { NO_POINT, TEXTURE_WIDTH } from "./texture-layout";
 
+/** Positions of a layer. */
 export interface SortableLayer {
-  /** Index of the layer's first point among all drawable points. */
+  /** Index of the first point in the draw order. */
   base: number;
   means: Float32Array;
-  /** [N] how far splats reach, world units. */
+  /** [N] radii of the splats, in world units. */
   radii: Float32Array;
 }
 
+/** Positions and offsets of a group. */
 export interface SortableGroup {
   base: number;
   means: Float32Array;
@@ -21,7 +23,7 @@ export interface SortableGroup {
   dxStep: number[];
 }
 
-/** Points with their depths, then far to near. Its buffers grow as needed and are used again. */
+/** Collects points with their depths and sorts them. Its buffers are reused. */
 export class DepthRun {
   ids = new Uint32Array(0);
   depths = new Float32Array(0);
@@ -32,7 +34,7 @@ export class DepthRun {
   private keys = new Uint16Array(0);
   private starts = new Uint32Array(0);
 
-  /** Forget all points, and make room for some. */
+  /** Remove all points and reserve memory for `capacity`. */
   reset(capacity: number): void {
     this.count = 0;
     if (this.ids.length >= capacity) return;
@@ -41,7 +43,7 @@ export class DepthRun {
     this.keys = new Uint16Array(capacity);
   }
 
-  /** Static points in view whose flag is not 0. flags: of this layer's points. */
+  /** Add the visible points of a layer whose flag is not 0. */
   addLayer({ means, radii, base }: SortableLayer, flags: Uint8Array, frustum: Frustum): void {
     const view = { ...frustum, near: frustum.clear };
     for (let i = 0, at = 0; at < means.length; i++, at += 3) {
@@ -50,7 +52,7 @@ export class DepthRun {
     }
   }
 
-  /** A group's dynamic points in view at a frame counted from its first. */
+  /** Add the visible points of a group at a frame, counted from its first. */
   addGroup({ means, radii, base, frames, dx, dxMin, dxStep }: SortableGroup, frame: number, view: Frustum): void {
     const count = means.length / 3;
     const low = Math.floor(frame);
@@ -65,7 +67,7 @@ export class DepthRun {
     }
   }
 
-  /** Sort far to near, by counting: about one point a bin, at most 2^16 bins. */
+  /** Sort far to near by counting, with about one point per bin and at most 2^16 bins. */
   sort(): void {
     const { ids, depths, keys, count, spareIds, spareDepths } = this;
     const bins = 2 ** Math.min(Math.max(Math.round(Math.log2(count)), 10), 16);
@@ -106,7 +108,7 @@ export class DepthRun {
   }
 }
 
-/** The order of two sorted runs together, in whole rows, in `buffer` if it is large enough; and how many points there are. */
+/** Merge two sorted runs into whole rows. buffer: reused for the result if it is large enough. */
 export function merge(a: DepthRun, b: DepthRun, buffer: Uint32Array | null): { order: Uint32Array; count: number } {
   const count = a.count + b.count;
   const order = buffer && buffer.length >= rounded(count) ? buffer : new Uint32Array(rounded(1.25 * count));
@@ -120,7 +122,7 @@ export function merge(a: DepthRun, b: DepthRun, buffer: Uint32Array | null): { o
   return { order, count };
 }
 
-/** Entries of the whole rows that `count` points take. */
+/** Return the number of entries in the rows of `count` points. */
 function rounded(count: number): number {
   return Math.ceil(count / TEXTURE_WIDTH) * TEXTURE_WIDTH;
 }

@@ -1,5 +1,5 @@
-/** Points lie row by row in textures this wide, and so does their order. */
+/** Width of the textures that hold points and their order, row by row. */
 export const TEXTURE_WIDTH = 1024;
 
-/** Fills the last row of the order. */
+/** Entry that fills the last row of the order. */
 export const NO_POINT = 2 ** 32 - 1;

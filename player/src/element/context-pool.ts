@@ -1,31 +1,33 @@
-/** Who may hold a graphics device: browsers keep some sixteen for a page, and take the oldest away from whoever has it. */
+/** Shares graphics devices among elements. Browsers allow about sixteen per page and take the oldest away beyond that. */
 
-/** Leaves some to the rest of the page. */
-const MOST = 12;
+/** Maximum number of devices, to leave some to the rest of the page. */
+const MAX_DEVICES = 12;
 
+/** An element that may hold a device. */
 export interface ContextHolder {
-  /** Nobody misses anything if it gives its device back now: its picture stays, and nothing moves in it. */
+  /** True if it may release its device unnoticed, since its image is static. */
   readonly idle: boolean;
-  /** Somebody waits for what it does now. */
+  /** True if it must keep its device. */
   readonly needed: boolean;
-  /** Take a device. */
+  /** Acquire a device. */
   wake(): void;
-  /** Give it back. */
+  /** Release the device. */
   rest(): void;
 }
 
+/** Grants devices in order of requests, and takes them from idle holders. */
 export class ContextPool {
   private readonly holding: ContextHolder[] = [];
-  /** Those that want one, in turn, and those that had to give theirs back. */
+  /** Holders that wait for a device, in order, and those that lost theirs. */
   private waiting: ContextHolder[] = [];
   private evicted: ContextHolder[] = [];
 
-  constructor(private readonly most = MOST) {}
+  constructor(private readonly most = MAX_DEVICES) {}
 
-  /** Ask for a device. now: somebody's hand is on it, which goes before those that play. */
+  /** Request a device. now: people interact with the holder, so that it takes precedence. */
   claim(holder: ContextHolder, now = false): void {
     const at = this.holding.indexOf(holder);
-    if (at >= 0) return void this.holding.push(...this.holding.splice(at, 1)); // used last
+    if (at >= 0) return void this.holding.push(...this.holding.splice(at, 1)); // most recently used
     this.forget(holder);
     const victim = now && this.holding.length >= this.most ? (this.victim() ?? this.holding.find(({ needed }) => !needed)) : null;
     if (victim) this.evict(victim);
@@ -34,7 +36,7 @@ export class ContextPool {
     this.review();
   }
 
-  /** Want none any more. */
+  /** Withdraw from the pool. */
   leave(holder: ContextHolder): void {
     this.forget(holder);
     const at = this.holding.indexOf(holder);
@@ -44,7 +46,7 @@ export class ContextPool {
     this.review();
   }
 
-  /** See who may have one now: a holder has become idle. */
+  /** Grant devices again, after a holder became idle. */
   review(): void {
     while (this.waiting.length > 0 && (this.holding.length < this.most || this.victim())) {
       if (this.holding.length >= this.most) this.evict(this.victim()!);

@@ -1,4 +1,4 @@
-/** <splat-reel src="…/manifest.json" poster autoplay loop muted controls>: a reel in a page, in the manner of <video>. */
+/** The custom element <splat-reel src="…/manifest.json" poster autoplay loop muted controls>, modeled on <video>. */
 import { parsePath, type PathFile } from "../camera/camera-path";
 import { linkTo, startOf } from "../camera/link";
 import type { Pose } from "../camera/pose";
@@ -25,18 +25,20 @@ import { PlayPromises } from "./play-promises";
 import { Poster } from "./poster";
 import { Visibility } from "./visibility";
 
-/** Events of the player that the element passes on. */
+/** Events of the player that the element dispatches as well. */
 const EVENTS = ["emptied", "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing", "pause", "waiting"];
 EVENTS.push("timeupdate", "progress", "seeking", "seeked", "ratechange", "volumechange", "pathchange", "ended", "error");
 
 const sheet = new CSSStyleSheet();
 sheet.replaceSync(styles);
 
+/** `<splat-reel>`. */
 export class SplatReelElement extends MediaElement {
   static readonly observedAttributes = ["src", "poster", "loop", "muted", "controls", "loading", "preload"];
 
   /** The player behind the element. */
   readonly player: Player;
+  /** Plays camera paths. */
   readonly pathPlayer: PathPlayer;
   private readonly canvas = document.createElement("canvas");
   private readonly picture: Poster;
@@ -44,10 +46,10 @@ export class SplatReelElement extends MediaElement {
   private readonly promises: PlayPromises;
   private readonly frames: FrameCallbacks;
   private files: LocalFiles | null = null;
-  /** Where `src` says to pause, seconds, until it has. */
+  /** Time at which `src` asks to pause, in seconds; null afterwards. */
   private end: number | null = null;
   private controlsShown: Controls | null = null;
-  /** While the element is in a page. */
+  /** Aborted when the element leaves the page; null outside of a page. */
   private connection: AbortController | null = null;
   private watching = new AbortController();
 
@@ -63,13 +65,13 @@ export class SplatReelElement extends MediaElement {
     this.frames = new FrameCallbacks(this.player);
     this.player.addEventListener("timeupdate", () => this.pauseAtEnd());
     const root = this.attachShadow({ mode: "open" });
-    root.adoptedStyleSheets = [sheet]; // not a style element, which a page's policy may forbid
+    root.adoptedStyleSheets = [sheet]; // a page's policy may forbid style elements
     root.append(this.canvas, new OffCameraFade(this.player).box, this.picture.image);
     for (const name of EVENTS) this.player.addEventListener(name, () => this.dispatchEvent(new Event(name)));
   }
 
   connectedCallback(): void {
-    if (this.connection) return; // it was moved within the page
+    if (this.connection) return; // the element was moved within the page
     const { canvas, player } = this;
     const label = this.getAttribute("aria-label") ?? "Volumetric video";
     canvas.setAttribute("aria-label", `${label}. Drag to look around, scroll to zoom, double-click to choose the middle.`);
@@ -93,11 +95,11 @@ export class SplatReelElement extends MediaElement {
   }
 
   disconnectedCallback(): void {
-    // What is moved within a page is taken out and put back at once.
+    // Moving an element within the page disconnects and reconnects it at once.
     queueMicrotask(() => void (!this.isConnected && this.leave()));
   }
 
-  /** Out of the page: time and view stay, for when it is put back. */
+  /** Stop after the element left the page. Time and view stay. */
   private leave(): void {
     if (!this.connection) return;
     this.player.pause();
@@ -112,7 +114,7 @@ export class SplatReelElement extends MediaElement {
     if (name === "loop") this.player.loop = now !== null;
     if (name === "muted" && !this.connection && now !== null) this.muted = true;
     if (!this.connection) return;
-    if (name === "src") this.load(); // the same one again, too
+    if (name === "src") this.load(); // setting the same address reloads
     if (before === now) return;
     if (name === "preload") this.visibility.prefer(this.preload, false);
     if (name === "poster") this.picture.give(this.poster);
@@ -120,7 +122,7 @@ export class SplatReelElement extends MediaElement {
     if (name === "loading") this.watch();
   }
 
-  /** Open `src` from the start, or close what is open where there is none. Done by itself when the element enters a page or `src` changes. */
+  /** Open `src` from the start, or close the reel if there is none. Called automatically when `src` changes. */
   load(): void {
     const { player } = this;
     const source = this.files ?? this.currentSrc.split("#")[0];
@@ -130,30 +132,31 @@ export class SplatReelElement extends MediaElement {
     this.visibility.prefer(this.preload, true);
     if (source) void player.load(source, { seconds: link?.seconds ?? start, view: link?.view ?? null });
     else player.close();
-    if (player.deferred) player.emit("deferred"); // of another reel
+    if (player.deferred) player.emit("deferred"); // update the controls for the new reel
     this.picture.give(this.poster);
     this.visibility.settle();
     const calm = matchMedia("(prefers-reduced-motion: reduce)").matches;
     if (source && this.autoplay && !calm) player.play(true);
   }
 
-  /** Resolves once time goes on. Rejects with a `NotSupportedError` where there is no reel to play, with a `NotAllowedError` where the browser does not let it be heard, with an `AbortError` where `pause` or another reel comes first. */
+  /** Play. Resolves once time advances. Rejects with `NotSupportedError` without a playable reel, `NotAllowedError` if the browser does not allow sound, `AbortError` if interrupted by `pause` or another reel. */
   play(): Promise<void> {
     this.visibility.ask();
     this.visibility.interact();
     return this.promises.play();
   }
 
+  /** Pause. */
   pause(): void {
     this.player.pause();
   }
 
-  /** Pause, go to a time, and take a picture of exactly this pose and size. */
+  /** Pause, seek, and render one image of this pose and size. */
   renderAt(seconds: number, pose: Pose, width: number, height: number): Promise<Picture> {
     return this.visibility.keepAwake(() => this.player.renderAt(seconds, pose, width, height));
   }
 
-  /** A reel on this machine; it goes before `src`. */
+  /** A local reel, which takes precedence over `src`. */
   get srcObject(): LocalFiles | null {
     return this.files;
   }
@@ -163,11 +166,12 @@ export class SplatReelElement extends MediaElement {
     if (this.isConnected) this.load();
   }
 
+  /** Absolute address of the reel; "" for a local one. */
   get currentSrc(): string {
     return this.files ? "" : this.src && new URL(this.src, document.baseURI).href;
   }
 
-  /** The view as the manifest writes cameras; set `viewmat` [16] (world to camera, OpenCV) to move. Null until there is a manifest. */
+  /** Present view, in the format of the manifest; null until the manifest arrives. Set `viewmat` [16] (world to camera, OpenCV) to move. */
   get camera(): Camera | null {
     const { camera } = this.player;
     if (!camera) return null;
@@ -184,18 +188,18 @@ export class SplatReelElement extends MediaElement {
     this.player.invalidate();
   }
 
-  /** Back to the reel's own camera. */
+  /** Return to the reel's own camera. */
   resetCamera(): void {
     this.player.camera?.reset();
   }
 
-  /** Play a reel out of files that people chose: a zip, or all of a folder. Rejects with a `ReelError` where there is none among them. */
+  /** Play a reel from chosen files: a zip, or all files of a folder. Rejects with `ReelError` if there is none among them. */
   async openFiles(files: Iterable<File>): Promise<void> {
     const list = [...files];
     this.srcObject = await (await loadPart("open-files.js", () => import("../files/open-files"))).openFiles(list);
   }
 
-  /** The camera path, as its file holds it (docs/format.md); null: none. Throws `ReelError` for what is no path. */
+  /** The camera path as JSON (docs/format.md); null for none. Throws `ReelError` for an invalid path. */
   get path(): PathFile | null {
     return this.pathPlayer.path?.toJSON() ?? null;
   }
@@ -204,17 +208,18 @@ export class SplatReelElement extends MediaElement {
     this.pathPlayer.path = path === null ? null : parsePath(path, "path");
   }
 
-  /** Play it from its beginning. Resolves at its end, or once a hand takes the camera, or plays, pauses or seeks. */
+  /** Play the camera path from its start. Resolves at its end, or when people move the camera, play, pause or seek. */
   playPath(): Promise<void> {
     this.visibility.ask();
     return this.pathPlayer.play();
   }
 
+  /** Statistics; null without an open reel. */
   get stats(): Stats | null {
     return this.player.stats;
   }
 
-  /** This page's address with the present time and view; an element with the attribute `share` opens where such a link says. */
+  /** Address of the page with the present time and view. An element with the attribute `share` opens such links. */
   get link(): string {
     const { camera, currentTime } = this.player;
     return linkTo(location.href, { seconds: currentTime, view: camera?.state ?? null });
@@ -229,7 +234,7 @@ export class SplatReelElement extends MediaElement {
     this.player.invalidate();
   }
 
-  /** Call once with the next picture, and when and of what time it is. Returns a handle to cancel it by. */
+  /** Call a function once with the next frame. Returns a handle for `cancelVideoFrameCallback`. */
   requestVideoFrameCallback(callback: FrameCallback): number {
     return this.frames.request(callback);
   }

@@ -1,7 +1,7 @@
-/** `requestVideoFrameCallback`: has a page told of each picture that is drawn. */
+/** `requestVideoFrameCallback`: reports each drawn frame to the page. */
 import type { Player } from "../player/player";
 
-/** As that of HTMLVideoElement. Sizes in pixels, `mediaTime` in seconds of the reel. */
+/** Metadata of a frame, as in HTMLVideoElement. Sizes are in pixels, `mediaTime` in seconds of the reel. */
 export interface FrameMetadata {
   presentationTime: number;
   expectedDisplayTime: number;
@@ -11,18 +11,20 @@ export interface FrameMetadata {
   presentedFrames: number;
 }
 
+/** Function that receives the next frame. */
 export type FrameCallback = (now: number, metadata: FrameMetadata) => void;
 
+/** Pending callbacks of one element. */
 export class FrameCallbacks {
   private waiting = new Map<number, FrameCallback>();
   private handles = 0;
   private pictures = 0;
 
   constructor(private readonly player: Player) {
-    player.addEventListener("drawn", () => this.tell());
+    player.addEventListener("drawn", () => this.report());
   }
 
-  /** Call once, with the next picture. Returns a handle for `cancel`. */
+  /** Call a function once, with the next frame. Returns a handle for `cancel`. */
   request(callback: FrameCallback): number {
     this.waiting.set(++this.handles, callback);
     return this.handles;
@@ -32,7 +34,7 @@ export class FrameCallbacks {
     this.waiting.delete(handle);
   }
 
-  private tell(): void {
+  private report(): void {
     this.pictures++;
     const { waiting, player: { canvas: { width, height }, currentTime, resolution } } = this;
     if (waiting.size === 0) return;

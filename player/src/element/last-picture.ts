@@ -1,12 +1,13 @@
-/** A copy of what shows, outside the graphics device: what is left of the picture when the device is lost. */
+/** Copy of the present frame in main memory, to show when the graphics device is lost. */
 import type { Player } from "../player/player";
 
-/** Milliseconds between copies while pictures follow each other, and after the last one. */
+/** Milliseconds between copies during playback, and until the copy of the last frame. */
 const EVERY = 1000;
 const REST = 300;
-/** Pixels of the widest copy. */
+/** Maximum width of a copy, in pixels. */
 const WIDTH = 1280;
 
+/** Takes copies of the canvas. */
 export class LastPicture {
   private copy: HTMLCanvasElement | null = null;
   private taken = 0;
@@ -14,11 +15,11 @@ export class LastPicture {
 
   constructor(private readonly player: Player) {
     player.addEventListener("drawn", () => this.drawn());
-    player.addEventListener("canplay", () => this.take()); // drawn for this event
+    player.addEventListener("canplay", () => this.take()); // the frame is drawn before this event
     player.addEventListener("emptied", () => this.forget());
   }
 
-  /** Null where nothing was drawn yet. */
+  /** The last copy; null before the first frame. */
   get canvas(): HTMLCanvasElement | null {
     return this.copy;
   }
@@ -26,7 +27,7 @@ export class LastPicture {
   private drawn(): void {
     clearTimeout(this.timer);
     if (this.player.presented) return; // a headset shows it
-    // What was drawn can be read until the browser shows it.
+    // A frame can be read until the browser presents it.
     if (performance.now() - this.taken > EVERY) return this.take();
     this.timer = window.setTimeout(() => this.player.playback.redraw() && this.take(), REST);
   }
@@ -37,7 +38,7 @@ export class LastPicture {
     const copy = (this.copy ??= document.createElement("canvas"));
     const scale = Math.min(WIDTH / canvas.width, 1);
     [copy.width, copy.height] = [Math.round(scale * canvas.width), Math.max(Math.round(scale * canvas.height), 1)];
-    // Kept in memory: what the device holds is lost with it.
+    // A canvas in main memory survives the loss of the device.
     copy.getContext("2d", { willReadFrequently: true })!.drawImage(canvas, 0, 0, copy.width, copy.height);
     this.taken = performance.now();
   }

@@ -1,9 +1,10 @@
-/** What <splat-reel> has in common with <video>: attributes, and states in the terms of HTMLMediaElement. */
+/** The part of <splat-reel> that follows HTMLMediaElement: attributes and states. */
 import { PLAIN, plainWords } from "../base/errors";
 import type { Player } from "../player/player";
 
+/** Base class with the properties of HTMLMediaElement. */
 export abstract class MediaElement extends HTMLElement {
-  /** As of HTMLMediaElement, for `networkState`. */
+  /** Values of `networkState`, as in HTMLMediaElement. */
   static readonly NETWORK_EMPTY = 0;
   static readonly NETWORK_IDLE = 1;
   static readonly NETWORK_LOADING = 2;
@@ -28,7 +29,7 @@ export abstract class MediaElement extends HTMLElement {
     this.setAttribute("poster", value);
   }
 
-  /** "eager", or "lazy": files are got and pictures drawn only where people may soon see them. */
+  /** "eager", or "lazy" to download and draw only when the element is on screen or near it. */
   get loading(): string {
     return this.getAttribute("loading") === "eager" ? "eager" : "lazy";
   }
@@ -37,7 +38,7 @@ export abstract class MediaElement extends HTMLElement {
     this.setAttribute("loading", value);
   }
 
-  /** "auto"; "metadata": until people ask for pictures no more than the manifest is got; "none": nothing is. */
+  /** "auto", "metadata" to download only the manifest until an interaction, or "none" to download nothing. */
   get preload(): string {
     const asked = (this.getAttribute("preload") ?? "").toLowerCase();
     return asked === "none" || asked === "metadata" ? asked : "auto";
@@ -71,7 +72,7 @@ export abstract class MediaElement extends HTMLElement {
     this.toggleAttribute("controls", on);
   }
 
-  /** Seconds. */
+  /** Present time, in seconds. */
   get currentTime(): number {
     return this.player.currentTime;
   }
@@ -80,12 +81,12 @@ export abstract class MediaElement extends HTMLElement {
     this.player.currentTime = seconds;
   }
 
-  /** The same: every time of a reel can be gone to at once. */
+  /** Seek, like `currentTime`. */
   fastSeek(seconds: number): void {
     this.currentTime = seconds;
   }
 
-  /** Seconds, NaN until the manifest is here; of a live reel, what there is so far. */
+  /** Duration in seconds; NaN until the manifest arrives; of a live reel, the duration so far. */
   get duration(): number {
     return this.player.manifest ? this.player.duration : NaN;
   }
@@ -102,7 +103,7 @@ export abstract class MediaElement extends HTMLElement {
     return this.player.seeking;
   }
 
-  /** Whether groups are still being added to the reel. */
+  /** True while groups are still being added to the reel. */
   get live(): boolean {
     return this.player.live;
   }
@@ -115,7 +116,7 @@ export abstract class MediaElement extends HTMLElement {
     this.player.playbackRate = rate;
   }
 
-  /** Of the sound, 0 to 1. */
+  /** Volume, 0 to 1. */
   get volume(): number {
     return this.player.soundtrack.volume;
   }
@@ -132,7 +133,7 @@ export abstract class MediaElement extends HTMLElement {
     this.player.soundtrack.muted = muted;
   }
 
-  /** The attribute `muted`: whether it begins in silence. */
+  /** The attribute `muted`: start muted. */
   get defaultMuted(): boolean {
     return this.hasAttribute("muted");
   }
@@ -141,12 +142,12 @@ export abstract class MediaElement extends HTMLElement {
     this.toggleAttribute("muted", on);
   }
 
-  /** Names of what there is to choose from, best first; empty where there is one rendition only. */
+  /** Names of the renditions, best first; empty if there is only one. */
   get renditions(): string[] {
     return this.player.renditions;
   }
 
-  /** A rendition's name, or "auto" for whichever does best. */
+  /** Name of the chosen rendition, or "auto" to adapt. */
   get rendition(): string {
     return this.player.rendition ?? "auto";
   }
@@ -159,18 +160,18 @@ export abstract class MediaElement extends HTMLElement {
     return timeRanges(this.player.buffered);
   }
 
-  /** What has been played. */
+  /** Played ranges. */
   get played(): TimeRanges {
     return timeRanges(this.player.played.ranges);
   }
 
-  /** Where time can go: all of the reel, but for what a live one has dropped. */
+  /** Seekable range: the whole reel, without the part that a live one has dropped. */
   get seekable(): TimeRanges {
     const { manifest, earliest, duration } = this.player;
     return timeRanges(manifest ? [[earliest, duration]] : []);
   }
 
-  /** As of HTMLMediaElement: 0 nothing, 1 metadata, 2 the present picture, 3 a little more, 4 enough. */
+  /** As in HTMLMediaElement: 0 nothing, 1 metadata, 2 present frame, 3 more, 4 enough to play. */
   get readyState(): number {
     const { player } = this;
     if (!player.manifest) return 0;
@@ -179,7 +180,7 @@ export abstract class MediaElement extends HTMLElement {
     return player.ahead >= Math.min(left, 1) ? 4 : player.ahead > 0.1 ? 3 : 2;
   }
 
-  /** As of HTMLMediaElement: 0 no reel, 1 nothing is being got, 2 something is, 3 the reel cannot be had. */
+  /** As in HTMLMediaElement: 0 no reel, 1 idle, 2 downloading, 3 the reel cannot be opened. */
   get networkState(): number {
     const { player } = this;
     if (!player.hasSource) return MediaElement.NETWORK_EMPTY;
@@ -187,12 +188,12 @@ export abstract class MediaElement extends HTMLElement {
     return player.busy ? MediaElement.NETWORK_LOADING : MediaElement.NETWORK_IDLE;
   }
 
-  /** The share of the bytes being waited for that has arrived, 0..1. */
+  /** Received part of the bytes that playback waits for, 0 to 1. */
   get progress(): number {
     return this.player.progress;
   }
 
-  /** `code` is that of a MediaError: 2 network, 3 decoding, 4 the reel cannot be opened. */
+  /** The error; null if there is none. `code` is that of a MediaError: 2 network, 3 decoding, 4 the reel cannot be opened. */
   get error(): (Error & { readonly code: number }) | null {
     const { error, manifest } = this.player;
     if (!error) return null;

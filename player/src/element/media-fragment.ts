@@ -1,12 +1,12 @@
-/** Times in an address, as of media fragments: `#t=1.5`, `#t=0:01.5,3`, `#t=npt:10,20`. */
+/** Media fragments in an address: `#t=1.5`, `#t=0:01.5,3`, `#t=npt:10,20`. */
 
-/** Seconds; null: not said. */
+/** Start and end in seconds; null if not given. */
 export interface TimeFragment {
   start: number | null;
   end: number | null;
 }
 
-/** What cannot be read counts as not said. */
+/** Parse the fragment of an address. Invalid parts are null. */
 export function timesOf(address: string): TimeFragment {
   const given = new URLSearchParams(address.split("#")[1] ?? "").get("t") ?? "";
   const [start, end] = given.replace(/^npt:/, "").split(",").map(secondsOf);

@@ -1,36 +1,36 @@
-/** Within the bundled page, before the player is here: asks for the manifest, and shows the reel's poster. */
+/** First script of the bundled page: requests the manifest and shows the poster before the player is loaded. */
 import type { Prefetched } from "../player/prefetched";
 import type { PageRoot } from "./page";
 
-/** Later than this, milliseconds after people came, the line is slow: the poster goes first. */
+/** Milliseconds of page load above which the connection is slow, so that the poster is loaded first. */
 const SLOW = 150;
-/** The player waits no longer than this for what says whether there is one. */
-const PATIENCE = 2500;
-/** A manifest that takes longer than this has stalled. */
+/** Maximum milliseconds for which the player waits for the poster. */
+const POSTER_TIMEOUT = 2500;
+/** Timeout of the manifest, in milliseconds. */
 const STALL = 8000;
 
 const root = document.querySelector<PageRoot>("main[data-splatreel-page]")!;
 const parameters = new URLSearchParams(location.search);
 const given = parameters.get("poster");
 const url = new URL(parameters.get("src") ?? root.dataset.src ?? "reel/manifest.json", document.baseURI).href.split("#")[0];
-// Where it fails, the player asks again and says what is wrong.
+// If this fails, the player repeats the request and reports the error.
 const text = fetch(url, { cache: "no-cache", priority: "high", signal: AbortSignal.timeout(STALL) }).then((answer) => (answer.ok ? answer.text() : null)).catch(() => null);
 const image = document.createElement("img");
 const prefetched: Prefetched = { url, text, image, worker: null };
 root.prefetched = prefetched;
 
-/** The player, unless it is asked for already. */
-function play(): void {
+/** Load the player. */
+function loadPlayer(): void {
   void import("./player.js");
 }
 
-/** And its first worker, unless the player has started one. */
-function begin(): void {
-  play();
+/** Load the player and start its first worker, unless the player has started one. */
+function loadAll(): void {
+  loadPlayer();
   if (!customElements.get("splat-reel")) prefetched.worker ??= firstWorker();
 }
 
-/** None in a sandboxed frame, where the player has to start it in another way. */
+/** Start the first worker; null in a sandboxed frame, where the player starts it differently. */
 function firstWorker(): Worker | null {
   try {
     return new Worker(new URL("./decode-worker.js", import.meta.url), { type: "module" });
@@ -41,18 +41,18 @@ function firstWorker(): Worker | null {
 
 const asked = performance.now();
 const poster = show().catch(() => undefined);
-if (asked < SLOW) begin();
+if (asked < SLOW) loadAll();
 else {
-  // The poster is some 20 KB: what the player is asked for a little later comes when most of it is there.
-  void text.then(() => setTimeout(play, (performance.now() - asked) / 2));
-  void poster.then(begin);
-  setTimeout(play, PATIENCE);
+  // The poster has about 20 KB. The player is requested a little later, so that it arrives after the poster.
+  void text.then(() => setTimeout(loadPlayer, (performance.now() - asked) / 2));
+  void poster.then(loadAll);
+  setTimeout(loadPlayer, POSTER_TIMEOUT);
 }
 
-/** Resolves when the poster is there, or there is none. */
+/** Show the poster. Resolves when it is decoded or there is none. */
 async function show(): Promise<void> {
   const { uri } = given ? { uri: given } : ((JSON.parse((await text) ?? "{}").poster ?? {}) as { uri?: unknown });
-  if (typeof uri !== "string" || customElements.get("splat-reel")) return; // the player does it
+  if (typeof uri !== "string" || customElements.get("splat-reel")) return; // the player shows it
   image.alt = "";
   image.fetchPriority = "high";
   Object.assign(image.style, { position: "fixed", inset: "0", width: "100%", height: "100%", objectFit: "cover" });

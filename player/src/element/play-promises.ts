@@ -1,4 +1,4 @@
-/** Promises of `play()` that wait for time to go on, settled as those of HTMLMediaElement. */
+/** Promises of `play()`, settled as in HTMLMediaElement. */
 import type { Player } from "../player/player";
 
 interface Promised {
@@ -6,18 +6,19 @@ interface Promised {
   reject(error: DOMException): void;
 }
 
+/** Pending promises of one element. */
 export class PlayPromises {
   private waiting: Promised[] = [];
 
   constructor(private readonly player: Player) {
     player.addEventListener("playing", () => this.settle((promised) => promised.resolve()));
-    player.addEventListener("notallowed", () => this.fail("NotAllowedError", "The browser plays sound only once a person has touched the page. Mute the reel, or play it when somebody asks for it."));
+    player.addEventListener("notallowed", () => this.fail("NotAllowedError", "The browser allows sound only after an interaction with the page. Mute the reel, or call play() in a click handler."));
     player.addEventListener("pause", () => this.fail("AbortError", "play() was interrupted by a call to pause()."));
     player.addEventListener("emptied", () => this.fail("AbortError", "play() was interrupted: another reel is opened, or none."));
     player.addEventListener("error", () => this.fail("NotSupportedError", player.error!.message));
   }
 
-  /** Play; resolves once time goes on. Rejects with an `AbortError`, `NotSupportedError` or `NotAllowedError`. */
+  /** Play. Resolves once time advances. Rejects with an `AbortError`, `NotSupportedError` or `NotAllowedError`. */
   play(): Promise<void> {
     const { player } = this;
     if (!player.hasSource) return Promise.reject(new DOMException("There is no reel to play: the attribute src is missing.", "NotSupportedError"));

@@ -1,13 +1,14 @@
-/** The picture over the canvas until the reel's own is there: the poster, or, of a reel that was put to rest or whose graphics device is lost, what it showed last. */
+/** Image over the canvas until the reel is drawn: the poster, or the last frame of a reel that rests or has lost its device. */
 import { DeviceLostError } from "../base/errors";
 import type { Player } from "../player/player";
 import { addressOf, isSameReel } from "../reel/manifest";
 import { LastPicture } from "./last-picture";
 
+/** Shows and hides the poster and the last frame. */
 export class Poster {
   readonly image = document.createElement("img");
   private still: HTMLCanvasElement | null = null;
-  /** Given by the page; goes before the reel's own. */
+  /** Address given by the page, which takes precedence over the manifest's. */
   private given = "";
   private readonly last: LastPicture;
 
@@ -25,14 +26,14 @@ export class Poster {
     this.clear();
   }
 
-  /** Show a picture of the page, or none, until there is a picture of the reel. */
+  /** Set the address given by the page; "" for the poster of the manifest. */
   give(url: string): void {
     this.given = url;
     this.show(url || this.player.prefetchedPoster);
     if (!url) void this.useOwn();
   }
 
-  /** Keep what the canvas shows. */
+  /** Keep the present frame of the canvas. */
   keep(): void {
     const { canvas } = this.player;
     if (!this.player.playback.redraw()) return;
@@ -50,7 +51,7 @@ export class Poster {
     this.image.after(still);
   }
 
-  /** The one that the manifest names, which is small and wanted at once. */
+  /** Show the poster of the manifest. */
   private async useOwn(): Promise<void> {
     const { manifest } = this.player;
     const poster = manifest?.presentation.poster;
@@ -65,18 +66,18 @@ export class Poster {
     this.image.hidden = !url || over;
   }
 
-  /** Nothing shows but the ground of the page. */
+  /** Show nothing. */
   private clear(): void {
     this.hide();
     this.blank(true);
   }
 
-  /** A canvas on which nothing was drawn is black. */
+  /** Hide or show the canvas, which is black before the first frame. */
   private blank(on: boolean): void {
     this.player.canvas.classList.toggle("blank", on);
   }
 
-  /** What rests is drawn: it takes the poster's place where it is most of the picture. */
+  /** Hide the poster once the reel is drawn, or its static points if they are most of it. */
   private drawn(): void {
     this.blank(false);
     if (this.player.playback.ready || this.player.playback.isMostlyStatic) this.hide();

@@ -1,26 +1,27 @@
-/** Whether people may see an element: a player draws while they do, and holds nothing where they do not. */
+/** Starts and stops the player of an element by its visibility. */
 import type { Player } from "../player/player";
 import { ContextPool, type ContextHolder } from "./context-pool";
 import type { Poster } from "./poster";
 
-/** How far beyond the window, in parts of its size, elements get ready. */
+/** Margin around the window, relative to its size, in which elements prepare to play. */
 const NEAR = "75% 25%";
-/** Milliseconds that an element is kept as it is after it has gone far away. */
+/** Milliseconds until an element outside of the margin releases its resources. */
 const LINGER = 4000;
 
-/** Those of this page, which all its elements share. */
+/** Graphics devices of the page, shared by all elements. */
 const devices = new ContextPool();
 
+/** Visibility of one element. */
 export class Visibility implements ContextHolder {
   private connected = false;
   private seen = false;
   private near = false;
-  /** Pictures that are being taken, whether people see them or not. */
+  /** Number of images being rendered, during which the player stays awake. */
   private pictures = 0;
   private timer = 0;
-  /** Somebody has asked for pictures, or `preload` gets them unasked. */
+  /** True after an interaction, or with preload="auto". */
   private asked = true;
-  /** Until then not even the manifest is got. */
+  /** True if not even the manifest is downloaded before an interaction. */
   private patient = false;
 
   constructor(private readonly element: Element, private readonly player: Player, private readonly poster: Poster) {
@@ -46,7 +47,7 @@ export class Visibility implements ContextHolder {
     this.player.rest();
   }
 
-  /** Watch where the element is until the signal; eager: it is near wherever it is. */
+  /** Observe the element until the signal. eager: treat it as near. */
   watch(eager: boolean, signal: AbortSignal): void {
     [this.connected, this.seen, this.near] = [true, isOnScreen(this.element), eager || isOnScreen(this.element)];
     const watch = (act: (on: boolean) => void, options: IntersectionObserverInit): void => {
@@ -64,7 +65,7 @@ export class Visibility implements ContextHolder {
     this.settle();
   }
 
-  /** What to get of a reel before people ask for it: "auto", "metadata" or "none". again: they have not asked for the one that comes. */
+  /** Set what to download before an interaction: "auto", "metadata" or "none". again: a new reel, which needs a new interaction. */
   prefer(preload: string, again: boolean): void {
     if (again) this.asked = false;
     this.asked ||= preload === "auto";
@@ -73,7 +74,7 @@ export class Visibility implements ContextHolder {
     this.settle();
   }
 
-  /** Somebody asks for pictures. */
+  /** Record an interaction that asks for playback. */
   ask(): void {
     if (this.asked) return;
     this.asked = true;
@@ -81,12 +82,12 @@ export class Visibility implements ContextHolder {
     this.settle();
   }
 
-  /** Somebody's hand is on the element, or a page asks it to play. */
+  /** Request a graphics device with precedence, since people interact with the element or a page plays it. */
   interact(): void {
     if (this.wanted) devices.claim(this, true);
   }
 
-  /** Have the player at work, seen or not, while a picture is taken. */
+  /** Keep the player awake during `work`. */
   async keepAwake<T>(work: () => Promise<T>): Promise<T> {
     this.pictures++;
     this.ask();
@@ -100,7 +101,7 @@ export class Visibility implements ContextHolder {
     }
   }
 
-  /** Let the player be as is right where the element is. */
+  /** Apply the present visibility to the player. */
   settle(): void {
     this.player.show(this.connected && (this.seen || this.pictures > 0));
     if (this.wanted) devices.claim(this, this.needed);
@@ -122,7 +123,7 @@ export class Visibility implements ContextHolder {
   }
 }
 
-/** Observers answer after the next picture: what is on screen already need not wait for it. */
+/** Return true if an element is on screen now, since observers report only after the next frame. */
 function isOnScreen(element: Element): boolean {
   const { top, bottom, left, right } = element.getBoundingClientRect();
   return bottom > top && right > left && bottom > 0 && right > 0 && top < innerHeight && left < innerWidth;

@@ -1,11 +1,11 @@
 /**
- * Workers, decoders and parts that are loaded when they are asked for lie next to this module, or in the page itself. Each is named
- * by a literal, since bundlers look for `new URL("./name", import.meta.url)`, `new Worker` of that and `import("./name")`.
+ * Addresses of the player's other files: workers, decoders, and parts loaded on demand. They lie next to this module or in the page.
+ * Each name is a literal, since bundlers look for `new URL("./name", import.meta.url)`, `new Worker` of it and `import("./name")`.
  */
 import { embeddedPlayerFile } from "./embedded";
 import { openWorker, type FileAddresses } from "./workers";
 
-/** What decode workers load when a reel needs it. */
+/** Return the addresses of the files that decode workers load. */
 export function decoderFiles(): FileAddresses {
   return {
     "draco-decode.js": new URL("./draco-decode.js", import.meta.url).href,
@@ -16,7 +16,7 @@ export function decoderFiles(): FileAddresses {
   };
 }
 
-/** Start a worker that gets and decodes files. It has to be sent `decoderFiles` first. */
+/** Start a worker that downloads and decodes files. Send it `decoderFiles` first. */
 export function startDecodeWorker(): Worker {
   return (
     embeddedWorker("decode-worker.js") ??
@@ -24,6 +24,7 @@ export function startDecodeWorker(): Worker {
   );
 }
 
+/** Start a worker that sorts points. */
 export function startSortWorker(): Worker {
   return (
     embeddedWorker("sort-worker.js") ??
@@ -31,19 +32,19 @@ export function startSortWorker(): Worker {
   );
 }
 
-/** Load a part of the player when it is first needed. load: imports it, where the page does not hold it. */
+/** Load a part of the player. load: imports the file, unless the page contains it. */
 export function loadPart<T>(name: string, load: () => Promise<T>): Promise<T> {
   const inPage = embeddedPlayerFile(name);
   return inPage ? (import(URL.createObjectURL(inPage)) as Promise<T>) : load();
 }
 
-/** The address of the player's module, for pages of others; null where it is a part of this page's own script. */
+/** Return the address of the player's module for other pages; null if it is bundled into this page's script. */
 export function playerAddress(): string | null {
   const { href, pathname, protocol } = new URL(import.meta.url);
   return pathname.endsWith("/player.js") && protocol.startsWith("http") ? href : null;
 }
 
-/** Workers import nothing before they are told to, so each can be a plain script: a page on a disk cannot start modules. */
+/** Start an embedded worker as a classic script, since a page opened from a disk cannot start module workers. */
 function embeddedWorker(name: string): Worker | null {
   const inPage = embeddedPlayerFile(name);
   return inPage && new Worker(URL.createObjectURL(inPage));

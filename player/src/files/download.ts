@@ -1,25 +1,25 @@
-/** Gets a file over networks that fail: tries again after growing pauses, goes on where a transfer broke off, checks what came. */
+/** Downloads over unreliable networks: retries with growing pauses, resumes interrupted transfers, and verifies checksums. */
 import { PLAIN, ReelError, messageOf } from "../base/errors";
 import { isIntact } from "./checksum";
 import { readLocalFile } from "./local-files";
 import type { Source, Watcher } from "./source";
 
-/** Waits before trying again, milliseconds; after the last one a file is given up. Up to half as much is added by chance. */
+/** Pauses before retries, in milliseconds, plus up to half as much at random. After the last one the download fails. */
 const PAUSES = [300, 1000, 2000, 4000, 6000];
-/** A transfer without a byte for this long has stalled. */
+/** Milliseconds without a byte after which a transfer has stalled. */
 const STALL = 8000;
 
-/** A failure that may pass, and how often it is worth trying again. */
+/** A temporary failure, and the number of retries for it. */
 class TransientError extends Error {
   constructor(why: string, readonly tries = PAUSES.length, readonly status = 0, readonly plain = PLAIN.network) {
     super(why);
   }
 }
 
-/** Of a file that came but is not what the manifest says, and of a manifest that a person waits for. */
-const FEW = 2;
+/** Number of retries for a file that differs from the manifest, and for the manifest itself, for which people wait. */
+const FEW_RETRIES = 2;
 
-/** The whole file. Throws `ReelError` with the url, or the signal's `AbortError`. */
+/** Download a whole file. Throws `ReelError` with the URL, or the `AbortError` of the signal. */
 export async function download(source: Source, watcher: Watcher, signal: AbortSignal): Promise<Uint8Array> {
   if (source.part) return readLocalFile(source, source.part, watcher);
   const transfer = { body: new Uint8Array(source.bytes), filled: 0 };
@@ -30,14 +30,14 @@ export async function download(source: Source, watcher: Watcher, signal: AbortSi
   });
 }
 
-/** Text of a small file, for the manifest. Always asks the host whether it is still the same. */
+/** Download the text of the manifest, revalidated with the host. */
 export function downloadText(url: string, watcher: Watcher, signal: AbortSignal): Promise<string> {
   return withRetries(url, watcher, signal, () =>
-    withStallTimeout(signal, FEW, async (inner, alive) => {
-      const answer = await request(url, { cache: "no-cache", signal: inner }, FEW);
+    withStallTimeout(signal, FEW_RETRIES, async (inner, alive) => {
+      const answer = await request(url, { cache: "no-cache", signal: inner }, FEW_RETRIES);
       const decoder = new TextDecoder();
       let text = "";
-      await readAll(answer, FEW, (value) => {
+      await readAll(answer, FEW_RETRIES, (value) => {
         alive();
         text += decoder.decode(value, { stream: true });
       });
@@ -46,7 +46,7 @@ export function downloadText(url: string, watcher: Watcher, signal: AbortSignal)
   );
 }
 
-/** Try until it works, is given up, or fails in a way that will not pass. */
+/** Repeat `attempt` until it succeeds, fails permanently, or has used all retries. */
 async function withRetries<T>(url: string, watcher: Watcher, signal: AbortSignal, attempt: (again: boolean) => Promise<T>): Promise<T> {
   for (let failures = 0; ; ) {
     try {
@@ -55,15 +55,15 @@ async function withRetries<T>(url: string, watcher: Watcher, signal: AbortSignal
       if (signal.aborted || !(error instanceof TransientError)) throw error;
       const offline = navigator.onLine === false;
       if (!offline && failures >= error.tries) throw new ReelError(`${url} cannot be downloaded: ${error.message}.`, { plain: error.plain });
-      watcher.trouble(offline ? "Offline. Waiting for the network." : `Trying again: ${error.message}.`);
+      watcher.trouble(offline ? "Offline. Waiting for the network." : `Retrying: ${error.message}.`);
       await pause(PAUSES[failures] * (1 + Math.random() / 2), signal);
-      // Without a network nothing is given up.
+      // While offline, retries are unlimited.
       if (!offline || failures < PAUSES.length - 1) failures++;
     }
   }
 }
 
-/** One answer, of which only a good one comes back. */
+/** Send a request. Throws unless the response is successful. */
 async function request(url: string, options: RequestInit, tries = PAUSES.length): Promise<Response> {
   let response: Response;
   try {
@@ -71,7 +71,7 @@ async function request(url: string, options: RequestInit, tries = PAUSES.length)
   } catch (error) {
     if (options.signal?.aborted) throw error;
     if (await answersOthers(url)) {
-      throw new ReelError(`${url} is there, but its host does not let pages of ${location.origin} read it. It must send the header Access-Control-Allow-Origin.`, { plain: PLAIN.refused });
+      throw new ReelError(`${url} exists, but its host does not let pages of ${location.origin} read it. It must send the header Access-Control-Allow-Origin.`, { plain: PLAIN.refused });
     }
     throw new TransientError(`${messageOf(error)}. Check the address and the network`, tries);
   }
@@ -81,7 +81,7 @@ async function request(url: string, options: RequestInit, tries = PAUSES.length)
   throw new ReelError(`${url} cannot be downloaded: ${why}.`, { plain: [401, 403].includes(response.status) ? PLAIN.refused : PLAIN.missing });
 }
 
-/** Work that is given up when nothing comes for a while: `alive` says that something came. */
+/** Run `work` with a timeout that `alive` restarts. */
 async function withStallTimeout<T>(signal: AbortSignal, tries: number, work: (inner: AbortSignal, alive: () => void) => Promise<T>): Promise<T> {
   signal.throwIfAborted();
   const controller = new AbortController();
@@ -95,7 +95,7 @@ async function withStallTimeout<T>(signal: AbortSignal, tries: number, work: (in
   try {
     return await work(controller.signal, alive);
   } catch (error) {
-    if (controller.signal.aborted && !signal.aborted) throw new TransientError("nothing came for some seconds", tries);
+    if (controller.signal.aborted && !signal.aborted) throw new TransientError("no data arrived for some seconds", tries);
     throw error;
   } finally {
     clearTimeout(alarm);
@@ -120,12 +120,12 @@ async function receive(source: Source, transfer: { body: Uint8Array; filled: num
       if (error instanceof TransientError && error.status === 416) transfer.filled = 0;
       throw error;
     });
-    if (response.status !== 206) transfer.filled = 0; // the host begins anew
+    if (response.status !== 206) transfer.filled = 0; // the host ignored the range
     await readAll(response, PAUSES.length, (value) => {
       alive();
       if (transfer.filled + value.byteLength > source.bytes) {
         transfer.filled = 0;
-        throw new TransientError(`it has more than the ${source.bytes} bytes of the manifest`, FEW, 0, PLAIN.damaged);
+        throw new TransientError(`it has more than the ${source.bytes} bytes of the manifest`, FEW_RETRIES, 0, PLAIN.damaged);
       }
       transfer.body.set(value, transfer.filled);
       transfer.filled += value.byteLength;
@@ -138,16 +138,16 @@ async function receive(source: Source, transfer: { body: Uint8Array; filled: num
 async function check({ sha256 }: Source, transfer: { body: Uint8Array; filled: number }): Promise<void> {
   if (await isIntact(transfer.body, sha256)) return;
   transfer.filled = 0;
-  throw new TransientError("its checksum is not the manifest's", FEW, 0, PLAIN.damaged);
+  throw new TransientError("its checksum differs from the manifest", FEW_RETRIES, 0, PLAIN.damaged);
 }
 
-/** Whether a host that this page may not read from answers at all. */
+/** Return true if a host of another origin responds at all, which means that CORS blocked the request. */
 function answersOthers(url: string): Promise<boolean> {
   if (new URL(url, location.href).origin === location.origin) return Promise.resolve(false);
   return fetch(url, { mode: "no-cors", signal: AbortSignal.timeout(STALL) }).then(() => true, () => false);
 }
 
-/** Wait, but no longer than until the network is back. */
+/** Wait, or until the network is back. */
 function pause(milliseconds: number, signal: AbortSignal): Promise<void> {
   return new Promise((resolve, reject) => {
     const finish = (): void => {

@@ -1,10 +1,10 @@
-/** Files in the page itself, in elements that it does not run: one HTML file is then a player with its reel. */
+/** Files embedded in the page, for one HTML file with player and reel. */
 import { LocalFiles } from "./local-files";
 
-/** The address of the reel that is part of the page. */
+/** Address of the embedded reel. */
 export const EMBEDDED = "embedded:";
 
-/** Its manifest is the text of #splatreel-manifest, its files are base64 in <script type="text/plain" data-reel-file="PATH">. */
+/** Return the embedded reel: the manifest is the text of #splatreel-manifest, the files are base64 in <script type="text/plain" data-reel-file="PATH">. */
 export function embeddedReel(): LocalFiles {
   return new LocalFiles("page", (uri) => {
     const manifest = uri === "manifest.json" ? document.getElementById("splatreel-manifest")?.textContent : null;
@@ -13,7 +13,7 @@ export function embeddedReel(): LocalFiles {
   });
 }
 
-/** A file of the player that is part of the page, <script type="text/plain" data-player-file="NAME">; null: there is none. */
+/** Return an embedded file of the player, <script type="text/plain" data-player-file="NAME">; null if there is none. */
 export function embeddedPlayerFile(name: string): Blob | null {
   return embedded("player", name);
 }

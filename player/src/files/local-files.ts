@@ -1,29 +1,30 @@
-/** A reel's files that need no network: dropped on the page by people, or part of the page itself. */
+/** Files of a reel without a network: dropped on the page, or embedded in it. */
 import { PLAIN, ReelError, messageOf } from "../base/errors";
 import { isIntact } from "./checksum";
 import type { LocalFile, Source, Watcher } from "./source";
 
-/** Bytes of the longest manifest, and of the longest picture, that are read: what is packed may claim to be little. */
+/** Maximum bytes of a manifest and of an image after decompression. */
 const LONGEST_MANIFEST = 16 << 20;
 const LONGEST_PICTURE = 64 << 20;
 
+/** The files of one local reel. */
 export class LocalFiles {
   private readonly addresses = new Map<string, Promise<string>>();
 
-  /** name: of the folder or the zip, for messages. find: the file at a path within the reel; null: there is none. */
+  /** name: of the folder or zip, for messages. find: returns the file at a path within the reel, or null. */
   constructor(readonly name: string, private readonly find: (uri: string) => LocalFile | null) {}
 
-  /** What addresses of the files would be: they stand in messages. */
+  /** Address of the manifest, for messages. */
   get url(): string {
     return `file:///${encodeURIComponent(this.name)}/manifest.json`;
   }
 
-  /** A file; one that is not there has no bytes. */
+  /** Return a file, empty if it does not exist. */
   part(uri: string): LocalFile {
     return this.find(uri) ?? { blob: new Blob(), deflated: false };
   }
 
-  /** Text of the manifest. Throws `ReelError`. */
+  /** Read the text of the manifest. Throws `ReelError`. */
   async manifest(): Promise<string> {
     const part = this.find("manifest.json");
     if (!part) throw new ReelError(`${this.name} is not a reel: it has no manifest.json.`, { plain: `${this.name} is not a reel: it has no manifest.json.` });
@@ -34,7 +35,7 @@ export class LocalFiles {
     }
   }
 
-  /** An address of a file within this page, for pictures. It lasts until `close`. */
+  /** Return an object URL of an image, valid until `close`. */
   address(uri: string): Promise<string> {
     const known = this.addresses.get(uri);
     if (known) return known;
@@ -43,14 +44,14 @@ export class LocalFiles {
     return made;
   }
 
-  /** Give the addresses back. The files stay. */
+  /** Revoke the object URLs. */
   close(): void {
     for (const address of this.addresses.values()) address.then((url) => URL.revokeObjectURL(url), () => undefined);
     this.addresses.clear();
   }
 }
 
-/** All bytes of a file, checked. Throws `ReelError`. */
+/** Read a file and verify its size and checksum. Throws `ReelError`. */
 export async function readLocalFile({ url, bytes, sha256 }: Source, part: LocalFile, watcher: Watcher): Promise<Uint8Array> {
   const wrong = (why: string, plain = PLAIN.damaged): ReelError => new ReelError(`${url} cannot be read: ${why}.`, { plain });
   const body = new Uint8Array(bytes);
@@ -64,13 +65,13 @@ export async function readLocalFile({ url, bytes, sha256 }: Source, part: LocalF
     filled += value.byteLength;
     watcher.received(value.byteLength);
   }
-  if (filled === 0) throw wrong("it is not there", PLAIN.missing);
+  if (filled === 0) throw wrong("it is missing", PLAIN.missing);
   if (filled < bytes) throw wrong(`it ends after ${filled} of ${bytes} bytes`);
-  if (!(await isIntact(body, sha256))) throw wrong("its checksum is not the manifest's");
+  if (!(await isIntact(body, sha256))) throw wrong("its checksum differs from the manifest");
   return body;
 }
 
-/** All of it, if it is not longer than this many bytes. */
+/** Decompress a file of at most `most` bytes. */
 async function unpacked(part: LocalFile, most: number): Promise<Blob> {
   const chunks: Uint8Array<ArrayBuffer>[] = [];
   const reader = streamOf(part).getReader();
@@ -83,7 +84,7 @@ async function unpacked(part: LocalFile, most: number): Promise<Blob> {
   }
 }
 
-/** Its bytes as they are inflated. */
+/** Return the stream of decompressed bytes. */
 function streamOf({ blob, deflated }: LocalFile): ReadableStream<Uint8Array<ArrayBuffer>> {
   const stream = blob.stream();
   return deflated ? stream.pipeThrough(new DecompressionStream("deflate-raw")) : stream;

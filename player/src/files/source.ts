@@ -1,24 +1,26 @@
-/** Where a file of a reel comes from, and who is told how it comes. */
+/** Source of a file, and events of its transfer. */
 
-/** Bytes on this machine; deflated: compressed, as files in a zip are. */
+/** A local file. deflated: whether it is compressed, as files in a zip are. */
 export interface LocalFile {
   blob: Blob;
   deflated: boolean;
 }
 
+/** Address, size and checksum of a file. */
 export interface Source {
   url: string;
-  /** What the manifest says the file has. */
+  /** Size according to the manifest. */
   bytes: number;
-  /** Hex digest, compared where the page is a secure context; null: not compared. */
+  /** Hex digest, compared in secure contexts; null to skip the comparison. */
   sha256: string | null;
-  /** Of a reel on this machine: where the bytes are. Nothing is downloaded then. */
+  /** The file itself, if it is local. Nothing is downloaded then. */
   part?: LocalFile | undefined;
 }
 
+/** Receives the events of a transfer. */
 export interface Watcher {
-  /** Bytes that came since the last call. */
+  /** Bytes received since the last call. */
   received(bytes: number): void;
-  /** Something went wrong and is being tried again; why, for people. */
+  /** The transfer is retried. why: reason, to show to people. */
   trouble(why: string): void;
 }

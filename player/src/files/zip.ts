@@ -1,11 +1,11 @@
-/** The files of a zip, read where they lie: only its directory is looked at, and what is packed is unpacked as it is asked for. */
+/** Reads zip archives: the directory first, and each file on access. */
 import { ReelError } from "../base/errors";
 import type { LocalFile } from "./source";
 
-/** More files than a reel has, and a larger directory, are not read. */
+/** Maximum number of files, and maximum bytes of the directory. */
 const MOST_FILES = 100_000;
 const MOST_BYTES = 32 << 20;
-/** The end of a zip: 22 bytes and a comment. */
+/** Size of the end record, and maximum size of the comment that follows it. */
 const END = 22;
 const COMMENT = 0xffff;
 const LOCAL_HEADER = 30;
@@ -19,7 +19,7 @@ interface Entry {
   header: number;
 }
 
-/** Its files by their paths. Throws `ReelError` for what is no zip, or one that cannot be read. */
+/** Return the files of a zip by path. Throws `ReelError` if it is not a zip or cannot be read. */
 export async function filesOfZip(blob: Blob, name: string): Promise<Map<string, () => Promise<LocalFile>>> {
   const wrong = (why: string): ReelError => new ReelError(`${name} cannot be read: ${why}.`);
   const entries = await directoryOf(blob, wrong);
@@ -43,7 +43,7 @@ async function directoryOf(blob: Blob, wrong: (why: string) => ReelError): Promi
   const tail = await view(blob, from, blob.size - from);
   let at = tail.byteLength - END;
   while (at >= 0 && tail.getUint32(at, true) !== 0x06054b50) at--;
-  if (at < 0) throw wrong("it is no zip, or it was cut off. Copy it again");
+  if (at < 0) throw wrong("it is not a zip, or it was cut off. Copy it again");
   const [count, size, start] = [tail.getUint16(at + 10, true), tail.getUint32(at + 12, true), tail.getUint32(at + 16, true)];
   if (start === 0xffffffff || count === 0xffff) throw wrong("it is larger than 4 GB. Unzip it and open the folder");
   if (size > MOST_BYTES || start + size > from + at) throw wrong("it is damaged. Copy it again");

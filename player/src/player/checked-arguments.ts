@@ -1,14 +1,14 @@
-/** Numbers that pages give are refused where they are none, as HTMLMediaElement does. */
+/** Checks of arguments given by pages, as in HTMLMediaElement. */
 import type { Pose } from "../camera/pose";
 
-/** A number, also one that is written out as "0.5". Throws `TypeError`. */
+/** Return a finite number, which may be given as a string. Throws `TypeError`. */
 export function finite(value: number | string, what: string): number {
   const number = typeof value === "string" ? Number(value) : value;
   if (typeof number !== "number" || !Number.isFinite(number)) throw new TypeError(`${what} must be a finite number, not ${String(value)}.`);
   return number;
 }
 
-/** The matrix of a pose [16], row by row: a turn and a shift. Throws `TypeError`. */
+/** Return a world-to-camera matrix [16], row-major, if it holds a rotation. Throws `TypeError`. */
 export function checkedViewmat(viewmat: ArrayLike<number>): number[] {
   const m = checkedMatrix(viewmat, 16, "viewmat");
   const rows = [m.slice(0, 3), m.slice(4, 7), m.slice(8, 11)];
@@ -17,7 +17,7 @@ export function checkedViewmat(viewmat: ArrayLike<number>): number[] {
   return m;
 }
 
-/** A pose whose numbers can be drawn. Throws `TypeError`. */
+/** Return a pose with valid intrinsics and rotation. Throws `TypeError`. */
 export function checkedPose({ K, viewmat }: Pose): Pose {
   const lens = checkedMatrix(K, 9, "K");
   if (lens[0] <= 0 || lens[4] <= 0) throw new TypeError(`K must have focal lengths above 0, not ${lens[0]} and ${lens[4]}.`);

@@ -1,11 +1,11 @@
-/** A virtual reality headset, by WebXR: two views a frame of the headset's own clock. Hands are enough: a pinch plays and pauses. */
+/** Virtual reality by WebXR: two views per frame, on the headset's own clock. A pinch or trigger plays and pauses. */
 import { ReelError } from "../base/errors";
 import { HeadsetSpace } from "../camera/headset-space";
 import type { Eye } from "../draw/eye";
 import type { HeadsetLayer } from "../draw/renderer";
 import type { Player } from "./player";
 
-/** What is used of WebXR, which TypeScript does not describe. */
+/** The part of WebXR used here, which TypeScript does not describe. */
 interface XrView {
   projectionMatrix: Float32Array;
   transform: { inverse: { matrix: Float32Array } };
@@ -29,20 +29,22 @@ interface XrSystem {
 
 const system = (): XrSystem | undefined => (navigator as { xr?: XrSystem }).xr;
 
-/** Whether a headset is there. */
+/** Resolve to true if a headset is available. */
 export async function hasHeadset(): Promise<boolean> {
-  // Frames that may not ask would have the browser complain.
+  // Without this check, browsers log an error in frames that may not ask.
   const { featurePolicy } = document as { featurePolicy?: { allowsFeature(name: string): boolean } };
   if (featurePolicy?.allowsFeature("xr-spatial-tracking") === false) return false;
   return (await system()?.isSessionSupported("immersive-vr").catch(() => false)) ?? false;
 }
 
+/** Intrinsics of a view so wide that its sort order contains all that the eyes see. */
 const WIDE = { fx: 0.05, fy: 0.05, cx: 0.5, cy: 0.5 };
 
+/** A running WebXR session of a player. */
 export class Headset {
   private constructor(private readonly session: XrSession) {}
 
-  /** Show a player's reel in the headset; only as an answer to a click. `ended` is called when it is over. */
+  /** Show the reel of a player in the headset. Browsers allow this only in response to a click. ended: called when the session ends. */
   static async enter(player: Player, ended: () => void): Promise<Headset> {
     const { camera, manifest, stage } = player;
     if (!camera || !manifest || !stage) throw new ReelError("There is no reel to show in the headset yet.");
@@ -62,7 +64,7 @@ export class Headset {
       if (!player.presented) return;
       session.requestAnimationFrame(draw);
       const pose = frame.getViewerPose(space);
-      if (!pose || player.camera !== camera) return; // taken off, or another reel was opened
+      if (!pose || player.camera !== camera) return; // the headset is off, or another reel was opened
       const eyes = pose.views.flatMap((view): Eye[] => {
         const port = layer.getViewport(view);
         if (!port) return [];
@@ -70,7 +72,6 @@ export class Headset {
         return [{ framebuffer: layer.framebuffer, x, y, view: room.view(view.transform.inverse.matrix, view.projectionMatrix, width, height, camera.near) }];
       });
       if (eyes.length === 0) return;
-      // Of so short a lens that it leaves nothing out that an eye sees.
       const head = { ...room.view(pose.transform.inverse.matrix, pose.views[0].projectionMatrix, 1, 1, camera.near), ...WIDE };
       player.playback.tickInHeadset(now, head, eyes);
     };
@@ -78,7 +79,7 @@ export class Headset {
     return new Headset(session);
   }
 
-  /** Back to the page. */
+  /** End the session. */
   leave(): void {
     void this.session.end();
   }

@@ -1,24 +1,25 @@
-/** Plays a camera path: the camera follows it, and the reel's time goes with it, until a hand is on either. */
+/** Plays a camera path: moves the camera and the reel's time along it, until people move the camera or seek, play or pause. */
 import { ReelError } from "../base/errors";
 import type { CameraPath } from "../camera/camera-path";
 import type { Player } from "./player";
 
-/** Paces, in seconds of the reel a second, at which the reel plays by itself; at others it is shown time by time. */
+/** Range of rates, in seconds of the reel per second, at which the reel plays. At other rates single frames are shown. */
 const SLOWEST = 0.25;
 const FASTEST = 4;
-/** The reel's time may be so far from the path's, seconds, before it jumps. */
+/** Seconds by which the reel's time may differ from the path's before it jumps. */
 const DRIFT = 0.15;
 
+/** Leads the camera of a player along a path. */
 export class PathPlayer {
   private current: CameraPath | null = null;
-  /** Tells that the path has come to its end; null: it does not play. */
+  /** Resolves the promise of `play`; null while the path does not play. */
   private ended: (() => void) | null = null;
   private before = { rate: 1, loop: false };
-  /** The reel plays by itself. */
+  /** True while the reel plays. */
   private runs = false;
-  /** The camera has been led to the end. */
+  /** True once the camera has reached the end. */
   private over = false;
-  /** A seek that was under way at the beginning. */
+  /** True while a seek that began before `play` is pending. */
   private settling = false;
 
   constructor(private readonly player: Player) {
@@ -26,7 +27,7 @@ export class PathPlayer {
     player.addEventListener("emptied", () => this.stop());
   }
 
-  /** Emits `pathchange` at the player. */
+  /** Set the path. The player emits `pathchange`. */
   set path(path: CameraPath | null) {
     this.stop();
     this.current = path;
@@ -41,7 +42,7 @@ export class PathPlayer {
     return this.ended !== null;
   }
 
-  /** Resolves at the end, or once it was stopped. Throws `ReelError` without a path or a reel. */
+  /** Play from the start. Resolves at the end or when stopped. Throws `ReelError` without a path or a reel. */
   async play(): Promise<void> {
     const { player, path } = this;
     if (!path) throw new ReelError("There is no camera path. Set one, or load a file.");
@@ -71,18 +72,18 @@ export class PathPlayer {
     ended();
   }
 
-  /** Seconds that the camera may go on of those that have passed. */
+  /** Return the seconds by which the camera advances. seconds: time since the last frame. */
   private step(seconds: number): number {
     const { player, current: path } = this;
     if (!this.ended || !path) return seconds;
     const ride = player.camera?.following;
     if (!ride && this.over) {
-      // A step may have led beyond the end.
+      // The last step may have gone beyond the end.
       player.pause();
       this.runs = false;
       player.playback.scrub(path.at(path.seconds).time);
     }
-    // A hand took the camera, or played, paused or sought; or the path is at its end.
+    // Stop if people moved the camera or played, paused or sought, or at the end of the path.
     const taken = player.seeking ? !this.settling : player.paused === this.runs && !player.ended;
     if (ride?.path !== path || taken) {
       this.stop();
@@ -95,7 +96,7 @@ export class PathPlayer {
     return passed;
   }
 
-  /** Have the reel at the path's time; where it plays by itself, the camera keeps in step with it. */
+  /** Bring the reel to the path's time. While the reel plays, the camera follows its clock instead. */
   private lead(path: CameraPath, at: number, seconds: number): number {
     const { player } = this;
     const { time, pace } = path.at(at + seconds);
@@ -103,7 +104,7 @@ export class PathPlayer {
     if (runs && Math.abs(player.playbackRate - pace) > 1e-3) player.playbackRate = pace;
     if (runs !== this.runs) {
       this.runs = runs;
-      if (runs) player.play(true); // in silence rather than not at all
+      if (runs) player.play(true); // muted if the browser requires it
       else player.pause();
     }
     const ahead = player.currentTime - time;

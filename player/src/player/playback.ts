@@ -1,4 +1,4 @@
-/** The player's loop: once a display frame time goes on, the camera moves, and what shows then is sorted and drawn. */
+/** The player's loop: in each display frame it advances the time, moves the camera, and sorts and draws the scene. */
 import type { View } from "../base/view";
 import type { OrbitCamera } from "../camera/orbit-camera";
 import type { Eye } from "../draw/eye";
@@ -12,14 +12,14 @@ import type { PlayedRanges } from "./played-ranges";
 import type { Resolution } from "./resolution";
 import { isMostlyStatic, sceneAt, staticSceneOf } from "./scene-choice";
 
-/** Longest step of the clock, seconds: after a background tab, playback goes on where it was. */
+/** Maximum step of the clock in seconds, so that playback continues where it was after the tab was hidden. */
 const LONGEST_STEP = 0.25;
-/** A picture is seen about as long after it is begun as from one to the next; it is drawn for that later time, by no more than so many seconds. */
+/** Maximum lead in seconds. A frame appears about one frame interval after drawing begins, so it is drawn for that later time. */
 const LONGEST_LEAD = 0.033;
-/** Ticks after which the stream may think again although nothing happens: what failed may be tried again, the network may be better. */
+/** Number of ticks between updates of the stream without other events, for retries and better renditions. */
 const HEARTBEAT = 30;
 
-/** The player, as far as its loop needs it. */
+/** The part of the player that the loop needs. */
 export interface PlaybackHost {
   readonly camera: OrbitCamera | null;
   readonly clock: Clock;
@@ -32,7 +32,7 @@ export interface PlaybackHost {
   readonly error: Error | null;
   readonly paused: boolean;
   readonly played: PlayedRanges;
-  /** Files wait until people ask for pictures. */
+  /** True while downloads wait for the first interaction. */
   readonly deferred: boolean;
   readonly ended: boolean;
   readonly live: boolean;
@@ -42,24 +42,24 @@ export interface PlaybackHost {
   pause(): void;
 }
 
-/** What is so is written here only. */
+/** Owns the state of playback. Only `Playback` writes its public fields. */
 export class Playback {
-  /** Data is missing: time stands still. */
+  /** True while data is missing, and time stands still. */
   stalled = true;
-  /** Sound is missing, and pictures wait for it. */
+  /** True while playback waits for sound. */
   soundLate = false;
-  /** People went to another time, and it does not show yet. */
+  /** True from a seek until its frame is drawn. */
   seeking = false;
-  /** Something has been drawn, if only what rests. */
+  /** True once anything has been drawn, even static points alone. */
   hasPicture = false;
-  /** A whole picture has been shown. */
+  /** True once a complete frame has been drawn. */
   ready = false;
-  /** Time goes on. */
+  /** True while time advances. */
   advancing = false;
-  /** A headset shows the reel, in frames of its own. */
+  /** True while a headset shows the reel. */
   inHeadset = false;
 
-  /** A picture is being taken: nothing else is drawn. */
+  /** True while a picture is taken, during which nothing else is drawn. */
   private held = false;
   private guide: ((seconds: number) => number) | null = null;
   private lastTick = 0;
@@ -68,7 +68,7 @@ export class Playback {
 
   constructor(private readonly player: PlaybackHost) {}
 
-  /** Draw and let time go on, or stop. */
+  /** Start or stop the loop. */
   run(on: boolean): void {
     cancelAnimationFrame(this.request);
     if (!on) {
@@ -86,7 +86,7 @@ export class Playback {
   /** One display frame. */
   private tick(now: number): void {
     const { stage, camera } = this.player;
-    if (this.inHeadset) return; // which has frames of its own
+    if (this.inHeadset) return; // the headset has its own loop
     if (!stage || !camera || this.held) return void (this.lastTick = now);
     const seconds = this.secondsSinceLast(now);
     this.passTime(now, seconds);
@@ -95,7 +95,7 @@ export class Playback {
     if (view) this.drawPicture(stage, view, null, now);
   }
 
-  /** A frame of a headset: what it sees, sorted as the head looks. */
+  /** Draw a frame of a headset. head: view between the eyes, for which points are sorted. */
   tickInHeadset(now: number, head: View, eyes: Eye[]): void {
     const { stage, camera } = this.player;
     if (!stage || !camera || this.held) return;
@@ -110,7 +110,7 @@ export class Playback {
     return seconds;
   }
 
-  /** Let time go on, as long as nothing is missing, at the pace of the sound where there is any. now: milliseconds. */
+  /** Advance the time unless data is missing. If there is sound, its clock leads. now: milliseconds. */
   private passTime(now: number, seconds: number): void {
     const { player } = this;
     const { clock, soundtrack, resolution } = player;
@@ -123,7 +123,7 @@ export class Playback {
     if (++this.ticks % HEARTBEAT === 0) this.askForFiles();
   }
 
-  /** Seconds of the reel's own pace. */
+  /** Advance the clock. seconds: of real time. */
   private advance(seconds: number): void {
     const { player } = this;
     const { clock, soundtrack } = player;
@@ -146,12 +146,12 @@ export class Playback {
     }
   }
 
-  /** By what moves it: people, inertia, or a path, which says how far. */
+  /** Move the camera by input, inertia or a path. */
   private moveCamera(camera: OrbitCamera, seconds: number): void {
     if (camera.step(this.guide?.(seconds) ?? seconds)) this.player.invalidate();
   }
 
-  /** Have what shows now sorted for a view, and draw what is sorted. eyes: of a headset. */
+  /** Request a sort if needed, and draw the present order. eyes: views of a headset. */
   private drawPicture(stage: Stage, view: View, eyes: Eye[] | null, now: number): void {
     const { resolution, stream, clock, soundtrack, manifest } = this.player;
     soundtrack.spatial.listen(view.viewmat, manifest!);
@@ -167,7 +167,7 @@ export class Playback {
     if (!eyes && this.ready && resolution.becomesStill(now)) stage.redraw();
   }
 
-  /** Before the first group is here, the static layers that are. */
+  /** Sort the present scene, or the loaded static layers before the first group arrives. */
   private sort(stage: Stage, view: View): void {
     const { stream, clock: { moment }, manifest } = this.player;
     if (!this.stalled && moment) return void this.show(stage, sceneAt(moment, manifest!), view);
@@ -175,15 +175,15 @@ export class Playback {
     if (layers) void this.show(stage, layers, view);
   }
 
-  /** Sort a scene, which is what is drawn from then on: then a seek may be over, and the first picture may be whole. */
+  /** Sort a scene to draw from then on. This may end a seek or complete the first frame. */
   private async show(stage: Stage, scene: Scene, view: View): Promise<void> {
     const { player } = this;
     if (!(await stage.sort(scene, view)) || this.stalled || scene.current === null) return;
-    if (!this.ready && !this.inHeadset) stage.draw(player.clock.frame, view); // canplay: it has been drawn
+    if (!this.ready && !this.inHeadset) stage.draw(player.clock.frame, view); // `canplay` promises a drawn frame
     if (this.seeking && scene.current.group === player.clock.moment?.current.group) {
       this.seeking = false;
       player.emit("seeked");
-      this.askForFiles(); // what was on screen before may go now
+      this.askForFiles(); // the groups on screen before may be dropped now
     }
     if (this.ready) return;
     this.ready = true;
@@ -204,7 +204,7 @@ export class Playback {
     this.player.emit(late ? "waiting" : "progress");
   }
 
-  /** Tell the stream what is needed now, and see whether it is here. */
+  /** Update the demand of the stream, and check whether playback stalls. */
   askForFiles(): void {
     const { player } = this;
     const { stream, stage, clock } = player;
@@ -220,7 +220,7 @@ export class Playback {
     player.emit(here || player.paused ? "progress" : "waiting");
   }
 
-  /** Go to a time that people ask for: `seeked` comes once it shows. */
+  /** Seek. The player emits `seeked` once the frame is drawn. */
   seek(seconds: number): void {
     const { player } = this;
     player.clock.seek(seconds);
@@ -229,12 +229,12 @@ export class Playback {
     player.emit("seeking");
     player.emit("timeupdate");
     this.askForFiles();
-    // The old picture stays as it is until the new one is sorted.
+    // The old frame stays until the new one is sorted.
     player.resolution.move();
     player.stage?.resort();
   }
 
-  /** Show another time with the next picture: no seek, which people would ask for. */
+  /** Show another time without the events of a seek. */
   scrub(seconds: number): void {
     const { player } = this;
     player.clock.seek(seconds);
@@ -244,23 +244,23 @@ export class Playback {
     player.invalidate();
   }
 
-  /** Time stands still from now on. */
+  /** Stop the time. */
   pause(): void {
     this.advancing = false;
     this.player.soundtrack.rest();
   }
 
-  /** Another reel is opened, or none. A seek stays one. */
+  /** Reset the state for another reel. A pending seek stays. */
   reset(): void {
     [this.stalled, this.soundLate, this.ready, this.hasPicture, this.advancing] = [true, false, false, false, false];
   }
 
-  /** The time that people went to is not looked for any more. */
+  /** Cancel a pending seek. */
   forgetSeek(): void {
     this.seeking = false;
   }
 
-  /** guide: says how many seconds the camera may go on of those that have passed, to keep in step with the reel. */
+  /** Let a path lead the camera. guide: maps the seconds that passed to those by which the camera advances. */
   guideCamera(guide: (seconds: number) => number): void {
     this.guide = guide;
   }
@@ -273,7 +273,7 @@ export class Playback {
     this.inHeadset = false;
   }
 
-  /** Draw the picture that shows once more, at once and in full; false where there is none. */
+  /** Redraw the present frame at once in full resolution. Returns false if there is none. */
   redraw(): boolean {
     const { stage, resolution } = this.player;
     if (!stage?.view || stage.lost || this.held || !this.hasPicture) return false;
@@ -283,7 +283,7 @@ export class Playback {
     return true;
   }
 
-  /** What shows now, as a view sees it, whatever the canvas' size; nothing else is drawn meanwhile. Rejects where the reel was closed. */
+  /** Render the present scene for any view and size. Rejects if the reel was closed. */
   async takePicture(view: View): Promise<Picture> {
     const { stage, clock: { moment }, manifest } = this.player;
     if (!stage || !manifest || !moment) throw new Error("The reel was closed.");
@@ -296,7 +296,7 @@ export class Playback {
     }
   }
 
-  /** Whether what rests has most of the points of the first picture, so that it is one without the rest. */
+  /** True if the scene is mostly static, so that its static points alone are worth showing. */
   get isMostlyStatic(): boolean {
     const { manifest, clock } = this.player;
     const moment = manifest && clock.moment;

@@ -1,10 +1,11 @@
-/** The parts of a reel that were played, as `played` of HTMLMediaElement. */
+/** Played ranges of a reel, as `played` of HTMLMediaElement. */
 
-/** Seconds between two ranges that count as none. */
+/** Maximum gap in seconds between ranges that are joined. */
 const GAP = 1e-3;
 
+/** Sorted, disjoint time ranges. */
 export class PlayedRanges {
-  /** [start, end] seconds, in order of time, apart from each other. */
+  /** [start, end] in seconds. */
   private list: [number, number][] = [];
 
   get ranges(): readonly [number, number][] {

@@ -1,4 +1,4 @@
-/** Plays a reel on a canvas: what pages and controls ask it for, its states and its events. */
+/** The player: its methods, state and events, for the element and the controls. */
 import type { View } from "../base/view";
 import { waitUntil } from "../base/wait-until";
 import type { OrbitCamera } from "../camera/orbit-camera";
@@ -20,10 +20,12 @@ import type { Session } from "./session";
 import { measure, type Stats } from "./stats";
 
 /**
- * Events, named as those of HTMLMediaElement: emptied, loadstart, loadedmetadata, durationchange, loadeddata (something is drawn, if
- * only what rests), canplay (the first whole picture), play, playing (time goes on), pause, timeupdate, progress, waiting, seeking,
- * seeked, ratechange, volumechange, ended, error; deferred (files wait for people, or do not any more), notallowed (no sound before a
- * touch), drawn, pathchange (or it begins or ends).
+ * Plays a reel on a canvas.
+ *
+ * Events named as in HTMLMediaElement: emptied, loadstart, loadedmetadata, durationchange, loadeddata (something is drawn, even static
+ * points alone), canplay (the first complete frame is drawn), play, playing (time advances), pause, timeupdate, progress, waiting,
+ * seeking, seeked, ratechange, volumechange, ended, error. Others: deferred (downloads wait for an interaction, or no longer do),
+ * notallowed (the browser requires an interaction before sound), drawn, pathchange (the camera path changed, began or ended).
  */
 export class Player extends EventTarget {
   readonly clock = new Clock();
@@ -31,7 +33,7 @@ export class Player extends EventTarget {
   readonly playback = new Playback(this);
   readonly soundtrack = new Soundtrack((event) => this.emit(event), () => this.pause());
 
-  /** What of the reel was played. */
+  /** Played ranges. */
   readonly played = new PlayedRanges();
 
   private readonly lifecycle: Lifecycle;
@@ -58,17 +60,17 @@ export class Player extends EventTarget {
     });
   }
 
-  /** Whether people look: only then pictures are drawn and time goes on. */
+  /** Start or stop drawing, as the element becomes visible or hidden. */
   show(on: boolean): void {
     this.playback.run(on);
   }
 
-  /** Get files and hold a graphics device from now on: people may soon look. */
+  /** Allow downloads and a graphics device, since the element may soon be visible. */
   wake(): void {
     this.lifecycle.wake();
   }
 
-  /** Give back all that takes memory and network. Time and view stay, and `wake` goes on from there. */
+  /** Release memory, network and graphics device. Time and view stay for `wake`. */
   rest(): void {
     if (!this.lifecycle.awake) return;
     this.lifecycle.rest();
@@ -76,7 +78,7 @@ export class Player extends EventTarget {
     this.emit("progress");
   }
 
-  /** Get no more than the manifest, until people ask for pictures. */
+  /** True if only the manifest is downloaded until the first interaction. */
   get deferred(): boolean {
     return this.isDeferred;
   }
@@ -88,25 +90,25 @@ export class Player extends EventTarget {
     this.emit("deferred");
   }
 
-  /** Open a reel by its manifest's address, or one on this machine; a live one at its edge. Errors come as the `error` event. */
+  /** Open a reel by the address of its manifest, or a local one. Errors are reported by the `error` event. */
   load(source: string | LocalFiles, start: Start | null = null): Promise<void> {
     this.close();
     return this.lifecycle.load(source, start);
   }
 
-  /** Try again after an error, where it happened. */
+  /** Reopen the reel after an error, at the same time and view. */
   retry(): void {
     this.lifecycle.retry();
   }
 
-  /** Close the reel: nothing of it is left, and time is 0. */
+  /** Close the reel and go to time 0. */
   close(): void {
     this.lifecycle.close();
     this.playback.forgetSeek();
     this.played.clear();
   }
 
-  /** Use what the page has asked for before the player was here. */
+  /** Use what the page requested before the player was loaded. */
   offer(prefetched: Prefetched): void {
     this.lifecycle.offer(prefetched);
   }
@@ -117,26 +119,27 @@ export class Player extends EventTarget {
     if (!this.paused) this.soundtrack.ask();
   }
 
+  /** Dispatch an event. */
   emit(name: string): void {
     this.dispatchEvent(new Event(name));
   }
 
-  /** Whether a reel was given, wherever it is. */
+  /** True if a reel was given. */
   get hasSource(): boolean {
     return this.lifecycle.hasSource;
   }
 
-  /** The poster that the page has asked for already, "" where it has none for this reel. */
+  /** Address of the poster that the page requested early; "" if there is none for this reel. */
   get prefetchedPoster(): string {
     return this.lifecycle.prefetchedPoster;
   }
 
-  /** What belongs to the reel that is open; null while there is none, or nobody looks. */
+  /** Session of the open reel; null if there is none, or while the player rests. */
   get session(): Session | null {
     return this.lifecycle.session;
   }
 
-  /** The camera people steer; null until the manifest is here. */
+  /** Interactive camera; null until the manifest arrives. */
   get camera(): OrbitCamera | null {
     return this.lifecycle.camera;
   }
@@ -157,12 +160,12 @@ export class Player extends EventTarget {
     return this.clock.manifest;
   }
 
-  /** Where the reel begins, seconds: what was before may have been dropped. */
+  /** Start of the reel, in seconds. A live reel may have dropped what was before. */
   get earliest(): number {
     return this.clock.earliest;
   }
 
-  /** Where it ends, seconds; of a live reel, what there is so far. */
+  /** End of the reel, in seconds; of a live reel, the end so far. */
   get duration(): number {
     return this.clock.duration;
   }
@@ -198,24 +201,24 @@ export class Player extends EventTarget {
     this.emit("ratechange");
   }
 
-  /** Names of what there is to choose from, best first. */
+  /** Names of the renditions, best first. */
   get renditions(): string[] {
     return this.manifest?.renditions ?? [];
   }
 
-  /** The rendition that is to be shown, from the next group on that does not show yet; null: whichever does best. */
+  /** The chosen rendition, used from the next group on; null to adapt. */
   get rendition(): string | null {
     return this.choice;
   }
 
   set rendition(name: string | null) {
     this.choice = name;
-    // A reel that has none of this name plays as it does best.
+    // A reel without a rendition of this name adapts.
     this.stream?.choose(name !== null && this.renditions.includes(name) ? name : null);
     this.emit("progress");
   }
 
-  /** The rendition that shows. */
+  /** The rendition on screen. */
   get shownRendition(): string | null {
     const moment = this.stream && this.manifest && this.clock.moment;
     return moment ? this.stream!.renditionOf(moment.current.group) : null;
@@ -233,55 +236,55 @@ export class Player extends EventTarget {
     return this.clock.ended;
   }
 
-  /** Time moves on only when this is false: data is missing. */
+  /** True while playback waits for data or sound. */
   get waiting(): boolean {
     return this.playback.stalled || this.playback.soundLate;
   }
 
-  /** What is missing is being got: there is something to wait for. */
+  /** True while files that playback needs are downloading. */
   get busy(): boolean {
     const { session, stream } = this;
     return session !== null && !this.error && (!stream || (!this.deferred && (this.waiting || stream.busy)));
   }
 
-  /** Of the bytes that are waited for, the part that is here, 0..1. */
+  /** Received part of the bytes that playback waits for, 0 to 1. */
   get progress(): number {
     return this.stream?.progress ?? 0;
   }
 
-  /** Why it takes so long, for people; null while there is nothing to say. */
+  /** Reason for a delay, to show to people; null if there is none. */
   get notice(): string | null {
     return this.session?.trouble ?? this.stream?.trouble ?? this.soundtrack.trouble;
   }
 
-  /** A headset shows the reel. */
+  /** True while a headset shows the reel. */
   get presented(): boolean {
     return this.playback.inHeadset;
   }
 
-  /** True once a whole picture has been shown. */
+  /** True once a complete frame has been drawn. */
   get canPlay(): boolean {
     return this.playback.ready;
   }
 
-  /** Time ranges whose groups are here, [start, end] seconds. */
+  /** Time ranges that can be shown, [start, end] in seconds. */
   get buffered(): [number, number][] {
     return this.stream?.buffered ?? [];
   }
 
-  /** Seconds that are here beyond the present time. */
+  /** Buffered seconds after the present time. */
   get ahead(): number {
     const { seconds } = this.clock;
     return (this.buffered.find(([start, end]) => start <= seconds && seconds <= end)?.[1] ?? seconds) - seconds;
   }
 
-  /** How the player is doing. */
+  /** Statistics; null without an open reel. */
   get stats(): Stats | null {
     const { session, stage, stream, manifest, canvas, resolution, shownRendition: rendition, ahead } = this;
     return session && stage && stream && manifest ? measure({ stage, stream, decoders: session.decoders, manifest, canvas, resolution, rendition, ahead, moment: this.clock.moment }) : null;
   }
 
-  /** automatic: a page's wish, which is fulfilled in silence where the browser does not allow sound. */
+  /** Start to play. automatic: play muted if the browser does not allow sound. */
   play(automatic = false): void {
     if (this.clock.playing) return;
     if (this.ended) this.currentTime = this.earliest;
@@ -298,20 +301,20 @@ export class Player extends EventTarget {
     this.emit("pause");
   }
 
-  /** Pause, and go some frames on or back. */
+  /** Pause, and step by a number of frames. */
   step(frames: number): void {
     if (!this.manifest) return;
     this.pause();
     this.currentTime = this.clock.timeAfter(frames);
   }
 
-  /** The camera or the size changed: draw again. */
+  /** Draw again, because the camera or the size changed. */
   invalidate(): void {
     this.resolution.move();
     this.stage?.invalidate();
   }
 
-  /** The view in as many pixels as the device keeps up with; null while the canvas has no size. */
+  /** View of the canvas, at the resolution that the device keeps up with; null while the canvas has no size. */
   get view(): View | null {
     const ratio = this.resolution.ratio;
     const width = Math.round(this.canvas.clientWidth * ratio);
@@ -319,12 +322,12 @@ export class Player extends EventTarget {
     return this.camera && width > 0 && height > 0 ? this.camera.view(width, height) : null;
   }
 
-  /** Resolves when a whole picture has been shown; rejects on an error. */
+  /** Resolve once a complete frame has been drawn; reject on an error. */
   whenReady(): Promise<void> {
     return waitUntil(this, "canplay", () => this.canPlay);
   }
 
-  /** RGBA bytes of one settled picture of exactly this pose and size. Throws `TypeError` where a number is none. */
+  /** Pause, seek, and render one image of this pose and size. Throws `TypeError` for invalid numbers. */
   async renderAt(seconds: number, pose: Pose, width: number, height: number): Promise<Picture> {
     for (const size of [width, height]) finite(size, "A picture's size");
     finite(seconds, "seconds");
@@ -336,5 +339,4 @@ export class Player extends EventTarget {
     const near = this.manifest?.near ?? 0;
     return this.playback.takePicture({ viewmat, fx: K[0], fy: K[4], cx: K[2], cy: K[5], width, height, near });
   }
-
 }

@@ -1,4 +1,4 @@
-/** What `early` has asked for: the text of the manifest at an address, null if that failed; the poster; the first worker. */
+/** Early requests of the page: text of the manifest at `url` (null if that failed), the poster, and the first worker. */
 export interface Prefetched {
   url: string;
   text: Promise<string | null>;

@@ -1,26 +1,28 @@
-/** Pixels of the picture per CSS pixel: as many as the device keeps up with, and all of them once nothing moves. */
+/** Adaptive resolution: as many pixels as the device keeps up with, and full resolution while nothing moves. */
 
+/** Setting of the menu. */
 export type Quality = "auto" | "full" | "half";
 
-/** Above this mean interval of pictures, milliseconds, the picture gets coarser; below the other one finer. */
+/** Mean frame interval in milliseconds above which the resolution decreases, and below which it increases. */
 const SLOW = 27;
 const FAST = 17.5;
-/** What is aimed at when it gets coarser. */
-const AIM = 22;
-/** Above this one there are too many points for the device. */
+/** Frame interval that a decrease aims at. */
+const TARGET = 22;
+/** Frame interval above which the device has too many points to draw. */
 const STRUGGLING = 45;
-/** Pictures to judge by; fewer where they take so many milliseconds together. */
+/** Number of frames per decision; fewer if together they take LONG milliseconds. */
 const WINDOW = 12;
 const FEWEST = 3;
 const LONG = 300;
 const COARSEST = 0.5;
-/** Pauses longer than this, milliseconds, say nothing about the device. */
+/** Milliseconds above which an interval is a pause and does not count. */
 const PAUSE = 2000;
-/** Milliseconds without a new picture after which the last one is drawn in full. */
+/** Milliseconds without a new frame after which the last one is redrawn in full resolution. */
 const REST = 250;
 
+/** Chooses the pixel ratio by the frame interval. */
 export class Resolution {
-  /** Mean milliseconds between pictures that follow each other. */
+  /** Mean frame interval in milliseconds. */
   interval = 1000 / 60;
 
   private chosen: Quality = "auto";
@@ -30,11 +32,11 @@ export class Resolution {
   private still = false;
   private count = 0;
   private spent = 0;
-  /** Windows to wait before trying a finer picture again: twice as many after each that was too fine. */
+  /** Decisions to wait before an increase. It doubles after each increase that was too much. */
   private patience = 2;
   private waited = 0;
 
-  /** What people chose: automatic, or a fixed share of the pixels. */
+  /** The chosen setting. */
   get quality(): Quality {
     return this.chosen;
   }
@@ -49,34 +51,34 @@ export class Resolution {
     return device * { auto: this.still ? 1 : this.scale, full: 1, half: 0.5 }[this.chosen];
   }
 
-  /** The device does not keep up, however coarse the picture may get. */
+  /** True if the device does not keep up even at the lowest resolution. */
   get struggling(): boolean {
     return this.interval > STRUGGLING && (this.chosen !== "auto" || this.scale <= COARSEST);
   }
 
-  /** Begin with few pixels: the device is known to be slow. */
+  /** Begin at the lowest resolution, for a slow device. */
   startCoarse(): void {
     this.scale = COARSEST;
   }
 
-  /** Nothing moves from now on: the next picture is one in full. */
+  /** Use full resolution from now on, since nothing moves. */
   settle(): void {
     this.still = true;
   }
 
-  /** Something changes: pictures follow each other again. */
+  /** Use the adaptive resolution again, since something moves. */
   move(): void {
     this.still = false;
   }
 
-  /** Whether the picture should be drawn once more, in full, since nothing moves. */
+  /** Return true once nothing has moved for a while, so that the frame should be redrawn in full resolution. */
   becomesStill(now: number): boolean {
     if (this.still || this.chosen !== "auto" || this.scale === 1 || now - this.lastDrawn < REST) return false;
     this.still = true;
     return true;
   }
 
-  /** Tell of every tick whether it drew, and when; true where there are enough pictures to judge by. */
+  /** Report a tick and whether it drew. Returns true if a decision was made. */
   drawn(drawn: boolean, now: number): boolean {
     const interval = now - this.last;
     this.last = drawn && !this.still ? now : 0;
@@ -93,7 +95,7 @@ export class Resolution {
   private judge(interval: number): void {
     if (interval > SLOW && this.scale > COARSEST) {
       if (this.waited === 0) this.patience *= 2;
-      this.scale = Math.max(this.scale * Math.min(Math.sqrt(AIM / interval), 0.8), COARSEST);
+      this.scale = Math.max(this.scale * Math.min(Math.sqrt(TARGET / interval), 0.8), COARSEST);
       this.waited = 0;
     } else if (interval < FAST && this.scale < 1 && ++this.waited > this.patience) {
       this.scale = Math.min(1.25 * this.scale, 1);

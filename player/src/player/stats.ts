@@ -1,4 +1,4 @@
-/** Numbers on how the player is doing. */
+/** Statistics of the player. */
 import type { Stage } from "../draw/stage";
 import type { Manifest } from "../reel/manifest";
 import { firstFrameOf, type Moment } from "../reel/timeline";
@@ -6,26 +6,27 @@ import type { DecoderPool } from "../stream/decoder-pool";
 import type { Stream } from "../stream/stream";
 import type { Resolution } from "./resolution";
 
+/** The statistics. */
 export interface Stats {
-  /** Pictures a second, while it plays or the view moves. */
+  /** Frames per second, while anything moves. */
   fps: number;
-  /** Points that are sorted and drawn. */
+  /** Number of points drawn. */
   points: number;
   width: number;
   height: number;
-  /** What shows, of a reel that there is in several renditions. */
+  /** The rendition on screen; null for a reel without renditions. */
   rendition: string | null;
-  /** Bits a second that the reel takes now, and that the network gave last. */
+  /** Bits per second of the present group, and of the network. */
   bitrate: number;
   throughput: number;
-  /** Seconds that are here beyond the present time. */
+  /** Buffered seconds after the present time. */
   ahead: number;
-  /** The last file's decoding, and the last sort. */
+  /** Durations of the last decoding and the last sort. */
   decodeMilliseconds: number;
   sortMilliseconds: number;
 }
 
-/** What the numbers are taken from. */
+/** Sources of the statistics. */
 export interface Measured {
   stage: Stage;
   stream: Stream;
@@ -38,6 +39,7 @@ export interface Measured {
   moment: Moment | null;
 }
 
+/** Return the statistics. */
 export function measure({ stage, stream, decoders, manifest, canvas, resolution, rendition, ahead, moment }: Measured): Stats {
   const { groups, fps, frames } = manifest;
   const group = moment && groups[moment.current.group];
@@ -56,7 +58,7 @@ export function measure({ stage, stream, decoders, manifest, canvas, resolution,
   };
 }
 
-/** A line each for the overlay. */
+/** Return a name and a text per line of the overlay. */
 export function describe(stats: Stats): [string, string][] {
   const megabits = (bits: number): string => `${(bits / 1e6).toFixed(1)} Mbit/s`;
   const milliseconds = (value: number): string => `${value.toFixed(value < 10 ? 1 : 0)} ms`;

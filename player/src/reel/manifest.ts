@@ -1,4 +1,4 @@
-/** manifest.json of a reel (docs/format.md): reading and checking. */
+/** Reading and checking of a reel's manifest.json (docs/format.md). */
 import { PLAIN, ReelError } from "../base/errors";
 import type { Vec3 } from "../base/matrix";
 import { downloadText } from "../files/download";
@@ -7,9 +7,9 @@ import type { Source, Watcher } from "../files/source";
 import { list, number, numbers, positive, record, whole, type Json } from "./json";
 import { LAST, numbered, parsePages, type Listing } from "./pages";
 import { parsePresentation, type Asset, type Presentation } from "./presentation";
-import { parseGroup, parseLayers, parsePassingLayers } from "./reel-file";
+import { parseGroup, parseLayers, parseRetiringLayers } from "./reel-file";
 
-/** A pinhole camera, OpenCV: K [9] in pixels and viewmat [16] world to camera, both row by row. */
+/** A pinhole camera (OpenCV): K [9] in pixels and viewmat [16], world to camera, both row-major. */
 export interface Camera {
   name: string;
   width: number;
@@ -18,47 +18,48 @@ export interface Camera {
   viewmat: number[];
 }
 
-/** The room that a viewer has before static points: around a new place there may be some that only looked well from far away. */
+/** Distance within which static points are hidden, since those near a new viewpoint may only have looked well from afar. */
 export interface Clearance {
   focus: Vec3;
   share: number;
 }
 
+/** A checked manifest. */
 export interface Manifest extends Listing {
-  /** Absolute; the files' uris are relative to it. */
+  /** Absolute. The URIs of files are relative to it. */
   url: string;
-  /** Groups are still being added; there may be none yet. */
+  /** True while groups are still being added. There may be none yet. */
   live: boolean;
   fps: number;
   frames: number;
   shDegree: number;
   bounds: [Vec3, Vec3];
   up: Vec3;
-  /** Least depth to draw, world units. */
+  /** Near plane, in world units. */
   near: number;
-  /** What rests and is nearer to a viewer than `share` of the depth of `focus` is not drawn. */
+  /** Static points nearer than `share` of the depth of `focus` are not drawn. */
   clearance: Clearance;
-  /** Red, green and blue, 0 to 1, where nothing is; the light falls on it as well. */
+  /** Background color: red, green and blue, 0 to 1. The light of a group scales it. */
   background: Vec3;
-  /** Splats thinner than a pixel are drawn fainter. */
+  /** True if splats thinner than a pixel are drawn fainter. */
   antialias: boolean;
   camera: Camera;
   cameras: Camera[];
-  /** What there is for people beside the points. */
+  /** Texts, images, sound and limits. */
   presentation: Presentation;
-  /** Where the files are, of a reel on this machine; null: on the network. */
+  /** Files of a local reel; null for one on the network. */
   files: LocalFiles | null;
 }
 
-/** Download and check a manifest. Throws `ReelError` with the url in its message. */
+/** Download and check a manifest. early: its text, already requested; null if that failed. Throws `ReelError` with the URL in its message. */
 export async function loadManifest(url: string, watcher: Watcher, signal: AbortSignal, early?: Promise<string | null>): Promise<Manifest> {
   const text = (await early) ?? (await downloadText(url, watcher, signal));
   return parseText(text, new URL(url, location.href).href);
 }
 
-/** The manifest of a reel on this machine. Throws `ReelError`. */
+/** Read and check the manifest of a local reel. Throws `ReelError`. */
 export async function readManifest(files: LocalFiles): Promise<Manifest> {
-  // Nothing is added to it any more.
+  // A local copy does not grow.
   return { ...parseText(await files.manifest(), files.url), files, live: false };
 }
 
@@ -72,7 +73,7 @@ function parseText(text: string, url: string): Manifest {
   return parseManifest(value, url);
 }
 
-/** Check a manifest's fields; unknown ones are ignored, an unknown version is an error. */
+/** Check the fields of a manifest. Unknown fields are ignored; an unknown version throws. */
 export function parseManifest(value: unknown, url: string): Manifest {
   const json = record(value, "the manifest");
   if (json.format !== "splatreel") throw new ReelError(`${url} is not a reel: its format is ${JSON.stringify(json.format)}.`, { plain: PLAIN.other });
@@ -87,10 +88,10 @@ export function parseManifest(value: unknown, url: string): Manifest {
   const pages = parsePages(second ? (json.pages ?? []) : [], first);
   const begin = pages.reduce((number, { count }) => number + count, first);
   const own = list(json.groups, "groups");
-  const layers = second ? parsePassingLayers(json.layers, begin, begin + own.length) : parseLayers(json.layers);
+  const layers = second ? parseRetiringLayers(json.layers, begin, begin + own.length) : parseLayers(json.layers);
   const groups = own.map((item, i) => parseGroup(item, begin + i, renditions, layers));
   const live = json.live === true;
-  if (groups.length === 0 && (!live || pages.length > 0)) throw new ReelError(`${url} holds no group yet.`, { plain: "Nothing of this reel is here yet." });
+  if (groups.length === 0 && (!live || pages.length > 0)) throw new ReelError(`${url} holds no group yet.`, { plain: "This reel has no content yet." });
   const end = groups.reduce((last, group) => Math.max(last, group.firstFrame + group.frames), 0);
   if (json.frames !== end) throw new ReelError(`The manifest is damaged: it has ${JSON.stringify(json.frames)} frames, and its groups ${end}.`);
   if (pages.length > 0 && pages.at(-1)!.firstFrame >= groups[0].firstFrame) throw new ReelError("The manifest is damaged: its pages end after its groups begin.");
@@ -119,23 +120,23 @@ export function parseManifest(value: unknown, url: string): Manifest {
   };
 }
 
-/** Whether two manifests are of one reel: that of a live one grows. */
+/** Return true if two manifests belong to the same reel, which may have grown. */
 export function isSameReel(a: Manifest, b: Manifest | null): boolean {
   return a.url === b?.url && a.files === b.files;
 }
 
-/** Whether two manifests name the same files, with the same contents. */
+/** Return true if two manifests name the same files with the same contents. */
 export function hasSameFiles(a: Manifest, b: Manifest): boolean {
   const [one, other] = [a, b].map(({ layers, groups, pages, first }) => JSON.stringify([layers, groups, pages, first]));
   return one === other;
 }
 
-/** Where to get a file of a reel: `download` takes it. */
+/** Return the source of a file of a reel, for `download`. */
 export function sourceOf({ url, files }: Manifest, { uri, bytes, sha256 }: Asset): Source {
   return { url: new URL(uri, url).href, bytes, sha256, part: files?.part(uri) };
 }
 
-/** An address of a picture of a reel, for an image of the page. */
+/** Return the address of an image of a reel. */
 export async function addressOf({ url, files }: Manifest, { uri }: Asset): Promise<string> {
   return files ? files.address(uri) : new URL(uri, url).href;
 }
@@ -152,11 +153,11 @@ function parseClearance(json: Json): Clearance {
   return { focus: numbers(json.focus, 3, "clearance focus") as Vec3, share };
 }
 
-/** Of the renditions. One alone is none to choose from. */
+/** Parse the names of renditions. Returns none if there is only one. */
 function parseNames(value: unknown): string[] {
   const names = list(value ?? [], "renditions").map((item) => record(item, "a rendition").name);
   const valid = names.filter((name): name is string => typeof name === "string" && /^[a-z0-9][a-z0-9_-]{0,31}$/.test(name));
-  if (new Set(valid).size < names.length || names.length > 16) throw new ReelError("The manifest is damaged: its renditions have no names of their own.");
+  if (new Set(valid).size < names.length || names.length > 16) throw new ReelError("The manifest is damaged: its renditions lack distinct names.");
   return valid.length > 1 ? valid : [];
 }
 

@@ -1,25 +1,25 @@
-/** What a manifest says for people beside the points: words, pictures, sound, and how far views hold (docs/format.md). All optional. */
+/** The optional parts of a manifest: texts, images, sound, and limits of the view (docs/format.md). */
 import { ReelError } from "../base/errors";
 import type { Vec3 } from "../base/matrix";
 import { list, number, numbers, plainPath, positive, record, within, type Json } from "./json";
 
-/** What any asset may have at most, in bytes. */
+/** Maximum bytes of an asset. */
 const MAX_ASSET = 64 << 20;
 
-/** A file without points. uri: relative to the manifest. */
+/** A file of the reel. uri: relative to the manifest. */
 export interface Asset {
   uri: string;
   bytes: number;
   sha256: string | null;
 }
 
-/** A picture of the start camera at the first frame. */
+/** Image of the first frame, seen by the start camera. */
 export interface Poster extends Asset {
   width: number;
   height: number;
 }
 
-/** Pictures of width x height pixels; the k-th of `count` shows k * seconds. Sheets of columns x rows of them, row by row. */
+/** Thumbnails of width x height pixels in sheets of columns x rows, row by row. Number k of `count` shows the time k * seconds. */
 export interface Thumbnails {
   width: number;
   height: number;
@@ -30,13 +30,13 @@ export interface Thumbnails {
   sheets: Asset[];
 }
 
-/** From `start`, seconds of the reel, on. */
+/** A piece of sound that begins at `start`, in seconds of the reel. */
 export interface SoundSegment extends Asset {
   start: number;
   seconds: number;
 }
 
-/** `init`, and any run of consecutive segments after it, is a stream of `type`. position: null: from everywhere. */
+/** Sound track: `init` followed by any run of consecutive segments is a stream of `type`. position: source, or null for sound from everywhere. */
 export interface Sound {
   type: string;
   rate: number;
@@ -46,7 +46,7 @@ export interface Sound {
   position: Vec3 | null;
 }
 
-/** Where views hold; null: no limit. angle: degrees, seen from the focus, to the nearest camera. floor: height along `up`. */
+/** Limits of the view, each null for none. angle: degrees between view and nearest camera, seen from the focus. floor: height along `up`. */
 export interface Limits {
   focus: Vec3;
   angle: number | null;
@@ -54,6 +54,7 @@ export interface Limits {
   floor: number | null;
 }
 
+/** Texts, images, sound and limits of a reel. */
 export interface Presentation {
   title: string;
   author: string;
@@ -65,6 +66,7 @@ export interface Presentation {
   limits: Limits | null;
 }
 
+/** Parse the optional parts of a manifest. */
 export function parsePresentation(json: Json): Presentation {
   const part = <T>(name: string, parse: (value: Json) => T): T | null => (json[name] == null ? null : parse(record(json[name], name)));
   return {
@@ -81,10 +83,11 @@ export function parsePresentation(json: Json): Presentation {
 
 function text(json: Json, name: string): string {
   const value = json[name] ?? "";
-  if (typeof value !== "string") throw new ReelError(`The manifest is damaged: its ${name} is no text.`);
+  if (typeof value !== "string") throw new ReelError(`The manifest is damaged: its ${name} is not a text.`);
   return value.slice(0, 2000);
 }
 
+/** Parse a file entry of at most `most` bytes. */
 export function parseAsset(value: unknown, most = MAX_ASSET): Asset {
   const json = record(value, "a file");
   return { uri: plainPath(json.uri), bytes: within(json.bytes, 1, most, "bytes"), sha256: typeof json.sha256 === "string" ? json.sha256 : null };

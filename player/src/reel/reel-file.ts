@@ -1,38 +1,39 @@
-/** A file of points, as the manifest or one of its pages tells of it: reading and checking. */
+/** Entry of a layer or group in the manifest or a page. */
 import { ReelError } from "../base/errors";
-import { MOST_FRAMES, mostPoints } from "./budget";
+import { MAX_FRAMES, maxPoints } from "./budget";
 import { list, number, plainPath, record, whole, type Json } from "./json";
 import type { Asset } from "./presentation";
 
-/** Bytes of the largest file that is read. */
-const MOST_BYTES = 2 ** 30;
+/** Maximum bytes of a file. */
+const MAX_BYTES = 2 ** 30;
 
+/** A layer or group file. */
 export interface ReelFile extends Asset {
   firstFrame: number;
-  /** Frames the file holds; 0 for a layer. */
+  /** Number of frames; 0 for a layer. */
   frames: number;
   points: number;
-  /** The group at which a layer was born; a group's own number for groups. */
+  /** The group at which a layer was born; for a group, its own number. */
   group: number;
-  /** The group at which a layer is retired: it lives at those before; Infinity: at all. */
+  /** The group at which a layer is retired; Infinity if it never is. */
   until: number;
-  /** Groups: layers in order of birth, among them all that live at it. */
+  /** For a group: layers in order of birth, among them all that live at the group. */
   layers: ReelFile[];
-  /** The same group in the other renditions, by name. */
+  /** For a group: its files in the other renditions, by name. */
   renditions: Map<string, ReelFile>;
 }
 
-/** A group's file in a rendition; its own is that of the first. */
+/** Return the file of a group in a rendition; the first rendition for an unknown name. */
 export function fileOf(group: ReelFile, rendition: string): ReelFile {
   return group.renditions.get(rendition) ?? group;
 }
 
-/** The layers that live at a group, in the order in which its `alive` counts their points. */
+/** Return the layers that live at a group, in the order in which its `alive` flags list their points. */
 export function layersAt({ group: at, layers }: ReelFile): ReelFile[] {
   return layers.filter(({ group, until }) => group <= at && at < until);
 }
 
-/** Layers of version 1, in order of birth: none is retired. */
+/** Parse the layers of version 1, in order of birth. None is retired. */
 export function parseLayers(value: unknown): ReelFile[] {
   const layers = list(value, "layers").map(parseFile);
   const sum = (field: "points" | "bytes"): number => layers.reduce((total, layer) => total + layer[field], 0);
@@ -40,8 +41,8 @@ export function parseLayers(value: unknown): ReelFile[] {
   return layers;
 }
 
-/** Layers of version 2, in order of birth, those of one group the longest-lived first; what is retired lives at a group from `first` on and before `end`. */
-export function parsePassingLayers(value: unknown, first: number, end: number): ReelFile[] {
+/** Parse the layers of version 2, in order of birth, and for one group the longest-lived first. Retired layers live at a group from `first` to before `end`. */
+export function parseRetiringLayers(value: unknown, first: number, end: number): ReelFile[] {
   const layers = parseLayers(value).map((layer, index) => {
     const { until } = (value as Json[])[index];
     return until === undefined ? layer : { ...layer, until: whole(until, Math.max(layer.group, first) + 1, 2 ** 40, `until of ${layer.uri}`) };
@@ -54,7 +55,7 @@ export function parsePassingLayers(value: unknown, first: number, end: number): 
   return layers;
 }
 
-/** A group in all its renditions; `value` itself is the first. layers: among them those that live at it. */
+/** Parse a group with its renditions. `value` is the first rendition. layers: must contain those that live at the group. */
 export function parseGroup(value: unknown, index: number, names: string[], layers: ReelFile[]): ReelFile {
   const group = { ...parseFile(value, index), group: index, layers };
   const others = record((value as Json).renditions ?? {}, "a group's renditions");
@@ -69,11 +70,11 @@ export function parseGroup(value: unknown, index: number, names: string[], layer
 function parseFile(value: unknown, index: number): ReelFile {
   const json = record(value, "a file");
   const uri = plainPath(json.uri);
-  const bytes = whole(json.bytes, 1, MOST_BYTES, `bytes of ${uri}`);
+  const bytes = whole(json.bytes, 1, MAX_BYTES, `bytes of ${uri}`);
   const points = number(json.points, `points of ${uri}`);
   const frames = number(json.frames ?? 0, "frames");
   checkPoints("files", points, bytes);
-  if (frames > MOST_FRAMES) throw new ReelError(`The manifest is damaged: a group of ${frames} frames.`);
+  if (frames > MAX_FRAMES) throw new ReelError(`The manifest is damaged: a group of ${frames} frames.`);
   return {
     uri,
     bytes,
@@ -88,7 +89,7 @@ function parseFile(value: unknown, index: number): ReelFile {
   };
 }
 
-/** Points take memory, and repeated ones no bytes. */
+/** Limit the number of points, since repeated points compress to almost nothing. */
 function checkPoints(what: string, points: number, bytes: number): void {
-  if (!(points >= 0 && points <= mostPoints(bytes))) throw new ReelError(`The manifest is damaged: ${what} of ${bytes} bytes are to hold ${points} points.`);
+  if (!(points >= 0 && points <= maxPoints(bytes))) throw new ReelError(`The manifest is damaged: ${what} of ${bytes} bytes are to hold ${points} points.`);
 }

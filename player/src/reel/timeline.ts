@@ -1,42 +1,44 @@
-/** What is shown at time t: the rules of "Showing time t" in docs/format.md. */
+/** The groups shown at a time, by the rules of "Showing time t" in docs/format.md. */
 
+/** A range of frames. */
 export interface Span {
   firstFrame: number;
   frames: number;
 }
 
-/** So many groups, from the one of number `group` on, which are listed in a file of their own. */
+/** The `count` groups of a page, from number `group` on. */
 export interface PageSpan extends Span {
   group: number;
   count: number;
 }
 
-/** Which groups show when: of a manifest. */
+/** The groups of a manifest over time. */
 export interface Schedule {
-  /** The number of the first group: those before it were dropped, or never were. */
+  /** Number of the first group. Those before it were dropped or never existed. */
   first: number;
-  /** By their numbers; those of a page that is not here are missing. */
+  /** Groups by number. Those of pages that are not loaded are missing. */
   groups: Span[];
-  /** In order of time; the groups after them are all here. */
+  /** Pages in order of time. The manifest lists all groups after them. */
   pages: PageSpan[];
   overlap: number;
 }
 
-/** A group and the frame within it, clamped to its own frames. */
+/** A group and the frame to show of it, clamped to its own frames. */
 export interface Shown {
   group: number;
   frame: number;
 }
 
+/** The groups shown at a time. */
 export interface Moment {
   current: Shown;
-  /** The group that fades out, if one does. */
+  /** The group that fades out; null outside of a cross-fade. */
   previous: Shown | null;
-  /** Weight of what is new in the current group, 0..1. */
+  /** Weight of the current group, 0 to 1. */
   weight: number;
 }
 
-/** The last group whose first frame is at most `frame` (the first group for earlier times); in a page that is not here, its first. */
+/** Return the last group that begins at or before `frame`, or the first group. In a page that is not loaded, return its first group. */
 export function groupAt({ first, groups, pages }: Schedule, frame: number): number {
   const page = pages.findLast(({ firstFrame }) => firstFrame <= frame) ?? pages[0];
   const last = pages.at(-1);
@@ -54,12 +56,12 @@ export function groupAt({ first, groups, pages }: Schedule, frame: number): numb
   return low;
 }
 
-/** A group's first frame, where that is known: pages say it of their first. */
+/** Return the first frame of a group; undefined in a page that is not loaded, except for its first group. */
 export function firstFrameOf({ groups, pages }: Schedule, group: number): number | undefined {
   return (groups[group] ?? pages.find((page) => page.group === group))?.firstFrame;
 }
 
-/** The moment at `seconds`; null: a page that says so is not here. */
+/** Return the moment at `seconds`; null if its page is not loaded. */
 export function momentAt(schedule: Schedule, fps: number, seconds: number): Moment | null {
   const { groups } = schedule;
   const frame = seconds * fps;
@@ -73,25 +75,25 @@ export function momentAt(schedule: Schedule, fps: number, seconds: number): Mome
   };
 }
 
-/** The pages that are not here and say what shows at a frame: of its group, and of the one before it while that fades out. */
+/** Return the pages that must be loaded for a frame: that of its group, and that of the group that fades out. */
 export function missingPages<P extends PageSpan>(schedule: Schedule & { pages: P[] }, frame: number): P[] {
   const group = groupAt(schedule, frame);
   const fading = group > schedule.first && frame - firstFrameOf(schedule, group)! < schedule.overlap;
   return (fading ? [group, group - 1] : [group]).filter((number) => !schedule.groups[number]).map((number) => pageOf(schedule.pages, number)!);
 }
 
-/** The page that a group is in. */
+/** Return the page of a group. */
 export function pageOf<P extends PageSpan>(pages: P[], number: number): P | undefined {
   return pages.find(({ group, count }) => group <= number && number < group + count);
 }
 
-/** Weight of what is new in a group, 0..1, if it is taken as the current one, whether or not its time has come. */
+/** Return the weight of a group at a frame, 0 to 1, if it were the current one. */
 export function weightAt({ first, groups, overlap }: Schedule, frame: number, group: number): number {
   const share = overlap > 0 && group > first ? Math.min(Math.max((frame - groups[group].firstFrame) / overlap, 0), 1) : 1;
   return share * share * (3 - 2 * share);
 }
 
-/** A frame of the video, counted from the group's first and kept within what the group holds. */
+/** Return the frame within a group for a frame of the video, clamped to the group. */
 export function clampFrame(group: Span, frame: number): number {
   return Math.min(Math.max(frame - group.firstFrame, 0), Math.max(group.frames - 1, 0));
 }
@@ -99,16 +101,16 @@ export function clampFrame(group: Span, frame: number): number {
 export const ALIVE_NOW = 1;
 export const ALIVE_BEFORE = 2;
 
-/** Which static points a group shows: of some layers, one after the other. */
+/** Flags of the static points that a group shows, over the layers in `layers`. */
 export interface Alive {
   alive: Uint8Array;
   layers: string[];
 }
 
 /**
- * By layer, which of its points show in a group and in the one before it, as bits ALIVE_NOW and ALIVE_BEFORE. counts: points of
- * each layer. Points that a bitmap does not tell of are not alive in its group. Without a group before (null) nothing fades: what
- * is alive is alive in both. Without a group at all everything is.
+ * Return by layer which points are alive in a group and in the one before it, as bits ALIVE_NOW and ALIVE_BEFORE. counts: points per
+ * layer. Points beyond the end of `alive` are not alive. Without a previous group (null) both bits are equal, so that nothing fades.
+ * Without any group all points are alive.
  */
 export function staticFlags(counts: Map<string, number>, now: Alive | null, before: Alive | null): Map<string, Uint8Array> {
   const flags = new Map([...counts].map(([layer, count]) => [layer, new Uint8Array(count).fill(now ? 0 : ALIVE_NOW | ALIVE_BEFORE)]));
@@ -116,7 +118,7 @@ export function staticFlags(counts: Map<string, number>, now: Alive | null, befo
     let first = 0;
     for (const layer of layers) {
       const own = flags.get(layer);
-      if (!own) return; // where the next one begins is not known
+      if (!own) return; // the offset of the next layer is unknown
       for (let i = 0; i < Math.min(own.length, alive.length - first); i++) own[i] |= alive[first + i] * bit;
       first += own.length;
     }
@@ -128,7 +130,7 @@ export function staticFlags(counts: Map<string, number>, now: Alive | null, befo
   return flags;
 }
 
-/** Weight of a static point by its flags, 0..3. */
+/** Return the weights of static points, indexed by their flags 0 to 3. */
 export function staticWeights(weight: number): [number, number, number, number] {
   return [0, weight, 1 - weight, 1];
 }

@@ -1,29 +1,30 @@
-/** Two ways to give sound that comes in segments to an audio element: MediaSource, or one file in memory where a browser has none. */
+/** Feeds sound segments to an audio element: by MediaSource, or as one file in memory if the browser lacks it. */
 import { ReelError } from "../base/errors";
 import type { SoundSegment } from "../reel/presentation";
 
+/** Destination of sound segments. */
 export interface SoundFeed {
-  /** Nothing plays before all segments are here. */
+  /** True if all segments must be loaded before playback. */
   readonly whole: boolean;
-  /** What is held can be played. */
+  /** True if the loaded segments can be played. */
   readonly ready: boolean;
   holds(segment: SoundSegment): boolean;
-  /** Take the head of the stream, once. */
+  /** Load the head of the stream, once. */
   begin(head: () => Promise<Uint8Array>): Promise<void>;
   add(segment: SoundSegment, bytes: Uint8Array): Promise<void>;
   drop(segment: SoundSegment): Promise<void>;
-  /** The last segment is there: nothing follows it. */
+  /** End the stream after the last segment. */
   end(): void;
   close(): void;
 }
 
-/** renewed: called where the element begins anew. Throws `ReelError` where the browser plays no sound of this type. */
+/** Return the feed that the browser supports. renewed: called when the element restarts. Throws `ReelError` if it cannot play this type. */
 export function feedOf(audio: HTMLAudioElement, type: string, live: boolean, renewed: () => void): SoundFeed {
-  // iPhones have the managed kind only.
+  // iPhones have only ManagedMediaSource.
   const { ManagedMediaSource } = globalThis as { ManagedMediaSource?: typeof MediaSource };
   const Source = globalThis.MediaSource ?? ManagedMediaSource;
   if (Source?.isTypeSupported(type)) return new SourceFeed(audio, new Source(), type);
-  if (live) throw new ReelError("This browser plays the sound of a live reel only once the reel is whole.");
+  if (live) throw new ReelError("This browser plays the sound of a live reel only once the reel is complete.");
   if (audio.canPlayType(type)) return new FileFeed(audio, type, renewed);
   throw new ReelError(`This browser does not play sound of the type ${type}.`);
 }
@@ -38,7 +39,7 @@ class SourceFeed implements SoundFeed {
   constructor(private readonly audio: HTMLAudioElement, private readonly source: MediaSource, private readonly type: string) {
     this.url = URL.createObjectURL(source);
     this.opened = new Promise((resolve) => source.addEventListener("sourceopen", resolve, { once: true }));
-    audio.disableRemotePlayback = true; // the managed kind does not open otherwise
+    audio.disableRemotePlayback = true; // ManagedMediaSource requires this
     audio.src = this.url;
   }
 

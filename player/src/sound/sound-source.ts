@@ -1,4 +1,4 @@
-/** Gets a reel's sound, segment by segment, and gives it to an audio element. */
+/** Downloads the sound of a reel by segments and feeds it to an audio element. */
 import { messageOf, PLAIN, ReelError } from "../base/errors";
 import { download } from "../files/download";
 import { sourceOf, type Manifest } from "../reel/manifest";
@@ -6,45 +6,47 @@ import type { Reel } from "../reel/reel";
 import type { Asset, Sound, SoundSegment } from "../reel/presentation";
 import { feedOf, type SoundFeed } from "./sound-feed";
 
-/** Seconds of sound to hold at most, beyond what is wanted. */
-const HELD = 90;
-/** Milliseconds in which a live reel's manifest is read again. */
-const NEWS = 4000;
+/** Maximum seconds of sound to keep beyond the wanted segments. */
+const KEPT = 90;
+/** Milliseconds after which the manifest of a live reel has been polled again. */
+const POLL = 4000;
 
+/** Events of a sound source. */
 export interface SoundEvents {
-  /** A segment is here, or one is late: `trouble` says why. */
+  /** A segment arrived or is late, see `trouble`. */
   progress(): void;
-  /** The audio element begins anew: its time is lost. */
+  /** The audio element restarted and lost its time. */
   renewed(): void;
-  /** There is no sound any more. */
+  /** Sound cannot be played. */
   failed(error: Error): void;
 }
 
+/** Keeps the segments around the present time loaded. */
 export class SoundSource {
-  /** Why a segment is late, for people; null while all is well. */
+  /** Reason for a delay, to show to people; null if there is none. */
   trouble: string | null = null;
 
   private readonly feed: SoundFeed;
   private readonly life = new AbortController();
   private filling = false;
-  /** Segments of a live reel that were not there when they were asked for. */
+  /** URIs of segments of a live reel that were missing once. */
   private readonly gone = new Set<string>();
   private wanted: number[] = [];
-  /** What is being downloaded. */
+  /** Present download. */
   private coming: { index: number; transfer: AbortController } | null = null;
 
-  /** Throws `ReelError` where the browser does not play this kind of sound. */
+  /** Throws `ReelError` if the browser cannot play this type of sound. */
   constructor(audio: HTMLAudioElement, private readonly reel: Reel, private readonly events: SoundEvents) {
     this.feed = feedOf(audio, this.sound.type, this.manifest.live, () => events.renewed());
   }
 
-  /** Whether the sound at this time is here. */
+  /** Return true if the sound at a time is loaded. */
   has(seconds: number): boolean {
     const index = segmentAt(this.sound.segments, seconds);
     return index >= 0 && this.feed.ready && this.feed.holds(this.sound.segments[index]);
   }
 
-  /** Have the sound at this time and so many seconds after it; again: the time that comes after the end. */
+  /** Set the wanted range: `ahead` seconds from a time on. again: time that follows the end in a loop, or null. */
   want(seconds: number, ahead: number, again: number | null): void {
     const { segments } = this.sound;
     this.wanted = this.feed.whole ? [...segments.keys()] : wantedSegments(segments, seconds, ahead, again);
@@ -71,7 +73,7 @@ export class SoundSource {
     return this.manifest.presentation.sound!;
   }
 
-  /** Get what is wanted and not here, one after the other. */
+  /** Download the wanted segments one by one. */
   private async fill(): Promise<void> {
     this.filling = true;
     const { signal } = this.life;
@@ -94,8 +96,8 @@ export class SoundSource {
     const transfer = new AbortController();
     this.coming = { index, transfer };
     const bytes = await this.get(segments[index], transfer.signal).catch(async (error: unknown) => {
-      if (!transfer.signal.aborted) await this.waitForNews(segments[index], error);
-      return null; // another segment is needed sooner
+      if (!transfer.signal.aborted) await this.waitForManifest(segments[index], error);
+      return null; // cancelled for a more urgent segment
     });
     this.coming = null;
     if (!bytes) return;
@@ -106,31 +108,31 @@ export class SoundSource {
     this.events.progress();
   }
 
-  /** A segment that a live reel has dropped is not wanted by the time that its manifest is read again. Throws where it was waited for before. */
-  private async waitForNews({ uri }: SoundSegment, error: unknown): Promise<void> {
+  /** Wait until the manifest of a live reel is polled again, which may drop a missing segment. Throws if the segment was missing before. */
+  private async waitForManifest({ uri }: SoundSegment, error: unknown): Promise<void> {
     const dropped = this.manifest.live && error instanceof ReelError && error.plain === PLAIN.missing;
     if (!dropped || this.gone.has(uri)) throw error;
     this.gone.add(uri);
-    await new Promise((resolve) => setTimeout(resolve, NEWS));
+    await new Promise((resolve) => setTimeout(resolve, POLL));
   }
 
   private get(asset: Asset, signal: AbortSignal): Promise<Uint8Array> {
-    const told = (why: string | null): void => {
+    const report = (why: string | null): void => {
       if (this.trouble === why) return;
       this.trouble = why;
       this.events.progress();
     };
-    return download(sourceOf(this.manifest, asset), { received: () => told(null), trouble: told }, signal);
+    return download(sourceOf(this.manifest, asset), { received: () => report(null), trouble: report }, signal);
   }
 }
 
-/** The segment that a time is in; -1: none. */
+/** Return the index of the segment at a time; -1 for none. */
 export function segmentAt(segments: SoundSegment[], seconds: number): number {
   const index = segments.findLastIndex(({ start }) => start <= seconds);
   return index >= 0 && seconds < segments[index].start + segments[index].seconds ? index : -1;
 }
 
-/** The segments from a time to so many seconds later, in the order in which they are needed. */
+/** Return the indices of the segments in a range of time, in order of need. */
 export function wantedSegments(segments: SoundSegment[], seconds: number, ahead: number, again: number | null): number[] {
   const touches = (from: number, to: number): number[] => segments.flatMap(({ start, seconds: length }, index) => (start < to && start + length > from ? [index] : []));
   const end = segments.length > 0 ? segments.at(-1)!.start + segments.at(-1)!.seconds : 0;
@@ -138,14 +140,14 @@ export function wantedSegments(segments: SoundSegment[], seconds: number, ahead:
   return [...new Set([...touches(seconds, seconds + ahead), ...(over > 0 && again !== null ? touches(again, Math.min(again + over, seconds)) : [])])];
 }
 
-/** What to drop before one more comes, so that no more is held than is good: what was heard longest ago first. */
+/** Return the indices of segments to drop, those played longest ago first. */
 export function spareSegments(segments: SoundSegment[], wanted: number[], held: (segment: SoundSegment) => boolean): number[] {
   const now = wanted[0] ?? 0;
   const behind = (index: number): number => (now - index + segments.length) % segments.length;
   const spare = [...segments.keys()].filter((index) => !wanted.includes(index) && held(segments[index])).sort((a, b) => behind(b) - behind(a));
   let total = spare.reduce((sum, index) => sum + segments[index].seconds, 0);
   return spare.filter((index) => {
-    if (total <= HELD) return false;
+    if (total <= KEPT) return false;
     total -= segments[index].seconds;
     return true;
   });

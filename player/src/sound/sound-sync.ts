@@ -1,36 +1,37 @@
-/** Lets the time of the pictures follow the sound: what a browser tells of the sound's time is coarse, and pictures must not jump. */
+/** Synchronizes video to sound. The browser's clock of the sound is coarse, so the difference is smoothed. */
 
-/** Seconds in which a difference is made up for. */
+/** Time constant in seconds for correcting a difference. */
 const SMOOTHING = 0.2;
-/** A difference of more seconds is not made up for but skipped. */
+/** Difference in seconds above which the video jumps. */
 const JUMP = 0.04;
-/** Sound that tells no new time for so many seconds has stopped: pictures wait. */
+/** Seconds without a new reading after which the sound has stopped, and the video waits. */
 const STOPPED = 0.25;
-/** After so many seconds without a new time the pictures go on without it. */
+/** Seconds without a new reading after which the video continues without sound. */
 const PATIENCE = 1.5;
 
+/** Computes the steps of the video clock. */
 export class SoundSync {
-  /** The sound stood still for long and moves again: pictures have gone on without it. */
+  /** True if the sound moves again after the video continued without it. */
   recovered = false;
 
   private reading: number | null = null;
-  /** When the reading was new. */
+  /** Time of the last new reading. */
   private readAt = 0;
-  /** The reading has changed since the start: sound is heard. */
+  /** True once the reading has changed since the start. */
   private moving = false;
-  /** Pictures and sound are at the same time. */
-  private together = false;
-  /** Pictures go on without it. */
+  /** True once the video has reached the sound. */
+  private synced = false;
+  /** True while the video continues without sound. */
   private lost = false;
 
-  /** The sound starts, or starts elsewhere: pictures wait until it is heard. */
+  /** Restart after the sound starts or seeks. The video waits until the sound moves. */
   restart(): void {
-    [this.reading, this.moving, this.together, this.recovered] = [null, false, false, false];
+    [this.reading, this.moving, this.synced, this.recovered] = [null, false, false, false];
   }
 
   /**
-   * Seconds of the reel that the pictures go on by, never back. sound: what is heard now; pictures: what is seen now, both seconds
-   * of the reel; now, passed: seconds on the wall, the latter since the last call.
+   * Return the step of the video in seconds of the reel, at least 0. sound, pictures: present times of sound and video, in seconds of the
+   * reel. now: wall time in seconds; passed: wall time since the last call.
    */
   follow(sound: number, pictures: number, rate: number, now: number, passed: number): number {
     this.read(sound, now);
@@ -38,9 +39,9 @@ export class SoundSync {
     if (this.lost) return passed * rate;
     if (!this.moving || age > STOPPED) return 0;
     const ahead = sound + age * rate - pictures;
-    // Pictures that stand still wait for the sound to reach them, or go where it is.
-    const step = this.together ? passed * rate : ahead;
-    this.together ||= ahead >= 0;
+    // At the start the video waits for the sound to reach it, or jumps to the sound.
+    const step = this.synced ? passed * rate : ahead;
+    this.synced ||= ahead >= 0;
     const difference = ahead - step;
     if (Math.abs(difference) > JUMP) return Math.max(ahead, 0);
     return Math.max(step + difference * (1 - Math.exp(-passed / SMOOTHING)), 0);

@@ -1,4 +1,4 @@
-/** The sound of the reel that is open. While it is heard it is the clock that pictures follow; else they go by the clock on the wall. */
+/** Sound of the open reel. While audible it is the clock of playback; otherwise the wall clock is. */
 import { messageOf } from "../base/errors";
 import type { Manifest } from "../reel/manifest";
 import type { Reel } from "../reel/reel";
@@ -6,60 +6,61 @@ import { segmentAt, SoundSource } from "./sound-source";
 import { SoundSync } from "./sound-sync";
 import { SpatialSound } from "./spatial-sound";
 
-/** Seconds of sound to have ahead. */
+/** Seconds of sound to buffer ahead. */
 const AHEAD = 10;
-/** In the last seconds of the sound pictures no longer wait for it: its end is never told exactly. */
+/** Seconds at the end of the sound for which the video does not wait, since its end is inexact. */
 const TAIL = 0.1;
-/** Sound that stands no more seconds from the pictures goes on from there: they go to it. */
+/** Maximum difference in seconds at which the sound resumes without a seek. */
 const NEAR = 0.1;
-/** Sound that is stretched to another rate is heard so many of its seconds before a browser says so (measured in Chromium). */
-const STRETCHED_BEFORE = 0.02;
+/** Seconds by which time-stretched sound is audible before the browser reports it, measured in Chromium. */
+const STRETCH_LEAD = 0.02;
 /** Slowest rate at which browsers play sound. */
 const SLOWEST = 0.0625;
 
-/** Where the pictures are, seconds of the reel, and how they go on. */
+/** The clock of the video. */
 export interface PictureTime {
   readonly seconds: number;
   readonly rate: number;
   readonly loop: boolean;
-  /** Where the reel begins. */
+  /** Start of the reel, in seconds. */
   readonly earliest: number;
   readonly live: boolean;
 }
 
+/** Plays the sound of a reel, and leads its clock. */
 export class Soundtrack {
-  /** Why there is no sound; null: there is, or never was. */
+  /** Reason why the sound cannot be played; null if it can, or the reel is silent. */
   error: Error | null = null;
-  /** It is muted because the browser refused to play it, and not because anybody wanted it so. */
+  /** True if the sound is muted because the browser did not allow it. */
   blocked = false;
   readonly spatial = new SpatialSound();
 
   private reel: Reel | null = null;
   private source: SoundSource | null = null;
   private audio: HTMLAudioElement | null = null;
-  /** Where the browser refuses sound, the reel plays in silence instead of not at all. */
+  /** True if the reel plays muted when the browser does not allow sound. */
   private optional = false;
   private loudness = 1;
   private silenced = false;
-  /** The pictures' time was set: sound has to go there. */
+  /** True if the sound must seek to the time of the video. */
   private moved = true;
   private readonly follower = new SoundSync();
   private life = new AbortController();
 
   /**
-   * emit: takes the events volumechange (of whether there is sound, too), progress, and notallowed: the browser lets a page be heard
-   * only once a person has touched it. stop: called after the last, unless sound is `optional`.
+   * emit: receives the events volumechange (also when sound becomes available or not), progress, and notallowed (the browser requires an
+   * interaction first). stop: called after notallowed.
    */
   constructor(private readonly emit: (event: string) => void, private readonly stop: () => void) {}
 
-  /** Of a reel; nothing is downloaded before it is to be heard. */
+  /** Prepare the sound of a reel. Nothing is downloaded before it is audible. */
   open(reel: Reel): void {
     this.reel = reel;
     this.life = new AbortController();
     const { signal } = this.life;
-    // Hidden pages draw nothing, so that there is nothing to be in time with.
+    // A hidden page draws no frames, so its sound stops as well.
     document.addEventListener("visibilitychange", () => this.rest(), { signal });
-    // Browsers want a touch of the page first.
+    // Web Audio requires an interaction first.
     for (const name of ["pointerup", "keyup"]) addEventListener(name, () => this.startSpatialSound(), { signal });
     this.emit("volumechange");
   }
@@ -80,19 +81,19 @@ export class Soundtrack {
     [this.source, this.reel, this.error, this.moved] = [null, null, null, true];
   }
 
-  /** Give all that it holds back, until it is needed again. */
+  /** Release all resources until they are needed again. */
   release(): void {
     this.close();
     this.spatial.close();
     this.audio = null;
   }
 
-  /** The reel has sound that can be played. */
+  /** True if the reel has sound that can be played. */
   get available(): boolean {
     return !this.error && Boolean(this.manifest?.presentation.sound);
   }
 
-  /** It comes from a place in the scene. */
+  /** True if the sound has a position in the scene. */
   get placed(): boolean {
     return this.available && this.manifest!.presentation.sound!.position !== null;
   }
@@ -101,7 +102,7 @@ export class Soundtrack {
     return this.loudness;
   }
 
-  /** Throws as that of HTMLMediaElement does. */
+  /** Throws `IndexSizeError` outside of 0 to 1, as in HTMLMediaElement. */
   set volume(given: number) {
     const volume = Number(given);
     if (!(volume >= 0 && volume <= 1)) throw new DOMException(`The volume is ${volume}, not within 0 and 1.`, "IndexSizeError");
@@ -125,18 +126,18 @@ export class Soundtrack {
     this.emit("volumechange");
   }
 
-  /** Mute or unmute; what is turned down to nothing comes back loud. */
+  /** Mute or unmute. A volume of 0 becomes 1. */
   toggle(): void {
     if (this.loudness > 0) this.muted = !this.silenced;
     else [this.volume, this.muted] = [1, false];
   }
 
-  /** Why it is late, for people. */
+  /** Reason for a delay, to show to people; null if there is none. */
   get trouble(): string | null {
     return this.source?.trouble ?? null;
   }
 
-  /** Ask the browser whether this page may be heard: where a person asked to play, so that it counts as the person's wish. optional: where it may not, play in silence. */
+  /** Request permission to play sound. Call it within the interaction that started playback. optional: play muted if not allowed. */
   ask(optional = this.optional): void {
     this.optional = optional;
     const audio = this.heard(1) ? this.prepare() : null;
@@ -146,12 +147,12 @@ export class Soundtrack {
     audio.pause();
   }
 
-  /** Pictures go to another time. */
+  /** Seek with the video. */
   seek(): void {
     this.moved = true;
   }
 
-  /** Stand still. */
+  /** Pause the sound. */
   rest(): void {
     if (this.audio && !this.audio.paused) this.audio.pause();
   }
@@ -177,12 +178,12 @@ export class Soundtrack {
       this.rest();
       return running && !this.isLate(clock) ? passed : 0;
     }
-    // Played again what has ended would begin anew.
+    // Playing an ended element would restart it.
     if (!this.covers(seconds) || (audio.ended && !this.moved)) {
       if (!this.within(seconds)) this.moved = true;
       return passed;
     }
-    const latency = (this.spatial.latency - shown) * rate - (rate === 1 ? 0 : STRETCHED_BEFORE);
+    const latency = (this.spatial.latency - shown) * rate - (rate === 1 ? 0 : STRETCH_LEAD);
     if (this.follower.recovered) this.moved = true;
     if (audio.playbackRate !== rate) audio.playbackRate = rate;
     if (this.moved || audio.paused) this.begin(audio, seconds, latency);
@@ -212,7 +213,7 @@ export class Soundtrack {
     this.stop();
   }
 
-  /** It is to be heard, at this rate. */
+  /** Return true if sound should be audible at a rate. */
   private heard(rate: number): boolean {
     return this.available && !this.silenced && this.loudness > 0 && rate >= SLOWEST;
   }
@@ -221,20 +222,20 @@ export class Soundtrack {
     return segmentAt(this.manifest!.presentation.sound!.segments, seconds) >= 0;
   }
 
-  /** There is sound at this time that pictures should wait for. */
+  /** Return true if there is sound at a time for which the video should wait. */
   private covers(seconds: number): boolean {
     const last = this.manifest!.presentation.sound!.segments.at(-1);
     return last !== undefined && seconds < last.start + last.seconds - TAIL && this.within(seconds);
   }
 
-  /** The element, with its source; null where the browser does not play it. */
+  /** Return the audio element with its source; null if the browser cannot play it. */
   private prepare(): HTMLAudioElement | null {
     const { reel } = this;
     this.audio ??= this.make();
     if (!this.source) {
       const failed = (error: unknown): void => {
         this.error = error instanceof Error ? error : new Error(messageOf(error));
-        console.warn(this.error.message); // for whoever made the reel; people are told that there is no sound
+        console.warn(this.error.message); // for the author of the reel; viewers see a short message
         this.rest();
         this.emit("volumechange");
       };

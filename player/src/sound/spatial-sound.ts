@@ -1,31 +1,32 @@
-/** Sound from a place in the scene, by Web Audio: louder or fainter, left or right, as the viewer moves and turns. */
+/** Spatial sound by Web Audio: volume and direction follow the position of the viewer. */
 import { eyeOf, length, scale, subtract, type Vec3 } from "../base/matrix";
 import type { Manifest } from "../reel/manifest";
 
-/** How much fainter sound gets with the distance: 0 not at all, 1 as in the open. Rooms carry it. */
+/** Attenuation with distance: 0 for none, 1 as outdoors. Rooms attenuate less. */
 const ROLLOFF = 0.5;
-/** Sound is as wide as this share of the start view's distance to the middle of the scene: who stands in it hears it from everywhere. */
+/** Radius of the source, relative to the distance between start view and scene center. Inside of it the sound has no direction. */
 const WIDTH = 0.35;
-/** Seconds in which it moves. */
+/** Time constant of position changes, in seconds. */
 const GLIDE = 0.05;
 
+/** Routes an audio element through a panner. */
 export class SpatialSound {
   private context: AudioContext | null = null;
   private node: MediaElementAudioSourceNode | null = null;
   private panner: PannerNode | null = null;
   private through = false;
   private wanted = true;
-  /** Where it was heard last. */
+  /** Last position of the source. */
   private place: Vec3 = [0, 0, 0];
 
-  /** Take over an element's sound. Works only where a person has touched the page; until then the element plays by itself. */
+  /** Route an element through Web Audio. Without a prior interaction the element keeps playing directly. */
   enter(audio: HTMLAudioElement, channels: number): void {
     if (navigator.userActivation?.hasBeenActive === false || this.context?.state === "running") return;
     const context = (this.context ??= new AudioContext());
     void context.resume().then(() => (this.node ? undefined : this.build(context, audio, channels)));
   }
 
-  /** Whether sound comes from its place, or just as it was recorded. */
+  /** True if sound is spatial, false if it plays as recorded. */
   get on(): boolean {
     return this.wanted;
   }
@@ -35,13 +36,13 @@ export class SpatialSound {
     this.connect();
   }
 
-  /** Seconds from where the element's time says to where the ear is, beyond what the element knows. */
+  /** Output latency in seconds that the element's time does not include. */
   get latency(): number {
     const { context } = this;
     return this.node && context ? context.baseLatency + (context.outputLatency || 0) : 0;
   }
 
-  /** The viewer, as a matrix [16] world to camera, and the reel that is heard. */
+  /** Set the viewer. viewmat [16]: world to camera. */
   listen(viewmat: number[], manifest: Manifest): void {
     const position = manifest.presentation.sound?.position;
     const { panner, context } = this;
@@ -64,7 +65,7 @@ export class SpatialSound {
     if (context.state !== "running") return;
     this.node = context.createMediaElementSource(audio);
     this.panner = new PannerNode(context, { panningModel: "equalpower", distanceModel: "inverse", refDistance: 1, rolloffFactor: ROLLOFF });
-    // A panner gives one channel to two ears with the power of one.
+    // The panner splits the power of a mono channel over two ears.
     this.panner.connect(new GainNode(context, { gain: channels === 1 ? Math.SQRT2 : 1 })).connect(context.destination);
     this.node.connect(context.destination);
     this.through = false;
@@ -80,14 +81,14 @@ export class SpatialSound {
   }
 }
 
-/** Where a viewer hears a place, in axes of the camera (x right, y down, z forward), in units of the start view's distance to it. */
+/** Return the position of a source in camera axes (x right, y down, z forward), in units of its distance from the start view. */
 export function placeOf(position: Vec3, viewmat: number[], { camera, bounds: [low, high] }: Pick<Manifest, "camera" | "bounds">): Vec3 {
   const middle = scale([low[0] + high[0], low[1] + high[1], low[2] + high[2]], 0.5);
   const width = WIDTH * Math.max(length(subtract(eyeOf(camera.viewmat), middle)), 1e-6);
   return scale(heardFrom(position, viewmat, width), 1 / length(heardFrom(position, camera.viewmat, width)));
 }
 
-/** In world units. What is behind sounds as if it were in front, as with two ears; nothing is all in one ear. */
+/** Return the position in world units. Sources behind the viewer are mirrored to the front, and none is in one ear only. */
 function heardFrom([px, py, pz]: Vec3, m: number[], width: number): Vec3 {
   const row = (i: number): number => m[i] * px + m[i + 1] * py + m[i + 2] * pz + m[i + 3];
   return [row(0), row(4), Math.hypot(row(8), width)];

@@ -1,17 +1,18 @@
-/** Files that could not be had, and that nobody waits for, are left alone for a while. */
+/** Pauses before retries of failed files that playback does not wait for. */
 
-/** Milliseconds. */
+/** Pause in milliseconds. */
 const PAUSE = 10_000;
 
+/** Remembers when each failed file may be requested again. */
 export class Backoff {
   private readonly until = new Map<string, number>();
 
-  /** A file failed. */
+  /** Begin the pause of a file that failed. */
   begin(key: string): void {
     this.until.set(key, performance.now() + PAUSE);
   }
 
-  /** Whether it is too early to ask for a file again. */
+  /** Return true during the pause of a file. */
   has(key: string): boolean {
     return (this.until.get(key) ?? 0) > performance.now();
   }

@@ -1,14 +1,15 @@
-/** How fast the network is: what came, over the time in which something was asked for. */
+/** Measures the bandwidth: bytes received, over the time in which requests were open. */
 
-/** A sample is whole after so many bits or seconds; the last few count. */
+/** A sample ends after this many bits or seconds. The last few samples are averaged. */
 const BITS = 2 ** 18;
 const SECONDS = 0.25;
 const SAMPLES = 5;
-/** Older samples, in seconds, go when a new one comes. */
+/** Age in seconds at which a sample is discarded. */
 const AGE = 10;
-/** A line that nothing was asked of may be twice as fast after this many seconds, four times after twice as many. */
+/** Seconds without requests after which the optimistic rate doubles. */
 const DOUBT = 5;
 
+/** Average over the last samples. */
 export class BandwidthMeter {
   private samples: { bits: number; seconds: number; now: number }[] = [];
   private bits = 0;
@@ -16,33 +17,33 @@ export class BandwidthMeter {
   private active = 0;
   private last = 0;
 
-  /** Bits a second; 0 while nothing is known. */
+  /** Bits per second; 0 before the first sample. */
   get rate(): number {
     const sum = (key: "bits" | "seconds"): number => this.samples.reduce((total, sample) => total + sample[key], 0);
     const seconds = sum("seconds");
     return seconds > 0 ? sum("bits") / seconds : 0;
   }
 
-  /** What the rate may be by now: it grows while nothing is asked for. */
+  /** Return the rate, increased for the time without requests. now: milliseconds. */
   optimisticRate(now: number): number {
     return this.rate * (this.active > 0 ? 1 : 2 ** ((now - this.last) / 1000 / DOUBT));
   }
 
-  /** A transfer was asked for; now: milliseconds. */
+  /** Count a request as open. now: milliseconds. */
   begin(now: number): void {
-    this.pass(now);
+    this.addTime(now);
     this.active++;
   }
 
-  /** It ended, however. */
+  /** Count a request as closed. */
   end(now: number): void {
-    this.pass(now);
+    this.addTime(now);
     this.active--;
   }
 
-  /** Bytes came. */
-  came(bytes: number, now: number): void {
-    this.pass(now);
+  /** Add received bytes. */
+  addBytes(bytes: number, now: number): void {
+    this.addTime(now);
     this.bits += 8 * bytes;
     if (this.seconds <= 0 || (this.bits < BITS && this.seconds < SECONDS)) return;
     this.samples.push({ bits: this.bits, seconds: this.seconds, now });
@@ -50,7 +51,7 @@ export class BandwidthMeter {
     [this.bits, this.seconds] = [0, 0];
   }
 
-  private pass(now: number): void {
+  private addTime(now: number): void {
     if (this.active > 0) this.seconds += (now - this.last) / 1000;
     this.last = now;
   }

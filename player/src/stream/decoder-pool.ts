@@ -158,7 +158,7 @@ export class DecoderPool {
     const now = performance.now();
     if (job.received === 0) job.began = now;
     job.received += bytes;
-    this.meter.came(bytes, now);
+    this.meter.addBytes(bytes, now);
     if (job.received >= job.source.bytes) this.close(job); // only decoding is left
   }
 

@@ -1,25 +1,26 @@
-/** Which rendition each group is got in: the one that people chose, the smallest where a better one came too slowly, else what the policy finds. */
+/** Chooses the rendition of each group: the one that people chose, the smallest after a slow transfer, else that of the policy. */
 import type { Manifest } from "../reel/manifest";
 import { fileOf } from "../reel/reel-file";
 import type { Job } from "./decoder-pool";
 import { secondsTo, type Demand } from "./queue";
 import type { Option, RenditionPolicy } from "./rendition-policy";
 
-/** A group that is waited for is taken in its smallest rendition if that is there so many times sooner, and a second. */
-const SOONER = 2;
+/** A transfer that playback waits for is replaced if the smallest rendition arrives this many times sooner, plus a second. */
+const SPEEDUP = 2;
 
-/** How fast files come and are decoded: bits a second, milliseconds a point; 0: unknown. */
+/** Throughput in bits per second and decoding time in milliseconds per point; 0 if unknown. */
 export interface Pace {
   throughput: number;
   decode: number;
 }
 
+/** Renditions of the groups of one reel. */
 export class GroupRenditions {
-  /** The rendition that people chose; null: whichever does best. */
+  /** The chosen rendition; null to adapt. */
   private choice: string | null = null;
-  /** Groups that were given up in a better rendition. */
+  /** Groups whose transfer in a better rendition was cancelled. */
   private readonly downgraded = new Set<number>();
-  /** The place of the rendition that was taken last. */
+  /** Index of the last requested rendition. */
   private last: number | null = null;
 
   constructor(private readonly policy: RenditionPolicy) {}
@@ -28,7 +29,7 @@ export class GroupRenditions {
     this.choice = name;
   }
 
-  /** The rendition to get a group in, "" where there is one only. */
+  /** Return the rendition to request, "" for a reel without renditions. */
   renditionFor(group: number, manifest: Manifest, demand: Demand, { throughput, decode }: Pace): string {
     const { renditions, groups, fps } = manifest;
     if (renditions.length === 0) return "";
@@ -40,40 +41,41 @@ export class GroupRenditions {
     return renditions[found];
   }
 
-  /** Whether a group that is here is worth getting again, and comes before it shows. */
+  /** Return true if a group in memory is worth replacing, and the transfer ends before it is shown. */
   isWorthReplacing(group: number, here: string | undefined, name: string, manifest: Manifest, demand: Demand, throughput: number): boolean {
     const place = (rendition: string | undefined): number => manifest.renditions.indexOf(rendition ?? "");
     const gain = place(here) - place(name);
     if (gain === 0 || (gain < 0 && this.choice === null)) return false;
     const transfer = (8 * fileOf(manifest.groups[group], name).bytes) / (throughput || 1);
-    return SOONER * transfer < secondsTo(group, manifest, demand);
+    return SPEEDUP * transfer < secondsTo(group, manifest, demand);
   }
 
-  /** Whether to give up the transfer of a group that is waited for, since the smallest rendition would be here much sooner. */
+  /** Return true if the smallest rendition would arrive much sooner than the present transfer ends. */
   isTooSlow(group: number, coming: string | undefined, manifest: Manifest, { source, began, received }: Job): boolean {
     const least = manifest.renditions.at(-1);
     const elapsed = (performance.now() - began) / 1000;
     if (!least || this.choice !== null || coming === least || elapsed < 1) return false;
     const rate = received / elapsed;
     const smaller = fileOf(manifest.groups[group], least).bytes / rate;
-    return (source.bytes - received) / rate >= SOONER * smaller + 1;
+    return (source.bytes - received) / rate >= SPEEDUP * smaller + 1;
   }
 
-  /** A group is asked for in a rendition. */
-  asked(name: string, { renditions }: Manifest): void {
+  /** Record a request. */
+  recordRequest(name: string, { renditions }: Manifest): void {
     this.last = renditions.indexOf(name);
   }
 
-  /** Get a group in the smallest rendition, until it is here. */
+  /** Request a group in the smallest rendition from now on. */
   downgrade(group: number): void {
     this.downgraded.add(group);
   }
 
+  /** Forget the downgrade of a group that arrived. */
   arrived(group: number): void {
     this.downgraded.delete(group);
   }
 
-  /** Tell whether the device draws fast enough a group that is here in a rendition. */
+  /** Report whether the device draws a group in its rendition too slowly. */
   judge(slow: boolean, group: number, here: string | undefined, manifest: Manifest): void {
     const shown = manifest.renditions.indexOf(here ?? "");
     if (shown >= 0) this.policy.judge(slow, optionsOf(group, manifest), shown, performance.now());

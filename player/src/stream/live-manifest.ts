@@ -1,10 +1,10 @@
-/** Live reels: their manifest grows. */
+/** Polls the manifest of a live reel. */
 import { loadManifest, type Manifest } from "../reel/manifest";
 
-/** Milliseconds between two looks at a live reel's manifest. */
+/** Milliseconds between two requests. */
 const POLL = 3000;
 
-/** Wait until a reel has more groups, or less of the first ones, or is whole; its manifest then. A host that fails is asked again. */
+/** Wait until a reel has new groups, has dropped some, or is complete, and return its manifest. Failed requests are repeated. */
 export async function nextManifest(manifest: Manifest, signal: AbortSignal): Promise<Manifest> {
   for (;;) {
     await new Promise((resolve) => setTimeout(resolve, POLL));
@@ -14,12 +14,12 @@ export async function nextManifest(manifest: Manifest, signal: AbortSignal): Pro
   }
 }
 
-/** A reel's manifest as it is now; null: it cannot be had. */
+/** Request the manifest; null if that fails. */
 export function freshManifest({ url }: Manifest, signal: AbortSignal): Promise<Manifest | null> {
   return loadManifest(url, { received: () => undefined, trouble: () => undefined }, signal).catch(() => null);
 }
 
-/** Tell of each manifest of a live reel that has other groups than the one before, until the reel is whole. */
+/** Call `grown` with each new manifest of a live reel, until the reel is complete. */
 export async function watchManifest(manifest: Manifest, grown: (next: Manifest) => void, signal: AbortSignal): Promise<void> {
   let known = manifest;
   while (known.live) {

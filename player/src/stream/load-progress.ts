@@ -1,19 +1,20 @@
-/** How much has come of the files that people wait for. */
+/** Progress of the files that playback waits for. */
 
-/** A file by its key: the bytes it has, and those that are here. */
+/** Returns the size of a file, by its key, and the bytes received. */
 export type Measure = (key: string) => { bytes: number; here: number };
 
+/** Sums over all files of the present wait. */
 export class LoadProgress {
   private readonly keys = new Set<string>();
 
-  /** Say what is needed and what of it is missing. What came during a wait counts until nothing is missing any more. */
+  /** Set the needed and the missing files. Files that arrive during a wait count until none is missing. */
   expect(needed: string[], missing: string[]): void {
     if (missing.length === 0) this.keys.clear();
     for (const key of this.keys) if (!needed.includes(key)) this.keys.delete(key);
     for (const key of missing) this.keys.add(key);
   }
 
-  /** 0..1 */
+  /** Return the received part, 0 to 1. */
   progress(measure: Measure): number {
     const files = [...this.keys].map(measure);
     const total = files.reduce((sum, { bytes }) => sum + bytes, 0);

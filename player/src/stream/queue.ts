@@ -1,47 +1,51 @@
-/** What should be here, the most urgent first: the layers, then the group that shows, then those that follow, as far as memory goes. */
+/** Download queue, most urgent first: layers, then the current group, then those that follow, as far as memory allows. */
 import type { Manifest } from "../reel/manifest";
 import type { Page } from "../reel/pages";
 import { layersAt, type ReelFile } from "../reel/reel-file";
 import { firstFrameOf, missingPages, pageOf } from "../reel/timeline";
 
-/** Seconds to have ahead of the time that shows, if memory allows. */
+/** Seconds to buffer ahead, if memory allows. */
 const AHEAD = 8;
 
-/** What shows: the group, null where its page is not here; the one that fades out; the groups still on screen; whether the first follows the last; the frame and its rate. */
+/** What playback needs now. */
 export interface Demand {
+  /** Current group; null until its page is loaded. */
   current: number | null;
+  /** Group that fades out; null outside of a cross-fade. */
   previous: number | null;
+  /** Groups on screen. */
   inUse: number[];
   loop: boolean;
   frame: number;
+  /** Playback rate. */
   rate: number;
 }
 
-/** A file of the reel. key: its name among those being got. urgent: it is part of the picture that shows. */
+/** A file to download. key: identifies its job. urgent: playback waits for it. */
 export type QueueItem = { key: string; urgent: boolean } & (
   | { kind: "layer"; file: ReelFile }
   | { kind: "group"; index: number; file: ReelFile }
   | { kind: "page"; file: Page }
 );
 
-/** budget: bytes that groups may take, and layers that are retired again. costOf: bytes that one takes. */
+/** Return the queue of a demand. budget: bytes of memory for groups and retired layers. costOf: returns the bytes of an item. */
 export function queueOf(manifest: Manifest, { current, previous, frame, loop }: Demand, budget: number, costOf: (item: QueueItem) => number): QueueItem[] {
   const { first, groups, pages, layers, fps } = manifest;
   if (current === null) {
     const missing = missingPages(manifest, frame);
-    // What is never retired is needed whatever the page says.
+    // Permanent layers are needed whatever the page lists.
     const lasting = layers.filter(({ group, until }) => until === Infinity && missing.some((page) => group <= page.group));
     return [...missing.map((page) => pageItem(page, true)), ...lasting.map((layer) => layerItem(layer, true))];
   }
   const known = new Set<string>();
   const sum = (items: QueueItem[]): number => items.reduce((total, item) => total + costOf(item), 0);
-  /** Groups, after those of their layers that are not in the queue yet. */
-  const filesOf = (urgent: boolean, ...numbers: number[]): QueueItem[] => {
+  /** Return groups, preceded by their layers that are not in the queue yet. */
+  const itemsOf = (urgent: boolean, ...numbers: number[]): QueueItem[] => {
     const needed = new Set(numbers.flatMap((number) => layersAt(groups[number])));
     const items = [...[...needed].map((layer) => layerItem(layer, urgent)), ...numbers.map((number) => groupItem(number, groups[number], urgent))];
     return items.filter(({ key }) => !known.has(key) && known.add(key));
   };
-  const result = filesOf(true, current, ...(previous === null ? [] : [previous]));
+  const result = itemsOf(true, current, ...(previous === null ? [] : [previous]));
   let room = budget - sum(result);
   let seconds = 0;
   const count = groups.length - first;
@@ -53,9 +57,9 @@ export function queueOf(manifest: Manifest, { current, previous, frame, loop }: 
       result.push(pageItem(pageOf(pages, index)!, false));
       break;
     }
-    const files = filesOf(false, index);
+    const files = itemsOf(false, index);
     room -= sum(files);
-    // The next group is wanted however little memory there is: nothing would play without it.
+    // The next group is queued whatever the budget, since playback cannot go on without it.
     if (room < 0 && ahead > 1) break;
     result.push(...files);
     seconds += groups[index].frames / fps;
@@ -63,18 +67,19 @@ export function queueOf(manifest: Manifest, { current, previous, frame, loop }: 
   return result;
 }
 
-/** Whether a group is on screen, or will be with the next picture. */
+/** Return true if a group is on screen or needed now. */
 export function isOnScreen(group: number, { current, previous, inUse }: Demand): boolean {
   return group === current || group === previous || inUse.includes(group);
 }
 
-/** Seconds until a group shows. */
+/** Return the seconds until a group is shown. */
 export function secondsTo(group: number, manifest: Manifest, { frame, rate, current }: Demand): number {
   const { groups, frames, first, fps } = manifest;
   const around = current !== null && group < current ? frames - firstFrameOf(manifest, first)! : 0;
   return (groups[group].firstFrame + around - frame) / fps / Math.max(rate, 0.1);
 }
 
+/** Return the key of a group. */
 export function groupKey(number: number): string {
   return `group ${number}`;
 }

@@ -1,4 +1,4 @@
-/** Which rendition of the next group to get: by what network, decoder and screen kept up with, and by what is in store. */
+/** Adaptive choice of renditions, by network, decoder, drawing speed and buffer. */
 
 /** A group in one rendition. */
 export interface Option {
@@ -6,49 +6,51 @@ export interface Option {
   points: number;
 }
 
+/** Inputs of a choice. */
 export interface Situation {
   /** Best first. */
   options: Option[];
-  /** How long the group shows. */
+  /** Duration of the group. */
   seconds: number;
-  /** What is in store before it, seconds; less than nothing when it is late. */
+  /** Buffered seconds before the group; negative if it is late. */
   ahead: number;
-  /** Bits a second that the network gave; 0: unknown. */
+  /** Throughput in bits per second; 0 if unknown. */
   throughput: number;
-  /** Milliseconds that a point took to decode; 0: unknown. */
+  /** Decoding time in milliseconds per point; 0 if unknown. */
   decode: number;
-  /** The option taken last; null: this is the first. */
+  /** Index of the last chosen option; null for the first choice. */
   last: number | null;
 }
 
-/** Bits a second before anything is known, where the browser does not say. */
+/** Assumed bits per second before any measurement, if the browser reports none. */
 const GUESS = 5e6;
-/** What its transfer may take of the time that a group shows: little while little is in store. */
+/** Part of a group's duration that its transfer may take, by buffered seconds. */
 const SHARES: [number, number][] = [[1, 0.5], [3, 0.8], [Infinity, 0.95]];
-/** Of that, before something better than the last is taken: who goes up too soon comes down again. */
-const UPWARDS = 0.7;
-/** What decoding may take of it. */
+/** Stricter factor for an option better than the last one, to avoid switching up and down. */
+const UPGRADE = 0.7;
+/** Part of a group's duration that its decoding may take. */
 const DECODING = 0.5;
-/** Fewer points than this part of another option's are a help to a device that draws too slowly. */
+/** An option helps a slow device if it has less than this part of the points. */
 const FEWER = 0.9;
-/** Milliseconds until fewer points show an effect, and until more are tried again; twice as many after each time. */
+/** Milliseconds until a reduction shows an effect, and until a better option is tried again. The latter doubles each time. */
 const EFFECT = 6000;
 const PATIENCE = 20_000;
 
+/** Chooses an option, and learns how many points the device draws. */
 export class RenditionPolicy {
-  /** The best option that the device draws fast enough. */
+  /** Index of the best option that the device draws fast enough. */
   private best = 0;
   private patience = PATIENCE;
   private decided = -Infinity;
 
-  /** guess: bits a second, while nothing is known. */
+  /** guess: bits per second before any measurement. */
   constructor(private readonly guess = GUESS) {}
 
-  /** The index of an option. */
+  /** Return the index of the option to request. */
   choose({ options, seconds, ahead, throughput, decode, last }: Situation): number {
     const share = SHARES.find(([least]) => ahead < least)![1];
     const fits = ({ bytes, points }: Option, index: number): boolean => {
-      const caution = last !== null && index < last ? UPWARDS : 1;
+      const caution = last !== null && index < last ? UPGRADE : 1;
       const transfer = (8 * bytes) / (throughput || this.guess);
       return index >= this.best && transfer <= caution * share * seconds && (decode * points) / 1000 <= caution * DECODING * seconds;
     };
@@ -56,7 +58,7 @@ export class RenditionPolicy {
     return found < 0 ? options.length - 1 : found;
   }
 
-  /** Tell how drawing goes with the option that shows; now: milliseconds. */
+  /** Report whether the device draws the shown option too slowly. now: milliseconds. */
   judge(slow: boolean, options: Option[], shown: number, now: number): void {
     if (slow && now > this.decided + EFFECT) {
       const fewer = options.findIndex(({ points }, index) => index > shown && points < FEWER * options[shown].points);
@@ -69,7 +71,7 @@ export class RenditionPolicy {
   }
 }
 
-/** Bits a second that the browser believes in, at most ten million; a cautious number where it does not say. */
+/** Return the bandwidth that the browser reports, in bits per second, or a cautious guess. */
 export function guessOfBrowser(): number {
   const { connection } = navigator as { connection?: { downlink?: number } };
   return connection?.downlink ? Math.max(connection.downlink * 1e6, 1e5) : GUESS;

@@ -44,7 +44,7 @@ export class Stream {
   private readonly backoff = new Backoff();
   private readonly loadProgress = new LoadProgress();
   /** Renditions of the groups that are downloading, by key. */
-  private readonly coming = new Map<string, string>();
+  private readonly loading = new Map<string, string>();
   private demand: Demand = { current: null, previous: null, inUse: [], loop: false, frame: 0, rate: 1 };
   /** Files wanted by the last demand, most urgent first. */
   private queue: QueueItem[] = [];
@@ -114,7 +114,7 @@ export class Stream {
 
   /** Return the file of a group in memory, else the one that is downloading, else that of the first rendition. */
   fileOf(group: number): ReelFile {
-    return this.cache.fileOf(group) ?? fileOf(this.manifest.groups[group], this.coming.get(groupKey(group)) ?? "");
+    return this.cache.fileOf(group) ?? fileOf(this.manifest.groups[group], this.loading.get(groupKey(group)) ?? "");
   }
 
   /** Time ranges whose groups can be shown, [start, end] in seconds. */
@@ -177,7 +177,7 @@ export class Stream {
     const keys = new Set(queue.map((item) => item.key));
     for (const key of this.decoders.keys) if (!keys.has(key)) this.cancel(key);
     // A better rendition of a group that is already on screen is too late.
-    for (const item of queue) if (item.kind === "group" && this.coming.has(item.key) && this.cache.holds(item) && isOnScreen(item.index, this.demand)) this.cancel(item.key);
+    for (const item of queue) if (item.kind === "group" && this.loading.has(item.key) && this.cache.holds(item) && isOnScreen(item.index, this.demand)) this.cancel(item.key);
   }
 
   /** Record which needed files are missing, for `progress`. */
@@ -236,8 +236,8 @@ export class Stream {
     const { key } = item;
     const file = item.kind === "group" ? fileOf(item.file, rendition) : item.file;
     if (item.kind === "group") {
-      this.coming.set(key, rendition);
-      this.renditions.asked(rendition, this.manifest);
+      this.loading.set(key, rendition);
+      this.renditions.recordRequest(rendition, this.manifest);
     }
     this.decoders.start(key, sourceOf(this.manifest, file), "points" in file ? file.points : null, {
       received: (job) => {
@@ -253,7 +253,7 @@ export class Stream {
   }
 
   private cancel(key: string): void {
-    this.coming.delete(key);
+    this.loading.delete(key);
     this.decoders.cancel(key);
   }
 
@@ -261,7 +261,7 @@ export class Stream {
   private reconsider(item: GroupItem, job: Job): void {
     const { index, key } = item;
     if (!this.isNeededNow(item) || this.cache.holds(item)) return;
-    if (!this.renditions.isTooSlow(index, this.coming.get(key), this.manifest, job)) return;
+    if (!this.renditions.isTooSlow(index, this.loading.get(key), this.manifest, job)) return;
     this.renditions.downgrade(index);
     this.cancel(key);
     this.schedule();
@@ -274,7 +274,7 @@ export class Stream {
 
   /** End the stream if playback waits for the file; otherwise retry the file later. */
   private async fail(item: QueueItem, error: ReelError): Promise<void> {
-    this.coming.delete(item.key);
+    this.loading.delete(item.key);
     if (!this.isNeededNow(item) || (item.kind === "group" && this.cache.holds(item))) return this.backoff.begin(item.key);
     this.stopped = true;
     if (error.plain === PLAIN.missing || error.plain === PLAIN.damaged) {
@@ -301,7 +301,7 @@ export class Stream {
 
   private deliverGroup(item: GroupItem, rendition: string, file: DecodedGroup): void {
     const { index, key } = item;
-    this.coming.delete(key);
+    this.loading.delete(key);
     this.renditions.arrived(index);
     if (this.cache.holds(item)) {
       if (isOnScreen(index, this.demand)) return; // the earlier rendition is already on screen

@@ -1,11 +1,12 @@
-/** What a reel says of itself. Its words are text, whatever they hold. */
+/** The dialog about a reel. Its texts are inserted as text, never as markup. */
 import type { Presentation } from "../reel/presentation";
 
-/** Whether there is anything to say. */
-export function saysAnything({ title, author, description, licence }: Presentation): boolean {
+/** Return true if the reel has any such text. */
+export function hasTexts({ title, author, description, licence }: Presentation): boolean {
   return [title, author, description, licence].some((words) => words !== "");
 }
 
+/** Return the content of the dialog. */
 export function aboutOf({ author, description, licence }: Presentation): HTMLElement {
   const box = document.createElement("div");
   box.className = "about";

@@ -1,33 +1,34 @@
-/** When the controls show: while something moves or waits, and on touch screens from one tap on the picture to the next. */
+/** Shows the controls while the pointer moves or playback is paused, and on touch screens by a tap on the picture. */
 import type { Player } from "../player/player";
 
-/** The controls fade after this many milliseconds without a move, while playing. */
+/** Milliseconds without a move after which the controls fade during playback. */
 const FADE_AFTER = 2600;
 
+/** Toggles the class `idle` of the host. */
 export class AutoHide {
   private fade = 0;
   private touched = false;
 
-  /** holder: all controls; busy: whether they are in use and have to stay. */
+  /** holder: element of all controls. busy: returns true while they are in use. */
   constructor(private readonly host: HTMLElement, private readonly holder: HTMLElement, private readonly player: Player, private readonly busy: () => boolean, signal: AbortSignal) {
     const { canvas } = player;
     for (const name of ["pointermove", "pointerdown"] as const) host.addEventListener(name, (event) => this.pointer(event), { signal });
-    // Not by the focus that comes with a click or a tap.
+    // Ignore focus by click or tap.
     host.addEventListener("focusin", (event) => (event.composedPath()[0] as Element).matches(":focus-visible") && this.wake(), { signal });
     host.addEventListener("pointerleave", (event) => event.pointerType !== "touch" && this.sleep(), { signal });
-    // A tap becomes a click once it is over: what it brings up does not get it.
+    // The click follows the tap, so that it does not reach the controls that it shows.
     canvas.addEventListener("click", () => this.touched && (this.asleep ? this.wake() : this.sleep()), { signal });
     signal.addEventListener("abort", () => clearTimeout(this.fade));
   }
 
-  /** Show them while nothing plays. */
+  /** Keep the controls visible while paused. */
   update(): void {
     const { paused, error } = this.player;
     if (paused || error) this.host.classList.remove("idle");
     else if (!this.fade) this.wake();
   }
 
-  /** Show them for a while. */
+  /** Show the controls for a while. */
   wake(): void {
     this.host.classList.remove("idle");
     clearTimeout(this.fade);
@@ -46,7 +47,7 @@ export class AutoHide {
   private sleep(): void {
     const { player, holder, host } = this;
     if (player.paused || player.error || this.busy() || holder.matches(":has(:focus-visible)")) return;
-    // What does not show cannot have the keys.
+    // Hidden controls must not keep the focus.
     if (holder.matches(":has(.bar :focus)")) player.canvas.focus({ preventScroll: true });
     host.classList.add("idle");
   }

@@ -1,4 +1,4 @@
-/** The bar under the picture: the seek bar and a row of buttons, together one tab stop. */
+/** The bar at the bottom: seek bar and buttons, which form one tab stop. */
 import type { Player } from "../player/player";
 import { FULL, HEADSET, PAUSE, PLAY, RESET, SETTINGS, SMALL } from "./icons";
 import { elementOf } from "./markup";
@@ -19,7 +19,7 @@ const MARKUP = `<div class="bar" role="group" aria-label="Player controls" dir="
   </div>
 </div>`;
 
-/** What the buttons do; a name is the class of its button. */
+/** Actions of the buttons, by their classes. */
 export interface BarActions {
   play(): void;
   reset(): void;
@@ -28,19 +28,20 @@ export interface BarActions {
   full(): void;
 }
 
-/** What the bar cannot see in the player. */
+/** State of the bar that is not in the player. */
 export interface BarState {
   full: boolean;
-  /** What the button for it promises; "": there is none. */
+  /** Label of the fullscreen button; "" to hide it. */
   fullLabel: string;
   presenting: boolean;
 }
 
+/** The bar of one player. */
 export class Bar {
   readonly box = elementOf(MARKUP);
   readonly seek: SeekBar;
   private readonly volume: VolumeControl;
-  /** The seek bar, then the buttons. */
+  /** Seek bar and buttons, in order. */
   private readonly stops: HTMLElement[];
 
   constructor(private readonly player: Player, actions: BarActions) {
@@ -58,12 +59,12 @@ export class Bar {
     this.stop(1);
   }
 
-  /** By its class. */
+  /** Return a button by its class. */
   button(name: string): HTMLElement {
     return this.box.querySelector<HTMLElement>(`.${name}`)!;
   }
 
-  /** Show how things are. */
+  /** Show the present state. */
   update({ full, fullLabel, presenting }: BarState): void {
     const { duration, currentTime, paused, live, clock, manifest } = this.player;
     this.box.hidden = manifest === null;
@@ -87,12 +88,12 @@ export class Bar {
     button.title = `${label} (${key})`;
   }
 
-  /** Arrows go from button to button, up and down to the seek bar and back. */
+  /** Move the focus by arrow keys: left and right between buttons, up and down between seek bar and buttons. */
   private rove(event: KeyboardEvent): void {
     const stops = this.stops.filter((stop) => stop.getClientRects().length > 0);
     const at = stops.indexOf(event.composedPath()[0] as HTMLElement);
     if (at < 0 || event.shiftKey) return;
-    const onSeek = stops[at] === this.seek.input; // where left and right move time
+    const onSeek = stops[at] === this.seek.input; // there left and right change the time
     const first = stops[0] === this.seek.input ? 1 : 0; // small embeds have no seek bar
     const ways = { ArrowUp: 0, ArrowDown: Math.max(at, first), ArrowLeft: onSeek ? null : Math.max(at - 1, first), ArrowRight: onSeek ? null : Math.min(at + 1, stops.length - 1) };
     const next = ways[event.key as keyof typeof ways] ?? null;

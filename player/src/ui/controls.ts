@@ -1,10 +1,10 @@
-/** The controls over the picture, put together: bar, menu, help, statistics and messages, and what keys and buttons do. */
+/** The controls over the picture: bar, menu, help, statistics and messages, and the actions of keys and buttons. */
 import { messageOf } from "../base/errors";
 import { loadPart, playerAddress } from "../files/bundle";
 import { hasHeadset, Headset } from "../player/headset";
 import type { Player } from "../player/player";
 import { describe } from "../player/stats";
-import { aboutOf, saysAnything } from "./about";
+import { aboutOf, hasTexts } from "./about";
 import { AutoHide } from "./auto-hide";
 import { Bar } from "./bar";
 import { Dialog } from "./dialog";
@@ -17,12 +17,13 @@ import { Messages } from "./messages";
 import type { PathHost } from "./path-panel";
 import { saveScreenshot } from "./screenshot";
 
-/** Of the player: after these, what shows may be another. */
+/** Events of the player after which the controls are updated. */
 const EVENTS = ["emptied", "loadstart", "loadedmetadata", "durationchange", "canplay", "play", "pause", "timeupdate", "progress", "waiting", "playing"];
 EVENTS.push("seeking", "seeked", "ratechange", "volumechange", "ended", "deferred", "error");
 
 const HELP = "Keys and gestures";
 
+/** Creates the controls of one element. */
 export class Controls {
   private readonly holder = elementOf(`<div class="ui"></div>`);
   private readonly statistics = elementOf(`<dl class="sheet stats" aria-label="Statistics" hidden></dl>`);
@@ -53,7 +54,7 @@ export class Controls {
     this.full = new Fullscreen(host, () => this.update(), signal);
     this.holder.append(this.messages.box, this.statistics, this.bar.box, this.menu.box, this.dialog.box);
     root.append(this.holder);
-    // On the reel's own page all keys are for it.
+    // On the bundled page keys work wherever the focus is.
     const keyboard = host.closest("[data-splatreel-page]") ? document.documentElement : host;
     this.keys = attachKeys(keyboard, player, actions, signal);
     this.idle = new AutoHide(host, this.holder, player, () => this.bar.seek.dragging || this.menu.open || this.dialog.open !== "", signal);
@@ -62,7 +63,7 @@ export class Controls {
     this.update();
   }
 
-  /** Take the controls away. */
+  /** Remove the controls. */
   remove(): void {
     this.life.abort();
     this.headset?.leave();
@@ -70,12 +71,12 @@ export class Controls {
     this.holder.remove();
   }
 
-  /** What keys, buttons and the menu do. */
+  /** Return the actions of keys, buttons and the menu. */
   private actions() {
     const { player } = this;
     return {
       toggle: () => (player.paused ? player.play() : player.pause()),
-      fullscreen: () => void this.full.toggle().catch(() => this.messages.say("The browser does not give the screen")),
+      fullscreen: () => void this.full.toggle().catch(() => this.messages.say("The browser does not allow fullscreen")),
       headset: () => this.toggleHeadset(),
       reset: () => player.camera?.reset(),
       fly: () => this.fly(),
@@ -117,7 +118,7 @@ export class Controls {
     this.menu.update();
   }
 
-  /** The panel of the camera path is loaded when it is asked for. */
+  /** Open the panel of camera paths, which is loaded on demand. */
   private async openPath(): Promise<void> {
     this.openMenu(false);
     if (this.path) return this.path.close();
@@ -154,7 +155,7 @@ export class Controls {
     this.show(presentation.title || "About this reel", aboutOf(presentation));
   }
 
-  /** What shares is loaded when it is asked for. */
+  /** Open the share dialog, which is loaded on demand. */
   private async share(): Promise<void> {
     const { host, player: { manifest } } = this;
     const say = (words: string): void => this.messages.say(words);
@@ -168,7 +169,7 @@ export class Controls {
     }
   }
 
-  /** What is open, one at a time; then the window. */
+  /** Close the open dialog or menu, or else leave fullscreen. */
   private closeSheets(): void {
     if (this.dialog.open) this.dialog.close();
     else if (this.menu.open) {
@@ -186,7 +187,7 @@ export class Controls {
     const { manifest } = this.player;
     this.bar.update({ full: this.full.on, fullLabel: this.full.offer, presenting: this.headset !== null });
     this.messages.update();
-    this.menu.update({ shares: this.host.hasAttribute("share") && !!manifest && !manifest.files, describes: !!manifest && saysAnything(manifest.presentation) });
+    this.menu.update({ shares: this.host.hasAttribute("share") && !!manifest && !manifest.files, describes: !!manifest && hasTexts(manifest.presentation) });
     this.idle.update();
   }
 }

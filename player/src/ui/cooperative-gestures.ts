@@ -1,18 +1,19 @@
-/** Who gets wheel and fingers: in a page that scrolls the page does, until people click or tap into the picture, as with maps. */
+/** Cooperative gestures, as on maps: in a scrolling page, wheel and one finger scroll the page until people click the picture. */
 import { elementOf } from "./markup";
 
-/** Milliseconds that the hint stays after the last attempt. */
+/** Milliseconds for which the hint is shown. */
 const HINT = 1400;
 
-/** Of the attribute `gestures`; without it pages that scroll, and frames, whose page may, are "cooperative". */
+/** Values of the attribute `gestures`. The default is "cooperative" in scrolling pages and frames. */
 type Mode = "cooperative" | "greedy";
 
+/** Decides whether a gesture belongs to the picture or the page. */
 export class CooperativeGestures {
   readonly hint = elementOf(`<div class="gestures" aria-hidden="true"><p></p></div>`);
   private chosen = false;
   private timer = 0;
 
-  /** canvas: that of `host`, a player. */
+  /** canvas: canvas of the host element. */
   constructor(private readonly host: HTMLElement, private readonly canvas: HTMLElement, signal: AbortSignal) {
     const release = (): void => this.choose(false);
     const outside = (event: Event): void => void (event.composedPath().includes(host) || release());
@@ -26,12 +27,12 @@ export class CooperativeGestures {
     this.update();
   }
 
-  /** One finger and the wheel move the picture, not the page. */
+  /** True if one finger and the wheel move the picture instead of the page. */
   get active(): boolean {
     return this.chosen || this.mode === "greedy" || document.fullscreenElement !== null || this.host.classList.contains("filling");
   }
 
-  /** Whether a turn of the wheel is for the picture; if not, say how to make it one. */
+  /** Return true if a wheel event belongs to the picture. Otherwise show a hint. */
   takesWheel({ ctrlKey, metaKey }: WheelEvent): boolean {
     if (ctrlKey || metaKey || this.active) return true;
     this.explain(`Use ${/Mac|iP/.test(navigator.platform) ? "⌘" : "Ctrl"} + scroll to zoom`);
@@ -50,12 +51,12 @@ export class CooperativeGestures {
     this.update();
   }
 
-  /** Browsers ask for this when a finger comes down: it has to be right before. */
+  /** Set the touch-action, which browsers read when a finger touches the screen. */
   private update(): void {
     this.canvas.classList.toggle("shared", !this.active);
   }
 
-  /** Two fingers are for the picture; one that the page took scrolls it. */
+  /** Reserve two fingers for the picture, and show a hint when the page takes one. */
   private watchTouches(signal: AbortSignal): void {
     const { canvas } = this;
     const keep = (event: TouchEvent): void => {
@@ -67,7 +68,7 @@ export class CooperativeGestures {
     }, { signal });
   }
 
-  /** Pages grow, and attributes change. */
+  /** Update when the size of the page or an attribute changes. */
   private watchPage(signal: AbortSignal): void {
     const update = (): void => this.update();
     const size = new ResizeObserver(update);
@@ -91,7 +92,7 @@ export class CooperativeGestures {
   }
 }
 
-/** Whether anything around an element scrolls. */
+/** Return true if the page or an ancestor scrolls. */
 function isInScrollingPage(element: HTMLElement): boolean {
   const root = document.documentElement;
   for (let at = around(element); at && at !== root; at = around(at)) {

@@ -1,4 +1,4 @@
-/** A sheet over the picture that people open, read and close: by its button, Esc, or a click outside. */
+/** A modal dialog, closed by its button, Esc, or a click outside. */
 import { CLOSE } from "./icons";
 import { elementOf } from "./markup";
 
@@ -8,18 +8,19 @@ const MARKUP = `<div class="sheet dialog" role="dialog" aria-modal="true" hidden
   <div class="content"></div>
 </div>`;
 
+/** The dialog of one player. */
 export class Dialog {
   readonly box = elementOf(MARKUP);
   private readonly button = this.box.querySelector<HTMLElement>(".close")!;
 
-  /** closed: called whenever it was closed. */
+  /** closed: called when the dialog closes. */
   constructor(private readonly closed: () => void, signal: AbortSignal) {
     this.button.onclick = () => this.close();
-    this.box.addEventListener("keydown", (event) => event.key === "Tab" && this.turn(event));
+    this.box.addEventListener("keydown", (event) => event.key === "Tab" && this.trapFocus(event));
     document.addEventListener("pointerdown", (event) => void (event.composedPath().includes(this.box) || this.close()), { signal });
   }
 
-  /** The title of what is open; "" when nothing is. */
+  /** Title of the open dialog; "" if it is closed. */
   get open(): string {
     return this.box.hidden ? "" : this.box.ariaLabel!;
   }
@@ -32,8 +33,8 @@ export class Dialog {
     this.button.focus();
   }
 
-  /** From the last thing that takes the focus to the first, and back: what lies below is not for now. */
-  private turn(event: KeyboardEvent): void {
+  /** Keep the focus within the dialog. */
+  private trapFocus(event: KeyboardEvent): void {
     const stops = [...this.box.querySelectorAll<HTMLElement>("button, input, textarea, select, summary, a[href]")].filter((stop) => stop.getClientRects().length > 0);
     const [first, last] = event.shiftKey ? [stops[0], stops.at(-1)!] : [stops.at(-1)!, stops[0]];
     if (event.composedPath()[0] !== first) return;

@@ -1,4 +1,4 @@
-/** Reels from this machine: a folder or a zip that is dropped on a player, or chosen where there is no reel. */
+/** Opens local reels: a dropped folder or zip, or chosen files if the page has no reel. */
 import { messageOf, PLAIN, ReelError } from "../base/errors";
 import { loadPart } from "../files/bundle";
 import type { LocalFiles } from "../files/local-files";
@@ -15,18 +15,19 @@ const MARKUP = `<div class="drop" hidden><div class="sheet choice">
   </div>
 </div></div>`;
 
-/** The element with the attribute `drop`; with `drop="ask"` it asks people for a reel where it has none. */
+/** An element with the attribute `drop`. With `drop="ask"` it asks for a reel if it has none. */
 export interface FileDropHost extends HTMLElement {
   readonly player: Player;
   srcObject: LocalFiles | null;
 }
 
+/** Drop target and dialog of one element. */
 export class FileDrop {
   private readonly box = elementOf(MARKUP);
-  /** What people are asked for while there is no reel; "": there is one. */
+  /** Text shown while there is no reel; "" otherwise. */
   private question = "";
 
-  /** Take what is dropped on the host until the signal. */
+  /** Accept drops on the host until the signal. */
   constructor(private readonly host: FileDropHost, root: ShadowRoot, signal: AbortSignal) {
     root.append(this.box);
     signal.addEventListener("abort", () => this.box.remove());
@@ -45,12 +46,12 @@ export class FileDrop {
     this.box.querySelector<HTMLElement>(`button.${name}`)!.onclick = () => input.click();
     input.onchange = () => {
       const files = [...input.files!];
-      input.value = ""; // the same one may be chosen again
+      input.value = ""; // allow the same file to be chosen again
       if (files.length > 0) void this.open((opener) => opener.openFiles(files));
     };
   }
 
-  /** There is no reel where the page looked for one: people may choose theirs. */
+  /** Ask people for a reel if the page has none. */
   private ask(): void {
     const { host } = this;
     const { error, manifest } = host.player;
@@ -72,7 +73,7 @@ export class FileDrop {
     const { dataTransfer } = event;
     if (!dataTransfer?.types.includes("Files")) return;
     event.preventDefault();
-    // Both are there only as long as the event is.
+    // Both are valid only during the event.
     const entries = [...dataTransfer.items].flatMap((item) => item.webkitGetAsEntry?.() ?? []);
     const files = [...dataTransfer.files];
     void this.open((opener) => opener.openDropped({ entries, files }));

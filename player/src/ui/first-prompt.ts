@@ -1,14 +1,15 @@
-/** Tells people on their first visit that they can look around: once, until the first gesture or for some seconds. */
+/** Prompt on the first visit that people can look around. It disappears after the first gesture or some seconds. */
 import type { Player } from "../player/player";
 import type { CooperativeGestures } from "./cooperative-gestures";
 import { HAND } from "./icons";
 import { elementOf } from "./markup";
 
-/** In the page's own storage: this visitor knows. */
+/** Key in the page's storage that marks returning visitors. */
 const KNOWN = "splatreel-knows-gestures";
 
+/** Shows the prompt once. */
 export class FirstPrompt {
-  /** Show it over the picture of a player once that is there, until the signal. */
+  /** Show the prompt once the first frame is drawn, until the signal. */
   constructor(private readonly player: Player, gestures: CooperativeGestures, signal: AbortSignal) {
     if (matchMedia("(prefers-reduced-motion: reduce)").matches || isKnown()) return;
     const finger = !gestures.active && matchMedia("(pointer: coarse)").matches;
@@ -26,13 +27,13 @@ export class FirstPrompt {
     signal.addEventListener("abort", remove);
   }
 
-  /** Somebody has moved the view. */
+  /** True once people have moved the camera. */
   private get used(): boolean {
     return this.player.camera?.touched === true;
   }
 }
 
-/** Without storage, as in a sandboxed frame, it shows once in each page. */
+/** Return true if the prompt was shown. Without storage, as in a sandboxed frame, this holds for the page only. */
 function isKnown(): boolean {
   try {
     return localStorage.getItem(KNOWN) !== null;

@@ -1,7 +1,8 @@
-/** The whole screen where the browser gives it, else the whole window, else nothing. */
+/** Fullscreen, or the whole window if the browser does not allow fullscreen. */
 
+/** Fullscreen state of one element. */
 export class Fullscreen {
-  /** changed: called whenever it is another. */
+  /** changed: called when the state changes. */
   constructor(private readonly host: HTMLElement, private readonly changed: () => void, signal: AbortSignal) {
     document.addEventListener("fullscreenchange", changed, { signal });
   }
@@ -10,11 +11,11 @@ export class Fullscreen {
     return document.fullscreenElement !== null || this.host.classList.contains("filling");
   }
 
-  /** What a button may promise; "" where it could do nothing: some phones and frames do not give the screen. */
+  /** Label of the button; "" if it would have no effect. */
   get offer(): string {
     if (document.fullscreenElement) return "Leave fullscreen";
     if (document.fullscreenEnabled) return "Fullscreen";
-    if (this.on) return "Leave the whole window";
+    if (this.on) return "Exit full window";
     const { clientWidth, clientHeight } = this.host;
     return clientWidth < innerWidth - 1 || clientHeight < innerHeight - 1 ? "Fill the window" : "";
   }

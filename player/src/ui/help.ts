@@ -1,4 +1,4 @@
-/** The help: keys and gestures, and what they do. */
+/** The help: lists keys and gestures. */
 import type { KeyTable } from "./keys";
 import { elementOf } from "./markup";
 
@@ -16,7 +16,7 @@ const MOUSE: [string, string][] = [
   ["Double click", "Make that the middle"],
 ];
 
-/** What this device is steered by comes first. */
+/** Return the content of the help. Touch gestures come first on touch screens. */
 export function helpOf(table: KeyTable): HTMLElement {
   const touch = matchMedia("(pointer: coarse)").matches;
   const [time, view] = table.map(([title, lines]) => section(title, lines.map(({ shown, what }) => [keycaps(shown), what])));

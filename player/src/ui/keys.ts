@@ -1,8 +1,8 @@
-/** The keyboard: one table for what keys do and for the help that lists them. */
+/** Keyboard control. One table defines the keys and their help. */
 import type { Motion } from "../camera/orbit-camera";
 import type { Player } from "../player/player";
 
-/** What the keys need of the controls. */
+/** Actions of the controls that keys trigger. */
 export interface Actions {
   toggle(): void;
   fullscreen(): void;
@@ -16,10 +16,10 @@ export interface Actions {
 }
 
 interface Binding {
-  /** As `KeyboardEvent.key`, lower case, with "shift+" before the arrows. */
+  /** As `KeyboardEvent.key` in lower case, with "shift+" for arrows. */
   keys: string[];
   press?: (key: string) => void;
-  /** What the camera does as long as the key is down. */
+  /** Velocity of the camera while the key is pressed. */
   thrust?: Partial<Motion>;
 }
 
@@ -29,16 +29,16 @@ interface Line {
   bindings: Binding[];
 }
 
-/** Radians, pivot distances and factors of e, a second. */
+/** Velocities per second: radians, pivot distances, and powers of e. */
 const TURN = 1.2;
 const WALK = 0.6;
 const ZOOM = 1.2;
 const RATES = [0.25, 0.5, 0.75, 1, 1.25, 1.5, 2];
 
-/** Titles, and the keys below each with what they do. */
+/** Sections of the help: titles with their keys. */
 export type KeyTable = [string, Line[]][];
 
-/** Listen at a player's element, or at a page that is all for it, until the signal. Returns what there is, for the help. */
+/** Listen for keys until the signal. host: the element, or the whole bundled page. Returns the table for the help. */
 export function attachKeys(host: HTMLElement, player: Player, actions: Actions, signal: AbortSignal): KeyTable {
   const table: KeyTable = [["Time", timeLines(player, actions)], ["View", viewLines(player, actions)]];
   const bindings = new Map<string, Binding>();
@@ -66,7 +66,7 @@ export function attachKeys(host: HTMLElement, player: Player, actions: Actions, 
   return table;
 }
 
-/** Whether the element under the keys wants this one for itself. */
+/** Return true if the focused element handles this key itself. */
 function takesKeys(event: KeyboardEvent): boolean {
   const { key } = event;
   const target = event.composedPath()[0];

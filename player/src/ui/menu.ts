@@ -1,4 +1,4 @@
-/** The settings over the bar. */
+/** The settings menu above the bar. */
 import type { Player } from "../player/player";
 import type { Quality } from "../player/resolution";
 import { BACK, ON } from "./icons";
@@ -20,13 +20,14 @@ const MARKUP = [
   toggle("fly", "Fly through the cameras"),
   toggle("statistics", "Statistics"),
   `<button type="button" name="path" class="wide">Camera path</button>`,
-  `<div class="frames">Frame<span><button type="button" name="back" aria-label="One frame back">${BACK}</button><button type="button" name="on" aria-label="One frame on">${ON}</button></span></div>`,
+  `<div class="frames">Frame<span><button type="button" name="back" aria-label="One frame back">${BACK}</button><button type="button" name="on" aria-label="One frame forward">${ON}</button></span></div>`,
   `<button type="button" name="share" class="wide">Share</button>`,
   `<button type="button" name="picture" class="wide">Save a picture</button>`,
   `<button type="button" name="about" class="wide">About this reel</button>`,
   `<button type="button" name="help" class="wide">Keys and gestures</button>`,
 ].join("");
 
+/** Actions of the menu. */
 export interface MenuActions {
   fly(): void;
   statistics(): void;
@@ -38,15 +39,16 @@ export interface MenuActions {
   loop(on: boolean): void;
 }
 
-/** What the menu cannot see in the player. */
+/** State of the menu that is not in the player. */
 export interface MenuState {
   statistics: boolean;
-  /** The page takes links to a time and a view. */
+  /** True if the page opens links to a time and a view. */
   shares: boolean;
-  /** The reel says something of itself. */
+  /** True if the reel has texts about itself. */
   describes: boolean;
 }
 
+/** The menu of one player. */
 export class Menu {
   readonly box = elementOf(`<div class="sheet menu" role="group" aria-label="Settings" hidden>${MARKUP}</div>`);
   private state: MenuState = { statistics: false, shares: false, describes: false };
@@ -76,7 +78,7 @@ export class Menu {
     this.update();
   }
 
-  /** Show how things are. */
+  /** Show the present state. */
   update(state: Partial<MenuState> = {}): void {
     this.state = { ...this.state, ...state };
     if (!this.open) return;
@@ -93,7 +95,7 @@ export class Menu {
     this.input("about").hidden = !this.state.describes;
   }
 
-  /** Auto says what it came to; reels in one rendition have nothing to choose. */
+  /** Update the list of renditions. "Auto" names the rendition on screen. */
   private updateRenditions(): void {
     const { renditions, rendition, shownRendition } = this.player;
     const select = this.box.querySelector<HTMLSelectElement>("[name=rendition]")!;

@@ -1,4 +1,4 @@
-/** What stands in the middle of the picture: waiting, the first play, errors, short messages. */
+/** Messages in the center of the picture: loading, first play, errors, toasts. */
 import { plainWords } from "../base/errors";
 import type { Player } from "../player/player";
 import type { Soundtrack } from "../sound/soundtrack";
@@ -6,7 +6,7 @@ import { MUTED, PLAY } from "./icons";
 import { elementOf } from "./markup";
 import { passGestures } from "./pass-gestures";
 
-/** A wait longer than this, milliseconds, is explained. */
+/** Milliseconds after which a wait is explained. */
 const EXPLAIN_AFTER = 1500;
 const TOAST = 2200;
 
@@ -23,12 +23,13 @@ const MARKUP = `<div class="center">
   </div>
 </div>`;
 
+/** The messages of one player. */
 export class Messages {
   readonly box = elementOf(MARKUP);
   private explain = 0;
   private toast = 0;
-  /** What of the sound has been said. */
-  private told: Error | null = null;
+  /** Error of the sound that was shown last. */
+  private reported: Error | null = null;
 
   constructor(private readonly player: Player) {
     for (const name of [".start", ".unmute"]) passGestures(this.find(name), player.canvas);
@@ -37,7 +38,7 @@ export class Messages {
     this.find(".unmute").onclick = () => player.soundtrack.toggle();
   }
 
-  /** Show how things are. */
+  /** Show the present state. */
   update(): void {
     const { canPlay, paused, currentTime, earliest, error, waiting, busy, deferred, hasSource, soundtrack } = this.player;
     this.updatePanel(error);
@@ -49,11 +50,11 @@ export class Messages {
 
   private updateSound({ blocked, error }: Soundtrack, paused: boolean): void {
     this.find(".unmute").hidden = !blocked || paused;
-    if (error && error !== this.told) this.say("The sound cannot be played");
-    this.told = error;
+    if (error && error !== this.reported) this.say("The sound cannot be played");
+    this.reported = error;
   }
 
-  /** Say something for a moment. */
+  /** Show a toast. */
   say(text: string): void {
     const box = this.find(".toast");
     box.textContent = text;
@@ -62,7 +63,7 @@ export class Messages {
     this.toast = window.setTimeout(() => box.classList.remove("shown"), TOAST);
   }
 
-  /** Plain words; what says where and why is in the details. */
+  /** Show an error in plain words, with the exact message in the details. */
   private updatePanel(error: Error | null): void {
     const panel = this.find(".panel");
     if (error && panel.hidden) {
@@ -76,7 +77,7 @@ export class Messages {
     panel.hidden = !error;
   }
 
-  /** Wheel at once, words once it takes long. */
+  /** Show the spinner at once, and text after a while. */
   private updateWait(waiting: boolean): void {
     const wait = this.find(".wait");
     if (waiting && wait.hidden) {

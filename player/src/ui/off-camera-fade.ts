@@ -1,10 +1,11 @@
-/** Over a view from where no camera looked: the reel's background, the more of it the farther, and words that say so. */
+/** Fades views far from those of the cameras to the background, with an explanation. */
 import type { Player } from "../player/player";
 import { elementOf } from "./markup";
 
-/** Fainter than this there are no words yet. */
+/** Fade above which the explanation is shown. */
 const WORDS = 0.05;
 
+/** Overlay of one player. */
 export class OffCameraFade {
   readonly box = elementOf(`<div class="beyond"><p role="status"></p></div>`);
   private shown = 0;

@@ -1,16 +1,16 @@
-/** Buttons over the picture: a click or a tap is theirs, a drag or the wheel that begins on them is the picture's. */
+/** Lets drags and wheel events on buttons control the picture below, while clicks stay with the button. */
 
-/** A move of more pixels than this is a drag. */
+/** Pixels above which a move is a drag. */
 const DRAG = 6;
 
 /** Pass the gestures that begin on a button on to the surface below. */
 export function passGestures(button: HTMLElement, surface: HTMLElement): void {
-  /** Pointers that came down and have not moved, by their ids. */
+  /** Pressed pointers that have not moved, by id. */
   const resting = new Map<number, PointerEvent>();
   let dragged = false;
   const pass = (): void => {
     dragged = true;
-    // The surface captures these pointers, and hears the rest by itself.
+    // The surface captures these pointers and receives their further events.
     for (const event of resting.values()) surface.dispatchEvent(new PointerEvent("pointerdown", event));
     resting.clear();
   };

@@ -1,17 +1,18 @@
-/** A camera path over the picture: its curve, and a small camera at each keyframe. */
+/** Draws a camera path over the picture: its curve, and a small camera at each keyframe. */
 import { add, dot, eyeOf, length, scale, subtract, type Vec3 } from "../base/matrix";
 import type { View } from "../base/view";
 import type { CameraPath } from "../camera/camera-path";
 import type { OrbitCamera } from "../camera/orbit-camera";
 
-/** Points of the curve from one keyframe to the next, and most of them altogether. */
+/** Points of the curve between keyframes, and their maximum number in total. */
 const FINE = 16;
 const MOST = 600;
-/** How long the drawn cameras are, in parts of the distance between the two that are farthest apart. */
+/** Size of the drawn cameras, relative to the extent of the path. */
 const SIZE = 0.06;
 
 const SVG = "http://www.w3.org/2000/svg";
 
+/** SVG overlay of a path. */
 export class PathDrawing {
   readonly box = document.createElementNS(SVG, "svg");
   private readonly parts: SVGPathElement[];
@@ -20,7 +21,7 @@ export class PathDrawing {
   constructor() {
     this.box.setAttribute("aria-hidden", "true");
     this.box.classList.add("path-drawing");
-    // Each line twice: a dark one below, so that it shows before anything.
+    // Each line is drawn twice, with a dark one below, so that it is visible on any background.
     this.parts = ["under", "curve", "under", "cameras"].map((name) => {
       const path = document.createElementNS(SVG, "path");
       path.classList.add(name);
@@ -29,7 +30,7 @@ export class PathDrawing {
     this.box.append(...this.parts, this.labels);
   }
 
-  /** Draw as seen in a picture of width x height CSS pixels; null: nothing. */
+  /** Draw a path as seen by the camera, or nothing for null. width, height: CSS pixels. */
   draw(path: CameraPath | null, camera: OrbitCamera, width: number, height: number): void {
     this.box.setAttribute("viewBox", `0 0 ${width} ${height}`);
     const view = camera.view(width, height);
@@ -54,12 +55,12 @@ function curveOf(path: CameraPath): Vec3[] {
     const leg = Math.min(Math.floor(place), legs - 1);
     if (leg < 0) return eyeOf(path.keyframes[0].viewmat);
     const [from, to] = [path.keyframes[leg].at, path.keyframes[leg + 1].at];
-    // Before the end, where a loop would begin again.
+    // Stop before the end, where a loop would restart.
     return eyeOf(path.at(from + (to - from) * Math.min(place - leg, 1 - 1e-9)).viewmat);
   });
 }
 
-/** Lines of a pyramid from a camera's eye into its view. */
+/** Return the lines of a view pyramid. */
 function cameraAt(m: number[], size: number): Vec3[][] {
   const eye = eyeOf(m);
   const [right, down, forward] = [0, 4, 8].map((i) => m.slice(i, i + 3) as Vec3);
@@ -68,7 +69,7 @@ function cameraAt(m: number[], size: number): Vec3[][] {
   return [[...corners, corners[0]], ...corners.map((point) => [eye, point]), [corner(-0.4, -1), corner(0, -1.5), corner(0.4, -1)]];
 }
 
-/** What of a line lies before the viewer, as SVG path data. */
+/** Return the part of a line in front of the viewer, as SVG path data. */
 function lineOf(points: Vec3[], view: View): string {
   const { viewmat: m, near } = view;
   const seen = points.map((point) => [0, 4, 8].map((i) => dot(point, m.slice(i, i + 3) as Vec3) + m[i + 3]) as Vec3);

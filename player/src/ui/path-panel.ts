@@ -1,4 +1,4 @@
-/** The panel in which people make a camera path, beside the picture. Loaded when it is asked for. */
+/** The panel for editing a camera path. This part is loaded on demand. */
 import { messageOf } from "../base/errors";
 import { nearestFirst, type Keyframe, type PathFile } from "../camera/camera-path";
 import { appended, lasting, moved, throughViews, without } from "../camera/edit-keyframes";
@@ -38,14 +38,15 @@ const ITEM = `<li>
   <button type="button" class="remove">${CLOSE}</button>
 </li>`;
 
-/** What the panel needs of the element that it belongs to. */
+/** The part of the element that the panel needs. */
 export interface PathHost extends HTMLElement {
   readonly player: Player;
   readonly pathPlayer: PathPlayer;
-  /** Throws `ReelError` for what is no path. */
+  /** Throws `ReelError` for an invalid path. */
   path: PathFile | null;
 }
 
+/** The panel of one element. */
 export class PathPanel {
   readonly box = elementOf(MARKUP);
   private readonly drawing = new PathDrawing();
@@ -53,7 +54,7 @@ export class PathPanel {
   private drawn = "";
   private frame = 0;
 
-  /** closed: called when people close it. */
+  /** closed: called when the panel closes. */
   constructor(private readonly host: PathHost, root: ShadowRoot, private readonly closed: () => void) {
     const { signal } = this.life;
     const sheet = new CSSStyleSheet();
@@ -145,7 +146,7 @@ export class PathPanel {
     }
   }
 
-  /** A path that is dropped is for the panel, all else for the player. */
+  /** Load a dropped path. Other files are left to the player. */
   private drop(event: DragEvent): void {
     const file = [...(event.dataTransfer?.files ?? [])].find(({ name }) => /\.json$/i.test(name));
     if (!file || event.dataTransfer!.files.length > 1) return;
@@ -203,7 +204,7 @@ export class PathPanel {
     this.player.invalidate();
   }
 
-  /** Over every picture of another view; while the path plays, one is on it and sees little of it. */
+  /** Redraw the path when the view changes. It is hidden while it plays. */
   private redraw(): void {
     this.frame = requestAnimationFrame(() => this.redraw());
     const { player, host } = this;

@@ -1,12 +1,12 @@
-/** Mouse, wheel and touch to camera moves: drag orbits, right or shift drag and two fingers pan, wheel and pinch zoom. */
+/** Mouse and touch control: drag orbits, right or Shift drag and two fingers pan, wheel and pinch zoom. */
 import type { Player } from "../player/player";
 import type { CooperativeGestures } from "./cooperative-gestures";
 
-/** A drag along the surface's shorter side turns by this many radians. */
+/** Rotation in radians of a drag along the shorter side of the surface. */
 const HALF_TURN = Math.PI;
-/** A pause of this many milliseconds before letting go means no flick. */
+/** Milliseconds without a move before the release that suppress a flick. */
 const STILL = 60;
-/** Two taps closer than this, in milliseconds and pixels, are a double one; a drag shorter than this many pixels is a tap. */
+/** Maximum milliseconds between taps of a double tap, and maximum pixels of a tap. */
 const DOUBLE = 320;
 const NEAR = 12;
 
@@ -17,7 +17,7 @@ interface Finger {
   touch: boolean;
 }
 
-/** Steer a player's camera from a surface, as far as the gestures are for it, until the signal. */
+/** Control the camera of a player from a surface, until the signal. */
 export function attachPointerControls(surface: HTMLElement, player: Player, gestures: CooperativeGestures, signal: AbortSignal): void {
   const fingers = new Map<number, Finger>();
   let velocity: [number, number] = [0, 0];
@@ -41,7 +41,7 @@ export function attachPointerControls(surface: HTMLElement, player: Player, gest
     way += Math.hypot(dx, dy);
     if (way === 0) return;
     if (fingers.size === 1 && finger.touch && !gestures.active) {
-      // The page scrolls.
+      // The finger scrolls the page.
     } else if (fingers.size === 1 && !finger.pan) {
       const unit = HALF_TURN / Math.max(Math.min(surface.clientWidth, surface.clientHeight), 1);
       camera.orbit(dx * unit, dy * unit);
@@ -86,7 +86,7 @@ export function attachPointerControls(surface: HTMLElement, player: Player, gest
   surface.addEventListener("contextmenu", (event) => event.preventDefault(), { signal });
 }
 
-/** Turn to what is seen at a point of the canvas, CSS pixels, and orbit about it from now on. */
+/** Turn to the point seen at a position of the canvas, in CSS pixels, and make it the pivot. */
 function focusAt({ camera, stage, canvas }: Player, x: number, y: number): void {
   const view = stage?.view;
   if (!camera || !view) return;
@@ -95,7 +95,7 @@ function focusAt({ camera, stage, canvas }: Player, x: number, y: number): void 
   if (depth !== null) camera.focus([((x * ratio - view.cx) / view.fx) * depth, ((y * ratio - view.cy) / view.fy) * depth, depth]);
 }
 
-/** Mean distance of the fingers from their middle, with one of them where an event says. */
+/** Return the mean distance of the fingers from their center. event: updates one of them. */
 function spread(fingers: Map<number, Finger>, event?: PointerEvent): number {
   const points = [...fingers].map(([id, finger]) => (event && id === event.pointerId ? { x: event.clientX, y: event.clientY } : finger));
   const x = points.reduce((sum, point) => sum + point.x, 0) / points.length;

@@ -1,18 +1,18 @@
-/** Saves what shows as a PNG file, in all the pixels of the screen. */
+/** Saves the present frame as a PNG file in full resolution. */
 import { ReelError } from "../base/errors";
 import type { Player } from "../player/player";
 
-/** Throws `ReelError` while there is no whole picture. */
+/** Save a screenshot. Throws `ReelError` while there is no complete frame. */
 export async function saveScreenshot(player: Player): Promise<void> {
   const { camera, canvas, manifest } = player;
-  if (!camera || !manifest || !player.canPlay || player.waiting || player.seeking) throw new ReelError("The picture is not here yet.");
+  if (!camera || !manifest || !player.canPlay || player.waiting || player.seeking) throw new ReelError("The picture is not ready yet.");
   const seconds = player.currentTime;
   const size = (css: number): number => Math.max(Math.round(css * devicePixelRatio), 1);
   const { width, height, data } = await player.playback.takePicture(camera.view(size(canvas.clientWidth), size(canvas.clientHeight)));
   save(await encode(new ImageData(new Uint8ClampedArray(data.buffer as ArrayBuffer, data.byteOffset, data.byteLength), width, height)), nameOf(manifest.presentation.title, seconds));
 }
 
-/** Letters, digits and hyphens only: "toy-train-1.40s.png". */
+/** Return a file name of letters, digits and hyphens, such as "toy-train-1.40s.png". */
 export function nameOf(title: string, seconds: number): string {
   const words = title.toLowerCase().match(/[\p{L}\p{N}]+/gu) ?? ["reel"];
   return `${words.join("-").slice(0, 60)}-${seconds.toFixed(2)}s.png`;
@@ -22,7 +22,7 @@ function encode(pixels: ImageData): Promise<Blob> {
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [pixels.width, pixels.height];
   canvas.getContext("2d")!.putImageData(pixels, 0, 0);
-  return new Promise((resolve, reject) => canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new ReelError("The picture is too large to be saved."))), "image/png"));
+  return new Promise((resolve, reject) => canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new ReelError("The picture is too large to save."))), "image/png"));
 }
 
 function save(file: Blob, name: string): void {

@@ -1,4 +1,4 @@
-/** The seek bar: where time is, what is here already, and which time is under the pointer. */
+/** The seek bar: present time, buffered ranges, and the time under the pointer. */
 import type { Player } from "../player/player";
 import { elementOf } from "./markup";
 import { Thumbnails } from "./thumbnails";
@@ -9,10 +9,11 @@ const MARKUP = `<div class="track">
   <span class="hint" aria-hidden="true"><span class="at"></span></span>
 </div>`;
 
+/** The seek bar of one player. */
 export class SeekBar {
   readonly box = elementOf(MARKUP);
   readonly input = this.box.querySelector<HTMLInputElement>(".seek")!;
-  /** A hand is on it. */
+  /** True during a drag. */
   dragging = false;
 
   private readonly hint = this.box.querySelector<HTMLElement>(".hint")!;
@@ -38,7 +39,7 @@ export class SeekBar {
     });
   }
 
-  /** Show how things are. */
+  /** Show the present state. */
   update(): void {
     const { input } = this;
     const { currentTime, earliest, duration } = this.player;
@@ -49,7 +50,7 @@ export class SeekBar {
     input.style.setProperty("--ahead", this.bufferedTrack());
   }
 
-  /** What is at a part of the bar, which stays within it. */
+  /** Show the time and thumbnail at a position of the bar, 0 to 1. */
   private showHint(place: number): void {
     const { hint, player: { earliest, duration } } = this;
     const part = Math.min(Math.max(place, 0), 1) || 0;
@@ -61,7 +62,7 @@ export class SeekBar {
     hint.style.left = `${Math.min(Math.max(part * width, half), width - half)}px`;
   }
 
-  /** The ranges that are here, as a background. */
+  /** Return the buffered ranges as a background image. */
   private bufferedTrack(): string {
     const stops = this.player.buffered.flatMap(([from, to]) => {
       const [a, b] = [this.percent(from), this.percent(to)];
@@ -70,7 +71,7 @@ export class SeekBar {
     return stops.length > 0 ? `linear-gradient(to right, ${stops.join(", ")})` : "linear-gradient(transparent, transparent)";
   }
 
-  /** Where a time is on the bar, 0..1. */
+  /** Return the position of a time on the bar, 0 to 1. */
   private placeOf(seconds: number): number {
     const { earliest, duration } = this.player;
     return duration > earliest ? (seconds - earliest) / (duration - earliest) : 0;

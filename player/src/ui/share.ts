@@ -1,13 +1,13 @@
-/** The share dialog: a link, its QR code, and code that embeds the reel. Loaded when it is asked for. */
+/** The share dialog: a link, its QR code, and code to embed the reel. This part is loaded on demand. */
 import { encode } from "uqr";
 import { elementOf } from "./markup";
 
-/** What there is to share. */
+/** Addresses and title to share. */
 export interface Shared {
-  /** The page's address with the present time and view, and without. */
+  /** Address of the page with the present time and view, and without. */
   link: string;
   page: string;
-  /** The addresses of the manifest and of the player's module; null: other pages cannot load it. */
+  /** Addresses of the manifest and of the player's module; null if other pages cannot load the module. */
   reel: string;
   player: string | null;
   title: string;
@@ -31,7 +31,7 @@ const MARKUP = `<div class="share">
   <div class="code" role="img" aria-label="QR code of the link"></div>
 </div>`;
 
-/** say: tells people what became of a copy. */
+/** Return the content of the dialog. say: shows whether a copy succeeded. */
 export function shareOf(shared: Shared, say: (words: string) => void): HTMLElement {
   const box = elementOf(MARKUP);
   const area = (name: string): HTMLTextAreaElement => box.querySelector<HTMLTextAreaElement>(`[name=${name}]`)!;
@@ -48,14 +48,14 @@ export function shareOf(shared: Shared, say: (words: string) => void): HTMLEleme
   exact.onchange = update;
   for (const button of box.querySelectorAll<HTMLElement>(".copy")) {
     const text = button.parentElement!.querySelector("textarea")!;
-    button.onclick = async () => say((await copy(text)) ? "Copied" : "It is marked: copy it with the keyboard or the browser's menu");
+    button.onclick = async () => say((await copy(text)) ? "Copied" : "Selected: copy it with the keyboard or the browser's menu");
     text.onfocus = () => text.select();
   }
   update();
   return box;
 }
 
-/** Frames may not have the clipboard; the older way asks for no permission. What cannot be copied is left marked. */
+/** Copy a text. Frames may lack clipboard permission, which the older method does not need. If both fail, the text stays selected. */
 async function copy(text: HTMLTextAreaElement): Promise<boolean> {
   if (await navigator.clipboard?.writeText(text.value).then(() => true, () => false)) return true;
   text.focus();
@@ -75,7 +75,7 @@ function escaped(text: string): string {
   return text.replace(/[&"<>]/g, (mark) => `&#${mark.charCodeAt(0)};`);
 }
 
-/** Black on white with the border that readers need, whatever the color scheme. */
+/** Return a QR code, black on white in any color scheme, with the border that readers need. */
 function codeOf(text: string): SVGElement {
   const { data, size } = encode(text, { ecc: "L", border: 3 });
   const squares = data.flatMap((row, y) => row.flatMap((dark, x) => (dark ? `M${x} ${y}h1v1h-1z` : [])));

@@ -1,26 +1,27 @@
-/** Small pictures of the reel's moments, out of sheets that are got when one is looked at. */
+/** Thumbnails of the seek bar, from sheets that are loaded on demand. */
 import type { Player } from "../player/player";
 import { addressOf, type Manifest } from "../reel/manifest";
 import type { Asset, Thumbnails as Sheets } from "../reel/presentation";
 import { elementOf } from "./markup";
 
-/** The most that one takes: CSS pixels, and the part of the picture's height. */
+/** Maximum size in CSS pixels, and maximum height relative to the picture. */
 const WIDTH = 160;
 const HEIGHT = 100;
 const SHARE = 0.38;
 
+/** The thumbnail of one seek bar. */
 export class Thumbnails {
   readonly box = elementOf(`<span class="thumbnail" hidden><img alt="" /></span>`);
   private readonly image = this.box.querySelector("img")!;
-  /** Of the sheet that the image is. */
+  /** Address of the present sheet. */
   private uri = "";
 
   constructor(private readonly player: Player) {
     this.image.onload = () => (this.image.hidden = false);
-    this.image.onerror = () => (this.uri = ""); // the next look tries again
+    this.image.onerror = () => (this.uri = ""); // retry on the next use
   }
 
-  /** Show the picture nearest to a time, seconds; nothing where there are none. */
+  /** Show the thumbnail nearest to a time in seconds, if the reel has any. */
   show(seconds: number): void {
     const { manifest } = this.player;
     const sheets = manifest?.presentation.thumbnails;

@@ -1,6 +1,6 @@
-/** Times as people read them. */
+/** Formatting of times. */
 
-/** Seconds as m:ss, with tenths if asked. */
+/** Format seconds as m:ss, optionally with tenths. */
 export function timeText(seconds: number, tenths = false): string {
   const whole = Math.floor(seconds + 1e-6);
   const rest = tenths ? `.${Math.floor((seconds - whole + 1e-6) * 10)}` : "";

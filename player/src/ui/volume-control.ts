@@ -1,4 +1,4 @@
-/** The sound's button and slider in the bar; a silent reel has none. */
+/** Mute button and volume slider of the bar. */
 import type { Player } from "../player/player";
 import { MUTED, SOUND } from "./icons";
 import { elementOf } from "./markup";
@@ -8,9 +8,10 @@ const MARKUP = `<div class="volume" hidden>
   <input class="level" type="range" min="0" max="1" step="0.05" aria-label="Volume" />
 </div>`;
 
-/** Of the slider; elsewhere these keys move time, the view or the focus. */
+/** Keys that the slider handles. Elsewhere they control time, view or focus. */
 const KEYS = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Home", "End", "PageUp", "PageDown"];
 
+/** The volume control of one player; hidden for a silent reel. */
 export class VolumeControl {
   readonly box = elementOf(MARKUP);
   private readonly button = this.box.querySelector<HTMLButtonElement>(".mute")!;
@@ -26,7 +27,7 @@ export class VolumeControl {
     slider.addEventListener("keydown", (event) => KEYS.includes(event.key) && event.stopPropagation());
   }
 
-  /** Show how things are. */
+  /** Show the present state. */
   update(): void {
     const { button, slider } = this;
     const { available, muted, volume } = this.player.soundtrack;

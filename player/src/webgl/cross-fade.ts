@@ -1,10 +1,11 @@
-/** A picture beside the one on screen, laid over it by a weight: points of two groups hide each other, their pictures do not. */
+/** Blends the image of the next group over that of the present one, since the points of both would hide each other. */
 import type { Eye } from "../draw/eye";
 import { Program } from "./program";
 import { fadeFragment, fadeVertex } from "./shaders";
 
+/** A second image, and the pass that blends it. */
 export class CrossFade {
-  /** What the picture is drawn to. */
+  /** Framebuffer of the second image. */
   readonly framebuffer: WebGLFramebuffer | null;
 
   private readonly program: Program;
@@ -18,12 +19,12 @@ export class CrossFade {
     this.empty = gl.createVertexArray();
   }
 
-  /** Wait until its shaders are compiled. Throws `ReelError` where the driver refuses them. */
+  /** Wait for the shaders. Throws `ReelError` if the driver rejects them. */
   check(): void {
     this.program.check();
   }
 
-  /** An empty picture of that size, in the color that was set to clear with. */
+  /** Clear the second image, resized to width x height, to the present clear color. */
   begin(width: number, height: number): void {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);

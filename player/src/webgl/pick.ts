@@ -1,11 +1,12 @@
-/** What is seen at a pixel, from the splats that the project pass wrote (shaders.ts). */
+/** Depth at a pixel, from the splats that the projection pass wrote (shaders.ts). */
 
+/** A splat at a pixel. */
 export interface Hit {
   depth: number;
   alpha: number;
 }
 
-/** Splats [N, 4] words each of shape and color that cover a pixel. */
+/** Return the splats that cover a pixel. shape, color: [N, 4] words of the splat target. */
 export function hitsAt(shape: Uint32Array, color: Uint32Array, x: number, y: number): Hit[] {
   const shapes = new Float32Array(shape.buffer);
   const colors = new Float32Array(color.buffer);
@@ -15,7 +16,7 @@ export function hitsAt(shape: Uint32Array, color: Uint32Array, x: number, y: num
     if (!(extent > 0)) continue;
     const dx = x - shapes[at];
     const dy = y - shapes[at + 1];
-    // The axes reach to where the splat ends, at `extent` standard deviations.
+    // The axes end with the splat, at `extent` standard deviations.
     const u = along(shape[at + 2], dx, dy);
     const v = along(shape[at + 3], dx, dy);
     const square = (u * u + v * v) * extent * extent;
@@ -24,7 +25,7 @@ export function hitsAt(shape: Uint32Array, color: Uint32Array, x: number, y: num
   return hits;
 }
 
-/** Depth of the hit at which half of the light is absorbed; null if less is. */
+/** Return the depth of the hit at which half of the light is absorbed; null if less is. */
 export function middleDepth(hits: Hit[]): number | null {
   let light = 1;
   for (const { depth, alpha } of hits.sort((a, b) => a.depth - b.depth)) {
@@ -34,13 +35,13 @@ export function middleDepth(hits: Hit[]): number | null {
   return null;
 }
 
-/** How far a step goes along an axis of two packed half-precision numbers, in lengths of it. */
+/** Project a vector onto an axis of two packed half-precision numbers, in units of its length. */
 function along(packed: number, dx: number, dy: number): number {
   const [x, y] = [float(packed & 0xffff), float(packed >>> 16)];
   return (x * dx + y * dy) / Math.max(x * x + y * y, 1e-12);
 }
 
-/** A half-precision number from its bits. */
+/** Return the value of a half-precision number. */
 export function float(bits: number): number {
   const exponent = (bits >> 10) & 31;
   const fraction = bits & 1023;

@@ -1,12 +1,13 @@
-/** A shader program: compiled in the background, checked before it is used. */
+/** Shader programs, compiled in the background and checked before use. */
 import { PLAIN, ReelError } from "../base/errors";
 
+/** A vertex and a fragment shader. */
 export class Program {
   private readonly program: WebGLProgram;
   private readonly stages: WebGLShader[];
   private readonly locations = new Map<string, WebGLUniformLocation | null>();
 
-  /** Returns at once: drivers compile on threads of their own until somebody asks for the result. */
+  /** Start to compile. Drivers compile in the background until the result is requested. */
   constructor(private readonly gl: WebGL2RenderingContext, vertex: string, fragment: string) {
     this.program = gl.createProgram();
     this.stages = [compile(gl, gl.VERTEX_SHADER, vertex), compile(gl, gl.FRAGMENT_SHADER, fragment)];
@@ -14,12 +15,12 @@ export class Program {
     gl.linkProgram(this.program);
   }
 
-  /** Wait until it is compiled. Throws `ReelError` where the driver refuses it. */
+  /** Wait for the compiler. Throws `ReelError` if the driver rejects the shaders. */
   check(): void {
     const { gl, program, stages } = this;
     if (gl.getProgramParameter(program, gl.LINK_STATUS) || gl.isContextLost()) return stages.forEach((stage) => gl.deleteShader(stage));
     const why = [...stages.map((stage) => gl.getShaderInfoLog(stage)), gl.getProgramInfoLog(program)].filter(Boolean).join(" ");
-    throw new ReelError(`This device's graphics driver refuses the player's shaders: ${why}`, { plain: PLAIN.device });
+    throw new ReelError(`This device's graphics driver rejects the player's shaders: ${why}`, { plain: PLAIN.device });
   }
 
   use(): void {

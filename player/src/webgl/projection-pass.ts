@@ -1,4 +1,4 @@
-/** First pass: every point of a scene is moved to its time, colored and projected, once, into its texel of the splat target. */
+/** First pass: moves each point of a scene to its time, projects and colors it, and writes its splat into the splat target. */
 import { eyeOf } from "../base/matrix";
 import type { View } from "../base/view";
 import { staticWeights, type Shown } from "../reel/timeline";
@@ -9,6 +9,7 @@ import { projectFragment, projectVertex } from "./shaders";
 import { TEXTURE_WIDTH } from "../draw/texture-layout";
 import { rowsOf, type PointTextures } from "./textures";
 
+/** Runs the projection shader over the points of a scene. */
 export class ProjectionPass {
   private readonly program: Program;
   private readonly empty: WebGLVertexArrayObject;
@@ -18,12 +19,12 @@ export class ProjectionPass {
     this.empty = gl.createVertexArray();
   }
 
-  /** Wait until its shaders are compiled. Throws `ReelError` where the driver refuses them. */
+  /** Wait for the shaders. Throws `ReelError` if the driver rejects them. */
   check(): void {
     this.program.check();
   }
 
-  /** weight: of what is new in the current group. antialias: splats thinner than a pixel are drawn fainter. */
+  /** Project a scene. weight: of the current group in a cross-fade. antialias: draw splats thinner than a pixel fainter. */
   run(scene: Scene, weight: number, view: View, antialias: boolean): void {
     const { gl, program, memory } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, memory.target.framebuffer);
@@ -64,7 +65,7 @@ export class ProjectionPass {
     this.projectFile(group);
   }
 
-  /** One fragment a point of the file, into its rows of the target. */
+  /** Run one fragment per point of a file, in its rows of the target. */
   private projectFile(file: PointTextures): void {
     if (file.count === 0) return;
     const { gl, program } = this;
@@ -83,7 +84,7 @@ export class ProjectionPass {
   }
 }
 
-/** Camera uniforms; the range is where the Jacobian is evaluated, 1.3 times the field of view as in 3DGS. */
+/** Set the camera uniforms. The Jacobian is evaluated within 1.3 times the field of view, as in 3DGS. */
 function setView(gl: WebGL2RenderingContext, program: Program, view: View): void {
   const { viewmat: m, fx, fy, cx, cy, width, height } = view;
   const marginX = (0.15 * width) / fx;

@@ -1,8 +1,8 @@
-/** Rows of the textures that splats are written into: each file takes a range, first fit. */
+/** First-fit allocator of rows in the splat target. Each file takes a range. */
 export class RowAllocator {
   private readonly taken: { first: number; count: number }[] = [];
 
-  /** Take `count` rows; returns the first of them. */
+  /** Allocate `count` rows. Returns the first of them. */
   take(count: number): number {
     let first = 0;
     let at = 0;
@@ -11,12 +11,12 @@ export class RowAllocator {
     return first;
   }
 
-  /** Give back the range that begins at `first`. */
+  /** Free the range that begins at `first`. */
   give(first: number, count: number): void {
     this.taken.splice(this.taken.findIndex((range) => range.first === first && range.count === count), 1);
   }
 
-  /** Rows up to the last one taken. */
+  /** Number of rows up to the last allocated one. */
   get end(): number {
     const last = this.taken.at(-1);
     return last ? last.first + last.count : 0;

@@ -1,17 +1,17 @@
 /**
- * Two passes. `project` runs once a point: it moves, projects and colors it and writes what its splat needs into integer
- * textures (integers, because every WebGL2 device can draw into those at full precision). `splat` draws the sorted quads.
+ * Shaders of the two passes. `project` runs once per point: it moves, projects and colors the point and writes its splat into integer
+ * textures, which every WebGL 2 device can render to at full precision. `splat` draws the sorted quads.
  */
 import { NO_POINT, TEXTURE_WIDTH } from "../draw/texture-layout";
 
-/** Texels of a point in its file's `points` texture, and of an entry in its codebook: one a coefficient. */
+/** Texels per point in the `points` texture, and per codebook entry: one per coefficient. */
 export const POINT_TEXELS = 3;
 export const ENTRY_TEXELS = 15;
 export const ENTRIES_PER_ROW = 128;
 
 export const projectVertex = `#version 300 es
 void main() {
-  // One triangle that covers the viewport.
+  // A triangle that covers the viewport.
   gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0);
 }`;
 
@@ -208,7 +208,7 @@ void main() {
   outColor = vec4(vColor.rgb * alpha, alpha);
 }`;
 
-/** One triangle over the whole view. */
+/** Vertex shader of a triangle that covers the viewport. */
 export const fadeVertex = `#version 300 es
 void main() {
   gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0);

@@ -1,4 +1,4 @@
-/** Second pass: the splats of the target, each a quad, from far to near. */
+/** Second pass: draws the splats of the target as quads, far to near. */
 import type { Eye } from "../draw/eye";
 import { Program } from "./program";
 import { splatFragment, splatVertex } from "./shaders";
@@ -6,6 +6,7 @@ import { integerTexture, type SplatTarget } from "./splat-target";
 import { TEXTURE_WIDTH } from "../draw/texture-layout";
 import { rowsOf } from "./textures";
 
+/** Draws the splats in the present order. */
 export class SplatPass {
   private readonly program: Program;
   private readonly quads: WebGLVertexArrayObject;
@@ -24,17 +25,17 @@ export class SplatPass {
     gl.bindVertexArray(null);
   }
 
-  /** Wait until its shaders are compiled. Throws `ReelError` where the driver refuses them. */
+  /** Wait for the shaders. Throws `ReelError` if the driver rejects them. */
   check(): void {
     this.program.check();
   }
 
-  /** Points in the order. */
+  /** Number of points in the order. */
   get count(): number {
     return this.points;
   }
 
-  /** Far-to-near order of points, as the sort worker gave it: whole rows, of which `count` entries are points. */
+  /** Upload the order of the sort worker: whole rows, of which `count` entries are points. */
   setOrder(order: Uint32Array, count: number): void {
     const { gl } = this;
     const rows = rowsOf(count);
@@ -48,6 +49,7 @@ export class SplatPass {
     this.points = count;
   }
 
+  /** Draw into the place of an eye. */
   run({ framebuffer, x, y, view }: Eye): void {
     const { gl, program } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
@@ -60,7 +62,7 @@ export class SplatPass {
     gl.bindVertexArray(this.quads);
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
-    // A row of the order an instance: instances of a single quad are slow on many devices.
+    // Each instance draws a row of the order, since instances of a single quad are slow on many devices.
     gl.drawElementsInstanced(gl.TRIANGLES, 6 * TEXTURE_WIDTH, gl.UNSIGNED_SHORT, 0, rowsOf(this.points));
     gl.disable(gl.BLEND);
   }
@@ -73,7 +75,7 @@ export class SplatPass {
   }
 }
 
-/** Indices of two triangles a splat, for as many splats as a row of the order holds. */
+/** Return the indices of two triangles per splat, for a row of the order. */
 function rowOfQuads(): Uint16Array {
   const indices = new Uint16Array(6 * TEXTURE_WIDTH);
   for (let i = 0; i < TEXTURE_WIDTH; i++) indices.set([0, 1, 2, 2, 1, 3].map((corner) => 4 * i + corner), 6 * i);

@@ -1,7 +1,8 @@
-/** Two textures that the first pass writes splats into, a texel a point, and the second draws them from: shape, and color with depth. */
+/** Textures between the two passes, with one texel per splat: its shape, and its color with depth. */
 import { PLAIN, ReelError } from "../base/errors";
 import { TEXTURE_WIDTH } from "../draw/texture-layout";
 
+/** Framebuffer with the two textures. */
 export class SplatTarget {
   readonly framebuffer: WebGLFramebuffer;
   private shapes: WebGLTexture | null = null;
@@ -20,7 +21,7 @@ export class SplatTarget {
     return this.colors;
   }
 
-  /** Have room for so many rows. Every picture writes them anew, so nothing is copied. Throws `ReelError` where a device has no such textures. */
+  /** Reserve rows. Each frame rewrites them, so nothing is copied. Throws `ReelError` if the device has no textures of this size. */
   reserve(rows: number): void {
     if (rows <= this.capacity) return;
     const { gl } = this;
@@ -36,7 +37,7 @@ export class SplatTarget {
     gl.drawBuffers([gl.COLOR_ATTACHMENT0, gl.COLOR_ATTACHMENT1]);
   }
 
-  /** Words [rows, 1024, 4] of shape and color from a row on, read back from the GPU. */
+  /** Read words [rows, 1024, 4] of shape and color back from the GPU. */
   read(firstRow: number, rows: number): [Uint32Array, Uint32Array] {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
@@ -56,7 +57,7 @@ export class SplatTarget {
   }
 }
 
-/** Rows of whole numbers, not filtered. */
+/** Create a texture of integers, without filtering. */
 export function integerTexture(gl: WebGL2RenderingContext, format: number, rows: number): WebGLTexture {
   const texture = gl.createTexture();
   gl.bindTexture(gl.TEXTURE_2D, texture);

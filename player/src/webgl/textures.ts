@@ -1,17 +1,19 @@
-/** The points of one file in GPU memory. */
+/** GPU textures of the points of one file. */
 import { PLAIN, ReelError } from "../base/errors";
 import type { Gaussians } from "../decode/gaussians";
 import type { Offsets } from "../decode/offsets";
 import { ENTRIES_PER_ROW, ENTRY_TEXELS, POINT_TEXELS } from "./shaders";
 import { TEXTURE_WIDTH } from "../draw/texture-layout";
 
+/** Return the number of texture rows of `count` points. */
 export function rowsOf(count: number): number {
   return Math.ceil(count / TEXTURE_WIDTH);
 }
 
-/** What stays on the CPU of a group's offsets once they are uploaded. */
+/** The part of a group's offsets that stays on the CPU. */
 export type OffsetRange = Pick<Offsets, "frames" | "dxMin" | "dxStep" | "dqMin" | "dqStep" | "worldly" | "appearance">;
 
+/** Textures of the points, their codebook, and their offsets. */
 export class PointTextures {
   readonly count: number;
   readonly shDegree: number;
@@ -23,7 +25,7 @@ export class PointTextures {
   dq: WebGLTexture | null = null;
   appearance: WebGLTexture | null = null;
 
-  /** firstRow: where the file's points lie in the textures the project pass draws into. */
+  /** Upload a file. firstRow: first row of its splats in the splat target. */
   constructor(private readonly gl: WebGL2RenderingContext, readonly firstRow: number, points: Gaussians, offsets: Offsets | null) {
     this.count = points.count;
     this.shDegree = points.shDegree;
@@ -38,7 +40,7 @@ export class PointTextures {
     }
   }
 
-  /** Flags [N] of timeline.staticFlags, for a layer. */
+  /** Upload the flags [N] of `staticFlags`, for a layer. */
   setFlags(flags: Uint8Array): void {
     if (this.count === 0) return;
     const { gl } = this;
@@ -102,7 +104,7 @@ export class PointTextures {
     return texture;
   }
 
-  /** [T, N, 4] into one layer a frame: whole rows, then what is left of the last one. */
+  /** Upload [T, N, 4] values as one array layer per frame: first the whole rows, then the last one. */
   private uploadFrames(values: Uint16Array | Uint8Array, frames: number, format: number, type: number): WebGLTexture {
     const { gl, count } = this;
     const texture = this.create(gl.TEXTURE_2D_ARRAY);
@@ -135,13 +137,13 @@ export class PointTextures {
 const float = new Float32Array(1);
 const bits = new Uint32Array(float.buffer);
 
-/** Bits of the nearest half-precision number. */
+/** Return the bits of the nearest half-precision number. */
 export function half(value: number): number {
   float[0] = value;
   const x = bits[0];
   const sign = (x >>> 16) & 0x8000;
   const magnitude = x & 0x7fffffff;
-  if (magnitude >= 0x47800000) return sign | 0x7bff; // too large: the largest half
+  if (magnitude >= 0x47800000) return sign | 0x7bff; // clamp to the largest half
   if (magnitude < 0x38800000) {
     // Subnormal: a multiple of 2^-24.
     return sign | Math.round(Math.abs(value) * 2 ** 24);

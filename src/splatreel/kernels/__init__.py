@@ -1,1 +1,4 @@
-"""All fast code, behind one signature each: `splat`, `motion`, `adam`, `image`, `carve`, `translation`, `rigid` and `sceneflow`."""
+"""All fast code, one public function per operation.
+
+`splat`, `motion` and `adam` take tensors on any device. `image`, `carve`, `translation`, `rigid` and `sceneflow` take numpy arrays.
+"""

@@ -11,6 +11,6 @@ __all__ = ["Step", "Trained", "adam"]
 
 
 def adam(steps: Sequence[Step]) -> None:
-    """Take one step of Adam for each tensor, in place. All tensors are on one device."""
+    """Take one step of Adam for each tensor, in place. All tensors must be on one device."""
     if steps:
         backend_of(steps[0].gradient).adam(steps)

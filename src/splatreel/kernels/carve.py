@@ -1,4 +1,4 @@
-"""Space carving: how well views agree on the color of places in space. A numba kernel on the CPU."""
+"""Space carving: color differences between views at sample points along rays. A numba kernel on the CPU."""
 
 from __future__ import annotations
 
@@ -20,11 +20,24 @@ def disagreement(
     least: float,
     share: float,
 ) -> np.ndarray:
-    """[R, D] mean color difference, 0..1, of places to their ray's own color, over the views whose masks hold them.
+    """Return the mean color difference between each sample point and its ray, over the views whose masks contain the point.
 
-    Infinite where fewer than `least` masks hold a place, or less than `share` of those of the views that see it: it is in their
-    pictures, and nothing known is before it. places: [R, D, 3] world. own: [R, 3] 0..1. viewmats: [C, 4, 4]; Ks: [C, 3, 3]. images:
-    [C, H, W, 3] uint8; wrong: [C, H, W] bool, the masks; depths: [C, H, W] of what is known, infinite for nothing.
+    A view sees a point if the point projects into its image and no known surface hides it.
+
+    Args:
+        places: [R, D, 3] world, D sample points along each of R rays.
+        own: [R, 3], 0..1, the color of each ray.
+        viewmats: [C, 4, 4] world to camera.
+        Ks: [C, 3, 3] pixels.
+        images: [C, H, W, 3] uint8.
+        wrong: [C, H, W] bool, the mask of each view.
+        depths: [C, H, W] depths of known surfaces; infinite where none is known.
+        near: Smallest depth that a view sees, world units.
+        least: Smallest number of masks that must contain a point.
+        share: Smallest share, 0..1, of the views which see a point whose masks must contain it.
+
+    Returns:
+        [R, D] float32, 0..1; infinite for points that too few masks contain.
     """
     out = np.full(places.shape[:2], np.inf, np.float32)
     places, own, viewmats, Ks = (np.ascontiguousarray(array, np.float32) for array in (places, own, viewmats, Ks))

@@ -1,4 +1,4 @@
-"""The CUDA backend: gsplat's kernels."""
+"""The CUDA backend: kernels from gsplat."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ def _gsplat():
 
 @dataclass(frozen=True)
 class Held:
-    """Splats that do not change. spans: [M, 4] the tiles that each touches, see `tile_spans`."""
+    """Splats that do not change. spans: [M, 4], the tiles that each splat touches, as `tile_spans` returns them."""
 
     splats: Splats
     spans: Tensor
 
 
 class CudaBackend(Backend):
-    """Kernels for CUDA tensors: gsplat's. What gsplat lacks is plain torch."""
+    """Kernels for CUDA tensors, from gsplat. Functions that gsplat lacks run as plain torch."""
 
     def project(
         self,
@@ -49,7 +49,7 @@ class CudaBackend(Backend):
         near: float,
         antialias: bool,
     ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Return means2d, conics, depths and radii. gsplat leaves the rows of culled Gaussians unset; they become zero here."""
+        """Return means2d, conics, depths and radii. Rows of culled Gaussians, which gsplat leaves unset, are set to zero."""
         pose = torch.as_tensor(viewmat, dtype=torch.float32, device=means.device)[None]
         lens = torch.as_tensor(K, dtype=torch.float32, device=means.device)[None]
         blur = FINE_BLUR if antialias else BLUR
@@ -67,7 +67,7 @@ class CudaBackend(Backend):
         return _gsplat().spherical_harmonics(degree, directions, coefficients)
 
     def rasterize(self, splats: Splats, width: int, height: int, tiles: Tensor | None = None) -> tuple[Tensor, Tensor]:
-        """Return image and alpha. tiles: [rows, columns] bool, the tiles to draw; gsplat leaves the other tiles empty."""
+        """Return image and alpha. tiles: [rows, columns] bool, the tiles to draw; gsplat leaves all other tiles empty."""
         means2d, conics, colors, opacities, depths, radii = splats
         gsplat = _gsplat()
         tiles_x, tiles_y = -(-width // TILE), -(-height // TILE)
@@ -89,13 +89,13 @@ class CudaBackend(Backend):
         return FrozenSplats(image, alpha, Held(kept, tile_spans(means2d, radii, width, height)))
 
     def remove(self, frozen: FrozenSplats, gone: Tensor) -> FrozenSplats:
-        """Return the same rows, where the removed splats have no opacity."""
+        """Return frozen splats with the same rows. The removed splats have an opacity of 0."""
         means2d, conics, colors, opacities, depths, radii = frozen.held.splats
         height, width = frozen.alpha.shape
         return self.freeze((means2d, conics, colors, opacities.index_fill(0, gone, 0.0), depths, radii), width, height)
 
     def rasterize_among(self, splats: Splats, frozen: FrozenSplats) -> tuple[Tensor, Tensor, Tensor]:
-        """Draw the tiles that any of the splats touches, with the frozen splats that touch one of these tiles."""
+        """Draw the tiles that the given splats touch, together with the frozen splats that touch these tiles."""
         height, width = frozen.alpha.shape
         tiles = touched_tiles(tile_spans(splats[0], splats[-1], width, height), width, height)
         near = touching(frozen.held.spans, tiles)
@@ -108,9 +108,10 @@ class CudaBackend(Backend):
 
 
 def tile_spans(means2d: Tensor, radii: Tensor, width: int, height: int) -> Tensor:
-    """Return [N, 4]: first and last tile column, first and last tile row that each splat touches; last < first if none.
+    """Return [N, 4]: the first and last tile column, and the first and last tile row, that each splat touches.
 
-    The square around the radius decides, as in gsplat.
+    As in gsplat, a splat touches a tile if the square of half side `radius` around its center does. If the splat touches no tile,
+    last < first.
     """
     low = ((means2d.detach() - radii[:, None]) / TILE).floor().long()
     high = ((means2d.detach() + radii[:, None]) / TILE).floor().long()
@@ -123,9 +124,9 @@ def tile_spans(means2d: Tensor, radii: Tensor, width: int, height: int) -> Tenso
 
 
 def touched_tiles(spans: Tensor, width: int, height: int) -> Tensor:
-    """Return [rows, columns] bool: the tiles that any splat of spans [N, 4] touches, by sums over corners."""
+    """Return [rows, columns] bool: the tiles that any splat of spans [N, 4] touches, by a 2D difference array."""
     rows, columns = -(-height // TILE), -(-width // TILE)
-    there = (spans[:, 1] >= spans[:, 0]).long()  # a weight of 0 or 1: dropping rows would wait for the GPU
+    there = (spans[:, 1] >= spans[:, 0]).long()  # a weight of 0 or 1, because dropping rows would wait for the GPU
     left, right, top, bottom = (spans.long() * there[:, None]).unbind(1)
     corners = torch.zeros((rows + 1) * (columns + 1), dtype=torch.int64, device=spans.device)
     for y, x, sign in ((top, left, 1), (top, right + 1, -1), (bottom + 1, left, -1), (bottom + 1, right + 1, 1)):
@@ -134,7 +135,7 @@ def touched_tiles(spans: Tensor, width: int, height: int) -> Tensor:
 
 
 def touching(spans: Tensor, tiles: Tensor) -> Tensor:
-    """Return [M] int64: the splats of spans [N, 4] that touch any of the tiles [rows, columns] bool, by sums over rectangles."""
+    """Return [M] int64: the splats of spans [N, 4] that touch any of the tiles [rows, columns] bool, by a summed-area table."""
     area = functional.pad(tiles.long().cumsum(0).cumsum(1), (1, 0, 1, 0))
     left, right, top, bottom = spans.long().unbind(1)
     right, bottom = right.clamp_min(-1) + 1, bottom.clamp_min(-1) + 1

@@ -1,4 +1,4 @@
-"""Renders Gaussians to a numpy image on the CPU, without torch."""
+"""Rendering Gaussians to a numpy image on the CPU, without torch."""
 
 from __future__ import annotations
 
@@ -20,11 +20,21 @@ def render_image(
     background: tuple[float, float, float] = (0, 0, 0),
     antialias: bool = False,
 ) -> np.ndarray:
-    """The view of a camera, [H, W, 3] float32; values may exceed 1. degree: SH degree used, by default all there is.
+    """Render the view of a camera.
 
-    antialias: see `splat.antialiased`; what was trained with it is drawn with it, which a reel's manifest says.
+    Args:
+        gaussians: The Gaussians.
+        camera: The camera, whose size is the size of the image.
+        near: Smallest depth drawn, world units.
+        degree: SH degree used. None: the degree of the Gaussians.
+        background: RGB, 0..1, shown where alpha is below 1.
+        antialias: See `splat.antialiased`. It must match the training; the manifest of a reel has the flag.
 
-    Raises `GaussiansError` for NaN or infinity.
+    Returns:
+        The image [H, W, 3] float32. Values may exceed 1.
+
+    Raises:
+        GaussiansError: A value is NaN or infinite, or the Gaussians do not have the SH degree.
     """
     degree = gaussians.sh_degree if degree is None else degree
     if not 0 <= degree <= gaussians.sh_degree:
@@ -33,7 +43,7 @@ def render_image(
 
 
 class Backdrop:
-    """What one camera sees of Gaussians that stay as they are, drawn once. Arguments and errors are those of `render_image`."""
+    """The view of a camera of Gaussians that do not change, drawn once."""
 
     def __init__(
         self,
@@ -44,12 +54,13 @@ class Backdrop:
         background: tuple[float, float, float] = (0, 0, 0),
         antialias: bool = False,
     ) -> None:
+        """Draw the Gaussians. Arguments and errors are those of `render_image`."""
         self.camera, self.near, self.background, self.antialias = camera, near, background, antialias
         bins, colors = _binned(gaussians, camera, near, gaussians.sh_degree, antialias)
         self._frozen = rasterize.Frozen(bins, colors, *rasterize.forward(bins, colors))
 
     def with_others(self, gaussians: Gaussians) -> np.ndarray:
-        """[H, W, 3] float32, the picture of all of them together: others in front of, between and behind."""
+        """Return the image [H, W, 3] float32 of other Gaussians drawn among these, in the order of all their depths."""
         bins, colors = _binned(gaussians, self.camera, self.near, gaussians.sh_degree, self.antialias)
         return _over(self.background, *rasterize.forward(bins, colors, self._frozen))
 
@@ -57,7 +68,7 @@ class Backdrop:
 def _binned(
     gaussians: Gaussians, camera: Camera, near: float, degree: int, antialias: bool
 ) -> tuple[binning.Bins, np.ndarray]:
-    """Gaussians sorted into the tiles of a picture, and their colors."""
+    """Return Gaussians sorted into the tiles of an image, and their colors."""
     gaussians.check_finite()
     width, height = camera.width, camera.height
     view = project.Pinhole(camera.viewmat, camera.K, width, height, near, FINE_BLUR if antialias else BLUR)

@@ -1,4 +1,4 @@
-"""How points move: offsets as splines in time and their gradients, hash grid features, and the rigidity loss.
+"""Motion of points: offsets as splines in time and their gradients, hash grid features, and the rigidity loss.
 
 Offsets are linear in their control values, and one time depends on four knots. So autograd gets no graph of them: the offsets are leaf
 tensors, and `offsets_gradient` carries their gradients to the controls in one pass.

@@ -1,4 +1,8 @@
-"""Patches of points that move as rigid bodies: the rotation and shift after which all views show the same. Numba on the CPU."""
+"""Rigid motion of patches of points, found by matching colors in all views. Numba kernels on the CPU.
+
+A patch is a row of K point indices. Its move is a rotation and a translation, [3, 4]. The cost of a move is the mean color difference
+between the points and the pixels that they move to.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +16,7 @@ from splatreel.kernels.cpu.scalars import F, finite
 
 
 class Template(NamedTuple):
-    """What points are matched by: seen [N, C] bool and colors [N, C, 3], of `sample_colors`, and the views that are searched."""
+    """Reference colors of points, and the views to find them in. seen: [N, C] bool and colors: [N, C, 3], see `sample_colors`."""
 
     seen: np.ndarray
     colors: np.ndarray
@@ -20,14 +24,20 @@ class Template(NamedTuple):
 
 
 def make_views(viewmats: np.ndarray, Ks: np.ndarray, pictures: np.ndarray, depths: np.ndarray, near: float) -> Views:
-    """`Views` of depths that may be infinite: where nothing hides points."""
+    """Make `Views`. The depths may be infinite where nothing hides points."""
     return Views(viewmats, Ks, pictures, finite(depths), F(near))
 
 
 def sample_colors(points: np.ndarray, views: Views) -> tuple[np.ndarray, np.ndarray]:
-    """Which views see points [N, 3] float32, [N, C] bool, and in which colors, [N, C, 3] float32 of 0..255.
+    """Sample the colors of points in every view.
 
-    Where a view does not see a point, its color is the mean of those that do.
+    Args:
+        points: [N, 3] float32 world.
+        views: The views.
+
+    Returns:
+        seen [N, C] bool, whether a view sees a point, and colors [N, C, 3] float32, 0..255. Where a view does not see a point, the
+        color is the mean over the views that do.
     """
     shape = len(points), len(views.Ks)
     seen, colors = np.zeros(shape, np.bool_), np.zeros((*shape, 3), np.float32)
@@ -36,7 +46,16 @@ def sample_colors(points: np.ndarray, views: Views) -> tuple[np.ndarray, np.ndar
 
 
 def color_differences(places: np.ndarray, patches: np.ndarray, template: Template) -> np.ndarray:
-    """[Q] mean color difference, 0..1, of patches [Q, K] of points at places [N, 3]; 0 for those that hardly any view sees there."""
+    """Return the mean color difference of patches between given positions and the template.
+
+    Args:
+        places: [N, 3] float32 world, the positions of the points.
+        patches: [Q, K] int64, the points of each patch.
+        template: Reference colors and the views to compare with.
+
+    Returns:
+        [Q] float32, 0..1; 0 for patches that hardly any view sees.
+    """
     out = np.empty(len(patches), np.float32)
     kernel.color_differences.over(len(patches), places, patches, *template, out)
     return out
@@ -45,9 +64,21 @@ def color_differences(places: np.ndarray, patches: np.ndarray, template: Templat
 def initial_moves(
     here: np.ndarray, last: np.ndarray, there: np.ndarray, patches: np.ndarray, judged: np.ndarray, template: Template
 ) -> tuple[np.ndarray, np.ndarray]:
-    """[Q, 3, 4] how each patch moves from here to there, all [N, 3], and the difference [Q] of those that are judged [Q] bool.
+    """Return a first move for each patch.
 
-    last: [N, 3] where the points were before. A judged patch moves in the best of three ways: not at all, as it did, or to there.
+    A judged patch takes the cheapest of three moves: the fit to `there`, no motion, or its move from `last` to `here` once more.
+    Other patches take the fit to `there`.
+
+    Args:
+        here: [N, 3] float32 world, the points now.
+        last: [N, 3], the points one frame before.
+        there: [N, 3], the points one frame later according to optical flow.
+        patches: [Q, K] int64, the points of each patch.
+        judged: [Q] bool, the patches to compare moves for.
+        template: Reference colors and the views of the later frame.
+
+    Returns:
+        The moves [Q, 3, 4] float32 and their costs [Q] float32; 0 for patches that were not judged.
     """
     moves, costs = np.empty((len(patches), 3, 4), np.float32), np.zeros(len(patches), np.float32)
     kernel.initial_moves.over(len(patches), here, last, there, patches, judged, *template, moves, costs)
@@ -64,9 +95,19 @@ def refine_moves(
     share: float,
     template: Template,
 ) -> None:
-    """One sweep over the chosen patches: tries the moves of the patches around each [Q, A], then small changes of the best.
+    """Improve the moves of chosen patches in one sweep, in place.
 
-    chosen: [B] int64. moves, costs: as `initial_moves` returns them, changed in place. share: of the first steps.
+    Each patch tries the moves of its neighbors, then small changes of the best move.
+
+    Args:
+        here: [N, 3] float32 world, the points now.
+        patches: [Q, K] int64, the points of each patch.
+        chosen: [B] int64, the patches to improve.
+        around: [Q, A] int64, the neighbors of each patch.
+        moves: [Q, 3, 4], as `initial_moves` returns them.
+        costs: [Q], as `initial_moves` returns them.
+        share: Size of the first steps, relative to the default.
+        template: Reference colors and the views of the later frame.
     """
     given = here, patches, chosen, around, moves.copy(), F(share)
     kernel.refine_moves.over(len(chosen), *given, *template, moves, costs)

@@ -1,4 +1,4 @@
-"""How well a shift of points explains what all views show at two moments. A numba kernel on the CPU."""
+"""Color differences between two frames under candidate translations of points. A numba kernel on the CPU."""
 
 from __future__ import annotations
 
@@ -18,10 +18,20 @@ def color_differences(
     depths: np.ndarray,
     near: float,
 ) -> np.ndarray:
-    """[M] mean color difference, 0..1, of points to where each motion takes them, over the views that see them; 1 where none does.
+    """Return the mean color difference between points and the positions that each candidate translation moves them to.
 
-    points: [P, 3] and motions: [M, 3], world. viewmats: [C, 4, 4]; Ks: [C, 3, 3]. here, there: [C, H, W, 3] uint8, pictures of the two
-    moments; depths: [C, H, W] of what may hide the points now, infinite for nothing.
+    Args:
+        points: [P, 3] world.
+        motions: [M, 3] world, the candidate translations. All points take the same one.
+        viewmats: [C, 4, 4] world to camera.
+        Ks: [C, 3, 3] pixels.
+        here: [C, H, W, 3] uint8, images of the first frame.
+        there: [C, H, W, 3] uint8, images of the second frame.
+        depths: [C, H, W], depths that may hide points in the first frame; infinite where nothing does.
+        near: Smallest depth that a view sees, world units.
+
+    Returns:
+        [M] float32, 0..1, the mean over the views that see a point in both frames; 1 where no view does.
     """
     points, motions, viewmats, Ks = (
         np.ascontiguousarray(array, np.float32) for array in (points, motions, viewmats, Ks)

@@ -1,4 +1,7 @@
-"""The twin: every kernel of `splat` as plain, readable torch, differentiated by autograd; dense, for small scenes and tests."""
+"""Readable torch versions of all kernels of `splat`, `motion` and `adam`, differentiated by autograd.
+
+They are dense, for small scenes and tests. The CUDA backend uses some of them.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +21,7 @@ from splatreel.kernels.cpu.hashgrid import PRIME_Y, PRIME_Z, is_dense
 from splatreel.kernels.cpu.similarity import SSIM_C1, SSIM_C2, WINDOW
 
 Skin = tuple[Tensor, Tensor]
-"""index [N, K] int64 and share [N, K]: the nodes that a point moves with, and their weights. Neither gets a gradient."""
+"""index [N, K] int64 and share [N, K]: the nodes that each point moves with, and their weights. Neither gets a gradient."""
 
 
 def project(
@@ -32,7 +35,7 @@ def project(
     near: float = 0.01,
     antialias: bool = False,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """As `splat.project`: means2d, conics, depths, radii."""
+    """Twin of `splat.project`. Return means2d, conics, depths and radii."""
     pose, lens = (torch.as_tensor(m, dtype=means.dtype, device=means.device) for m in (viewmat, K))
     fx, fy, cx, cy = lens[0, 0], lens[1, 1], lens[0, 2], lens[1, 2]
     X, Y, Z = (means @ pose[:3, :3].T + pose[:3, 3]).unbind(-1)
@@ -72,7 +75,7 @@ def _rotation(quats: Tensor) -> Tensor:
 
 
 def spherical_harmonics(degree: int, directions: Tensor, coefficients: Tensor) -> Tensor:
-    """As `splat.spherical_harmonics`."""
+    """Twin of `splat.spherical_harmonics`."""
     x, y, z = functional.normalize(directions, dim=-1).unbind(-1)
     xx, yy, zz = x * x, y * y, z * z
     polynomials = [torch.ones_like(x), -y, z, -x, x * y, y * z, 2 * zz - xx - yy, x * z, xx - yy]
@@ -87,7 +90,7 @@ def spherical_harmonics(degree: int, directions: Tensor, coefficients: Tensor) -
 def view_colors(
     means: Tensor, center: Tensor, base: Tensor, rest: Tensor, evaluate: Callable[..., Tensor] = spherical_harmonics
 ) -> Tensor:
-    """As `splat.view_colors`."""
+    """Twin of `splat.view_colors`."""
     degree = round((1 + rest.shape[1]) ** 0.5) - 1
     return (evaluate(degree, means.detach() - center, torch.cat([base, rest], 1)) + 0.5).clamp_min(0)
 
@@ -101,7 +104,7 @@ def deformed(
     near: float,
     antialias: bool = False,
 ) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
-    """As `splat.deformed`."""
+    """Twin of `splat.deformed`."""
     means, quats, log_scales, logits, base, rest = points
     if shade is not None:
         base, logits = base + shade[:, None, :3], logits + shade[:, 3]
@@ -125,7 +128,7 @@ def rasterize(
     width: int,
     height: int,
 ) -> tuple[Tensor, Tensor]:
-    """As `splat.rasterize`; every pixel meets every Gaussian, [H * W, N] at once."""
+    """Twin of `splat.rasterize`. Every pixel blends every Gaussian, in arrays [H * W, N]."""
     order = torch.argsort(depths.detach(), stable=True)
     order = order[radii[order] > 0]
     ys, xs = torch.meshgrid(
@@ -148,7 +151,7 @@ def rasterize(
 def rasterize_among(
     moving: Sequence[Tensor], frozen: Sequence[Tensor], width: int, height: int
 ) -> tuple[Tensor, Tensor]:
-    """The picture of `splat.rasterize_among`: simply of all splats together. Both as `rasterize` takes them."""
+    """Twin of `splat.rasterize_among`: draw all splats together. moving, frozen: the first six arguments of `rasterize`."""
     m, c, k, o, d, r = (torch.cat([some, others.detach()]) for some, others in zip(moving, frozen, strict=True))
     return rasterize(m, c, k, o, d, r, width, height)
 
@@ -156,7 +159,7 @@ def rasterize_among(
 def photometric_loss(
     image: Tensor, target: Tensor, lambda_dssim: float = 0.2, gain: Tensor | None = None, tiles: Tensor | None = None
 ) -> Tensor:
-    """As `splat.photometric_loss`, of the whole picture and with gradients to all of it; also what CUDA uses."""
+    """Twin of `splat.photometric_loss`, also used on CUDA. It ignores `tiles`: all pixels count and get gradients."""
     del tiles
     if target.dtype == torch.uint8:
         target = target.to(image.dtype) / 255
@@ -171,7 +174,7 @@ def photometric_loss(
 
 
 def _blur(maps: Tensor) -> Tensor:
-    """The SSIM window over [M, 3, H, W], zeros outside."""
+    """Blur maps [M, 3, H, W] with the SSIM window, zeros outside."""
     flat = maps.reshape(-1, 1, *maps.shape[-2:])
     window = torch.as_tensor(WINDOW, dtype=maps.dtype, device=maps.device)
     across = functional.conv2d(flat, window.view(1, 1, 1, -1), padding=(0, len(window) // 2))
@@ -179,7 +182,7 @@ def _blur(maps: Tensor) -> Tensor:
 
 
 def nearest_neighbors(points: Tensor, k: int, queries: Tensor | None = None) -> tuple[Tensor, Tensor]:
-    """As `splat.nearest_neighbors`; brute force, 4096 queries at a time."""
+    """Twin of `splat.nearest_neighbors`, also used on CUDA. Brute force, 4096 queries at a time."""
     asked = points if queries is None else queries
     indices, distances = [], []
     for start in range(0, len(asked), 4096):
@@ -197,7 +200,7 @@ def nearest_neighbors(points: Tensor, k: int, queries: Tensor | None = None) -> 
 
 
 def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) -> Tensor:
-    """As `motion.hashgrid`; also what CUDA uses."""
+    """Twin of `motion.hashgrid`, also used on CUDA."""
     levels, size, features = table.shape
     cells = np.asarray(resolutions)
     dense = is_dense(cells, size)
@@ -222,7 +225,7 @@ def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) ->
 
 
 def spline(controls: Tensor, knot: int, weights: np.ndarray) -> Tensor:
-    """As `motion.spline`, with gradients; also what CUDA uses."""
+    """Twin of `motion.spline`, with gradients. Also used on CUDA."""
     w = torch.as_tensor(weights, device=controls.device).to(controls.dtype)
     return torch.einsum("k,krd->rd", w, controls[knot : knot + 4])
 
@@ -230,7 +233,7 @@ def spline(controls: Tensor, knot: int, weights: np.ndarray) -> Tensor:
 def offsets(
     controls: tuple[Tensor, Tensor], knot: int, weights: np.ndarray, skin: Skin, unit: float
 ) -> tuple[Tensor, Tensor]:
-    """As `motion.offsets`, with gradients; also what CUDA uses."""
+    """Twin of `motion.offsets`, with gradients. Also used on CUDA."""
     nodes, points = (spline(level, knot, weights) for level in controls)
     index, share = skin
     total = points + (nodes[index] * share[..., None]).sum(1)
@@ -238,7 +241,7 @@ def offsets(
 
 
 def offsets_gradient(d_dx: Tensor, d_dq: Tensor, skin: Skin, nodes: int, unit: float) -> tuple[Tensor, Tensor]:
-    """As `motion.offsets_gradient`; also what CUDA uses."""
+    """Twin of `motion.offsets_gradient`, also used on CUDA."""
     index, share = skin
     d_points = torch.cat([unit * d_dx, d_dq], 1)
     spread = (share[..., None] * d_points[:, None]).flatten(0, 1)
@@ -246,12 +249,12 @@ def offsets_gradient(d_dx: Tensor, d_dq: Tensor, skin: Skin, nodes: int, unit: f
 
 
 def turn(quats: Tensor, dq: Tensor) -> Tensor:
-    """Hamilton products quats * dq / |dq| of quaternions [N, 4], wxyz: each turns by dq first; also what CUDA uses."""
+    """Return the Hamilton products quats * dq / |dq| of quaternions [N, 4], wxyz. Also used on CUDA."""
     return multiply(quats, functional.normalize(dq, dim=-1))
 
 
 def multiply(a: Tensor, b: Tensor) -> Tensor:
-    """Hamilton product of quaternions [N, 4], wxyz."""
+    """Return the Hamilton products of quaternions [N, 4], wxyz."""
     aw, av = a[:, :1], a[:, 1:]
     bw, bv = b[:, :1], b[:, 1:]
     w = aw * bw - (av * bv).sum(-1, keepdim=True)
@@ -259,13 +262,13 @@ def multiply(a: Tensor, b: Tensor) -> Tensor:
 
 
 def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbor: Tensor, weights: Tensor, unit: float) -> Tensor:
-    """As `motion.arap`; also what CUDA uses."""
+    """Twin of `motion.arap`, also used on CUDA."""
     half = (means - means[neighbor]).detach() / 2
     dq, rotation = functional.normalize(dq, dim=-1), _rotation(dq)
     rotated = ((rotation + rotation[neighbor]) @ half[..., None])[..., 0]
     apart = 2 * half + dx - dx[neighbor]
-    # Delta r, what is left of the motion once the rotation is taken out: about the pair's middle, which is better conditioned than
-    # the origin of the world.
+    # The translation left after the rotation (Delta r in the paper) is taken about the middle of the pair, which is better conditioned
+    # than the world origin.
     shift = apart - rotated
     stretch = 2 * half.norm(dim=1) - apart.square().sum(1).add(1e-12).sqrt()
     turned = (dq - dq[neighbor]).abs().sum(1)
@@ -274,7 +277,7 @@ def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbor: Tensor, weights: Tenso
 
 @dataclass(frozen=True)
 class Trained:
-    """parameter, and the moments of its gradient, mean and square: [R, ...], contiguous, changed in place."""
+    """A parameter and the moments of its gradient, mean and square. All are [R, ...], contiguous and changed in place."""
 
     parameter: Tensor
     mean: Tensor
@@ -282,17 +285,17 @@ class Trained:
 
     @cached_property
     def flat(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """The same memory as arrays [n], on the CPU."""
+        """Flat arrays [n] that share the memory of parameter, mean and square. CPU only."""
         parameter, mean, square = (t.numpy().reshape(-1) for t in (self.parameter, self.mean, self.square))
         return parameter, mean, square
 
 
 class Step(NamedTuple):
-    """One step of Adam. gradient: [G, ...], of the rows from `start` on, as often as there are factors [f] float32.
+    """One step of Adam for one tensor.
 
-    Of the rows start + k G to start + (k + 1) G it is factors[k] times that. Other rows before `end` have none, and go on by their
-    momentum; those from there on stay as they are. moment: the learning rate, the decays of mean and square, eps, and the number of
-    this step, from 1.
+    gradient [G, ...] belongs to consecutive blocks of G rows from row `start` on, one block per factor in factors [f] float32. The
+    gradient of block k is factors[k] * gradient. Other rows before row `end` have a gradient of 0. Rows from `end` on do not change.
+    moment: the learning rate, the decays of mean and square, eps, and the number of this step, from 1.
     """
 
     trained: Trained
@@ -305,7 +308,7 @@ class Step(NamedTuple):
 
 @torch.no_grad()
 def adam(steps: Sequence[Step]) -> None:
-    """As `adam.adam`; also what CUDA uses."""
+    """Twin of `adam.adam`, also used on CUDA."""
     for trained, gradient, factors, start, end, (rate, decay, square_decay, eps, number) in steps:
         parameter, mean, square = trained.parameter[:end], trained.mean[:end], trained.square[:end]
         mean.mul_(decay)

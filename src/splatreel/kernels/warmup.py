@@ -34,9 +34,9 @@ MODULES = (
     "kernels.cpu.translation",
     "kernels.cpu.hashgrid",
 )
-"""Modules that have kernels, in the order in which a reconstruction needs them."""
+"""Modules with kernels, in the order in which a reconstruction needs them."""
 NOTE_AFTER, NOTE_EVERY = 1.0, 5.0
-"""Seconds that a kernel is waited for before the user is told, and between two such messages."""
+"""Seconds of waiting for a kernel before the first message to the user, and between two messages."""
 COMPILING = "compiling kernels, once per machine"
 
 
@@ -48,7 +48,15 @@ def kernels() -> list[jit.Kernel]:
 
 
 def compile_kernels(progress: Progress, processes: int = 1) -> int:
-    """Compile all kernels that are not in the cache, in other processes. Returns their number."""
+    """Compile all kernels that are not in the cache, in other processes.
+
+    Args:
+        progress: Receives the number of compiled kernels.
+        processes: Number of processes.
+
+    Returns:
+        The number of kernels that were compiled.
+    """
     todo = [kernel for kernel in kernels() if kernel.needs_warmup()]
     progress.stage(COMPILING, len(todo))
     with background_warmup(progress, processes) as warmup:
@@ -59,12 +67,19 @@ def compile_kernels(progress: Progress, processes: int = 1) -> int:
 
 
 class BackgroundWarmup:
-    """Compiles kernels in processes of its own while this one does other work.
+    """Child processes that compile kernels while this process does other work.
 
-    Each process compiles every n-th kernel and prints its name when it is in the cache.
+    Each process compiles every n-th kernel and prints the name of a kernel when it is in the cache.
     """
 
     def __init__(self, progress: Progress, names: Sequence[str], processes: int) -> None:
+        """Start the processes.
+
+        Args:
+            progress: Receives a message when a kernel has to be waited for.
+            names: Names of the kernels, in the order of their use.
+            processes: Number of processes.
+        """
         self._progress, self._names = progress, names
         self._done: set[str] = set()
         self._changed = threading.Condition()
@@ -75,7 +90,7 @@ class BackgroundWarmup:
             threading.Thread(target=self._listen, args=(process,), daemon=True).start()
 
     def wait_for(self, kernel: str) -> None:
-        """Return when a kernel is in the cache, or when no process will put it there."""
+        """Wait until a kernel is in the cache, or until no process is left that could compile it."""
         since = time.monotonic()
         with self._changed:
             while kernel in self._names and kernel not in self._done and self._alive:
@@ -86,14 +101,14 @@ class BackgroundWarmup:
                     self._progress.note(f"{COMPILING} ({len(self._done)} of {len(self._names)})")
 
     def wait(self, report: Callable[[int], None]) -> None:
-        """Return when all kernels are in the cache. report: called with the number of those that are."""
+        """Wait until all kernels are in the cache. report: called with the number of kernels that are."""
         with self._changed:
             while self._alive:
                 self._changed.wait(0.5)
                 report(len(self._done))
 
     def stop(self) -> None:
-        """End the processes."""
+        """Kill the processes."""
         for process in self._processes:
             process.kill()
             process.wait()
@@ -111,14 +126,14 @@ class BackgroundWarmup:
 
 @contextlib.contextmanager
 def background_warmup(progress: Progress, processes: int = 1) -> Iterator[BackgroundWarmup | None]:
-    """Compile kernels in the background inside a `with` block; kernels that are needed earlier wait for it.
+    """Compile kernels in the background inside a `with` block. A kernel that is called before it is compiled waits.
 
     Args:
-        progress: Is told when a kernel has to be waited for.
+        progress: Receives a message when a kernel has to be waited for.
         processes: Number of processes.
 
     Yields:
-        The warmup, or None where all kernels are in the cache.
+        The warmup, or None if all kernels are in the cache.
     """
     names = [kernel.name for kernel in kernels() if kernel.needs_warmup()]
     if not names:

@@ -12,7 +12,7 @@ from splatreel.capture.frame_file import give_back
 
 MIN_DIFFERENCE = 8 / 255
 """Minimum mean absolute color difference around a pixel, 0..1, for it to count as changed."""
-NOISE = 2.5
+NOISE_MULTIPLE = 2.5
 """The same limit in multiples of the first quartile of the camera's differences: noise, compression, flickering lamps."""
 
 
@@ -32,11 +32,11 @@ def difference(frame: np.ndarray, first: np.ndarray) -> np.ndarray:
     return cv2.transform(np.abs(apart, out=apart), MEAN_OF_COLORS)
 
 
-def changes(frames: np.ndarray) -> np.ndarray:
+def changed_pixels(frames: np.ndarray) -> np.ndarray:
     """Return [C, H, W] bool, the pixels that differ from the first frame at some frame. frames: [T, C, H, W, 3] uint8."""
 
     def of(camera: int) -> np.ndarray:
-        found = _changes(frames[:, camera])
+        found = _changed_pixels(frames[:, camera])
         give_back(frames)
         return found
 
@@ -44,10 +44,10 @@ def changes(frames: np.ndarray) -> np.ndarray:
         return np.stack(list(pool.map(of, range(frames.shape[1]))))
 
 
-def _changes(frames: np.ndarray) -> np.ndarray:
+def _changed_pixels(frames: np.ndarray) -> np.ndarray:
     """Return the changed pixels [H, W] of one camera [T, H, W, 3]."""
     first = frames[0].astype(np.float32)
     peak = np.zeros(first.shape[:2], np.float32)
     for frame in frames[1:]:
         np.maximum(peak, difference(frame, first), out=peak)
-    return peak > max(MIN_DIFFERENCE, NOISE * float(np.quantile(peak, 0.25)))
+    return peak > max(MIN_DIFFERENCE, NOISE_MULTIPLE * float(np.quantile(peak, 0.25)))

@@ -13,15 +13,15 @@ import numpy as np
 
 from splatreel import threads
 
-SAME = 10 / 255
+MEAN_DIFFERENCE = 10 / 255
 """Mean absolute color difference around a pixel, 0..1, up to which a frame contributes to the mean."""
-STILL = 4 / 255
+PERMANENT_DIFFERENCE = 4 / 255
 """Mean absolute difference up to which a frame counts as showing the permanent scene, if the video has little noise. The
-clothes of somebody who stays in one place while moving differ by less than `SAME`, and their mean is a smear that no other
+clothes of somebody who stays in one place while moving differ by less than `MEAN_DIFFERENCE`, and their mean is a smear that no other
 camera sees (docs/experiments/2026-11-26-gray-smears.md)."""
-NOISE = 4.0
-"""The same limit in multiples of the camera's noise, if that is more; at most `SAME`."""
-ENOUGH = 0.5
+NOISE_MULTIPLE = 4.0
+"""The same limit in multiples of the camera's noise, if that is more; at most `MEAN_DIFFERENCE`."""
+PERMANENT_SHARE = 0.5
 """Share of the frames that must look alike for a pixel to be known. Content that is there for less may be somebody standing."""
 
 
@@ -46,9 +46,9 @@ def _plate(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     differences = np.empty((len(frames), *middle.shape[:2]), np.float32)
     for number, frame in enumerate(frames):
         difference = differences[number] = np.abs(cv2.GaussianBlur(frame - middle, (5, 5), 0)).mean(-1) / 255
-        share = np.square(1 - np.square(np.minimum(difference / SAME, 1)))
+        share = np.square(1 - np.square(np.minimum(difference / MEAN_DIFFERENCE, 1)))
         total += share[..., None] * frame
         weight += share
     mean = np.where(weight[..., None] > 0, total / np.maximum(weight, 1e-6)[..., None], middle)
-    still = min(max(STILL, NOISE * float(np.median(differences))), SAME)
-    return np.rint(mean).astype(np.uint8), (differences < still).sum(0) < ENOUGH * len(frames)
+    still = min(max(PERMANENT_DIFFERENCE, NOISE_MULTIPLE * float(np.median(differences))), MEAN_DIFFERENCE)
+    return np.rint(mean).astype(np.uint8), (differences < still).sum(0) < PERMANENT_SHARE * len(frames)

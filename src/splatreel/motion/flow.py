@@ -30,15 +30,15 @@ RAFT = Pretrained(
 )
 RAFT_MIN_SIDE = 128
 """Minimum side, pixels, for RAFT's correlation pyramid."""
-REACH = 0.03
-"""Margin around wanted pixels in which DIS runs at full size, as a share of the image width, but at least `REACH_LEAST`
+MARGIN = 0.03
+"""Margin around wanted pixels in which DIS runs at full size, as a share of the image width, but at least `MIN_MARGIN`
 pixels."""
-REACH_LEAST = 14
+MIN_MARGIN = 14
 PATCH = 7
 """Side of the patch, pixels, by which a guess is judged."""
-ENOUGH_WIDTH = 320
+COARSE_WIDTH = 320
 """Width of the image at which DIS runs on the whole image, if only boxes run at full size."""
-MOST = 0.7
+MAX_BOX_SHARE = 0.7
 """Share of the image covered by boxes above which the whole image at full size takes less time."""
 
 
@@ -81,7 +81,7 @@ def map_views(work: Callable[[int], T], views: int, flow: Flow) -> list[T]:
         return list(pool.map(work, range(views)))
 
 
-class _Kept(threading.local):
+class _ThreadCache(threading.local):
     """OpenCV objects of one thread, by finest scale and image size."""
 
     def __init__(self) -> None:
@@ -96,7 +96,8 @@ class DisFlow:
     """
 
     def __init__(self) -> None:
-        self._kept = _Kept()
+        """Create a flow function. OpenCV objects are created on first use."""
+        self._cache = _ThreadCache()
 
     def __call__(
         self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
@@ -109,23 +110,23 @@ class DisFlow:
             flow = _dis(0).calc(here, there, None)
             return cv2.resize(flow, (a.shape[1], a.shape[0]), interpolation=cv2.INTER_AREA) * (least / 16)
         boxes = [] if wanted is None else _boxes(wanted, guess)
-        if wanted is None or sum(_area(box) for box in boxes) > MOST * wanted.size:
+        if wanted is None or sum(_area(box) for box in boxes) > MAX_BOX_SHARE * wanted.size:
             return self._whole(0, here, there, guess)
-        halvings = max(1, math.ceil(math.log2(here.shape[1] / ENOUGH_WIDTH)))
+        halvings = max(1, math.ceil(math.log2(here.shape[1] / COARSE_WIDTH)))
         flow = self._whole(halvings, here, there, guess)
         for box in boxes:
             near = np.ascontiguousarray(here[box]), np.ascontiguousarray(there[box])
-            start = flow[box] if guess is None else _better(*near, flow[box], guess[box])
+            start = flow[box] if guess is None else _better_flow(*near, flow[box], guess[box])
             flow[box] = _dis(0).calc(*near, np.ascontiguousarray(start))
         return flow
 
     def _whole(self, finest: int, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None) -> np.ndarray:
         """Return the flow between whole gray images, by an object of this thread and image size, which reuses its buffers."""
         key = finest, *a.shape
-        if key not in self._kept.dis:
-            self._kept.dis[key] = _dis(finest)
+        if key not in self._cache.dis:
+            self._cache.dis[key] = _dis(finest)
         start = None if guess is None else guess.astype(np.float32)  # a copy, since OpenCV writes to it
-        return self._kept.dis[key].calc(a, b, start)
+        return self._cache.dis[key].calc(a, b, start)
 
 
 def _dis(finest: int) -> Any:
@@ -138,7 +139,7 @@ def _dis(finest: int) -> Any:
     return dis
 
 
-def _better(a: np.ndarray, b: np.ndarray, flow: np.ndarray, guess: np.ndarray) -> np.ndarray:
+def _better_flow(a: np.ndarray, b: np.ndarray, flow: np.ndarray, guess: np.ndarray) -> np.ndarray:
     """Return the flow between gray images, replaced by the guess wherever the guess matches better."""
     y, x = np.mgrid[: a.shape[0], : a.shape[1]].astype(np.float32)
     a, b = (cv2.blur(gray, (PATCH, PATCH)) for gray in (a, b))  # a guess may be some pixels wrong
@@ -151,7 +152,7 @@ def _better(a: np.ndarray, b: np.ndarray, flow: np.ndarray, guess: np.ndarray) -
 
 def _boxes(wanted: np.ndarray, guess: np.ndarray | None) -> list[Box]:
     """Return boxes around wanted pixels and the targets of their guesses, with a margin. No box is too small for DIS."""
-    reach = max(round(REACH * wanted.shape[1]), REACH_LEAST)
+    reach = max(round(MARGIN * wanted.shape[1]), MIN_MARGIN)
     side = 2 * reach + 1
     near = cv2.dilate(wanted.astype(np.uint8), np.ones((side, side), np.uint8))
     boxes = []
@@ -160,18 +161,18 @@ def _boxes(wanted: np.ndarray, guess: np.ndarray | None) -> list[Box]:
         rows, columns = slice(y, y + height), slice(x, x + width)
         if guess is not None:
             ways = guess[rows, columns][wanted[rows, columns]]
-            rows, columns = (_stretched(span, ways[:, axis]) for span, axis in ((rows, 1), (columns, 0)))
-        rows, columns = (_within(span, size, side) for span, size in zip((rows, columns), wanted.shape, strict=True))
+            rows, columns = (_extended(span, ways[:, axis]) for span, axis in ((rows, 1), (columns, 0)))
+        rows, columns = (_clipped(span, size, side) for span, size in zip((rows, columns), wanted.shape, strict=True))
         boxes.append((rows, columns))
     return boxes
 
 
-def _stretched(span: slice, ways: np.ndarray) -> slice:
+def _extended(span: slice, ways: np.ndarray) -> slice:
     """Extend a range of one axis by the guesses of its pixels."""
     return slice(span.start + math.floor(min(ways.min(), 0)), span.stop + math.ceil(max(ways.max(), 0)))
 
 
-def _within(span: slice, size: int, least: int) -> slice:
+def _clipped(span: slice, size: int, least: int) -> slice:
     """Clip a range to an image side, with at least `least` pixels if the image has them."""
     start, stop = max(span.start, 0), min(span.stop, size)
     start = max(min(start, size - least), 0)

@@ -15,7 +15,7 @@ from scipy.spatial import KDTree
 from splatreel.kernels import translation
 from splatreel.scene.camera import Camera
 
-LINK = 3.0
+LINK_DISTANCE = 3.0
 """Points closer than this multiple of their size belong to one object."""
 MIN_POINTS = 8
 """Minimum number of points of an object."""
@@ -25,7 +25,7 @@ REACH, STEPS = 3.0, 4
 """Range of the search, in multiples of the object's size (mean distance of its points from their center), and steps per range."""
 ROUNDS = 3
 """Rounds in which the step is halved around the best place."""
-BETTER = 0.6
+MAX_RESIDUAL = 0.6
 """A shift must leave less than this share of the color difference without motion."""
 
 
@@ -62,7 +62,7 @@ def _objects(points: np.ndarray, sizes: np.ndarray) -> list[np.ndarray]:
     """Return the indices of the points of each object: connected components of close points."""
     if len(points) < MIN_POINTS:
         return []
-    near = KDTree(points).sparse_distance_matrix(KDTree(points), LINK * float(np.median(sizes)))
+    near = KDTree(points).sparse_distance_matrix(KDTree(points), LINK_DISTANCE * float(np.median(sizes)))
     _, labels = connected_components(near, directed=False)
     return [np.flatnonzero(labels == label) for label in np.flatnonzero(np.bincount(labels) >= MIN_POINTS)]
 
@@ -77,4 +77,4 @@ def _displacement(points: np.ndarray, size: float, views: tuple) -> np.ndarray:
         best = tried[translation.color_differences(points, tried, *views).argmin()]
         grid, step = grid[np.abs(grid).max(1) <= 1], step / 2
     resting, moved = translation.color_differences(points, np.stack([none, best]), *views)
-    return best if moved < BETTER * resting else none
+    return best if moved < MAX_RESIDUAL * resting else none

@@ -20,22 +20,22 @@ from splatreel.scene.gaussians import Gaussians
 
 MIN_CHANGE = 0.08
 """Minimum change of light, as a logarithm of brightness."""
-FRAMES = 2
+MIN_FRAMES = 2
 """Minimum number of frames with a change. Noise is gone in the next frame."""
-VIEWS = 3
+MIN_VIEWS = 3
 """Minimum number of cameras that must see a point."""
-AGREE = 0.6
-"""Share of these cameras that must be within `NEAR_BY` of the median, or within `ALIKE` times the median."""
-NEAR_BY, ALIKE = 0.04, 0.35
-PIXELS = 1e5
+MIN_AGREEING_SHARE = 0.6
+"""Share of these cameras that must be within `ABSOLUTE_TOLERANCE` of the median, or within `RELATIVE_TOLERANCE` times the median."""
+ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE = 0.04, 0.35
+MAX_PIXELS = 1e5
 """Larger images are shrunk to this size. Shadows are larger than a pixel, and 36 images of a 4K camera would fill the memory."""
 BLUR = 0.8
 """Standard deviation of the blur, pixels, against noise and misaligned edges."""
-SEEN = 0.3
+MIN_SEEN_PIXELS = 0.3
 """Minimum number of pixels of such an image that a point must fill to be seen."""
-DARK = 8.0
+DARK_OFFSET = 8.0
 """Gray levels added to all brightness, so that noise of dark pixels is no change of light."""
-MOST = 0.2
+MAX_CHANGED_SHARE = 0.2
 """Maximum share of points that change light; if there are more, the strongest changes count."""
 
 
@@ -54,14 +54,14 @@ def changes_of_light(
         device: Device on which points are drawn.
     """
     found = np.zeros((len(frames), len(points)), np.float32)
-    if len(frames) <= FRAMES or len(points) == 0:
+    if len(frames) <= MIN_FRAMES or len(points) == 0:
         return found
     shown = _brightness_of(points, cameras, frames, near, device)
-    changed = (np.abs(shown) > MIN_CHANGE).sum(2) >= FRAMES  # unseen points are NaN, which compares false
-    index = np.flatnonzero(changed.sum(0) >= VIEWS)
-    light = np.stack([_agreed(shown[:, point]) for point in index], 1) if len(index) else found[:, :0]
-    strength = np.where((np.abs(light) > MIN_CHANGE).sum(0) >= FRAMES, np.abs(light).sum(0), 0)
-    room = min(int(MOST * len(points)), np.count_nonzero(strength))
+    changed = (np.abs(shown) > MIN_CHANGE).sum(2) >= MIN_FRAMES  # unseen points are NaN, which compares false
+    index = np.flatnonzero(changed.sum(0) >= MIN_VIEWS)
+    light = np.stack([_common_change(shown[:, point]) for point in index], 1) if len(index) else found[:, :0]
+    strength = np.where((np.abs(light) > MIN_CHANGE).sum(0) >= MIN_FRAMES, np.abs(light).sum(0), 0)
+    room = min(int(MAX_CHANGED_SHARE * len(points)), np.count_nonzero(strength))
     strongest = np.argsort(-strength, kind="stable")[:room]
     found[:, index[strongest]] = light[:, strongest]
     return found
@@ -84,26 +84,26 @@ def _brightness_of(
         pictures -= np.median(pictures[::3, ::3], (0, 1))  # remove exposure and light of the whole scene
         pictures = np.concatenate([pictures, np.ones_like(pictures[..., :1])], 2)
         sums = gather_images(splats, small, torch.from_numpy(pictures).to(device), near).cpu().numpy()
-        seen = sums[:, -1] > SEEN
+        seen = sums[:, -1] > MIN_SEEN_PIXELS
         row[seen] = sums[seen, :-1] / sums[seen, -1:]
     return shown
 
 
 def _shrunk(camera: Camera) -> Camera:
-    """Return the camera with an image of at most `PIXELS`."""
-    shrink = min(1.0, (PIXELS / (camera.width * camera.height)) ** 0.5)
+    """Return the camera with an image of at most `MAX_PIXELS`."""
+    shrink = min(1.0, (MAX_PIXELS / (camera.width * camera.height)) ** 0.5)
     return camera.resized(max(1, round(shrink * camera.width)), max(1, round(shrink * camera.height)))
 
 
 def _brightness(picture: np.ndarray, width: int, height: int) -> np.ndarray:
     """Return the log brightness [h, w] of an image [H, W, 3] uint8 at another size."""
     gray = cv2.cvtColor(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
-    return np.log(cv2.GaussianBlur(gray.astype(np.float32), (0, 0), BLUR) + DARK)
+    return np.log(cv2.GaussianBlur(gray.astype(np.float32), (0, 0), BLUR) + DARK_OFFSET)
 
 
-def _agreed(shown: np.ndarray) -> np.ndarray:
+def _common_change(shown: np.ndarray) -> np.ndarray:
     """Return the change [T] on which most of the views [C, T] agree; 0 in frames without agreement."""
     seen = shown[~np.isnan(shown[:, 0])]
     middle = np.median(seen, 0)
-    alike = np.abs(seen - middle) < np.maximum(NEAR_BY, ALIKE * np.abs(middle))
-    return np.where(alike.mean(0) >= AGREE, middle, 0)
+    alike = np.abs(seen - middle) < np.maximum(ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE * np.abs(middle))
+    return np.where(alike.mean(0) >= MIN_AGREEING_SHARE, middle, 0)

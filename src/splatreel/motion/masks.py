@@ -14,13 +14,13 @@ from splatreel.errors import UsageError
 from splatreel.motion.flow import Flow, map_views
 from splatreel.motion.sam2 import Sam2Segmenter
 
-ENOUGH_WIDTH = 320
+FLOW_WIDTH = 320
 """Flow is computed on images halved as long as at least this width remains. Masks need no more detail, and flow is slow."""
-LEAST_FLOW = 0.5
+MIN_FLOW = 0.5
 """Minimum length of flow, pixels. Shorter flow is noise at any image size."""
-ENOUGH_FRAMES = 0.4
+MIN_MOVING_SHARE = 0.4
 """Share of the selected frames in which a pixel must move to be labeled without a flow that returns."""
-CHANGED = 6 / 255
+MIN_COLOR_CHANGE = 6 / 255
 """Minimum color difference, 0..1, for flow to count: flow on plain walls is noise. A lower value admits camera noise; a higher
 one misses content that moves in front of its own color."""
 RETURN_GAP = 0.15
@@ -70,10 +70,10 @@ def motion_masks(frames: np.ndarray, flow: Flow, config: LayeringConfig) -> np.n
         config: Layering settings.
     """
     count, cameras, height, width = frames.shape[:4]
-    halvings = max(int(math.log2(width / ENOUGH_WIDTH)), 0)
-    threshold = max(config.flow_threshold * (width >> halvings) / PAPER_WIDTH, LEAST_FLOW)
+    halvings = max(int(math.log2(width / FLOW_WIDTH)), 0)
+    threshold = max(config.flow_threshold * (width >> halvings) / PAPER_WIDTH, MIN_FLOW)
     later = later_frames(count, config.flow_frames)
-    enough = math.ceil(ENOUGH_FRAMES * len(later))
+    enough = math.ceil(MIN_MOVING_SHARE * len(later))
 
     def moving(c: int) -> np.ndarray:
         first = _smaller(frames[0, c], halvings)
@@ -82,7 +82,7 @@ def motion_masks(frames: np.ndarray, flow: Flow, config: LayeringConfig) -> np.n
             other = _smaller(frames[t, c], halvings)
             vectors = flow(first, other)
             moves = np.hypot(vectors[..., 0], vectors[..., 1]) > threshold
-            moves &= _difference(first, other) >= CHANGED
+            moves &= _difference(first, other) >= MIN_COLOR_CHANGE
             evidence += moves
             if enough > 1:
                 evidence[moves & _returns(vectors, flow(other, first))] = enough
@@ -103,7 +103,7 @@ def _returns(forth: np.ndarray, back: np.ndarray) -> np.ndarray:
     y, x = np.mgrid[: forth.shape[0], : forth.shape[1]].astype(np.float32)
     there = cv2.remap(back, x + forth[..., 0], y + forth[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     gap = np.linalg.norm(forth + there, axis=-1)
-    return gap < np.maximum(LEAST_FLOW, RETURN_GAP * np.linalg.norm(forth, axis=-1))
+    return gap < np.maximum(MIN_FLOW, RETURN_GAP * np.linalg.norm(forth, axis=-1))
 
 
 def later_frames(count: int, wanted: int) -> list[int]:
@@ -134,6 +134,13 @@ class GrabCutSegmenter:
     """
 
     def __init__(self, reach: float = 0.03, iterations: int = 2, width: int = 480) -> None:
+        """Create a segmenter.
+
+        Args:
+            reach: Maximum growth of a mask, as a share of the image width.
+            iterations: Iterations of GrabCut.
+            width: Maximum width at which GrabCut runs, pixels.
+        """
         self.reach = reach
         self.iterations = iterations
         self.width = width

@@ -27,10 +27,10 @@ MIN_CAMERAS = 0.3
 """Share of all cameras, at least three, whose masks must contain a place. A few cameras agree on anything next to a camera."""
 MIN_DISTANCE = 6.0
 """Minimum distance from moving points of a new point that uncertain masks found, in multiples of its size."""
-DEPTHS = 64
-CLOSE = 8
+DEPTH_SAMPLES = 64
+NEAREST_FRACTION = 8
 """Places nearer than the depth behind them divided by this are not tried: content there would fill the view."""
-RAYS = 4000
+MAX_RAYS = 4000
 
 
 @dataclass(frozen=True)
@@ -133,7 +133,7 @@ def _away_from(found: NewPoints, moving: np.ndarray) -> NewPoints:
 def _rays(error: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     """Return an even choice of the mask's pixels, [R, 3]: camera, row, column."""
     rays = np.argwhere(error)
-    return rays if len(rays) <= RAYS else rays[np.sort(rng.choice(len(rays), RAYS, replace=False))]
+    return rays if len(rays) <= MAX_RAYS else rays[np.sort(rng.choice(len(rays), MAX_RAYS, replace=False))]
 
 
 def _places(
@@ -149,8 +149,8 @@ def _places(
     finite = depths[np.isfinite(depths)]
     far = float(np.percentile(finite, 99)) if len(finite) else 20 * near
     end = np.minimum(np.where(np.isfinite(shown), 1.02 * shown, far), far).clip(1.05 * near)
-    start = np.maximum(near, end / CLOSE)[:, None]
-    inverse = 1 / start + (1 / end[:, None] - 1 / start) * np.linspace(0.02, 1, DEPTHS)
+    start = np.maximum(near, end / NEAREST_FRACTION)[:, None]
+    inverse = 1 / start + (1 / end[:, None] - 1 / start) * np.linspace(0.02, 1, DEPTH_SAMPLES)
     z = 1 / inverse
     K = np.stack([c.K for c in cameras])[camera]
     poses = np.stack([c.viewmat for c in cameras])[camera]

@@ -45,7 +45,7 @@ class Pretrained:
             return load()
         except (ImportError, RuntimeError) as error:  # RuntimeError: built for another version of torch
             raise MissingDependencyError(
-                f"{self.purpose} needs {self.package}, which cannot be import_package ({error}). "
+                f"{self.purpose} needs {self.package}, which cannot be imported ({error}). "
                 f"Run: pip install 'splatreel[models]'{self.install}; or {self.remedy}."
             ) from error
 

@@ -19,15 +19,15 @@ from scipy.spatial import KDTree
 from splatreel.kernels import rigid
 from splatreel.kernels.rigid import Template, Views
 
-SIZE, STRIDE = 24, 3
+PATCH_POINTS, PATCH_STRIDE = 24, 3
 """Number of points of a patch, and points between the centers of two patches."""
 NEIGHBORS = (1, 2, 3, 4, 6, 8, 10, 12)
 """Ranks, by distance, of the neighbors whose motions a patch tries."""
-BAD = 0.06
+MAX_FLOW_DIFFERENCE = 0.06
 """Color difference, 0..1, from which on flow is considered wrong."""
-BETTER = 0.85
+MAX_RESIDUAL = 0.85
 """A rigid motion must leave less than this share of that difference."""
-RATE = 0.2
+COLOR_RATE = 0.2
 """Rate at which stored colors follow the observed ones where flow is right, since light changes and objects turn."""
 STEPS = (1.0, 0.5, 0.25)
 """Step sizes of the search in each sweep, relative to the first ones."""
@@ -45,10 +45,10 @@ class RigidPatches:
         """
         self.colors = rigid.sample_colors(points, views)[1]
         self.trusted = np.zeros(len(points), np.bool_)  # the flow of the last step matched the colors
-        self.patches = np.zeros((0, SIZE), np.int64)
-        if len(points) > SIZE:
-            centers = points[::STRIDE]
-            self.patches = _nearest(points, centers, range(SIZE))
+        self.patches = np.zeros((0, PATCH_POINTS), np.int64)
+        if len(points) > PATCH_POINTS:
+            centers = points[::PATCH_STRIDE]
+            self.patches = _nearest(points, centers, range(PATCH_POINTS))
             self.neighbors = _nearest(centers, centers, [rank for rank in NEIGHBORS if rank < len(centers)])
 
     def motion(self, here: np.ndarray, last: np.ndarray, flow: np.ndarray, now: Views, then: Views) -> np.ndarray:
@@ -65,18 +65,18 @@ class RigidPatches:
             return flow
         seen, colors = rigid.sample_colors(here, now)
         learn = seen & self.trusted[:, None]
-        self.colors[learn] += RATE * (colors[learn] - self.colors[learn])
+        self.colors[learn] += COLOR_RATE * (colors[learn] - self.colors[learn])
         template = Template(seen, self.colors, then)
         costs = rigid.color_differences(here + flow, self.patches, template)
-        bad = costs > BAD
+        bad = costs > MAX_FLOW_DIFFERENCE
         chosen = np.flatnonzero(bad)
         moves, found = rigid.initial_moves(here, last, here + flow, self.patches, bad, template)
         for share in STEPS:
             rigid.refine_moves(here, self.patches, chosen, self.neighbors, moves, found, share, template)
         least = np.full(len(here), np.inf, np.float32)
-        np.minimum.at(least, self.patches.ravel(), np.repeat(costs, SIZE))
-        self.trusted = least <= BAD
-        return self._best(here, flow, least, np.flatnonzero(bad & (found < BETTER * costs)), moves, found)
+        np.minimum.at(least, self.patches.ravel(), np.repeat(costs, PATCH_POINTS))
+        self.trusted = least <= MAX_FLOW_DIFFERENCE
+        return self._best(here, flow, least, np.flatnonzero(bad & (found < MAX_RESIDUAL * costs)), moves, found)
 
     def _best(
         self,

@@ -10,7 +10,7 @@ from splatreel import threads
 from splatreel.capture.frame_file import give_back
 from splatreel.motion.change import difference
 
-SAME = 8 / 255
+MAX_DIFFERENCE = 8 / 255
 """Mean absolute color difference around a pixel, 0..1, from which on a frame does not contribute."""
 
 
@@ -18,7 +18,7 @@ def temporal_mean(frames: np.ndarray) -> np.ndarray:
     """Return the keyframe's images [C, H, W, 3] uint8, averaged over frames that look alike around each pixel.
 
     Noise falls by up to the square root of T. Slow changes of light, which static points cannot follow, are averaged. Moving
-    pixels do not change. A frame's weight is Tukey's bisquare of its difference: 1 for no difference, 0 from `SAME` on.
+    pixels do not change. A frame's weight is Tukey's bisquare of its difference: 1 for no difference, 0 from `MAX_DIFFERENCE` on.
 
     Args:
         frames: [T, C, H, W, 3] uint8, the keyframe first.
@@ -38,7 +38,7 @@ def _temporal_mean(frames: np.ndarray) -> np.ndarray:
     first = frames[0].astype(np.float32)
     total, weight = first.copy(), np.ones(first.shape[:2], np.float32)
     for frame in frames[1:]:
-        share = np.square(1 - np.square(np.minimum(difference(frame, first) / SAME, 1)))
+        share = np.square(1 - np.square(np.minimum(difference(frame, first) / MAX_DIFFERENCE, 1)))
         total += share[..., None] * frame
         weight += share
     return np.rint(total / weight[..., None]).astype(np.uint8)

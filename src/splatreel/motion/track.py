@@ -19,7 +19,7 @@ from splatreel.motion.rigid_patches import RigidPatches
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
-ROUNDS = 3
+SMOOTHING_ROUNDS = 3
 """Rounds of reweighting in the smoothing of neighbors' motions."""
 NEIGHBORS = 16
 """Number of neighbors whose motions are averaged with a point's own."""
@@ -209,7 +209,7 @@ def _smooth(motion: Tensor, certainty: Tensor, neighbors: Tensor | None) -> Tens
     group = torch.cat([torch.arange(len(motion))[:, None], neighbors], 1)
     weight, moves = certainty[group] + 1e-3, motion[group]
     center = (moves * weight[..., None]).sum(1) / weight.sum(1, keepdim=True)
-    for _ in range(ROUNDS):
+    for _ in range(SMOOTHING_ROUNDS):
         distance = (moves - center[:, None]).norm(dim=2)
         spread = distance.median(1, keepdim=True).values + 1e-9
         trust = weight / (1 + (distance / spread) ** 2)

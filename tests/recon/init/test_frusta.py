@@ -6,7 +6,7 @@ import pytest
 
 from splatreel.capture.builtin.synthetic import make_cameras
 from splatreel.recon.init import planesweep
-from splatreel.recon.init.frusta import FINE, narrow_ranges, pixels_apart, shared_depths
+from splatreel.recon.init.frusta import WANTED_SPACING, narrow_ranges, pixels_apart, shared_depths
 from splatreel.recon.init.initial_points import SWEEP_PLANES, SWEEP_WIDTH, depth_ranges, initial_points
 from splatreel.recon.init.triangulate import nearest_cameras
 from splatreel.scene.camera import Camera
@@ -63,7 +63,7 @@ def test_narrow_ranges_spaces_planes_by_pixels() -> None:
     ranges, planes = narrow_ranges(cameras, before, WIDTH, SWEEP_PLANES)
     others = [cameras[j] for j in nearest[2]]
     assert pixels_apart(cameras[2], others, before[2], SWEEP_PLANES) > 10
-    assert pixels_apart(cameras[2], others, ranges[2], int(planes[2])) == pytest.approx(FINE, rel=0.1)
+    assert pixels_apart(cameras[2], others, ranges[2], int(planes[2])) == pytest.approx(WANTED_SPACING, rel=0.1)
 
 
 @pytest.mark.parametrize("cameras", [arc(5), ring(6, width=48, height=32), make_cameras(256, 192)])

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from splatreel.recon.init.layout import MOST_CLEAR, Layout, border_color, clearance_of, measure
+from splatreel.recon.init.layout import MAX_CLEAR_SHARE, Layout, border_color, clearance_of, measure
 from tests.recon.scenes import look_at, ring
 
 CAMERAS = ring(7, width=96, height=64)
@@ -20,7 +20,7 @@ def test_layout_dict_round_trip() -> None:
 def test_clearance_focus_and_share() -> None:
     clearance = clearance_of(CAMERAS, BALL)
     np.testing.assert_allclose(clearance.focus, 0, atol=0.3)
-    assert clearance.share == MOST_CLEAR
+    assert clearance.share == MAX_CLEAR_SHARE
 
 
 @pytest.mark.parametrize("depth", [1.2, 0.4])

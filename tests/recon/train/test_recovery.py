@@ -63,9 +63,9 @@ def test_keyframe_recovers_last_good_state(monkeypatch: pytest.MonkeyPatch, valu
     trainer = train(notes)
     found = trainer.points.gaussians()
     assert len(notes.notes) == 1
-    assert "training goes on from iteration 50, at 0.5 times its learning rates" in notes.notes[0]
+    assert "training continues from iteration 50, at 0.5 times its learning rates" in notes.notes[0]
     assert notes.done == [25, 50, 75, 75, 100, 120], "from 50 on again"
-    assert trainer.recovery.pace == 1, "100 is past it"
+    assert trainer.recovery.pace == 1, "training has passed iteration 95"
     quality, usual = (np.mean([keyframes.psnr(g, camera) for camera in keyframes.CAMERAS]) for g in (found, smooth))
     assert quality > usual - 1.5
 
@@ -82,7 +82,7 @@ def test_group_recovers_last_good_state(monkeypatch: pytest.MonkeyPatch, deforma
     spoil(monkeypatch, lambda call: call == 70)
     notes, group = Notes(), groups.trainer(filmed, config)
     found = group.train(notes)
-    assert "goes on from iteration 50, at 0.5 times" in notes.notes[0]
+    assert "continues from iteration 50, at 0.5 times" in notes.notes[0]
     assert group.recovery.pace == 1
     assert groups.quality(filmed, found) > groups.quality(filmed, smooth) - 1.5
     assert all(
@@ -97,7 +97,7 @@ def test_second_failure_keeps_low_pace(monkeypatch: pytest.MonkeyPatch) -> None:
     spoil(monkeypatch, lambda call: call in (70, 145))
     notes, group = Notes(), groups.trainer(groups.frames(), config)
     group.train(notes)
-    assert "goes on from iteration 100, at 0.25 times" in notes.notes[1]
+    assert "continues from iteration 100, at 0.25 times" in notes.notes[1]
     assert group.recovery.pace == 0.25
     last = 0.25 * 0.1 ** (199 / 200)
     assert group.points.canonical.adams["quats"].rate == pytest.approx(last * CANONICAL_RATES["quats"])
@@ -140,7 +140,7 @@ def test_recovery_detects_infinite_values_despite_finite_loss(monkeypatch: pytes
 
     monkeypatch.setattr(group, "step", spoiling)
     found = group.train(notes)
-    assert "goes on from iteration 0, at 0.5 times" in notes.notes[0]
+    assert "continues from iteration 0, at 0.5 times" in notes.notes[0]
     assert int(notes.notes[0].split("at iteration ")[1].split()[0]) in range(61, 71)
     assert np.isfinite(found.dx).all()
 
@@ -151,7 +151,7 @@ def test_recovery_gives_up_after_max_attempts(monkeypatch: pytest.MonkeyPatch) -
         KeyframeTrainer(keyframes.rough_start(), keyframes.gains(), keyframes.CONFIG, max_points=3000),
         Notes(),
     )
-    with pytest.raises(ReconstructionError, match=r"also at 0.0625 times its learning rates: .* is nan.*capture check"):
+    with pytest.raises(ReconstructionError, match=r"even at 0.0625 times its learning rates: .* is nan.*capture check"):
         trainer.train(keyframes.pictures(), TOTAL, TOTAL, notes)
     assert len(notes.notes) == ATTEMPTS
 

@@ -40,7 +40,7 @@ def test_spread_grows_with_distance_to_surface(scale: float, behind: float) -> N
     spread = surfaces.spread(surfaces.Depths.of(points, view, 0.1 * scale))
     first, second, apart = 0.2, 0.8 * 0.9, np.log(behind / 2)
     share = second / (first + second)
-    assert spread.item() == pytest.approx(first * share**2 * min(apart, surfaces.APART) ** 2, rel=0.02)
+    assert spread.item() == pytest.approx(first * share**2 * min(apart, surfaces.MAX_SEPARATION) ** 2, rel=0.02)
     spread.backward()
     assert opacities.grad is not None
     assert opacities.grad[0] > 0, "the floater shall fade"

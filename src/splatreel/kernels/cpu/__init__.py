@@ -1,1 +1,1 @@
-"""Numba kernels on numpy arrays; nothing in here imports torch, except `autograd`."""
+"""Numba kernels on numpy arrays. No module here imports torch, except `autograd`."""

@@ -1,5 +1,7 @@
-"""Adam in one pass over memory, of many tensors at once: a value and its two moments are read and written once, and nothing else is
-allocated."""
+"""Adam for many tensors in one pass over memory.
+
+A value and its two moments are read and written once. No other memory is allocated.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +15,14 @@ from numba import njit
 from splatreel.jit import F1, FLOAT, INT, range_kernel
 from splatreel.kernels.cpu.scalars import ONE, F, U
 
-CHUNK = 4096  # floats of a task
-GRAIN = 4  # tasks that are worth a thread
+CHUNK = 4096
+"""Floats in a task."""
+GRAIN = 32
+"""Smallest number of tasks that is worth a thread."""
 
 
 class Flat(NamedTuple):
-    """A `twin.Step`, flat. parameter, mean, square: [n]; gradient: [m]; factors: [f] float32."""
+    """A `twin.Step` with flat arrays. parameter, mean, square: [n]. gradient: [m]. factors: [f] float32."""
 
     parameter: np.ndarray
     mean: np.ndarray
@@ -30,7 +34,7 @@ class Flat(NamedTuple):
 
 
 def step(flats: Sequence[Flat]) -> None:
-    """Change parameter, mean and square of all in place."""
+    """Take steps of Adam: change parameter, mean and square of each in place."""
     for flat in flats:
         chunks = -(-len(flat.parameter) // CHUNK)
         constants = tuple(F(value) for value in _constants(*flat.moment))
@@ -44,7 +48,7 @@ def _constants(rate: float, decay: float, square_decay: float, eps: float, numbe
 
 @njit(inline="always")
 def _rest(p, m, s, first, last, rate, decay, square_decay, correction, eps):
-    """Let values without a gradient go on by their momentum."""
+    """Update values first..last, whose gradient is 0."""
     for j in range(U(first), U(last)):
         m[j] *= decay
         s[j] *= square_decay
@@ -53,7 +57,7 @@ def _rest(p, m, s, first, last, rate, decay, square_decay, correction, eps):
 
 @range_kernel(F1, F1, F1, F1, F1, INT, FLOAT, FLOAT, FLOAT, FLOAT, FLOAT)
 def _step(first_chunk, last_chunk, p, m, s, g, factors, start, rate, decay, square_decay, correction, eps):
-    """Update chunks of one tensor. The gradient g, by a factor each, belongs to blocks of its size from start on."""
+    """Update chunks of one tensor. From `start` on, block k of the size of g has the gradient factors[k] * g."""
     for chunk in range(first_chunk, last_chunk):
         first = chunk * CHUNK
         end = min(first + CHUNK, p.shape[0])

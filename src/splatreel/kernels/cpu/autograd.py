@@ -1,7 +1,7 @@
-"""The CPU kernels as torch autograd functions. Tensors and arrays share memory; nothing is copied.
+"""The CPU kernels as torch autograd functions. Tensors and arrays share memory without copies.
 
-Every input and output a gradient needs goes through `save_for_backward`, so that torch notices if one is changed in place in
-between. Buffers belong to the call that made them: any number of renders can wait for their backward at once.
+Every tensor that a gradient needs goes through `save_for_backward`, so that torch notices if one is changed in place before the
+backward pass. Each call has its own buffers, so that any number of renders can wait for their backward passes.
 """
 
 # pyright: reportIncompatibleMethodOverride=false
@@ -19,7 +19,8 @@ from torch.autograd.function import once_differentiable
 
 from splatreel.kernels.cpu import binning, deform, harmonics, hashgrid, layered, motion, project, rasterize, similarity
 
-CHUNK = 3  # channels the rasterizer blends at once; other counts are padded, and take several passes
+CHUNK = 3
+"""Channels that the rasterizer blends in one pass. Other counts are padded and take several passes."""
 
 
 def _arrays(*tensors: Tensor) -> list[np.ndarray]:
@@ -33,7 +34,7 @@ def _array(tensor: Tensor) -> np.ndarray:
 
 
 def _gradient(found: Tensor | None, values: np.ndarray) -> np.ndarray:
-    """The gradient to some values; zeros where the loss does not depend on them."""
+    """Return a gradient as an array, with zeros if the loss does not depend on the values."""
     return _array(found) if found is not None else rasterize.no_gradient(values.shape)
 
 
@@ -42,6 +43,8 @@ def _tensors(*arrays: np.ndarray) -> list[Tensor]:
 
 
 class Project(Function):
+    """Projection of Gaussians, see `splat.project`."""
+
     @staticmethod
     def forward(ctx: Any, means: Tensor, quats: Tensor, scales: Tensor, view: project.Pinhole):
         means2d, conics, depths, radii = _tensors(*project.forward(*_arrays(means, quats, scales), view=view))
@@ -59,6 +62,8 @@ class Project(Function):
 
 
 class SphericalHarmonics(Function):
+    """Spherical harmonics, see `splat.spherical_harmonics`."""
+
     @staticmethod
     def forward(ctx: Any, degree: int, directions: Tensor, coefficients: Tensor):
         ctx.degree = degree
@@ -74,6 +79,8 @@ class SphericalHarmonics(Function):
 
 
 class ViewColors(Function):
+    """Colors seen from a camera, see `splat.view_colors`."""
+
     @staticmethod
     def forward(ctx: Any, means: Tensor, center: Tensor, base: Tensor, rest: Tensor):
         colors = torch.from_numpy(harmonics.colors(*_arrays(means, center, base, rest)))
@@ -87,6 +94,8 @@ class ViewColors(Function):
 
 
 class Deformed(Function):
+    """Deformation, projection and colors in one pass, see `splat.deformed`."""
+
     @staticmethod
     def forward(ctx: Any, view: project.Pinhole, center: Tensor, dx, dq, shade, *points: Tensor):
         ctx.given = [change is not None for change in (dx, dq, shade)]
@@ -111,6 +120,8 @@ class Deformed(Function):
 
 
 class Rasterize(Function):
+    """Blending of projected Gaussians, see `splat.rasterize`."""
+
     @staticmethod
     def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width: int, height: int):
         bins = _bins(means2d, conics, opacities, depths, radii, width, height)
@@ -132,7 +143,7 @@ class Rasterize(Function):
             *gradients, d_color = rasterize.backward(ctx.bins, *part, alpha=alpha, d_alpha=d_alpha_)
             geometry.append(gradients)
             d_colors.append(d_color)
-            d_alpha_ = np.zeros_like(d_alpha_)  # every part sees the same alpha: count its gradient once
+            d_alpha_ = np.zeros_like(d_alpha_)  # all parts share one alpha: count its gradient once
         d_means2d, d_conics, d_opacities = geometry[0]
         for others in geometry[1:]:
             d_means2d, d_conics, d_opacities = d_means2d + others[0], d_conics + others[1], d_opacities + others[2]
@@ -141,6 +152,8 @@ class Rasterize(Function):
 
 
 class RasterizeAmong(Function):
+    """Blending among frozen splats, see `splat.rasterize_among`."""
+
     @staticmethod
     def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, frozen: rasterize.Frozen):
         height, width = frozen.alpha.shape
@@ -164,6 +177,8 @@ class RasterizeAmong(Function):
 
 
 class LayeredLoss(Function):
+    """Photometric loss of splats among frozen splats, see `splat.layered_loss`. The forward pass computes the gradients too."""
+
     @staticmethod
     def forward(
         ctx: Any, means2d, conics, colors, opacities, depths, radii, frozen: rasterize.Frozen, target: Tensor, *rest
@@ -187,13 +202,13 @@ class LayeredLoss(Function):
 
 
 def freeze(means2d, conics, colors, opacities, depths, radii, width: int, height: int) -> rasterize.Frozen:
-    """Splats [M] with colors [M, 3], sorted into tiles and drawn once. Tensors as `splat.rasterize` takes them."""
+    """Sort splats with colors [M, 3] into tiles and draw them once. The arguments are those of `splat.rasterize`."""
     bins, values = _bins(means2d, conics, opacities, depths, radii, width, height), _arrays(colors)[0]
     return rasterize.Frozen(bins, values, *rasterize.forward(bins, values))
 
 
 def remove(frozen: rasterize.Frozen, gone: Tensor) -> None:
-    """Without the splats [K] int64."""
+    """Remove splats [K] int64 from frozen splats, in place."""
     rasterize.remove(frozen, gone.numpy())
 
 
@@ -212,11 +227,13 @@ def _split(values: np.ndarray) -> list[np.ndarray]:
 
 
 def _join(parts: list[np.ndarray], channels: int) -> np.ndarray:
-    """Undoes `_split`."""
+    """Undo `_split`."""
     return parts[0] if channels == CHUNK else np.ascontiguousarray(np.concatenate(parts, -1)[..., :channels])
 
 
 class PhotometricLoss(Function):
+    """Photometric loss, see `splat.photometric_loss`. The forward pass computes the gradients too."""
+
     @staticmethod
     def forward(
         ctx: Any, image: Tensor, target: Tensor, lambda_dssim: float, gain: Tensor | None, tiles: Tensor | None
@@ -241,6 +258,8 @@ class PhotometricLoss(Function):
 
 
 class HashGrid(Function):
+    """Features of a hash grid, see `motion.hashgrid`."""
+
     @staticmethod
     def forward(ctx: Any, coords: Tensor, table: Tensor, resolutions: np.ndarray):
         ctx.resolutions = resolutions
@@ -260,6 +279,8 @@ class HashGrid(Function):
 
 
 class Arap(Function):
+    """As-rigid-as-possible loss, see `motion.arap`. The forward pass computes the gradients too."""
+
     @staticmethod
     def forward(ctx: Any, means: Tensor, dx: Tensor, dq: Tensor, neighbor: Tensor, weights: Tensor, unit: float):
         arrays = *_arrays(means, dx, dq), neighbor.contiguous().numpy(), *_arrays(weights)

@@ -1,7 +1,8 @@
-"""Which splats touch which 16 x 16 tile, front to back.
+"""Sorting of splats into 16 x 16 tiles, front to back.
 
-A splat ends where alpha falls to 1/255: an ellipse. It is cut into strips of one column of tiles each; the rows that the ellipse
-reaches within a strip say which tiles it touches, and where in them. That is a third fewer pixels than its bounding box has.
+A splat ends at the ellipse where its alpha falls to 1/255. The ellipse is cut into strips, one per column of tiles. The rows of pixels
+that it covers within a strip determine the tiles that the splat touches, and the rows to draw in each tile. These rows hold a third
+fewer pixels than the bounding box of the ellipse.
 """
 
 from __future__ import annotations
@@ -17,24 +18,27 @@ from splatreel.jit import B1, F1, F2, I1, I2, INT, U1, kernel, range_kernel
 from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 
 TILE = 16
-GRAIN = 1024  # splats that are worth a thread
+GRAIN = 4096
+"""Smallest number of splats that is worth a thread."""
 MIN_ALPHA = F(1 / 255)
 LOG2_E = F(math.log2(math.e))
 LOG2_255 = F(math.log2(255))
-ROOM = F(2e-3)  # pixels added to every extent, for rounding
-LOG_OPACITY, DEPTH = 5, 6  # columns of `Bins.splats`
+ROOM = F(2e-3)
+"""Pixels added to every extent, for rounding."""
+LOG_OPACITY, DEPTH = 5, 6
+"""Columns of `Bins.splats`."""
 
 
 @dataclass(frozen=True)
 class Bins:
-    """Splats prepared for rasterization and sorted into tiles; M (splat, tile) pairs in all.
+    """Splats prepared for rasterization and sorted into tiles, as M (splat, tile) pairs.
 
-    splats: [N, 8] float32, half a cache line: x, y, the conic in powers of two (halved where the quadratic form halves it), log2
-    opacity, depth, and nothing.
-    offsets: [tiles + 1] int32: the pairs of tile t are offsets[t] : offsets[t + 1], front to back.
-    ids: [M] int32, the splat of each pair. slots: [M] int32, where the pair's gradient goes.
-    rows: [M] uint8: the first and last row of the tile that the splat reaches, 16 first + last.
-    first: [N + 1] int32: the slots of splat i are first[i] : first[i + 1], so that its gradient is one contiguous sum.
+    splats: [N, 8] float32, half a cache line per splat: x, y, conic, log2 of the opacity, depth, and padding. The conic is scaled by
+    log2 e, its diagonal also by 1/2, so that alpha = 2^(log2 opacity - (a x^2 + b x y + c y^2)).
+    offsets: [tiles + 1] int32. The pairs of tile t are offsets[t] : offsets[t + 1], front to back.
+    ids: [M] int32, the splat of each pair. slots: [M] int32, the slot for the gradient of each pair.
+    rows: [M] uint8, the first and last row of the tile that the splat covers, 16 first + last.
+    first: [N + 1] int32. The slots of splat i are first[i] : first[i + 1], so that its gradient is one contiguous sum.
     """
 
     width: int
@@ -48,7 +52,7 @@ class Bins:
 
     @cached_property
     def counts(self) -> np.ndarray:
-        """[tiles] how many splats touch each tile."""
+        """Number of splats that touch each tile, [tiles]."""
         return np.diff(self.offsets)
 
 
@@ -61,7 +65,10 @@ def bin_splats(
     width: int,
     height: int,
 ) -> Bins:
-    """Splats with radius 0, or nowhere at alpha 1/255, are in no tile. Equal depths keep the order of the input."""
+    """Sort splats into tiles. Splats with radius 0, or with alpha below 1/255 everywhere, are in no tile.
+
+    Splats of equal depth keep the order of the input.
+    """
     n = len(means2d)
     tiles_x, tiles_y = -(-width // TILE), -(-height // TILE)
     splats, boxes = np.empty((n, 8), np.float32), np.empty((n, 4), np.int32)
@@ -78,7 +85,7 @@ def bin_splats(
 
 
 def tiles_of(bins: Bins, chosen: np.ndarray) -> np.ndarray:
-    """[tiles] bool: those that one of the chosen splats, [N] bool, touches."""
+    """Return [tiles] bool: the tiles that any of the chosen splats, [N] bool, touches."""
     found = np.zeros(len(bins.offsets) - 1, np.bool_)
     _mark.over(len(found), bins.offsets, bins.ids, chosen, found)
     return found
@@ -95,24 +102,27 @@ def _mark(first_tile, last_tile, offsets, ids, chosen, found):
 
 @njit(inline="always")
 def _floor(value, least, most):
-    """Largest whole number up to value, kept within least..most, whole numbers >= -1. (math.floor is a call, and slow.)"""
+    """Return floor(value) clamped to least..most, integers >= -1. math.floor would be a slow call."""
     return int(min(max(value, F(least)), F(most)) + ONE) - 1
 
 
 @njit(inline="always")
 def _reach(splat):
-    """R and the determinant 4 a c - b^2 of the ellipse a x^2 + b x y + c y^2 = R at whose border alpha is 1/255."""
+    """Return R and the determinant 4 a c - b^2 of the ellipse a x^2 + b x y + c y^2 = R, on which alpha is 1/255."""
     a, b, c = (
         float(splat[2]),
         float(splat[3]),
         float(splat[4]),
-    )  # the difference cancels in thin splats: in double precision
+    )  # double precision, because the difference cancels for thin splats
     return splat[5] + LOG2_255, F(4.0 * a * c - b * b)
 
 
 @range_kernel(F2, F2, F1, F1, I1, INT, INT, F2, I2, I1)
 def _prepare(begin, end, means2d, conics, opacities, depths, radii, width, height, splats, boxes, counts):
-    """Fills splats, boxes (first and last column, first and last row of pixels; last < first if none) and pairs of each splat."""
+    """Fill splats, boxes and the number of tiles of each splat.
+
+    A box is the first and last column, and the first and last row, of pixels; last < first if there are none.
+    """
     for i in range(begin, end):
         x, y, opacity = means2d[i, 0], means2d[i, 1], opacities[i]
         a, b, c = HALF * LOG2_E * conics[i, 0], LOG2_E * conics[i, 1], HALF * LOG2_E * conics[i, 2]
@@ -136,7 +146,7 @@ def _prepare(begin, end, means2d, conics, opacities, depths, radii, width, heigh
 
 @njit(inline="always")
 def _strip(splat, box, column):
-    """First and last row of pixels of the ellipse within a column of tiles; last < first if none."""
+    """Return the first and last row of pixels of the ellipse within a column of tiles; last < first if there are none."""
     y, a, b, c = splat[1], splat[2], splat[3], splat[4]
     reach, determinant = _reach(splat)
     left = F(column * TILE) + HALF - ROOM - splat[0]
@@ -158,7 +168,7 @@ def _strip(splat, box, column):
 
 @range_kernel(F2, I2, I1, INT, I1, U1)
 def _cut(begin, end, splats, boxes, first, tiles_x, tiles, rows):
-    """The tile of every (splat, tile) pair, and the rows the splat reaches in it; the pairs of splat i stand from first[i] on."""
+    """Fill the tile of every (splat, tile) pair and the rows that the splat covers in it. Splat i has the pairs from first[i] on."""
     for i in range(begin, end):
         pair = first[i]
         if boxes[i, 1] < boxes[i, 0]:
@@ -173,9 +183,9 @@ def _cut(begin, end, splats, boxes, first, tiles_x, tiles, rows):
 
 @kernel(F1, I1)
 def _depth_order(depths, first):
-    """Indices of the splats that touch the image, nearest first: a radix sort of the float bits, 11 at a time, stable.
+    """Return the indices of the splats that touch the image, nearest first, by a stable radix sort of 11 bits at a time.
 
-    The bits of positive floats sort like the floats; the near plane keeps depths positive.
+    The bits of positive floats sort like the floats, and the near plane keeps depths positive.
     """
     n = depths.shape[0]
     keys, ids = np.empty(n, np.uint32), np.empty(n, np.int32)
@@ -212,7 +222,7 @@ def _depth_order(depths, first):
 
 @kernel(I1, I1, I1, U1, I1, I1, I1, U1)
 def _fill(order, first, tiles, reaches, offsets, ids, slots, rows):
-    """Sorts the pairs into tiles, front to back; fills offsets (zeros before), ids, slots and rows."""
+    """Sort the pairs into tiles, front to back: fill offsets (zeros before), ids, slots and rows."""
     for pair in range(tiles.shape[0]):
         offsets[tiles[pair] + 1] += 1
     for tile in range(offsets.shape[0] - 1):

@@ -1,10 +1,10 @@
-"""Front-to-back alpha blending of one 16 x 16 tile after the other, and its gradient.
+"""Front-to-back alpha blending of 16 x 16 tiles, one after another, and its gradient.
 
-A tile's pixels are kept in a small buffer that stays in the first-level cache: for each row of pixels, a row of floats per quantity.
-`rows` turns the arithmetic on such rows into vector code.
+The pixels of a tile are in a small buffer that stays in the first-level cache. For each row of pixels, the buffer has one row of floats
+per quantity. `rows` turns arithmetic on these rows into vector code.
 
-Transmittance is kept per pixel. Its sign says whether the pixel still takes light: it turns negative once the next splat would leave
-1e-4 or less, as in gsplat.
+A pixel is open while its transmittance is positive. The transmittance becomes negative, and the pixel full, once the next splat would
+leave 1e-4 or less, as in gsplat.
 """
 
 from __future__ import annotations
@@ -24,11 +24,14 @@ from splatreel.kernels.cpu.scalars import HALF, ONE, ZERO, F, U
 MAX_ALPHA = F(0.999)
 MIN_TRANSMITTANCE = F(1e-4)
 CHANNELS = 3
-PARTS = 6 + CHANNELS  # floats of a (splat, tile) pair: moments, and gradients to the color
-CHECK = 16  # splats between two looks at whether all pixels of the tile are full
-AHEAD = 6  # splats that are fetched ahead of their use: they lie in depth order, all over memory
+PARTS = 6 + CHANNELS
+"""Floats in the gradient of a (splat, tile) pair: moments, and the gradient to the color."""
+CHECK = 16
+"""Number of splats between two checks whether all pixels of the tile are full."""
+AHEAD = 6
+"""Number of splats to prefetch: in depth order, they are scattered over memory."""
 
-# 2^(e/8) for e in -8..0 as a polynomial; its eighth power is 2^e to 1.5e-6. LLVM has no vector exp without a library.
+# Coefficients of 2^(e/8) for e in -8..0. The eighth power is 2^e to 1.5e-6. LLVM has no vector exp without a library.
 POWERS = (
     4.1371553405333827e-10,
     3.884498056550001e-08,
@@ -40,9 +43,9 @@ POWERS = (
 )
 MIN_EXPONENT = -8.0  # below 1/255, so such alphas are dropped anyway
 
-# Rows of floats for each row of pixels. Both passes begin with the transmittance. Forward: then the blended color.
+# Rows of floats for each row of pixels. Forward pass: transmittance and blended color.
 TRANSMITTANCE, RGB, FORWARD_ROWS = 0, 1, 4
-# Backward: then the remainder (what splats behind contribute to the loss), gradient to alpha, gradient to color.
+# Backward pass: transmittance, remainder (contribution of the splats behind to the loss), gradient to alpha, gradient to color.
 REST, D_ALPHA, D_RGB, BACKWARD_ROWS = 1, 2, 3, 6
 
 FORWARD_FLOATS, BACKWARD_FLOATS = FORWARD_ROWS * TILE * TILE, BACKWARD_ROWS * TILE * TILE
@@ -67,9 +70,9 @@ def _alpha(builder: Any, dx: Row, dy: Any, splat: Sequence[Any]) -> Row:
 
 
 def _weigh(opacity: Row, transmittance: Row) -> tuple[Row, Row, Row]:
-    """Build a splat's clamped alpha, its weight, and the transmittance behind it, which is negative once the pixel is full.
+    """Build a splat's clamped alpha, its weight, and the transmittance behind it, which is negative if the pixel is full.
 
-    The transmittance of a full pixel is negative before, so that it stays so.
+    The transmittance of a full pixel stays negative.
     """
     clamped = opacity.at_most(float(MAX_ALPHA))
     weight = (clamped >= float(MIN_ALPHA)).where(clamped, 0.0) * transmittance
@@ -79,16 +82,16 @@ def _weigh(opacity: Row, transmittance: Row) -> tuple[Row, Row, Row]:
 
 
 class _Rows:
-    """The loop over a splat's rows of pixels, as it is built. splat: LLVM floats x, y, a, b, c, log opacity."""
+    """Builder of the loop over a splat's rows of pixels. splat: LLVM floats x, y, a, b, c, log opacity."""
 
     def __init__(self, builder: Any, memory: Memory, planes: int, splat: Sequence[Any]) -> None:
         self.builder, self.memory, self.planes = builder, memory, planes
         self.x, self.y, *self.shape = splat
 
     def each(self, first: Any, last: Any, work: Any) -> None:
-        """Build `work(start, transmittance, dx, dy, opacity)` for each row from first to last, in parts that fill a register.
+        """Build `work(start, transmittance, dx, dy, opacity)` for rows first..last, in parts that fill a register.
 
-        Parts without an open pixel are skipped.
+        The loop skips parts without an open pixel.
         """
         builder, one = self.builder, ir.Constant(first.type, 1)
         columns = range(0, TILE, self.memory.width)
@@ -117,7 +120,7 @@ def _blend(builder: Any, memory: Memory, first: Any, last: Any, *values: Any) ->
 
 
 def _value(memory: Memory, start: Any, color: Sequence[Any]) -> Row:
-    """Build how the loss changes with the weight of a splat in a row of pixels."""
+    """Build the gradient of the loss to the weight of a splat in a row of pixels."""
     value = memory.load(start, D_ALPHA * TILE)
     for channel, part in enumerate(color):
         value = value + memory.load(start, (D_RGB + channel) * TILE) * part
@@ -126,7 +129,7 @@ def _value(memory: Memory, start: Any, color: Sequence[Any]) -> Row:
 
 @row_loop(integers=2, floats=9)
 def _shade(builder: Any, memory: Memory, first: Any, last: Any, *values: Any) -> None:
-    """Take the light of a frozen splat away from what is behind it, in the backward pass. Arguments as for `_blend`."""
+    """Account for a frozen splat in the backward pass: update transmittance and remainder. Arguments: see `_blend`."""
 
     def work(start: Any, transmittance: Row, dx: Row, dy: Any, opacity: Row) -> None:
         _, weight, behind = _weigh(opacity, transmittance)
@@ -140,7 +143,8 @@ def _shade(builder: Any, memory: Memory, first: Any, last: Any, *values: Any) ->
 def _gradient(builder: Any, memory: Memory, first: Any, last: Any, *values: Any) -> list[Any]:
     """Return six moments of d(log alpha) over the pixels of a splat, and the gradient to its color.
 
-    The moments are of 1, dx, dy, dx^2, dx dy and dy^2: all that the gradients to mean, conic and opacity need. Arguments: see `_blend`.
+    The moments are those of 1, dx, dy, dx^2, dx dy and dy^2. The gradients to mean, conic and opacity follow from them.
+    Arguments: see `_blend`.
     """
     sums = Sums(builder, PARTS, memory.width)
 
@@ -163,7 +167,7 @@ def _gradient(builder: Any, memory: Memory, first: Any, last: Any, *values: Any)
 
 @row_loop(integers=1, results=1)
 def _open(builder: Any, memory: Memory, stride: Any) -> list[Any]:
-    """Return 1 if a pixel of a tile still takes light, else 0. stride: floats from one row of pixels to the next."""
+    """Return 1 if a pixel of a tile is open, else 0. stride: floats from one row of pixels to the next."""
     zero, one, rows = (ir.Constant(stride.type, number) for number in (0, 1, TILE))
     found = cgutils.alloca_once_value(builder, ir.Constant(ir.FloatType(), 0.0))
     builder.store(ir.Constant(ir.FloatType(), 0.0), found)
@@ -177,7 +181,7 @@ def _open(builder: Any, memory: Memory, stride: Any) -> list[Any]:
 
 @njit(inline="always")
 def _extent(rows, start, end, some):
-    """First and last row of a tile to draw: where any of its splats is if `some`, else all."""
+    """Return the first and last row of a tile to draw: all rows, or, if `some`, those that its splats cover."""
     if not some:
         return 0, TILE - 1
     first, last = TILE - 1, 0
@@ -188,7 +192,7 @@ def _extent(rows, start, end, some):
 
 @njit(inline="always")
 def _start(buffer, planes, top, left, first, last, shape):
-    """Fill a tile's transmittance: pixels outside the image or the rows first..last are full."""
+    """Fill a tile's transmittance. Pixels outside the image or outside rows first..last are full."""
     for r in range(TILE):
         columns = min(TILE, shape[1] - left) if first <= r <= last and top + r < shape[0] else 0
         row = buffer[r * planes * TILE : r * planes * TILE + TILE]
@@ -198,7 +202,7 @@ def _start(buffer, planes, top, left, first, last, shape):
 
 @njit(inline="always")
 def _start_gradient(buffer, top, left, image, alpha, d_image, d_alpha):
-    """Fill a tile's rows of gradients; pixels outside the image have none."""
+    """Fill a tile's rows of gradients. Pixels outside the image have zeros."""
     for r in range(TILE):
         start = r * BACKWARD_ROWS * TILE
         for x in range(TILE):
@@ -215,7 +219,7 @@ def _start_gradient(buffer, top, left, image, alpha, d_image, d_alpha):
 
 @njit(inline="always")
 def _read(splats, colors, i, across, down):
-    """Center within the tile, conic, log opacity and color of a splat."""
+    """Return the center within the tile, the conic, the log opacity and the color of a splat."""
     x, y = splats[i, 0] - across, splats[i, 1] - down
     a, b, c, log_opacity = splats[i, 2], splats[i, 3], splats[i, 4], splats[i, 5]
     return x, y, a, b, c, log_opacity, colors[i, 0], colors[i, 1], colors[i, 2]
@@ -223,7 +227,7 @@ def _read(splats, colors, i, across, down):
 
 @njit(inline="always")
 def _fetch(splats, colors, ids, k, end):
-    """Prefetch the splat that is blended AHEAD places after k."""
+    """Prefetch the splat that is blended AHEAD splats after splat k."""
     if k + AHEAD < end:
         prefetch(splats, ids[k + AHEAD])
         prefetch(colors, ids[k + AHEAD])
@@ -231,7 +235,7 @@ def _fetch(splats, colors, ids, k, end):
 
 @range_kernel(L1, DRAWN, DRAWN, BOOL, F3, F2)
 def forward(first_task, last_task, tiles, moving, held, some, image, alpha):
-    """Blend the splats of tiles, merging two lists by depth; names of the frozen ones begin with h (held)."""
+    """Blend the splats of tiles, merging the lists of moving and frozen splats by depth. Names of frozen splats begin with h (held)."""
     splats, colors, offsets, ids, rows = moving
     h_splats, h_colors, h_offsets, h_ids, h_rows = held
     tiles_x = (alpha.shape[1] + TILE - 1) // TILE
@@ -269,10 +273,10 @@ def forward(first_task, last_task, tiles, moving, held, some, image, alpha):
 
 @range_kernel(L1, DRAWN, I1, DRAWN, BOOL, F3, F2, F3, F2, F2)
 def backward(first_task, last_task, tiles, moving, slots, held, some, image, alpha, d_image, d_alpha, pairs):
-    """Write the moments and color gradients of each (splat, tile) pair into its slot of pairs [M, 9], front to back as `forward`.
+    """Write the moments and color gradients of each (splat, tile) pair into its slot of pairs [M, 9].
 
-    The remainder starts as the gradient-weighted color and alpha of the pixel. Each splat's share is subtracted in turn, so that the
-    remainder belongs to the splats behind: no transmittance needs to be stored or divided back.
+    Splats are visited front to back, as in `forward`. The remainder starts as the gradient-weighted color and alpha of the pixel. Each
+    splat subtracts its contribution, so that the remainder belongs to the splats behind it. No transmittance is stored or divided back.
     """
     splats, colors, offsets, ids, rows = moving
     h_splats, h_colors, h_offsets, h_ids, h_rows = held

@@ -1,4 +1,4 @@
-"""Space carving: whose masks hold a place, and how well these views agree on its color. One task a ray."""
+"""Space carving: masks that contain a sample point, and color differences of their views. One task per ray."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ from splatreel.jit import B3, F2, F3, FLOAT, U4, range_kernel
 from splatreel.kernels.cpu.scalars import ONE, ZERO, F
 
 HIDDEN = F(1.05)
-"""A place farther than this many times what a view shows there is hidden from it."""
+"""A point is hidden from a view if its depth is larger than this many times the known depth at its pixel."""
 
 
 @range_kernel(F3, F2, F3, F3, U4, B3, F3, FLOAT, FLOAT, FLOAT, F2)
 def disagreement(first, last, places, own, viewmats, Ks, images, wrong, depths, near, least, share, out):
+    """Kernel of `splatreel.kernels.carve.disagreement`."""
     height, width = wrong.shape[1:]
     for ray in range(first, last):
         for d in range(places.shape[1]):

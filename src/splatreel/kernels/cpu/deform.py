@@ -1,6 +1,7 @@
-"""Points of one moment as a view sees them: deformed, shaded, projected and colored in one pass, and the gradient of it all.
+"""Deformation, shading, projection and colors of points for one frame and view, in one pass, and the gradient.
 
-One by one these are two dozen passes over memory, and as many calls: half of what an iteration of a group spends outside of blending.
+As separate operations these would take two dozen calls and passes over memory: half of the time of a group's training iteration outside
+of blending.
 """
 
 from __future__ import annotations
@@ -44,8 +45,10 @@ Arrays = tuple[np.ndarray, ...]
 
 
 class DeformedPoints(NamedTuple):
-    """Canonical points, unconstrained, and what changes them: means [N, 3], quats [N, 4], log_scales [N, 3], logit_opacities [N],
-    base [N, 1, 3], rest [N, K - 1, 3], dx [N, 3], dq [N, 4], shade [N, 4]; the last three may have no rows, for none.
+    """Unconstrained canonical points and their offsets at one time.
+
+    means [N, 3], quats [N, 4], log_scales [N, 3], logit_opacities [N], base [N, 1, 3], rest [N, K - 1, 3], dx [N, 3], dq [N, 4],
+    shade [N, 4]. An offset without rows means no change.
     """
 
     means: np.ndarray
@@ -60,9 +63,10 @@ class DeformedPoints(NamedTuple):
 
 
 class ProjectedPoints(NamedTuple):
-    """What `backward` needs again. The first five are the splats: means2d [N, 2], conics [N, 3], colors [N, 3], depths and radii [N].
+    """Results that `backward` needs.
 
-    means, quats, scales: of the deformed points; opaque: [N] their opacities, before what antialiasing takes.
+    The first five are the splats: means2d [N, 2], conics [N, 3], colors [N, 3], depths [N] and radii [N]. means, quats and scales are
+    those of the deformed points. opaque: [N], their opacities before antialiasing.
     """
 
     means2d: np.ndarray
@@ -77,7 +81,7 @@ class ProjectedPoints(NamedTuple):
 
 
 def forward(moment: DeformedPoints, center: np.ndarray, view: Pinhole) -> tuple[np.ndarray, ProjectedPoints]:
-    """The splats' opacities [N], and the rest. A view with a blur of FINE_BLUR is antialiased."""
+    """Return the opacities [N] of the splats, and all other results. A view with a blur of FINE_BLUR is antialiased."""
     n, shade = len(moment.means), moment.shade
     logits = moment.logit_opacities + shade[:, 3] if len(shade) else moment.logit_opacities
     means2d, conics, colors = (np.empty((n, size), np.float32) for size in (2, 3, 3))
@@ -100,7 +104,7 @@ def backward(
     d_colors: np.ndarray,
     d_opacities: np.ndarray,
 ) -> Arrays:
-    """Gradients to the fields of the moment, dx apart, whose gradient is that of the means."""
+    """Return the gradients to the fields of `moment`, without dx. The gradient to dx equals that to the means."""
     d_moment = _like(*moment[:6], moment.dq, moment.shade)
     d_seen = d_means2d, d_conics, d_colors, d_opacities
     inputs = tuple(moment), tuple(seen), view.blur == FINE_BLUR, view.viewmat, view.lens, center
@@ -114,13 +118,13 @@ def _like(*arrays: np.ndarray) -> Arrays:
 
 @njit(inline="always")
 def _kept_area(a, b, c):
-    """As `project.kept_area`, at least LEAST_AREA."""
+    """Return `project.kept_area`, at least LEAST_AREA."""
     return max(ONE - FINE * (a + c) + FINE * FINE * (a * c - b * b), LEAST_AREA)
 
 
 @njit(inline="always")
 def _unit(block, lane):
-    """The normalized quaternion of one lane of a block of four rows, and one over its norm."""
+    """Return the normalized quaternion of one lane of a block of four rows, and one over its norm."""
     w, x, y, z = block[lane], block[LANES + lane], block[2 * LANES + lane], block[3 * LANES + lane]
     inverse = ONE / max(math.sqrt(w * w + x * x + y * y + z * z), F(1e-12))
     return w * inverse, x * inverse, y * inverse, z * inverse, inverse
@@ -128,7 +132,7 @@ def _unit(block, lane):
 
 @njit(inline="always")
 def _turn_block(quats, dq, out, row):
-    """Hamilton products quats * dq / |dq| of a block, into four rows of `out`."""
+    """Write the Hamilton products quats * dq / |dq| of a block into four rows of `out`."""
     for lane in range(LANES):
         w, x, y, z, _ = _unit(dq, lane)
         a, b, c, d = quats[lane], quats[LANES + lane], quats[2 * LANES + lane], quats[3 * LANES + lane]
@@ -139,9 +143,9 @@ def _turn_block(quats, dq, out, row):
 
 @njit(inline="always")
 def _turn_block_backward(quats, dq, d_products, row, d_quats, d_dq):
-    """Gradients of `_turn_block`: d_products are the rows `row` to `row + 4` of a block.
+    """Compute the gradients of `_turn_block` from rows `row` to `row + 4` of the block d_products.
 
-    The gradient to a factor of a product is that to the product times the conjugate of the other factor, on the same side.
+    The gradient to one factor is the gradient to the product times the conjugate of the other factor, on the same side.
     """
     for lane in range(LANES):
         w, x, y, z, inverse = _unit(dq, lane)
@@ -197,7 +201,7 @@ D_MOMENT = types.Tuple((F2, F2, F2, F1, F3, F3, F2, F2))
 
 @njit(inline="always")
 def _antialias_block_backward(splats, d_splats, opaque, d_opaque):
-    """Add to the gradients of the conics what the antialiased opacities depend on them, and take the area from d_opaque."""
+    """Add the part through the antialiased opacities to the gradients of the conics, and scale d_opaque by the kept area's root."""
     for lane in range(LANES):
         a, b = splats[CONIC * LANES + lane], splats[(CONIC + 1) * LANES + lane]
         c = splats[(CONIC + 2) * LANES + lane]

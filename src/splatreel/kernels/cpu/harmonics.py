@@ -12,7 +12,7 @@ from splatreel.kernels.cpu.rows import stack_floats
 from splatreel.kernels.cpu.scalars import HALF, ONE, ZERO, F
 
 GRAIN = 512
-"""Points that are worth a thread."""
+"""Smallest number of points that is worth a thread."""
 
 C0 = F(0.28209479177387814)
 C1 = F(0.4886025119029199)
@@ -35,7 +35,7 @@ C3 = (
 
 
 def forward(degree: int, directions: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-    """Sum of the bands up to degree; directions [N, 3] of any length, coefficients [N, K, 3] -> [N, 3]."""
+    """Return the sum [N, 3] of the bands up to a degree. directions: [N, 3] of any length. coefficients: [N, K, 3]."""
     colors = np.empty((len(directions), 3), np.float32)
     _forward.over(len(colors), (degree + 1) ** 2, directions, coefficients, colors, grain=GRAIN)
     return colors
@@ -44,7 +44,7 @@ def forward(degree: int, directions: np.ndarray, coefficients: np.ndarray) -> np
 def backward(
     degree: int, directions: np.ndarray, coefficients: np.ndarray, d_colors: np.ndarray, to_directions: bool
 ) -> tuple[np.ndarray | None, np.ndarray]:
-    """Gradients to directions, None unless asked for, and to coefficients."""
+    """Return the gradients to directions (None unless `to_directions`) and to coefficients."""
     d_directions, d_coefficients = np.zeros_like(directions), np.empty_like(coefficients)
     bands = (degree + 1) ** 2
     inputs = bands, directions, coefficients, d_colors, to_directions and bands > 1
@@ -53,7 +53,10 @@ def backward(
 
 
 def colors(means: np.ndarray, center: np.ndarray, base: np.ndarray, rest: np.ndarray) -> np.ndarray:
-    """[N, 3] colors of points seen from center [3]: 0.5 and the harmonics, at least 0. base: [N, 1, 3], rest: [N, K - 1, 3]."""
+    """Return the colors [N, 3] of points seen from center [3]: 0.5 plus the harmonics, at least 0.
+
+    base: [N, 1, 3]. rest: [N, K - 1, 3].
+    """
     out = np.empty((len(means), 3), np.float32)
     _colors.over(len(means), means, center, base, rest, out, grain=GRAIN)
     return out
@@ -62,7 +65,7 @@ def colors(means: np.ndarray, center: np.ndarray, base: np.ndarray, rest: np.nda
 def colors_backward(
     means: np.ndarray, center: np.ndarray, seen: np.ndarray, rest: np.ndarray, d_colors: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients to base and rest. seen: what `colors` returned."""
+    """Return the gradients to base and rest. seen: the colors that `colors` returned."""
     d_base, d_rest = np.empty((len(means), 1, 3), np.float32), np.empty_like(rest)
     _colors_backward.over(len(means), means, center, seen, d_colors, d_base, d_rest, grain=GRAIN)
     return d_base, d_rest
@@ -70,7 +73,7 @@ def colors_backward(
 
 @njit(inline="always")
 def _basis(bands, x, y, z, basis):
-    """Writes the first `bands` basis functions at a unit direction."""
+    """Write the first `bands` basis functions at a unit direction."""
     basis[0] = C0
     if bands > 1:
         basis[1], basis[2], basis[3] = -C1 * y, C1 * z, -C1 * x
@@ -92,7 +95,7 @@ def _basis(bands, x, y, z, basis):
 
 @njit(inline="always")
 def _direction_gradient(bands, x, y, z, g):
-    """Sum over bands of g[k] times the gradient of basis k, the basis taken as a polynomial in x, y, z."""
+    """Return the sum over bands of g[k] times the gradient of basis function k, taken as a polynomial in x, y, z."""
     dx, dy, dz = -C1 * g[3], -C1 * g[1], C1 * g[2]
     if bands > 4:
         g4, g5, g6, g7, g8 = C2[0] * g[4], C2[1] * g[5], F(2) * C2[2] * g[6], C2[3] * g[7], F(2) * C2[4] * g[8]
@@ -144,7 +147,7 @@ def _backward(first, last, bands, directions, coefficients, d_colors, to_directi
                 weight * b,
             )
         if to_directions:
-            for k in range(bands):  # the basis is no longer needed: reuse it for the gradient to each basis value
+            for k in range(bands):  # reuse the array of the basis for the gradient to each basis value
                 basis[k] = r * coefficients[i, k, 0] + g * coefficients[i, k, 1] + b * coefficients[i, k, 2]
             dx, dy, dz = _direction_gradient(bands, x, y, z, basis)
             along = dx * x + dy * y + dz * z
@@ -155,7 +158,7 @@ def _backward(first, last, bands, directions, coefficients, d_colors, to_directi
 
 @njit(inline="always")
 def _toward(means, center, i):
-    """Unit direction from the camera to point i."""
+    """Return the unit direction from the camera to point i."""
     x, y, z = means[i, 0] - center[0], means[i, 1] - center[1], means[i, 2] - center[2]
     inverse = ONE / max(math.sqrt(x * x + y * y + z * z), F(1e-12))
     return x * inverse, y * inverse, z * inverse
@@ -163,7 +166,7 @@ def _toward(means, center, i):
 
 @njit(inline="always")
 def color_one(i, means, center, red, green, blue, rest, basis, colors):
-    """Point i of `colors`, of base color red, green, blue. basis: room for [16]."""
+    """Compute row i of `colors` from the base coefficients red, green and blue. basis: buffer [16]."""
     x, y, z = _toward(means, center, i)
     _basis(rest.shape[1] + 1, x, y, z, basis)
     red, green, blue = HALF + C0 * red, HALF + C0 * green, HALF + C0 * blue
@@ -176,7 +179,7 @@ def color_one(i, means, center, red, green, blue, rest, basis, colors):
 
 @njit(inline="always")
 def color_one_backward(i, means, center, colors, d_colors, basis, d_base, d_rest):
-    """Point i of `colors_backward`."""
+    """Compute row i of `colors_backward`. basis: buffer [16]."""
     x, y, z = _toward(means, center, i)
     _basis(d_rest.shape[1] + 1, x, y, z, basis)
     r = d_colors[i, 0] if colors[i, 0] > ZERO else ZERO

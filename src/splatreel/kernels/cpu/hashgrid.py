@@ -1,4 +1,7 @@
-"""One multiresolution hash grid (Instant-NGP), trilinear. One task a level: no races, and its table stays in the cache."""
+"""A multiresolution hash grid (Instant-NGP) with trilinear interpolation.
+
+One task per level avoids races, and the table of the level stays in the cache.
+"""
 
 from __future__ import annotations
 
@@ -12,13 +15,13 @@ from splatreel.kernels.cpu.scalars import ONE, ZERO, F
 
 GRIDS = array(np.uint32, 2)
 GRAIN = 512
-"""Points that are worth a thread."""
+"""Smallest number of points that is worth a thread."""
 
 PRIME_Y, PRIME_Z = np.uint32(2654435761), np.uint32(805459861)
 
 
 def forward(coords: np.ndarray, table: np.ndarray, resolutions: np.ndarray) -> np.ndarray:
-    """coords [N, 3] in 0..1 (clamped), table [L, T, F], resolutions [L, 3] cells an axis -> features [N, L * F]."""
+    """Return features [N, L * F]. coords: [N, 3], clamped to 0..1. table: [L, T, F]. resolutions: [L, 3], cells along each axis."""
     levels, size, features = table.shape
     out = np.empty((len(coords), levels * features), np.float32)
     _forward.over(levels, coords, table, resolutions.astype(np.uint32), is_dense(resolutions, size), out)
@@ -26,6 +29,7 @@ def forward(coords: np.ndarray, table: np.ndarray, resolutions: np.ndarray) -> n
 
 
 def table_gradient(coords: np.ndarray, table: np.ndarray, d_out: np.ndarray, resolutions: np.ndarray) -> np.ndarray:
+    """Return the gradient [L, T, F] to the table."""
     d_table = np.zeros_like(table)
     dense = is_dense(resolutions, table.shape[1])
     _table_gradient.over(len(table), coords, resolutions.astype(np.uint32), dense, d_out, d_table)
@@ -33,7 +37,7 @@ def table_gradient(coords: np.ndarray, table: np.ndarray, d_out: np.ndarray, res
 
 
 def coords_gradient(coords: np.ndarray, table: np.ndarray, d_out: np.ndarray, resolutions: np.ndarray) -> np.ndarray:
-    """Zero along an axis on which the point was clamped."""
+    """Return the gradient [N, 3] to the coordinates. It is zero along axes on which the point was clamped."""
     d_coords = np.empty_like(coords)
     dense = is_dense(resolutions, table.shape[1])
     inputs = coords, table, resolutions.astype(np.uint32), dense, d_out
@@ -42,13 +46,13 @@ def coords_gradient(coords: np.ndarray, table: np.ndarray, d_out: np.ndarray, re
 
 
 def is_dense(resolutions: np.ndarray, size: int) -> np.ndarray:
-    """[L] bool: whether a level's corners all fit into the table, so that it needs no hash."""
+    """Return [L] bool: whether all corners of a level fit into the table, so that the level needs no hash."""
     return np.array([math.prod(int(r) + 1 for r in level) <= size for level in resolutions])
 
 
 @njit(inline="always")
 def _cell(coord, resolution):
-    """The cell a coordinate in 0..1 lies in and the fraction within it; 1 belongs to the last cell."""
+    """Return the cell of a coordinate in 0..1 and the fraction within the cell. The coordinate 1 belongs to the last cell."""
     position = min(max(coord, ZERO), ONE) * F(resolution)
     cell = min(np.uint32(position), np.uint32(resolution - np.uint32(1)))
     return cell, position - F(cell)
@@ -56,7 +60,7 @@ def _cell(coord, resolution):
 
 @njit(inline="always")
 def _row(x, y, z, resolution, dense, size):
-    """Table row of a corner: row-major (x fastest) when dense, else the usual xor of primes, size being a power of two."""
+    """Return the table row of a corner: in order, x fastest, if dense, else the hash of Instant-NGP. size: a power of two."""
     if dense:
         return x + (resolution[0] + np.uint32(1)) * (y + (resolution[1] + np.uint32(1)) * z)
     return (x ^ (y * PRIME_Y) ^ (z * PRIME_Z)) & np.uint32(size - 1)
@@ -64,7 +68,7 @@ def _row(x, y, z, resolution, dense, size):
 
 @njit(inline="always")
 def _corners(coords, i, resolution, dense, size, rows, weights):
-    """Writes the table rows and trilinear weights of the 8 corners about point i."""
+    """Write the table rows and trilinear weights of the 8 corners around point i."""
     x, fx = _cell(coords[i, 0], resolution[0])
     y, fy = _cell(coords[i, 1], resolution[1])
     z, fz = _cell(coords[i, 2], resolution[2])
@@ -105,7 +109,7 @@ def _table_gradient(first, last, coords, resolutions, dense, d_out, d_table):
 
 @range_kernel(F2, F3, GRIDS, B1, F2, F2, allocates=True)
 def _coords_gradient(first, last, coords, table, resolutions, dense, d_out, d_coords):
-    """One task a point: its levels are summed in order."""
+    """Compute the gradient to the coordinates. One task per point sums the levels in order."""
     levels, size, features = table.shape
     for i in range(first, last):
         gx = gy = gz = ZERO

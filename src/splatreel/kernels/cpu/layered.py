@@ -1,6 +1,6 @@
-"""The photometric loss of splats among frozen ones, and its gradient, without a pass over the whole picture.
+"""Photometric loss of splats among frozen splats, and its gradient, without a pass over the whole image.
 
-In a picture of a megapixel in which a tenth changes, to copy and to clear what stays takes longer than all else.
+If a tenth of a megapixel image changes, copying and clearing the unchanged rest would take longer than everything else.
 """
 
 from __future__ import annotations
@@ -16,13 +16,15 @@ from splatreel.kernels.cpu import rasterize, similarity
 from splatreel.kernels.cpu.binning import TILE, Bins, tiles_of
 
 GRAIN = 64
-"""Tiles that are worth a thread."""
+"""Smallest number of tiles that is worth a thread."""
 
 
 @dataclass(frozen=True)
 class Gradient:
-    """loss: as of `similarity.loss_and_gradient`, of the wanted tiles. Gradients of N splats: d_means2d [N, 2], d_conics [N, 3],
-    d_opacities [N] and d_colors [N, 3]."""
+    """Loss of the drawn tiles, see `similarity.loss_and_gradient`, and the gradients to N splats.
+
+    d_means2d: [N, 2]. d_conics: [N, 3]. d_opacities: [N]. d_colors: [N, 3].
+    """
 
     loss: float
     d_means2d: np.ndarray
@@ -41,11 +43,21 @@ def loss_and_gradient(
     background: np.ndarray | None,
     where: np.ndarray | None = None,
 ) -> Gradient:
-    """The loss of (picture + background) * gain against the target, of colors [N, 3] among frozen splats.
+    """Return the loss of (image + background) * gain against the target, and its gradient.
 
-    target: [H, W, 3], gain and background: [3], as of `similarity`. where: [N] bool; the splats are then all that is to be seen, frozen
-    ones too, and only the tiles that one of those touches are drawn and compared. No two threads may draw among the same frozen splats
-    at once: it is done in their picture.
+    The splats are drawn into the image of the frozen splats, which is restored afterwards. So two threads must not use the same frozen
+    splats at once.
+
+    Args:
+        bins: The splats, sorted into tiles.
+        colors: [N, 3].
+        frozen: The frozen splats to draw among.
+        target: [H, W, 3] float32, 0..1, or uint8.
+        lambda_dssim: Weight of 1 - SSIM, 0..1.
+        gain: [3]. None: 1.
+        background: [3]. None: 0.
+        where: [N] bool. If given, `bins` has all splats of the view, the frozen ones too, and only tiles that a splat of `where`
+            touches are drawn and compared.
     """
     tiles = bins.counts > 0 if where is None else tiles_of(bins, where)
     among = frozen if where is None else None
@@ -63,7 +75,7 @@ def loss_and_gradient(
 
 @contextmanager
 def _put_back(frozen: rasterize.Frozen, tiles: np.ndarray) -> Iterator[None]:
-    """What is drawn into tiles [K] of the picture meanwhile is gone afterwards."""
+    """Restore tiles [K] of the image and of alpha after the `with` block."""
     held = np.empty((len(tiles), TILE, TILE, 4), np.float32)
     _keep.over(len(tiles), frozen.image, frozen.alpha, tiles, held, grain=GRAIN)
     try:

@@ -1,7 +1,7 @@
-"""Moving points: cubic splines in time blended over shared nodes, quaternion products, and how rigidly neighbors move.
+"""Motion of points: cubic splines in time blended over shared nodes, quaternion products, and the rigidity loss.
 
-Each is a handful of operations a point, which torch would spread over dozens of passes through memory. Sums over the points that
-share a node or a neighbor are taken in an order that does not depend on the threads: the same bits for any number of them.
+Each function needs a handful of operations per point, for which torch would make dozens of passes over memory. Sums over points that
+share a node or a neighbor have a fixed order, so that results have the same bits for any number of threads.
 """
 
 from __future__ import annotations
@@ -15,17 +15,17 @@ from splatreel.jit import F1, F2, F3, FLOAT, L1, L2, kernel, range_kernel
 from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 
 Skin = tuple[np.ndarray, np.ndarray]
-"""index [N, K] int64 and share [N, K]: the nodes of every point and their weights."""
+"""index [N, K] int64 and share [N, K]: the nodes of each point and their weights."""
 
 
-GRAIN = 1024
-"""Points that are worth a thread."""
+GRAIN = 4096
+"""Smallest number of points that is worth a thread."""
 BANDS = 16
-"""Parts of the points that sum up their nodes' gradients on their own, however many threads there are."""
+"""Number of parts of the points with separate sums of node gradients. It does not depend on the number of threads."""
 
 
 def spline(controls: np.ndarray, weights: np.ndarray) -> np.ndarray:
-    """Controls [4, R, D] of the knots that count, and their weights -> [R, D]."""
+    """Return the values [R, D] of splines. controls: [4, R, D], the knots that count. weights: [4]."""
     out = np.empty(controls.shape[1:], np.float32)
     _spline.over(len(out), controls, weights, out, grain=GRAIN)
     return out
@@ -34,7 +34,7 @@ def spline(controls: np.ndarray, weights: np.ndarray) -> np.ndarray:
 def offsets(
     nodes: np.ndarray, points: np.ndarray, weights: np.ndarray, skin: Skin, unit: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Controls [4, M, 7] and [4, N, 7] -> dx [N, 3] and dq [N, 4]."""
+    """Return dx [N, 3] and dq [N, 4] from the controls [4, M, 7] of nodes and [4, N, 7] of points."""
     n = points.shape[1]
     dx, dq = np.empty((n, 3), np.float32), np.empty((n, 4), np.float32)
     _offsets.over(n, spline(nodes, weights), points, weights, *skin, F(unit), dx, dq, grain=GRAIN)
@@ -44,7 +44,7 @@ def offsets(
 def offsets_gradient(
     d_dx: np.ndarray, d_dq: np.ndarray, skin: Skin, nodes: int, unit: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Gradients [M, 7] and [N, 7] to the values of the nodes' and the points' splines."""
+    """Return the gradients [M, 7] and [N, 7] to the values of the splines of nodes and points."""
     d_points, sums = np.empty((len(d_dx), 7), np.float32), np.zeros((BANDS, nodes, 7), np.float32)
     _offsets_gradient.over(BANDS, d_dx, d_dq, *skin, F(unit), sums, d_points)
     return sums.sum(0), d_points
@@ -53,7 +53,7 @@ def offsets_gradient(
 def arap(
     means: np.ndarray, dx: np.ndarray, dq: np.ndarray, neighbor: np.ndarray, weights: np.ndarray, unit: float
 ) -> tuple[float, np.ndarray, np.ndarray]:
-    """The loss, and its gradients to dx and dq."""
+    """Return the as-rigid-as-possible loss and its gradients to dx and dq."""
     n = len(means)
     losses, units = np.empty(n, np.float32), np.empty((n, 5), np.float32)
     here, there = np.empty((n, 7), np.float32), np.empty((n, 7), np.float32)
@@ -106,6 +106,7 @@ def _offsets_gradient(first, last, d_dx, d_dq, index, share, unit, sums, d_point
 
 @njit(inline="always")
 def product(aw, ax, ay, az, bw, bx, by, bz):
+    """Return the Hamilton product of two quaternions, wxyz."""
     return (
         aw * bw - ax * bx - ay * by - az * bz,
         aw * bx + ax * bw + ay * bz - az * by,
@@ -116,7 +117,7 @@ def product(aw, ax, ay, az, bw, bx, by, bz):
 
 @njit(inline="always")
 def _unit(q, i):
-    """The normalized quaternion i, and one over its norm."""
+    """Return the normalized quaternion i, and one over its norm."""
     w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
     inverse = ONE / max(math.sqrt(w * w + x * x + y * y + z * z), F(1e-12))
     return w * inverse, x * inverse, y * inverse, z * inverse, inverse
@@ -124,7 +125,7 @@ def _unit(q, i):
 
 @njit(inline="always")
 def unit_gradient(w, x, y, z, inverse, gw, gx, gy, gz):
-    """Gradient to a quaternion before normalization, from that to the unit quaternion."""
+    """Return the gradient to a quaternion before normalization from the gradient to the unit quaternion."""
     along = gw * w + gx * x + gy * y + gz * z
     return (
         (gw - along * w) * inverse,
@@ -147,7 +148,7 @@ def _cross(ax, ay, az, bx, by, bz):
 
 @njit(inline="always")
 def _rotate(q, i, vx, vy, vz):
-    """v + 2 w u x v + 2 u x (u x v), with the unit quaternion i = (w, u)."""
+    """Return v rotated by the unit quaternion i = (w, u): v + 2 w u x v + 2 u x (u x v)."""
     w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
     cx, cy, cz = _cross(x, y, z, vx, vy, vz)
     ex, ey, ez = _cross(x, y, z, cx, cy, cz)
@@ -156,7 +157,7 @@ def _rotate(q, i, vx, vy, vz):
 
 @njit(inline="always")
 def _rotate_gradient(q, i, vx, vy, vz, gx, gy, gz):
-    """Gradient of g . rotate(q, v) to q: u x (u x v) is u (u . v) - v (u . u)."""
+    """Return the gradient of g . rotate(q, v) to q, where u x (u x v) is u (u . v) - v (u . u)."""
     w, x, y, z = q[i, 0], q[i, 1], q[i, 2], q[i, 3]
     cx, cy, cz = _cross(x, y, z, vx, vy, vz)
     bx, by, bz = _cross(vx, vy, vz, gx, gy, gz)
@@ -176,7 +177,7 @@ def _sign(value):
 
 @range_kernel(F2, F2, F2, L1, F1, FLOAT, FLOAT, F1, F2, F2)
 def _pairs(first, last, means, dx, units, neighbor, weights, per_unit, share, losses, here, there):
-    """Each pair's part of the mean, and its gradients to (dx, unit quaternion) of the point and of its neighbor."""
+    """Compute each pair's part of the mean loss, and the gradients to (dx, unit quaternion) of the point and of its neighbor."""
     for i in range(first, last):
         j, weight = neighbor[i], weights[i] * share
         scale = weight * per_unit

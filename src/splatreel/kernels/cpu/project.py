@@ -1,4 +1,4 @@
-"""Perspective projection of 3D Gaussians to 2D (EWA splatting, as 3DGS and gsplat), forward and backward.
+"""Perspective projection of 3D Gaussians to 2D (EWA splatting, as in 3DGS and gsplat), forward and backward.
 
 Points are projected in blocks of `LANES`. A block is a float32 array on the stack with one row of `LANES` floats per quantity, so that
 the compiler turns each loop over the lanes into vector instructions. Lanes beyond the last point repeat the last point.
@@ -18,26 +18,30 @@ from splatreel.kernels.cpu.rows import choose, stack_floats
 from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 
 LIMITS = types.UniTuple(FLOAT, 4)
-GRAIN = 512
-"""Points that are worth a thread."""
+GRAIN = 4096
+"""Smallest number of points that is worth a thread."""
 LANES = 16
 """Points in a block."""
 MEAN, QUAT, SCALE, POINT_ROWS = 0, 3, 7, 10
-"""Rows of a block of points: where each quantity begins, and their number."""
+"""First row of each quantity in a block of points, and the number of rows."""
 MEAN2D, CONIC, DEPTH, RADIUS, SPLAT_ROWS = 0, 2, 5, 6, 7
-"""Rows of a block of splats."""
+"""First row of each quantity in a block of splats, and the number of rows."""
 POINT_FLOATS, SPLAT_FLOATS = POINT_ROWS * LANES, SPLAT_ROWS * LANES
 
-BLUR = 0.3  # added to the 2D covariance diagonal: no splat is thinner than about a pixel
-FINE_BLUR = 0.1  # the same of antialiased pictures: about a pixel's own area (Mip-Splatting, section 4.2)
-EXTENT = F(3.33)  # sqrt(2 ln 255): standard deviations at which an opaque splat falls to alpha 1/255
+BLUR = 0.3
+"""Added to the diagonal of the 2D covariance, square pixels, so that no splat is thinner than about a pixel."""
+FINE_BLUR = 0.1
+"""The blur of antialiased images, about the area of a pixel (Mip-Splatting, section 4.2)."""
+EXTENT = F(3.33)
+"""Distance at which the alpha of an opaque splat is 1/255, in standard deviations: sqrt(2 ln 255)."""
 
 
 @dataclass(frozen=True)
 class Pinhole:
-    """viewmat: [4, 4] float32 world to camera. K: [3, 3] float32 pixels. width, height: pixels. near: least depth drawn.
+    """A pinhole camera and its drawing options.
 
-    blur: added to the diagonal of the 2D covariances, square pixels.
+    viewmat: [4, 4] float32 world to camera. K: [3, 3] float32 pixels. width, height: pixels. near: smallest depth drawn. blur: added to
+    the diagonal of the 2D covariances, square pixels.
     """
 
     viewmat: np.ndarray
@@ -49,7 +53,7 @@ class Pinhole:
 
     @cached_property
     def lens(self) -> np.ndarray:
-        """fx, fy, cx, cy, then the range of x/z and of y/z for the Jacobian: 1.3 times the field of view, as gsplat."""
+        """fx, fy, cx, cy, and the ranges of x/z and y/z for the Jacobian: 1.3 times the field of view, as in gsplat."""
         fx, fy, cx, cy = (float(self.K[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
         margin_x, margin_y = 0.15 * self.width / fx, 0.15 * self.height / fy
         low_x, high_x = -cx / fx - margin_x, (self.width - cx) / fx + margin_x
@@ -58,19 +62,19 @@ class Pinhole:
 
     @property
     def limits(self) -> tuple[np.float32, np.float32, np.float32, np.float32]:
-        """width, height, near, blur."""
+        """Width, height, near and blur as float32."""
         return F(self.width), F(self.height), F(self.near), F(self.blur)
 
 
 def kept_area(xx, xy, yy):
-    """Of a conic blurred by FINE_BLUR: det C / det(C + FINE_BLUR), for arrays and tensors alike; rounding may take it below 0."""
+    """Return det C / det(C + FINE_BLUR) of blurred conics, for arrays or tensors. Rounding may make it negative."""
     return 1 - FINE_BLUR * (xx + yy) + FINE_BLUR**2 * (xx * yy - xy * xy)
 
 
 def forward(
     means: np.ndarray, quats: np.ndarray, scales: np.ndarray, view: Pinhole
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Returns means2d [N, 2], conics [N, 3], depths [N] and radii [N] int32; zero radius and zero rows where culled."""
+    """Return means2d [N, 2], conics [N, 3], depths [N] and radii [N] int32. Rows of culled points are zero."""
     n = len(means)
     means2d, conics = np.empty((n, 2), np.float32), np.empty((n, 3), np.float32)
     depths, radii = np.empty(n, np.float32), np.empty(n, np.int32)
@@ -90,7 +94,7 @@ def backward(
     radii: np.ndarray,
     view: Pinhole,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Gradients to means, quats and scales; conics and radii are what `forward` returned."""
+    """Return the gradients to means, quats and scales. conics and radii are those that `forward` returned."""
     d_means, d_quats, d_scales = np.empty_like(means), np.empty_like(quats), np.empty_like(scales)
     inputs = (means, quats, scales, view.viewmat, view.lens, conics, radii)
     _backward.over(len(means), *inputs, d_means2d, d_conics, d_depths, d_means, d_quats, d_scales, grain=GRAIN)
@@ -99,7 +103,7 @@ def backward(
 
 @njit(inline="always")
 def _rotation(w, x, y, z):
-    """Rotation matrix of a unit quaternion, row by row."""
+    """Return the rotation matrix of a unit quaternion, row by row."""
     return (
         ONE - TWO * (y * y + z * z),
         TWO * (x * y - w * z),
@@ -115,7 +119,7 @@ def _rotation(w, x, y, z):
 
 @njit(inline="always")
 def load_rows(source, start, count, columns, block, row):
-    """Copy the rows start..start + count of source [N, columns] into a block, from its row `row` on."""
+    """Copy `count` rows of source [N, columns], from row `start` on, into a block, from its row `row` on."""
     for lane in range(LANES):
         i = start + min(lane, count - 1)
         for c in range(columns):
@@ -124,7 +128,7 @@ def load_rows(source, start, count, columns, block, row):
 
 @njit(inline="always")
 def store_rows(block, row, start, count, columns, target):
-    """Copy rows of a block into the rows start..start + count of target [N, columns]."""
+    """Copy rows of a block, from row `row` on, into `count` rows of target [N, columns], from row `start` on."""
     for lane in range(count):
         for c in range(columns):
             target[start + lane, c] = block[(row + c) * LANES + lane]
@@ -139,7 +143,7 @@ def _load_points(means, quats, scales, start, count, points):
 
 @njit(inline="always")
 def store_splats(splats, start, count, means2d, conics, depths, radii):
-    """Copy a block of splats to where `forward` returns them."""
+    """Copy a block of splats into the arrays that `forward` returns."""
     store_rows(splats, MEAN2D, start, count, 2, means2d)
     store_rows(splats, CONIC, start, count, 3, conics)
     for lane in range(count):
@@ -149,7 +153,7 @@ def store_splats(splats, start, count, means2d, conics, depths, radii):
 
 @njit(inline="always")
 def _unit(block, lane):
-    """The normalized quaternion of one lane, and one over its norm."""
+    """Return the normalized quaternion of one lane, and one over its norm."""
     w, x = block[QUAT * LANES + lane], block[(QUAT + 1) * LANES + lane]
     y, z = block[(QUAT + 2) * LANES + lane], block[(QUAT + 3) * LANES + lane]
     inverse = ONE / max(math.sqrt(w * w + x * x + y * y + z * z), F(1e-12))
@@ -167,7 +171,7 @@ def _to_camera(V, x, y, z):
 
 @njit(inline="always")
 def _jacobian_rows(V, gx, gy, u, v):
-    """The two rows of the projection's Jacobian times the world-to-camera rotation."""
+    """Return the two rows of the projection's Jacobian times the world-to-camera rotation."""
     return (
         gx * (V[0, 0] - u * V[2, 0]),
         gx * (V[0, 1] - u * V[2, 1]),
@@ -197,7 +201,7 @@ def project_block(points, V, lens, limits, splats):
         u = min(max(X * inverse_z, low_x), high_x)
         v = min(max(Y * inverse_z, low_y), high_y)
         j0, j1, j2, k0, k1, k2 = _jacobian_rows(V, gx, gy, u, v)
-        # The 2D covariance is [a; b] [a; b]^T with a, b the Jacobian rows times rotation times scales.
+        # The 2D covariance is [a; b] [a; b]^T, where a and b are the Jacobian's rows times rotation times scales.
         a0, b0 = (j0 * r00 + j1 * r10 + j2 * r20) * s0, (k0 * r00 + k1 * r10 + k2 * r20) * s0
         a1, b1 = (j0 * r01 + j1 * r11 + j2 * r21) * s1, (k0 * r01 + k1 * r11 + k2 * r21) * s1
         a2, b2 = (j0 * r02 + j1 * r12 + j2 * r22) * s2, (k0 * r02 + k1 * r12 + k2 * r22) * s2
@@ -231,7 +235,7 @@ def _forward(first, last, means, quats, scales, V, lens, limits, means2d, conics
 
 @njit(inline="always")
 def _covariance_gradient(A, B, C, dA, half_dB, dC):
-    """Gradient to (cxx, cxy, cyy) of the 2D covariance from that to its inverse: -C dC C."""
+    """Return the gradient to (cxx, cxy, cyy) of the 2D covariance from the gradient dC to its inverse C: -C dC C."""
     t00, t01 = A * dA + B * half_dB, A * half_dB + B * dC
     t10, t11 = B * dA + C * half_dB, B * half_dB + C * dC
     return -(t00 * A + t01 * B), -TWO * (t00 * B + t01 * C), -(t10 * B + t11 * C)
@@ -239,7 +243,7 @@ def _covariance_gradient(A, B, C, dA, half_dB, dC):
 
 @njit(inline="always")
 def _quaternion_gradient(w, x, y, z, inverse, n00, n01, n02, n10, n11, n12, n20, n21, n22):
-    """Gradient to the quaternion before normalization, from that to the rotation matrix."""
+    """Return the gradient to the quaternion before normalization from the gradient to the rotation matrix."""
     qw = TWO * (x * (n21 - n12) + y * (n02 - n20) + z * (n10 - n01))
     qx = TWO * (-TWO * x * (n11 + n22) + y * (n10 + n01) + z * (n20 + n02) + w * (n21 - n12))
     qy = TWO * (x * (n10 + n01) - TWO * y * (n00 + n22) + z * (n21 + n12) + w * (n02 - n20))
@@ -255,7 +259,7 @@ def _quaternion_gradient(w, x, y, z, inverse, n00, n01, n02, n10, n11, n12, n20,
 
 @njit(inline="always")
 def load_splats(conics, d_means2d, d_conics, radii, start, count, splats, d_splats):
-    """Load what `project_block_backward` needs: conics and radii, and the gradients to 2D means and conics."""
+    """Load the inputs of `project_block_backward`: conics, radii, and the gradients to 2D means and conics."""
     load_rows(conics, start, count, 3, splats, CONIC)
     load_rows(d_means2d, start, count, 2, d_splats, MEAN2D)
     load_rows(d_conics, start, count, 3, d_splats, CONIC)
@@ -266,7 +270,7 @@ def load_splats(conics, d_means2d, d_conics, radii, start, count, splats, d_spla
 
 @njit(inline="always")
 def project_block_backward(points, splats, d_splats, V, lens, d_points):
-    """Gradient to a block of points from that to their splats. splats: conics and radii. Culled points get zeros."""
+    """Compute the gradient to a block of points from that to their splats. splats: conics and radii. Culled points get zeros."""
     fx, fy, low_x, high_x, low_y, high_y = lens[0], lens[1], lens[4], lens[5], lens[6], lens[7]
     for lane in range(LANES):
         seen = splats[RADIUS * LANES + lane] > ZERO
@@ -296,7 +300,7 @@ def project_block_backward(points, splats, d_splats, V, lens, d_points):
         p0, p1, p2 = TWO * dxx * a0 + dxy * b0, TWO * dxx * a1 + dxy * b1, TWO * dxx * a2 + dxy * b2
         q0, q1, q2 = TWO * dyy * b0 + dxy * a0, TWO * dyy * b1 + dxy * a1, TWO * dyy * b2 + dxy * a2
 
-        # Through the Jacobian: rows j = gx (V0 - u V2) and k = gy (V1 - v V2).
+        # The gradient through the Jacobian, whose rows are j = gx (V0 - u V2) and k = gy (V1 - v V2).
         dj0, dj1, dj2 = m00 * p0 + m01 * p1 + m02 * p2, m10 * p0 + m11 * p1 + m12 * p2, m20 * p0 + m21 * p1 + m22 * p2
         dk0, dk1, dk2 = m00 * q0 + m01 * q1 + m02 * q2, m10 * q0 + m11 * q1 + m12 * q2, m20 * q0 + m21 * q1 + m22 * q2
         j_along = V[2, 0] * dj0 + V[2, 1] * dj1 + V[2, 2] * dj2
@@ -313,7 +317,7 @@ def project_block_backward(points, splats, d_splats, V, lens, d_points):
         my = V[0, 1] * dX + V[1, 1] * dY + V[2, 1] * dZ
         mz = V[0, 2] * dX + V[1, 2] * dY + V[2, 2] * dZ
 
-        # Through rotation times scales: n is the gradient to that product.
+        # The gradient through rotation times scales; n is the gradient to the product.
         n00, n01, n02 = j0 * p0 + k0 * q0, j0 * p1 + k0 * q1, j0 * p2 + k0 * q2
         n10, n11, n12 = j1 * p0 + k1 * q0, j1 * p1 + k1 * q1, j1 * p2 + k1 * q2
         n20, n21, n22 = j2 * p0 + k2 * q0, j2 * p1 + k2 * q1, j2 * p2 + k2 * q2

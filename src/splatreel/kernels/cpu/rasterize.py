@@ -1,4 +1,4 @@
-"""Tile rasterizer for the CPU: front-to-back alpha blending of sorted splats and its exact gradient."""
+"""CPU rasterizer: front-to-back alpha blending of splats sorted into tiles, and its exact gradient."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from splatreel.kernels.cpu.blending import CHANNELS, PARTS
 from splatreel.kernels.cpu.scalars import HALF, TWO, ZERO, F
 
 SHARES = 4
-"""Parts of the tiles for each thread: threads that are done early take over from those that other programs hold up."""
+"""Parts of the tiles per thread. A thread that finishes early takes over parts of threads that other programs delay."""
 GRAIN = 1024
-"""Splats that are worth a thread."""
+"""Smallest number of splats that is worth a thread."""
 NOTHING = F(-100)
-"""log2 of the opacity of what is not drawn."""
+"""log2 of the opacity of removed splats."""
 
 
 @dataclass(frozen=True)
 class Frozen:
-    """Splats that never change, as one view sees them. colors: [N, 3]; image: [H, W, 3] and alpha: [H, W], their picture."""
+    """Splats of one view that do not change. colors: [N, 3]. image: [H, W, 3] and alpha: [H, W], the splats drawn alone."""
 
     bins: Bins
     colors: np.ndarray
@@ -33,13 +33,13 @@ class Frozen:
 
 
 Drawn = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
-"""splats, colors, offsets, ids and rows of sorted splats: see `Bins`."""
+"""splats, colors, offsets, ids and rows of sorted splats, see `Bins`."""
 
 
 def forward(bins: Bins, colors: np.ndarray, frozen: Frozen | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """Blends colors [N, 3] over black. Returns the image [H, W, 3] and alpha [H, W].
+    """Blend splats with colors [N, 3] over black. Return the image [H, W, 3] and alpha [H, W].
 
-    frozen: draw in front of and behind these, whose picture stays wherever none of the others is.
+    frozen: splats to draw among, by depth. Tiles that no other splat touches keep the image of the frozen splats.
     """
     if frozen is None:
         image = np.empty((bins.height, bins.width, colors.shape[1]), np.float32)
@@ -51,7 +51,7 @@ def forward(bins: Bins, colors: np.ndarray, frozen: Frozen | None = None) -> tup
 
 
 def remove(frozen: Frozen, gone: np.ndarray) -> None:
-    """Draw frozen splats anew without some of them, [K] int64; nothing else changes."""
+    """Remove splats `gone`, [K] int64, from frozen splats, in place. Only the tiles that they touch are drawn again."""
     frozen.bins.splats[gone, LOG_OPACITY] = NOTHING
     without = np.zeros(len(frozen.bins.splats), np.bool_)
     without[gone] = True
@@ -60,9 +60,9 @@ def remove(frozen: Frozen, gone: np.ndarray) -> None:
 
 
 def draw_over(bins: Bins, colors: np.ndarray, frozen: Frozen, among: Frozen | None, near: np.ndarray) -> None:
-    """Blend colors [N, 3] into the very picture of frozen splats. near: [tiles] bool, the only tiles where that is done.
+    """Blend splats with colors [N, 3] into the image of frozen splats, in place.
 
-    among: the frozen splats, or None to draw in their place.
+    among: the frozen splats, to draw among them. None: replace them. near: [tiles] bool, the tiles to draw.
     """
     _blend(bins, colors, among, _balanced(bins, among, near), frozen.image, frozen.alpha)
 
@@ -70,7 +70,7 @@ def draw_over(bins: Bins, colors: np.ndarray, frozen: Frozen, among: Frozen | No
 def _blend(
     bins: Bins, colors: np.ndarray, among: Frozen | None, tiles: np.ndarray, image: np.ndarray, alpha: np.ndarray
 ) -> None:
-    """Blend into these tiles of a picture."""
+    """Blend splats into the given tiles of an image."""
     splats = tiles, _drawn(bins, colors), _held(bins, colors, among), among is not None
     blending.forward.over(len(tiles), *splats, image, alpha, chunks=_chunks())
 
@@ -85,11 +85,12 @@ def backward(
     frozen: Frozen | None = None,
     wanted: np.ndarray | None = None,
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Gradients to means2d [N, 2], conics [N, 3], opacities [N] and colors [N, 3].
+    """Return the gradients to means2d [N, 2], conics [N, 3], opacities [N] and colors [N, 3].
 
-    image and alpha are what `forward` returned. wanted: [tiles] bool, the only tiles whose pixels have a gradient; None: all. Every
-    (splat, tile) pair has its own slot, summed in a fixed order: no atomics, and the same bits for any number of threads. Frozen splats
-    only take light away; what lies behind the last splat that is not frozen matters to no gradient and is left out.
+    Every (splat, tile) pair has its own slot, and slots are summed in a fixed order. So there are no atomics, and the bits are the same
+    for any number of threads. Frozen splats get no gradient, and those behind the last other splat of a tile are skipped.
+
+    image and alpha are those that `forward` returned. wanted: [tiles] bool, the tiles whose pixels have a gradient. None: all.
     """
     n = len(colors)
     pairs = (np.empty if wanted is None else np.zeros)((bins.first[-1], PARTS), np.float32)
@@ -105,7 +106,7 @@ def backward(
 
 @lru_cache(maxsize=8)
 def no_gradient(shape: tuple[int, ...]) -> np.ndarray:
-    """Zeros, shared, for what the loss does not depend on, as it mostly does not on alpha."""
+    """Return zeros, shared between calls, for values that the loss does not depend on, such as alpha in most losses."""
     return np.zeros(shape, np.float32)
 
 
@@ -114,16 +115,16 @@ def _drawn(bins: Bins, colors: np.ndarray) -> Drawn:
 
 
 def _held(bins: Bins, colors: np.ndarray, frozen: Frozen | None) -> Drawn:
-    """The frozen splats as the kernels take them."""
+    """Return the frozen splats in the form that the kernels take; empty arrays if there are none."""
     if frozen is None:
         return bins.splats[:0], colors[:0], np.zeros_like(bins.offsets), bins.ids[:0], bins.rows[:0]
     return _drawn(frozen.bins, frozen.colors)
 
 
 def _balanced(bins: Bins, frozen: Frozen | None, wanted: np.ndarray | None = None) -> np.ndarray:
-    """The tiles to draw, fullest first, dealt out so that contiguous parts hold about equal work.
+    """Return the tiles to draw, in an order whose contiguous parts hold about equal work, each with the fullest tile first.
 
-    Before frozen splats these are the tiles that others touch. wanted: [tiles] bool, no others.
+    With frozen splats, only tiles that other splats touch are drawn. wanted: [tiles] bool limits the tiles further.
     """
     chosen = np.ones(len(bins.counts), np.bool_) if frozen is None else bins.counts > 0
     if wanted is not None:
@@ -156,7 +157,7 @@ def _deal(offsets, held, tiles, hands):
 
 @range_kernel(I1, F2, F2, F2, F2, F1, F2)
 def _gather(begin, end, first, pairs, splats, d_means2d, d_conics, d_opacities, d_colors):
-    """Sums each splat's slots and turns the moments of d(log alpha) into gradients."""
+    """Sum the slots of each splat, and convert the moments of d(log alpha) to gradients."""
     for i in range(begin, end):
         m0 = mx = my = mxx = mxy = myy = ZERO
         for channel in range(d_colors.shape[1]):

@@ -1,4 +1,4 @@
-"""Patches of points that move as rigid bodies: the rotation and shift after which all views show the same. One task a patch."""
+"""Rigid motion of patches of points, found by matching colors in all views. One task per patch."""
 
 from __future__ import annotations
 
@@ -11,22 +11,22 @@ from splatreel.jit import B1, B2, F1, F2, F3, FAST, FLOAT, L1, L2, U4, range_ker
 from splatreel.kernels.cpu import sceneflow
 from splatreel.kernels.cpu.scalars import HALF, ONE, ZERO, F
 
-HIDDEN = F(sceneflow.HIDDEN)  # in single precision, as all of this
+HIDDEN = F(sceneflow.HIDDEN)
 PAIRS = 128
-"""Of point and view, that a patch is judged by."""
+"""Maximum number of (point, view) pairs that the cost of a move is computed from."""
 CAP = F(0.25)
-"""The most that one counts: a view that something stands before says no more than that."""
+"""Maximum color difference of a pair, 0..1. It limits the effect of views in which something occludes the patch."""
 STEP, LEAN = F(0.5), F(0.15)
-"""First steps of the search: a share of the patch's size, and radians."""
+"""First steps of the search: translation as a share of the patch's size, and rotation in radians."""
 ROUNDS, TRIES = 3, 2
-"""Of halved steps, and of moves with each."""
+"""Number of step sizes, each half of the one before, and maximum number of improvements with each."""
 
 
 class Views(NamedTuple):
-    """All cameras' pictures of one moment, as `splatreel.kernels.rigid.make_views` makes them.
+    """The images of all cameras at one frame. `splatreel.kernels.rigid.make_views` makes them.
 
-    viewmats: [C, 4, 4]. Ks: [C, 3, 3]. pictures: [C, H, W, 3] uint8. near: near plane. depths: [C, ceil(H / 2), ceil(W / 2)] float32,
-    finite, of what may hide points.
+    viewmats: [C, 4, 4]. Ks: [C, 3, 3]. pictures: [C, H, W, 3] uint8. depths: [C, ceil(H / 2), ceil(W / 2)] float32, finite, the
+    surfaces that may hide points. near: near plane.
     """
 
     viewmats: np.ndarray
@@ -41,7 +41,7 @@ VIEWS = types.NamedTuple((F3, F3, U4, F3, FLOAT), Views)
 
 @njit(inline="always")
 def _pixel(x, y, z, views, c):
-    """Row and column of a place in a view; row -1 where it is outside or hidden."""
+    """Return row and column of a point in a view. The row is -1 if the point is outside of the image or hidden."""
     V, K = views.viewmats[c], views.Ks[c]
     depth = V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3]
     row = column = -1
@@ -57,6 +57,7 @@ def _pixel(x, y, z, views, c):
 
 @range_kernel(F2, VIEWS, B2, F3, allocates=True)
 def sample_colors(first, last, points, views, seen, colors):
+    """Kernel of `splatreel.kernels.rigid.sample_colors`."""
     for i in range(first, last):
         mean, count = np.zeros(3, np.float32), ZERO
         for c in range(seen.shape[1]):
@@ -75,7 +76,7 @@ def sample_colors(first, last, points, views, seen, colors):
 
 @njit(**FAST)
 def _pairs(patch, seen):
-    """[P, 2] points of a patch and views that see them, an even choice of at most PAIRS."""
+    """Return [P, 2]: points of a patch and views that see them, an even choice of at most PAIRS."""
     total = 0
     for i in patch:
         for c in range(seen.shape[1]):
@@ -94,7 +95,7 @@ def _pairs(patch, seen):
 
 @njit(**FAST)
 def _difference(places, move, pairs, colors, views, unseen=CAP):
-    """Mean difference of the pairs' colors after a move; `unseen` if fewer than half of them still see it: a few prove little."""
+    """Return the mean color difference of the pairs after a move, or `unseen` if at most half of the pairs are still visible."""
     total, count = ZERO, 0
     for p in range(pairs.shape[0]):
         i, c = pairs[p, 0], pairs[p, 1]
@@ -122,13 +123,14 @@ def _stay():
 
 @range_kernel(F2, L2, B2, F3, VIEWS, F1, allocates=True)
 def color_differences(first, last, places, patches, seen, colors, views, out):
+    """Kernel of `splatreel.kernels.rigid.color_differences`."""
     for t in range(first, last):
         out[t] = _difference(places, _stay(), _pairs(patches[t], seen), colors, views, ZERO)
 
 
 @njit(**FAST)
 def _rigid(a, b, patch):
-    """The rotation and shift that takes a patch from a to b, in the least squares sense (Kabsch 1976)."""
+    """Return the move that fits the points of a patch in a to those in b by least squares (Kabsch 1976)."""
     n = len(patch)
     center_a, center_b, H = np.zeros(3), np.zeros(3), np.zeros((3, 3))
     for i in patch:
@@ -154,6 +156,7 @@ def _rigid(a, b, patch):
 
 @range_kernel(F2, F2, F2, L2, B1, B2, F3, VIEWS, F3, F1, allocates=True)
 def initial_moves(begin, end, here, last, there, patches, judged, seen, colors, views, moves, costs):
+    """Kernel of `splatreel.kernels.rigid.initial_moves`."""
     for t in range(begin, end):
         moves[t] = _rigid(here, there, patches[t])
         if judged[t]:
@@ -168,7 +171,7 @@ def initial_moves(begin, end, here, last, there, patches, judged, seen, colors, 
 
 @njit(**FAST)
 def _changed(move, center, axis, amount):
-    """A move, then a shift along (axis 0..2) or a turn about (3..5) an axis through where it takes the center."""
+    """Return a move followed by a translation along an axis (0..2), or a rotation about an axis (3..5) through the moved center."""
     out = move.copy()
     if axis < 3:
         out[axis, 3] += amount
@@ -186,7 +189,7 @@ def _changed(move, center, axis, amount):
 
 @njit(**FAST)
 def _extent(places, patch):
-    """Center [3] of a patch and the mean distance of its points from it."""
+    """Return the center [3] of a patch and the mean distance of its points from the center."""
     center, size = np.zeros(3, np.float32), ZERO
     for i in patch:
         for k in range(3):
@@ -199,6 +202,7 @@ def _extent(places, patch):
 
 @range_kernel(F2, L2, L1, L2, F3, FLOAT, B2, F3, VIEWS, F3, F1, allocates=True)
 def refine_moves(first, last, here, patches, chosen, around, given, share, seen, colors, views, moves, costs):
+    """Kernel of `splatreel.kernels.rigid.refine_moves`. given: a copy of the moves, which other patches' updates do not change."""
     for n in range(first, last):
         t = chosen[n]
         pairs = _pairs(patches[t], seen)

@@ -1,7 +1,7 @@
-"""Arithmetic on rows of floats as LLVM vectors, for loops that the compiler's own vectorizer handles badly.
+"""Arithmetic on rows of floats as LLVM vectors, for loops that LLVM's vectorizer handles badly.
 
-`Row` builds LLVM code: its operators append instructions to the function that numba is compiling. A row has 16 floats on processors
-with AVX-512, else 8: one register of AVX2, two of NEON.
+The operators of `Row` append LLVM instructions to the function that numba is compiling. A row has 16 floats on processors with AVX-512,
+else 8: one register of AVX2 or two of NEON.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from numba import extending
 from numba.core import cgutils, types
 from numba.np import arrayobj
 
-intrinsic: Any = extending.intrinsic  # callers give no typing context, which type checkers ask for
+intrinsic: Any = extending.intrinsic  # typed as Any, because callers do not pass the typing context of its signature
 
 FAST = ("fast",)
 _FLOAT = ir.FloatType()
@@ -30,15 +30,16 @@ def _vector(width: int) -> Any:
 
 
 def _declared(builder: Any, name: str, returned: Any, arguments: Sequence[Any]) -> Any:
-    """Return one of LLVM's own functions, declared in the module that is being built."""
+    """Return an intrinsic function of LLVM, declared in the module that is being built."""
     found = builder.module.globals.get(name)
     return found or ir.Function(builder.module, ir.FunctionType(returned, arguments), name)
 
 
 class Row:
-    """A row of floats, or of truth values, in a function that is being compiled."""
+    """A row of floats or booleans in a function that is being compiled."""
 
     def __init__(self, builder: Any, value: Any) -> None:
+        """Wrap an LLVM vector."""
         self.builder, self.value, self.width = builder, value, value.type.count
 
     def _other(self, other: Any) -> Any:
@@ -49,31 +50,39 @@ class Row:
         return spread(self.builder, other, self.width).value
 
     def __add__(self, other: Any) -> Row:
+        """Return the sum with a row or number."""
         return Row(self.builder, self.builder.fadd(self.value, self._other(other), flags=FAST))
 
     def __sub__(self, other: Any) -> Row:
+        """Return the difference from a row or number."""
         return Row(self.builder, self.builder.fsub(self.value, self._other(other), flags=FAST))
 
     def __mul__(self, other: Any) -> Row:
+        """Return the product with a row or number."""
         return Row(self.builder, self.builder.fmul(self.value, self._other(other), flags=FAST))
 
     def __truediv__(self, other: Any) -> Row:
+        """Return the quotient by a row or number."""
         return Row(self.builder, self.builder.fdiv(self.value, self._other(other), flags=FAST))
 
     def __gt__(self, other: Any) -> Row:
+        """Return booleans: whether each float is larger."""
         return Row(self.builder, self.builder.fcmp_ordered(">", self.value, self._other(other), flags=FAST))
 
     def __ge__(self, other: Any) -> Row:
+        """Return booleans: whether each float is larger or equal."""
         return Row(self.builder, self.builder.fcmp_ordered(">=", self.value, self._other(other), flags=FAST))
 
     def __le__(self, other: Any) -> Row:
+        """Return booleans: whether each float is smaller or equal."""
         return Row(self.builder, self.builder.fcmp_ordered("<=", self.value, self._other(other), flags=FAST))
 
     def __and__(self, other: Row) -> Row:
+        """Return booleans that are true where both rows are."""
         return Row(self.builder, self.builder.and_(self.value, other.value))
 
     def where(self, yes: Any, no: Any) -> Row:
-        """Choose between two rows by this row of truth values."""
+        """Return yes where this row of booleans is true, else no."""
         return Row(self.builder, self.builder.select(self.value, self._choice(yes), self._choice(no)))
 
     def _choice(self, value: Any) -> Any:
@@ -93,7 +102,7 @@ class Row:
         return Row(self.builder, self.builder.fneg(self.builder.call(absolute, [self.value])))
 
     def any(self) -> Any:
-        """Return whether one of the truth values is set, as an LLVM i1."""
+        """Return whether any of the booleans is true, as an LLVM i1."""
         either = _declared(self.builder, f"llvm.vector.reduce.or.v{self.width}i1", ir.IntType(1), [self.value.type])
         return self.builder.call(either, [self.value])
 
@@ -121,9 +130,10 @@ def counted(builder: Any, first: int, width: int) -> Row:
 
 
 class Memory:
-    """The rows of a float32 array while a function is being compiled. width: floats in a row."""
+    """A float32 array in a function that is being compiled, read and written by rows. width: floats in a row."""
 
     def __init__(self, context: Any, builder: Any, kind: Any, array: Any) -> None:
+        """Wrap an array of numba type `kind`."""
         self.builder, self.data = builder, context.make_array(kind)(context, builder, array).data
         self.width = lanes(context)
 
@@ -132,7 +142,7 @@ class Memory:
         return Row(self.builder, self.builder.load(self._pointer(start, ahead), align=4))
 
     def store(self, start: Any, ahead: int, value: Row) -> None:
-        """Write a row to where `load` would read it."""
+        """Write a row to the place that `load` reads with the same arguments."""
         self.builder.store(value.value, self._pointer(start, ahead), align=4)
 
     def _pointer(self, start: Any, ahead: int) -> Any:
@@ -142,9 +152,10 @@ class Memory:
 
 
 class Sums:
-    """Running sums of rows, kept in registers where there are enough."""
+    """Running sums of rows. The compiler keeps them in registers if there are enough."""
 
     def __init__(self, builder: Any, count: int, width: int) -> None:
+        """Make `count` sums of zeros, each a row of `width` floats."""
         self.builder = builder
         self.places = [cgutils.alloca_once(builder, _vector(width)) for _ in range(count)]
         for place in self.places:
@@ -156,7 +167,7 @@ class Sums:
             self.builder.store((Row(self.builder, self.builder.load(place)) + row).value, place)
 
     def totals(self) -> list[Any]:
-        """Return the sum of each, as LLVM floats."""
+        """Return the totals of all sums, as LLVM floats."""
         return [Row(self.builder, self.builder.load(place)).sum() for place in self.places]
 
 
@@ -164,14 +175,14 @@ Body = Callable[..., Sequence[Any] | None]
 
 
 def row_loop(integers: int, floats: int = 0, results: int = 0) -> Callable[[Body], Any]:
-    """Make a function for numba code from one that builds its LLVM code.
+    """Decorate a function that builds LLVM code. The result can be called in numba code.
 
-    The function is called with a float32 array, then int64 and then float32 numbers.
+    It takes a float32 array, then int64 and then float32 numbers.
 
     Args:
-        integers: How many int64 it takes.
-        floats: How many float32 it takes.
-        results: How many float32 it returns, as a tuple; 0 for none.
+        integers: Number of int64 arguments.
+        floats: Number of float32 arguments.
+        results: Number of float32 results, returned as a tuple. 0: it returns nothing.
     """
 
     def decorate(build: Body) -> Any:
@@ -186,7 +197,7 @@ def row_loop(integers: int, floats: int = 0, results: int = 0) -> Callable[[Body
 
             return returned(array, *[types.int64] * integers, *[types.float32] * floats), generate
 
-        # numba counts an intrinsic's parameters by name, so it needs a function that has so many of them
+        # numba takes the number of arguments from the function's named parameters, so `exec` makes a function with that many
         space: dict[str, Any] = {"typed": typed}
         exec(f"def {build.__name__}(typing, {names}): return typed(typing, {names})", space)
         return intrinsic(space[build.__name__])
@@ -196,7 +207,7 @@ def row_loop(integers: int, floats: int = 0, results: int = 0) -> Callable[[Body
 
 @intrinsic(prefer_literal=True)
 def stack_floats(typing: Any, size: Any) -> Any:
-    """Return an uninitialized float32 array on the stack, aligned to 64 bytes. It must not leave the function. size: a constant."""
+    """Return an uninitialized float32 array on the stack, aligned to 64 bytes. It must not outlive the function. size: a constant."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         with builder.goto_entry_block():
@@ -233,7 +244,7 @@ def prefetch(typing: Any, array: Any, row: Any) -> Any:
 
 @intrinsic
 def choose(typing: Any, condition: Any, yes: Any, no: Any) -> Any:
-    """Return one of two float32 numbers without a branch, which would keep a loop from becoming vector code."""
+    """Return one of two float32 numbers without a branch. A branch would prevent vector code."""
 
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         return builder.select(*values)

@@ -1,13 +1,13 @@
 """Float32 constants of the CPU kernels.
 
 A float64 literal, or an int times a float32, would promote a whole expression to float64 and halve the vector width. Numba's cache on
-disk watches only the file that a kernel is in: after changing a constant here, delete the `__pycache__` folders.
+disk notices changes only in a kernel's own file. After changing a constant here, delete the `__pycache__` folders.
 """
 
 import numpy as np
 
 F = np.float32
-U = np.uint64  # index type: with signed indices LLVM cannot rule out wrap-around and silently stops vectorizing
+U = np.uint64  # index type, because with signed indices LLVM cannot rule out wrap-around and stops vectorizing
 ZERO, HALF, ONE, TWO = F(0), F(0.5), F(1), F(2)
 
 

@@ -1,4 +1,4 @@
-"""Motion of points in space that the optical flow of all views agrees on: robust least squares, one task a point."""
+"""3D motion of points that fits the optical flow of all views, by robust least squares. One task per point."""
 
 from __future__ import annotations
 
@@ -12,17 +12,18 @@ from splatreel.jit import B3, DOUBLE, F1, F2, F3, array, range_kernel
 HALVES = array(np.uint16, 4)
 
 ROUNDS = 3
+"""Number of least-squares solutions, each with new weights."""
 TOLERANCE = 1.0
-"""Pixels of disagreement at which a view's flow begins to count for less."""
+"""Residual, in pixels, at which the flow of a view has half of its weight."""
 HIDDEN = 1.03
-"""A point farther than this times the depth the view sees is behind something."""
+"""A point is hidden from a view if its depth is larger than this many times the depth at its pixel."""
 DAMPING = 1e-3
-"""Weight of the motion before, as a share of the trace of the normal matrix: it fills in what the views do not say."""
+"""Weight of the previous motion, as a share of the trace of the normal matrix. It fills in directions that views do not determine."""
 
 
 @njit(inline="always")
 def _project(means, i, V, K, height, width, depth, near):
-    """Row and column in which one view sees point i, -1 where it does not, and the point before the view."""
+    """Return row and column of point i in a view, -1 if it is not visible, and the point in camera coordinates."""
     x, y, z = means[i, 0], means[i, 1], means[i, 2]
     Z = V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3]
     X, Y = V[0, 0] * x + V[0, 1] * y + V[0, 2] * z + V[0, 3], V[1, 0] * x + V[1, 1] * y + V[1, 2] * z + V[1, 3]
@@ -36,6 +37,7 @@ def _project(means, i, V, K, height, width, depth, near):
 
 @range_kernel(F2, F3, F3, F3, DOUBLE, B3)
 def mark_pixels(first, last, means, viewmats, Ks, depths, near, marks):
+    """Kernel of `splatreel.kernels.sceneflow.pixels_needed`."""
     for c in range(first, last):
         for i in range(means.shape[0]):
             p, q, _, _, _ = _project(means, i, viewmats[c], Ks[c], marks.shape[1], marks.shape[2], depths[c], near)
@@ -45,7 +47,10 @@ def mark_pixels(first, last, means, viewmats, Ks, depths, near, marks):
 
 @njit(inline="always")
 def _observe(means, i, V, K, field, floats, depth, near, row):
-    """Writes what one view says of point i: pixels per world unit [2, 3] and its flow [2]. Returns whether it sees the point."""
+    """Write the observation of point i by one view: the Jacobian [2, 3], pixels per world unit, and the flow [2].
+
+    Return whether the view sees the point.
+    """
     p, q, X, Y, Z = _project(means, i, V, K, field.shape[0], field.shape[1], depth, near)
     if p < 0:
         return False
@@ -58,7 +63,7 @@ def _observe(means, i, V, K, field, floats, depth, near, row):
 
 @njit(inline="always")
 def _cholesky(A, b):
-    """x of A x = b for a positive definite matrix: A holds xx, xy, xz, yy, yz, zz."""
+    """Solve A x = b for a positive definite matrix A, given as xx, xy, xz, yy, yz, zz."""
     l00 = math.sqrt(A[0])
     l10, l20 = A[1] / l00, A[2] / l00
     l11 = math.sqrt(A[3] - l10 * l10)
@@ -73,6 +78,7 @@ def _cholesky(A, b):
 
 @range_kernel(F2, F2, F3, F3, HALVES, F1, F3, DOUBLE, F2, F1, allocates=True)
 def solve(begin, end, means, last, viewmats, Ks, fields, floats, depths, near, motion, certainty):
+    """Kernel of `splatreel.kernels.sceneflow.solve`. fields: the bits of half-precision flows. floats: the value of all such bits."""
     for i in range(begin, end):
         rows, count = np.empty((viewmats.shape[0], 8)), 0
         for c in range(viewmats.shape[0]):

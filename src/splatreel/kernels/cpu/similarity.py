@@ -1,9 +1,9 @@
-"""The photometric loss of 3DGS, (1 - lambda) L1 + lambda (1 - SSIM), and its gradient to the image in one go.
+"""The photometric loss of 3DGS, (1 - lambda) L1 + lambda (1 - SSIM), and its gradient to the image.
 
-SSIM uses an 11 x 11 Gaussian window (sigma 1.5) with zeros outside the image. The two variances only appear summed, so four
-blurs are enough: of x, y, x^2 + y^2 and xy. One task does a block of 16 rows and 80 pixels, copied with its border into
-planes of a constant row stride that stay in the cache: the window is then a sum at constant offsets, which LLVM turns into
-vector code (unsigned indices, see `rasterize`).
+SSIM uses an 11 x 11 Gaussian window (sigma 1.5) with zeros outside the image. The two variances only appear as a sum, so four blurs are
+enough: of x, y, x^2 + y^2 and xy. One task computes a block of 16 rows and 80 pixels. The block and its border are copied into planes
+with a constant row stride, which stay in the cache. The window is then a sum at constant offsets, which LLVM turns into vector code
+(for the unsigned indices see `scalars`).
 """
 
 from __future__ import annotations
@@ -20,20 +20,25 @@ from splatreel.kernels.cpu.scalars import ONE, TWO, ZERO, F, U
 RADIUS = 5
 _window = np.exp(-0.5 * (np.arange(2 * RADIUS + 1) - RADIUS) ** 2 / 1.5**2)
 WINDOW = (_window / _window.sum()).astype(np.float32)
-W0, W1, W2, W3, W4, W5 = WINDOW[:6]  # it is symmetric
+W0, W1, W2, W3, W4, W5 = WINDOW[:6]  # the window is symmetric
 SSIM_C1, SSIM_C2 = F(0.01**2), F(0.03**2)
 
-ROWS, TILES = 16, 5  # of a block; tiles are 16 pixels wide
-COLUMNS = 3 * 16 * TILES  # floats, three a pixel
+ROWS, TILES = 16, 5
+"""Rows of pixels in a block, and tiles of 16 x 16 pixels side by side."""
+COLUMNS = 3 * 16 * TILES
+"""Floats in a row of a block, three per pixel."""
 BORDER = 3 * RADIUS
-STRIDE = 272  # >= COLUMNS + 2 * BORDER, and whole cache lines
+STRIDE = 272  # at least COLUMNS + 2 * BORDER, and a multiple of the cache line
 AREA = ROWS * STRIDE
 PADDED = (ROWS + 2 * RADIUS) * STRIDE
 
 
 @dataclass(frozen=True)
 class Gradient:
-    """loss: see `loss_and_gradient`. d_image: [H, W, 3]. d_gain: [3], of the wanted tiles and those that share a block with them."""
+    """Loss and its gradients, see `loss_and_gradient`.
+
+    d_image: [H, W, 3]. d_gain: [3], a sum over the blocks with a wanted tile.
+    """
 
     loss: float
     d_image: np.ndarray
@@ -49,11 +54,17 @@ def loss_and_gradient(
     background: np.ndarray | None = None,
     zeros: bool = True,
 ) -> Gradient:
-    """The loss of (image + background) * gain against the target, and its gradient.
+    """Return the loss of (image + background) * gain against the target, and its gradient.
 
-    image: [H, W, 3] float32. target: the same, in 0..1, or uint8. gain, background: [3] float32. tiles: [ceil(H / 16), ceil(W / 16)]
-    bool, where the gradient is wanted; it is zero elsewhere (zeros; else anything), and the loss is short of what depends on no pixel
-    of these tiles: a constant.
+    Args:
+        image: [H, W, 3] float32.
+        target: [H, W, 3] float32, 0..1, or uint8.
+        lambda_dssim: Weight of 1 - SSIM, 0..1.
+        gain: [3] float32. None: 1.
+        tiles: [ceil(H / 16), ceil(W / 16)] bool, the tiles whose gradient is wanted. None: all. The loss leaves out the terms that do
+            not depend on these tiles, which are a constant.
+        background: [3] float32. None: 0.
+        zeros: Whether the gradient is zero in all other tiles. If not, it is undefined there.
     """
     height, width, _ = image.shape
     lines = (height, width * 3)
@@ -65,7 +76,9 @@ def loss_and_gradient(
     drawn = np.zeros((rows, across * TILES), np.bool_)
     drawn[:, : -(-width // ROWS)] = True if tiles is None else tiles
     changed, compared = _blocks(drawn)
-    maps = np.empty((3, *lines), np.float32)  # what is not compared stays unset: no wanted gradient hangs on it
+    maps = np.empty(
+        (3, *lines), np.float32
+    )  # blocks that are not compared stay unset, since no wanted gradient depends on them
     d_image = np.zeros(lines, np.float32) if zeros and tiles is not None else np.empty(lines, np.float32)
     similarity, differences = np.empty(len(compared), np.float32), np.empty(len(changed), np.float32)
     products = np.zeros((len(changed), COLUMNS), np.float32)
@@ -84,8 +97,10 @@ def loss_and_gradient(
 
 @kernel(B2)
 def _blocks(tiles):
-    """Blocks that hold some of these tiles, and blocks that hold one of them or around them: the window reaches five pixels over the
-    border."""
+    """Return the blocks that contain any of the tiles, and the blocks that contain any of the tiles or their neighbors.
+
+    The neighbors count because the window reaches five pixels over a tile's border.
+    """
     rows, across = tiles.shape[0], tiles.shape[1] // TILES
     holds, near = np.zeros(rows * across, np.bool_), np.zeros(rows * across, np.bool_)
     for row in range(rows):
@@ -100,7 +115,7 @@ def _blocks(tiles):
 
 @njit(inline="always")
 def _block(index, shape):
-    """First row and column of a block, and how many of its rows and columns lie in the image."""
+    """Return the first row and column of a block, and the number of its rows and columns in the image."""
     across = (shape[1] + COLUMNS - 1) // COLUMNS
     top, left = index // across * ROWS, index % across * COLUMNS
     return top, left, min(ROWS, shape[0] - top), min(COLUMNS, shape[1] - left)
@@ -108,7 +123,7 @@ def _block(index, shape):
 
 @njit(inline="always")
 def _load(image, top, left, behind, gains, scale, plane):
-    """Copies a block and its border, plus behind [columns], times gains [columns] and scale, into a plane; zeros outside the image."""
+    """Copy (block + behind) * gains * scale with its border into a plane, zeros outside the image. behind, gains: [columns]."""
     first, last = max(left - BORDER, 0), min(left + COLUMNS + BORDER, image.shape[1])
     plane[:] = ZERO
     for row in range(max(top - RADIUS, 0), min(top + ROWS + RADIUS, image.shape[0])):
@@ -121,7 +136,7 @@ def _load(image, top, left, behind, gains, scale, plane):
 
 @njit(inline="always")
 def _blur(plane, down, out):
-    """The window's sums over a plane: down the columns, then along the rows, where pixels are 3 floats apart."""
+    """Blur a plane with the window: down the columns, then along the rows, where pixels are 3 floats apart."""
     for p in range(U(AREA)):
         s = W0 * (plane[p] + plane[p + U(10 * STRIDE)])
         s += W1 * (plane[p + U(STRIDE)] + plane[p + U(9 * STRIDE)])
@@ -140,7 +155,7 @@ def _blur(plane, down, out):
 
 @njit(inline="always")
 def _ssim_row(blurs, start, columns):
-    """Sum of SSIM along a row of a block; the blurs become its gradient to those of x, x^2 + y^2 and xy."""
+    """Return the sum of SSIM along a row of a block. Its gradients to the blurs of x, x^2 + y^2 and xy replace the blurs."""
     total = ZERO
     for p in range(U(start), U(start + columns)):
         mx, my = blurs[p], blurs[p + U(AREA)]

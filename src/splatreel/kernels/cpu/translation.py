@@ -1,4 +1,4 @@
-"""Color differences of points between two moments, for many shifts of all of them. One task a shift."""
+"""Color differences between two frames under candidate translations of points. One task per translation."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from splatreel.kernels.cpu.scalars import ONE, ZERO, F
 
 @range_kernel(F2, F2, F3, F3, U4, U4, F3, FLOAT, F1)
 def color_differences(first, last, points, motions, viewmats, Ks, here, there, depths, near, out):
+    """Kernel of `splatreel.kernels.translation.color_differences`."""
     height, width = depths.shape[1:]
     for m in range(first, last):
         count = difference = ZERO

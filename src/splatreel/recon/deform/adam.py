@@ -33,6 +33,7 @@ class Adam:
     """
 
     def __init__(self, tensor: Tensor, rate: float, eps: float) -> None:
+        """Copy a tensor and start its moments at zero."""
         self.tensor = tensor.detach().clone().contiguous().requires_grad_(True)
         self.mean, self.square = (torch.zeros_like(tensor, requires_grad=False) for _ in range(2))
         self.rate, self.eps, self.steps = rate, eps, 0

@@ -69,6 +69,7 @@ class ReelOutput:
     """
 
     def __init__(self, writer: ReelWriter, group_writer: GroupWriter, present: PresentationHook) -> None:
+        """Create an output, see the attributes."""
         self.writer, self.group_writer, self.present = writer, group_writer, present
 
     @property
@@ -119,6 +120,7 @@ class ChapterOutput:
     def __init__(
         self, store: Store, header: ReelHeader, config: EncodeConfig, after_group: Callable[[int], None] = ignore_group
     ) -> None:
+        """Create an output, see the attributes."""
         self.store, self.header, self.after_group = store, header, after_group
         self.encoder = ReelEncoder(config)
 

@@ -70,6 +70,7 @@ class GroupWriter:
         measured: dict[int, Importance] | None = None,
         encoded: bool = False,
     ) -> None:
+        """Create a writer, see the attributes. No group is written or skipped yet."""
         self.writer, self.store, self.device, self.encoded = writer, store, device, encoded
         self.measured = {} if measured is None else measured
         self._firsts = store.chapter_firsts()
@@ -77,8 +78,8 @@ class GroupWriter:
 
     def write(self, index: int) -> None:
         """Write a group."""
-        ready = self._prepare(index)
-        self._write(ready, self.store.group(index).encoded_group() if self.encoded else None)
+        prepared = self._prepare(index)
+        self._write(prepared, self.store.group(index).encoded_group() if self.encoded else None)
 
     def write_all(self, count: int, done: Callable[[int], None]) -> None:
         """Write the first `count` groups. The predictive codec encodes several at a time, in threads.
@@ -91,9 +92,9 @@ class GroupWriter:
         waiting: deque[tuple[PreparedGroup, Future[dict[str, bytes]]]] = deque()
         with ThreadPoolExecutor(workers) as pool:
             for index in range(count):
-                ready = self._prepare(index)
-                files = pool.submit(self.writer.encoder.group, ready.group, ready.importance, ready.steps)
-                waiting.append((ready, files))
+                prepared = self._prepare(index)
+                files = pool.submit(self.writer.encoder.group, prepared.group, prepared.importance, prepared.steps)
+                waiting.append((prepared, files))
                 while len(waiting) > (workers if index + 1 < count else 0):
                     before, files = waiting.popleft()
                     self._write(before, files.result())
@@ -101,26 +102,26 @@ class GroupWriter:
 
     def skip(self, index: int) -> None:
         """Pass over a group that the reel contains already."""
-        for shared, layer in self._born(index):
+        for shared, layer in self._layers_born_at(index):
             self._extend(np.arange(len(layer.trained)), shared)
 
     def _prepare(self, index: int) -> PreparedGroup:
         stored = self.store.group(index).group()
         group = stored.group
-        born = self._born(index)
+        born = self._layers_born_at(index)
         moving, resting = self._importance(stored, [layer for _, layer in born])
         layers = []
         for shared, layer in born:
             known = layer.importance
             if known is None and resting is not None:
                 known = resting[len(self._order) : len(self._order) + len(layer.trained)]
-            layers.append(self._ready(index, group.first_frame, layer, known, shared))
+            layers.append(self._prepare_layer(index, group.first_frame, layer, known, shared))
             self._extend(layers[-1].order, shared)
         # The alive bits are in the order of training; another encoder may order the points differently.
         group = dataclasses.replace(group, alive=group.alive[self._order])
         return PreparedGroup(group, moving, stored.steps, layers)
 
-    def _born(self, index: int) -> list[tuple[bool, StoredLayer]]:
+    def _layers_born_at(self, index: int) -> list[tuple[bool, StoredLayer]]:
         """Return the layers born at a group, each with a flag: shared by all chapters."""
         own, shared = self.store.group(index).layer(), None
         if self._firsts is not None and index in self._firsts:
@@ -133,7 +134,7 @@ class GroupWriter:
         if shared:
             self._shared = self._order
 
-    def _ready(
+    def _prepare_layer(
         self, index: int, first_frame: int, layer: StoredLayer, importance: np.ndarray | None, shared: bool
     ) -> PreparedLayer:
         until = None if shared or self._firsts is None else min((f for f in self._firsts if f > index), default=None)
@@ -155,9 +156,11 @@ class GroupWriter:
             self.measured[index] = group_importance(*reel, static, stored.group, self.device)
         return self.measured[index]
 
-    def _write(self, ready: PreparedGroup, files: dict[str, bytes] | None) -> None:
-        group = ready.group
-        for layer in ready.layers:
+    def _write(self, prepared: PreparedGroup, files: dict[str, bytes] | None) -> None:
+        group = prepared.group
+        for layer in prepared.layers:
             encoded = layer.data, layer.order
             self.writer.add_layer(group.index, group.first_frame, layer.points, encoded=encoded, until=layer.until)
-        self.writer.add_group(group, encoded=files or self.writer.encoder.group(group, ready.importance, ready.steps))
+        self.writer.add_group(
+            group, encoded=files or self.writer.encoder.group(group, prepared.importance, prepared.steps)
+        )

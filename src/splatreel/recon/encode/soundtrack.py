@@ -113,7 +113,7 @@ def parse_soundtrack_choice(value: Any) -> dict[str, Any] | None:
     if value is None:
         return None
     if not isinstance(value["camera"], str) or type(value["channels"]) is not int:
-        raise TypeError("camera or channels are none")
+        raise TypeError("camera is not a string, or channels is not an integer")
     numbers(value["position"], 3)
     return value
 

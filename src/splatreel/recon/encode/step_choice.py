@@ -1,7 +1,7 @@
 """Choice of the quantization steps of a layer or a group, by the gain of finer steps in a held-out view.
 
 All attributes of a file get the same slope: one byte more buys the same reduction of the squared error, whichever attribute it
-is spent on. Refinement stops where 10 % more bytes gain less than `GAIN`. docs/experiments/2026-11-26-steps-by-slope.md has the
+is spent on. Refinement stops where 10 % more bytes gain less than `MIN_GAIN`. docs/experiments/2026-11-26-steps-by-slope.md has the
 measurements.
 
 Two numbers are measured per attribute, at two sets of steps that differ by a factor. The first is the bytes that the factor
@@ -31,9 +31,9 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.static_points import StaticPoints
 
-GAIN = 0.03
+MIN_GAIN = 0.03
 """Minimum gain of 10 % more bytes of the reel in a held-out view, dB."""
-GROUPS = 2
+LAYER_GROUPS = 2
 """Assumed number of groups in which a layer is visible. It is encoded before the length of the video is known."""
 MOVING_BYTES = 3.0
 """Bytes of a dynamic point in one group, as a multiple of those of a static point."""
@@ -43,9 +43,9 @@ encoded before any dynamic point is known."""
 HELD_OUT_SHARE = {"rest": 0.25, "shade": 0.25}
 """Share of an attribute's training-view error that held-out views have; 1 for all others. View-dependent color and shade
 overfit the training views, noise included, and coarser steps remove some of that noise."""
-UNTRIED = 2.0
+UNTRIED_ERROR_RATIO = 2.0
 """Squared error of held-out views as a multiple of that of training views, if no trial measured it."""
-RATIO = 1.5
+STEP_RATIO = 1.5
 """Factor between the two sets of steps that are compared."""
 LEAST_SAVED = 0.03
 """Minimum share of an attribute's bytes that the factor is assumed to save. The bytes of small sections hardly depend on the
@@ -118,7 +118,7 @@ def encode_layer_by_slope(
         The result of `ReelEncoder.layer`, and the steps that it used.
     """
     moving = max(moving, round(LEAST_MOVING * len(points)))
-    reel = len(points) + len(others) + (GROUPS * MOVING_BYTES - 1) * moving
+    reel = len(points) + len(others) + (LAYER_GROUPS * MOVING_BYTES - 1) * moving
     share = len(points) / max(reel, 1.0)
     steps = _choose(encoder, data, _Layer(data, points, others, importance), trial, share)
     return encoder.layer(data.span.index, data.span.first, points, importance, steps), steps
@@ -146,7 +146,7 @@ def encode_group_by_slope(
         The result of `ReelEncoder.group`, and the steps that it used.
     """
     subject = _Group(data, group, static.points[group.alive], importance)
-    moving = GROUPS * MOVING_BYTES * len(group.dynamic)
+    moving = LAYER_GROUPS * MOVING_BYTES * len(group.dynamic)
     share = moving / max(moving + len(subject.resting), 1.0)
     steps = _choose(encoder, data, subject, trial, share)
     return encoder.group(group, importance, steps), steps
@@ -228,7 +228,7 @@ def _choose(encoder: ReelEncoder, data: GroupInput, subject: Subject, trial: Tri
     held_out = _held_out_error(data, subject, trained, trial)
     steps = STEPS
     for _ in range(ROUNDS):
-        fine, coarse = (subject.encode(config, steps.scaled(factor)) for factor in (1.0, RATIO))
+        fine, coarse = (subject.encode(config, steps.scaled(factor)) for factor in (1.0, STEP_RATIO))
         slopes, show = {}, subject.decoder(fine)
         before, after = attribute_bytes(fine[0]), attribute_bytes(coarse[0])
         for attribute, size in before.items():
@@ -236,9 +236,9 @@ def _choose(encoder: ReelEncoder, data: GroupInput, subject: Subject, trial: Tri
             error = np.mean(
                 [np.square(_draw(data, points, view) - image).mean() for (_, view, points), image in moments]
             )
-            saved = max(size - after.get(attribute, 0), LEAST_SAVED * size, 1) / math.log(RATIO)
+            saved = max(size - after.get(attribute, 0), LEAST_SAVED * size, 1) / math.log(STEP_RATIO)
             slopes[attribute] = Slope(saved, float(error) * HELD_OUT_SHARE.get(attribute, 1.0))
-        steps = equal_slopes(steps, slopes, GAIN * held_out / (PSNR_OF_ONE * 0.1 * len(fine[0]) / share))
+        steps = equal_slopes(steps, slopes, MIN_GAIN * held_out / (PSNR_OF_ONE * 0.1 * len(fine[0]) / share))
     return steps
 
 
@@ -268,7 +268,7 @@ def _held_out_error(data: GroupInput, subject: Subject, trained: list[np.ndarray
     for (frame, view, _), image in zip(subject.as_trained(), trained, strict=True):
         errors.append(np.square(image - data.images[frame, view] / np.float32(255)).mean())
     error = float(np.mean(errors))
-    return UNTRIED * error if trial is None else max(error, math.sqrt(error * 10 ** (-trial.psnr / 10)))
+    return UNTRIED_ERROR_RATIO * error if trial is None else max(error, math.sqrt(error * 10 ** (-trial.psnr / 10)))
 
 
 @torch.no_grad()

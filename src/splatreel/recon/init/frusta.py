@@ -10,13 +10,13 @@ from splatreel.recon.init.planesweep import NEIGHBORS, inside, plane_homographie
 from splatreel.recon.init.triangulate import nearest_cameras
 from splatreel.scene.camera import Camera
 
-COARSE, FINE = 5.0, 1.5
-"""Spacing of planes, pixels: the range is refined above `COARSE`, to a spacing of `FINE`."""
+MAX_SPACING, WANTED_SPACING = 5.0, 1.5
+"""Spacing of planes, pixels: the range is refined above `MAX_SPACING`, to a spacing of `WANTED_SPACING`."""
 MOST_PLANES = 320
-GRID, LEVELS = (9, 7), 256
+SAMPLE_GRID, DEPTH_LEVELS = (9, 7), 256
 """Samples: pixels across and down an image, and inverse depths."""
-SHARE, PARTNERS = 0.05, 2
-"""A depth counts if at least `SHARE` of these pixels are seen by `PARTNERS` neighbors there."""
+MIN_PIXEL_SHARE, MIN_PARTNERS = 0.05, 2
+"""A depth counts if at least `MIN_PIXEL_SHARE` of these pixels are seen by `MIN_PARTNERS` neighbors there."""
 
 
 def narrow_ranges(cameras: list[Camera], ranges: np.ndarray, width: int, planes: int) -> tuple[np.ndarray, np.ndarray]:
@@ -39,9 +39,9 @@ def narrow_ranges(cameras: list[Camera], ranges: np.ndarray, width: int, planes:
     ranges, counts = ranges.copy(), np.full(len(cameras), planes)
     for i, camera in enumerate(small):
         others = [small[j] for j in nearest[i]]
-        if pixels_apart(camera, others, ranges[i], planes) > COARSE:
+        if pixels_apart(camera, others, ranges[i], planes) > MAX_SPACING:
             ranges[i] = shared_depths(camera, others, ranges[i])
-            wanted = (planes - 1) * pixels_apart(camera, others, ranges[i], planes) / FINE
+            wanted = (planes - 1) * pixels_apart(camera, others, ranges[i], planes) / WANTED_SPACING
             counts[i] = min(max(math.ceil(wanted) + 1, planes), MOST_PLANES)
     return ranges, counts
 
@@ -69,12 +69,12 @@ def pixels_apart(camera: Camera, others: list[Camera], depths: np.ndarray, plane
 
 def shared_depths(camera: Camera, others: list[Camera], depths: np.ndarray) -> np.ndarray:
     """Return the part [2] of a depth range in which other cameras see a part of the image; the whole range if there is none."""
-    levels = np.linspace(1 / depths[0], 1 / depths[1], LEVELS)
-    rays = unproject(camera.resized(*GRID), np.ones(GRID[::-1])).reshape(-1, 3) - camera.center
+    levels = np.linspace(1 / depths[0], 1 / depths[1], DEPTH_LEVELS)
+    rays = unproject(camera.resized(*SAMPLE_GRID), np.ones(SAMPLE_GRID[::-1])).reshape(-1, 3) - camera.center
     places = camera.center + rays / levels[:, None, None]
     seen = np.sum([inside(other, project(other, places)[0]) for other in others], axis=0)
-    shared = (seen >= min(PARTNERS, len(others))).mean(1) >= SHARE
+    shared = (seen >= min(MIN_PARTNERS, len(others))).mean(1) >= MIN_PIXEL_SHARE
     if not shared.any():
         return depths
     first, last = np.flatnonzero(shared)[[0, -1]]
-    return np.array([1 / levels[max(first - 1, 0)], 1 / levels[min(last + 1, LEVELS - 1)]])
+    return np.array([1 / levels[max(first - 1, 0)], 1 / levels[min(last + 1, DEPTH_LEVELS - 1)]])

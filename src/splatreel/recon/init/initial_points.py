@@ -23,7 +23,7 @@ from splatreel.scene.camera import Camera, focus_point
 MAX_POINTS = 25_000
 ENOUGH_POINTS = 20
 """Sparse points that a camera must see for its depth range to follow from them."""
-BEYOND = 4.0
+FAR_FACTOR = 4.0
 """Depths are searched up to this multiple of the depth of nearly all sparse points. Content behind windows or far outdoors has
 few features. Planes are even in inverse depth, so this costs little."""
 SWEEP_WIDTH = 240
@@ -33,7 +33,7 @@ FILL_ANCHORS = 6
 COLOR_DISTANCE = 0.5
 """Distance, pixels, that a difference of one gray level of 255 counts as when a depth is taken from a neighbor."""
 RANDOM_POINTS = 10_000
-FLAT = 0.02
+FLAT_DEVIATION = 0.02
 """Standard deviation, 0..1, in a 5x5 patch below which a surface is flat and gets fewer points."""
 FREE_SPACE = 0.1
 """A trusted depth that is farther than a point by more than this share contradicts the point."""
@@ -145,7 +145,7 @@ def depth_ranges(cameras: list[Camera], points: np.ndarray, near: float | None =
         chosen = depths if len(depths) >= ENOUGH_POINTS else pooled
         if len(chosen) >= ENOUGH_POINTS:
             low, high = np.percentile(chosen, [1, 99])
-            ranges[i] = low / 1.4, high * BEYOND
+            ranges[i] = low / 1.4, high * FAR_FACTOR
         else:
             distance = _focus_distance(cameras)
             ranges[i] = 0.2 * distance, 4 * distance
@@ -193,7 +193,7 @@ def _seen_surface(depth_map: DepthMap, needed: int, depth_range: np.ndarray) -> 
     kept = (depth_map.agreeing >= needed) & (depth_map.depth < 0.98 * depth_range[1])
     gray = cv2.cvtColor(depth_map.image, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255
     variance = cv2.blur(gray * gray, (5, 5)) - cv2.blur(gray, (5, 5)) ** 2
-    grain = depth_map.depth / depth_map.camera.K[0, 0] * np.where(variance < FLAT**2, 2, 1)
+    grain = depth_map.depth / depth_map.camera.K[0, 0] * np.where(variance < FLAT_DEVIATION**2, 2, 1)
     points = unproject(depth_map.camera, depth_map.depth)
     return _Cloud(points[kept], depth_map.image[kept] / 255, grain[kept])
 

@@ -13,10 +13,10 @@ from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
 from splatreel.scene.untrusted import is_number, numbers
 
-BORDER = 8
+BORDER_PARTS = 8
 """Each side of an image's border is one part in this many of its width or height."""
-CLEAR, MOST_CLEAR = 0.85, 0.35
-"""Clearance is this share of the free space in front of the cameras, but at most `MOST_CLEAR` of the distance to the focus."""
+CLEAR_SHARE, MAX_CLEAR_SHARE = 0.85, 0.35
+"""Clearance is this share of the free space in front of the cameras, but at most `MAX_CLEAR_SHARE` of the distance to the focus."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Layout:
         numbers(value["up"], 3)
         numbers(value["bounds"], 2, 3)
         if not (is_number(value["near"]) and is_number(value["unit"])):
-            raise TypeError("near or unit is no number")
+            raise TypeError("near or unit is not a number")
         plain = {name: value[name] for name in value if name not in ("clearance", "background")}
         red, green, blue = numbers(value.get("background", [0.0, 0.0, 0.0]), 3).tolist()
         clearance = Clearance.from_dict(value.get("clearance"))
@@ -87,7 +87,7 @@ def clearance_of(cameras: list[Camera], points: np.ndarray) -> Clearance:
         for camera, depths in zip(cameras, seen_depths(cameras, points), strict=True)
         if len(depths) and whole.depth(camera) > 0
     ]
-    share = min(CLEAR * min(nearest, default=0.0), MOST_CLEAR)
+    share = min(CLEAR_SHARE * min(nearest, default=0.0), MAX_CLEAR_SHARE)
     return replace(whole, share=float(share))
 
 
@@ -95,7 +95,8 @@ def border_color(images: np.ndarray) -> tuple[float, float, float]:
     """Return the mean color near the borders of images [C, H, W, 3] uint8, 0..1. Unseen places beyond them likely look alike."""
     height, width = images.shape[1:3]
     border = np.ones((height, width), bool)
-    border[height // BORDER : height - height // BORDER, width // BORDER : width - width // BORDER] = False
+    above, left = height // BORDER_PARTS, width // BORDER_PARTS
+    border[above : height - above, left : width - left] = False
     red, green, blue = (round(value / 255, 4) for value in images[:, border].mean((0, 1)).tolist())
     return red, green, blue
 

@@ -14,16 +14,16 @@ from splatreel.scene.camera import Camera
 MOST_CAMERAS = 0.9
 """Share of the cameras that must look at the focus, and quantile of the steps between neighboring cameras that decides the
 angle."""
-LOOKING = 0.7
+MIN_LOOKING_COSINE = 0.7
 """Minimum cosine of the angle between a camera's axis and the focus, for a camera that looks at it."""
 STEP_SHARE, MARGIN_DEGREES, LEAST_DEGREES, MOST_DEGREES = 0.75, 5.0, 10.0, 45.0
 """The angle is `STEP_SHARE` of a step from camera to camera (half a step is the middle between two) plus `MARGIN_DEGREES`,
 clamped to `LEAST_DEGREES`..`MOST_DEGREES`."""
 NEAREST, FARTHEST = 0.25, 1.25
 """Limits of the distance, as shares of the smallest and the largest distance of a camera from the focus."""
-LOWEST = 2.0
+FLOOR_PERCENTILE = 2.0
 """Percentage of the points around the focus that may lie below the floor: noise and reflections."""
-FEWEST_FLOOR_POINTS = 100
+MIN_FLOOR_POINTS = 100
 """Minimum number of points that determine a floor."""
 
 
@@ -47,7 +47,7 @@ def limits(cameras: Sequence[Camera], points: np.ndarray, layout: Layout, most: 
         return None
     directions = away / distances[:, None]
     ahead = np.stack([camera.viewmat[2, :3] for camera in cameras])
-    if np.mean((ahead * -directions).sum(1) > LOOKING) < MOST_CAMERAS:
+    if np.mean((ahead * -directions).sum(1) > MIN_LOOKING_COSINE) < MOST_CAMERAS:
         return None
     angle = _angle(directions)
     return Limits(
@@ -77,6 +77,6 @@ def _floor(points: np.ndarray, cameras: np.ndarray, focus: np.ndarray, up: np.nd
         radius: Radius of the subject around the focus, world units.
     """
     around = points[np.linalg.norm(points - focus, axis=1) < radius]
-    if len(around) < FEWEST_FLOOR_POINTS:
+    if len(around) < MIN_FLOOR_POINTS:
         return None
-    return round(min(float(np.percentile(around @ up, LOWEST)), float(cameras.min())), 6)
+    return round(min(float(np.percentile(around @ up, FLOOR_PERCENTILE)), float(cameras.min())), 6)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatreel.config import LayeringConfig
-from splatreel.motion.change import changes
+from splatreel.motion.change import changed_pixels
 from splatreel.motion.flow import make_flow
 from splatreel.motion.lift import DYNAMIC, lift, shares
 from splatreel.motion.light import changes_of_light
@@ -107,7 +107,7 @@ def convertible(data: GroupInput, static: StaticPoints, least: float) -> np.ndar
     if not least:
         return static.alive
     data = data.smaller()
-    found = shares(static.living, data.cameras, changes(data.images), data.near, data.device)
+    found = shares(static.living, data.cameras, changed_pixels(data.images), data.near, data.device)
     return static.without(found < least).alive  # unseen points are NaN, which compares false
 
 

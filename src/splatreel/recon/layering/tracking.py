@@ -123,6 +123,15 @@ class ChangeDetector:
     def __init__(
         self, tracker: Tracker, data: GroupInput, dynamic: Gaussians, static: Gaussians, relit: RelitPoints
     ) -> None:
+        """Draw the static points, and compare the keyframe.
+
+        Args:
+            tracker: Tracker of the group.
+            data: Training views, of the tracker's size.
+            dynamic: Dynamic points at the keyframe.
+            static: A living static points.
+            relit: Resting points whose light changes.
+        """
         self.tracker, self.data, self.static, self.relit = tracker, data, static, relit
         self.resting = np.ones(len(static), bool)
         self.backdrops = self._draw_backdrops(self.resting)

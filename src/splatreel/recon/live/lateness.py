@@ -12,7 +12,7 @@ from splatreel.progress import Progress
 WhenLate = Literal["wait", "draft", "skip"]
 """wait: reconstruct every group in order, with growing latency. draft: use draft settings until caught up. skip: skip groups."""
 
-QUICKER = ("keyframe.refine_iterations", "group.iterations_per_frame")
+DRAFT_SETTINGS = ("keyframe.refine_iterations", "group.iterations_per_frame")
 """Settings of later groups that draft lowers."""
 
 
@@ -27,6 +27,7 @@ class Lateness:
     """
 
     def __init__(self, config: Config, when_late: WhenLate, length: float, progress: Progress) -> None:
+        """Start caught up."""
         self.config, self.when_late, self.length, self._progress = config, when_late, length, progress
         self.late = False
         self._draft = drafted(config)
@@ -62,4 +63,4 @@ def drafted(config: Config) -> Config:
     """Return settings with at most the iterations of draft."""
     values = {"keyframe.refine_iterations": config.keyframe.refine_iterations}
     values["group.iterations_per_frame"] = config.group.iterations_per_frame
-    return changed(config, {name: min(values[name], DRAFT[name]) for name in QUICKER})
+    return changed(config, {name: min(values[name], DRAFT[name]) for name in DRAFT_SETTINGS})

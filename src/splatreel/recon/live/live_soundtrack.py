@@ -42,6 +42,14 @@ class LiveSoundtrack:
     """
 
     def __init__(self, work: Path, follower: Follower, wanted: str, progress: Progress) -> None:
+        """Select the camera.
+
+        Args:
+            work: Folder of the checkpoints.
+            follower: The growing capture.
+            wanted: auto, none, or the name of a camera.
+            progress: Receives a note about the choice.
+        """
         self.folder, self.follower, self.progress = work / "sound", follower, progress
         capture = follower.capture
         source = capture.source if isinstance(capture, FileCapture) else None

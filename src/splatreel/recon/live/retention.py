@@ -66,6 +66,7 @@ class Window:
     """
 
     def __init__(self, store: Store, frames: int | None) -> None:
+        """Create a window, see the attributes."""
         self.store, self.frames = store, frames
         self._rigs: deque[tuple[int, Rig]] = deque()
 

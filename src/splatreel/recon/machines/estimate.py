@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatreel.capture.base import Capture
-from splatreel.motion.change import changes
+from splatreel.motion.change import changed_pixels
 from splatreel.recon.jobs import ChapteredRun
 from splatreel.recon.machines.scaling import (
     SERIAL_CHAPTER,
@@ -144,7 +144,7 @@ def moving_share(capture: Capture, frames: int) -> float:
     count = min(len(names), int(np.clip(LOOKED_AT / (capture.width * capture.height), 2, 6)))
     names = [names[place] for place in np.linspace(0, len(names) - 1, count).round().astype(int)]
     moments = np.unique(np.linspace(0, frames - 1, LOOKS).round().astype(int))
-    return float(changes(np.concatenate([capture.read(int(moment), 1, names) for moment in moments])).mean())
+    return float(changed_pixels(np.concatenate([capture.read(int(moment), 1, names) for moment in moments])).mean())
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ DEPARTED_SHARE = 0.6
 """A shared static point is removed if more than this share of its contribution lies in wrong pixels."""
 MAX_PASSES = 3
 """Passes of the search for such points. Removing front points can expose further wrong ones."""
-MISSING = 0.5
+MISSING_SHARE = 0.5
 """Share of the cameras seeing a place, at least two, in whose images content must be missing there."""
 
 
@@ -142,7 +142,7 @@ def _places(data: GroupInput, found: InitialPoints, missing: np.ndarray) -> tupl
         column, row = np.floor(pixels[there]).astype(np.int64).T
         seen += there
         lacking[there] += mask[row, column]
-    keep = lacking >= np.maximum(2, MISSING * seen)
+    keep = lacking >= np.maximum(2, MISSING_SHARE * seen)
     return found.points[keep], found.colors[keep]
 
 

@@ -30,6 +30,7 @@ class GradientMeter:
     """Mean length of every point's screen-space positional gradient over the views that see it, in normalized device units."""
 
     def __init__(self, count: int, device: torch.device) -> None:
+        """Start with no views of `count` points."""
         self.sum = torch.zeros(count, device=device)
         self.seen = torch.zeros(count, device=device)
 
@@ -111,6 +112,14 @@ class KeyframeDensity:
     """
 
     def __init__(self, points: TrainablePoints, config: KeyframeConfig, max_points: int, seed: int) -> None:
+        """Create the density control of a keyframe.
+
+        Args:
+            points: Points whose rows are changed.
+            config: Keyframe settings.
+            max_points: Maximum number of points.
+            seed: Seed of the positions of split points.
+        """
         self.points, self.config, self.max_points = points, config, max_points
         self.generator = torch.Generator().manual_seed(seed)
         self.distances = torch.ones(len(points), device=points.means.device)
@@ -215,6 +224,16 @@ class GroupDensity:
         iterations: int,
         rng: np.random.Generator,
     ) -> None:
+        """Create the density control of a group.
+
+        Args:
+            points: Points whose rows are changed.
+            static: Static points, of which some may be converted.
+            convertible: [S] bool, static points that may become dynamic.
+            config: Settings.
+            iterations: Iterations of training.
+            rng: Source of the cameras by which faint points are found.
+        """
         self.points, self.static, self.convertible, self.config, self.rng = points, static, convertible, config, rng
         self.every, self.iterations = config.layering.adapt_every, iterations
         self.faint_at = {round(share * iterations) for share in FAINT_AT} if config.group.faint_share else set()

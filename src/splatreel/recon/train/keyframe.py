@@ -44,6 +44,12 @@ class Average:
     """
 
     def __init__(self, share: float, iterations: int) -> None:
+        """Prepare an average.
+
+        Args:
+            share: Share of the iterations that is averaged.
+            iterations: Iterations of training.
+        """
         self.after = iterations - round(share * iterations)
         self._means: list[Tensor] = []
         self._count = 0
@@ -137,6 +143,17 @@ class KeyframeTrainer:
         losses: Sequence[Loss[KeyframeStep]] = KEYFRAME,
         seed: int = 0,
     ) -> None:
+        """Prepare the training of a keyframe.
+
+        Args:
+            points: Points to train.
+            gains: Color gains of the cameras, trained too.
+            config: Keyframe settings.
+            static: Frozen static points; None if there are none.
+            max_points: Maximum number of points.
+            losses: List of losses.
+            seed: Seed of all random choices.
+        """
         self.points, self.gains, self.config, self.static, self.losses = points, gains, config, static, losses
         self.density = KeyframeDensity(points, config, max_points, seed)
         self.rng = np.random.default_rng(seed)

@@ -46,7 +46,7 @@ class Changes:
 
 
 class MovingPoints:
-    """Dynamic points in three parts, whose rows are added and removed merge_snapshots.
+    """Dynamic points in three parts, whose rows are added and removed together.
 
     Attributes:
         canonical: Gaussians at the keyframe.
@@ -55,6 +55,7 @@ class MovingPoints:
     """
 
     def __init__(self, canonical: TrainablePoints, deformation: Deformation, appearance: Appearance | None) -> None:
+        """Combine the three parts, see the attributes."""
         self.canonical, self.deformation, self.appearance = canonical, deformation, appearance
 
     @staticmethod

@@ -22,6 +22,12 @@ class TrainablePoints:
     """
 
     def __init__(self, params: Mapping[str, Tensor], rates: Mapping[str, float]) -> None:
+        """Copy unconstrained tensors.
+
+        Args:
+            params: Tensors by name, see `params`.
+            rates: Learning rates by name.
+        """
         self.base_rates = dict(rates)
         self.adams = {name: Adam(params[name], rates[name], eps=1e-15) for name in NAMES}
 

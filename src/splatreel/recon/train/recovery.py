@@ -13,7 +13,7 @@ from splatreel.recon.deform.adam import Restore
 
 KEEP_EVERY = 250
 """Iterations between two saved states. Saving one takes a fraction of an iteration."""
-SLOWER = 0.5
+SLOWDOWN = 0.5
 """Factor by which learning rates are multiplied at each recovery."""
 ATTEMPTS = 4
 """Recoveries before training fails."""
@@ -46,6 +46,7 @@ class Recovery:
     """
 
     def __init__(self) -> None:
+        """Start without a saved state, at pace 1."""
         self.pace = 1.0
         self._attempts, self._failed = 0, 0
         self._done = 0
@@ -101,7 +102,7 @@ class Recovery:
                 "a wrong image or pose (splatreel capture check), and leave it out. Finished groups are kept."
             ) from error
         self._attempts, self._failed = self._attempts + 1, failed
-        self.pace = SLOWER**self._attempts
+        self.pace = SLOWDOWN**self._attempts
         progress.note(
             f"NaN or infinity at iteration {failed:,} ({str(error).rstrip('.')}): training continues from iteration "
             f"{self._done:,}, at {self.pace:g} times its learning rates"

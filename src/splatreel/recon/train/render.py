@@ -263,6 +263,14 @@ class StaticCache:
     """Frozen static points. Each view projects, colors and sorts them once."""
 
     def __init__(self, gaussians: Gaussians, views: list[View], near: float, device: torch.device) -> None:
+        """Store static points, all of them living.
+
+        Args:
+            gaussians: S static points.
+            views: Views to draw.
+            near: Near plane, world units.
+            device: Device of the tensors.
+        """
         self.views = views
         self.near = near
         self.params = to_params(gaussians, device)

@@ -22,6 +22,15 @@ class FrameSchedule:
     FRONTIER_FRAMES = 3
 
     def __init__(self, frames: int, cameras: int, iterations: int, progressive: float, seed: int) -> None:
+        """Create a schedule.
+
+        Args:
+            frames: Number of frames, T.
+            cameras: Number of cameras.
+            iterations: Iterations of training.
+            progressive: Share of training over which frames are added.
+            seed: Seed of all draws.
+        """
         self.frames, self.cameras = frames, cameras
         self.warm = progressive * iterations
         self.rng = np.random.default_rng(seed)

@@ -10,13 +10,13 @@ from torch import Tensor
 from splatreel.kernels import splat
 from splatreel.recon.train.render import Splats, View
 
-CLEAR = 1e-3
+MIN_ALPHA = 1e-3
 """Alpha below which a pixel shows nothing."""
-LEAST_VARIANCE = 1e-5
+MIN_VARIANCE = 1e-5
 """Variance of log depths below which a pixel shows one surface."""
-APART = 0.45
+MAX_SEPARATION = 0.45
 """Difference of log depths beyond which the cost stops growing: content behind a window is correct."""
-EDGE = 0.05
+EDGE_CONTRAST = 0.05
 """Contrast, 0..1, at which a bend in depth costs a third of its cost in a plain area."""
 
 
@@ -41,7 +41,7 @@ class Depths:
         sums, alpha = splat.rasterize(
             points.means2d, points.conics, powers, points.opacities, points.depths, points.radii, *size
         )
-        return Depths(sums / alpha.clamp_min(CLEAR)[..., None], alpha)
+        return Depths(sums / alpha.clamp_min(MIN_ALPHA)[..., None], alpha)
 
 
 def spread(depths: Depths) -> Tensor:
@@ -51,20 +51,20 @@ def spread(depths: Depths) -> Tensor:
     them are. Mist that fills more than half of a pixel then grows, and captures of plain walls end in it. Here mist only fades.
 
     The first three moments of log depth split a pixel's points into a front layer, and a far layer with a share f of the
-    points. Each layer costs f^2 times its squared distance to the far layer, less if the layers are farther apart than `APART`.
-    The cost is a mean over what the pixel shows, so that opacity itself costs nothing. Log depths do not depend on world units.
+    points. Each layer costs f^2 times its squared distance to the far layer. The cost stops growing at `MAX_SEPARATION`. It is
+    a mean over what the pixel shows, so that opacity itself costs nothing. Log depths do not depend on world units.
 
     Source:
         Barron et al. 2022, equation 15.
     """
     first, second, third = depths.moments.unbind(-1)
     with torch.no_grad():
-        variance = (second - first.square()).clamp_min(LEAST_VARIANCE)
+        variance = (second - first.square()).clamp_min(MIN_VARIANCE)
         skewness = (third - 3 * first * variance - first**3) / variance**1.5
         root = (skewness.square() + 4).sqrt()
         far = first + variance.sqrt() * (skewness + root) / 2
         share = (root - skewness) / (2 * root)
-        weight = depths.alpha * share.square() * (APART**2 / (variance * root.square())).clamp_max(1)
+        weight = depths.alpha * share.square() * (MAX_SEPARATION**2 / (variance * root.square())).clamp_max(1)
     return (weight * (second - 2 * far * first + far.square())).mean()
 
 
@@ -87,6 +87,6 @@ def roughness(depths: Depths, picture: Tensor, span: float) -> Tensor:
     for along in (0, 1):
         before, here, after = (inverse.narrow(along, k, inverse.shape[along] - 2) for k in range(3))
         first, last = (colors.narrow(along, k, inverse.shape[along] - 2) for k in (0, 2))
-        plain = torch.exp((last - first).abs().amax(-1) / -EDGE)
+        plain = torch.exp((last - first).abs().amax(-1) / -EDGE_CONTRAST)
         cost = cost + (plain * (before - 2 * here + after).abs()).mean()
     return cost
