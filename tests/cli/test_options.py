@@ -34,7 +34,7 @@ def test_numbers() -> None:
         ("0,x", "'x' is not a frame"),
         ("0:3", "'0:3' is not a frame"),
         ("3,3", "names '3' twice"),
-        ("-1", "no frame"),
+        ("-1", "is not a frame"),
     ):
         with pytest.raises(UsageError, match=fault):
             parse_numbers(text, "--at")
