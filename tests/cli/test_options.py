@@ -32,9 +32,9 @@ def test_numbers() -> None:
     assert parse_numbers("28, 0", "--at") == [28, 0]
     for text, fault in (
         ("0,x", "'x' is not a frame"),
-        ("0:3", "'0:3' is no frame"),
+        ("0:3", "'0:3' is not a frame"),
         ("3,3", "names '3' twice"),
-        ("-1", "no frame"),
+        ("-1", "is not a frame"),
     ):
         with pytest.raises(UsageError, match=fault):
             parse_numbers(text, "--at")

@@ -78,7 +78,7 @@ def test_job_without_its_input_is_refused(scene: Path, tmp_path: Path) -> None:
 def test_video_of_one_chapter_is_made_by_its_chapter(tmp_path: Path) -> None:
     short = RunSpec(partial(WallCapture, 2), tmp_path, CONFIG, device="cpu")
     assert "needs no shared scene" in job(short, "scene")
-    assert "none for task 1 of 2" in job(short, "chapter", Share(1, 2))
+    assert "task 1 of 2 has none" in job(short, "chapter", Share(1, 2))
     with pytest.raises(ReconstructionError, match="its only chapter is not finished"):
         job(short, "finish")
     assert job(short, "chapter", Share(0, 2)) == f"{tmp_path}: chapter 1 of 1 is finished."
