@@ -40,7 +40,7 @@ function play({ network, latency = 0.03, decode = 0.001, groups = 40 }: World): 
       const came = Math.min(network(time) * 0.02, left);
       pass(0.02);
       left -= came;
-      meter.came(came / 8, 1000 * time);
+      meter.addBytes(came / 8, 1000 * time);
     }
     meter.end(1000 * time);
     pass((decode * OPTIONS[choice].points) / 1000);

@@ -87,7 +87,7 @@ test("what is no reel is called by what it is", async () => {
   const cases: [File[], RegExp][] = [
     [[file(text("ply"), "scene.ply")], /That is not a reel: scene\.ply is a single static scene.*Give the folder/],
     [[file(text("mp4"), "film.MP4")], /film\.MP4 is an ordinary video/],
-    [[file(text("{}"), "manifest.json")], /manifest\.json is one file of a reel/],
+    [[file(text("{}"), "manifest.json")], /manifest\.json is only one file of a reel/],
     [[file(zip([{ name: "a.txt", bytes: text("a") }]))], /a\.zip holds no manifest\.json/],
     [[file(zip([{ name: "a/manifest.json", bytes: text("a") }, { name: "b/manifest.json", bytes: text("a") }]))], /several reels: a\/manifest\.json and b\/manifest\.json/],
     [[], /There is no file/],
