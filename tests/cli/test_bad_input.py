@@ -115,7 +115,10 @@ SPOILED: dict[str, tuple[Callable[[Path], object], list[str]]] = {
         ["scene/cam09.mp4: is neither a file nor a folder", "Remove it from the capture"],
     ),
     "poses in an archive": (two_arrays, ["scene/poses_bounds.npy", "an archive of several arrays"]),
-    "cameras in one place": (lambda s: change_poses(s, gathered), ["scene: all 5 cameras", "have the same position", "poses"]),
+    "cameras in one place": (
+        lambda s: change_poses(s, gathered),
+        ["scene: all 5 cameras", "have the same position", "poses"],
+    ),
     "a camera far off": (
         lambda s: change_poses(s, lost),
         ["scene: camera 'cam02' stands 1e+09", "leave the camera out"],
