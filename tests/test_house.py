@@ -361,3 +361,16 @@ def test_the_paper_map_names_what_exists() -> None:
         if name not in [n.name for n in body if isinstance(n, ast.FunctionDef | ast.ClassDef)]:
             missing.append(f"{file}:{name}")
     assert not missing
+
+
+def test_docstrings_are_not_relative_clauses() -> None:
+    """A docstring starts with a verb or a noun phrase, never with "What" or "How"."""
+    starts = {"What", "How", "Of", "As", "By", "Where", "That", "Who", "Which", "Whether", "Whatever", "Whoever"}
+    found = []
+    for path in [*SOURCE.rglob("*.py"), *(ROOT / "examples").rglob("*.py")]:
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
+                words = (ast.get_docstring(node) or "").split()
+                if words and words[0].strip(",.:") in starts:
+                    found.append(f"{path.relative_to(ROOT)}: {' '.join(words[:6])}")
+    assert not found

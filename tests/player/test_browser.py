@@ -26,11 +26,11 @@ pytestmark = pytest.mark.browser
 DECODE = """async (source) => {
   const worker = new Worker('/decode-worker.js');
   const reply = await new Promise((resolve) => {
-    worker.onmessage = ({data}) => { if (data.content || data.error) resolve(data); };
+    worker.onmessage = ({data}) => { if (data.file || data.error) resolve(data); };
     worker.postMessage({id: 0, source, page: false});
   });
   if (reply.error) throw new Error(reply.error);
-  const {points, alive, offsets} = reply.content;
+  const {points, alive = [], offsets} = reply.file;
   const arrays = {means: points.means, quats: points.quats, scales: points.scales, opacities: points.opacities};
   const rest = points.shDegree ? 3 * ((points.shDegree + 1) ** 2 - 1) : 0;
   arrays.sh = new Float32Array(points.count * (rest + 3));

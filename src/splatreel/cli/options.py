@@ -182,13 +182,11 @@ def parse_renditions(text: str | None) -> tuple[Rate, ...]:
 
 
 @overload
-def reel_folder(path: Path) -> Path:
-    """Return the folder of a reel, also for the output folder of `reconstruct` or `demo`. A URL is returned as it is."""
+def reel_folder(path: Path) -> Path: ...
 
 
 @overload
-def reel_folder(path: str) -> str | Path:
-    """Return the folder of a reel, also for the output folder of `reconstruct` or `demo`. A URL is returned as it is."""
+def reel_folder(path: str) -> str | Path: ...
 
 
 def reel_folder(path: str | Path) -> str | Path:

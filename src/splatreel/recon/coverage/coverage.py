@@ -35,7 +35,7 @@ NAMED = 6
 
 @dataclass(frozen=True)
 class Coverage:
-    """How well the training cameras cover the scene.
+    """Coverage of the scene by the training cameras.
 
     Attributes:
         names: Names of the cameras.
