@@ -131,7 +131,7 @@ def test_reconstruction_is_published_while_it_grows_despite_failures(
     assert main([*command, url]) == 0
     assert seen == [1, 2]  # after each group that group is there, before the next one is made
     assert verify_reel(url).points == verify_reel(out / "reel").points
-    assert f"{url}: all of the reel is there" in capsys.readouterr().err
+    assert f"{url}: the whole reel is published" in capsys.readouterr().err
     assert main([*command, "s3://no-such-bucket/reel"]) == 1
     said = capsys.readouterr().err
     assert said.count("It is tried again.") == 1

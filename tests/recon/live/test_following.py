@@ -19,7 +19,7 @@ from splatreel.progress import Silent, Span
 from splatreel.recon.live.following import Live, reconstruct_following
 from splatreel.recon.pipeline import reconstruct
 from tests.capture.growing.recorder import Recorder
-from tests.capture.growing.test_sound import FPS, clicks, heard
+from tests.capture.growing.test_growing_sound import FPS, clicks, heard
 from tests.capture.test_follower import BEGUN
 from tests.files import contents
 from tests.recon.captures import WallCapture
@@ -194,7 +194,7 @@ def test_retention_deletes_old_groups_and_survives_a_kill(tmp_path: Path, monkey
     source.write(7 * LENGTH + 1)
     keep = 4 / 30 + 1e-6
     with pytest.raises(KeyboardInterrupt):
-        follow(source, out, Director({"group 6: learning": interrupt}), keep=keep)
+        follow(source, out, Director({"group 6: training the motion": interrupt}), keep=keep)
     assert ReelReader(out / "reel").manifest.first_group == 3
     source.end()
     reel = follow(source, out, Director(), keep=keep)
@@ -222,7 +222,7 @@ def test_live_soundtrack_grows_and_survives_a_kill(tmp_path: Path) -> None:
     source, out = recorder(tmp_path / "show", "ts", clicks), tmp_path / "out"
     source.write(BEGUN)
     config = small({"group.length": 10, "group.iterations_per_frame": 1})
-    director = Director({"Group 2 written": lambda: source.write(18), "group 4: learning": interrupt})
+    director = Director({"Group 2 written": lambda: source.write(18), "group 4: training the motion": interrupt})
     with pytest.raises(KeyboardInterrupt):
         follow(source, out, director, config=config)
     assert "Sound: camera cam00, recorded live" in director.told
