@@ -96,7 +96,7 @@ def test_a_clean_environment_plays_a_reel_without_torch(wheel: Path, tmp_path: P
     )
     assert "reconstruct" in run(splatreel, "--help")
     assert "dynamic points" in run(splatreel, "info", golden)
-    assert "whole" in run(splatreel, "verify", golden)
+    assert "complete" in run(splatreel, "verify", golden)
     assert "Gaussians" in run(python, "-c", USE, golden)
     run(splatreel, "export", golden, "--frame", "0", "--out", str(tmp_path / "frame.ply"))
     failed = subprocess.run(

@@ -147,7 +147,7 @@ def test_a_manifest_that_stalls_is_asked_for_again(embed: Page):
     while not asked:
         page.wait_for_timeout(20)
     page.clock.run_for(8100)
-    assert "nothing came" in page.evaluate("r.player.notice")
+    assert "no data arrived" in page.evaluate("r.player.notice")
     page.clock.run_for(1000)
     page.clock.resume()
     page.wait_for_function("r.readyState >= 2")

@@ -56,7 +56,7 @@ def imported(tmp_path: Path, offset: np.ndarray, capsys: pytest.CaptureFixture[s
 
 def test_comparison_names_rounding_as_the_cause(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = imported(tmp_path, FAR, capsys)
-    decibels = float(said.split("pictures have ")[1].split(" dB")[0])
+    decibels = float(said.split("images have ")[1].split(" dB")[0])
     assert decibels < 30
     assert "Warning: below 40 dB" in said
     assert "32-bit numbers are 0.5 apart" in said
@@ -65,7 +65,7 @@ def test_comparison_names_rounding_as_the_cause(tmp_path: Path, capsys: pytest.C
 
 def test_sequence_near_the_origin_has_no_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     said = imported(tmp_path, np.zeros(3), capsys)
-    assert float(said.split("pictures have ")[1].split(" dB")[0]) > 40
+    assert float(said.split("images have ")[1].split(" dB")[0]) > 40
     assert "Warning" not in said
 
 
@@ -76,7 +76,7 @@ def test_comparison_names_a_low_rate_as_the_cause(
     film = write_film(tmp_path / "film", [frame(0)])
     assert main(["import", str(film), "--out", str(tmp_path / "reel"), "--rate", "low"]) == 0
     said = capsys.readouterr().out
-    assert float(said.split("pictures have ")[1].split(" dB")[0]) < 60
+    assert float(said.split("images have ")[1].split(" dB")[0]) < 60
     assert "the rate is low, and --rate high loses less" in said
 
 
@@ -100,7 +100,7 @@ def test_blind_camera_is_named_and_skipped(tmp_path: Path, capsys: pytest.Captur
     assert main(["import", str(film), "--out", str(tmp_path / "reel"), "--cameras", str(file)]) == 0
     said = capsys.readouterr().out
     assert "Cameras that see nothing of the film: cam0." in said
-    assert float(said.split("pictures have ")[1].split(" dB")[0]) < 90
+    assert float(said.split("images have ")[1].split(" dB")[0]) < 90
 
 
 def test_positions_are_centered_before_rounding(tmp_path: Path) -> None:

@@ -95,7 +95,7 @@ def test_failed_chapter_is_retried_by_the_same_command(out: Path, expected: dict
     spoilt = tmp_path / "spoilt"
     spoilt.touch()
     with pytest.raises(
-        ReconstructionError, match=r"1 of 3 chapters failed. chapter 2/3: frame 4 is spoilt. Mend it. What"
+        ReconstructionError, match=r"1 of 3 chapters failed. chapter 2/3: frame 4 is spoilt. Mend it. Finished chapters"
     ):
         reconstruct_here(spec(out, spoilt), workers=2)
     assert (out / "work" / "group0004" / "encoded-group.safetensors").exists()

@@ -106,7 +106,7 @@ def test_without_a_common_disk_checkpoints_are_exchanged(
         bucket.client.delete_object(Bucket=bucket.name, Key=key)
     again = Display()
     assert made_in(bucket, cluster, again) == expected
-    assert again.stages[0][0] == "making 1 chapter"
+    assert again.stages[0][0] == "reconstructing 1 chapter"
 
 
 def node(cpu: int, gpu: int = 0, memory: int = 64 << 30, alive: bool = True) -> dict[str, Any]:

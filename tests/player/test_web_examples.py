@@ -10,7 +10,6 @@ from playwright.sync_api import Page
 
 from splatreel.play.player_page import STATIC
 from tests.golden import GOLDEN
-from tests.player.conftest import browser, bypass_csp, page  # noqa: F401  # fixtures
 from tests.player.hosts import host
 from tests.player.pages import wait_for_picture
 
@@ -52,7 +51,7 @@ def test_versions_of_the_player_are_the_packages() -> None:
         assert package["dependencies"]["splatreel-player"] == version
 
 
-def test_plain_page_plays(page: Page, tmp_path: Path) -> None:  # noqa: F811
+def test_plain_page_plays(page: Page, tmp_path: Path) -> None:
     shutil.copytree(EXAMPLES / "html", tmp_path / "site")
     (tmp_path / "site" / "player").symlink_to(STATIC)
     (tmp_path / "site" / "reel").symlink_to(GOLDEN)
@@ -64,7 +63,7 @@ def test_plain_page_plays(page: Page, tmp_path: Path) -> None:  # noqa: F811
 
 
 @pytest.mark.parametrize("name", ["vite", "react"])
-def test_built_page_plays(page: Page, tmp_path: Path, name: str) -> None:  # noqa: F811
+def test_built_page_plays(page: Page, tmp_path: Path, name: str) -> None:
     with host(build(name, tmp_path)) as site:
         page.goto(site)
         wait_for_picture(page)
