@@ -1,13 +1,12 @@
 """A followed capture can be opened like any other after its end."""
 
-import time
 from contextlib import closing
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from splatreel.capture.follower import open_growing
+from splatreel.capture.follower import Follower, open_growing
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.opening import open_capture
 from splatreel.capture.soundtrack import choose
@@ -48,9 +47,9 @@ def test_recorded_capture_opens_as_followed(kind: str, tmp_path: Path) -> None:
         assert [[marks(image) for image in images] for images in found] == [
             [(camera, frame) for camera in range(len(names))] for frame in range(FRAMES)
         ]
-        while followed.frames < 8:  # its threads count frames in their own time
-            time.sleep(0.02)
-        assert np.array_equal(followed.read(3, 5, names), found[3:8])
+        with Follower(followed, growth, print) as follower:
+            assert follower.wait(8)
+            assert np.array_equal(followed.read(3, 5, names), found[3:8])
         assert again.read(9, 1, names[:1]).shape[0] == 1
         if kind != "pictures":
             choice = choose("auto", again.tracks(), 1.0, 0.0, again.path)

@@ -111,7 +111,7 @@ def test_failed_chapter_is_retried_by_the_same_command(out: Path, expected: dict
     spoilt.unlink()
     display = Display()
     result = reconstruct_here(spec(out, spoilt), workers=2, progress=display)
-    assert display.stages[0][0] == "making 1 chapter"
+    assert display.stages[0][0] == "reconstructing 1 chapter"
     assert re.search(r"\n\S+Z attempt 2 on ", log.read_text())
     status = json.loads((out / "status.json").read_text())
     assert (status["state"], status["chapters"][1]["state"], status["chapters"][1]["error"]) == (
