@@ -20,7 +20,9 @@ def test_config_lists_every_setting_in_the_form_of_set(capsys: pytest.CaptureFix
     assert [line.partition(" = ")[0] for line in lines] == list(sorted_by_section())
     values = parse_settings([line.replace(" = ", "=") for line in lines])
     assert values == {name: setting.of(Config()) for name, setting in settings().items()}
-    assert "group: Settings of the motion of dynamic points within a group (paper section 4.2)" in text
+    assert "group: Settings of the motion of dynamic points within a group (paper section 4.2)" in " ".join(
+        text.split()
+    )
     assert max(len(line) for line in text.splitlines()) <= 120
 
 
