@@ -44,7 +44,7 @@ def test_command_that_is_stopped_for_a_while_goes_on(film: str) -> None:
 
 
 def test_files_stay_where_the_clock_is_set_back(tmp_path: Path) -> None:
-    """What a copy keeps for some hours is not deleted sooner, and not kept for ever, when time jumps."""
+    """A jump of the clock neither shortens the grace period of old files nor extends it forever."""
     reel, there, now = write_reel(tmp_path / "reel"), LocalFolder(tmp_path / "there"), [1e9]
     Publication(reel, there, 2 * HOUR, clock=lambda: now[0]).update()
     first = set(there.sizes())

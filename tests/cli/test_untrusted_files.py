@@ -147,7 +147,7 @@ def test_name_with_a_nul(capsys: pytest.CaptureFixture[str]) -> None:
 @posix
 @pytest.mark.parametrize("closed", [">&-", ">&- 2>&-", "<&- >&- 2>&-"])
 def test_closed_streams(tmp_path: Path, closed: str) -> None:
-    """What is printed goes nowhere, and not into the file that is opened next."""
+    """Printed text is dropped. It does not end up in the next file that is opened."""
     out = tmp_path / "frame.ply"
     command = f'"$0" -m splatreel export "$1" --frame 0 --out "$2" {closed}'
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}

@@ -80,7 +80,7 @@ def test_frames_and_cameras_can_be_chosen(reel: Path, tmp_path: Path) -> None:
 
 
 def test_report_names_training_views(reel: Path, tmp_path: Path) -> None:
-    """As after `--hold-out none`: the reel was trained on the cameras that the capture would hold out."""
+    """A reel made with `--hold-out none` was trained on the cameras that the capture would hold out."""
     report = evaluate(reel, scenes.capture(tmp_path, held_out=["cam01", "cam02"]), frames=[0], out=tmp_path)
     assert report.held_out == []
     text = (tmp_path / "report.md").read_text()

@@ -1,4 +1,4 @@
-"""What pages do with <video> works with <splat-reel>: fragments, preload, frame callbacks, error codes, played ranges."""
+"""Parity of <splat-reel> with <video>: fragments, preload, frame callbacks, error codes, played ranges."""
 
 import json
 import shutil
@@ -27,7 +27,7 @@ def embed(page: Page, server: Server) -> Page:
 
 
 def shot(page: Page) -> np.ndarray:
-    """What the element shows, [H, W, 3] of 0..1."""
+    """Take a screenshot of the element, [H, W, 3] of 0..1."""
     import io
 
     from PIL import Image

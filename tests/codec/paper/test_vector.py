@@ -47,7 +47,7 @@ def test_one_entry_is_the_mean():
 
 
 def test_kmeans_favors_larger_weights():
-    """Of two clouds, the one with a hundred times the weight gets most of the few entries, and its error falls."""
+    """A cloud with a hundred times the weight of another gets most of the entries, and its error falls."""
     rng = np.random.default_rng(0)
     vectors = np.concatenate([rng.normal(0, 1, (500, 6)), rng.normal(20, 1, (500, 6))]).astype(np.float32)
     weights = np.repeat([100.0, 1.0], 500)

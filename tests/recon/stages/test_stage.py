@@ -16,6 +16,7 @@ from splatreel.recon.layering.relighting import RelitPoints
 from splatreel.recon.run.checkpoint import Arrays
 from splatreel.recon.run.job import Job, Plan
 from splatreel.recon.run.store import GroupStore, Store
+from splatreel.recon.run.workload import Workload
 from splatreel.recon.stages.camera_stages import load_poses, save_poses
 from splatreel.recon.stages.group_stages import GROUP_STAGES, restored_rig
 from splatreel.recon.stages.stage import (
@@ -47,6 +48,9 @@ class Square(Stage[int]):
 
     def __init__(self) -> None:
         self.runs = 0
+
+    def seconds(self, work: Workload, frames: int, config: Config) -> float:
+        return 0.0
 
     def run(self, state: GroupState) -> int:
         self.runs += 1

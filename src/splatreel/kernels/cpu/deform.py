@@ -33,6 +33,7 @@ from splatreel.kernels.cpu.project import (
     project_block_backward,
     store_rows,
     store_splats,
+    unit_quaternion,
 )
 from splatreel.kernels.cpu.rows import choose, stack_floats
 from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
@@ -123,18 +124,10 @@ def _kept_area(a, b, c):
 
 
 @njit(inline="always")
-def _unit(block, lane):
-    """Return the normalized quaternion of one lane of a block of four rows, and one over its norm."""
-    w, x, y, z = block[lane], block[LANES + lane], block[2 * LANES + lane], block[3 * LANES + lane]
-    inverse = ONE / max(math.sqrt(w * w + x * x + y * y + z * z), F(1e-12))
-    return w * inverse, x * inverse, y * inverse, z * inverse, inverse
-
-
-@njit(inline="always")
 def _turn_block(quats, dq, out, row):
     """Write the Hamilton products quats * dq / |dq| of a block into four rows of `out`."""
     for lane in range(LANES):
-        w, x, y, z, _ = _unit(dq, lane)
+        w, x, y, z, _ = unit_quaternion(dq, 0, lane)
         a, b, c, d = quats[lane], quats[LANES + lane], quats[2 * LANES + lane], quats[3 * LANES + lane]
         a, b, c, d = product(a, b, c, d, w, x, y, z)
         out[row * LANES + lane], out[(row + 1) * LANES + lane] = a, b
@@ -148,7 +141,7 @@ def _turn_block_backward(quats, dq, d_products, row, d_quats, d_dq):
     The gradient to one factor is the gradient to the product times the conjugate of the other factor, on the same side.
     """
     for lane in range(LANES):
-        w, x, y, z, inverse = _unit(dq, lane)
+        w, x, y, z, inverse = unit_quaternion(dq, 0, lane)
         gw, gx = d_products[row * LANES + lane], d_products[(row + 1) * LANES + lane]
         gy, gz = d_products[(row + 2) * LANES + lane], d_products[(row + 3) * LANES + lane]
         a, b, c, d = product(gw, gx, gy, gz, w, -x, -y, -z)

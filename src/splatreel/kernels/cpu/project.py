@@ -152,10 +152,10 @@ def store_splats(splats, start, count, means2d, conics, depths, radii):
 
 
 @njit(inline="always")
-def _unit(block, lane):
-    """Return the normalized quaternion of one lane, and one over its norm."""
-    w, x = block[QUAT * LANES + lane], block[(QUAT + 1) * LANES + lane]
-    y, z = block[(QUAT + 2) * LANES + lane], block[(QUAT + 3) * LANES + lane]
+def unit_quaternion(block, row, lane):
+    """Return the normalized quaternion of one lane, from row `row` of a block on, and one over its norm."""
+    w, x = block[row * LANES + lane], block[(row + 1) * LANES + lane]
+    y, z = block[(row + 2) * LANES + lane], block[(row + 3) * LANES + lane]
     inverse = ONE / max(math.sqrt(w * w + x * x + y * y + z * z), F(1e-12))
     return w * inverse, x * inverse, y * inverse, z * inverse, inverse
 
@@ -192,7 +192,7 @@ def project_block(points, V, lens, limits, splats):
         X, Y, Z = _to_camera(V, points[lane], points[LANES + lane], points[2 * LANES + lane])
         ahead = near <= Z
         X, Y, Z = choose(ahead, X, ZERO), choose(ahead, Y, ZERO), choose(ahead, Z, ONE)
-        w, x, y, z, _ = _unit(points, lane)
+        w, x, y, z, _ = unit_quaternion(points, QUAT, lane)
         r00, r01, r02, r10, r11, r12, r20, r21, r22 = _rotation(w, x, y, z)
         s0, s1 = points[SCALE * LANES + lane], points[(SCALE + 1) * LANES + lane]
         s2 = points[(SCALE + 2) * LANES + lane]
@@ -276,7 +276,7 @@ def project_block_backward(points, splats, d_splats, V, lens, d_points):
         seen = splats[RADIUS * LANES + lane] > ZERO
         X, Y, Z = _to_camera(V, points[lane], points[LANES + lane], points[2 * LANES + lane])
         X, Y, Z = choose(seen, X, ZERO), choose(seen, Y, ZERO), choose(seen, Z, ONE)
-        w, x, y, z, inverse_norm = _unit(points, lane)
+        w, x, y, z, inverse_norm = unit_quaternion(points, QUAT, lane)
         r00, r01, r02, r10, r11, r12, r20, r21, r22 = _rotation(w, x, y, z)
         s0, s1 = points[SCALE * LANES + lane], points[(SCALE + 1) * LANES + lane]
         s2 = points[(SCALE + 2) * LANES + lane]

@@ -47,7 +47,7 @@ SMALL = Probe(20_000, 320, 180, -4.2, 0.0215, 9)
 """The step took 0.019 s on that machine (AMD Zen 5) when it was idle, and 0.0235 s when it was busy. Costs were measured at both
 times."""
 LARGE = Probe(46_000, 1280, 720, -4.6, 0.172, 5)
-"""As many points as images of this size get. Measured on an Intel Sapphire Rapids, which also has AVX-512, and scaled by the time
+"""Number of points that images of this size get. Measured on an Intel Sapphire Rapids, which also has AVX-512, and scaled by the time
 of the small step on both machines."""
 KERNEL_GAIN = 0.75
 """Time of a step with the present training kernels, as a share of that with the kernels that costs were measured with: 0.73 with

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass, field, replace
 from typing import ClassVar, Generic, TypeVar
 
@@ -157,7 +158,7 @@ class GroupState:
         self.data = replace(self.data, rig=rig)
 
 
-class Stage(Generic[Found]):
+class Stage(ABC, Generic[Found]):
     """One stage of the reconstruction of a group. Its result is saved at once; a stage that is run again loads it.
 
     Attributes:
@@ -180,6 +181,7 @@ class Stage(Generic[Found]):
         """Return True if the stage has something to do for a group."""
         return True
 
+    @abstractmethod
     def seconds(self, work: Workload, frames: int, config: Config) -> float:
         """Return the expected seconds on one thread of the machine that was measured.
 
@@ -188,25 +190,24 @@ class Stage(Generic[Found]):
             frames: Frames of the group, overlap included.
             config: Settings of the run.
         """
-        raise NotImplementedError
 
     def steps(self, state: GroupState) -> int:
         """Return the number of steps of the progress bar."""
         return 1
 
+    @abstractmethod
     def run(self, state: GroupState) -> Found:
         """Compute the result."""
-        raise NotImplementedError
 
     def apply(self, state: GroupState, found: Found) -> None:
         """Put the result, computed or loaded, into the state of the group."""
 
     def pack(self, found: Found) -> Arrays:
-        """Return the result as the arrays of a checkpoint."""
+        """Return the result as the arrays of a checkpoint. Only stages with a checkpoint implement this."""
         raise NotImplementedError
 
     def unpack(self, arrays: Arrays) -> Found:
-        """Return the result from the arrays of a checkpoint."""
+        """Return the result from the arrays of a checkpoint. Only stages with a checkpoint implement this."""
         raise NotImplementedError
 
     def restore_rig(self, rig: Rig, store: GroupStore, own: int) -> Rig:
