@@ -134,7 +134,7 @@ def test_reconstruction_is_published_while_it_grows_despite_failures(
     assert f"{url}: the whole reel is published" in capsys.readouterr().err
     assert main([*command, "s3://no-such-bucket/reel"]) == 1
     said = capsys.readouterr().err
-    assert said.count("It is tried again.") == 1
+    assert said.count("Retrying.") == 1
     assert f"The reel is complete in {out / 'reel'}, but not at s3://no-such-bucket/reel." in said
     assert f"splatreel publish {out / 'reel'} s3://no-such-bucket/reel" in said
     assert verify_reel(out / "reel").groups == 2
