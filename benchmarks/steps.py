@@ -1,4 +1,4 @@
-"""Bytes against held-out quality of a finished run's first group, with the steps that it has and with steps chosen anew.
+"""Bytes against held-out quality of a finished run's first group: with the usual steps, its own, and steps chosen anew.
 
 Nothing is trained: the layer and the group are encoded again from their checkpoints, which may be of an earlier version.
 
@@ -39,7 +39,7 @@ from splatreel.scene.spans import GroupSpan
 from splatreel.scene.static_points import StaticPoints
 
 COARSENESS = EncodeConfig().coarseness
-FACTORS = 1.0, 1.5, 2.2, 3.3
+FACTORS = 0.7, 1.0, 1.5, 2.2, 3.3
 
 
 class FirstGroup:
@@ -120,10 +120,16 @@ def main(
     found = FirstGroup(run, source, cameras.split(",") if cameras else list(source.held_out), moments)
     before = found.score(found.layer.trained, found.stored.group)
     stored, chosen = (found.layer.steps, found.stored.steps), found.choose()
-    old, new = ([found.measure(*steps, factor) for factor in FACTORS] for steps in (stored, chosen))
-    rate = bd_rate(*([(row["bytes"], row["psnr"]) for row in rows] for rows in (old, new)))
+    curves = {
+        name: [found.measure(*steps, factor) for factor in FACTORS]
+        for name, steps in {"usual_steps": (STEPS, STEPS), "stored_steps": stored, "chosen_steps": chosen}.items()
+    }
+    rates = {name: [(row["bytes"], row["psnr"]) for row in rows] for name, rows in curves.items()}
+    bd_rates = {
+        f"bd_rate_to_{name}": bd_rate(rates[f"{name}_steps"], rates["chosen_steps"]) for name in ("usual", "stored")
+    }
     factors = [{key: round(value / asdict(STEPS)[key], 2) for key, value in asdict(steps).items()} for steps in chosen]
-    values = {"before_encoding": before, "stored_steps": old, "chosen_steps": new, "bd_rate": rate, "factors": factors}
+    values = {"before_encoding": before, **curves, **bd_rates, "factors": factors}
     print(values)
     record(f"steps {name}", values, note)
 

@@ -10,9 +10,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from splatreel import threads
 from splatreel.kernels.cpu import rigid as kernel
 from splatreel.kernels.cpu.rigid import Views
 from splatreel.kernels.cpu.scalars import F, finite
+
+
+CHUNKS = 8
+"""Ranges per thread. Patches differ in effort, and the difficult ones are neighbors."""
 
 
 class Template(NamedTuple):
@@ -81,7 +86,8 @@ def initial_moves(
         The moves [Q, 3, 4] float32 and their costs [Q] float32; 0 for patches that were not judged.
     """
     moves, costs = np.empty((len(patches), 3, 4), np.float32), np.zeros(len(patches), np.float32)
-    kernel.initial_moves.over(len(patches), here, last, there, patches, judged, *template, moves, costs)
+    given = here, last, there, patches, judged
+    kernel.initial_moves.over(len(patches), *given, *template, moves, costs, chunks=_chunks())
     return moves, costs
 
 
@@ -110,4 +116,8 @@ def refine_moves(
         template: Reference colors and the views of the later frame.
     """
     given = here, patches, chosen, around, moves.copy(), F(share)
-    kernel.refine_moves.over(len(chosen), *given, *template, moves, costs)
+    kernel.refine_moves.over(len(chosen), *given, *template, moves, costs, chunks=_chunks())
+
+
+def _chunks() -> int:
+    return CHUNKS * threads.count()

@@ -94,10 +94,15 @@ def _pairs(patch, seen):
 
 
 @njit(**FAST)
-def _difference(places, move, pairs, colors, views, unseen=CAP):
-    """Return the mean color difference of the pairs after a move, or `unseen` if at most half of the pairs are still visible."""
-    total, count = ZERO, 0
+def _difference(places, move, pairs, colors, views, unseen=CAP, limit=CAP):
+    """Return the mean color difference of the pairs after a move, or `unseen` if at most half of the pairs are still visible.
+
+    The sum ends early, with some value that is not below `limit`, once the mean cannot be below `limit` anymore.
+    """
+    total, count, most = ZERO, 0, limit * F(pairs.shape[0])
     for p in range(pairs.shape[0]):
+        if total > most:
+            return CAP
         i, c = pairs[p, 0], pairs[p, 1]
         a, b, d = places[i, 0], places[i, 1], places[i, 2]
         x = move[0, 0] * a + move[0, 1] * b + move[0, 2] * d + move[0, 3]
@@ -208,7 +213,7 @@ def refine_moves(first, last, here, patches, chosen, around, given, share, seen,
         pairs = _pairs(patches[t], seen)
         best, cost = given[t].copy(), costs[t]
         for other in around[t]:
-            found = _difference(here, given[other], pairs, colors, views)
+            found = _difference(here, given[other], pairs, colors, views, CAP, cost)
             if found < cost:
                 best, cost = given[other].copy(), found
         center, size = _extent(here, patches[t])
@@ -219,7 +224,7 @@ def refine_moves(first, last, here, patches, chosen, around, given, share, seen,
                 for way in range(12):
                     sign, axis = F(1 - 2 * (way % 2)), way // 2
                     move = _changed(base, center, axis, sign * (shift if axis < 3 else turn))
-                    found = _difference(here, move, pairs, colors, views)
+                    found = _difference(here, move, pairs, colors, views, CAP, cost)
                     if found < cost:
                         best, cost = move, found
                 if cost == before:
