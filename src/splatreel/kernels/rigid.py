@@ -15,7 +15,6 @@ from splatreel.kernels.cpu import rigid as kernel
 from splatreel.kernels.cpu.rigid import Views
 from splatreel.kernels.cpu.scalars import F, finite
 
-
 CHUNKS = 8
 """Ranges per thread. Patches differ in effort, and the difficult ones are neighbors."""
 
