@@ -20,12 +20,12 @@ ROWS = {
     "basketball 320": "Panoptic basketball, 320 wide",
     "basketball 640": "Panoptic basketball, 640 wide",
     "dominoes": "dominoes: a ring of cameras, fast and small",
-    "juggle": "juggle: a dome of cameras, three balls alike, a bat that swings",
-    "studio": "studio: twenty phones, out of step, with exposures that change",
-    "cove": "cove: a dancer before plain white walls",
-    "kitchen": "kitchen: cameras on one side, far things in the window",
-    "yard": "yard: outdoors, ten cameras to train on",
-    "hearth": "hearth: fire, steam, poured water, a screen whose picture changes at once",
+    "juggle": "juggle: a dome of cameras, three identical balls, a swinging bat",
+    "studio": "studio: twenty phones out of sync, changing exposures",
+    "cove": "cove: a dancer before white walls",
+    "kitchen": "kitchen: cameras on one side, distant view in a window",
+    "yard": "yard: outdoors, ten training cameras",
+    "hearth": "hearth: fire, steam, poured water, a screen with cuts",
 }
 """Benchmarks that always have a row, measured or not. Those of single frames get one when they have been recorded."""
 ORACLE, ON_ITS_OWN = "oracle", "each frame on its own"
