@@ -1,7 +1,7 @@
 """What a reel shows at a time, most of all in the overlap of two groups."""
 
 import shutil
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -39,6 +39,15 @@ def test_timeline_shows_first_frame(reel):
     np.testing.assert_array_equal(shown.means, expected.means)
     np.testing.assert_array_equal(shown.opacities, expected.opacities)
     assert (timeline.frames, timeline.fps, timeline.duration) == (10, 10, 1.0)
+
+
+def test_moment_is_an_immutable_dataclass(reel):
+    moment = open_reel(reel).at(FIRST / FPS)
+    halved = replace(moment, opacities=moment.opacities / 2)
+    np.testing.assert_array_equal(halved.rests, moment.rests)
+    np.testing.assert_array_equal(moment[moment.rests].means, moment.means[moment.rests])
+    with pytest.raises(FrozenInstanceError):
+        moment.light = np.zeros(3)
 
 
 def test_render_follows_manifest(tmp_path):
