@@ -1,4 +1,4 @@
-"""What a reel shows at a time, most of all in the overlap of two groups."""
+"""Gaussians and images of a reel at a time, especially in the overlap of two groups."""
 
 import shutil
 from dataclasses import FrozenInstanceError, replace
@@ -119,7 +119,7 @@ def test_timeline_overlap_fades_points(reel, frame, weight):
 
 @pytest.mark.parametrize(("frame", "weight"), [(4.0, 0.0), (4.5, 0.15625), (5.0, 0.5)])
 def test_render_blends_images_between_groups(reel, frame, weight):
-    """That of the old group alone, static points that die with it too, and that of the new one."""
+    """The images of the old and the new group are blended, each with its own static points."""
     reader, timeline = ReelReader(reel), open_reel(reel)
     camera = replace(timeline.manifest.camera, width=64, height=48)
     six, four = reader.layer(0), reader.layer(1)
