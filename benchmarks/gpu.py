@@ -45,7 +45,7 @@ Found = dict[str, Any]
 
 @dataclass(frozen=True)
 class Sizes:
-    """How large what is measured is. scenes: points, width and height of kernels. settings: that differ from the quality's."""
+    """Sizes of the measurements. scenes: points, width and height of kernels. settings: those that differ from the quality's."""
 
     scenes: tuple[tuple[int, int, int], ...] = (*kernels.SCENES, (200_000, 1920, 1080))
     parity: tuple[int, int, int] = (20_000, 320, 240)
@@ -65,7 +65,7 @@ TINY = Sizes(((60, 32, 24),), (60, 32, 24), 60, ((32, 18),), 1, 32, 32, 3, TINY_
 
 @dataclass(frozen=True)
 class Bench:
-    """What all steps share. ends: when the time is over, on the monotonic clock, seconds. device: the GPU's name."""
+    """State that all steps share. ends: end of the available time on the monotonic clock, seconds. device: the GPU's name."""
 
     ends: float
     basketball: Path | None

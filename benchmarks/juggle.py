@@ -80,7 +80,7 @@ def standing() -> Shapes:
 
 
 def moving(seconds: float, without: str = "") -> Shapes:
-    """What moves, less a thing, `balls` or `bat`."""
+    """Everything that moves except one thing, `balls` or `bat`."""
     b = Builder()
     _juggler(b, seconds)
     _batter(b, seconds, without != "bat")

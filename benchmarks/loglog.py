@@ -54,7 +54,7 @@ def charts(lines: Sequence[tuple[str, Sequence[Panel]]]) -> str:
 
 
 class Scale:
-    """Where numbers are on a logarithmic axis. begin: pixels, of its lower end. length: pixels, less than 0 upwards."""
+    """Positions of numbers on a logarithmic axis. begin: pixel of its lower end. length: pixels, negative upwards."""
 
     def __init__(self, values: Sequence[float], begin: float, length: float) -> None:
         low, high = math.log10(min(values)), math.log10(max(values))

@@ -19,7 +19,7 @@ from splatreel.scene.gaussians import Gaussians
 
 
 def differences(points: int, width: int, height: int) -> dict[str, dict[str, float]]:
-    """Of a keyframe's iteration and of a group's: by part, the largest difference as a share of the CPU's largest value.
+    """Compare an iteration of a keyframe and of a group: the largest difference of each part, as a share of the CPU's largest value.
 
     The parts are the loss and the gradients. In the group a quarter of the points moves, before the others, which do not.
     """

@@ -1,4 +1,4 @@
-"""How time and memory of a reconstruction grow with pixels, cameras, threads, workers and frames, one of them at a time.
+"""Growth of a reconstruction's time and memory with pixels, cameras, threads, workers and frames, one at a time.
 
 python benchmarks/scaling.py                         films, measures and records what is not recorded yet
 python benchmarks/scaling.py --only pixels,frames    these only
@@ -44,7 +44,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Case:
-    """What is reconstructed. axis: what it is a value of. width: pixels, four for each three of the height. frames: the film's first.
+    """One measured reconstruction. axis: the quantity that varies. width: pixels, 4/3 of the height. frames: number of first frames.
 
     workers: processes, one thread each where they are several. settings: that differ from draft.
     """
@@ -177,7 +177,7 @@ def in_a_process(function: Callable[..., Any], *arguments: Any) -> Any:
 
 @dataclass
 class Bench:
-    """Where films and runs are, where and how results are recorded. films: as `longest`. apart: calls functions, each by itself."""
+    """Folders of films and runs, and the recording of results. films: see `longest`. apart: calls each function separately."""
 
     out: Path
     results: Path
@@ -296,7 +296,7 @@ def ends(store: "Store") -> list[float]:
 
 
 def source() -> str:
-    """What is reconstructed with: the name that git has for src, with + where files differ from it; `unknown` outside of a checkout.
+    """Return git's name of src, with + if files differ from it; `unknown` outside of a checkout.
 
     Unlike the commit, it stays the same when results are committed.
     """

@@ -146,7 +146,7 @@ def stages(axis: str, some: Sequence[Row]) -> str:
 
 
 def memory(some: Sequence[Row]) -> str:
-    """Whether memory grows with frames: a sentence on the longest film. Empty where it has too few groups."""
+    """Return a sentence on the growth of memory in the longest film; an empty one if it has too few groups."""
     groups = some[-1].get("memory_mb_by_group", []) if some else []
     if len(groups) < 3 or not groups[EARLY]:
         return ""

@@ -98,8 +98,8 @@ class FirstGroup:
 
     def _pictures(self, points: Gaussians, group: Group) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         for frame, truths in zip(self.frames, self.truths, strict=True):
-            parts = [points[group.alive], group.at(float(frame))]
-            moment = Moment(parts, [True, False], group.light_at(float(frame)))
+            parts = [(points[group.alive], True), (group.at(float(frame)), False)]
+            moment = Moment.join(parts, group.light_at(float(frame)))
             for view, truth in zip(self.views, truths, strict=True):
                 yield np.clip(self.render(moment, view), 0, 1), truth
 

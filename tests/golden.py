@@ -150,7 +150,7 @@ def sampled(arrays: dict[str, np.ndarray], values: int = 48, times: tuple[float,
 
 
 def _flat(prefix: str, gaussians: Gaussians) -> dict[str, np.ndarray]:
-    return {f"{prefix}.{field.name}": getattr(gaussians, field.name) for field in fields(gaussians)}
+    return {f"{prefix}.{field.name}": getattr(gaussians, field.name) for field in fields(Gaussians)}
 
 
 def main() -> None:

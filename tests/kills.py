@@ -62,7 +62,7 @@ class Command:
 
 @dataclass(frozen=True)
 class Attempt:
-    """How a process ended. moments: that it came to. stage: where it was."""
+    """End of a process. moments: moments it reached. stage: stage in which it ended."""
 
     code: int
     moments: int
@@ -76,9 +76,9 @@ class Attempt:
 
 @dataclass
 class Found:
-    """Of one command. killed: how often, by stage; refused: how often a full disk stopped it.
+    """Findings about one command. killed: number of kills by stage; refused: number of times that a full disk stopped it.
 
-    different, checkpoints: files that are not as an undisturbed run leaves them, and in what; of the result, and of the run's own work.
+    different, checkpoints: files of the result and of the checkpoints that differ from an undisturbed run, and the difference.
     """
 
     command: str

@@ -1,4 +1,4 @@
-"""What lies in `deploy/`: scripts that keep their arguments, and descriptions of jobs that fit the command."""
+"""Files in `deploy/`: scripts pass their arguments on, and job descriptions match the command."""
 
 import os
 import shlex
@@ -55,7 +55,7 @@ def commands() -> list[list[str]]:
 def test_jobs_of_kubernetes_give_arguments_that_the_command_takes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Whatever is wrong with them ends with 2; here only the capture is missing."""
+    """A wrong argument exits with 2. Here only the capture is missing, which exits with 1."""
     assert len(commands()) == 4
     for command in commands():
         places = {

@@ -106,7 +106,7 @@ def test_imports_only_go_down_the_ladder() -> None:
 
 
 def test_kernels_are_used_by_their_face() -> None:
-    """What lies behind it (how the CPU does it, CUDA, the twin) is imported by `kernels` alone."""
+    """Only `kernels` imports its implementations: the CPU kernels, CUDA and the twin."""
     faces = {path.stem for path in (SOURCE / "kernels").glob("*.py")} - {
         "backend",
         "backends",
@@ -144,7 +144,7 @@ ROOMS_OF_RECON = (
 
 
 def imports_within(room: str) -> dict[str, set[str]]:
-    """Of each folder and file in a room, which others of them it imports."""
+    """Return the imports among the folders and files of a room."""
     found: dict[str, set[str]] = {}
     for path in (SOURCE / room).rglob("*.py"):
         mine = path.relative_to(SOURCE / room).parts[0].removesuffix(".py")
@@ -195,12 +195,12 @@ ROOMS_OF_THE_PLAYER = (
 
 
 def typescript_imports(source: str) -> list[str]:
-    """What a TypeScript file imports of the files beside it, types and what it loads late included."""
+    """Return the local files that a TypeScript file imports, types and dynamic imports included."""
     return re.findall(r"""(?:\bfrom|\bimport)\s*\(?\s*["'](\.{1,2}/[^"']+)["']""", source)
 
 
 def imports_of_the_player() -> dict[str, set[str]]:
-    """Of each file in `player/src`, which others of them it imports: `draw/stage.ts`."""
+    """Return the imports among the files of `player/src`, by names such as `draw/stage.ts`."""
     found = {}
     for path in TYPESCRIPT_FILES:
         names = [(path.parent / name).resolve() for name in typescript_imports(path.read_text(encoding="utf-8"))]
@@ -363,14 +363,28 @@ def test_the_paper_map_names_what_exists() -> None:
     assert not missing
 
 
+RELATIVE = {"What", "How", "Of", "As", "By", "Where", "That", "Who", "Which", "Whether", "Whatever", "Whoever"}
+"""Words that start a relative clause or an answer without its question."""
+
+
 def test_docstrings_are_not_relative_clauses() -> None:
     """A docstring starts with a verb or a noun phrase, never with "What" or "How"."""
-    starts = {"What", "How", "Of", "As", "By", "Where", "That", "Who", "Which", "Whether", "Whatever", "Whoever"}
     found = []
-    for path in [*SOURCE.rglob("*.py"), *(ROOT / "examples").rglob("*.py")]:
+    for path in [*PYTHON_FILES, *(ROOT / "examples").rglob("*.py")]:
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Module | ast.FunctionDef | ast.AsyncFunctionDef | ast.ClassDef):
                 words = (ast.get_docstring(node) or "").split()
-                if words and words[0].strip(",.:") in starts:
+                if words and words[0].strip(",.:") in RELATIVE:
                     found.append(f"{path.relative_to(ROOT)}: {' '.join(words[:6])}")
+    assert not found
+
+
+def test_titles_of_the_players_tests_are_not_relative_clauses() -> None:
+    titles = re.compile(r"""^\s*test\(\s*["'`](\w+)""", re.MULTILINE)
+    found = [
+        f"{path.relative_to(ROOT)}: {word}"
+        for path in (ROOT / "player" / "tests").rglob("*.ts")
+        for word in titles.findall(path.read_text(encoding="utf-8"))
+        if word.capitalize() in RELATIVE
+    ]
     assert not found

@@ -4,9 +4,9 @@ import { BandwidthMeter } from "../src/stream/bandwidth-meter";
 
 const near = (value: number, expected: number): void => assert.ok(Math.abs(value / expected - 1) < 0.01, `${value} is not ${expected}`);
 
-test("nothing is known at first", () => assert.equal(new BandwidthMeter().rate, 0));
+test("the rate is 0 before the first transfer", () => assert.equal(new BandwidthMeter().rate, 0));
 
-test("two transfers at a time share the line", () => {
+test("concurrent transfers share the bandwidth", () => {
   const meter = new BandwidthMeter();
   meter.begin(0);
   meter.begin(0);
@@ -17,7 +17,7 @@ test("two transfers at a time share the line", () => {
   near(meter.rate, 4e6);
 });
 
-test("pauses between transfers do not count, waiting for the first byte does", () => {
+test("idle time does not count; waiting for the first byte does", () => {
   const meter = new BandwidthMeter();
   meter.begin(0);
   meter.addBytes(50_000, 400);
@@ -27,7 +27,7 @@ test("pauses between transfers do not count, waiting for the first byte does", (
   near(meter.rate, 1e6);
 });
 
-test("what was long ago is forgotten", () => {
+test("old transfers are forgotten", () => {
   const meter = new BandwidthMeter();
   meter.begin(0);
   let now = 0;
@@ -37,7 +37,7 @@ test("what was long ago is forgotten", () => {
   near(meter.rate, 1e7);
 });
 
-test("a line that rests may be better than it was", () => {
+test("the estimate rises while the line is idle", () => {
   const meter = new BandwidthMeter();
   meter.begin(0);
   meter.addBytes(125_000, 1000);

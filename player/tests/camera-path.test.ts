@@ -13,7 +13,7 @@ const file = (change: object = {}, keyframe: object = {}): unknown => ({
   format: "splatreel-path", version: 1, loop: false, keyframes: [key(0, at(0)), { ...key(2, at(1)), ...keyframe }], ...change,
 });
 
-test("passes its keyframes at their seconds, and the reel's time goes straight between them", () => {
+test("passes its keyframes on time, and the reel's time is linear between them", () => {
   const path = new CameraPath([key(0, at(0), 5), key(1, at(2), 6), key(4, at(3), 0)], false);
   for (const { at: seconds, time, viewmat } of path.keyframes) {
     assert.deepEqual(path.at(seconds).viewmat.map((v) => Math.round(v * 1e9) / 1e9 + 0), viewmat.map((v) => v + 0));
@@ -24,14 +24,14 @@ test("passes its keyframes at their seconds, and the reel's time goes straight b
   assert.equal(path.seconds, 4);
 });
 
-test("goes on without a kink, and rests between equal keyframes", () => {
+test("is smooth at keyframes, and rests between equal keyframes", () => {
   const path = new CameraPath([key(0, at(0)), key(1, at(1)), key(3, at(2)), key(4, at(2)), key(5, at(4))], false);
   const speed = (seconds: number): number => (x(path, seconds + 1e-4) - x(path, seconds - 1e-4)) / 2e-4;
   assert.ok(Math.abs(speed(1 - 1e-3) - speed(1 + 1e-3)) < 0.02);
   for (const seconds of [3, 3.3, 3.7, 4]) assert.ok(Math.abs(x(path, seconds) - 2) < 1e-9, String(seconds));
 });
 
-test("a loop that ends where it began has no kink there, and begins again", () => {
+test("a closed loop is smooth at its seam, and repeats", () => {
   const ring = [at(0), at(1), at(1, 1), at(0, 1), at(0)].map((viewmat, i) => key(i, viewmat));
   const way = (path: CameraPath, seconds: number): number[] => subtract(eyeOf(path.at(seconds + 1e-4).viewmat), eyeOf(path.at(seconds).viewmat));
   const [open, closed] = [false, true].map((loop) => new CameraPath(ring, loop));
@@ -40,7 +40,7 @@ test("a loop that ends where it began has no kink there, and begins again", () =
   assert.deepEqual(closed.at(4.5), closed.at(0.5));
 });
 
-test("through the cameras: the nearest that was not passed, there and back, without a stop", () => {
+test("the path through the cameras visits the nearest unvisited one, there and back, without a stop", () => {
   assert.deepEqual(nearestFirst(at(0), [at(3), at(0), at(1), at(2)]).map((m) => eyeOf(m)[0] + 0), [0, 1, 2, 3]);
   const path = CameraPath.through(at(0), [at(3), at(0), at(1), at(2)]);
   assert.deepEqual(path.keyframes.map(({ viewmat }) => eyeOf(viewmat)[0] + 0), [0, 1, 2, 3, 2, 1, 0]);
@@ -51,7 +51,7 @@ test("through the cameras: the nearest that was not passed, there and back, with
   assert.ok(x(single, 3) === 0);
 });
 
-test("what is no path says where and what to do", () => {
+test("an invalid path is rejected with the place and the remedy", () => {
   const cases: [unknown, RegExp][] = [
     [[], /a\.json is not a camera path: its format is absent/],
     [file({ version: 2 }), /version is 2.*Update/],
@@ -68,7 +68,7 @@ test("what is no path says where and what to do", () => {
   assert.deepEqual(JSON.parse(JSON.stringify(parsePath(file(), "a.json"))), JSON.parse(JSON.stringify(file())));
 });
 
-test("is where Python says that it is", () => {
+test("has the same poses as in Python", () => {
   const golden = JSON.parse(readFileSync(join(process.cwd(), "../tests/data/golden-paths.json"), "utf8")) as { path: PathFile; moments: { seconds: number; time: number; viewmat: number[] }[] }[];
   for (const { path: document, moments } of golden) {
     const path = parsePath(document, "golden");

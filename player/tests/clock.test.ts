@@ -21,7 +21,7 @@ test("time runs at its rate, within 0 and 16", () => {
   assert.equal(clock.rate, 16);
 });
 
-test("the end stays, or is the beginning", () => {
+test("time stops at the end, or repeats from the beginning", () => {
   const clock = clockOf();
   clock.advance(9);
   assert.deepEqual([clock.seconds, clock.ended, clock.frame], [3, true, 89]);
@@ -30,7 +30,7 @@ test("the end stays, or is the beginning", () => {
   assert.equal(clock.seconds, 0.5);
 });
 
-test("a live reel waits at its edge, or repeats its last group", () => {
+test("a live reel waits at its live edge, or repeats its last group", () => {
   const clock = clockOf(true);
   clock.seek(3);
   assert.equal(clock.advance(1), false);
@@ -40,7 +40,7 @@ test("a live reel waits at its edge, or repeats its last group", () => {
   assert.equal(clock.seconds, 2);
 });
 
-test("a reel whose beginning was dropped keeps its times, and goes round from where it begins", () => {
+test("a reel whose beginning was dropped keeps its times, and loops from its first kept frame", () => {
   const clock = clockOf();
   const groups = Object.assign([], { 1: { firstFrame: 30, frames: 30 }, 2: { firstFrame: 60, frames: 30 } });
   clock.open(new Reel({ ...clock.manifest!, first: 1, groups }));

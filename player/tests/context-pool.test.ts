@@ -17,7 +17,7 @@ class Player implements ContextHolder {
 const three = (): [ContextPool, Player[]] => [new ContextPool(2), [new Player(), new Player(), new Player()]];
 const awake = (players: Player[]): boolean[] => players.map((player) => player.awake);
 
-test("who comes last waits until one is idle, or leaves", () => {
+test("the latest request waits until a context is idle or released", () => {
   const [devices, players] = three();
   for (const player of players) devices.claim(player);
   assert.deepEqual(awake(players), [true, true, false]);
@@ -28,7 +28,7 @@ test("who comes last waits until one is idle, or leaves", () => {
   assert.deepEqual(awake(players), [false, true, true], "who gave its own back has it again");
 });
 
-test("a hand goes before those that play, and takes from who was used longest ago", () => {
+test("user input outranks playback, and takes the least recently used context", () => {
   const [devices, players] = three();
   for (const player of players) devices.claim(player);
   devices.claim(players[0]); // used again
@@ -36,7 +36,7 @@ test("a hand goes before those that play, and takes from who was used longest ag
   assert.deepEqual(awake(players), [true, false, true]);
 });
 
-test("a hand waits for those that are needed", () => {
+test("user input waits while all contexts are needed", () => {
   const [devices, players] = three();
   players[0].needed = players[1].needed = true;
   for (const player of players) devices.claim(player, true);
@@ -47,7 +47,7 @@ test("a hand waits for those that are needed", () => {
   assert.deepEqual(awake(players), [false, true, true]);
 });
 
-test("who leaves while it waits gets none", () => {
+test("a waiting element that is removed gets no context", () => {
   const [devices, players] = three();
   for (const player of players) devices.claim(player);
   devices.leave(players[2]);

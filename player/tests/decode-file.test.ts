@@ -14,7 +14,7 @@ function forged(from: string, to: string): Uint8Array {
 
 const never = (): never => assert.fail("nothing may be decoded");
 
-test("motion coded for the paper's tables only is refused by its name", async () => {
+test("a motion codec of the paper's tables is rejected by name", async () => {
   const file = forged('\\"codec\\":\\"h265\\",', '\\"codec\\":\\"ori\\" ,');
   await assert.rejects(decodeFile(file, "groups/0000.safetensors", never, never), (error: Error) => {
     assert.match(error.message, /^groups\/0000.safetensors cannot be played: its motion has the codec ori, and this player knows h265/);

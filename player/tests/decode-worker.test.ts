@@ -39,7 +39,7 @@ beforeEach(() => {
   FakeWorker.all.length = said.length = handedOver.length = 0;
 });
 
-test("a file is fetched, told of as it comes, decoded, and handed over without a copy", async () => {
+test("a file is fetched with progress, decoded, and transferred without a copy", async () => {
   const bytes = golden("golden-predictive/groups/0000.safetensors");
   host.answer(pieces([bytes.slice(0, 1000), bytes.slice(1000)], "over"));
   await time.until(ask(1, bytes.length));
@@ -50,7 +50,7 @@ test("a file is fetched, told of as it comes, decoded, and handed over without a
   assert.equal(new Set(handedOver).size, handedOver.length);
 });
 
-test("trouble is told, and what cannot be had or decoded says why", async () => {
+test("network trouble is reported, and a failed fetch or decode has a reason", async () => {
   const bytes = golden("golden-predictive/layers/0000.safetensors");
   host.answer(status(503), whole(bytes));
   await time.until(ask(2, bytes.length));
@@ -67,7 +67,7 @@ test("trouble is told, and what cannot be had or decoded says why", async () => 
   assert.equal(failure.plain, PLAIN.damaged);
 });
 
-test("a page is read as JSON, and what is none says so", async () => {
+test("a page is read as JSON; anything else is an error", async () => {
   host.answer(whole('{"groups": [1]}'));
   await time.until(ask(10, 15, true));
   assert.deepEqual(replies(10), [15, [{ id: 10, page: { groups: [1] } }]]);
@@ -76,7 +76,7 @@ test("a page is read as JSON, and what is none says so", async () => {
   assert.deepEqual(replies(11)[1], [{ id: 11, error: "https://page.example/groups/0.bin is damaged: it is not JSON.", plain: PLAIN.damaged }]);
 });
 
-test("a file that is given up is over, and another goes on", async () => {
+test("a canceled file ends, and another continues", async () => {
   const bytes = golden("golden-predictive/layers/0000.safetensors");
   host.answer(pieces([bytes.slice(0, 100)], "silent"), whole(bytes));
   const [given, kept] = [ask(5, bytes.length), ask(6, bytes.length)];
@@ -87,7 +87,7 @@ test("a file that is given up is over, and another goes on", async () => {
   fileOf(6);
 });
 
-test("video tracks are decoded beside each other; a decoder that fails fails the file, and one that dies is not used again", async () => {
+test("video tracks are decoded in parallel; a failed decoder fails the file, and a dead one is not used again", async () => {
   const bytes = golden("golden/groups/0000.safetensors");
   host.answer(whole(bytes));
   const tracks = (id: number): FakeWorker[] => FakeWorker.all.filter(({ posted }) => posted.some((track) => track.samples && track.asked === undefined && ((track.asked = id), true)));

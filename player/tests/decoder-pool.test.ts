@@ -36,7 +36,7 @@ beforeEach(() => {
   pool.onFree = () => void log.push("free");
 });
 
-test("one worker starts at once, the second with the second file, and there is no third", () => {
+test("the first worker starts at once, the second with the second file, and no third starts", () => {
   assert.deepEqual([FakeWorker.all.length, pool.free], [1, true]);
   start("a");
   assert.deepEqual([FakeWorker.all.length, pool.free], [1, true]);
@@ -49,7 +49,7 @@ test("one worker starts at once, the second with the second file, and there is n
   assert.equal(at("c").worker, at("a").worker);
 });
 
-test("a worker that was started before is the first", () => {
+test("a worker that was started early is used first", () => {
   const early = new FakeWorker();
   const other = new DecoderPool(early as unknown as Worker);
   other.start("a", source("a"), 1, receiver("a"));
@@ -59,7 +59,7 @@ test("a worker that was started before is the first", () => {
   assert.equal(early.terminated, true);
 });
 
-test("bytes are counted as they come, over the time in which they come", () => {
+test("received bytes count over the time of their transfer", () => {
   start("a");
   assert.equal(pool.received("a"), 0);
   time.now += 500;
@@ -77,7 +77,7 @@ test("bytes are counted as they come, over the time in which they come", () => {
   assert.equal(pool.received("a"), 0, "it is not being got any more");
 });
 
-test("a file is nearly here once less is missing than comes until the next answer", () => {
+test("a file is almost complete if fewer bytes are missing than one round trip brings", () => {
   start("a");
   assert.equal(pool.isNearlyHere("a"), false);
   time.now += 100;
@@ -99,7 +99,7 @@ test("a file is nearly here once less is missing than comes until the next answe
   assert.equal(pool.isNearlyHere("c"), false, "how fast it comes is not known from the first bytes");
 });
 
-test("how long a point takes to decode follows the last files", () => {
+test("the decoding time per point follows the latest files", () => {
   for (const [name, milliseconds] of [["a", 100], ["b", 200]] as const) {
     start(name);
     say(name, { file: FILE, milliseconds });
@@ -110,7 +110,7 @@ test("how long a point takes to decode follows the last files", () => {
   assert.deepEqual([pool.milliseconds, pool.pace], [7, 1.3], "a file without points says nothing");
 });
 
-test("trouble and failures reach who asked, and the worker goes on", () => {
+test("trouble and failures reach the receiver, and the worker continues", () => {
   start("a");
   say("a", { trouble: "Trying again." });
   say("a", { error: "a is damaged.", plain: PLAIN.damaged });
@@ -119,7 +119,7 @@ test("trouble and failures reach who asked, and the worker goes on", () => {
   assert.equal(FakeWorker.all.length, 1);
 });
 
-test("a worker that dies fails its file, in words for people, and only that", () => {
+test("a worker that dies fails only its own file, with a plain message", () => {
   start("a");
   start("b");
   at("a").worker.die();
@@ -131,7 +131,7 @@ test("a worker that dies fails its file, in words for people, and only that", ()
   assert.match(log[0], /c cannot be decoded \(out of memory\)/);
 });
 
-test("a worker that died is not used again: another takes its place", () => {
+test("a worker that died is replaced", () => {
   start("a");
   start("b");
   const dead = at("a").worker;
@@ -148,14 +148,14 @@ test("a worker that died is not used again: another takes its place", () => {
   assert.deepEqual(log.slice(-4), ["b done", "free", "d done", "free"]);
 });
 
-test("a page is asked for as one, and says nothing of how fast points are decoded", () => {
+test("a page is requested as a page, and does not change the decoding rate", () => {
   pool.start("p", source("p"), null, receiver("p"));
   assert.equal(at("p").worker.posted.at(-1).page, true);
   say("p", { page: { groups: [] } });
   assert.deepEqual([log, pool.milliseconds, pool.pace], [["p done", "free"], 0, 0]);
 });
 
-test("who gives a file up hears no more of it, and its worker is free once it has said so", () => {
+test("a canceled file sends no more messages, and its worker is free after its answer", () => {
   start("a");
   start("b");
   const { worker, id } = at("a");
@@ -172,7 +172,7 @@ test("who gives a file up hears no more of it, and its worker is free once it ha
   pool.cancel("nothing");
 });
 
-test("a worker that dies while a file is given up is free all the same", () => {
+test("a worker that dies during a cancellation is replaced", () => {
   start("a");
   start("b");
   pool.cancel("a");
@@ -180,7 +180,7 @@ test("a worker that dies while a file is given up is free all the same", () => {
   assert.deepEqual([pool.free, log], [true, ["free"]]);
 });
 
-test("in the end all workers end", () => {
+test("closing ends all workers", () => {
   start("a");
   start("b");
   pool.destroy();

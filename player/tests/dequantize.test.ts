@@ -31,13 +31,13 @@ test("unpacks every width", () => {
   }
 });
 
-test("inflates zlib and refuses another size", async () => {
+test("inflates zlib and rejects another size", async () => {
   const plain = Uint8Array.from({ length: 100 }, (_, i) => i % 7);
   assert.deepEqual(await inflate(new Uint8Array(deflateSync(plain)), true, 100), plain);
   await assert.rejects(inflate(plain, false, 99), /100 bytes, expected 99/);
 });
 
-test("linear values are column by column, over each column's range", async () => {
+test("linear values are stored by column, over the range of each column", async () => {
   const file = container("scales", { codec: "linear", bits: 8, min: [0, -1], max: [51, 1] }, Uint8Array.from([0, 5, 255, 0, 255, 0]));
   assert.deepEqual([...(await linear(file, "scales", 3, 2))], [0, -1, 1, 1, 51, -1]);
 });
@@ -47,13 +47,13 @@ test("log values are powers of two", async () => {
   assert.deepEqual([...(await linear(file, "scales", 2, 1))], [2 ** -10, 1]);
 });
 
-test("flags are single bits, and another codec is named", async () => {
+test("flags are single bits, and an unknown codec is named", async () => {
   const file = container("alive", { codec: "bits", count: 10 }, Uint8Array.from([0b101, 0b10]));
   assert.deepEqual([...(await flags(file, "alive"))], [1, 0, 1, 0, 0, 0, 0, 0, 0, 1]);
   await assert.rejects(flags(container("alive", { codec: "rle" }, new Uint8Array(2)), "alive"), /codec "rle"/);
 });
 
-test("half precision", () => {
+test("half precision is decoded", () => {
   const known: [number, number][] = [[0, 0], [1, 0x3c00], [-2, 0xc000], [65504, 0x7bff], [1e6, 0x7bff], [2 ** -24, 1], [2 ** -14, 0x400], [0.333251953125, 0x3555]];
   for (const [value, bits] of known) assert.equal(half(value), bits, String(value));
 });

@@ -25,13 +25,13 @@ beforeEach(() => {
   [received, troubles, life, device.onLine] = [0, [], new AbortController(), true];
 });
 
-test("a file comes at once, and its bytes are told as they come", async () => {
+test("a file downloads at once, and its bytes are reported on arrival", async () => {
   host.answer(pieces([BODY.slice(0, 300), BODY.slice(300)], "over"));
   assert.deepEqual(await get(), BODY);
   assert.deepEqual([received, troubles, host.asked.length, host.asked[0].range, host.asked[0].cache], [1000, [], 1, null, "default"]);
 });
 
-test("a host that fails is asked again, after waits that grow, and past what the browser has kept", async () => {
+test("a failing host is retried with growing waits, without the browser's cache", async () => {
   host.answer(status(503), status(429), unreachable, whole(BODY));
   assert.deepEqual(await get(), BODY);
   for (const [i, least] of [0.3, 1, 2].entries()) assert.ok(waits()[i] >= least && waits()[i] <= 1.5 * least + 0.01, `${waits()}`);
@@ -40,7 +40,7 @@ test("a host that fails is asked again, after waits that grow, and past what the
   assert.match(troubles[2], /Failed to fetch.*Check the address/);
 });
 
-test("a transfer that breaks off goes on where it was", async () => {
+test("an interrupted transfer continues at its offset", async () => {
   host.answer(pieces([BODY.slice(0, 400)], "broken"), pieces([BODY.slice(400, 900)], "over", 206), ranged(BODY));
   assert.deepEqual(await get(), BODY);
   assert.deepEqual(host.asked.map(({ range }) => range), [null, "bytes=400-", "bytes=900-"]);
@@ -48,7 +48,7 @@ test("a transfer that breaks off goes on where it was", async () => {
   assert.match(troubles[1], /ended after 900 of 1000 bytes/);
 });
 
-test("a host that knows no ranges begins anew", async () => {
+test("a host without range requests starts over", async () => {
   host.answer(pieces([BODY.slice(0, 400)], "broken"), whole(BODY), whole(BODY));
   assert.deepEqual(await get(), BODY);
   assert.equal(host.asked.length, 2);
@@ -57,7 +57,7 @@ test("a host that knows no ranges begins anew", async () => {
   assert.deepEqual(host.asked.map(({ range }) => range), [null, "bytes=400-", null]);
 });
 
-test("a transfer that stalls is broken off after eight seconds, a slow one is not", async () => {
+test("a stalled transfer is aborted after eight seconds, a slow one is not", async () => {
   host.answer(pieces([BODY.slice(0, 10)], "silent"), ranged(BODY));
   assert.deepEqual(await get(), BODY);
   assert.ok(waits()[0] >= 8.3 && waits()[0] <= 8.5, `${waits()}`);
@@ -71,14 +71,14 @@ test("a transfer that stalls is broken off after eight seconds, a slow one is no
   assert.deepEqual([host.asked.length, troubles], [1, []]);
 });
 
-test("after five more tries a file is given up, and whoever watches is told of the network", async () => {
+test("a file fails after five retries, and viewers see that the network is the cause", async () => {
   host.answer(status(500));
   await assert.rejects(get(), (error: ReelError) => error instanceof ReelError && error.plain === PLAIN.network && error.message.startsWith(`${URL} cannot be downloaded: it answered 500`));
   assert.equal(host.asked.length, 6);
   assert.equal(time.pending, 0);
 });
 
-test("what will not pass is not asked for again", async () => {
+test("permanent failures are not retried", async () => {
   for (const [code, plain] of [[404, PLAIN.missing], [410, PLAIN.missing], [401, PLAIN.refused], [403, PLAIN.refused]] as const) {
     host.answer(status(code));
     await assert.rejects(get(), { name: "ReelError", plain });
@@ -86,7 +86,7 @@ test("what will not pass is not asked for again", async () => {
   }
 });
 
-test("a file that is not the manifest's is asked for twice more, from its beginning", async () => {
+test("a file that differs from the manifest is requested twice more, from its beginning", async () => {
   const other = BODY.map((byte) => byte ^ 1);
   for (const [wrong, message] of [[[other], /checksum/], [[BODY, BODY.slice(0, 1)], /more than the 1000 bytes/]] as const) {
     host.answer(pieces([...wrong], "over"));
@@ -99,7 +99,7 @@ test("a file that is not the manifest's is asked for twice more, from its beginn
   assert.deepEqual(await get({ ...source, sha256: null } as unknown as typeof source), other);
 });
 
-test("who gives up is not kept waiting, in a transfer or in a pause", async () => {
+test("a cancellation ends a transfer or a wait at once", async () => {
   for (const answer of [pieces([BODY.slice(0, 10)], "silent"), status(503)]) {
     host.answer(answer);
     const promise = download(source, watcher, life.signal);
@@ -116,7 +116,7 @@ test("who gives up is not kept waiting, in a transfer or in a pause", async () =
   assert.equal(host.asked.length, 0);
 });
 
-test("without a network nothing is given up, and it goes on as soon as there is one", async () => {
+test("nothing fails while offline, and downloads continue once online", async () => {
   device.onLine = false;
   host.answer(unreachable);
   const promise = download(source, watcher, life.signal);
@@ -131,7 +131,7 @@ test("without a network nothing is given up, and it goes on as soon as there is 
   assert.deepEqual(await promise, BODY);
 });
 
-test("a host that answers, but not to this page, is told from one that does not answer", async () => {
+test("a host that rejects this page is told apart from one that does not answer", async () => {
   const other = { ...source, url: "https://other.example/a.bin" };
   host.answer((options) => (options.mode === "no-cors" ? new Response() : unreachable(options)));
   await assert.rejects(get(other), { name: "ReelError", plain: PLAIN.refused, message: /pages of https:\/\/page\.example read it.*Access-Control-Allow-Origin/ });
@@ -143,7 +143,7 @@ test("a host that answers, but not to this page, is told from one that does not 
   assert.ok(host.asked.every(({ mode }) => mode === undefined), "the page's own host hides nothing");
 });
 
-test("a manifest is asked for anew each time, twice more at most, and is read across its pieces", async () => {
+test("a manifest is never cached, is retried twice at most, and may arrive in pieces", async () => {
   const bytes = new TextEncoder().encode("größer");
   host.answer(status(503), pieces([bytes.slice(0, 3), bytes.slice(3)], "over"));
   assert.equal(await time.until(downloadText(URL, watcher, life.signal)), "größer");

@@ -21,7 +21,7 @@ function contain(files: Record<string, Uint8Array>): void {
   Object.assign(document, { querySelector: find, getElementById: (id: string) => (id === "splatreel-manifest" ? { textContent: manifest } : null) });
 }
 
-test("a reel that is part of the page is read from it, and checked as any other", async () => {
+test("a reel inside the page is read from it, and checked like any other", async () => {
   const uri = JSON.parse(manifest).layers[0].uri as string;
   const bytes = new Uint8Array(readFileSync(join(GOLDEN, uri)));
   contain({ [`data-reel-file="${uri}"`]: bytes });
@@ -32,7 +32,7 @@ test("a reel that is part of the page is read from it, and checked as any other"
   await assert.rejects(download(sourceOf(found, found.layers[0]), quiet, new AbortController().signal), { name: "ReelError", message: /checksum/ });
 });
 
-test("files of the player in the page take the place of those beside it", async () => {
+test("files of the player inside the page replace those beside it", async () => {
   contain({ 'data-player-file="share.js"': Buffer.from("export const here = 1;"), 'data-player-file="a.wasm"': Uint8Array.of(0, 1) });
   assert.equal(embeddedPlayerFile("share.js")!.type, "text/javascript");
   assert.deepEqual([embeddedPlayerFile("a.wasm")!.type, embeddedPlayerFile("a.wasm")!.size], ["application/wasm", 2]);
@@ -46,7 +46,7 @@ test("files of the player in the page take the place of those beside it", async 
   assert.equal(await loadPart("other.js", () => Promise.resolve("beside")), "beside");
 });
 
-test("a picture of a reel on this machine has one address, until it is closed", async () => {
+test("an image of a local reel has one address until the reel is closed", async () => {
   contain({ 'data-reel-file="poster.jpg"': Uint8Array.of(1, 2, 3) });
   const found = await readManifest(embeddedReel());
   const picture = { uri: "poster.jpg", bytes: 3, sha256: null };

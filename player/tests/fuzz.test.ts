@@ -2,7 +2,7 @@
 import { test } from "node:test";
 import { fuzz } from "../fuzz/reader";
 
-test("whatever is done to a file, it decodes or a ReelError names it", async () => {
+test("any edited file decodes or raises a ReelError that names it", async () => {
   let state = 1;
   const random = (below: number): number => {
     state = (Math.imul(state, 1664525) + 1013904223) >>> 0;

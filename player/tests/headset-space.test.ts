@@ -13,7 +13,7 @@ const eyeAt = (x: number, y: number, z: number): number[] => [1, 0, 0, 0, 0, 1, 
 const PROJECTION = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1, -1, 0, 0, -0.2, 0];
 const close = (a: number[], b: number[]): void => a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-9, `${a} is not ${b}`));
 
-test("people stand where the view was, with their eyes 1.6 m above the floor", () => {
+test("the viewer stands at the view, with the eyes 1.6 m above the floor", () => {
   const room = new HeadsetSpace(MANIFEST, VIEWMAT, true);
   assert.equal(room.meters, 0.5); // the cameras' four units are two meters
   const view = room.view(eyeAt(0, 1.6, 0), PROJECTION, 200, 100, 0.01);
@@ -21,31 +21,31 @@ test("people stand where the view was, with their eyes 1.6 m above the floor", (
   close([view.fx, view.fy, view.cx, view.cy], [100, 50, 100, 50]);
 });
 
-test("a step in the room is a step in the world, in meters", () => {
+test("a step in the room is a step in the scene, in meters", () => {
   const room = new HeadsetSpace(MANIFEST, VIEWMAT, true);
   // A meter to the right, half a meter up and a meter ahead of where people began.
   close(eyeOf(room.view(eyeAt(1, 2.1, -1), PROJECTION, 200, 100, 0.01).viewmat), [2, -1, -2]);
 });
 
-test("without a floor the eyes are where the view was", () => {
+test("without a floor the eyes are at the view", () => {
   close(new HeadsetSpace(MANIFEST, VIEWMAT, false).view(eyeAt(0, 0, 0), PROJECTION, 10, 10, 0.01).viewmat, VIEWMAT);
 });
 
-test("who looked down stands upright all the same", () => {
+test("a viewer who looked down stands upright", () => {
   const down = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 4, 0, 0, 0, 1]; // forward is +y, the top of the picture +z
   const { viewmat } = new HeadsetSpace(MANIFEST, down, false).view(eyeAt(0, 0, 0), PROJECTION, 10, 10, 0.01);
   close(viewmat.slice(8, 11), [0, 0, 1]);
   close(viewmat.slice(4, 7), [0, 1, 0]);
 });
 
-test("a room stands as the reel's up says, however the camera was held", () => {
+test("the room follows the reel's up direction, however the camera was rolled", () => {
   const leaning = { ...MANIFEST, up: [0.6, -0.8, 0] } as Manifest;
   const { viewmat } = new HeadsetSpace(leaning, VIEWMAT, false).view(eyeAt(0, 0, 0), PROJECTION, 10, 10, 0.01);
   close(viewmat.slice(4, 7), [-0.6, 0.8, 0]); // the picture's down
   close(viewmat.slice(8, 11), [0, 0, 1]);
 });
 
-test("eyes that look past each other have their middles off the picture's", () => {
+test("eyes with asymmetric frusta have principal points off the image center", () => {
   const skewed = [...PROJECTION];
   [skewed[8], skewed[9]] = [0.1, -0.2];
   const { cx, cy } = new HeadsetSpace(MANIFEST, VIEWMAT, true).view(eyeAt(0, 1.6, 0), skewed, 200, 100, 0.01);

@@ -9,7 +9,7 @@ import { parseContainer } from "../src/reel/container";
 const bytes = new Uint8Array(readFileSync("../tests/data/golden/groups/0000.safetensors"));
 const video = parseContainer(bytes, "golden").tensors.offsets.bytes;
 
-test("finds the three tracks and what decoders want to know about them", () => {
+test("finds the three tracks and their decoder settings", () => {
   const tracks = parseMp4(video, 100);
   assert.deepEqual(tracks.map((track) => track.name), ["hi", "lo", "rot"]);
   assert.deepEqual(tracks.map((track) => track.samples.length), [8, 8, 8]);
@@ -21,11 +21,11 @@ test("finds the three tracks and what decoders want to know about them", () => {
   }
 });
 
-test("a video that is cut off is refused", () => {
+test("a truncated video is rejected", () => {
   for (const size of [0, 40, 1000, video.length - 1]) assert.throws(() => parseMp4(video.slice(0, size), 100), { name: "ReelError" });
 });
 
-test("a file that is cut off is refused and named", () => {
+test("a truncated file is rejected by name", () => {
   for (const size of [0, 7, 100, bytes.length - 1]) assert.throws(() => parseContainer(bytes.slice(0, size), "g.safetensors"), /g\.safetensors is damaged/);
 });
 

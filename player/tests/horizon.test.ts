@@ -190,7 +190,7 @@ test("a double click turns by yaw and pitch, and stays level all the way", () =>
   }
 });
 
-test("a camera that is rolled shows as it is, and is levelled by a hand, little by little", () => {
+test("a rolled camera is shown as it is, and dragging levels it gradually", () => {
   const camera = new OrbitCamera(reel([cameraAt(0, 10, 2)]));
   assert.ok(Math.abs(Math.abs(rollOf(camera, UP)) - 2) < 1e-6);
   camera.step(1);
@@ -203,7 +203,7 @@ test("a camera that is rolled shows as it is, and is levelled by a hand, little 
   assert.ok(Math.abs(rollOf(camera, UP)) < 1e-3);
 });
 
-test("a camera that looks straight down shows as it is, and a hand does not spin it", () => {
+test("a camera that looks straight down is shown as it is, and dragging does not spin it", () => {
   for (const turn of [0, 100, 200, 300]) {
     const right = rotate([1, 0, 0], UP, turn * DEGREE);
     const forward = normalize([0.01, 1, 0.02]);

@@ -97,7 +97,7 @@ function both<T>(run: (kernels: Kernels) => T): T | string {
   return first;
 }
 
-test("levels and fields of random points", () => {
+test("the kernels build levels and fields of random points as TypeScript does", () => {
   for (const count of [1, 2, 3, 127, 128, 129, 1000]) {
     const quantized = randomLattice(count);
     const levels = plain.levelsOf(quantized);
@@ -111,12 +111,12 @@ test("levels and fields of random points", () => {
   }
 });
 
-test("coinciding points", () => {
+test("coinciding points are handled", () => {
   const quantized = new Float64Array(3 * 500).fill(7);
   assert.deepEqual(fast.levelsOf(quantized), plain.levelsOf(quantized));
 });
 
-test("textures and rows of random coefficients", () => {
+test("the kernels fill textures and rows from random coefficients", () => {
   const forms: [Form, number][] = [
     [{ turn: "nothing", rest: [0, 0, 0, 0], most: 65535 }, 3],
     [{ turn: "quaternion", rest: [1, 0, 0, 0], most: 255 }, 3],
@@ -138,7 +138,7 @@ test("textures and rows of random coefficients", () => {
   }
 });
 
-test("streams that end too early, run too long or hold too much", () => {
+test("entropy-coded streams that are too short, too long or too large are rejected", () => {
   const levels = plain.levelsOf(randomLattice(200));
   const shifts = new Uint8Array(200);
   const run = (data: Uint8Array): unknown => both((kernels) => kernels.decodeLod(data, 1, levels, shifts));
@@ -153,7 +153,7 @@ test("streams that end too early, run too long or hold too much", () => {
   assert.equal(run(steep), "a section decodes to numbers that are too large");
 });
 
-test("golden files, whole and damaged", async () => {
+test("golden files decode, and damaged ones are rejected", async () => {
   for (const folder of ["golden-predictive/layers", "golden-predictive/groups"]) {
     for (const name of readdirSync(join(DATA, folder))) {
       const whole = new Uint8Array(readFileSync(join(DATA, folder, name)));

@@ -41,7 +41,7 @@ async function keyboard(): Promise<Keyboard> {
   return { fake, done, press: (key, more = {}, target = host) => send("keydown", key, more, target), release: (key) => void send("keyup", key, {}, host) };
 }
 
-test("keys go through time, and no farther than it goes", async () => {
+test("keys seek within the reel", async () => {
   const { fake, press } = await keyboard();
   const times: [string, number][] = [["5", 30], ["ArrowRight", 35], ["l", 45], ["j", 35], ["ArrowLeft", 30], ["End", 60], ["ArrowRight", 60], ["Home", 0], ["ArrowLeft", 0], [".", 0.1], [",", 0]];
   for (const [key, seconds] of times) {
@@ -50,7 +50,7 @@ test("keys go through time, and no farther than it goes", async () => {
   }
 });
 
-test("faster and slower go through the rates, from one that is none of them too", async () => {
+test("faster and slower step through the rates, also from another rate", async () => {
   const { fake, press } = await keyboard();
   for (const [key, rate] of [[">", 1.25], [">", 1.5], [">", 2], [">", 2], ["<", 1.5]] as const) {
     press(key);
@@ -61,14 +61,14 @@ test("faster and slower go through the rates, from one that is none of them too"
   assert.equal(fake.player.playbackRate, 0.5);
 });
 
-test("each action has its key, in either case", async () => {
+test("each action has a key, in lower and upper case", async () => {
   const { press, done } = await keyboard();
   for (const key of [" ", "K", "f", "v", "r", "c", "i", "p", "?", "Escape"]) press(key);
   assert.deepEqual(done, ["toggle", "toggle", "fullscreen", "headset", "reset", "fly", "statistics", "picture", "help", "escape"]);
   assert.equal(press("x"), false, "it means nothing here");
 });
 
-test("keys of the browser and of what has the focus are left alone", async () => {
+test("keys of the browser and of the focused control are ignored", async () => {
   const { press, done } = await keyboard();
   for (const held of ["ctrlKey", "metaKey", "altKey"]) assert.equal(press("f", { [held]: true }), false);
   const text = new Target("input[type=text]");
@@ -80,7 +80,7 @@ test("keys of the browser and of what has the focus are left alone", async () =>
   assert.deepEqual(done, ["escape", "fullscreen"]);
 });
 
-test("the camera goes as long as keys are down, and stops when they are let go or the page is left", async () => {
+test("the camera moves while keys are down, and stops when they are released or the page loses focus", async () => {
   const { fake, press, release } = await keyboard();
   const x = (): number => fake.player.camera!.viewmat[3];
   const moves = async (): Promise<number> => {

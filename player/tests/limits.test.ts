@@ -26,7 +26,7 @@ const settle = (camera: OrbitCamera): Vec3 => {
   return eyeOf(camera.viewmat);
 };
 
-test("within the limits nothing is moved or faded", () => {
+test("nothing is moved or faded within the limits", () => {
   const limits = new Limits(manifest(given));
   for (const eye of [place(0), place(30), place(-34), [0, -0.9, -3.9] as Vec3]) {
     assert.ok(length(subtract(limits.eye(eye), eye)) < 1e-9, String(eye));
@@ -34,7 +34,7 @@ test("within the limits nothing is moved or faded", () => {
   }
 });
 
-test("the nearest place within is at the limit that was passed", () => {
+test("the nearest allowed pose lies at the limit that was passed", () => {
   const limits = new Limits(manifest(given));
   assert.ok(Math.abs(sideOf(limits.eye(place(80))) - 35) < 1e-6);
   assert.ok(Math.abs(length(limits.eye([0, 0, -20])) - 8) < 1e-9);
@@ -42,7 +42,7 @@ test("the nearest place within is at the limit that was passed", () => {
   assert.ok(Math.abs(limits.eye([0, 3, -4])[1] - 0.5) < 1e-9); // half a unit below the focus, y points down
 });
 
-test("a picture fades the more, the farther it is from where cameras looked; not without a limit, not from the inside", () => {
+test("images fade with the distance from the captured views, but not without limits or inside of them", () => {
   const limits = new Limits(manifest(given));
   const fades = [36, 50, 65, 90, 180].map((angle) => limits.fade(place(angle)));
   assert.ok(fades[0] > 0 && fades[0] < 0.01);
@@ -52,7 +52,7 @@ test("a picture fades the more, the farther it is from where cameras looked; not
   assert.equal(new Limits(manifest(null)).fade(place(180)), 0);
 });
 
-test("who turns beyond the cameras is brought back once they let go, and the horizon stays level", () => {
+test("a view beyond the cameras returns when the drag ends, and the horizon stays level", () => {
   const camera = new OrbitCamera(manifest(given));
   camera.hold();
   camera.orbit(-1.5, 0.1);
@@ -67,7 +67,7 @@ test("who turns beyond the cameras is brought back once they let go, and the hor
   assert.ok(length([m[3], m[7], m[11] - 4]) < 0.05, "the middle is still in the middle");
 });
 
-test("below the floor one is lifted even while the hand holds, and at a limit of distance stops", () => {
+test("the camera is lifted above the floor during a drag, and stops at the distance limits", () => {
   const camera = new OrbitCamera(manifest(given));
   camera.hold();
   camera.walk(0, 1, 0);

@@ -6,24 +6,24 @@ import { linkTo, startOf } from "../src/camera/link";
 const turns: Quat[] = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], normalized([0.3, -0.5, 0.7, 0.2]), normalized([-0.1, 0.9, 0.2, -0.6])];
 const close = (a: number[], b: number[]): void => a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-4, `${a} is not ${b}`));
 
-test("turns come back from their axes", () => {
+test("a rotation is recovered from its axis and angle", () => {
   for (const turn of turns) for (const [i, axis] of axesOf(turn).entries()) close(axis, axesOf(quatOf(axesOf(turn)))[i]);
 });
 
-test("half way between two turns is half the angle, the shorter way", () => {
+test("interpolation of two rotations takes the shorter way", () => {
   const c = Math.SQRT1_2;
   close(slerp([1, 0, 0, 0], [c, 0, 0, c], 0.5), [Math.cos(Math.PI / 8), 0, 0, Math.sin(Math.PI / 8)]);
   close(slerp([1, 0, 0, 0], [-c, 0, 0, -c], 0.5), [Math.cos(Math.PI / 8), 0, 0, Math.sin(Math.PI / 8)]);
 });
 
-test("a link holds a time and a pose", () => {
+test("a link contains a time and a pose", () => {
   const start = { seconds: 1.25, view: { eye: [1, -2.5, 3] as [number, number, number], turn: turns[4], distance: 4 } };
   const read = startOf(linkTo("https://host/page?src=a#old", start));
   assert.equal(read.seconds, 1.25);
   close([...read.view!.eye, ...read.view!.turn, read.view!.distance], [1, -2.5, 3, ...turns[4], 4]);
 });
 
-test("what a link does not hold, or not right, is left as it is", () => {
+test("missing or invalid parts of a link change nothing", () => {
   for (const end of ["", "#", "#t=x&view=1,2,3", "#view=0,0,0,0,0,0,0,1", "#view=1,2,3,1,0,0,0,nan"]) {
     assert.deepEqual(startOf(`https://host/${end}`), { seconds: null, view: null });
   }

@@ -5,7 +5,7 @@ import { LoadProgress } from "../src/stream/load-progress";
 const here: Record<string, number> = { layer: 0, group: 0 };
 const measure = (key: string): { bytes: number; here: number } => ({ bytes: 100, here: here[key] });
 
-test("what came during a wait counts until nothing is missing", () => {
+test("bytes received during a wait count until nothing is missing", () => {
   const awaited = new LoadProgress();
   assert.equal(awaited.progress(measure), 1);
   awaited.expect(["layer", "group"], ["layer", "group"]);
@@ -20,7 +20,7 @@ test("what came during a wait counts until nothing is missing", () => {
   assert.equal(awaited.progress(measure), 1);
 });
 
-test("a wait for something else begins at nothing", () => {
+test("progress of another wait begins at 0", () => {
   const awaited = new LoadProgress();
   awaited.expect(["layer", "group"], ["group"]);
   here.group = 0;

@@ -16,7 +16,7 @@ const packed = (bytes: Uint8Array): LocalFile => ({ blob: new Blob([deflateRawSy
 const golden = (pack: (bytes: Uint8Array) => LocalFile): LocalFiles => new LocalFiles("golden", (uri) => pack(readFileSync(join(GOLDEN, uri))));
 const read = (source: Source): Promise<Uint8Array> => download(source, quiet, new AbortController().signal);
 
-test("a reel on this machine is read as one on the network, packed or not", async () => {
+test("a local reel is read like one on the network, packed or not", async () => {
   for (const pack of [plain, packed]) {
     const manifest = await readManifest(golden(pack));
     const file = manifest.groups[0];
@@ -27,7 +27,7 @@ test("a reel on this machine is read as one on the network, packed or not", asyn
   }
 });
 
-test("a file that is missing, cut off, too long or changed says so, at once", async () => {
+test("a missing, truncated, too long or changed file is reported at once", async () => {
   const bytes = new Uint8Array([1, 2, 3, 4]);
   const sha256 = "9f64a747e1b97f131fabb6b447296c9b6f0201e79fb3c5356e6c77e89b6a806a";
   const source = { url: "file:///x/a.bin", bytes: 4, sha256, part: plain(bytes) };
@@ -44,7 +44,7 @@ test("a file that is missing, cut off, too long or changed says so, at once", as
   await assert.rejects(readManifest(none), { name: "ReelError", message: /x is not a reel: it has no manifest\.json/ });
 });
 
-test("what inflates to far more than the manifest says is given up early", async () => {
+test("a file that inflates far beyond the manifest's size is rejected early", async () => {
   const bomb = deflateRawSync(Buffer.alloc(64 << 20));
   let received = 0;
   const source = { url: "file:///x/a.bin", bytes: 1000, sha256: null, part: { blob: new Blob([bomb as BlobPart]), deflated: true } };

@@ -89,11 +89,11 @@ function documents(): Record<string, unknown>[] {
   });
 }
 
-test("a manifest that is whole is read", () => {
+test("an undamaged manifest is read", () => {
   for (const document of documents()) check(parseManifest(document, URL));
 });
 
-test("a damaged manifest is read and holds what the player counts on, or a ReelError says what is wrong", () => {
+test("a damaged manifest has valid values or raises a ReelError with the reason", () => {
   let refused = 0;
   for (let i = 0; i < 1500; i++) {
     const document = documents()[i % 8];
@@ -110,7 +110,7 @@ test("a damaged manifest is read and holds what the player counts on, or a ReelE
   assert.ok(refused > 300 && refused < 1450, `${refused} of 1500 were refused`);
 });
 
-test("a damaged page is read and holds what the player counts on, or a ReelError says which it is", () => {
+test("a damaged page has valid values or raises a ReelError that names it", () => {
   const manifest = parseManifest(JSON.parse(TEXTS[2]), URL);
   const texts = manifest.pages.map(({ uri }) => readFileSync(join(process.cwd(), "../tests/data/golden-long", uri), "utf8"));
   let refused = 0;
@@ -128,7 +128,7 @@ test("a damaged page is read and holds what the player counts on, or a ReelError
   assert.ok(refused > 150 && refused < 780, `${refused} of 800 were refused`);
 });
 
-test("a text that is cut off, or no JSON, is refused in words", async () => {
+test("truncated text and other text than JSON are rejected with a message", async () => {
   const quiet = { received: () => undefined, trouble: () => undefined };
   for (let length = 0; length < TEXTS[0].length - 2; length += 97) {
     const early = Promise.resolve(TEXTS[0].slice(0, length));

@@ -24,13 +24,13 @@ function withRenditions(document: Document): void {
   }
 }
 
-test("a reel without renditions has none to choose from", () => {
+test("a reel without renditions offers no choice", () => {
   assert.deepEqual(parseManifest(JSON.parse(TEXT), URL).renditions, []);
   const one = edited((document) => (document.renditions = [{ name: "high", bytes: 1 }]));
   assert.deepEqual(parseManifest(one, URL).renditions, []);
 });
 
-test("behind everything is the manifest's background, or black", () => {
+test("the background is the manifest's, or black", () => {
   assert.deepEqual(parseManifest(JSON.parse(TEXT), URL).background, [0, 0, 0]);
   assert.deepEqual(parseManifest(edited((document) => (document.background = [0, 0.5, 1])), URL).background, [0, 0.5, 1]);
   for (const bad of [null, "grey", [0.1, 0.2], [0, 0, 1.5], [0, -0.1, 0]]) {
@@ -38,7 +38,7 @@ test("behind everything is the manifest's background, or black", () => {
   }
 });
 
-test("a viewer has the room that the manifest says, or none", () => {
+test("the clearance is the manifest's, or none", () => {
   assert.equal(parseManifest(JSON.parse(TEXT), URL).clearance.share, 0);
   const clearance = { focus: [1, -2, 3], share: 0.3 };
   assert.deepEqual(parseManifest(edited((document) => (document.clearance = clearance)), URL).clearance, clearance);
@@ -57,7 +57,7 @@ test("each group has a file in every rendition", () => {
   assert.deepEqual([low.bytes, low.points, low.firstFrame, low.frames, low.group], [101, 7, second.firstFrame, second.frames, 1]);
 });
 
-test("renditions that are not whole are refused", () => {
+test("incomplete renditions are rejected", () => {
   const changes: ((document: Document) => void)[] = [
     (d) => delete d.groups[1].renditions,
     (d) => delete d.groups[0].renditions.low.uri,
@@ -86,7 +86,7 @@ function presented(document: Document): void {
   });
 }
 
-test("what a manifest says for people is read, and may be absent", () => {
+test("title, author and the other presentation fields are read, and may be absent", () => {
   const none = parseManifest(JSON.parse(TEXT), URL).presentation;
   assert.deepEqual([none.title, none.poster, none.thumbnails, none.sound, none.limits], ["", null, null, null, null]);
   const { title, poster, thumbnails, sound, limits } = parseManifest(edited(presented), URL).presentation;
@@ -97,7 +97,7 @@ test("what a manifest says for people is read, and may be absent", () => {
   assert.deepEqual(limits, { focus: [0, 1, 0], angle: 25, distance: null, floor: null });
 });
 
-test("what makes no sense there is refused", () => {
+test("invalid presentation fields are rejected", () => {
   const bad: [string, (document: Document) => void][] = [
     ["text", (d) => (d.title = 7)],
     ["poster path", (d) => (d.poster.uri = "https://example.org/x.jpg")],

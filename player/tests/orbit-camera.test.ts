@@ -30,7 +30,7 @@ test("orbiting keeps the pivot in place and the distance to it", () => {
   assert.ok(Math.abs(length(eyeOf(camera.viewmat)) - 4) < 1e-6);
 });
 
-test("what is in front follows the drag", () => {
+test("the foreground follows the drag", () => {
   const camera = new OrbitCamera(manifest);
   camera.orbit(0.1, 0);
   assert.ok(pixel(camera, [0, 0, -1])[0] > 80);
@@ -39,7 +39,7 @@ test("what is in front follows the drag", () => {
   assert.ok(pixel(camera, [0, 0, -1])[1] > 60);
 });
 
-test("never goes over the pole", () => {
+test("never crosses the pole", () => {
   const camera = new OrbitCamera(manifest);
   for (let i = 0; i < 100; i++) camera.orbit(0, 0.2);
   assert.ok(Math.abs(camera.viewmat[9]) < 1);
@@ -52,7 +52,7 @@ test("panning moves the pivot by as many pixels", () => {
   close(pixel(camera, [0, 0, 0]), [90, 54]);
 });
 
-test("zooming changes the distance only, and stays in bounds", () => {
+test("zooming changes only the distance, within bounds", () => {
   const camera = new OrbitCamera(manifest);
   camera.zoom(0.5);
   close(eyeOf(camera.viewmat), [0, 0, -2]);
@@ -60,7 +60,7 @@ test("zooming changes the distance only, and stays in bounds", () => {
   assert.ok(length(subtract(eyeOf(camera.viewmat), [0, 0, 0])) > 0.01);
 });
 
-test("a flick dies away", () => {
+test("a flick slows down and stops", () => {
   const camera = new OrbitCamera(manifest);
   camera.flick(3, 0);
   let steps = 0;
@@ -68,7 +68,7 @@ test("a flick dies away", () => {
   assert.ok(steps > 10 && steps < 120, String(steps));
 });
 
-test("reset glides back, and at once for people who want it calm", () => {
+test("reset glides back, or jumps with reduced motion", () => {
   for (const calm of [false, true]) {
     const camera = new OrbitCamera(manifest, undefined, calm);
     camera.orbit(0.5, 0.2);
@@ -80,7 +80,7 @@ test("reset glides back, and at once for people who want it calm", () => {
   }
 });
 
-test("a key moves the camera as long as it is down", () => {
+test("a key moves the camera while it is down", () => {
   const camera = new OrbitCamera(manifest);
   camera.steer({ yaw: 0, pitch: 0, right: 0, down: 0, forward: 0.5, zoom: 0 });
   for (let i = 0; i < 30; i++) camera.step(1 / 60);
@@ -92,7 +92,7 @@ test("a key moves the camera as long as it is down", () => {
   assert.ok(steps < 120);
 });
 
-test("who goes too far is brought back once they let go", () => {
+test("a view that is too far returns when the drag ends", () => {
   const camera = new OrbitCamera(manifest);
   camera.hold();
   camera.zoom(10);
@@ -104,7 +104,7 @@ test("who goes too far is brought back once they let go", () => {
   close(pixel(camera, [0, 0, 0]), [80, 60]);
 });
 
-test("a pose that a page sets is not touched by the limits", () => {
+test("the limits do not change a pose set by the page", () => {
   const camera = new OrbitCamera(manifest);
   const far = [...viewmat.slice(0, 11), 100, 0, 0, 0, 1];
   camera.viewmat = far;
@@ -121,7 +121,7 @@ test("focus turns to the point and orbits about it", () => {
   close(pixel(camera, [1, 0.5, 0]), [80, 60]);
 });
 
-test("an upright screen shows a wide picture over most of its height, a wide one as before", () => {
+test("a portrait screen shows a wide image over most of its height; a landscape screen is unchanged", () => {
   const camera = new OrbitCamera(manifest);
   const tall = camera.view(390, 844);
   const share = (120 * tall.fy) / 120 / 844;
@@ -132,7 +132,7 @@ test("an upright screen shows a wide picture over most of its height, a wide one
   assert.ok(camera.view(160, 4000).fx <= 2.5 * 120);
 });
 
-test("on an upright screen the focus is brought to the middle, level as it was; on a wide one all stays", () => {
+test("a portrait screen centers the focus and keeps the roll; a landscape screen is unchanged", () => {
   const aside = { ...manifest, presentation: { limits: { focus: [1, 0.3, 0], angle: null, distance: null, floor: null } } } as unknown as Manifest;
   close(new OrbitCamera(aside, { clientWidth: 844, clientHeight: 390 }).viewmat, viewmat);
   const camera = new OrbitCamera(aside, { clientWidth: 390, clientHeight: 844 }, true);

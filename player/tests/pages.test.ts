@@ -25,7 +25,7 @@ const withPageOf = (manifest: Manifest, index: number, change: (json: Json) => v
 };
 const living = (manifest: Manifest, group: number): string => layersAt(manifest.groups[group]).map(({ uri }) => /\d+/.exec(uri)![0]).join(" ");
 
-test("groups keep their numbers, and those of pages are missing until their pages are here", () => {
+test("groups keep their numbers, and groups of pages are missing until the pages arrive", () => {
   const manifest = manifestOf(PLAN);
   assert.deepEqual([manifest.first, manifest.groups.length, manifest.frames, known(manifest)], [5, 19, 190, "15 16 17 18"]);
   assert.deepEqual(manifest.pages.map(({ uri, group, count, firstFrame, frames }) => [uri, group, count, firstFrame, frames]), [["pages/5.json", 5, 5, 50, 50], ["pages/10.json", 10, 5, 100, 50]]);
@@ -36,30 +36,30 @@ test("groups keep their numbers, and those of pages are missing until their page
   assert.equal(known(withPageOf(more, 0)), [...Array(14)].map((_, i) => i + 5).join(" "));
 });
 
-test("a group shows the layers that live at it, in order of birth, whichever list names them", () => {
+test("a group shows its living layers in order of birth, from any list", () => {
   const manifest = withPageOf(withPageOf(manifestOf(PLAN), 0), 1);
   const expected: [number, string][] = [[5, "0 1 2"], [6, "0 1 2"], [7, "0 1 3"], [8, "0 1 3 4"], [11, "0 1 3 4"], [12, "0 4 5"], [15, "0 4 5"], [16, "0 4 5 6"]];
   for (const [group, layers] of expected) assert.equal(living(manifest, group), layers, String(group));
 });
 
-test("layers that are never retired come before those of the same group that are", () => {
+test("in a group, layers that never retire come before the others", () => {
   const manifest = manifestOf({ groups: 4, page: 2, layers: [0, [0, 3], [0, 1]] });
   const page = { layers: [{ ...fileOf("layers/1.bin"), group: 0, until: 3 }, { ...fileOf("layers/2.bin"), group: 0, until: 1 }], groups: pageAt({ groups: 4, page: 2 }, "pages/0.json").groups };
   const whole = withPage(manifest, manifest.pages[0], page);
   assert.deepEqual([0, 1, 2, 3].map((group) => living(whole, group)), ["0 1 2", "0 1", "0 1", "0"]);
 });
 
-test("in a reel of version 1 nothing is retired, paged or dropped, whatever stands there", () => {
+test("a reel of version 1 has no retired layers, pages or dropped groups, whatever its manifest contains", () => {
   const document: Json = { ...documentOf({ groups: 3, layers: [0, [1, 2]] }), version: 1, first_group: 7, pages: 3 };
   const manifest = parseManifest(document, ADDRESS);
   assert.deepEqual([manifest.first, manifest.pages, living(manifest, 2)], [0, [], "0 1"]);
 });
 
-test("a later version is refused in words for people", () => {
+test("a later version is rejected in plain words", () => {
   assert.throws(() => parseManifest({ ...documentOf(), version: 3 }, ADDRESS), { name: "ReelError", plain: PLAIN.newer, message: /version 3; this player knows versions 1 and 2/ });
 });
 
-test("what a reel of version 2 must not say is refused", () => {
+test("values that version 2 forbids are rejected", () => {
   const bad: [RegExp, (document: Json) => void][] = [
     [/first_group is -1/, (d) => (d.first_group = -1)],
     [/first_group is 1.5/, (d) => (d.first_group = 1.5)],
@@ -79,7 +79,7 @@ test("what a reel of version 2 must not say is refused", () => {
   }
 });
 
-test("a page that is not what the manifest says of it is refused by its name", () => {
+test("a page that contradicts the manifest is rejected by name", () => {
   const bad: ((json: Json) => void)[] = [
     (json) => json.groups.pop(),
     (json) => json.groups.push(json.groups[0]),
@@ -95,7 +95,7 @@ test("a page that is not what the manifest says of it is refused by its name", (
   assert.throws(() => withPage(manifestOf(PLAN), manifestOf(PLAN).pages[0], null), { name: "ReelError", message: /^pages\/5.json/ });
 });
 
-test("groups that a live reel has moved into a page stay known, and those that it has dropped do not", () => {
+test("groups that a live reel moved into a page stay known; dropped groups do not", () => {
   const before = withPageOf(manifestOf(PLAN), 1);
   const next = manifestOf({ ...PLAN, groups: 22, first: 10 });
   assert.deepEqual([known(next), next.pages.map(({ uri }) => uri)], ["20 21", ["pages/10.json", "pages/15.json"]]);
@@ -105,7 +105,7 @@ test("groups that a live reel has moved into a page stay known, and those that i
   assert.equal(living(withKnown(next, grown), 11), "0 1 3 4");
 });
 
-test("a number of bytes that no file has is an error that names the file", () => {
+test("an impossible number of bytes is an error that names the file", () => {
   for (const bytes of [-1, 0, 1.5, 2 ** 40, "5", null]) {
     const document: Json = documentOf();
     document.groups[1].bytes = bytes;

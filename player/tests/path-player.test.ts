@@ -21,7 +21,7 @@ async function pathOf(seconds: number, from: number, to: number, loop = false): 
 }
 const near = (value: number, expected: number, by = 0.06): void => assert.ok(Math.abs(value - expected) < by, `${value}, expected ${expected}`);
 
-test("without a path or a reel there is nothing to play", async () => {
+test("playing needs a path and a reel", async () => {
   const fake = new FakePlayer();
   const rider = new PathPlayer(fake.player);
   await assert.rejects(rider.play(), { name: "ReelError", message: /no camera path/ });
@@ -29,7 +29,7 @@ test("without a path or a reel there is nothing to play", async () => {
   await assert.rejects(rider.play(), { name: "ReelError", message: /no reel yet/ });
 });
 
-test("camera and reel go the way together, to its end, and things are as they were before", async () => {
+test("camera and reel play the path to its end, and the earlier state returns", async () => {
   const { fake, rider, x, over } = await pathOf(2, 1, 3);
   rider.stop();
   fake.player.loop = true;
@@ -55,7 +55,7 @@ test("the reel plays at the path's pace", async () => {
   near(fake.player.currentTime, 2, 0.1);
 });
 
-test("where the pace is none to play at, the reel is shown time by time", async () => {
+test("at a pace that cannot be played, the reel is shown frame by frame", async () => {
   for (const [seconds, from, to] of [[2, 1, 1], [4, 4, 0], [1, 0, 4.9]]) {
     const { fake, x, rider } = await pathOf(seconds, from, to);
     await fake.pass(500);
@@ -69,7 +69,7 @@ test("where the pace is none to play at, the reel is shown time by time", async 
   }
 });
 
-test("a hand on the reel or on the camera ends it, where it is", async () => {
+test("input on the reel or the camera stops the path in place", async () => {
   const hands: [string, (fake: FakePlayer) => void][] = [
     ["pauses", (fake) => fake.player.pause()],
     ["seeks", (fake) => void (fake.player.currentTime = 4)],
@@ -87,7 +87,7 @@ test("a hand on the reel or on the camera ends it, where it is", async () => {
   }
 });
 
-test("where data is missing the camera waits with the reel", async () => {
+test("the camera waits with the reel for missing data", async () => {
   const fake = new FakePlayer({ groups: 5 });
   const rider = new PathPlayer(fake.player);
   await fake.open();
@@ -108,7 +108,7 @@ test("where data is missing the camera waits with the reel", async () => {
   assert.ok(x() > waiting);
 });
 
-test("a camera that goes by itself waits for the picture of each time, too", async () => {
+test("a moving camera waits for the image of each time, too", async () => {
   const fake = new FakePlayer({ groups: 5 });
   const rider = new PathPlayer(fake.player);
   await fake.open();
@@ -128,7 +128,7 @@ test("the camera keeps in step with a reel whose sound is slow", async () => {
   near(fake.player.camera!.following!.at, fake.player.currentTime, 0.03);
 });
 
-test("a path that goes round goes on", async () => {
+test("a looping path continues", async () => {
   const { fake, rider } = await pathOf(1, 0, 1, true);
   await fake.pass(2500);
   assert.equal(rider.playing, true);

@@ -6,7 +6,7 @@ import { half } from "../src/webgl/textures";
 const pair = (low: number, high: number): number => (half(low) | (half(high) << 16)) >>> 0;
 const bits = (value: number): number => new Uint32Array(Float32Array.of(value).buffer)[0];
 
-test("half-precision numbers come back", () => {
+test("half-precision numbers make the round trip", () => {
   for (const value of [0, 1, -1, 0.5, 1.5, -2.25, 1024, 2 ** -20]) assert.equal(float(half(value)), value);
 });
 
@@ -18,7 +18,7 @@ test("a splat is hit inside of its ellipse", () => {
   assert.deepEqual(hitsAt(shape, color, 10, 24), []);
 });
 
-test("what is seen is where half of the light is absorbed", () => {
+test("the picked depth is where half of the light is absorbed", () => {
   assert.equal(middleDepth([{ depth: 5, alpha: 0.9 }, { depth: 2, alpha: 0.3 }, { depth: 3, alpha: 0.4 }]), 3);
   assert.equal(middleDepth([{ depth: 2, alpha: 0.3 }]), null);
 });

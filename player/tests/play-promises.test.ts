@@ -6,7 +6,7 @@ import { FakePlayer } from "./fakes/player";
 
 const { host, time } = FakePlayer;
 
-test("play() resolves once time goes on, also for who asks later", async () => {
+test("play() resolves once time advances, also for later callers", async () => {
   const fake = new FakePlayer({ groups: 3 });
   const promises = new PlayPromises(fake.player);
   await fake.open();
@@ -22,7 +22,7 @@ test("play() resolves once time goes on, also for who asks later", async () => {
   assert.equal(played, 2);
 });
 
-test("play() is refused where it comes to nothing, by the name that media elements use", async () => {
+test("play() rejects with the error name of media elements if it cannot start", async () => {
   const fake = new FakePlayer({ groups: 3 });
   const promises = new PlayPromises(fake.player);
   await assert.rejects(promises.play(), { name: "NotSupportedError", message: /src is missing/ });

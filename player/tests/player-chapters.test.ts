@@ -10,7 +10,7 @@ const { host, time } = FakePlayer;
 const near = (value: number, expected: number): void => assert.ok(Math.abs(value - expected) < 0.05, `${value}, expected ${expected}`);
 const LONG: Plan = { groups: 200, page: 64, layers: [0, [0, 100], [100, 200]] };
 
-test("a long reel opens with what its manifest lists, and its first page comes first", async () => {
+test("a long reel opens with the groups in its manifest, and loads its first page first", async () => {
   const fake = new FakePlayer(LONG);
   await fake.open();
   assert.deepEqual([fake.player.duration, fake.player.buffered, fake.player.waiting, fake.player.busy], [200, [], true, true]);
@@ -25,7 +25,7 @@ test("a long reel opens with what its manifest lists, and its first page comes f
   assert.ok(!fake.heard().includes("durationchange"), "a page changes nothing that people see");
 });
 
-test("a seek into a page that is not here waits for it, and is over once its picture is there", async () => {
+test("a seek into a missing page ends once its image is drawn", async () => {
   const fake = new FakePlayer(LONG);
   await fake.start();
   fake.heard();
@@ -42,7 +42,7 @@ test("a seek into a page that is not here waits for it, and is over once its pic
   assert.equal(fake.player.stats!.bitrate, 8000);
 });
 
-test("while chapters fade into each other the layers of both show, and then those of the new one", async () => {
+test("a cross-fade of chapters shows the layers of both, then those of the new one", async () => {
   const fake = new FakePlayer(LONG);
   await fake.start();
   fake.player.currentTime = 100.1;
@@ -55,7 +55,7 @@ test("while chapters fade into each other the layers of both show, and then thos
   assert.deepEqual([fake.stage.scene!.layers, fake.stage.points], [["layers/0.bin", "layers/2.bin"], 300]);
 });
 
-test("a reel plays over the borders of its pages without a pause, and round from its end", async () => {
+test("a reel plays across pages without a pause, and loops from its end", async () => {
   const fake = new FakePlayer({ groups: 24, page: 8, layers: [0, [8, 16]] });
   await fake.start();
   fake.player.loop = true;
@@ -72,7 +72,7 @@ test("a reel plays over the borders of its pages without a pause, and round from
 /** A live reel as it grows: its manifest is answered with from now on. */
 const answer = (plan: Plan): void => host.answer(whole(JSON.stringify(documentOf(plan))));
 
-test("who falls out of the window of a live reel is moved to its beginning, and goes on", async () => {
+test("a viewer before the window of a live reel moves to its beginning and continues", async () => {
   const plan: Plan = { groups: 20, live: true, first: 4, layers: [0, [0, 9], [9, 99]] };
   const fake = new FakePlayer(plan);
   await fake.start();
@@ -95,7 +95,7 @@ test("who falls out of the window of a live reel is moved to its beginning, and 
   assert.ok(!fake.player.stream!.held.includes(4));
 });
 
-test("a file that the window has left behind leads to the manifest as it is now, and not to an error", async () => {
+test("a file before the window reloads the manifest instead of raising an error", async () => {
   const plan: Plan = { groups: 20, live: true, first: 4 };
   const fake = new FakePlayer(plan);
   await fake.start();
@@ -116,7 +116,7 @@ test("a file that the window has left behind leads to the manifest as it is now,
   assert.match(fake.player.error!.message, /answered 404/);
 });
 
-test("a manifest that is older than the one that is known changes nothing", async () => {
+test("a manifest older than the known one changes nothing", async () => {
   const plan: Plan = { groups: 20, live: true, first: 4 };
   const fake = new FakePlayer(plan);
   await fake.start();

@@ -67,7 +67,7 @@ test("the golden reel decodes to the numbers that Python decodes", async () => {
   }
 });
 
-test("a damaged file is an explained error, soon", async () => {
+test("a damaged file soon raises an explained error", async () => {
   const whole = read(manifest.groups[0].uri);
   let seed = 1;
   const random = (below: number): number => (seed = (seed * 48271) % 2147483647) % below;

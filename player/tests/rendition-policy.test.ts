@@ -52,23 +52,23 @@ function play({ network, latency = 0.03, decode = 0.001, groups = 40 }: World): 
 
 const switches = (taken: number[]): number => taken.filter((choice, i) => i > 0 && choice !== taken[i - 1]).length;
 
-test("a fast network gets the best, within two groups and for good", () => {
+test("a fast network gets the best rendition within two groups, and keeps it", () => {
   const { taken, stalled } = play({ network: () => 20e6 });
   assert.deepEqual([...new Set(taken.slice(2))], [0]);
   assert.equal(stalled, 0);
 });
 
-test("a slow network gets the least, and plays through what it carries", () => {
+test("a slow network gets the lowest rendition, and plays without a stall if it can carry that", () => {
   const { taken, stalled } = play({ network: () => 1.6e6 });
   assert.deepEqual([...new Set(taken.slice(2))], [2]);
   assert.ok(stalled < 1, `${stalled} s`);
 });
 
-test("what no rendition fits takes the least all the same", () => {
+test("a network too slow for every rendition gets the lowest", () => {
   assert.deepEqual([...new Set(play({ network: () => 3e5, groups: 8 }).taken.slice(1))], [2]);
 });
 
-test("a network that breaks down and comes back: down in time, up again, without a stall", () => {
+test("when bandwidth drops and recovers, the rendition follows without a stall", () => {
   const { taken, stalled } = play({ network: (time) => (time > 10 && time < 20 ? 1.4e6 : 12e6), groups: 60 });
   assert.equal(taken[6], 0);
   assert.equal(Math.max(...taken), 2);
@@ -77,24 +77,24 @@ test("a network that breaks down and comes back: down in time, up again, without
   assert.ok(switches(taken) <= 6, taken.join(""));
 });
 
-test("a network that swings about a rendition's rate does not make the picture swing", () => {
+test("bandwidth that oscillates around a rendition's rate does not make the rendition oscillate", () => {
   const { taken, stalled } = play({ network: (time) => 4.2e6 * (1 + 0.25 * Math.sin(2 * time)), groups: 120 });
   assert.equal(stalled, 0);
   assert.ok(switches(taken) <= 8, taken.join(""));
 });
 
-test("far away, where the first byte takes as long as the rest", () => {
+test("a network of high latency is chosen for correctly", () => {
   const { taken, stalled } = play({ network: () => 8e6, latency: 0.5 });
   assert.ok(stalled < 1, `${stalled} s`);
   assert.ok(Math.max(...taken.slice(5)) <= 1, taken.join(""));
 });
 
-test("a decoder that takes too long gets fewer points", () => {
+test("a slow decoder gets fewer points", () => {
   const { taken } = play({ network: () => 50e6, decode: 0.04 });
   assert.deepEqual([...new Set(taken.slice(1))], [2]);
 });
 
-test("a device that draws too slowly gets fewer points, and now and then another chance", () => {
+test("a slow renderer gets fewer points, and a new trial from time to time", () => {
   const chooser = new RenditionPolicy();
   const choose = (): number => chooser.choose({ options: OPTIONS, seconds: 1, ahead: 8, throughput: 50e6, decode: 0, last: 0 });
   chooser.judge(true, OPTIONS, 0, 0);
@@ -106,7 +106,7 @@ test("a device that draws too slowly gets fewer points, and now and then another
   assert.equal(choose(), 1);
 });
 
-test("a device that draws too slowly whatever it gets keeps the best", () => {
+test("a renderer that is slow with any rendition keeps the best", () => {
   const chooser = new RenditionPolicy();
   const options = OPTIONS.map(({ bytes }) => ({ bytes, points: 20_000 }));
   chooser.judge(true, options, 0, 0);

@@ -7,7 +7,7 @@ function draw(resolution: Resolution, pictures: number, interval: number, from =
   return from;
 }
 
-test("a device that keeps up draws every pixel, one that does not fewer, and no fewer than half a side", () => {
+test("a fast device draws every pixel; a slow one draws fewer, at least half of each side", () => {
   const fast = new Resolution();
   draw(fast, 200, 16.7);
   assert.equal(fast.ratio, 1);
@@ -20,7 +20,7 @@ test("a device that keeps up draws every pixel, one that does not fewer, and no 
   assert.equal(slow.ratio, 1);
 });
 
-test("it tries finer pictures again, ever more rarely where they are too much", () => {
+test("finer images are tried again, more rarely after each failure", () => {
   const resolution = new Resolution();
   let now = 1;
   let changes = 0;
@@ -33,7 +33,7 @@ test("it tries finer pictures again, ever more rarely where they are too much", 
   assert.ok(changes >= 2 && changes < 30, String(changes));
 });
 
-test("pauses say nothing", () => {
+test("pauses are not measured", () => {
   const resolution = new Resolution();
   for (let i = 0; i < 100; i++) {
     resolution.drawn(true, 5000 * i);
@@ -42,7 +42,7 @@ test("pauses say nothing", () => {
   assert.equal(resolution.ratio, 1);
 });
 
-test("a very slow device gets coarse after three pictures, a known one at once", () => {
+test("a very slow device becomes coarse after three images, a known slow one at once", () => {
   const slow = new Resolution();
   draw(slow, 4, 800);
   assert.equal(slow.ratio, 0.5);
@@ -53,7 +53,7 @@ test("a very slow device gets coarse after three pictures, a known one at once",
   assert.equal(known.ratio, 1);
 });
 
-test("what stands still is drawn in full, once, until it moves", () => {
+test("a still image is drawn once at full resolution", () => {
   const resolution = new Resolution();
   let now = draw(resolution, 30, 90);
   assert.equal(resolution.ratio, 0.5);

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { RowAllocator } from "../src/webgl/row-allocator";
 
-test("ranges do not overlap, gaps are filled first, nothing is no place", () => {
+test("ranges do not overlap, gaps are filled first, and an empty range takes no rows", () => {
   const rows = new RowAllocator();
   assert.deepEqual([rows.take(3), rows.take(2), rows.take(0), rows.take(4)], [0, 3, 0, 5]);
   assert.equal(rows.end, 9);

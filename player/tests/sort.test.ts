@@ -17,14 +17,14 @@ function sorted(...runs: DepthRun[]): number[] {
   return [...order.subarray(0, count)];
 }
 
-test("far to near, without the hidden and those behind the camera", () => {
+test("points are sorted from far to near, without hidden points and points behind the camera", () => {
   const sorter = new DepthRun();
   sorter.reset(5);
   sorter.addLayer({ base: 100, ...points(0, 0, 1, 0, 0, 5, 0, 0, 3, 0, 0, -2, 0, 0, 4) }, Uint8Array.of(3, 1, 0, 3, 2), ahead);
   assert.deepEqual(sorted(sorter), [101, 104, 100]);
 });
 
-test("what rests is seen from where the viewer has room on, what moves from the near plane on", () => {
+test("static points are drawn beyond the clearance, moving points beyond the near plane", () => {
   const view = { viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 1, 0, 0, 0, 1], fx: 1, fy: 1, cx: 500, cy: 500, width: 1000, height: 1000, near: 0.01 };
   const frustum = frustumOf(view, { focus: [0, 0, 4], share: 0.3 }); // the focus is five units deep: 1.5 units are clear
   const [still, moving] = [new DepthRun(), new DepthRun()];
@@ -39,7 +39,7 @@ test("what rests is seen from where the viewer has room on, what moves from the 
   assert.deepEqual(sorted(still), [2, 1, 0]); // the focus is behind
 });
 
-test("moving points sort by where they are between two frames", () => {
+test("moving points are sorted by their interpolated positions", () => {
   const sorter = new DepthRun();
   const dx = Uint16Array.of(0, 0, 0, 0, 0, 0, 0, 0, 0, 0, 100, 0, 0, 0, 0, 0);
   const group = { base: 0, ...points(0, 0, 5, 0, 0, 8), frames: 2, dx, dxMin: [0, 0, 0], dxStep: [1, 1, 0.1] };
@@ -54,7 +54,7 @@ test("moving points sort by where they are between two frames", () => {
   assert.deepEqual(sorted(sorter), [0, 1]);
 });
 
-test("nothing and equal depths are fine", () => {
+test("no points and equal depths are sorted", () => {
   const sorter = new DepthRun();
   sorter.reset(0);
   assert.deepEqual(sorted(sorter), []);
@@ -63,7 +63,7 @@ test("nothing and equal depths are fine", () => {
   assert.deepEqual(sorted(sorter), [0, 1]);
 });
 
-test("static and moving points together are far to near, however they are merged", () => {
+test("static and moving points are merged from far to near", () => {
   const random = (seed: number) => () => (seed = (seed * 48271) % 2147483647) / 2147483647;
   const next = random(7);
   for (const [m, n] of [[3000, 700], [0, 50], [50, 0], [1, 1]]) {
@@ -81,7 +81,7 @@ test("static and moving points together are far to near, however they are merged
   }
 });
 
-test("what reaches into the picture is kept, what lies beyond its margin is not", () => {
+test("splats that reach into the image are kept, splats beyond its margin are culled", () => {
   // A camera that looks along x from (-10, 0, 0), as in the shader: the linearized splat's reach about its center.
   const viewmat = [0, -1, 0, 0, 0, 0, -1, 0, 1, 0, 0, 10, 0, 0, 0, 1];
   const [fx, fy, cx, cy, width, height] = [500, 400, 300, 250, 640, 480];
@@ -107,7 +107,7 @@ test("what reaches into the picture is kept, what lies beyond its margin is not"
   assert.ok(outside > 1000 && 4000 - kept.size > 0.6 * outside, `${4000 - kept.size} of ${outside} outside were left out`);
 });
 
-test("an order covers views that turn or move a little", () => {
+test("a sort order serves slightly different views", () => {
   const view = { viewmat: IDENTITY, fx: 500, fy: 500, cx: 320, cy: 180, width: 640, height: 360, near: 0.1 };
   const turned = (angle: number) => ({ ...view, viewmat: [Math.cos(angle), 0, -Math.sin(angle), 0, 0, 1, 0, 0, Math.sin(angle), 0, Math.cos(angle), 0, 0, 0, 0, 1] });
   const moved = (x: number) => ({ ...view, viewmat: [1, 0, 0, -x, ...IDENTITY.slice(4)] });

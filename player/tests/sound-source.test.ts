@@ -4,13 +4,13 @@ import { segmentAt, spareSegments, wantedSegments } from "../src/sound/sound-sou
 
 const segments = Array.from({ length: 100 }, (_, index) => ({ uri: `${index}`, bytes: 1, sha256: null, start: 2 * index, seconds: 2 }));
 
-test("a time is in a segment, in a gap, or beyond", () => {
+test("a time lies in a segment, in a gap, or beyond the end", () => {
   assert.deepEqual([0, 1.99, 2, 199.9, 200, -1].map((time) => segmentAt(segments, time)), [0, 0, 1, 99, -1, -1]);
   assert.equal(segmentAt([segments[0], segments[2]], 3), -1);
   assert.equal(segmentAt([], 0), -1);
 });
 
-test("what is heard next is wanted first, around the end too", () => {
+test("the next segment is requested first, also across the loop", () => {
   assert.deepEqual(wantedSegments(segments, 5, 4, 0), [2, 3, 4]);
   assert.deepEqual(wantedSegments(segments, 197, 8, null), [98, 99]);
   assert.deepEqual(wantedSegments(segments, 197, 8, 0), [98, 99, 0, 1, 2]);
@@ -18,7 +18,7 @@ test("what is heard next is wanted first, around the end too", () => {
   assert.deepEqual(wantedSegments(segments.slice(0, 2), 1, 10, 0), [0, 1]);
 });
 
-test("what was heard longest ago is dropped, what comes next and last is kept", () => {
+test("the segment heard longest ago is dropped; the next and the latest are kept", () => {
   const held = new Set([...Array(60).keys()]);
   const spare = spareSegments(segments, [58, 59, 60], (segment) => held.has(Number(segment.uri)));
   assert.deepEqual(spare, [...Array(13).keys()]);

@@ -16,7 +16,7 @@ function run(seconds: number, soundAt: (now: number) => number, rate = 1): { beh
 
 const coarse = (step: number, rate = 1) => (now: number): number => Math.floor((rate * now) / step) * step;
 
-test("pictures follow a sound that is told coarsely, smoothly", () => {
+test("images follow a coarse sound clock smoothly", () => {
   for (const rate of [0.5, 1, 2]) {
     const { pictures, behind } = run(4, coarse(0.04, rate), rate);
     const steps = pictures.slice(60).map((value, index) => value - pictures[59 + index]);
@@ -25,19 +25,19 @@ test("pictures follow a sound that is told coarsely, smoothly", () => {
   }
 });
 
-test("pictures wait for the sound to begin, and never go back", () => {
+test("images wait for the sound to begin, and never go back", () => {
   const late = run(2, (now) => Math.max(now - 0.5, 0) - 0.2);
   assert.equal(late.pictures[35], 0);
   assert.ok(Math.abs(late.behind.at(-1)!) < 0.01);
   assert.ok(late.pictures.every((value, index) => index === 0 || value >= late.pictures[index - 1]));
 });
 
-test("a sound that drifts away is made up for, one that jumps is gone after", () => {
+test("drift of the sound is compensated, a jump is followed", () => {
   assert.ok(Math.abs(run(6, (now) => 1.01 * now).behind.at(-1)!) < 0.01);
   assert.ok(Math.abs(run(3, (now) => now + (now > 2 ? 0.5 : 0)).behind.at(-1)!) < 0.01);
 });
 
-test("pictures stand still with the sound for a while, then go on without it until it is back", () => {
+test("images wait for stalled sound for a while, then continue without it until it returns", () => {
   const follower = new SoundSync();
   let pictures = 0;
   const at = (now: number, sound: number): number => (pictures += follower.follow(sound, pictures, 1, now, 0.02));

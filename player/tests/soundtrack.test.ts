@@ -50,28 +50,28 @@ beforeEach(() => {
   host.answer(answers);
 });
 
-test("a reel without sound is silent, and goes by the clock on the wall", () => {
+test("a reel without sound follows the wall clock", () => {
   openReel(null);
   assert.deepEqual([track.available, track.isLate(clock), pass(0.02)], [false, false, 0.02]);
   track.want(clock, true);
   assert.deepEqual(asked(), []);
 });
 
-test("nothing is downloaded before it is to be heard; then what is heard first comes first, ten seconds ahead", async () => {
+test("sound is downloaded only if it is audible, in playing order, ten seconds ahead", async () => {
   openReel();
   assert.deepEqual([track.available, track.placed, asked()], [true, false, []]);
   await begin();
   assert.deepEqual(asked(), ["init.mp4", "0.m4s", "1.m4s", "2.m4s", "3.m4s", "4.m4s"]);
 });
 
-test("before there are pictures only what is heard now is asked for", async () => {
+test("before the first image only the current segment is requested", async () => {
   openReel();
   clock.seconds = 7;
   await begin(false);
   assert.deepEqual(asked(), ["init.mp4", "3.m4s"]);
 });
 
-test("pictures wait for sound that is late, then for its first moment, and follow it from then on", async () => {
+test("images wait for late sound and its first moment, then follow it", async () => {
   openReel();
   track.want(clock, true);
   assert.deepEqual([track.isLate(clock), pass(0.02)], [true, 0]);
@@ -88,7 +88,7 @@ test("pictures wait for sound that is late, then for its first moment, and follo
   assert.ok(Math.abs(clock.seconds - audio.currentTime) < 0.03, `${clock.seconds} and ${audio.currentTime}`);
 });
 
-test("what is at another rate is played at it; too slow for browsers is silence", async () => {
+test("sound follows the playback rate; rates too slow for browsers are silent", async () => {
   openReel();
   clock.rate = 2;
   await begin();
@@ -98,7 +98,7 @@ test("what is at another rate is played at it; too slow for browsers is silence"
   assert.deepEqual([track.isLate(clock), pass(0.02), FakeAudio.last.paused], [false, 0.02, true]);
 });
 
-test("after a seek sound is where the pictures are, and gets what is heard there first", async () => {
+test("after a seek the sound is in step with the images, and its segment is requested first", async () => {
   openReel();
   await begin();
   pass(0.02);
@@ -122,7 +122,7 @@ test("after a seek sound is where the pictures are, and gets what is heard there
   assert.equal(FakeAudio.last.currentTime, 80.55, "also where it is not far");
 });
 
-test("no more is held than is good", async () => {
+test("old sound segments are released", async () => {
   openReel();
   await begin();
   for (clock.seconds = 0; clock.seconds < 118; clock.seconds += 2) {
@@ -133,7 +133,7 @@ test("no more is held than is good", async () => {
   assert.ok(held.length < 60 && !held.includes(0) && held.includes(100), String(held));
 });
 
-test("where there is no sound, and after its end, pictures go on by themselves", async () => {
+test("images continue where the sound has gaps and after its end", async () => {
   openReel(soundOf({ segments: [segments[0], segments[3]] }));
   await begin();
   for (const seconds of [3, 7.95, 50]) {
@@ -142,7 +142,7 @@ test("where there is no sound, and after its end, pictures go on by themselves",
   }
 });
 
-test("standing still is silent", async () => {
+test("a paused reel is silent", async () => {
   openReel();
   await begin();
   pass(0.02);
@@ -154,7 +154,7 @@ test("standing still is silent", async () => {
   assert.equal(FakeAudio.last.paused, true);
 });
 
-test("a browser that refuses sound stops a person's play, and makes a page's silent", async () => {
+test("if the browser blocks sound, a user's play() stops and autoplay becomes silent", async () => {
   for (const [optional, expected] of [[false, ["notallowed", "stop"]], [true, ["volumechange", "volumechange"]]] as const) {
     track = new Soundtrack((event) => events.push(event), () => events.push("stop"));
     openReel();
@@ -174,7 +174,7 @@ test("a browser that refuses sound stops a person's play, and makes a page's sil
   assert.deepEqual(events, [], "it was paused meanwhile");
 });
 
-test("volume and mute", async () => {
+test("volume and mute reach the sound", async () => {
   openReel();
   await begin();
   pass(0.02);
@@ -195,7 +195,7 @@ test("volume and mute", async () => {
   assert.deepEqual([track.muted, track.volume], [false, 1], "what was turned down to nothing comes back loud");
 });
 
-test("a segment that cannot be had ends the sound, and the pictures go on", async () => {
+test("a failed segment ends the sound, and images continue", async () => {
   const cases: [RegExp, number, Answer][] = [
     [/0\.m4s cannot be downloaded/, 2, status(404)],
     [/0\.m4s does not hold the sound from 0 s on/, 2, () => new Response(Uint8Array.of(9, 9))],
@@ -216,7 +216,7 @@ test("a segment that cannot be had ends the sound, and the pictures go on", asyn
   }
 });
 
-test("why it is late is told", async () => {
+test("the reason of a delay is reported", async () => {
   openReel();
   host.answer(status(503));
   track.want(clock, true);
@@ -228,7 +228,7 @@ test("why it is late is told", async () => {
   assert.equal(track.trouble, null);
 });
 
-test("a browser without media sources plays the whole sound as one file, once it is whole", async () => {
+test("a browser without media sources plays the sound as one file once it is complete", async () => {
   Object.assign(globalThis, { MediaSource: undefined });
   FakeAudio.plays = "probably";
   openReel(soundOf({ segments: segments.slice(0, 3) }));
@@ -246,7 +246,7 @@ test("a browser without media sources plays the whole sound as one file, once it
   assert.equal(FakeAudio.last.src, "");
 });
 
-test("sound that a browser cannot play is none, and says why", () => {
+test("unsupported sound is dropped with a reason", () => {
   Object.assign(globalThis, { MediaSource: undefined });
   for (const [live, message] of [[false, /does not play sound of the type audio\/mp4; codecs="opus"/], [true, /only once the reel is complete/]] as const) {
     track = new Soundtrack((event) => events.push(event), () => undefined);
@@ -257,7 +257,7 @@ test("sound that a browser cannot play is none, and says why", () => {
   }
 });
 
-test("a segment that a live reel has dropped is no end of its sound; one that stays away is", async () => {
+test("a segment dropped by a live reel does not end its sound; a permanently missing one does", async () => {
   openReel(soundOf(), true);
   Object.assign(clock, { seconds: 20, live: true });
   host.answer((options, url) => (/\/(10|11)\.m4s$/.test(url) ? status(404)(options, url) : answers(options, url)));

@@ -69,7 +69,7 @@ beforeEach(() => {
   sound = new SpatialSound();
 });
 
-test("before a person has touched the page the element plays by itself", async () => {
+test("before user input the media element plays directly", async () => {
   device.userActivation.hasBeenActive = false;
   const before = Context.last;
   sound.enter(audio, 2);
@@ -78,7 +78,7 @@ test("before a person has touched the page the element plays by itself", async (
   sound.listen(at(0), placed);
 });
 
-test("then it comes from its place, later by what the device takes, and moves with the viewer", async () => {
+test("then the sound comes from its position, delayed by the device's latency, and moves with the viewer", async () => {
   sound.enter(audio, 2);
   await settled();
   const context = Context.last;
@@ -94,13 +94,13 @@ test("then it comes from its place, later by what the device takes, and moves wi
   assert.ok(panner.positionX.value > 0.5, "a reel whose sound has no place moves nothing");
 });
 
-test("one channel is as loud in two ears as it was", async () => {
+test("mono sound keeps its loudness on two ears", async () => {
   sound.enter(audio, 1);
   await settled();
   assert.equal(Context.last.source.to[0].to[0].options.gain, Math.SQRT2);
 });
 
-test("people may have it as it was recorded, and back", async () => {
+test("spatial sound can be turned off and on", async () => {
   sound.on = false;
   sound.enter(audio, 2);
   await settled();
@@ -113,7 +113,7 @@ test("people may have it as it was recorded, and back", async () => {
   assert.deepEqual(source.to, [destination]);
 });
 
-test("the element is taken over once, and given back in the end", async () => {
+test("the media element is connected once, and released at the end", async () => {
   sound.enter(audio, 2);
   await settled();
   const context = Context.last;

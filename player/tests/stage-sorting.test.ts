@@ -21,7 +21,7 @@ async function stageOf(): Promise<{ stage: FakePlayer["stage"]; answer: () => vo
   return { stage: fake.stage, answer: () => answer() };
 }
 
-test("what shows changes with the answer of the sort worker, which is asked one thing at a time", async () => {
+test("the drawn order changes with the sort worker's answer, one request at a time", async () => {
   const { stage, answer } = await stageOf();
   stage.invalidate();
   assert.equal(stage.wantsSort, true);
@@ -34,7 +34,7 @@ test("what shows changes with the answer of the sort worker, which is asked one 
   assert.deepEqual([stage.wantsSort, stage.scene!.current!.group, stage.inUse], [true, 1, [1]]);
 });
 
-test("an order of a group that was dropped meanwhile is not drawn", async () => {
+test("an order of a dropped group is not drawn", async () => {
   const { stage, answer } = await stageOf();
   const sorted = stage.sort(scene(1), view);
   answer();
@@ -42,7 +42,7 @@ test("an order of a group that was dropped meanwhile is not drawn", async () => 
   assert.deepEqual([await sorted, stage.scene!.current!.group], [false, 0]);
 });
 
-test("a layer that was dropped shows no more, and its memory serves again", async () => {
+test("a dropped layer is not drawn, and its memory is reused", async () => {
   const { stage, answer } = await stageOf();
   const file = pointsOf(1000, 0, 0) as Parameters<typeof stage.addLayer>[1];
   for (let i = 0; i < 500; i++) {
@@ -56,7 +56,7 @@ test("a layer that was dropped shows no more, and its memory serves again", asyn
   stage.draw(0, view); // what was dropped is left out
 });
 
-test("memory of dropped groups serves again, and where there is too little the device is said to be it", async () => {
+test("memory of dropped groups is reused, and too little memory is reported as the device's limit", async () => {
   const { stage } = await stageOf();
   const file = pointsOf(1000, 1, 100) as Parameters<typeof stage.addGroup>[1];
   for (let i = 0; i < 500; i++) {

@@ -15,7 +15,7 @@ beforeEach(() => {
   time.now += 1_000_000;
 });
 
-test("who joins late gets the layers that live there, and no others", () => {
+test("a late viewer loads only the layers that live at the time", () => {
   const world = new World({ groups: 40, layers: chapters(40) });
   world.want({ current: 21, frame: 215 });
   assert.deepEqual(world.coming, ["layers/0.bin", "layers/6.bin"]);
@@ -23,7 +23,7 @@ test("who joins late gets the layers that live there, and no others", () => {
   assert.equal(world.stream.has(21), true);
 });
 
-test("while one chapter fades into the next the layers of both are needed", () => {
+test("a cross-fade of chapters needs the layers of both", () => {
   const world = new World({ groups: 40, layers: chapters(40) });
   world.want({ current: 8, previous: 7, frame: 81 });
   world.give("layers/0.bin", "layers/3.bin");
@@ -34,7 +34,7 @@ test("while one chapter fades into the next the layers of both are needed", () =
   assert.equal(world.stream.has(7), true);
 });
 
-test("a layer that is retired goes with the last group at which it lives", () => {
+test("a retired layer is dropped with the last group at which it lives", () => {
   const world = new World({ groups: 12, layers: chapters(12) }, 4);
   world.want({ current: 2 });
   world.giveAll();
@@ -47,7 +47,7 @@ test("a layer that is retired goes with the last group at which it lives", () =>
   assert.deepEqual(world.coming, ["layers/1.bin"], "who goes back gets it again");
 });
 
-test("an hour is played in the memory that there is for groups", () => {
+test("an hour is played within the memory for groups", () => {
   const world = new World({ groups: 3600, layers: chapters(3600), page: 64 }, 12);
   let [most, here] = [0, 0];
   const held = new Set<string>();
@@ -70,7 +70,7 @@ test("an hour is played in the memory that there is for groups", () => {
   assert.ok(held.has("layer 0") && !held.has("layer 1"));
 });
 
-test("a page is asked for when a group in it is needed, with the layers that are needed anyway, once", () => {
+test("a page is requested once, when one of its groups is needed, with the layers needed anyway", () => {
   const world = new World({ groups: 300, page: 64, layers: [0, 100, [150, 160], 299] });
   world.want({ current: null, frame: 1520 });
   assert.deepEqual(world.coming, ["pages/128.json", "layers/0.bin"]);
@@ -83,7 +83,7 @@ test("a page is asked for when a group in it is needed, with the layers that are
   assert.equal(world.stream.has(152), true);
 });
 
-test("a seek far on costs one page more than one at the beginning", () => {
+test("a seek far ahead costs one page more than one at the beginning", () => {
   const asked = (group: number): number => {
     const world = new World({ groups: 10_100, page: 64 });
     let files = 0;
@@ -95,7 +95,7 @@ test("a seek far on costs one page more than one at the beginning", () => {
   assert.deepEqual([asked(1), asked(10_000), asked(10_099)], [3, 3, 2], "a page, a layer and a group; the manifest lists the last ones itself");
 });
 
-test("the page of what comes next is had in time", () => {
+test("the page of the next group is loaded in time", () => {
   const world = new World({ groups: 20, page: 8 });
   world.want({ current: null, frame: 75 });
   world.give("pages/0.json", "layers/0.bin");
@@ -106,7 +106,7 @@ test("the page of what comes next is had in time", () => {
   assert.deepEqual(world.coming, ["groups/8.bin", "groups/9.bin"]);
 });
 
-test("a page that nobody waits for may fail, and one that is needed may not", async () => {
+test("a prefetched page may fail, a needed page may not", async () => {
   const world = new World({ groups: 20, page: 8 });
   world.want({ current: null, frame: 75 });
   world.give("pages/0.json");
@@ -121,7 +121,7 @@ test("a page that nobody waits for may fail, and one that is needed may not", as
   assert.deepEqual(world.log.filter((line) => line.startsWith("failed")), ["failed pages/8.json is not there."]);
 });
 
-test("what a live reel has dropped is no failure once its manifest says so", async () => {
+test("a file dropped by a live reel is no failure once the manifest lacks it", async () => {
   const plan: Plan = { groups: 30, live: true, first: 10 };
   for (const [first, failures] of [[12, 0], [10, 1]] as const) {
     const world = new World(plan);
@@ -142,7 +142,7 @@ test("what a live reel has dropped is no failure once its manifest says so", asy
   }
 });
 
-test("groups of before the window go although there is memory", () => {
+test("groups before the window are dropped even if there is memory", () => {
   const plan: Plan = { groups: 8, live: true, first: 2 };
   const world = new World(plan);
   world.want({ current: 2 });
@@ -156,7 +156,7 @@ test("groups of before the window go although there is memory", () => {
   assert.deepEqual(world.stream.held, [5, 6, 7]);
 });
 
-test("a reel that goes round begins again where it begins", () => {
+test("a looping reel continues at its first frame", () => {
   const world = new World({ groups: 12, first: 7, layers: [0, [7, 9]] });
   world.want({ current: 11, loop: true });
   world.give("layers/0.bin", "groups/11.bin");

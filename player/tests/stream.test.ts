@@ -8,7 +8,7 @@ beforeEach(() => {
   time.now += 1_000_000;
 });
 
-test("layers come first and alone, then the group that shows, then those that follow, two at a time", () => {
+test("layers load first and alone, then the current group, then later groups, two at a time", () => {
   const world = new World({ groups: 5, layers: [0, 0, 2] });
   world.want({});
   assert.deepEqual(world.coming, ["layers/0.bin", "layers/1.bin"]);
@@ -25,7 +25,7 @@ test("layers come first and alone, then the group that shows, then those that fo
   assert.equal(world.stream.busy, false);
 });
 
-test("the group that shows is asked for while the end of the last layer comes", () => {
+test("the current group is requested while the end of the last layer arrives", () => {
   const world = new World();
   world.want({});
   time.now += 100;
@@ -36,7 +36,7 @@ test("the group that shows is asked for while the end of the last layer comes", 
   assert.deepEqual(world.coming, ["layers/0.bin", "groups/0.bin"]);
 });
 
-test("a group is here only with its layers", () => {
+test("a group is loaded only with its layers", () => {
   const world = new World({ layers: [0, 1, 1] });
   world.want({});
   world.giveAll();
@@ -50,7 +50,7 @@ test("a group is here only with its layers", () => {
   assert.deepEqual(other.stream.buffered, [[0, 1]]);
 });
 
-test("eight seconds are had ahead, and no more", () => {
+test("exactly eight seconds are loaded ahead", () => {
   const world = new World({ groups: 30 });
   world.want({});
   world.giveAll();
@@ -61,7 +61,7 @@ test("eight seconds are had ahead, and no more", () => {
   assert.deepEqual(world.stream.held, [...Array(10).keys()]);
 });
 
-test("a seek gives up what comes for another time, and what shows then comes first", () => {
+test("a seek cancels transfers for other times, and loads the new time first", () => {
   const world = new World({ groups: 40, layers: [0, 22, 25] });
   world.want({});
   world.give("layers/0.bin", "groups/0.bin");
@@ -77,7 +77,7 @@ test("a seek gives up what comes for another time, and what shows then comes fir
   assert.deepEqual(world.coming, ["groups/26.bin", "groups/27.bin"]);
 });
 
-test("what comes is kept by a seek that needs it, and what comes later makes way", () => {
+test("a seek keeps a transfer that it needs, and cancels later ones", () => {
   const world = new World({ groups: 12 });
   world.want({});
   world.give("layers/0.bin", "groups/0.bin");
@@ -97,7 +97,7 @@ test("what comes is kept by a seek that needs it, and what comes later makes way
   assert.deepEqual(world.coming, ["groups/7.bin", "groups/5.bin"]);
 });
 
-test("in a cross-fade both groups are needed now", () => {
+test("a cross-fade needs both groups", () => {
   const world = new World({ groups: 12 });
   world.want({ current: 5, previous: 4, frame: 51 });
   world.give("layers/0.bin");
@@ -106,7 +106,7 @@ test("in a cross-fade both groups are needed now", () => {
   assert.deepEqual(world.coming, ["groups/4.bin"]);
 });
 
-test("after the last group comes the first if the reel goes round, and nothing if it does not", () => {
+test("the first group follows the last one only in a looping reel", () => {
   for (const [loop, next] of [[true, ["groups/0.bin", "groups/1.bin"]], [false, []]] as const) {
     const world = new World({ groups: 5 });
     world.want({ current: 4, loop });
@@ -115,7 +115,7 @@ test("after the last group comes the first if the reel goes round, and nothing i
   }
 });
 
-test("memory limits what is had ahead, and what was seen longest ago goes first", () => {
+test("memory limits the buffer, and the least recently shown group is dropped first", () => {
   const world = new World({ groups: 20 }, 4);
   world.want({});
   world.giveAll();
@@ -126,7 +126,7 @@ test("memory limits what is had ahead, and what was seen longest ago goes first"
   assert.deepEqual(world.log.filter((line) => line.startsWith("dropped")), ["dropped 0", "dropped 1"]);
 });
 
-test("nothing goes that is on screen, whatever memory there is, and the next group comes all the same", () => {
+test("visible groups stay and the next group loads, however little memory there is", () => {
   const world = new World({ groups: 20 }, 1);
   world.want({});
   world.giveAll();
@@ -144,7 +144,7 @@ test("nothing goes that is on screen, whatever memory there is, and the next gro
   assert.deepEqual(world.stream.held, [19], "what was on screen goes as soon as it is not");
 });
 
-test("a file that nobody waits for may fail: it is left alone for ten seconds", () => {
+test("a failed prefetch is not retried for ten seconds", () => {
   const world = new World({ groups: 4 });
   world.want({});
   world.give("layers/0.bin", "groups/0.bin");
@@ -163,7 +163,7 @@ test("a file that nobody waits for may fail: it is left alone for ten seconds", 
   assert.deepEqual(world.log.filter((line) => line.startsWith("failed")), []);
 });
 
-test("what shows cannot be had: the stream says so, once, and ends", async () => {
+test("the stream ends with one error if a visible file fails", async () => {
   for (const uri of ["layers/0.bin", "groups/0.bin"]) {
     const world = new World();
     world.want({});
@@ -176,7 +176,7 @@ test("what shows cannot be had: the stream says so, once, and ends", async () =>
   }
 });
 
-test("a reel that is another one by now is no failure", async () => {
+test("a reel that was replaced is no failure", async () => {
   const world = new World();
   world.want({});
   world.outdated = () => Promise.resolve(true);
@@ -185,7 +185,7 @@ test("a reel that is another one by now is no failure", async () => {
   assert.deepEqual([world.log, world.coming], [[], []]);
 });
 
-test("why it is late is told until bytes come again", () => {
+test("the reason of a delay is reported until bytes arrive again", () => {
   const world = new World();
   world.want({});
   world.say("layers/0.bin", { trouble: "Trying again." });
@@ -194,7 +194,7 @@ test("why it is late is told until bytes come again", () => {
   assert.equal(world.stream.trouble, null);
 });
 
-test("progress is the part that came of the bytes that are waited for", () => {
+test("progress is the received share of the required bytes", () => {
   const world = new World();
   assert.equal(world.stream.progress, 0);
   world.want({});
@@ -208,7 +208,7 @@ test("progress is the part that came of the bytes that are waited for", () => {
   assert.equal(world.stream.progress, 1);
 });
 
-test("a line that is fast gets the best rendition, one that is slow the least", () => {
+test("a fast network gets the best rendition, a slow one the lowest", () => {
   for (const [milliseconds, name] of [[1, ""], [100_000, ".low"]] as const) {
     const world = new World({ renditions: ["high", "low"] });
     world.want({});
@@ -224,7 +224,7 @@ test("a line that is fast gets the best rendition, one that is slow the least", 
   }
 });
 
-test("a rendition that people choose shows from the next group on, also where others are here", () => {
+test("a chosen rendition is shown from the next group on, even if others are loaded", () => {
   const world = new World({ groups: 3, renditions: ["high", "low"] });
   world.measure();
   world.giveAll();
@@ -237,7 +237,7 @@ test("a rendition that people choose shows from the next group on, also where ot
   assert.deepEqual(world.log, ["dropped 1", "group 1", "dropped 2", "group 2"], "what is here goes only once the other has come");
 });
 
-test("another rendition of a group that shows by now comes too late", () => {
+test("another rendition of a visible group arrives too late", () => {
   const world = new World({ groups: 3, renditions: ["high", "low"] });
   world.measure();
   world.giveAll();
@@ -250,7 +250,7 @@ test("another rendition of a group that shows by now comes too late", () => {
   assert.deepEqual([1, 2].map((group) => world.stream.renditionOf(group)), ["high", "low"]);
 });
 
-test("a group that is waited for and comes too slowly is taken in the least rendition", () => {
+test("a needed group that arrives too slowly is loaded in the lowest rendition", () => {
   const world = new World({ renditions: ["high", "mid", "low"] });
   world.want({});
   time.now += 10;
@@ -279,7 +279,7 @@ test("a group that is waited for and comes too slowly is taken in the least rend
   assert.deepEqual(two.givenUp, [], "half of the bytes would not be here sooner by more than what is missing");
 });
 
-test("who chose a rendition gets it, however long it takes", () => {
+test("a chosen rendition is kept, however long it takes", () => {
   const world = new World({ renditions: ["high", "mid", "low"] });
   world.stream.choose("high");
   world.want({});
@@ -291,7 +291,7 @@ test("who chose a rendition gets it, however long it takes", () => {
   assert.deepEqual([world.givenUp, world.coming], [[], ["groups/0.bin"]]);
 });
 
-test("a device that draws too slowly gets fewer points with the next group that is asked for", () => {
+test("a slow renderer gets fewer points with the next requested group", () => {
   const world = new World({ groups: 5, renditions: ["high", "low"] });
   world.measure();
   world.stream.choose("high");
@@ -302,7 +302,7 @@ test("a device that draws too slowly gets fewer points with the next group that 
   assert.deepEqual(world.coming, ["groups/3.low.bin", "groups/4.low.bin"]);
 });
 
-test("memory for groups grows with the device's, within bounds", () => {
+test("memory for groups grows with the device's memory, within bounds", () => {
   for (const [gigabytes, mebibytes] of [[0.25, 64], [2, 128], [8, 512], [64, 512]]) {
     device.deviceMemory = gigabytes;
     assert.equal(memoryBudget(), mebibytes * 2 ** 20);

@@ -13,12 +13,12 @@ function paged(first: number, count: number, here: boolean[]): Schedule {
   return { first, pages, groups, overlap: 2 };
 }
 
-test("the current group is the last that has begun", () => {
+test("the current group is the last one that has started", () => {
   const expected: [number, number][] = [[-1, 0], [0, 0], [29.99, 0], [30, 1], [59.5, 1], [60, 2], [500, 2]];
   for (const [frame, group] of expected) assert.equal(groupAt(three, frame), group, String(frame));
 });
 
-test("one group shows alone at full weight", () => {
+test("a single group has full weight", () => {
   assert.deepEqual(momentAt(three, 30, 0.5), { current: { group: 0, frame: 15 }, previous: null, weight: 1 });
   assert.deepEqual(momentAt(three, 30, 0), { current: { group: 0, frame: 0 }, previous: null, weight: 1 });
 });
@@ -31,25 +31,25 @@ test("neighbors cross-fade over the overlap", () => {
   assert.equal(momentAt(three, 10, 3.5)!.previous, null);
 });
 
-test("without overlap nothing fades, and a first group fades from nothing", () => {
+test("without an overlap nothing fades, and the first group fades from nothing", () => {
   assert.deepEqual(momentAt({ ...three, overlap: 0 }, 30, 1), { current: { group: 1, frame: 0 }, previous: null, weight: 1 });
   assert.equal(weightAt({ ...three, first: 1 }, 31, 1), 1);
   assert.ok(weightAt(three, 31, 1) < 1);
 });
 
-test("frames are clamped to what a group holds", () => {
+test("frames are clamped to those of a group", () => {
   assert.equal(momentAt(three, 30, 100)!.current.frame, 29);
   assert.equal(momentAt({ ...three, overlap: 50 }, 1, 70)!.previous?.frame, 34);
 });
 
-test("groups have the numbers that they always had, wherever the reel begins now", () => {
+test("groups keep their numbers wherever the reel begins", () => {
   const schedule = paged(100, 3, [true, true]);
   const expected: [number, number][] = [[0, 100], [999, 100], [1000, 100], [1029, 102], [1030, 103], [1059, 105], [1060, 106], [9000, 107]];
   for (const [frame, group] of expected) assert.equal(groupAt(schedule, frame), group, String(frame));
   assert.deepEqual(momentAt(schedule, 1, 1021), { current: { group: 102, frame: 1 }, previous: { group: 101, frame: 11 }, weight: 0.5 });
 });
 
-test("what shows is not known before its page is here, and in a cross-fade at its border before the page before is", () => {
+test("the visible groups are unknown until their pages are loaded, both pages in a cross-fade at a border", () => {
   const missing = (here: boolean[], frame: number): number[] => missingPages(paged(0, 3, here), frame).map(({ group }) => group);
   assert.deepEqual([missing([false, false], 0), missing([false, false], 25), missing([false, false], 35)], [[0], [0], [3]]);
   assert.deepEqual([missing([false, false], 31), missing([true, false], 31), missing([false, true], 31), missing([true, true], 31)], [[3, 0], [3], [0], []]);
@@ -58,7 +58,7 @@ test("what shows is not known before its page is here, and in a cross-fade at it
   assert.deepEqual(momentAt(paged(0, 3, [true, true]), 1, 31)!.previous, { group: 2, frame: 11 });
 });
 
-test("pages say where their first groups begin", () => {
+test("pages contain the start of their first groups", () => {
   const schedule = paged(4, 3, [false, true]);
   assert.deepEqual([4, 5, 7, 8, 10, 12].map((group) => firstFrameOf(schedule, group)), [40, undefined, 70, 80, 100, undefined]);
 });
@@ -74,7 +74,7 @@ test("static points: alive in both groups, new, leaving, gone", () => {
   assert.deepEqual(listed(staticFlags(counts, null, null)), [[3, 3, 3], [3]]);
 });
 
-test("where one chapter fades into the next, each group's bits count the layers that live at it", () => {
+test("in a cross-fade of chapters, each group's bits refer to its own living layers", () => {
   const counts = new Map([["shared", 2], ["old", 3], ["new", 1]]);
   const now = { alive: Uint8Array.of(1, 0, 1), layers: ["shared", "new"] };
   const before = { alive: Uint8Array.of(1, 1, 0, 1, 1), layers: ["shared", "old"] };

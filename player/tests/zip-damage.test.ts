@@ -50,7 +50,7 @@ function damaged(): Buffer {
   return bytes;
 }
 
-test("a damaged zip gives its files, within it, or a ReelError that names it", async () => {
+test("a damaged zip yields files within its bounds, or a ReelError that names it", async () => {
   let [read, refused] = [0, 0];
   for (let i = 0; i < 1000; i++) {
     const bytes = damaged();

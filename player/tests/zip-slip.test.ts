@@ -30,7 +30,7 @@ function zip(files: [string, string][]): File {
 
 const sizeOf = async (files: [string, string][], uri: string): Promise<number> => (await openFiles([zip(files)])).part(uri).blob.size;
 
-test("names that point out of the zip are no files of the reel", async () => {
+test("names that point out of the zip are ignored", async () => {
   const files: [string, string][] = [
     ["reel/manifest.json", "{}"],
     ["reel/groups/0000.safetensors", "inside"],
@@ -45,14 +45,14 @@ test("names that point out of the zip are no files of the reel", async () => {
   assert.equal(await sizeOf(files, "../groups/0001.safetensors"), 0);
 });
 
-test("a manifest outside of the zip brings nothing from beside it into the reel", async () => {
+test("a manifest outside of the zip adds no files from beside it", async () => {
   const reel = await openFiles([zip([["../../manifest.json", "{}"], ["../../a.bin", "beside"], ["a.bin", "within"]])]);
   assert.equal(await reel.manifest(), "{}");
   assert.equal(await reel.part("a.bin").blob.text(), "beside");
   assert.equal(reel.part("../../a.bin").blob.size, 0);
 });
 
-test("names that JavaScript knows are names like others", async () => {
+test("names of JavaScript's own properties are ordinary names", async () => {
   const files: [string, string][] = [["manifest.json", "{}"], ["__proto__/a.bin", "mine"], ["constructor", "mine"]];
   assert.equal(await sizeOf(files, "__proto__/a.bin"), 4);
   assert.equal(await sizeOf(files, "toString"), 0);

@@ -61,7 +61,7 @@ test("the reel in a zip is found, also in a folder of it", async () => {
   assert.equal(reel.part("../manifest.json").blob.size, 0);
 });
 
-test("a zip that is cut off, damaged, encrypted or strange says so", async () => {
+test("a truncated, damaged, encrypted or unsupported zip is rejected with the reason", async () => {
   const good = zip([{ name: "manifest.json", bytes: text("{}") }]);
   const damaged = Buffer.from(good);
   damaged[0] = 0;
@@ -83,7 +83,7 @@ test("a zip that is cut off, damaged, encrypted or strange says so", async () =>
   for (const [bytes, message] of cases) await assert.rejects(openFiles([file(bytes)]), { name: "ReelError", message });
 });
 
-test("what is no reel is called by what it is", async () => {
+test("a file that is no reel is named by its kind", async () => {
   const cases: [File[], RegExp][] = [
     [[file(text("ply"), "scene.ply")], /That is not a reel: scene\.ply is a single static scene.*Give the folder/],
     [[file(text("mp4"), "film.MP4")], /film\.MP4 is an ordinary video/],
@@ -107,7 +107,7 @@ function folder(name: string, inside: object): FileSystemEntry {
   return { name, isFile: false, isDirectory: true, createReader } as unknown as FileSystemEntry;
 }
 
-test("the reel in a folder that is dropped is found, also within another", async () => {
+test("the reel in a dropped folder is found, also in a nested one", async () => {
   const files = { "a.txt": "a", "b.txt": "b", "c.txt": "c", reel: { "manifest.json": "{}", groups: { "0000.safetensors": "group" } } };
   const reel = await openDropped({ entries: [folder("out", files)], files: [] });
   assert.equal(reel.name, "out");

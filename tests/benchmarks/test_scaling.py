@@ -52,7 +52,7 @@ def measured(scaling: ModuleType, tmp_path: Path) -> Callable[..., tuple[bool, l
 
 
 def result(case: Any) -> Row:
-    """As `measure` gives it: seconds in proportion to pixels and frames, memory to the square root of pixels."""
+    """Return a result like `measure`: seconds in proportion to pixels and frames, memory to the square root of pixels."""
     seconds = case.width**2 * case.frames / 1000
     stages = {"keyframe": 0.75 * seconds, "group": 0.25 * seconds}
     found = {"cores": 2, "seconds": stages, "seconds_total": seconds, "seconds_wall": seconds, "processor": seconds}

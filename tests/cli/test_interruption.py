@@ -169,7 +169,7 @@ def test_busy_command_exits_after_the_grace_period(stuck: str, number: int, code
 
 
 def test_commands_run_outside_of_the_main_thread() -> None:
-    """Where signals cannot be handled, they are not."""
+    """Outside of the main thread signals cannot be handled, and commands do without."""
     codes: list[int] = []
     thread = threading.Thread(target=lambda: codes.append(main(["info", "nowhere"])))
     thread.start()

@@ -16,7 +16,7 @@ PATH = re.compile(r"`([\w./-]+/[\w./-]*)`")
 
 
 def folders_of_the_tree() -> dict[str, str]:
-    """What each folder in the tree is said to hold; a folder lies in the last one before it that is indented less."""
+    """Return the description of each folder in the tree. A folder lies in the last one before it that is indented less."""
     found: dict[str, str] = {}
     above: list[str] = []
     for indent, name, holds in FOLDER.findall(WHERE):

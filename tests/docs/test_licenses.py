@@ -19,7 +19,7 @@ def plain(name: str) -> str:
 
 
 def needed(name: str, extras: frozenset[str], seen: set[tuple[str, frozenset[str]]]) -> Iterator[str]:
-    """What a package that is installed needs here, and what that needs in turn; not itself."""
+    """Return all dependencies of an installed package, direct and indirect, without the package itself."""
     if (name, extras) in seen:
         return
     seen.add((name, extras))
@@ -32,7 +32,7 @@ def needed(name: str, extras: frozenset[str], seen: set[tuple[str, frozenset[str
 
 
 def test_every_package_is_pinned_and_its_license_told() -> None:
-    """Of those that are installed for the tests; extras for which somebody brings models are open."""
+    """The test covers the installed packages. Extras for models that users bring are not pinned."""
     found = set(needed("splatreel", frozenset({"", "recon", "dev"}), set())) - {"splatreel"}
     assert found - {plain(name) for name in PINS} == set()
     assert {name for name in found if name not in LICENSES.replace("_", "-")} == set()

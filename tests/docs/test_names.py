@@ -59,7 +59,7 @@ def test_members_that_documents_name_exist() -> None:
 
 
 def test_the_paper_map_names_every_hyper_parameter() -> None:
-    """Whatever a configuration can say stands in the map, or is ours and stands in the design."""
+    """Every setting is named in the map, or in the design if it is not of the paper."""
     text = "".join((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("paper-map.md", "design.md"))
     owners = (LayeringConfig, KeyframeConfig, GroupConfig, EncodeConfig, H265Config)
     fields = {(owner.__name__, field.name) for owner in owners for field in dataclasses.fields(owner)}

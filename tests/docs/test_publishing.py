@@ -1,4 +1,4 @@
-"""What docs/publishing.md tells people to set is what the tests with a bucket and a browser set."""
+"""The settings in docs/publishing.md are those of the tests with a bucket and a browser."""
 
 import json
 import re

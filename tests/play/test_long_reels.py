@@ -1,4 +1,4 @@
-"""What a long reel shows: layers that are retired fade out, pages are gone through, a reel may begin at a later frame."""
+"""Long reels: retired layers fade out, pages are followed, and a reel may begin at a later frame."""
 
 import json
 from itertools import pairwise

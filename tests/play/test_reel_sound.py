@@ -1,4 +1,4 @@
-"""What a program hears of a reel, and that flash and click of the golden reel coincide."""
+"""Sound of a reel in Python: flashes and clicks of the golden reel coincide."""
 
 import shutil
 from pathlib import Path

@@ -282,7 +282,7 @@ HOSTILE = 'Cats & "dogs" </title><script>alert(1)</script>'
 
 
 class Head(HTMLParser):
-    """What a page's head says: title, tags by name or property, and how many scripts there are."""
+    """Contents of a page's head: title, tags by name or property, and number of scripts."""
 
     def __init__(self, page: bytes) -> None:
         super().__init__()

@@ -1,7 +1,7 @@
-"""What a reel shows at a time, most of all in the overlap of two groups."""
+"""Gaussians and images of a reel at a time, especially in the overlap of two groups."""
 
 import shutil
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 
 import numpy as np
 import pytest
@@ -39,6 +39,15 @@ def test_timeline_shows_first_frame(reel):
     np.testing.assert_array_equal(shown.means, expected.means)
     np.testing.assert_array_equal(shown.opacities, expected.opacities)
     assert (timeline.frames, timeline.fps, timeline.duration) == (10, 10, 1.0)
+
+
+def test_moment_is_an_immutable_dataclass(reel):
+    moment = open_reel(reel).at(FIRST / FPS)
+    halved = replace(moment, opacities=moment.opacities / 2)
+    np.testing.assert_array_equal(halved.rests, moment.rests)
+    np.testing.assert_array_equal(moment[moment.rests].means, moment.means[moment.rests])
+    with pytest.raises(FrozenInstanceError):
+        moment.light = np.zeros(3)
 
 
 def test_render_follows_manifest(tmp_path):
@@ -110,7 +119,7 @@ def test_timeline_overlap_fades_points(reel, frame, weight):
 
 @pytest.mark.parametrize(("frame", "weight"), [(4.0, 0.0), (4.5, 0.15625), (5.0, 0.5)])
 def test_render_blends_images_between_groups(reel, frame, weight):
-    """That of the old group alone, static points that die with it too, and that of the new one."""
+    """The images of the old and the new group are blended, each with its own static points."""
     reader, timeline = ReelReader(reel), open_reel(reel)
     camera = replace(timeline.manifest.camera, width=64, height=48)
     six, four = reader.layer(0), reader.layer(1)

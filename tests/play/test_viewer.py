@@ -1,4 +1,4 @@
-"""Where the local viewer puts its cameras; tests/player/test_viewer.py looks at it with a browser."""
+"""Cameras of the local viewer. tests/player/test_viewer.py tests the viewer in a browser."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""A headless Chromium with WebGL 2 by software, shared by the browser tests; a page that must not complain; a server."""
+"""Fixtures of the browser tests: a headless Chromium with software WebGL 2, a page that must report no problem, a server."""
 
 import shutil
 from collections.abc import Callable, Iterator
@@ -36,7 +36,7 @@ def browser() -> Iterator[playwright.Browser]:
 
 
 def _patient(make: Callable[..., Any], **options: Any) -> Any:
-    """Make a page or a context in which what tests wait for may take long: a busy machine draws a few pictures a second.
+    """Make a page or a context with long timeouts, because a busy machine draws a few images per second.
 
     The page's policy forbids the `eval` by which tests wait; test_origins.py lets it hold.
     """
@@ -53,13 +53,13 @@ def server() -> Iterator[Server]:
 
 @pytest.fixture
 def bypass_csp() -> bool:
-    """Whether a page's Content-Security-Policy is left aside."""
+    """True to ignore a page's Content-Security-Policy."""
     return True
 
 
 @pytest.fixture
 def page(browser: playwright.Browser, bypass_csp: bool) -> Iterator[playwright.Page]:
-    """Fails the test if the page reports a problem that `expect_problems` did not name."""
+    """A page. The test fails if the page reports a problem that `expect_problems` did not name."""
     page = browser.new_page(viewport={"width": 480, "height": 320}, bypass_csp=bypass_csp)
     problems: list[str] = []
 

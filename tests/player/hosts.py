@@ -1,4 +1,4 @@
-"""Hosts with headers of a test's own."""
+"""HTTP hosts with custom headers."""
 
 import threading
 from collections.abc import Iterator
@@ -32,7 +32,7 @@ class _Handler(SimpleHTTPRequestHandler):
 
 @contextmanager
 def host(folder: Path, pages: dict[str, str] | None = None, headers: dict[str, str] | None = None) -> Iterator[str]:
-    """The address of a folder's files and of pages (texts by path), all answered with these headers, until the block ends."""
+    """Serve a folder's files and pages (texts by path) with these headers until the block ends, and yield the address."""
     handler = partial(_Handler, directory=str(folder), pages=pages or {}, headers=headers or {})
     with ThreadingHTTPServer(("127.0.0.1", 0), handler) as running:
         running.daemon_threads = True

@@ -1,4 +1,4 @@
-"""What the browser tests share: opening the player, and asking it things."""
+"""Functions of the browser tests that open the player and query it."""
 
 from playwright.sync_api import Page
 
@@ -8,7 +8,7 @@ PLAYER = "document.querySelector('splat-reel').player"
 
 
 def open_player(page: Page, server: Server, query: str = "?autoplay=0") -> None:
-    """Open the page and wait for the first whole picture."""
+    """Open the page and wait for the first complete image."""
     page.goto(server.url + query)
     wait_for_picture(page)
 

@@ -35,14 +35,14 @@ def nothing(page: Page) -> None:
 
 
 def begin(page: Page) -> None:
-    """A whole picture at a fixed time, in full resolution whatever the machine does."""
+    """Wait for a complete image at a fixed time, in full resolution on any machine."""
     wait_for_picture(page)
     page.evaluate(f"{PLAYER}.resolution.quality = 'full'; {PLAYER}.currentTime = 0.2")
     page.wait_for_function(f"!{PLAYER}.seeking")
 
 
 def again_and_again(page: Page, event: str) -> None:
-    """An event of the picture, a few times a second: what it shows for a while does not fade on a slow machine either."""
+    """Send an event to the image a few times per second, so that temporary messages stay on a slow machine."""
     page.evaluate(f"setInterval(() => {PLAYER}.canvas.dispatchEvent({event}), 300)")
 
 
@@ -58,14 +58,14 @@ def press(*keys: str) -> Callable[[Page], None]:
 
 
 def play(page: Page) -> None:
-    """Playing, but time stands still."""
+    """Play with a stopped clock."""
     begin(page)
     page.evaluate(f"{PLAYER}.playbackRate = 0; {PLAYER}.play()")
     again_and_again(page, "new PointerEvent('pointermove', {bubbles: true, composed: true})")
 
 
 def early(page: Page) -> None:
-    """The poster, for so long that it is explained."""
+    """Show the poster until its explanation appears."""
     page.wait_for_function(f"{REEL}.shadowRoot.querySelector('img.poster').complete")
     page.locator("splat-reel .wait.long").wait_for()
 
@@ -90,7 +90,7 @@ def statistics(page: Page) -> None:
 
 
 def wait(page: Page) -> None:
-    """The second group does not come."""
+    """Keep the second group back."""
     wait_for_picture(page)
     page.evaluate(f"{PLAYER}.resolution.quality = 'full'; {PLAYER}.invalidate(); {PLAYER}.currentTime = 0.3")
     page.wait_for_function(f"{PLAYER}.waiting")
@@ -112,14 +112,14 @@ def detail(page: Page) -> None:
 
 
 def stop(page: Page) -> None:
-    """The second group cannot be had."""
+    """Let the second group fail."""
     fresh(page)
     page.evaluate(f"{PLAYER}.currentTime = 0.3")
     error(page)
 
 
 def hint(page: Page) -> None:
-    """The wheel over a picture that leaves it to the page."""
+    """Turn the wheel over an image that leaves it to the page."""
     begin(page)
     page.evaluate(f"{REEL}.setAttribute('gestures', 'cooperative')")
     page.mouse.move(60, 60)
@@ -128,7 +128,7 @@ def hint(page: Page) -> None:
 
 
 def opened(entry: str) -> Callable[[Page], None]:
-    """What an entry of the menu opens."""
+    """Open a menu entry and return its dialog."""
 
     def act(page: Page) -> None:
         begin(page)
@@ -146,12 +146,12 @@ def opened(entry: str) -> Callable[[Page], None]:
 
 
 def ask(page: Page) -> None:
-    """The page asks for a reel, since none lies beside it."""
+    """Let the page ask for a reel, since there is none beside it."""
     page.locator("splat-reel .drop .choices").wait_for()
 
 
 def path(page: Page) -> None:
-    """A camera path of two views, seen from aside."""
+    """Show a camera path of two views from the side."""
     begin(page)
     reel = page.locator("splat-reel")
     reel.get_by_role("button", name="Settings").click()
@@ -174,7 +174,7 @@ def thumbnail(page: Page) -> None:
 
 
 def described(page: Page) -> None:
-    """The reel says what it is, and has pictures of its moments: sand on blue."""
+    """Give the reel a description and thumbnails, sand on blue."""
     manifest = json.loads((GOLDEN / "manifest.json").read_text())
     manifest |= {"title": "A toy train on its round", "author": "Ada Example", "licence": "CC BY 4.0"}
     manifest |= {"description": "Filmed on a Sunday with eight phones.\nThe engine is older than its driver."}
@@ -224,7 +224,7 @@ def headset(page: Page) -> None:
 
 
 def poster() -> str:
-    """A picture that is unlike the reel: blue above, sand below."""
+    """Return an image unlike the reel: blue above, sand below."""
     rows = np.linspace(0, 1, 32)[:, None, None]
     colors = (1 - rows) * np.array([80, 130, 200]) + rows * np.array([220, 190, 140])
     out = io.BytesIO()
@@ -234,7 +234,7 @@ def poster() -> str:
 
 @dataclass(frozen=True)
 class Screen:
-    """A state: what is asked of the page, what is done before it opens and after, its size, colors and screen."""
+    """A state of the page: its address, actions before and after it opens, its size, colors and screen."""
 
     act: Callable[[Page], None]
     before: Callable[[Page], None] = nothing
@@ -303,7 +303,7 @@ STATES = {
 
 
 def take(browser: Browser, url: str, screen: Screen) -> np.ndarray:
-    """What a state looks like, [H, W, 3] bytes; nothing moves in it."""
+    """Take a picture of a state in which nothing moves, [H, W, 3] bytes."""
     width, height = screen.size
     page = browser.new_page(
         viewport={"width": width, "height": height},
@@ -327,14 +327,14 @@ def take(browser: Browser, url: str, screen: Screen) -> np.ndarray:
 
 
 def redraw(page: Page) -> None:
-    """The picture, where there is one, once more, of all that is here now."""
+    """Draw the image again, if there is one, from all loaded files."""
     page.evaluate(f"{PLAYER}?.addEventListener('drawn', () => (window.drawnAnew = true), {{once: true}})")
     page.evaluate(f"{PLAYER}?.invalidate()")
     page.wait_for_function(f"!{PLAYER}?.canPlay || window.drawnAnew")
 
 
 def settled(page: Page) -> np.ndarray:
-    """What the page looks like once it stays so, [H, W, 3] bytes."""
+    """Return a screenshot of the page once it stops changing, [H, W, 3] bytes."""
     last = None
     for _ in range(MOST_PICTURES):
         shot = page.screenshot(animations="disabled", caret="hide")
@@ -346,7 +346,7 @@ def settled(page: Page) -> np.ndarray:
 
 
 def text_width(browser: Browser) -> float:
-    """Of a line in the controls' font, pixels: tells whether this machine has the fonts that the pictures were taken with."""
+    """Return the width of a line in the controls' font, pixels. It shows whether this machine has the fonts of the stored pictures."""
     page = browser.new_page()
     line = "Fly through the cameras 0123456789 Mbit/s"
     font = "500 13px system-ui, -apple-system, 'Segoe UI', Roboto, sans-serif"

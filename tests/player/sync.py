@@ -1,4 +1,4 @@
-"""Measures in a browser how far pictures are from the sound: when flashes are drawn, and when the clicks of them are heard."""
+"""Offset of images from sound in a browser: the times of drawn flashes and of their clicks."""
 
 from __future__ import annotations
 
@@ -56,10 +56,10 @@ async () => {
 
 @dataclass(frozen=True)
 class Sync:
-    """Milliseconds from each click that was heard to its picture: positive where the picture is late.
+    """Milliseconds from each click to its image; positive if the image is late.
 
-    pictures: to the first picture of the flash. clock: to when the time of the pictures is the click's, between two pictures; a
-    machine that draws late does not count.
+    pictures: to the first image of the flash. clock: to the time at which the image clock reaches the click, interpolated; a
+    slow renderer does not count.
     """
 
     pictures: list[float]
@@ -68,13 +68,13 @@ class Sync:
 
 
 def listen(page: Page) -> None:
-    """Begin to take times, once the reel's sound goes through Web Audio."""
+    """Start the measurement after the reel's sound is connected to Web Audio."""
     page.evaluate(LISTEN)
 
 
 def measured(page: Page, times: tuple[float, ...], within: float = 140.0) -> Sync:
-    """What was found since `listen`. times: of the clicks, seconds. within: milliseconds to a click's picture; a click without one is
-    where somebody sought."""
+    """Return the measurements since `listen`. times: of the clicks, seconds. within: milliseconds from a click to its picture; a click
+    without one belongs to a seek."""
     heard, seen, drawn = page.evaluate("[window.heard, window.seen, window.drawn]")
     passed = [
         before + (time - a) / (b - a) * (after - before)

@@ -1,4 +1,4 @@
-"""axe-core finds nothing to complain about on the reel's own page, in any state, in light and in dark."""
+"""axe-core finds no fault in the reel's page, in any state, in light and dark colors."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -40,7 +40,7 @@ def go(page: Page, server: Server, query: str = screens.GIVEN) -> None:
 
 
 def test_in_use(wide: Page, server: Server):
-    """One page through the states of a reel that plays."""
+    """One page goes through the states of playback."""
     screens.described(wide)
     go(wide, server)
     screens.fresh(wide)

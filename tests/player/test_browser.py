@@ -112,7 +112,7 @@ def test_decodes_offsets_in_a_fragmented_mp4(page: Page, server: Server):
 
 
 def fragmented(mp4: bytes) -> bytes:
-    """The same tracks with their samples in movie fragments."""
+    """Return the same tracks with their samples in movie fragments."""
     out = io.BytesIO()
     options = {"movflags": "frag_keyframe+empty_moov+default_base_moof"}
     with av.open(io.BytesIO(mp4)) as source, av.open(out, "w", format="mp4", options=options) as target:
@@ -135,7 +135,7 @@ def test_pictures_match_the_python_render(page: Page, server: Server, seconds: f
 
 
 def test_what_rests_is_not_drawn_close_to_a_viewer(page: Page, server: Server, tmp_path: Path):
-    """As in Python; from half as far from the focus, half as much room is clear. And behind everything is the background."""
+    """The player hides the same static points as Python. At half the distance, the clearance is half as large."""
     shutil.copytree(GOLDEN, tmp_path / "reel")
     clearance = {"focus": [0, 0, 0], "share": 0.9}
     edit_manifest(tmp_path / "reel", lambda d: d.update(clearance=clearance, background=[0.6, 0.3, 0.5]))

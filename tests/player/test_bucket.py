@@ -1,4 +1,4 @@
-"""A browser plays a reel out of a bucket, as docs/publishing.md tells, while the reel is being made and published."""
+"""A browser plays a reel from a bucket set up as docs/publishing.md describes, while the reel is made and published."""
 
 from pathlib import Path
 
@@ -50,7 +50,7 @@ def test_a_reel_in_a_bucket_plays_while_it_grows(page: Page, server: Server, buc
 def test_a_long_show_in_a_bucket_is_followed_while_its_beginning_is_dropped_and_deleted(
     page: Page, server: Server, bucket, tmp_path: Path
 ):
-    """Pages are named by their content too, and who is at the edge never meets a file that has been deleted."""
+    """Page names contain their hash too, and a viewer at the live edge never requests a deleted file."""
     bucket.open_to_pages()
     missing: list[str] = []
     page.on("response", lambda answer: missing.append(answer.url) if answer.status >= 400 else None)

@@ -28,7 +28,7 @@ IMPORT_MAP = """<script type="importmap">
 
 @pytest.fixture(scope="session")
 def tools(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A folder with the bundlers, as `tests/player/bundlers/package-lock.json` pins them."""
+    """Folder with the bundlers that `tests/player/bundlers/package-lock.json` pins."""
     npm = shutil.which("npm")
     if npm is None:
         pytest.skip("the bundlers need node and npm")
@@ -62,7 +62,7 @@ def write_app(folder: Path, reel: str, head: str = "") -> Path:
 
 
 def assert_plays(page: Page, address: str) -> None:
-    """The page decodes (Draco and H.265, by workers and WASM), sorts, and loads parts on demand."""
+    """Assert that the page decodes (Draco and H.265, in workers with WASM), sorts, and loads parts on demand."""
     page.goto(address)
     wait_for_picture(page)
     reel = page.locator("splat-reel")

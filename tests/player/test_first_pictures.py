@@ -1,4 +1,4 @@
-"""What shows while a reel is on its way: the poster, the layers, how much is still to come; never a black canvas."""
+"""Display while a reel loads: the poster, the layers and the progress, never a black canvas."""
 
 import hashlib
 import io
@@ -27,7 +27,7 @@ def jpeg(color: tuple[int, int, int]) -> bytes:
 
 @pytest.fixture
 def postered(page: Page) -> Page:
-    """Its reel has a red poster."""
+    """Add a red poster to the reel."""
     data = jpeg(RED)
     poster = {
         "uri": "poster.jpg",
@@ -43,7 +43,7 @@ def postered(page: Page) -> Page:
 
 
 def center(page: Page) -> np.ndarray:
-    """Color in the middle of the window, a little above the wheel that turns there."""
+    """Return the color in the middle of the window, a little above the spinner."""
     picture = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB"), int)
     return picture[picture.shape[0] // 4, picture.shape[1] // 2]
 

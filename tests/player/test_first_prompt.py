@@ -1,4 +1,4 @@
-"""On their first visit people are told that they can look around."""
+"""The player tells first-time viewers that they can look around."""
 
 import pytest
 from playwright.sync_api import Browser, Page

@@ -1,4 +1,4 @@
-"""A browser that watches a capture which is being filmed, reconstructed and served, for half a minute."""
+"""A browser plays a capture while it is filmed, reconstructed and served, for half a minute."""
 
 import itertools
 import threading
@@ -29,7 +29,7 @@ WALL = WallCapture(20, speed=0.05)
 
 
 def film(recorder: Recorder) -> None:
-    """In real time."""
+    """Film in real time."""
     begun = time.monotonic()
     for number in range(FPS * SECONDS):
         time.sleep(max(begun + number / FPS - time.monotonic(), 0))

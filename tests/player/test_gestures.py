@@ -1,4 +1,4 @@
-"""Whose are wheel and fingers: in a page that scrolls they are the page's, until people choose the picture."""
+"""Wheel and touch in a scrolling page: the page gets them until the viewer chooses the image."""
 
 import numpy as np
 import pytest
@@ -27,7 +27,7 @@ def open_article(page: Page, server: Server, attributes: str = "") -> None:
 
 
 def scrolled(page: Page) -> float:
-    """How far the page has scrolled, once what the wheel does next counts anew."""
+    """Return the page's scroll position, after the pause that separates two wheel gestures."""
     page.wait_for_timeout(700)
     return page.evaluate("scrollY")
 
@@ -46,7 +46,7 @@ def touch(fingers: CDPSession, kind: str, *points: tuple[float, float]) -> None:
 
 
 def swipe(fingers: CDPSession, page: Page, x: int, y: int) -> None:
-    """One finger, from the middle of the reel."""
+    """Swipe with one finger from the middle of the reel."""
     touch(fingers, "touchStart", (160, 180))
     for part in np.linspace(0.1, 1, 10):
         page.wait_for_timeout(16)
@@ -55,7 +55,7 @@ def swipe(fingers: CDPSession, page: Page, x: int, y: int) -> None:
 
 
 def pinch(fingers: CDPSession) -> None:
-    """Two fingers, one above the other, which were 80 pixels apart and end 160 apart."""
+    """Spread two fingers, one above the other, from 80 to 160 pixels apart."""
     for kind, half in (("touchStart", 40), ("touchMove", 60), ("touchMove", 80)):
         touch(fingers, kind, (160, 180 - half), (160, 180 + half))
     touch(fingers, "touchEnd")

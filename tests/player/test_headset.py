@@ -1,4 +1,4 @@
-"""Virtual reality, with a headset that is only pretended: two eyes beside each other in one framebuffer."""
+"""Virtual reality with a simulated headset: two eyes side by side in one framebuffer."""
 
 import base64
 
@@ -59,14 +59,14 @@ HEADSET = """
 
 
 def eyes(page: Page) -> tuple[np.ndarray, np.ndarray]:
-    """What the left and the right eye see, [SIDE, SIDE, 3] each."""
+    """Return the images of the left and the right eye, [SIDE, SIDE, 3] each."""
     data = np.frombuffer(base64.b64decode(page.evaluate("layer.pixels()")), np.uint8)
     both = data.reshape(SIDE, 2 * SIDE, 4)[::-1, :, :3] / 255
     return both[:, :SIDE], both[:, SIDE:]
 
 
 def expected(side: int, seconds: float = 0.0) -> np.ndarray:
-    """The CPU's picture of an eye: beside the reel's camera, whose median distance to the middle is two meters."""
+    """Return the CPU's image of an eye beside the reel's camera, whose median distance to the center is two meters."""
     reel = open_reel(GOLDEN)
     middle = np.asarray(reel.manifest.bounds).mean(0)
     meters = 2 / np.sort([np.linalg.norm(camera.center - middle) for camera in reel.manifest.cameras])[1]

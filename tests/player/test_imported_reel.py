@@ -1,4 +1,4 @@
-"""The player shows reels of imported films, in a real Chromium, as Python does: no fades, points that come and go."""
+"""Reels of imported films look the same in a real Chromium as in Python: no fades, points appear and disappear."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ FPS = 10
 
 
 def exchanged(number: int) -> Gaussians:
-    """The film's frame with its rows shuffled, so that all that moves is new."""
+    """Return the film's frame with its rows shuffled, so that everything that moves is new."""
     points = frame(number)
     return points[np.random.default_rng(number).permutation(len(points))[number:]]
 

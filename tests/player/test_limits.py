@@ -1,4 +1,4 @@
-"""Where views hold: who goes beyond is brought back, and the picture fades meanwhile."""
+"""View limits: a view beyond them returns, and its image fades meanwhile."""
 
 import json
 

@@ -1,4 +1,4 @@
-"""Reels from this machine: a zip that is dropped, a folder or a zip that is chosen, and what is none."""
+"""Local reels: a dropped zip, a chosen folder or zip, and other files."""
 
 import json
 import shutil

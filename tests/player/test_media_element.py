@@ -27,7 +27,7 @@ window.blank = () => getComputedStyle(r.shadowRoot.querySelector("canvas")).opac
 
 @pytest.fixture
 def embed(page: Page, server: Server) -> Page:
-    """A page with an element `r` that has no reel yet, and `seen`, its events."""
+    """Open a page with an element `r` without a reel, and `seen`, its events."""
     page.route("**/embed.html", lambda route: route.fulfill(content_type="text/html", body=EMBED))
     page.goto(server.url + "embed.html")
     page.wait_for_function("window.r")
@@ -180,7 +180,7 @@ def test_a_link_to_a_view_opens_there(embed: Page):
 
 
 def test_a_live_reel_that_goes_round_fades_into_its_last_group(embed: Page):
-    """What is drawn of its first frames is faded from the group before, and in the order of these frames."""
+    """The first frames of the last group are faded from the group before, in the order of these frames."""
     page = embed
     manifest = json.loads((GOLDEN / "manifest.json").read_text()) | {"live": True}
     page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
@@ -208,7 +208,7 @@ def test_a_live_reel_that_goes_round_fades_into_its_last_group(embed: Page):
 
 
 def test_time_that_runs_backwards_is_drawn(embed: Page):
-    """A camera path may do so: the order is then always that of a later frame."""
+    """A camera path may run backwards. The sort order is then always that of a later frame."""
     page = embed
     opened(page)
     page.evaluate("r.currentTime = 0.39")

@@ -1,4 +1,4 @@
-"""The player on bad networks and odd hosts: it waits, tries again, goes on at the right time, and says why it cannot."""
+"""The player on bad networks and unusual hosts: it waits, retries, continues at the right time, and reports failures."""
 
 import json
 import shutil
@@ -241,7 +241,7 @@ def test_groups_that_memory_does_not_hold_are_dropped_and_fetched_again(page: Pa
 
 
 class _Slow(SimpleHTTPRequestHandler):
-    """One Mbit a second a transfer, after 300 ms."""
+    """Transfers of 1 Mbit/s each, after 300 ms."""
 
     def copyfile(self, source, outputfile) -> None:  # pyright: ignore
         time.sleep(0.3)

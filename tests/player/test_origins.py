@@ -30,7 +30,7 @@ def bypass_csp() -> bool:
 
 
 def policies() -> list[str]:
-    """Those of the docs: the player on the page's own origin, and from a CDN."""
+    """Return the policies of the docs: for the player on the page's own origin, and from a CDN."""
     found = re.findall(r"^ +Content-Security-Policy: (.+)$", DOCS.read_text(), re.M)
     assert len(found) == 2
     return found
@@ -44,7 +44,7 @@ def test_the_docs_name_the_script_of_the_bundled_page():
 
 
 def violations(page: Page) -> list[str]:
-    """What policies forbid, in pages and workers, as the console says."""
+    """Return the violations of policies in pages and workers, from the console."""
     texts: list[str] = []
     page.on(
         "console", lambda message: texts.append(message.text) if "Content Security Policy" in message.text else None
@@ -53,7 +53,7 @@ def violations(page: Page) -> list[str]:
 
 
 def wait(page: Page, expression: str) -> None:
-    """As `wait_for_function`, which policies forbid."""
+    """Wait for a condition. Policies forbid `wait_for_function`."""
     deadline = time.monotonic() + 30
     while not page.evaluate(expression):
         assert time.monotonic() < deadline, (expression, page.evaluate(f"String({PLAYER}.error)"))
@@ -99,7 +99,7 @@ def test_a_strict_policy_on_one_origin(page: Page, tmp_path: Path, reel: Path):
 
 @pytest.mark.parametrize("reel", [SOUND, PREDICTIVE], ids=["h265", "predictive"])
 def test_the_server_s_own_policy(page: Page, reel: Path):
-    """The page as `serve` sends it, of its own reel and of one on another host."""
+    """The page of `serve` plays its own reel and one on another host."""
     with serve(reel, port=0) as server, serve(GOLDEN, port=0, cors=True) as other:
         forbidden = violations(page)
         page.goto(f"{server.url}?autoplay=0")

@@ -19,7 +19,7 @@ REEL = "document.querySelector('splat-reel')"
 
 
 def path_through_golden(seconds: float, times: tuple[float, float]) -> dict:
-    """From the reel's own camera to one that is a unit farther away."""
+    """Return a path from the reel's own camera to one a unit farther away."""
     start = open_reel(GOLDEN).manifest.camera.viewmat.astype(float)
     end = start.copy()
     end[2, 3] += 1

@@ -1,4 +1,4 @@
-"""The player shows a reel of the predictive codec, in a real Chromium, as Python does; no other decoder is fetched for it."""
+"""A reel of the predictive codec looks the same in a real Chromium as in Python, and loads no other decoder."""
 
 from collections.abc import Iterator
 

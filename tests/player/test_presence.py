@@ -1,4 +1,4 @@
-"""Many reels on a page: those that nobody sees hold nothing, all play where people come to them, and moving one changes nothing."""
+"""Many reels on a page: hidden reels hold no memory, visible ones play, and moving an element changes nothing."""
 
 import io
 
@@ -52,7 +52,7 @@ def site(tmp_path_factory: pytest.TempPathFactory):
 
 
 def variation(element: Locator) -> float:
-    """Of the colors of an element's screenshot."""
+    """Return the standard deviation of the colors in an element's screenshot."""
     return float(np.asarray(Image.open(io.BytesIO(element.screenshot())).convert("RGB"), float).std())
 
 

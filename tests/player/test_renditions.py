@@ -1,4 +1,4 @@
-"""Renditions: which one is got on a network that changes, and the menu."""
+"""Renditions: the choice on a changing network, and the menu."""
 
 import hashlib
 import json
@@ -30,7 +30,7 @@ TAKEN = (
 
 
 class Line:
-    """A web server of a folder, whose transfers share a line of so many bits a second."""
+    """A web server of a folder whose transfers share a given bandwidth, bits per second."""
 
     def __init__(self, folder: Path) -> None:
         line = self
@@ -58,7 +58,7 @@ class Line:
 
 @pytest.fixture
 def line(tmp_path: Path) -> Iterator[Line]:
-    """A reel of many groups of half a second; `high` is `low` with a tensor that means nothing."""
+    """A reel of many groups of half a second. `high` is `low` with an unused tensor."""
     manifest = json.loads((PREDICTIVE / "manifest.json").read_text())
     for layer in manifest["layers"]:
         layer["group"] = 0

@@ -1,4 +1,4 @@
-"""Every state of the controls looks as it did when somebody last looked at it (tests/data/screens, `make screens`)."""
+"""Every state of the controls looks like its approved picture (tests/data/screens, `make screens`)."""
 
 import json
 
@@ -21,14 +21,14 @@ PART_OF_OTHER_FONTS = 0.06
 
 
 def cells(picture: np.ndarray) -> np.ndarray:
-    """Means [H / CELL, W / CELL, 3] of 0..1."""
+    """Return the mean colors of cells, [H / CELL, W / CELL, 3], 0..1."""
     height, width = picture.shape[0] // CELL, picture.shape[1] // CELL
     cropped = picture[: height * CELL, : width * CELL].astype(np.float32) / 255
     return cropped.reshape(height, CELL, width, CELL, 3).mean((1, 3))
 
 
 def different(a: np.ndarray, b: np.ndarray) -> float:
-    """Which part of the cells differs."""
+    """Return the share of cells that differ."""
     return float((np.abs(cells(a) - cells(b)).max(-1) > DIFFERENT).mean())
 
 
@@ -38,7 +38,7 @@ def golden(name: str) -> np.ndarray:
 
 @pytest.fixture(scope="session")
 def part(browser: Browser) -> float:
-    """What may differ on this machine."""
+    """Return the share of cells that may differ on this machine."""
     same = json.loads((SCREENS / "font.json").read_text())["text_width"] == text_width(browser)
     return PART if same else PART_OF_OTHER_FONTS
 

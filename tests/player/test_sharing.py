@@ -1,4 +1,4 @@
-"""What people take away from the player: links, code that embeds it, pictures, and what the reel says of itself."""
+"""Sharing from the player: links, embedding code, images, and the description of the reel."""
 
 import io
 import json
@@ -21,13 +21,13 @@ WORDS = {"title": "A <b>toy</b> train", "author": "Ada", "description": "On <i>i
 
 
 def say(page: Page) -> None:
-    """The reel says something of itself."""
+    """Give the reel a description."""
     manifest = json.loads((GOLDEN / "manifest.json").read_text()) | WORDS
     page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
 
 
 def choose(page: Page | Frame, entry: str) -> Locator:
-    """Open what an entry of the menu opens."""
+    """Open a menu entry."""
     reel = page.locator("splat-reel")
     reel.get_by_role("button", name="Settings").click()
     reel.locator(".menu").get_by_role("button", name=entry).click()
@@ -38,7 +38,7 @@ def choose(page: Page | Frame, entry: str) -> Locator:
 
 @pytest.fixture
 def plain(browser: Browser) -> Iterator[Page]:
-    """A page that nobody has given anything, in pixels of half a CSS pixel."""
+    """A page without permissions, with two device pixels per CSS pixel."""
     page = browser.new_page(viewport={"width": 480, "height": 400}, device_scale_factor=2)
     yield page
     page.close()
@@ -86,13 +86,13 @@ def test_only_pages_that_take_links_share_them(page: Page, server: Server):
 
 @pytest.fixture(scope="module")
 def elsewhere() -> Iterator[Server]:
-    """Another origin."""
+    """Address of another origin."""
     with serve(GOLDEN, port=0) as running:
         yield running
 
 
 def open_frame(page: Page, server: Server, elsewhere: Server, allow: str) -> Frame:
-    """The player in a frame of another origin."""
+    """Open the player in a frame of another origin."""
     address = f"{elsewhere.url}?autoplay=0"
     frame = f'<iframe src="{address}" allow="{allow}" width="480" height="400"></iframe>'
     page.goto(server.url + "THIRD_PARTY.txt")  # a page that was really served: others may not ask this machine

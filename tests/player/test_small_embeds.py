@@ -1,4 +1,4 @@
-"""In small embeds what is said and can be pressed stays in sight; nothing of the page around gets into the controls."""
+"""Small embeds: messages and controls stay visible, and the page's styles do not reach the controls."""
 
 import re
 
@@ -39,7 +39,7 @@ def open_embed(
 
 
 def assert_in_sight(element: Locator, size: tuple[int, int]) -> None:
-    """All of it lies within the embed, and nothing covers its middle."""
+    """Assert that an element lies within the embed and that nothing covers its middle."""
     box = element.bounding_box()
     assert box is not None
     assert box["x"] >= 0

@@ -1,4 +1,4 @@
-"""The sound of a reel: pictures follow it, what is missing stops both, people turn it up and down, and browsers have their say."""
+"""Sound of a reel: images follow it, missing data stops both, viewers control its volume, and browsers may block it."""
 
 import json
 import statistics
@@ -30,14 +30,14 @@ def server() -> Iterator[Server]:
 
 @pytest.fixture
 def asked(page: Page) -> list[str]:
-    """Names of the sound's files, as they are asked for."""
+    """Return the names of the sound's files in the order of their requests."""
     names: list[str] = []
     page.on("request", lambda request: names.append(request.url.split("/")[-1]) if "/sound/" in request.url else None)
     return names
 
 
 def untouched(page: Page, url: str, event: str, script: str) -> str:
-    """What a page says of its own, before anything touches it: to a browser, a question of a test is a person's touch."""
+    """Return a page's values before any user input. To a browser, a test's query counts as user input."""
     page.add_init_script(
         f"""addEventListener('DOMContentLoaded', () => customElements.whenDefined('splat-reel').then(() => setTimeout(() => {{
           const reel = {REEL};
@@ -50,7 +50,7 @@ def untouched(page: Page, url: str, event: str, script: str) -> str:
 
 
 def play(page: Page) -> None:
-    """As a person does."""
+    """Start playback by user input."""
     page.locator("splat-reel .start").click()
     page.wait_for_function(f"{HEARD} > 0.05 && {PLAYER}.currentTime > 0.05")
 

@@ -17,7 +17,7 @@ needs_node = pytest.mark.usefixtures("packages")
 
 @pytest.fixture(scope="module")
 def packages() -> None:
-    """A clone without the player's packages has not been tested: where they can be installed, that is no reason to skip."""
+    """Install the player's packages. A clone without them is untested, so tests skip only if they cannot be installed."""
     if shutil.which("npm") is None:
         pytest.skip("needs node and npm")
     assert (PLAYER / "node_modules").is_dir(), "The player's packages are missing: make test, or npm ci in player/"
@@ -30,7 +30,7 @@ def run(*command: str) -> None:
 
 @pytest.fixture(scope="module")
 def unit_results(packages: None) -> dict[str, dict]:
-    """By file of player/tests: how many tests passed, and what failed. Where coverage is measured, that of TypeScript is, too."""
+    """Return the passed and failed tests by file of player/tests. TypeScript's coverage is measured along with Python's."""
     results = PLAYER / "out" / "tests.json"
     results.unlink(missing_ok=True)
     command = ["node", *(["--experimental-test-coverage"] if "COVERAGE_RUN" in os.environ else []), "test.mjs"]

@@ -1,4 +1,4 @@
-"""One HTML file with player and reel, opened from a disk."""
+"""One HTML file with player and reel, opened from disk."""
 
 import shutil
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Small pictures over the seek bar: the right one of the right sheet, got when it is looked at."""
+"""Thumbnails over the seek bar: the right one of the right sheet, loaded on demand."""
 
 import io
 import json
@@ -23,7 +23,7 @@ def color(index: int) -> tuple[int, int, int]:
 
 
 def sheet(number: int) -> bytes:
-    """Plain colors, one a picture; the last sheet has one row."""
+    """Return a sheet of plain colors, one per thumbnail. The last sheet has one row."""
     left = min(COUNT - number * COLUMNS * ROWS, COLUMNS * ROWS)
     picture = Image.new("RGB", (COLUMNS * SIZE[0], -(-left // COLUMNS) * SIZE[1]))
     for k in range(left):
@@ -35,7 +35,7 @@ def sheet(number: int) -> bytes:
 
 
 def add_thumbnails(page: Page) -> list[str]:
-    """Give the golden reel thumbnails; what is asked for of them."""
+    """Give the golden reel thumbnails, and return the requests for them."""
     manifest = json.loads((GOLDEN / "manifest.json").read_text())
     seconds = manifest["frames"] / manifest["fps"] / COUNT
     sheets = [{"uri": f"thumbnails/{i}.png", "bytes": len(sheet(i))} for i in range(2)]
@@ -53,7 +53,7 @@ def add_thumbnails(page: Page) -> list[str]:
 
 
 def shown(page: Page) -> np.ndarray:
-    """Color in the middle of the thumbnail."""
+    """Return the color in the middle of the thumbnail."""
     image = page.locator("splat-reel .thumbnail img")
     image.wait_for()
     page.wait_for_timeout(250)

@@ -1,4 +1,4 @@
-"""The controls under fingers: taps show and hide them, what does not show takes nothing, and everything is large enough."""
+"""Controls on touch screens: taps show and hide them, hidden controls take no taps, and all are large enough."""
 
 import pytest
 from playwright.sync_api import Locator, Page
@@ -15,7 +15,7 @@ THUMB = 44
 
 
 def open_playing(phone: Page, server: Server) -> None:
-    """Playing, but time stands still; the controls are away."""
+    """Open the page and play with a stopped clock and hidden controls."""
     open_player(phone, server)
     phone.evaluate(f"{PLAYER}.playbackRate = 0; {PLAYER}.currentTime = 0.2; {PLAYER}.play()")
     phone.wait_for_function(IDLE)

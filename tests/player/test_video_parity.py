@@ -19,7 +19,7 @@ pytestmark = pytest.mark.browser
 
 @pytest.fixture
 def embed(page: Page, server: Server) -> Page:
-    """A page with an element `r` that has no reel yet, and `seen`, its events."""
+    """Open a page with an element `r` without a reel, and `seen`, its events."""
     page.route("**/embed.html", lambda route: route.fulfill(content_type="text/html", body=EMBED))
     page.goto(server.url + "embed.html")
     page.wait_for_function("window.r")

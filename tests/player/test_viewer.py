@@ -1,4 +1,4 @@
-"""The local viewer: a real viser server, and a browser that looks at it."""
+"""The local viewer: a real viser server and a browser."""
 
 import io
 

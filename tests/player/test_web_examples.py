@@ -1,4 +1,4 @@
-"""The web examples are built and play the golden reel."""
+"""The web examples build, and play the golden reel."""
 
 import json
 import shutil

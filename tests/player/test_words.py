@@ -1,4 +1,4 @@
-"""What the player says: help for the hands that are there, times, and errors in words of people who did not make the reel."""
+"""Texts of the player: help for the available input devices, times, and errors in plain words."""
 
 import pytest
 from playwright.sync_api import Page

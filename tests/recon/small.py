@@ -22,7 +22,7 @@ FEW: dict[str, Any] = {
 
 
 def small(changes: dict[str, Any] | None = None) -> Config:
-    """What users run, with few iterations: tracks, appearance, light, exposures and poses are on.
+    """Return the default settings with few iterations. Tracks, appearance, light, exposures and poses are enabled.
 
     changes: by name, as `group.length`.
     """

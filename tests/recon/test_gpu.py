@@ -31,7 +31,7 @@ from tests.standin.gpu import gpu, without_gsplat
 
 @pytest.fixture
 def waits(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Counter[str]]]:
-    """By trainer: how often each of its iterations waited for the device."""
+    """Return the number of waits for the device in each iteration, by trainer."""
     counts: dict[str, list[Counter[str]]] = {}
     for trainer in (KeyframeTrainer, GroupTrainer):
         counts[trainer.__name__] = counted = []

@@ -180,7 +180,7 @@ def test_run_killed_at_any_write_ends_with_the_same_reel(
 
 @pytest.mark.parametrize("uri", ["groups/0000.safetensors", "layers/0000.safetensors"])
 def test_files_of_the_reel_that_were_damaged_are_written_again(whole: Result, copy: Path, uri: str) -> None:
-    """As long as before, and other bytes: what a bad disk makes of a file."""
+    """The file keeps its length and gets other bytes, as from a failing disk."""
     file = copy / "reel" / uri
     data = bytearray(file.read_bytes())
     data[len(data) // 2] ^= 1
@@ -292,7 +292,7 @@ def test_reel_without_its_checkpoints_is_not_overwritten(copy: Path) -> None:
 
 
 def test_failed_start_does_not_claim_the_folder(tmp_path: Path) -> None:
-    """What could not be read may be mended, or something else be reconstructed into the folder."""
+    """The capture may be repaired, or another one may be reconstructed into the folder."""
 
     class Damaged(WallCapture):
         def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:

@@ -124,3 +124,14 @@ export class FakePlayer {
     return events.filter((name, i) => name !== events[i - 1]);
   }
 }
+
+/** Events that come at any time, for `heard`. */
+export const OFTEN = ["progress", "drawn", "timeupdate", "volumechange"];
+
+/** A player that has started to show a reel. Its events so far are forgotten. */
+export async function started(plan: Plan = { groups: 3 }): Promise<FakePlayer> {
+  const fake = new FakePlayer(plan);
+  await fake.start();
+  fake.heard();
+  return fake;
+}

@@ -6,6 +6,7 @@ Source: paper section 4.4.
 from __future__ import annotations
 
 import bisect
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 
@@ -21,29 +22,46 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
 
+@dataclass(frozen=True)
 class Moment(Gaussians):
-    """The Gaussians that a reel shows at a time."""
+    """The Gaussians that a reel shows at a time.
+
+    Attributes:
+        rests: [N] bool: which Gaussians are static.
+        light: [3] factors by which all colors were multiplied.
+        fade: In a cross-fade, the Gaussians of the old and of the new group alone, and the weight of the new one; otherwise None.
+    """
 
     rests: np.ndarray
-    """[N] bool: which Gaussians are static."""
     light: np.ndarray
-    """[3] factors by which all colors were multiplied."""
-    fade: tuple[Moment, Moment, float] | None
-    """In a cross-fade, the Gaussians of the old and of the new group alone, and the weight of the new one; otherwise None."""
+    fade: tuple[Moment, Moment, float] | None = None
 
-    def __init__(
-        self,
-        parts: list[Gaussians],
-        rests: list[bool],
+    @staticmethod
+    def join(
+        parts: list[tuple[Gaussians, bool]],
         light: np.ndarray | None,
         fade: tuple[Moment, Moment, float] | None = None,
-    ) -> None:
-        """Join `parts`. rests: which of them are static. light: [3] factors of all colors; None for constant light."""
-        everything = _joined(parts if light is None else [part.brightened(light) for part in parts])
-        super().__init__(everything.means, everything.quats, everything.scales, everything.opacities, everything.sh)
-        object.__setattr__(self, "rests", np.repeat(rests, [len(part) for part in parts]))
-        object.__setattr__(self, "light", np.ones(3) if light is None else light)
-        object.__setattr__(self, "fade", fade)
+    ) -> Moment:
+        """Join sets of Gaussians.
+
+        Args:
+            parts: Sets, each with True if its Gaussians are static.
+            light: [3] factors of all colors; None for constant light.
+            fade: See `Moment`.
+        """
+        sets = [points if light is None else points.brightened(light) for points, _ in parts]
+        joined = Gaussians.concatenate([points for points in sets if len(points)] or sets[:1])
+        rests = np.repeat([static for _, static in parts], [len(points) for points in sets])
+        return Moment(
+            means=joined.means,
+            quats=joined.quats,
+            scales=joined.scales,
+            opacities=joined.opacities,
+            sh=joined.sh,
+            rests=rests,
+            light=np.ones(3) if light is None else light,
+            fade=fade,
+        )
 
 
 class Timeline:
@@ -100,8 +118,8 @@ class Timeline:
         weight = self._weight(frame, new)
         light = new.light_at(frame - new.first_frame)
         if place == 0 or weight >= 1:
-            parts = [self.reel.static(new.index)[0][new.alive], new.at(frame - new.first_frame)]
-            return Moment(parts, [True, False], light)
+            static = self.reel.static(new.index)[0][new.alive]
+            return Moment.join([(static, True), (new.at(frame - new.first_frame), False)], light)
         return self._fading(frame, weight, self.reel.group(groups[place - 1].group), new, light)
 
     def render(self, gaussians: Gaussians, camera: Camera, draw: Draw = draw_on_cpu) -> np.ndarray:
@@ -144,12 +162,16 @@ class Timeline:
         leaves, comes = old.alive.copy(), new.alive.copy()
         leaves[in_old] &= ~new.alive[in_new]
         comes[in_new] &= ~old.alive[in_old]
-        both = rests[new.alive & ~comes]
-        leaving = [rested[leaves], old.at(frame - old.first_frame)]
-        coming = [rests[comes], new.at(frame - new.first_frame)]
-        before, after = (Moment([both, *alone], [True, True, False], light) for alone in (leaving, coming))
-        parts = [both, *(p.faded(1 - weight) for p in leaving), *(p.faded(weight) for p in coming)]
-        return Moment(parts, [True, True, False, True, False], light, (before, after, weight))
+        both = (rests[new.alive & ~comes], True)
+        leaving = [(rested[leaves], True), (old.at(frame - old.first_frame), False)]
+        coming = [(rests[comes], True), (new.at(frame - new.first_frame), False)]
+        before, after = Moment.join([both, *leaving], light), Moment.join([both, *coming], light)
+        faded = [
+            (points.faded(share), static)
+            for parts, share in ((leaving, 1 - weight), (coming, weight))
+            for points, static in parts
+        ]
+        return Moment.join([both, *faded], light, (before, after, weight))
 
     def _points_of(self, layers: list[int], group: int) -> np.ndarray:
         """Return which static points of a group belong to `layers`, [S] bool."""
@@ -170,7 +192,3 @@ def open_reel(location: str | Path, rendition: str | None = None, most: int | No
         ReelError: There is no valid reel, or not that rendition.
     """
     return Timeline(ReelReader(location, rendition, most))
-
-
-def _joined(parts: list[Gaussians]) -> Gaussians:
-    return Gaussians.concatenate([p for p in parts if len(p)] or parts[:1])

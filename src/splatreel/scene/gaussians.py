@@ -33,7 +33,7 @@ class Gaussians:
     sh: np.ndarray
 
     def __post_init__(self) -> None:
-        for field in fields(self):
+        for field in fields(Gaussians):
             object.__setattr__(self, field.name, np.ascontiguousarray(getattr(self, field.name), np.float32))
         n = len(self.means)
         bands = self.sh.shape[1] if self.sh.ndim == 3 else -1
@@ -49,7 +49,7 @@ class Gaussians:
 
     def __getitem__(self, index: np.ndarray | slice) -> Gaussians:
         """Select Gaussians by an index array, a mask or a slice."""
-        return Gaussians(*(getattr(self, f.name)[index] for f in fields(self)))
+        return Gaussians(*(getattr(self, f.name)[index] for f in fields(Gaussians)))
 
     @property
     def sh_degree(self) -> int:
@@ -58,7 +58,7 @@ class Gaussians:
 
     def check_finite(self, what: str = "Gaussians") -> None:
         """Raise `GaussiansError` if a value is NaN or infinite."""
-        for field in fields(self):
+        for field in fields(Gaussians):
             bad = ~np.isfinite(getattr(self, field.name))
             if bad.any():
                 raise GaussiansError(f"{what}: {field.name} holds {int(bad.sum())} values that are NaN or infinite.")

@@ -30,7 +30,7 @@ def test_correct_poses_keep_their_convention() -> None:
     ],
 )
 def test_convention_of_the_poses_is_recognized(stored: Callable[[list[Camera]], list[Camera]], meant: str) -> None:
-    """Of a row of cameras that look ahead: the axes of its inverse meet before the cameras as well."""
+    """The cameras stand in a row and look ahead. The axes of their inverse poses meet in front of the cameras, too."""
     assert inspect_poses(stored(CAMERAS), np.stack([PICTURES] * 2)) == PoseFindings({}, [], [], [], meant)
 
 

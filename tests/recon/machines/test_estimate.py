@@ -40,7 +40,7 @@ def test_threads_and_slow_machines() -> None:
 
 
 def test_training_speed_depends_on_image_size(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of pictures of more than `Config.training_megapixels`, mostly smaller copies are trained on."""
+    """Images of more than `Config.training_megapixels` are mostly trained at a smaller size."""
     speed, found = MachineSpeed(2.0, 4.0, 1.0), []
     for megapixels in (0.01, 0.23, 0.7, 4.0):
         for side in ("width", "height"):

@@ -26,7 +26,7 @@ from tests.recon.test_pipeline import content
 
 
 class Display(Silent):
-    """What a user is shown. after: called with each number of groups that are in the reel."""
+    """Display of a user. after: called with each number of groups in the reel."""
 
     def __init__(self, after=lambda published: None) -> None:
         self.stages, self.steps, self.notes, self.published = [], [], [], []

@@ -94,7 +94,7 @@ def made_in(bucket: Bucket, cluster: Any, display: Display) -> dict[str, str]:
 def test_without_a_common_disk_checkpoints_are_exchanged(
     cluster: Any, bucket: Bucket, scene: Path, expected: dict[str, str]
 ) -> None:
-    """What a task has sent to the bucket is used by the next one, and by the next driver."""
+    """Checkpoints that a task sent to the bucket are used by the next task and by the next driver."""
     Exchange(bucket.url("run"), scene).send_scene()
     display = Display()
     assert made_in(bucket, cluster, display) == expected

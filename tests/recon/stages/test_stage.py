@@ -67,7 +67,7 @@ class Square(Stage[int]):
 
 
 def state_of(tmp_path: Path, start: Any) -> Any:
-    """As much of a state as `Stage.execute` uses."""
+    """Return a state with the fields that `Stage.execute` uses."""
     store, span = Store(tmp_path), GroupSpan(4, 0, 1, 1)
     job = Job(Config(), torch.device("cpu"), Silent(), store, Plan((("squaring", 4, 1.0),)), groups=5)
     return SimpleNamespace(start=start, job=job, span=span, store=store.group(4))

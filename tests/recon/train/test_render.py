@@ -133,7 +133,7 @@ def test_static_cache_projects_once_per_view() -> None:
 
 
 def test_contributions_equal_visible_pixels() -> None:
-    """Of a splat in front of a wall and one behind it, the visible part counts: what it adds to the wall's alpha."""
+    """Only the visible part of a splat counts. One splat is in front of a wall, the other behind it."""
     wall = Gaussians(WALL.means, WALL.quats, WALL.scales, np.full(len(WALL), 0.999), WALL.sh)
     view, static = VIEWS[0], static_cache(wall).view(0)
     one = THING[:1]
