@@ -71,7 +71,7 @@ async function request(url: string, options: RequestInit, tries = PAUSES.length)
   } catch (error) {
     if (options.signal?.aborted) throw error;
     if (await answersOthers(url)) {
-      throw new ReelError(`${url} exists, but its host does not let pages of ${location.origin} read it. It must send the header Access-Control-Allow-Origin.`, { plain: PLAIN.refused });
+      throw new ReelError(`${url} exists, but its host does not let ${readers()} read it. It must send the header Access-Control-Allow-Origin.`, { plain: PLAIN.refused });
     }
     throw new TransientError(`${messageOf(error)}. Check the address and the network`, tries);
   }
@@ -143,8 +143,13 @@ async function check({ sha256 }: Source, transfer: { body: Uint8Array; filled: n
 
 /** Return true if a host of another origin responds at all, which means that CORS blocked the request. */
 function answersOthers(url: string): Promise<boolean> {
-  if (new URL(url, location.href).origin === location.origin) return Promise.resolve(false);
+  if (new URL(url, location.href).origin === self.origin) return Promise.resolve(false);
   return fetch(url, { mode: "no-cors", signal: AbortSignal.timeout(STALL) }).then(() => true, () => false);
+}
+
+/** Name the pages that a host must admit. A sandboxed frame has no origin; `location.origin` would name that of its address. */
+function readers(): string {
+  return self.origin === "null" ? "sandboxed frames" : `pages of ${self.origin}`;
 }
 
 /** Wait, or until the network is back. */

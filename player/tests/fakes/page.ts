@@ -6,6 +6,7 @@ export const device = { onLine: true, platform: "", deviceMemory: 2, userActivat
 const define = (name: string, value: unknown): unknown => Object.defineProperty(globalThis, name, { value, configurable: true, writable: true });
 define("location", new URL("https://page.example/index.html"));
 define("self", globalThis);
+define("origin", "https://page.example");
 define("navigator", device);
 define("addEventListener", page.addEventListener.bind(page));
 define("removeEventListener", page.removeEventListener.bind(page));
