@@ -31,10 +31,20 @@ ROWS = {
 ORACLE, ON_ITS_OWN = "oracle", "each frame on its own"
 """The benchmark of single frames: first word of its name, which is followed by a capture's and a width."""
 
-COLUMNS = ("held-out cameras of", "frames", "PSNR dB", "per channel", "SSIM", "before encoding", "reel", "of float32")
+COLUMNS = (
+    "held-out cameras of",
+    "frames",
+    "PSNR dB",
+    "per channel",
+    "SSIM",
+    "LPIPS",
+    "before encoding",
+    "reel",
+    "of float32",
+)
 COLUMNS += ("time", "load before", "memory", "commit")
 SHORT_ROWS = ("demo trajectory", "basketball 320", "basketball 640", "studio", "cove", "kitchen", "yard")
-SHORT_COLUMNS = ("held-out cameras of", "frames", "PSNR dB", "SSIM", "reel", "time")
+SHORT_COLUMNS = ("held-out cameras of", "frames", "PSNR dB", "SSIM", "LPIPS", "reel", "time")
 """What the README shows; the page has everything."""
 
 
@@ -63,6 +73,9 @@ def short_table(records: dict[str, dict]) -> str:
 
 
 def _lines(records: dict[str, dict], rows: dict[str, str], columns: tuple[str, ...]) -> list[str]:
+    """Return the lines of a table. LPIPS, which needs weights, has a column as soon as a row has it."""
+    if not any(record.get("lpips") is not None for record in records.values()):
+        columns = tuple(column for column in columns if column != "LPIPS")
     cells = (_cells(label, records.get(name)) for name, label in rows.items())
     body = [_row(by_column[column] for column in columns) for by_column in cells]
     return [_row(columns), _row(["---"] * len(columns)), *body]
@@ -82,6 +95,7 @@ def _cells(label: str, record: dict | None) -> dict[str, str]:
         _number(record, "psnr", ".2f"),
         _number(record, "psnr_per_channel", ".2f"),
         _number(record, "ssim", ".4f"),
+        _number(record, "lpips", ".4f"),
         _number(record, "psnr_undecoded", ".2f"),
         _number(record, "reel_bytes", ".2f", 1e-6, " MB"),
         _number(record, "share_of_float32", ".1f", 100, " %"),

@@ -65,8 +65,17 @@ def test_rows_say_what_was_measured_and_what_was_not(table: ModuleType) -> None:
         assert f"| {cell} |" in row
     assert row.count(table.MISSING) == 1  # psnr_undecoded
     assert "| coffee, 320 wide, each frame on its own | 4 at 320x180 |" in text
-    assert text.splitlines()[2].count(table.MISSING) == len(table.COLUMNS) - 1  # the built-in capture
+    assert text.splitlines()[2].count(table.MISSING) == len(table.COLUMNS) - 2  # the built-in capture, without LPIPS
     assert text.endswith("Measured on 2 cores.")
+
+
+def test_lpips_has_a_column_once_a_row_has_it(table: ModuleType) -> None:
+    assert "LPIPS" not in table.short_table({"basketball 320": RECORD})
+    measured = {"basketball 320": RECORD | {"lpips": 0.1234}, "yard": RECORD | {"lpips": None}}
+    for text in (table.short_table(measured), table.table(measured)):
+        rows = text.splitlines()
+        place = rows[0].split(" | ").index("LPIPS")
+        assert [row.split(" | ")[place] for row in rows if "29.50" in row] == ["0.1234", table.MISSING]
 
 
 def test_only_what_stands_between_the_markers_is_replaced(table: ModuleType) -> None:

@@ -10,7 +10,7 @@ from splatreel.codec.reader import ReelReader
 from splatreel.errors import UsageError
 from splatreel.evaluation.evaluate import check_same_capture, choose_frames, evaluate, reel_width
 from splatreel.evaluation.report import Report
-from tests.evaluation import scenes
+from tests.evaluation import scenes, small_lpips
 
 
 @pytest.fixture(scope="module")
@@ -51,6 +51,36 @@ def test_good_reel_scores_high_with_a_complete_report(reel: Path, tmp_path: Path
     assert Report.read(tmp_path / "out" / "report.json") == report
     picture = Image.open(tmp_path / "out" / "pictures" / "cam03.png")
     assert picture.size == (3 * scenes.WIDTH, scenes.HEIGHT)
+
+
+def test_report_measures_motion_bytes_and_speed(reel: Path, tmp_path: Path) -> None:
+    report = evaluate(reel, scenes.capture(tmp_path), lpips_every=0)
+    assert report.moving is not None
+    assert report.moving["psnr"] is not None
+    assert 0 < report.moving["psnr"] < report.psnr  # the background of this scene is empty
+    assert report.moving_share is not None
+    assert 0 < report.moving_share < 1
+    assert sum(report.bytes_by_kind.values()) == report.reel_bytes
+    assert report.bytes_by_kind["static points"] > 0
+    assert report.bytes_by_kind["motion"] > 0
+    assert report.decode_ms_per_frame is not None
+    assert report.decode_ms_per_frame > 0
+    assert report.render_fps is not None
+    assert report.render_fps > 0
+    assert (report.lpips_frames, report.lpips) == (0, None)
+
+
+@pytest.mark.parametrize(("every", "measured"), [(1, [0, 1, 2, 3, 4]), (2, [0, 2, 4]), (10, [0])])
+def test_lpips_is_measured_at_every_nth_frame(
+    reel: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, every: int, measured: list[int]
+) -> None:
+    small_lpips.install_port(tmp_path / "site", monkeypatch)
+    report = evaluate(reel, scenes.capture(tmp_path), cameras=["cam00"], lpips_every=every)
+    assert [f["frame"] for f in report.per_frame if f["lpips"] is not None] == measured
+    assert report.lpips_frames == len(measured)
+    values = [f["lpips_alex"] for f in report.per_frame if f["lpips_alex"] is not None]
+    assert report.lpips_alex == pytest.approx(np.mean(values))
+    assert "LPIPS (AlexNet)" in report.to_markdown()
 
 
 class Mirrored(scenes.FilmedCapture):

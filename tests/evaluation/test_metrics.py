@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from splatreel.errors import UsageError
-from splatreel.evaluation.metrics import PSNR_MAX, psnr, psnr_per_channel, ssim
+from splatreel.evaluation.metrics import PSNR_MAX, dssim, psnr, psnr_per_channel, ssim, ssim_skimage
 
 
 def gray(value: float, shape: tuple[int, int, int] = (20, 30, 3)) -> np.ndarray:
@@ -54,7 +54,7 @@ def test_metrics_use_only_masked_pixels() -> None:
 
 @pytest.mark.parametrize("mask", [np.zeros((20, 30), bool), np.ones((20, 31), bool), np.ones((20, 30))])
 def test_empty_masks_are_refused(mask: np.ndarray) -> None:
-    for metric in (psnr, psnr_per_channel, ssim):
+    for metric in (psnr, psnr_per_channel, ssim, ssim_skimage):
         with pytest.raises(UsageError, match="does not choose pixels"):
             metric(noise(1), noise(2), mask)
 
@@ -79,6 +79,40 @@ def test_ssim_agrees_with_its_definition() -> None:
     assert ssim(noise(1), noise(2)) == pytest.approx(slow_ssim(noise(1), noise(2)), abs=1e-5)
 
 
+def slow_ssim_skimage(x: np.ndarray, y: np.ndarray, data_range: float) -> float:
+    """Compute SSIM by explicit windows of 7x7 pixels inside the image, with the variances of a sample."""
+    a, b = (
+        np.lib.stride_tricks.sliding_window_view(i.astype(np.float64), (7, 7), (0, 1)).reshape(-1, 49) for i in (x, y)
+    )
+    mean_a, mean_b = a.mean(1), b.mean(1)
+    covariance = ((a - mean_a[:, None]) * (b - mean_b[:, None])).sum(1) / 48
+    c1, c2 = (0.01 * data_range) ** 2, (0.03 * data_range) ** 2
+    above = (2 * mean_a * mean_b + c1) * (2 * covariance + c2)
+    return float((above / ((mean_a**2 + mean_b**2 + c1) * (a.var(1, ddof=1) + b.var(1, ddof=1) + c2))).mean())
+
+
+@pytest.mark.parametrize(("data_range", "known"), [(1.0, 0.0152018), (2.0, 0.0306473)])
+def test_ssim_skimage_agrees_with_its_definition_and_with_scikit_image(data_range: float, known: float) -> None:
+    value = ssim_skimage(noise(1), noise(2), data_range=data_range)
+    assert value == pytest.approx(slow_ssim_skimage(noise(1), noise(2), data_range), abs=1e-9)
+    assert value == pytest.approx(known, abs=1e-6)  # of scikit-image 0.26, structural_similarity
+
+
+def test_ssim_skimage_needs_a_whole_window() -> None:
+    assert ssim_skimage(noise(1, (6, 30, 3)), noise(2, (6, 30, 3))) is None
+    corner = np.zeros((20, 30), bool)
+    corner[:3, :3] = True
+    assert ssim_skimage(noise(1), noise(2), corner) is None
+    corner[3, 3] = True
+    assert ssim_skimage(noise(1), noise(2), corner) is not None
+
+
+def test_dssim_of_equal_images_is_zero() -> None:
+    assert dssim(ssim_skimage(noise(1), noise(1))) == pytest.approx(0, abs=1e-12)
+    assert dssim(-1.0) == 1
+    assert dssim(None) is None
+
+
 @given(st.integers(0, 1000), st.floats(0.01, 0.3))
 def test_metrics_fall_with_noise(seed: int, amount: float) -> None:
     truth, disturbance = noise(seed), noise(seed + 1) - 0.5
@@ -92,7 +126,7 @@ def test_ssim_is_symmetric() -> None:
     assert ssim(noise(1), noise(2)) == pytest.approx(ssim(noise(2), noise(1)), abs=1e-6)
 
 
-@pytest.mark.parametrize("metric", [psnr, psnr_per_channel, ssim])
+@pytest.mark.parametrize("metric", [psnr, psnr_per_channel, ssim, ssim_skimage])
 def test_images_of_different_shapes_are_refused(metric) -> None:
     with pytest.raises(UsageError, match=r"\(20, 30, 3\).*\(20, 31, 3\)"):
         metric(gray(0.5), gray(0.5, (20, 31, 3)))

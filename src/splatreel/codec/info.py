@@ -13,6 +13,11 @@ from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import ReelError
 
+MOTION = ("offsets", "dx", "dq", "shade")
+"""Sections of a group file that hold the motion of its points and the change of their colors."""
+SWITCHES = ("alive", "light")
+"""Sections of a group file about static points and light."""
+
 
 @dataclass(frozen=True)
 class ReelInfo:
@@ -38,6 +43,24 @@ class ReelInfo:
     """Bytes of the same arrays uncompressed, at 4 bytes per number."""
     rendition_bytes: dict[str, int]
     """Bytes of the groups by rendition, best first. Empty for a single rendition."""
+
+    @property
+    def bytes_by_kind(self) -> dict[str, int]:
+        """Bytes of the reel by what they hold. The sum is `bytes`."""
+        layer, group = self.section_bytes["layer"], self.section_bytes["group"]
+        headers = layer.get("header", 0) + group.get("header", 0)
+        motion = sum(group.get(name, 0) for name in MOTION)
+        switches = sum(group.get(name, 0) for name in SWITCHES)
+        static = sum(layer.values()) - layer.get("header", 0)
+        dynamic = sum(group.values()) - group.get("header", 0) - motion - switches
+        return {
+            "static points": static,
+            "dynamic points": dynamic,
+            "motion": motion,
+            "visibility and light": switches,
+            "headers": headers,
+            "manifest": self.bytes - sum(layer.values()) - sum(group.values()),
+        }
 
 
 def reel_info(location: str | Path, rendition: str | None = None) -> ReelInfo:

@@ -15,10 +15,12 @@ from splatreel.codec.info import ReelInfo, reel_info
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import UsageError
-from splatreel.evaluation import perceptual
 from splatreel.evaluation.flicker import Flicker, border_frames
-from splatreel.evaluation.metrics import psnr, psnr_per_channel, ssim
-from splatreel.evaluation.report import Quality, Report
+from splatreel.evaluation.metrics import psnr
+from splatreel.evaluation.moving_pixels import median_pictures, moving_pixels
+from splatreel.evaluation.perceptual import Lpips, load_lpips
+from splatreel.evaluation.quality import Quality, measure
+from splatreel.evaluation.report import Report
 from splatreel.play.timeline import Timeline
 from splatreel.process import peak_memory_bytes
 from splatreel.progress import Progress, Silent
@@ -44,6 +46,7 @@ def evaluate(
     progress: Progress | None = None,
     most: int | None = None,
     coverage: Sequence[str] = (),
+    lpips_every: int = 10,
 ) -> Report:
     """Render the decoded reel from held-out cameras and measure its quality.
 
@@ -60,85 +63,121 @@ def evaluate(
         progress: Progress display.
         most: Memory in bytes that decoding a file may take, see `ReelReader`.
         coverage: Sentences about the coverage of the cameras, for the report.
+        lpips_every: Distance of the frames that LPIPS is measured at, since VGG takes longer than everything else; 1
+            measures every frame, 0 none.
 
     Raises:
         UsageError: Cameras or frames do not match.
+        MissingDependencyError: The weights of LPIPS are damaged.
     """
     started = time.monotonic()
     progress = progress or Silent()
     reader = ReelReader(reel, rendition, most)
     check_same_capture(reader.manifest, capture, str(reel))
     views = choose_cameras(capture, reader.manifest, cameras)
+    names = [view.name for view in views]
     chosen = choose_frames(min(capture.frames, reader.frames), frames, reader.manifest.first_frame)
-    picture = chosen[len(chosen) // 2]
-    timeline, lpips = Timeline(reader), perceptual.load()
     if out is not None:
         for folder in (out, out / "pictures"):
             sweep(folder)
-    scores: dict[tuple[int, str], Quality] = {}
-    before: list[float] = []
-    flicker = Flicker(border_frames(reader.manifest))
-    progress.stage(f"comparing with {', '.join(view.name for view in views)}", len(chosen))
-    for done, (frame, truths) in enumerate(read_frames(capture, chosen, [v.name for v in views]), 1):
-        gaussians = timeline.at(frame / reader.fps)
-        raw = undecoded(frame) if undecoded is not None else None
-        for view, truth in zip(views, truths, strict=True):
-            image = np.clip(timeline.render(gaussians, view), 0, 1)
-            scores[frame, view.name] = measure(image, truth, lpips)
-            flicker.add(frame, view.name, image, truth)
-            if raw is not None:
-                before.append(psnr(np.clip(timeline.render(raw, view), 0, 1), truth))
-            if out is not None and frame == picture:
-                write_png(out / "pictures" / f"{view.name.replace('/', '_')}.png", comparison(truth, image))
-        progress.update(done, psnr=float(np.mean([q.psnr for q in scores.values()])))
+    scores = Scores(Timeline(reader), capture, views, border_frames(reader.manifest))
+    lpips, lpips_frames = load_lpips() if lpips_every else {}, set(chosen[:: max(lpips_every, 1)])
+    picture = chosen[len(chosen) // 2]
+    progress.stage(f"comparing with {', '.join(names)}", len(chosen))
+    for done, (frame, truths) in enumerate(read_frames(capture, chosen, names), 1):
+        images = scores.add(frame, truths, lpips if frame in lpips_frames else {}, undecoded)
+        if out is not None and frame == picture:
+            for name, truth, image in zip(names, truths, images, strict=True):
+                write_png(out / "pictures" / f"{name.replace('/', '_')}.png", comparison(truth, image))
+        progress.update(done, psnr=float(np.mean([quality.psnr for quality in scores.whole.values()])))
+    decoding = decode_ms_per_frame(reel, rendition, most)
     spent = {**(seconds or {}), "evaluate": round(time.monotonic() - started, 3)}
-    report = summarize(reader, reel_info(reel, rendition), scores, before, flicker, views, spent, device)
-    report = replace(report, coverage=list(coverage))
+    report = replace(
+        summarize(scores, reel_info(reel, rendition), spent, device),
+        decode_ms_per_frame=decoding,
+        lpips_frames=len(lpips_frames) if lpips else 0,
+        coverage=list(coverage),
+    )
     if out is not None:
         report.write(out)
     return report
 
 
-def measure(
-    image: np.ndarray, truth: np.ndarray, lpips: perceptual.Distance | None, where: np.ndarray | None = None
-) -> Quality:
-    """Return all metrics of an image against its truth, both float32 [H, W, 3] 0..1.
+class Scores:
+    """Measurements of a reel, frame by frame.
 
     Args:
-        image: Rendered image.
-        truth: Camera image.
-        lpips: LPIPS metric, or None.
-        where: Pixels to measure, [H, W] bool; None means all. LPIPS needs the whole image and is skipped with a mask.
+        timeline: Reel to measure.
+        capture: Capture to compare with.
+        views: Cameras to compare with.
+        borders: Frames that fade from one group to the next.
+
+    Attributes:
+        whole: Quality of whole images, by frame and camera.
+        moving: Quality of the pixels with motion, by frame and camera; images without motion are left out.
+        moving_share: Share of pixels with motion in each image.
+        before: PSNR of each image before encoding.
+        render_seconds: Seconds to render each image.
+        flicker: Flicker of the images.
     """
-    distance = lpips(image, truth) if lpips is not None and where is None else None
-    pair = image, truth, where
-    return Quality(psnr(*pair), psnr_per_channel(*pair), ssim(*pair), distance)
+
+    def __init__(self, timeline: Timeline, capture: Capture, views: Sequence[Camera], borders: set[int]) -> None:
+        self.timeline, self.views = timeline, views
+        self.medians = median_pictures(capture, [view.name for view in views])
+        self.whole: dict[tuple[int, str], Quality] = {}
+        self.moving: dict[tuple[int, str], Quality] = {}
+        self.moving_share: list[float] = []
+        self.before: list[float] = []
+        self.render_seconds: list[float] = []
+        self.flicker = Flicker(borders)
+
+    def add(
+        self,
+        frame: int,
+        truths: np.ndarray,
+        lpips: Mapping[str, Lpips],
+        undecoded: Callable[[int], Gaussians] | None,
+    ) -> list[np.ndarray]:
+        """Render a frame from all views, measure it, and return the images."""
+        gaussians = self.timeline.at(frame / self.timeline.fps)
+        raw = undecoded(frame) if undecoded is not None else None
+        images = []
+        for view, truth, median in zip(self.views, truths, self.medians, strict=True):
+            begun = time.perf_counter()
+            image = np.clip(self.timeline.render(gaussians, view), 0, 1)
+            self.render_seconds.append(time.perf_counter() - begun)
+            self.whole[frame, view.name] = measure(image, truth, lpips)
+            moves = moving_pixels(truth, median)
+            self.moving_share.append(float(moves.mean()))
+            if moves.any():
+                self.moving[frame, view.name] = measure(image, truth, lpips, moves)
+            self.flicker.add(frame, view.name, image, truth)
+            if raw is not None:
+                self.before.append(psnr(np.clip(self.timeline.render(raw, view), 0, 1), truth))
+            images.append(image)
+        return images
 
 
-def summarize(
-    reader: ReelReader,
-    info: ReelInfo,
-    scores: dict[tuple[int, str], Quality],
-    before: list[float],
-    flicker: Flicker,
-    views: Sequence[Camera],
-    seconds: dict[str, float],
-    device: str,
-) -> Report:
-    """Return the report of scores by frame and camera name."""
-    frames = sorted({frame for frame, _ in scores})
-    names = list(dict.fromkeys(name for _, name in scores))
+def summarize(scores: Scores, info: ReelInfo, seconds: dict[str, float], device: str) -> Report:
+    """Return the report of scores."""
+    whole, views, reader = scores.whole, scores.views, scores.timeline.reel
+    frames = sorted({frame for frame, _ in whole})
+    names = list(dict.fromkeys(name for _, name in whole))
     trained_on = [camera.name for camera in reader.manifest.cameras]
     degrees = degrees_from(reader.manifest, views)
     alive = [int(reader.group(entry.group).alive.sum()) for entry in reader.manifest.groups]
     return Report(
-        **asdict(Quality.mean(list(scores.values()))),
-        psnr_undecoded=float(np.mean(before)) if before else None,
-        flicker=flicker.mean(at_borders=False),
-        flicker_borders=flicker.mean(at_borders=True),
+        **asdict(Quality.mean(list(whole.values()))),
+        moving=asdict(Quality.mean(list(scores.moving.values()))) if scores.moving else None,
+        moving_share=float(np.mean(scores.moving_share)),
+        psnr_undecoded=float(np.mean(scores.before)) if scores.before else None,
+        flicker=scores.flicker.mean(at_borders=False),
+        flicker_borders=scores.flicker.mean(at_borders=True),
         reel_bytes=info.bytes,
         first_view_bytes=info.first_view_bytes,
         bytes_per_second=info.bytes_per_second,
+        bytes_by_kind=info.bytes_by_kind,
+        render_fps=1 / float(np.median(scores.render_seconds)),
         seconds=seconds,
         points_static=float(np.mean(alive)),
         points_dynamic=float(np.mean([g.points for g in reader.manifest.groups])),
@@ -148,12 +187,33 @@ def summarize(
         width=views[0].width,
         height=views[0].height,
         cameras=[
-            {"name": n} | asdict(Quality.mean([scores[f, n] for f in frames])) | {"degrees": degrees[n]} for n in names
+            {"name": n} | asdict(Quality.mean([whole[f, n] for f in frames])) | {"degrees": degrees[n]} for n in names
         ],
         trained_on=trained_on,
         held_out=[name for name in names if name not in trained_on],
-        per_frame=[{"frame": f} | asdict(Quality.mean([scores[f, n] for n in names])) for f in frames],
+        per_frame=[{"frame": f} | asdict(Quality.mean([whole[f, n] for n in names])) for f in frames],
     )
+
+
+SAMPLED_GROUPS = 5
+"""Maximum number of groups that are decoded to measure the time of decoding."""
+
+
+def decode_ms_per_frame(reel: str | Path, rendition: str | None, most: int | None) -> float:
+    """Return the milliseconds to read and decode one frame of video, as the mean over evenly spread groups.
+
+    The static points that are born at a group count for it. A group's time is divided by its frames.
+    """
+    reader = ReelReader(reel, rendition, most)
+    entries = reader.manifest.groups
+    places = np.linspace(0, len(entries) - 1, min(SAMPLED_GROUPS, len(entries))).round().astype(int)
+    born = {layer.group: index for index, layer in enumerate(reader.manifest.layers)}
+    begun = time.perf_counter()
+    for entry in (entries[place] for place in places):
+        reader.group(entry.group)
+        if entry.group in born:
+            reader.layer(born[entry.group])
+    return 1000 * (time.perf_counter() - begun) / sum(entries[place].frames for place in places)
 
 
 def degrees_from(manifest: Manifest, views: Sequence[Camera]) -> dict[str, float | None]:

