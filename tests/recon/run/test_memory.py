@@ -4,6 +4,7 @@ from typing import Any
 import pytest
 
 from splatreel import cgroups
+from splatreel.capture.frame_file import SMALLEST
 from splatreel.config import Config, preset
 from splatreel.errors import ReconstructionError
 from splatreel.recon.run import memory
@@ -36,10 +37,25 @@ def filmed(width: int, height: int, cameras: int, frames: int) -> Any:
     )
 
 
+@pytest.fixture(autouse=True)
+def frames_in_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(memory, "stores_in_file", lambda size: False)
+
+
 @pytest.mark.parametrize("name", MEASURED)
 def test_needed_memory_matches_measured_peaks(name: str) -> None:
     *capture, peak = MEASURED[name]
     assert 0.7 <= needed_memory(filmed(*capture), Config()) / peak <= 1.3
+
+
+def test_frames_in_files_halve_the_memory_of_large_captures(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Measured: 1.28 GB of memory, and 1.9 GB of mapped files in the cache."""
+    large, small = filmed(1280, 720, 20, 60), filmed(160, 90, 27, 10)
+    held = [needed_memory(capture, Config()) for capture in (large, small)]
+    monkeypatch.setattr(memory, "stores_in_file", lambda size: size >= SMALLEST)
+    in_files = [needed_memory(capture, Config()) for capture in (large, small)]
+    assert 1.28e9 < in_files[0] < 0.5 * held[0]
+    assert in_files[1] == held[1]
 
 
 def test_memory_grows_with_images_and_points_not_with_length() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from splatreel import cgroups
 from splatreel.capture.base import Capture
+from splatreel.capture.frame_file import stores_in_file
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError
 
@@ -16,6 +17,9 @@ PROCESS = 640e6
 """Bytes of a process with all libraries and compiled code, before it loads images of any size."""
 FRAMES = 1.3
 """Bytes for each byte of the frames that are held: the frames themselves, masks, flow, and the static background of each view."""
+CACHED = 0.25
+"""Bytes for each byte of the frames if they are in files: what the system's cache should hold, so that training rarely waits
+for the disk."""
 PIXEL = 620.0
 """Bytes for each pixel of one image during a training step."""
 POINT = 1500.0
@@ -57,7 +61,9 @@ def _free_of_machine() -> int | None:
 def needed_memory(capture: Capture, config: Config) -> int:
     """Return the largest number of bytes that a process takes to reconstruct the groups of a capture.
 
-    The number is within 30 % of the peaks in `benchmarks/results.jsonl`, for images 160 to 1352 pixels wide.
+    If the frames are held in memory, the number is within 30 % of the peaks in `benchmarks/results.jsonl`, for images 160 to
+    1352 pixels wide. Large groups are held in files of the temporary folder (`frame_array`), if it has room. Workers on other
+    machines are assumed to have such a folder too.
     """
     return _needed(capture, config, capture.width, capture.height)
 
@@ -93,7 +99,8 @@ def _needed(capture: Capture, config: Config, width: int, height: int) -> int:
     pixels, keyframe = width * height, config.keyframe
     points = min(keyframe.max_points, keyframe.points_per_pixel * pixels)
     frames = 3 * pixels * len(capture.training_cameras) * _held(capture, config)
-    return round(PROCESS + FRAMES * frames + PIXEL * pixels + POINT * points)
+    share = CACHED if stores_in_file(round(frames)) else FRAMES
+    return round(PROCESS + share * frames + PIXEL * pixels + POINT * points)
 
 
 def _held(capture: Capture, config: Config) -> float:
