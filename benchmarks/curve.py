@@ -40,9 +40,9 @@ class OutOfTime(Exception):
 def reconstruct_until(
     found: dict[str, Any], capture: Capture, out: Path, config: Config, device: str, limit: float, shown: Progress
 ) -> None:
-    """Reconstruct a capture into OUT anew, for `limit` seconds at most, and put into `found` what there is to record.
+    """Reconstruct a capture into OUT from scratch, for at most `limit` seconds. Put the values to record into `found`.
 
-    What says nothing of its progress, such as writing a group, is done to its end. found is filled whatever is raised, and that is what
+    Steps without progress reports, such as writing a group, are completed. `found` is filled even if an error is raised, and that is what
     the capture and `reconstruct` raise, and `UsageError` where no camera is held out.
     """
     shutil.rmtree(out, ignore_errors=True)  # seconds of a run that is continued are not comparable
@@ -75,7 +75,7 @@ def reconstruct_until(
 
 @dataclass
 class Curve:
-    """A progress that hands on to another one what it hears, measures now and then, and raises `OutOfTime` after `limit` seconds.
+    """Progress that forwards to another one, measures from time to time, and raises `OutOfTime` after `limit` seconds.
 
     points: (seconds, dB) of the first held-out camera: of a keyframe's first frame, or the mean over three frames of a group. Seconds
     do not include those of measuring. stages: what ran, for how long, and how many of its steps. look: measures what is trained at the
@@ -182,7 +182,7 @@ def resting(params: dict[str, Tensor], view: View, near: float) -> Splats:
 
 @contextmanager
 def watched(curve: Curve) -> Iterator[None]:
-    """Pass what is trained to the curve, because progress reports steps and not points."""
+    """Pass the trained points to the curve, because progress only reports steps."""
     keyframe, group = KeyframeTrainer.train, GroupTrainer.train
 
     def train_keyframe(

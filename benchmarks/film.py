@@ -31,7 +31,7 @@ SKIN = (0.9, 0.7, 0.58)
 
 @dataclass(frozen=True)
 class Film:
-    """A scene and those who film it. moving: what moves, at a time in seconds. light: where the lamp is.
+    """A scene and its cameras. moving: function from seconds to the moving solids. light: position of the lamp.
 
     noise: standard deviation of pixels, in gray levels. gain: that of the logarithm of the training cameras' color gains.
     drift: how far their exposures go up and down meanwhile, each by itself: the logarithm of a gain of all channels. late: frames by
@@ -103,7 +103,7 @@ class Film:
         return out / "reel"
 
     def shows(self, reel: Path, frames: int, without: Callable[[float], Shapes]) -> dict[str, dict]:
-        """Return, for each held-out camera, how well a reel shows a moving thing.
+        """Return, for each held-out camera, how well a reel shows a moving object.
 
         The value is the share of the thing's pixels that look more like it than like the background.
 

@@ -41,7 +41,7 @@ WHITE = np.array([0.75, 0.76, 0.78])
 
 @dataclass(frozen=True)
 class Fog:
-    """Gaussian in space, with a standard deviation of `size`. light: linear, added at its middle for each unit of way; depth: optical,
+    """Gaussian in space, with a standard deviation of `size`. light: linear, added at its middle per unit of path; depth: optical,
     for each unit of way, which turns what is behind it white."""
 
     center: np.ndarray

@@ -80,7 +80,7 @@ def standing() -> Shapes:
 
 
 def moving(seconds: float, without: str = "") -> Shapes:
-    """Everything that moves except one thing, `balls` or `bat`."""
+    """Return all moving solids without `balls` or `bat`."""
     b = Builder()
     _juggler(b, seconds)
     _batter(b, seconds, without != "bat")

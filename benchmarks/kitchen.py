@@ -39,7 +39,7 @@ def main(
     out: Path | None = None,
     note: str = "",
 ) -> None:
-    """Film, reconstruct, evaluate, record; results.md shows what has the usual width and 45 frames.
+    """Film, reconstruct, evaluate, record. Only the default width with 45 frames is shown in results.md.
 
     width: of pictures, pixels. rich: all surfaces have grain, and pictures more noise.
     """
@@ -65,7 +65,7 @@ def grained(shapes: Shapes) -> Shapes:
 
 
 def wall(width: int, height: int, columns: int = COLUMNS) -> list[Camera]:
-    """Two rows of cameras, not quite straight, that look into the room; the first is in the middle of the lower row.
+    """Return two uneven rows of cameras that look into the room. The first is in the middle of the lower row.
 
     columns: two or more, on the same stretch.
     """

@@ -13,7 +13,7 @@ INTERVAL, INTERVAL_OF_CHILDREN = 0.05, 0.2
 
 
 class Resident:
-    """Bytes of resident memory from `with` on to its end, on Linux. with_children: those of processes that this one started are added.
+    """Resident memory in bytes during a `with` block, on Linux. with_children: add the memory of child processes.
 
     A page that several processes share, such as of a library, counts for each.
     """

@@ -25,7 +25,7 @@ def run(
     note: str,
     filming: float | None = None,
 ) -> dict:
-    """One line of results.jsonl: the report, the share of the float32 model, and the wall time of this very run.
+    """Return a line of results.jsonl: the report, the share of the float32 model, and the wall time of this run.
 
     filming: seconds it took to make the capture, where that is part of it. seconds_total counts every stage once, also those that an
     interrupted earlier run had finished.

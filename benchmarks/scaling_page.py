@@ -69,7 +69,7 @@ def exponent(points: Sequence[tuple[float, float]]) -> float | None:
 
 
 def points_of(axis: str, some: Sequence[Row], name: str) -> list[tuple[float, float]]:
-    """(value, number) of each row that an exponent is told of; name: of the number. Too many threads say nothing of how time falls."""
+    """Return (value, number) of the rows that an exponent is computed from. Rows with more threads than cores are left out. name: of the number."""
     return [(number_of(axis, row), row[name]) for row in some if row["threads"] <= row["cores"]]
 
 
@@ -133,7 +133,7 @@ def crowded(row: Row) -> str:
 
 
 def stages(axis: str, some: Sequence[Row]) -> str:
-    """A sentence: the exponents of the stages that matter in the last row. Empty where there are none, or several workers."""
+    """Return a sentence with the exponents of the slowest stages of the last row. It is empty for several workers."""
     some = [row for row in some if row["threads"] <= row["cores"]]
     if len(some) < 2 or axis == "workers":
         return ""

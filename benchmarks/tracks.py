@@ -84,7 +84,7 @@ def followed(film: Film, capture: Capture) -> dict:
 
 
 def _seen(film: Film, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """A camera's first frame: places [M, 3] on what moves and [S, 3] on what does not, and the depths [M] of the first."""
+    """Return points of a camera's first frame: [M, 3] on moving solids, [S, 3] on resting ones, and the depths [M] of the first."""
     scene = film.moving(0.0)
     cover, depth = trace_cover(
         camera, trace_static(camera, film.still, film.light), scene, np.ones(len(scene.solids), bool)
@@ -106,7 +106,7 @@ def _points(places: np.ndarray, spacing: float) -> Gaussians:
 
 
 def _on(film: Film, places: np.ndarray, pixel: float) -> np.ndarray:
-    """[T, P] bool: which points of places [T, N, 3] are on the solid that they began on, of those whose solid moves."""
+    """Return [T, P] bool, True for points of places [T, N, 3] that are on the solid they began on. Only points on moving solids count."""
     scenes = [film.moving(frame / FPS) for frame in range(len(places))]
     first = np.stack([_distance(scenes[0], solid, places[0]) for solid in range(len(scenes[0].solids))])
     owner, there = first.argmin(0), first.min(0) < OFF / 2 * pixel
