@@ -1,6 +1,6 @@
 """Choice of steps by slope: as fine as held-out views need."""
 
-from dataclasses import astuple, replace
+from dataclasses import asdict, astuple, replace
 from pathlib import Path
 
 import numpy as np
@@ -17,9 +17,10 @@ from splatreel.recon.coverage.trial import Trial
 from splatreel.recon.encode.step_choice import (
     COARSEST,
     FINEST,
+    Slope,
     encode_group_by_slope,
     encode_layer_by_slope,
-    equal_slope,
+    equal_slopes,
 )
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.run.checkpoint import load_arrays, save_arrays
@@ -81,8 +82,10 @@ def lost(data: GroupInput, thing: Group, wall: Gaussians) -> float:
 
 
 def size(steps: Steps) -> float:
-    """Return the factor of the steps."""
-    return steps.position / STEPS.position
+    """Return the geometric mean of the steps that every file has, in multiples of the default steps."""
+    chosen, usual = (np.array(astuple(some)) for some in (steps, STEPS))
+    kept = [name not in ("rest", "motion", "turn", "shade") for name in asdict(STEPS)]
+    return float(np.exp(np.log(chosen / usual)[kept].mean()))
 
 
 def layer(noise: float, trial: Trial | None = CLOSE, config: EncodeConfig | None = None) -> tuple[bytes, Steps]:
@@ -120,7 +123,7 @@ def test_near_group_loses_less() -> None:
 
 
 def test_steps_follow_trial_error() -> None:
-    close, far, farther = (size(layer(3.0, replace(CLOSE, psnr=psnr))[1]) for psnr in (99.0, 24.0, 14.0))
+    close, far, farther = (size(layer(1.0, replace(CLOSE, psnr=psnr))[1]) for psnr in (99.0, 40.0, 30.0))
     assert close < far < farther
 
 
@@ -154,20 +157,23 @@ def test_coarseness_multiplies_chosen_steps() -> None:
     assert len(coarse[0]) < 0.95 * len(usual[0])
 
 
-def test_equal_slope_meets_the_price() -> None:
-    factor = equal_slope(2.0, 900.0, 4e-7, 8e-10)
-    # The error is error * (factor / 2)^2, and the bytes fall by saved * d factor / factor.
-    assert 2 * 4e-7 * (factor / 2) ** 2 / 900 == pytest.approx(8e-10)
+def test_equal_slopes_gives_attributes_same_slope() -> None:
+    slopes = {"shape": Slope(900.0, 4e-7), "color": Slope(100.0, 9e-7), "rest": Slope(400.0, 1e-8)}
+    price = 8e-10
+    steps = equal_slopes(STEPS, slopes, price)
+    for attribute in ("shape", "color"):
+        factor = getattr(steps, attribute) / getattr(STEPS, attribute)
+        # The error is error * factor^2 and the bytes fall by saved * d factor / factor.
+        assert 2 * slopes[attribute].error * factor**2 / slopes[attribute].saved == pytest.approx(price)
+    assert steps.rest == pytest.approx(4 * STEPS.rest)
+    assert (steps.position, steps.motion) == (STEPS.position, STEPS.motion)
 
 
-def test_equal_slope_is_limited() -> None:
-    assert equal_slope(1.0, 1.0, 1.0, 1e-9) == FINEST
-    assert equal_slope(1.0, 1e6, 0.0, 1e-9) == COARSEST
-
-
-def test_ratios_of_steps_are_kept() -> None:
-    ratios = np.array(astuple(layer(6.0)[1])) / np.array(astuple(STEPS))
-    np.testing.assert_allclose(ratios, ratios[0])
+def test_equal_slopes_clamps_steps() -> None:
+    slopes = {"shape": Slope(1.0, 1.0), "color": Slope(1e6, 0.0)}
+    steps = equal_slopes(STEPS, slopes, 1e-9)
+    assert steps.shape == pytest.approx(FINEST * STEPS.shape)
+    assert steps.color == pytest.approx(COARSEST * STEPS.color)
 
 
 def test_paper_codec_uses_default_steps() -> None:

@@ -1,18 +1,19 @@
-"""Choice of one factor for all quantization steps of a layer or a group, by the gain of finer steps in a held-out view.
+"""Choice of the quantization steps of a layer or a group, by the gain of finer steps in a held-out view.
 
-Refinement stops where 10 % more bytes of the reel gain less than `MIN_GAIN`. The file is encoded with two factors, which gives the
-bytes that larger steps save. The squared error of quantization is measured in training views. It grows with the square of the
-factor; bytes fall with its logarithm.
+All attributes of a file get the same slope: one byte more buys the same reduction of the squared error, whichever attribute it
+is spent on. Refinement stops where 10 % more bytes gain less than `MIN_GAIN`. docs/experiments/2026-11-26-steps-by-slope.md has the
+measurements.
 
-The ratios between the steps of different attributes stay as in `STEPS`. Choosing the steps of each attribute by its own slope took
-3 to 4 % more bytes at equal PSNR of held-out views (docs/experiments/2026-11-26-steps-by-slope.md).
+Two numbers are measured per attribute, at two sets of steps that differ by a factor. The first is the bytes that the factor
+saves. The second is the squared error of this attribute's quantization in training views, with all other attributes as trained.
+The error grows with the square of the step; bytes fall with the logarithm of the step.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable
+from dataclasses import asdict, dataclass, replace
 from typing import Protocol
 
 import numpy as np
@@ -25,6 +26,7 @@ from splatreel.config import EncodeConfig
 from splatreel.kernels import splat
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.coverage.trial import Trial
+from splatreel.recon.encode.attributes import attribute_bytes, in_order, with_decoded, with_decoded_at
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.static_points import StaticPoints
@@ -38,14 +40,20 @@ MOVING_BYTES = 3.0
 LEAST_MOVING = 0.1
 """Minimum number of dynamic points per static point in a layer's share of the reel. The shared layer of all chapters is
 encoded before any dynamic point is known."""
+HELD_OUT_SHARE = {"rest": 0.25, "shade": 0.25}
+"""Share of an attribute's training-view error that held-out views have; 1 for all others. View-dependent color and shade
+overfit the training views, noise included, and coarser steps remove some of that noise."""
 UNTRIED_ERROR_RATIO = 2.0
 """Squared error of held-out views as a multiple of that of training views, if no trial measured it."""
 STEP_RATIO = 1.5
-"""Ratio of the two factors that are compared."""
+"""Factor between the two sets of steps that are compared."""
+LEAST_SAVED = 0.03
+"""Minimum share of an attribute's bytes that the factor is assumed to save. The bytes of small sections hardly depend on the
+steps."""
 ROUNDS = 2
-"""Number of measurements. The second starts at the factor that the first one chose."""
+"""Number of measurements. The second uses the steps that the first one chose."""
 FINEST, COARSEST = 0.2, 4.0
-"""Range of the factor."""
+"""Range of the chosen steps, in multiples of `STEPS`."""
 LAYER_VIEWS = 4
 GROUP_MOMENTS, GROUP_VIEWS = 4, 1
 """Training views drawn per measurement: `LAYER_VIEWS` of a layer; of a group, `GROUP_VIEWS` at each of `GROUP_MOMENTS`
@@ -53,23 +61,36 @@ moments."""
 PSNR_OF_ONE = 10 / math.log(10)
 """Decibels per relative change of the squared error."""
 
+Encoded = tuple[bytes, np.ndarray]
+"""A file, and the order [N] of its points: the index of each among the points that were encoded."""
 Shown = tuple[int, int, Gaussians]
 """A frame of the group, a training view, and the points to draw."""
+
+
+@dataclass(frozen=True)
+class Slope:
+    """Measurement of one attribute at some steps.
+
+    saved: bytes that steps larger by a factor of e save. error: mean squared error in held-out views.
+    """
+
+    saved: float
+    error: float
 
 
 class Subject(Protocol):
     """A layer or a group whose steps are chosen."""
 
-    def encode(self, config: EncodeConfig, steps: Steps) -> bytes:
-        """Return the file with these steps."""
+    def encode(self, config: EncodeConfig, steps: Steps) -> Encoded:
+        """Encode with these steps."""
         ...
 
     def as_trained(self) -> Iterable[Shown]:
-        """Yield the moments with the points as trained."""
+        """Yield the moments with all attributes as trained."""
         ...
 
-    def as_decoded(self, file: bytes) -> Iterable[Shown]:
-        """Yield the same moments with the points of an encoded file."""
+    def decoder(self, encoded: Encoded) -> Callable[[str], Iterable[Shown]]:
+        """Return a function that yields the same moments with one attribute as decoded and all others as trained."""
         ...
 
 
@@ -81,7 +102,7 @@ def encode_layer_by_slope(
     moving: int,
     importance: np.ndarray,
     trial: Trial | None,
-) -> tuple[tuple[bytes, np.ndarray], Steps]:
+) -> tuple[Encoded, Steps]:
     """Encode the points that are born at a group, with steps chosen by slope.
 
     Args:
@@ -138,15 +159,18 @@ class _Layer:
     others: Gaussians
     importance: np.ndarray
 
-    def encode(self, config: EncodeConfig, steps: Steps) -> bytes:
+    def encode(self, config: EncodeConfig, steps: Steps) -> Encoded:
         span = self.data.span
-        return group_file.encode_layer(span.index, span.first, self.points, config, self.importance, steps)[0]
+        return group_file.encode_layer(span.index, span.first, self.points, config, self.importance, steps)
 
     def as_trained(self) -> Iterable[Shown]:
         return self._show(self.points)
 
-    def as_decoded(self, file: bytes) -> Iterable[Shown]:
-        return self._show(group_file.decode_layer(file, f"The layer of group {self.data.span.index}")[1])
+    def decoder(self, encoded: Encoded) -> Callable[[str], Iterable[Shown]]:
+        file, order = encoded
+        decoded = group_file.decode_layer(file, f"The layer of group {self.data.span.index}")[1]
+        trained = self.points[order]
+        return lambda attribute: self._show(with_decoded(attribute, trained, decoded))
 
     def _show(self, points: Gaussians) -> Iterable[Shown]:
         seen = Gaussians.concatenate([points, self.others])
@@ -160,19 +184,21 @@ class _Group:
     resting: Gaussians
     importance: np.ndarray | None
 
-    def encode(self, config: EncodeConfig, steps: Steps) -> bytes:
-        return group_file.encode_group(self.group, config, self.importance, steps)[0]
+    def encode(self, config: EncodeConfig, steps: Steps) -> Encoded:
+        return group_file.encode_group(self.group, config, self.importance, steps)
 
     def as_trained(self) -> Iterable[Shown]:
-        return self._show(self.group)
+        return self._show(self.group.at)
 
-    def as_decoded(self, file: bytes) -> Iterable[Shown]:
-        return self._show(group_file.decode_group(file, f"Group {self.group.index}"))
+    def decoder(self, encoded: Encoded) -> Callable[[str], Iterable[Shown]]:
+        file, order = encoded
+        trained, decoded = in_order(self.group, order), group_file.decode_group(file, f"Group {self.group.index}")
+        return lambda attribute: self._show(lambda frame: with_decoded_at(attribute, trained, decoded, frame))
 
-    def _show(self, group: Group) -> Iterable[Shown]:
-        frames = np.linspace(0, group.frames - 1, GROUP_MOMENTS).round().astype(int).tolist()
+    def _show(self, at: Callable[[float], Gaussians]) -> Iterable[Shown]:
+        frames = np.linspace(0, self.group.frames - 1, GROUP_MOMENTS).round().astype(int).tolist()
         for number, frame in enumerate(frames):
-            seen = Gaussians.concatenate([group.at(float(frame)), self.resting])
+            seen = Gaussians.concatenate([at(float(frame)), self.resting])
             for view in _views(self.data, number, GROUP_VIEWS):
                 yield frame, view, seen
 
@@ -200,27 +226,36 @@ def _choose(encoder: ReelEncoder, data: GroupInput, subject: Subject, trial: Tri
     if not trained or not share:
         return STEPS
     held_out = _held_out_error(data, subject, trained, trial)
-    factor = 1.0
+    steps = STEPS
     for _ in range(ROUNDS):
-        fine, coarse = (subject.encode(config, STEPS.scaled(ratio * factor)) for ratio in (1.0, STEP_RATIO))
-        moments = zip(subject.as_decoded(fine), trained, strict=True)
-        error = np.mean([np.square(_draw(data, points, view) - image).mean() for (_, view, points), image in moments])
-        saved = max(len(fine) - len(coarse), 1) / math.log(STEP_RATIO)
-        price = MIN_GAIN * held_out / (PSNR_OF_ONE * 0.1 * len(fine) / share)
-        factor = equal_slope(factor, saved, float(error), price)
-    return STEPS.scaled(factor)
+        fine, coarse = (subject.encode(config, steps.scaled(factor)) for factor in (1.0, STEP_RATIO))
+        slopes, show = {}, subject.decoder(fine)
+        before, after = attribute_bytes(fine[0]), attribute_bytes(coarse[0])
+        for attribute, size in before.items():
+            moments = zip(show(attribute), trained, strict=True)
+            error = np.mean(
+                [np.square(_draw(data, points, view) - image).mean() for (_, view, points), image in moments]
+            )
+            saved = max(size - after.get(attribute, 0), LEAST_SAVED * size, 1) / math.log(STEP_RATIO)
+            slopes[attribute] = Slope(saved, float(error) * HELD_OUT_SHARE.get(attribute, 1.0))
+        steps = equal_slopes(steps, slopes, MIN_GAIN * held_out / (PSNR_OF_ONE * 0.1 * len(fine[0]) / share))
+    return steps
 
 
-def equal_slope(factor: float, saved: float, error: float, price: float) -> float:
-    """Return the factor at which one byte more reduces the mean squared error by `price`.
+def equal_slopes(steps: Steps, slopes: dict[str, Slope], price: float) -> Steps:
+    """Return steps at which one byte more reduces the mean squared error by `price`, for every attribute.
 
     Args:
-        factor: Factor of the steps that the next two numbers were measured at.
-        saved: Bytes that steps larger by a factor of e save.
-        error: Mean squared error of quantization.
+        steps: The steps that `slopes` were measured at.
+        slopes: By attribute. Attributes without a slope keep their steps.
         price: Mean squared error per byte.
     """
-    return min(max(factor * math.sqrt(price * saved / max(2 * error, 1e-30)), FINEST), COARSEST)
+    chosen = asdict(steps)
+    for attribute, slope in slopes.items():
+        factor = math.sqrt(price * slope.saved / max(2 * slope.error, 1e-30))
+        usual = getattr(STEPS, attribute)
+        chosen[attribute] = min(max(chosen[attribute] * factor, FINEST * usual), COARSEST * usual)
+    return Steps(**chosen)
 
 
 def _held_out_error(data: GroupInput, subject: Subject, trained: list[np.ndarray], trial: Trial | None) -> float:
