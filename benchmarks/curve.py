@@ -42,8 +42,10 @@ def reconstruct_until(
 ) -> None:
     """Reconstruct a capture into OUT from scratch, for at most `limit` seconds. Put the values to record into `found`.
 
-    Steps without progress reports, such as writing a group, are completed. `found` is filled even if an error is raised, and that is what
-    the capture and `reconstruct` raise, and `UsageError` where no camera is held out.
+    Steps without progress reports, such as writing a group, are completed. `found` is filled even if an error is raised.
+
+    Raises:
+        UsageError: No camera is held out. Errors of the capture and of `reconstruct` are passed on.
     """
     shutil.rmtree(out, ignore_errors=True)  # seconds of a run that is continued are not comparable
     run = plan_run(capture, out, config, device=device)

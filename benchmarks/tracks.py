@@ -106,7 +106,7 @@ def _points(places: np.ndarray, spacing: float) -> Gaussians:
 
 
 def _on(film: Film, places: np.ndarray, pixel: float) -> np.ndarray:
-    """Return [T, P] bool, True for points of places [T, N, 3] that are on the solid they began on. Only points on moving solids count."""
+    """Return [T, P] bool, True for points of places [T, N, 3] on the solid they began on. Only moving solids count."""
     scenes = [film.moving(frame / FPS) for frame in range(len(places))]
     first = np.stack([_distance(scenes[0], solid, places[0]) for solid in range(len(scenes[0].solids))])
     owner, there = first.argmin(0), first.min(0) < OFF / 2 * pixel
