@@ -69,7 +69,7 @@ def exponent(points: Sequence[tuple[float, float]]) -> float | None:
 
 
 def points_of(axis: str, some: Sequence[Row], name: str) -> list[tuple[float, float]]:
-    """Return (value, number) of the rows that an exponent is computed from. Rows with more threads than cores are left out. name: of the number."""
+    """Return (value, number `name`) of the rows with no more threads than cores."""
     return [(number_of(axis, row), row[name]) for row in some if row["threads"] <= row["cores"]]
 
 
