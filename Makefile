@@ -77,23 +77,31 @@ npm-package: player/node_modules/.package-lock.json  ## build the player's npm p
 
 setup: $(SETUP)
 
-INSTALL := $(BIN)/python -m pip install --quiet --constraint constraints.txt
+# LOCKED=1, as the workflows set it, installs only files whose hashes are in constraints.lock. torch is the exception: its CPU and CUDA
+# builds are different files of one version.
+LOCKED ?=
+PIP := $(BIN)/python -m pip install --quiet
+INSTALL := $(PIP) --constraint constraints.txt
+EDITABLE := $(INSTALL) --no-build-isolation $(if $(LOCKED),--no-deps )--editable
+HASHED := $(PIP) --no-deps --require-hashes --requirement constraints.lock
 
 $(RECON): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Splatreel needs Python 3.11 or newer; run: make PYTHON=python3.12")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(if $(LOCKED),$(HASHED) && $(INSTALL) torch)
 	$(BIN)/python -c 'import editables, hatchling' 2>/dev/null || $(INSTALL) editables hatchling
-	$(INSTALL) --no-build-isolation --editable '.[recon]'
+	$(EDITABLE) '.[recon]'
 	touch $@
 
 $(SETUP): $(RECON)
-	$(INSTALL) --no-build-isolation --editable '.[dev]'
+	$(EDITABLE) '.[dev]'
 	touch $@
 
 $(DOCS): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	$(if $(LOCKED),$(HASHED))
 	$(BIN)/python -c 'import editables, hatchling' 2>/dev/null || $(INSTALL) editables hatchling
-	$(INSTALL) --no-build-isolation --editable '.[docs]'
+	$(EDITABLE) '.[docs]'
 	touch $@
 
 player/node_modules/.package-lock.json: player/package-lock.json

@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import numpy as np
@@ -29,3 +30,12 @@ def test_file_that_is_no_image_is_named(tmp_path: Path) -> None:
     for read in (lambda: image_size(tmp_path / "a.png"), lambda: read_image(tmp_path / "a.png", 8, 8)):
         with pytest.raises(CaptureError, match=r"a\.png: cannot be read as an image"):
             read()
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes")
+def test_pipe_in_place_of_an_image_does_not_block(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "a.png")
+    with pytest.raises(CaptureError, match=r"a\.png: is no file"):
+        image_size(tmp_path / "a.png")
+    with pytest.raises(CaptureError, match=r"a\.png: is no file"):
+        read_image(tmp_path / "a.png", 4, 4)

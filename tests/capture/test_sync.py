@@ -1,4 +1,5 @@
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -56,4 +57,12 @@ def test_sync_names_a_video_with_other_sound(folder: Path) -> None:
 def test_sync_needs_two_videos(tmp_path: Path) -> None:
     film(tmp_path / "a.mp4", None)
     with pytest.raises(CaptureError, match="1 videos"):
+        synchronize(tmp_path, Silent())
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes")
+def test_pipe_among_videos_does_not_block(tmp_path: Path) -> None:
+    for name in ("a.mp4", "b.mp4"):
+        os.mkfifo(tmp_path / name)
+    with pytest.raises(CaptureError, match=r"a\.mp4: is no file"):
         synchronize(tmp_path, Silent())

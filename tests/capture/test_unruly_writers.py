@@ -1,10 +1,12 @@
 """Writers that delete, rewrite or skip files: earlier frames stay valid, and nothing hangs."""
 
 import os
+from contextlib import closing
 from pathlib import Path
 
 import pytest
 
+from splatreel.capture.opening import open_capture
 from splatreel.errors import CaptureError
 from tests.capture.growing.recorder import Recorder
 from tests.capture.test_follower import BEGUN, expected, following, shown
@@ -70,6 +72,42 @@ def test_truncated_growing_video_is_an_error(tmp_path: Path) -> None:
             opened.truncate(file.stat().st_size // 8)
         with pytest.raises(CaptureError, match=rf"{recorder.views[0].name}\.mkv"):
             follower.capture.read(15, 4, [recorder.views[0].name])
+
+
+@pytest.mark.parametrize(
+    ("kind", "before", "left"), [("mkv", 16, 16), ("ts", 16, 16), ("mp4", 16, 16), ("segments", 14, 12)]
+)
+def test_clock_that_jumps_ends_the_camera(tmp_path: Path, kind: str, before: int, left: int) -> None:
+    recorder = Recorder(tmp_path / "show", kind)
+    recorder.write(before)
+    for camera in (1, 2):
+        recorder.jump(camera, 36_000)
+    recorder.write(20)
+    recorder.end()
+    name = recorder.views[1].name
+    with following(recorder.folder) as (follower, told):
+        assert not follower.wait(20)
+        assert follower.total == left
+        assert shown(follower.capture, 8, left - 8) == expected(8, left - 8)
+    (line,) = [line for line in told if line.startswith(f"Camera {name} ends after {left} frames")]
+    assert "time jumps" in line
+    with pytest.raises(CaptureError, match=rf"{name}.*its time jumps 1\.\d s after .*--frames 0:{left}"):
+        open_capture(recorder.folder)
+    with closing(open_capture(recorder.folder, frames=(0, left), held_out=[])) as capture:
+        assert shown(capture, 8, left - 8) == expected(8, left - 8)
+
+
+def test_recorder_that_starts_anew_in_its_file_ends_the_camera(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "show", "ts")
+    recorder.write(16)
+    recorder.end()
+    file = recorder.folder / f"{recorder.views[2].name}.ts"
+    file.write_bytes(2 * file.read_bytes())
+    with following(recorder.folder) as (follower, told):
+        assert not follower.wait(20)
+        assert follower.total == 16
+        assert shown(follower.capture, 0, 14) == expected(0, 14)  # what follows is cut off
+    assert any(f"{file}: its time jumps from 1.5 s to" in line for line in told)
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes")

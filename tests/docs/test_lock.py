@@ -1,7 +1,12 @@
 """constraints.lock: every package that CI installs, at the version of constraints.txt, with hashes."""
 
 import re
+import shutil
+import subprocess
 from pathlib import Path
+
+import pytest
+import yaml
 
 ROOT = Path(__file__).parent.parent.parent
 LEFT_OUT = re.compile(r"torch|triton|cuda-|nvidia-")
@@ -43,3 +48,19 @@ def test_versions_are_those_that_were_tested() -> None:
 
 def test_what_differs_from_machine_to_machine_is_left_out() -> None:
     assert not [name for name in locked() if LEFT_OUT.match(name)]
+
+
+@pytest.mark.skipif(shutil.which("make") is None, reason="needs make")
+@pytest.mark.parametrize("target", ["setup", "docs"])
+def test_make_installs_only_locked_files(target: str) -> None:
+    command = ["make", "--dry-run", "--always-make", "LOCKED=1", "VENV=nowhere", target]
+    planned = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True).stdout
+    installs = [line for line in planned.splitlines() if "pip install" in line]
+    assert "--no-deps --require-hashes --requirement constraints.lock" in installs[0]
+    assert {"editables", "hatchling"} <= set(locked()), "so that the second line installs nothing"
+    assert all("--no-deps" in line for line in installs[2:])
+
+
+def test_workflows_install_locked_files() -> None:
+    for path in (ROOT / ".github" / "workflows").glob("*.yml"):
+        assert yaml.safe_load(path.read_text(encoding="utf-8"))["env"]["LOCKED"] == 1

@@ -60,6 +60,10 @@ class GrowingSource(FrameSource, Protocol):
         """Return the file that will hold a camera's next image."""
         ...
 
+    def failure(self, name: str) -> str | None:
+        """Return the reason why no more images of a camera will be read; None while there is none."""
+        ...
+
     def update(self) -> None:
         """Check for new images."""
 

@@ -40,12 +40,19 @@ class LocalFiles:
     """Files on this machine."""
 
     def source(self, path: Path) -> Any:
-        """Return an argument for PyAV and Pillow."""
+        """Return an argument for PyAV and Pillow. Raise `CaptureError` for a pipe, a device or a folder."""
+        _check_regular(path)
         return str(path)
 
     def raw(self, path: Path) -> BinaryIO:
-        """Open a file for random access."""
+        """Open a file for random access. Raise `CaptureError` for a pipe, a device or a folder."""
+        _check_regular(path)
         return open(path, "rb")
+
+
+def _check_regular(path: Path) -> None:
+    if path.exists() and not path.is_file():  # opening a pipe would block
+        raise CaptureError(f"{path}: is no file. Remove it from the capture.")
 
 
 LOCAL = LocalFiles()
@@ -91,12 +98,12 @@ class RemoteCaptureFiles:
 
     def source(self, path: Path) -> Any:
         """Return an argument for PyAV and Pillow."""
-        return self.raw(path) if path.is_relative_to(self.root) else str(path)
+        return self.raw(path) if path.is_relative_to(self.root) else LOCAL.source(path)
 
     def raw(self, path: Path) -> BinaryIO:
         """Open a file for random access."""
         if not path.is_relative_to(self.root):
-            return open(path, "rb")
+            return LOCAL.raw(path)
         name = path.relative_to(self.root).as_posix()
         if name not in self._sizes:
             raise FileNotFoundError(f"{self._folder.address(name)} is missing")

@@ -54,6 +54,7 @@ class Follower:
         self._before = capture.frames
         self._seen = {name: (count, growth.clock()) for name, count in self._source.counts().items()}
         self._stopped: set[str] = set()
+        self._failed: set[str] = set()
         self._thread = Thread(target=self._watch, name="follow", daemon=True)
 
     def __enter__(self) -> Follower:
@@ -133,6 +134,14 @@ class Follower:
         """Report cameras that have stopped or continue."""
         most, late = max(counts.values()), STALL * self.capture.fps
         for name, count in counts.items():
+            if name in self._failed:
+                continue
+            if (failure := self._source.failure(name)) is not None:
+                self._failed.add(name)
+                self._notify(
+                    f"Camera {name} ends after {count} frames: {failure}. The capture ends there. Record again into another folder."
+                )
+                continue
             silent = now - self._seen[name][1]
             if name in self._stopped and silent < STALL:
                 self._stopped.discard(name)

@@ -122,8 +122,6 @@ class VideoFile:
         self._decoder: Iterator[tuple[int, av.VideoFrame]] | None = None
         self._next = 0
         self._lock = Lock()
-        if path.exists() and not path.is_file():  # opening a pipe would block
-            raise CaptureError(f"{path}: is no file. Remove it from the capture.")
         self.table = table = self._scan() if table is None or table.size != self._size() else table
         self.width, self.height = (table.height, table.width) if table.turns % 2 else (table.width, table.height)
         self.frames, self.fps, self.start, self.times = table.frames, table.fps, table.start, table.times

@@ -11,6 +11,7 @@ from splatreel import threads
 from splatreel.capture.base import Request
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.growing_sound import read_packets
+from splatreel.capture.growing.growing_video import JUMP
 from splatreel.capture.growing.growth import Growth, is_recorded
 from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, segment_files
 from splatreel.capture.sidecar import SIDECAR, Sidecar
@@ -43,7 +44,7 @@ class Videos:
         self._path, self._where, self._request = path, request.files, request
         with ThreadPoolExecutor(threads.count()) as pool:
             self._files = dict(zip(files, pool.map(self._opened, files.values()), strict=True))
-        rates = [video.fps for video in self._files.values() if video.fps]
+        rates = [rate for video in self._files.values() if (rate := _rate(video))]
         self.fps = sidecar.fps or (float(np.median(rates)) if rates else 0.0) or 30.0
         unknown = [name for name in sidecar.starts if name not in self._files]
         if unknown:
@@ -65,6 +66,8 @@ class Videos:
             )
         if not self._by_time:
             self._check_times(path, self.frames if request.frames is None else min(request.frames[1], self.frames))
+        for name in self._files:
+            self._check_jump(name, None if request.frames is None else request.frames[1])
 
     def _opened(self, file: Path) -> CompleteVideo:
         tables = {self._path / name: table for name, table in self._request.tables.items()}
@@ -104,6 +107,21 @@ class Videos:
                 f"video starts, as `splatreel capture sync` does by their sound: frames are then taken by their times."
             )
 
+    def _check_jump(self, name: str, end: int | None) -> None:
+        """Raise `CaptureError` if time steps before `end` lie after a jump of a video's clock."""
+        video = self._files[name]
+        jumps = np.flatnonzero(np.diff(video.times) > JUMP) if self._by_time else np.zeros(0, np.int64)
+        failure = video.failure if isinstance(video, SegmentedVideo) else None
+        if failure is None and not len(jumps):
+            return
+        last = float(video.times[jumps[0]] if len(jumps) else video.times[-1])
+        steps = int((last - self._starts.get(name, 0.0)) * self.fps + 0.5) + 1
+        if (self.frames if end is None else end) > steps or (end is None and failure is not None):
+            raise CaptureError(
+                f"{video.path}: its time jumps {last:.1f} s after its first frame, so that later frames cannot be placed. "
+                f"Choose those before: --frames 0:{steps}."
+            )
+
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
         self._files[name].read_into(out, self._numbers[name][first : first + len(out)])
@@ -133,3 +151,9 @@ class Videos:
         """Close open files."""
         for video in self._files.values():
             video.close()
+
+
+def _rate(video: CompleteVideo) -> float:
+    """Return the frames per second of a video; 0 if unknown. A jump of its clock would spoil the average that its file states."""
+    steps = np.diff(video.times)
+    return 1 / float(np.median(steps)) if steps.max(initial=0.0) > JUMP else video.fps

@@ -59,6 +59,10 @@ class GrowingPictures:
         """Return the file of a camera's next image."""
         return self._names[name].file(self._counts[name])
 
+    def failure(self, name: str) -> str | None:
+        """Return None, because a missing image may still come."""
+        return None
+
     def update(self) -> None:
         """Check for new images."""
         for name, names in self._names.items():

@@ -65,6 +65,8 @@ COUNTED = 24
 """Number of frames whose times give the frame rate if the file does not state it."""
 HELD_BACK = 16
 """Packets whose order may still change if the file has no decoding times. H.264 reorders no more than this."""
+JUMP = 60.0
+"""Seconds without a frame that are a jump of the recorder's clock, and not frames that a camera has lost."""
 
 
 class GrowingVideo:
@@ -78,6 +80,7 @@ class GrowingVideo:
         width: Width in pixels.
         height: Height in pixels.
         fps: Average frames per second.
+        failure: Reason why no more frames will be read; None while there is none.
 
     Raises:
         CaptureError: The file is not a video, or can only be read when complete.
@@ -88,7 +91,9 @@ class GrowingVideo:
         self._pts: list[int] = []
         self._keys: list[int] = []
         self._final: int | None = -(1 << 63)  # no frame before this time is missing; None: all frames are known
-        self._lock, self._failure = Lock(), None
+        self._lock = Lock()
+        self.failure: str | None = None
+        self._latest: int | None = None  # decoding time of the last packet
         self._decoder: Iterator[av.VideoFrame] | None = None
         self._next = 0
         with self._guard():
@@ -165,11 +170,22 @@ class GrowingVideo:
             with container:
                 for packet in container.demux(stream):
                     if packet.size and packet.pts is not None and not packet.is_discard and not packet.is_corrupt:
+                        self.failure = self._find_jump(packet.pts if packet.dts is None else packet.dts)
+                        if self.failure is not None:
+                            break  # later frames cannot be placed, so the camera ends here
                         self._note(packet.pts, packet.dts, packet.is_keyframe)
         except (FFmpegError, ValueError) as error:
-            self._failure = error  # later packets cannot be read, so the camera ends here
+            self.failure = f"cannot be read any further ({error})"
         with self._lock:
             self._final = None
+
+    def _find_jump(self, time: int) -> str | None:
+        """Describe a jump of the time of packets; None without one. Frames without decoding times may be out of order."""
+        before, self._latest = self._latest, time
+        if before is None or -1.0 < (time - before) * self._time_base < JUMP:
+            return None
+        begin, end = ((part - self._pts[0]) * self._time_base for part in (before, time))
+        return f"its time jumps from {begin:.1f} s to {end:.1f} s after its first frame"
 
     def _note(self, pts: int, dts: int | None, key: bool) -> None:
         with self._lock:

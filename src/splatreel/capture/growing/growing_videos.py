@@ -25,6 +25,7 @@ class GrowingCamera(Protocol):
     width: int
     height: int
     fps: float
+    failure: str | None
 
     @property
     def written(self) -> Path:
@@ -103,6 +104,11 @@ class GrowingVideos:
     def waiting_for(self, name: str) -> Path:
         """Return the file of a camera's next frame."""
         return self._cameras[name].waiting_for
+
+    def failure(self, name: str) -> str | None:
+        """Return the reason why no more frames of a camera will be read; None while there is none."""
+        camera = self._cameras[name]
+        return None if camera.failure is None else f"{camera.path}: {camera.failure}"
 
     def update(self) -> None:
         """Check for new frames."""

@@ -12,6 +12,7 @@ import numpy as np
 from splatreel.capture.files import LOCAL, Files, open_media
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.growing_sound import Packets, sound_errors
+from splatreel.capture.growing.growing_video import JUMP
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.video import VIDEO_SUFFIXES, VideoFile
 from splatreel.errors import CaptureError
@@ -95,6 +96,7 @@ class SegmentedVideo:
         self._files, self._known = files, tables or {}
         self.tables: dict[Path, FrameTable] = {}
         self.segments: list[Segment] = []
+        self.failure: str | None = None
         self._open: dict[Path, VideoFile] = {}
         self._origin = 0.0
         while not self.segments and not growth.ended:
@@ -109,11 +111,14 @@ class SegmentedVideo:
 
     def update(self) -> None:
         """Check for completed files."""
-        while (video := self._complete(len(self.segments))) is not None:
+        while self.failure is None and (video := self._complete(len(self.segments))) is not None:
             if not self.segments:
                 self._origin = video.start
             says, follows = video.start - self._origin, self._end()
             start = says if says > follows - 0.5 / max(video.fps, 1e-3) else follows
+            if np.diff(np.append(follows, start + video.times)).max() > JUMP:
+                self.failure = f"its time jumps in {video.path.name}, {follows:.1f} s after its first frame"
+                return
             first = sum((len(self.segments[-1].times), self.segments[-1].first)) if self.segments else 0
             self.tables[video.path] = video.table
             self.segments.append(Segment(video.path, first, start, video.times, video.start))
