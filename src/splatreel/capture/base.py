@@ -178,6 +178,11 @@ class Capture(ABC):
             )
 
     @property
+    def layout(self) -> str:
+        """Name of the layout of files."""
+        return type(self).__name__.removesuffix("Capture")
+
+    @property
     def training_cameras(self) -> list[Camera]:
         """Cameras that are not held out."""
         return [c for c in self.cameras if c.name not in self.held_out]

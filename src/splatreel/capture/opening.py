@@ -12,11 +12,13 @@ from splatreel.capture.base import Capture, Request
 from splatreel.capture.files import LOCAL, Files, RemoteCaptureFiles
 from splatreel.capture.frame_table import load_tables
 from splatreel.capture.growing.growth import Growth
+from splatreel.capture.readers.calibrated import CalibratedCapture, is_calibrated
 from splatreel.capture.readers.colmap import ColmapCapture, is_colmap
 from splatreel.capture.readers.easyvolcap import EasyVolcapCapture, is_easyvolcap
 from splatreel.capture.readers.neu3dv import Neu3DVCapture, is_neu3dv
 from splatreel.capture.readers.panoptic import PanopticCapture, is_panoptic
 from splatreel.capture.readers.technicolor import TechnicolorCapture, is_technicolor
+from splatreel.capture.readers.transforms import TransformsCapture, is_transforms
 from splatreel.capture.sidecar import calibration_error
 from splatreel.errors import CaptureError
 from splatreel.storage.addresses import local_path
@@ -27,6 +29,9 @@ LOOKED_FOR = """\
   Technicolor:     cameras_parameters.txt and SCENE_undist_FRAME_CAMERA.png
   EasyVolcap:      intri.yml, extri.yml and images/CAMERA/*.jpg or videos/CAMERA.mp4
   COLMAP:          sparse/0/cameras.bin (or .txt) and a video a camera, or images/, images_2/, ... with a picture or a folder a camera
+  transforms.json: of nerfstudio, instant-ngp or Blender, and the images that it lists
+  Calibration:     a file of Anipose, FreeMoCap, Caliscope, Pose2Sim, Qualisys, OpenCV, Metashape, CMU Panoptic or RealityCapture (XMP),
+                   and a video a camera, or a folder of pictures, with its name
   Videos alone:    first run `splatreel capture calibrate` on them, and `splatreel capture sync` if they do not start together"""
 
 READERS: tuple[tuple[Callable[[Path], bool], Callable[[Path, Request], Capture]], ...] = (
@@ -35,6 +40,8 @@ READERS: tuple[tuple[Callable[[Path], bool], Callable[[Path, Request], Capture]]
     (is_technicolor, TechnicolorCapture),
     (is_easyvolcap, EasyVolcapCapture),
     (is_colmap, ColmapCapture),
+    (is_transforms, TransformsCapture),
+    (is_calibrated, CalibratedCapture),
 )
 
 

@@ -1,4 +1,4 @@
-"""`splatreel capture check | calibrate | sync`."""
+"""`splatreel capture check | calibrate | sync | convert`."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import shlex
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
@@ -70,8 +70,7 @@ def capture_check(
         source.close()
     held_out = ", ".join(source.held_out) or "none"
     points = "no sparse points" if source.points is None else f"{len(source.points):,} sparse points"
-    layout = type(source).__name__.removesuffix("Capture")
-    say(f"{capture}: a capture in the layout of {layout}; every frame can be read")
+    say(f"{capture}: a capture in the layout of {source.layout}; every frame can be read")
     say(f"  {len(names)} cameras and {points}; kept for evaluation, not trained on: {held_out}")
     say(f"  {source.frames} frames at {source.fps:g} a second, {source.width} x {source.height} pixels")
     say(f"  sound: {sound or 'none'}")
@@ -179,3 +178,34 @@ def capture_sync(capture: Positional[Path], /) -> None:
     say(f"{capture / 'splatreel.json'}: second of each video at which all videos have started")
     for name, start in starts.items():
         say(f"  {name} {start:.3f}")
+
+
+def capture_convert(
+    capture: CaptureAddress,
+    out: Positional[Path],
+    /,
+    width: int | None = None,
+    frames: str | None = None,
+    format: Literal["jpg", "png"] = "jpg",
+) -> None:
+    """Write a capture as a folder that EasyVolcap, COLMAP and Splatreel read, with undistorted, synchronized pictures.
+
+    Args:
+        capture: Folder or address of the videos or images and their cameras.
+        out: New folder.
+        width: Width of the pictures to write, in pixels; by default their own.
+        frames: Frames A to B - 1, as A:B; by default all.
+        format: File format of the pictures. PNG keeps every pixel.
+    """
+    from splatreel.capture.conversion import convert_capture
+    from splatreel.capture.opening import open_capture
+    from splatreel.progress import console
+
+    source = open_capture(capture, width=width, frames=parse_frames(frames))
+    with closing(source), closing(console()) as progress:
+        names = convert_capture(source, out, format, progress)
+    say(f"{out}: {len(names)} cameras and {source.frames} frames of {source.width} x {source.height} pixels")
+    say("  intri.yml and extri.yml of EasyVolcap, the COLMAP model sparse/0, and images/CAMERA/; sound is not copied")
+    renamed = [f"{old} is now {new}" for old, new in names.items() if old != new]
+    if renamed:
+        say(f"  {', '.join(renamed)}")

@@ -41,9 +41,9 @@ def import_frames(
         frames: Folder with one PLY file per frame (frame0000.ply, frame0001.ply, ...), or with params.npz.
         out: Folder of the new reel.
         fps: Frames per second.
-        cameras: Cameras that the film was made from: cameras.json as 3DGS writes it, or the capture. The reel then starts at one of
-            them, keeps viewers near them, and spends its bytes on what they see. By default a ring of cameras around everything is
-            assumed.
+        cameras: Cameras that the film was made from: cameras.json as 3DGS writes it, a calibration file, or the capture. The reel
+            then starts at one of them, keeps viewers near them, and spends its bytes on what they see. By default a ring of cameras
+            around everything is assumed.
         up: Axis that points up: x, -x, y, -y, z or -z; by default that of the cameras, or -y without cameras.
         rate: high has hardly any loss; medium and low are smaller.
         title: Title of the reel in the player.

@@ -10,6 +10,7 @@ import numpy as np
 
 from splatreel.capture.opening import open_capture
 from splatreel.capture.pose_checks import check_camera
+from splatreel.capture.readers.camera_files import read_camera_file
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera, facing
 from splatreel.scene.gaussians import Gaussians
@@ -26,7 +27,7 @@ SHOWS = 0.1
 
 
 def read_cameras(path: str | Path) -> list[Camera]:
-    """Return the cameras of a `cameras.json` as 3DGS writes it, of a folder with one, or of a capture.
+    """Return the cameras of a `cameras.json` as 3DGS writes it, of a folder with one, of a calibration file or of a capture.
 
     Raises:
         CaptureError: The file is invalid. The message names it.
@@ -37,6 +38,8 @@ def read_cameras(path: str | Path) -> list[Camera]:
         capture = open_capture(place)
         capture.close()
         return capture.cameras
+    if (calibrated := read_camera_file(file)) is not None:
+        return calibrated
     document = read_json(file, CaptureError)
     try:
         if not isinstance(document, list) or len(document) > MOST_CAMERAS:

@@ -15,7 +15,9 @@ import numpy as np
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.pose_checks import check_rotation
+from splatreel.capture.readers.calibrated import is_calibrated
 from splatreel.capture.readers.colmap import is_colmap, video_files
+from splatreel.capture.readers.transforms import is_transforms
 from splatreel.capture.sidecar import calibration_error, read_sidecar
 from splatreel.capture.sources import Video, video_source
 from splatreel.errors import CaptureError
@@ -30,7 +32,8 @@ HELD_OUT = re.compile("cam_?0+")
 
 def is_neu3dv(path: Path) -> bool:
     """Return whether a folder is a Neu3DV folder."""
-    return (path / POSES).is_file() or (any(path.glob("cam*.mp4")) and not is_colmap(path))
+    others = (is_colmap, is_transforms, is_calibrated)
+    return (path / POSES).is_file() or (any(path.glob("cam*.mp4")) and not any(fits(path) for fits in others))
 
 
 class Neu3DVCapture(FileCapture):

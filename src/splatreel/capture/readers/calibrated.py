@@ -1,0 +1,218 @@
+"""Captures of a calibration file from another program, and videos or images beside it.
+
+The formats are those of `FORMATS`. The calibration is in the capture's folder, or in a folder of it whose name starts
+with `calib`. Videos and images belong to the cameras by their names (`calibrations/media.py`).
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.capture.base import Request
+from splatreel.capture.file_capture import FileCapture
+from splatreel.capture.image_sequences import ImageSequences
+from splatreel.capture.lens import SAME_SHAPE, Lens, undistorted_camera
+from splatreel.capture.readers.calibrations.media import Media, find_media
+from splatreel.capture.readers.calibrations.metashape import is_metashape, read_metashape
+from splatreel.capture.readers.calibrations.opencv_cameras import is_camera, is_multiview, read_cameras, read_multiview
+from splatreel.capture.readers.calibrations.panoptic_studio import is_panoptic_studio, read_panoptic_studio
+from splatreel.capture.readers.calibrations.qualisys import is_qualisys, read_qualisys
+from splatreel.capture.readers.calibrations.realitycapture import read_realitycapture, xmp_folders
+from splatreel.capture.readers.calibrations.rig import Rig, RigCamera
+from splatreel.capture.readers.calibrations.toml_cameras import is_toml, read_toml
+from splatreel.capture.sidecar import read_sidecar
+from splatreel.capture.sources import picture_source, video_source
+from splatreel.errors import CaptureError
+from splatreel.scene.camera import middle_camera
+
+HEAD = 1 << 16
+"""Bytes of a file by which its format is recognized."""
+FORMATS: tuple[tuple[str, Callable[[Path, bytes], bool], Callable[[Path], Rig]], ...] = (
+    ("TOML", is_toml, read_toml),
+    ("Qualisys", is_qualisys, read_qualisys),
+    ("Metashape", is_metashape, read_metashape),
+    ("Panoptic Studio", is_panoptic_studio, read_panoptic_studio),
+    ("OpenCV", is_multiview, read_multiview),
+)
+"""Name, recognition by the start of a file, and reader of each format of one file."""
+SUFFIXES = (".toml", ".txt", ".xml", ".json", ".yml", ".yaml")
+SAME_PLACE = 1e-3
+"""Maximum difference between two poses for two files to be the same calibration."""
+
+
+@dataclass(frozen=True)
+class _Calibration:
+    """Recognized calibration.
+
+    Attributes:
+        layout: Name of its format.
+        origin: File or folder.
+        read: Function that reads it.
+    """
+
+    layout: str
+    origin: Path
+    read: Callable[[], Rig]
+
+
+def is_calibrated(path: Path) -> bool:
+    """Return whether a folder holds a calibration file of another program."""
+    return next(_calibrations(path), None) is not None
+
+
+def read_rig(file: Path) -> Rig | None:
+    """Return the cameras of a calibration file, or None if its format is unknown."""
+    found = next(_recognized([file]), None)
+    return None if found is None else found.read()
+
+
+class CalibratedCapture(FileCapture):
+    """Calibration of another program with videos or images. By default a middle camera is held out.
+
+    Args:
+        path: Folder of the capture.
+        request: Options.
+        rig: Its calibration; None searches for it.
+        media: Videos or images by camera; None searches for them.
+        layout: Name of the format.
+        paired: True if the images of each camera are in order of time steps that all cameras have.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        request: Request,
+        rig: Rig | None = None,
+        media: Media | None = None,
+        layout: str = "",
+        paired: bool = False,
+    ) -> None:
+        if rig is None:
+            layout, rig = _only_calibration(path)
+        self._layout = layout
+        if media is None:
+            media = find_media(path, rig.names(), rig.origin, rig.partial)
+        views = [camera for camera in rig.cameras if camera.name in media]
+        sidecar, names = read_sidecar(path), [camera.name for camera in views]
+        videos = {name: file for name, file in media.items() if isinstance(file, Path)}
+        if videos:
+            source = video_source(path, {name: videos[name] for name in names}, sidecar, request)
+            sizes = {name: (source[name].width, source[name].height) for name in names}
+        else:
+            pictures = {name: files for name in names if isinstance(files := media[name], list)}
+            choose = ImageSequences if paired else picture_source
+            source = choose(path, pictures, sidecar, request)
+            sizes = {name: source.size(name) for name in names}
+        width, height = request.size(*Counter(sizes.values()).most_common(1)[0][0], path)
+        lenses: dict[str, Lens] = {}
+        cameras = []
+        for view in views:
+            check_shape(view, sizes[view.name], rig.origin)
+            whose = f"{rig.origin}: camera {view.name}"
+            camera, lens = undistorted_camera(
+                view.name, view.viewmat, view.lens(*sizes[view.name]), width, height, whose
+            )
+            cameras.append(camera)
+            if lens is not None:
+                lenses[view.name] = lens
+        first, _ = request.range(source.frames, path)
+        default = rig.held_out if rig.held_out is not None else [names[middle_camera(cameras)]] if names else []
+        super().__init__(
+            path,
+            cameras,
+            source,
+            request,
+            held_out=default if sidecar.held_out is None else sidecar.held_out,
+            lenses=lenses,
+            points=rig.points if first == 0 else None,
+            point_colors=rig.point_colors if first == 0 else None,
+            origin=rig.origin,
+        )
+        left_out = [name for name in rig.names() if name not in media]
+        self.doubts += rig.doubts
+        if left_out:
+            self.doubts.append(f"{path}: {len(left_out)} cameras of {rig.origin.name} have no videos and were left out")
+
+    @property
+    def layout(self) -> str:
+        """Name of the calibration's format."""
+        return self._layout
+
+
+def check_shape(view: RigCamera, size: tuple[int, int], origin: Path) -> None:
+    """Raise `CaptureError` if a camera's images have another aspect ratio than its calibration."""
+    if view.size is None or abs(view.size[0] / view.size[1] * size[1] / size[0] - 1) <= SAME_SHAPE:
+        return
+    turned = abs(view.size[1] / view.size[0] * size[1] / size[0] - 1) <= SAME_SHAPE
+    raise CaptureError(
+        f"{origin}: camera {view.name} is calibrated for {view.size[0]}x{view.size[1]}, but its images are {size[0]}x{size[1]}, "
+        f"{'turned by a quarter' if turned else 'another aspect ratio'}. "
+        f"{'Turn' if turned else 'Crop'} them as for the calibration, or calibrate again."
+    )
+
+
+def _calibrations(path: Path) -> Iterator[_Calibration]:
+    """Yield the calibrations of a folder."""
+    if not path.is_dir():
+        return
+    folders = [path, *sorted(entry for entry in path.glob("[cC]alib*") if entry.is_dir())]
+    for folder in folders:
+        files = [file for file in sorted(folder.iterdir()) if file.suffix.lower() in SUFFIXES and file.is_file()]
+        files = [file for file in files if not file.name.startswith(".")]
+        yield from _recognized(files)
+        single = [file for file in files if is_camera(file, _head(file))]
+        if single:
+            yield _Calibration("OpenCV", folder, lambda single=single: read_cameras(single))
+    for folder in xmp_folders(path):
+        yield _Calibration("RealityCapture", folder, lambda folder=folder: read_realitycapture(folder))
+
+
+def _recognized(files: list[Path]) -> Iterator[_Calibration]:
+    for file in files:
+        head = _head(file)
+        for layout, is_format, read in FORMATS:
+            if is_format(file, head):
+                yield _Calibration(layout, file, lambda read=read, file=file: read(file))
+
+
+def _head(file: Path) -> bytes:
+    try:
+        with open(file, "rb") as opened:
+            return opened.read(HEAD)
+    except OSError:
+        return b""
+
+
+def _only_calibration(path: Path) -> tuple[str, Rig]:
+    """Return the format and the cameras of a folder's calibration. Several must agree."""
+    found = [(one, one.read()) for one in _calibrations(path)]
+    if not found:
+        raise CaptureError(f"{path}: holds no calibration file. Copy it there.")
+    first, rig = found[0]
+    for other, cameras in found[1:]:
+        if not _agree(rig, cameras):
+            raise CaptureError(
+                f"{path}: holds two calibrations, {first.origin.relative_to(path)} and {other.origin.relative_to(path)}, whose cameras "
+                f"differ. Remove the wrong one."
+            )
+    return first.layout, rig
+
+
+def _agree(one: Rig, other: Rig) -> bool:
+    """Return whether two calibrations have the same cameras with the same poses and lenses."""
+    if sorted(one.names()) != sorted(other.names()):
+        return False
+    named = {camera.name: camera for camera in other.cameras}
+    return all(_is_same(camera, named[camera.name]) for camera in one.cameras)
+
+
+def _is_same(one: RigCamera, other: RigCamera) -> bool:
+    if one.size != other.size or not np.allclose(one.viewmat, other.viewmat, atol=SAME_PLACE):
+        return False
+    lenses = [np.asarray(camera.lens(*(one.size or (1, 1))).params) for camera in (one, other)]
+    return lenses[0].shape == lenses[1].shape and np.allclose(*lenses, rtol=SAME_PLACE, atol=SAME_PLACE)

@@ -1,0 +1,1 @@
+"""Calibrations of other programs, one file per format, and their pairing with videos and images."""

@@ -1,0 +1,188 @@
+"""Pairing of calibrated cameras with the videos or image folders of a capture, by name."""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from difflib import get_close_matches
+from itertools import takewhile
+from pathlib import Path
+from typing import Any
+
+from splatreel.capture.growing.segmented_video import segment_files
+from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
+from splatreel.capture.video import VIDEO_SUFFIXES
+from splatreel.errors import CaptureError
+
+PREFERRED = ("synchronized_videos", "videos-sync", "videos", "hdVideos", ".", "images", "hdImgs")
+"""Folders of a capture that are read before others, in this order."""
+SKIPPED = re.compile(r"calib.*|intrinsics?|extrinsics?|.*annotated.*|masks?|depths?", re.IGNORECASE)
+"""Folders whose videos and images are not those of the scene."""
+DEPTH = 2
+"""Levels of folders below the capture that are searched."""
+WORD = re.compile(r"\d+|[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
+"""Part of a name: a number, or a word of which several may follow each other, as in camA."""
+SERIAL = re.compile(r"\d{4,}$")
+"""Serial number of a camera, as in take_Miqus_1_26580."""
+KINDS = ("videos", "folders of videos", "folders of pictures", "pictures")
+"""Kinds of media, the preferred first."""
+SHOWN = 6
+"""Maximum number of names in a message."""
+
+Media = dict[str, Path] | dict[str, list[Path]]
+"""Video, or images in order of time, by camera."""
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Media of one kind in one folder, by their own names."""
+
+    folder: Path
+    kind: str
+    files: Media
+
+    def rank(self, path: Path) -> int:
+        """Return the place in the order of preference."""
+        name = self.folder.relative_to(path).as_posix()
+        return PREFERRED.index(name) if name in PREFERRED else len(PREFERRED)
+
+
+def find_media(path: Path, names: list[str], origin: Path, partial: bool = False) -> Media:
+    """Return the video or the images of each camera.
+
+    Videos take precedence over image folders, and these over one image per camera. If no names are equal, they may differ in case, file
+    extension, leading zeros, and in words that all cameras or all videos have in common: `hd_00_05.mp4` is of camera
+    `00_05`, and `Camera_001_synchronized.mp4` of `cam_1`. A serial number at the end of a name is enough.
+
+    Args:
+        path: Folder of the capture.
+        names: Names of the cameras.
+        origin: Calibration, for messages.
+        partial: Leave out cameras without media. Otherwise they are an error.
+
+    Raises:
+        CaptureError: No folder has media for the cameras, or several have.
+    """
+    groups = list(_groups(path))
+    for simplify in SIMPLER:
+        for kind in KINDS:
+            found = [(g, pairs) for g in groups if g.kind == kind and (pairs := _pairs(names, g, simplify, partial))]
+            found.sort(key=lambda fit: (fit[0].rank(path), str(fit[0].folder)))
+            if len(found) > 1 and found[0][0].rank(path) == len(PREFERRED):
+                folders = ", ".join(group.folder.relative_to(path).as_posix() for group, _ in found)
+                raise CaptureError(
+                    f"{path}: several folders have {kind} of the cameras in {origin.name}: {folders}. Copy {origin.name} into the one "
+                    f"to read, and name that folder."
+                )
+            if found:
+                group, pairs = found[0]
+                return {name: group.files[own] for name, own in pairs.items()}  # type: ignore[return-value]
+    raise _unpaired(path, names, origin, groups)
+
+
+def _pairs(
+    names: list[str], group: _Group, simplify: Callable[[list[str]], list[Any]], partial: bool
+) -> dict[str, str]:
+    """Return the own name of each camera's media, or nothing if they do not fit the cameras one to one."""
+    own = list(group.files)
+    wanted, offered = simplify(names), simplify(own)
+    if len(set(wanted)) < len(names) or len(set(offered)) < len(own):
+        return {}
+    places = dict(zip(offered, own, strict=True))
+    found = {name: places[key] for name, key in zip(names, wanted, strict=True) if key in places}
+    return found if partial or len(found) == len(names) else {}
+
+
+def _plain(names: list[str]) -> list[str]:
+    """Return names in lower case, without the extension of a video or image."""
+    return [_stem(name).lower() for name in names]
+
+
+def _stem(name: str) -> str:
+    stem, extension = os.path.splitext(name)
+    return stem if extension.lower() in (*IMAGE_SUFFIXES, *VIDEO_SUFFIXES) else name
+
+
+def _distinct(names: list[str]) -> list[tuple[str | int, ...]]:
+    """Return the words and numbers of each name without those at the start and end that all names have in common."""
+    words = [[int(w) if w.isdigit() else w.lower() for w in WORD.findall(_stem(name))] for name in names]
+    if len(words) < 2:
+        return [tuple(w) for w in words]
+    start = _common(words)
+    end = _common([w[start:][::-1] for w in words])
+    return [tuple(w[start : len(w) - end]) for w in words]
+
+
+def _common(words: list[list[str | int]]) -> int:
+    """Return the number of equal words at the start of all lists."""
+    columns = takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))
+    return len(list(columns))
+
+
+def _serials(names: list[str]) -> list[str]:
+    """Return the serial number at the end of each name, otherwise the whole name."""
+    found = [SERIAL.search(_stem(name)) for name in names]
+    return [name if serial is None else serial[0] for name, serial in zip(names, found, strict=True)]
+
+
+SIMPLER: tuple[Callable[[list[str]], list[Any]], ...] = (list, _plain, _distinct, _serials)
+"""Functions that make names comparable, the strictest first."""
+
+
+def _groups(path: Path) -> Iterator[_Group]:
+    """Yield the media of a capture by folder."""
+    for folder in _folders(path, DEPTH):
+        entries = sorted(entry for entry in folder.iterdir() if not entry.name.startswith("."))
+        below = [entry for entry in entries if entry.is_dir()]
+        found: tuple[Media, ...] = (
+            _by_stem([file for file in entries if file.suffix.lower() in VIDEO_SUFFIXES and file.is_file()]),
+            {entry.name: entry for entry in below if segment_files(entry)},
+            {entry.name: files for entry in below if (files := image_files(entry))},
+            {name: [file] for name, file in _by_stem(image_files(folder)).items()},
+        )
+        for kind, files in zip(KINDS, found, strict=True):
+            if files:
+                yield _Group(folder, kind, files)
+
+
+def _by_stem(files: list[Path]) -> dict[str, Path]:
+    """Return files by their names without extension, or with it where this is ambiguous."""
+    stems = Counter(file.stem for file in files)
+    return {file.stem if stems[file.stem] == 1 else file.name: file for file in files}
+
+
+def _folders(path: Path, depth: int) -> Iterator[Path]:
+    yield path
+    for entry in sorted(path.iterdir()) if depth else []:
+        if entry.is_dir() and not entry.name.startswith(".") and not SKIPPED.fullmatch(entry.name):
+            yield from _folders(entry, depth - 1)
+
+
+def _unpaired(path: Path, names: list[str], origin: Path, groups: list[_Group]) -> CaptureError:
+    if not groups:
+        return CaptureError(
+            f"{path}: holds no videos or pictures of the cameras {_listed(names)} in {origin.name}. Copy a video of each, named as its "
+            f"camera, beside {origin.name} or into videos/, or its pictures into images/CAMERA/."
+        )
+    best = max(groups, key=lambda group: (len(_near(names, group)), -group.rank(path), len(group.files)))
+    absent = [name for name in names if name not in _near(names, best)] or names
+    place = best.folder.relative_to(path).as_posix()
+    alike = get_close_matches(absent[0], list(best.files), 1)
+    hint = f" Is it {alike[0]!r}?" if alike else ""
+    return CaptureError(
+        f"{path}: no {best.kind} in {place} belong to {len(absent)} of the {len(names)} cameras in {origin.name}, the first is "
+        f"{absent[0]!r}; there are {_listed(list(best.files))}.{hint} Name each as its camera, or remove cameras without any from "
+        f"{origin.name}."
+    )
+
+
+def _near(names: list[str], group: _Group) -> dict[str, str]:
+    """Return the cameras that have media in a group, with their own names."""
+    return max((_pairs(names, group, simplify, True) for simplify in SIMPLER), key=len)
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")

@@ -1,0 +1,155 @@
+"""Calibrations that OpenCV's FileStorage wrote, in YAML or XML.
+
+Either one file holds all cameras, as OpenCV's `apps/multiview-calibration` writes it: `cam_ids`, `Ks` [N, 3, 3], `Rs` and
+`Ts` from the first camera's system to the camera's, `distortions`, `models` (1 is `cv2.fisheye`) and `image_sizes`. Or a
+file per camera, named as the camera, holds a matrix, distortion coefficients, a rotation and a translation, world to
+camera, under one of the names below. The center of the first pixel is at (0, 0). EasyMocap's and EasyVolcap's intri.yml
+and extri.yml have a reader of their own.
+
+Source: opencv 5.x, `apps/multiview-calibration/multiview_calibration.py` (`saveToFile`); the OpenCV tutorial "Camera
+calibration With OpenCV" for `camera_matrix` and `distortion_coefficients`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatreel.capture.lens import import_cv2
+from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, image_size, naming, opencv_lens, pose
+from splatreel.errors import CaptureError
+
+SUFFIXES = (".yml", ".yaml", ".xml")
+MATRIX = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "intrinsic_matrix", "K", "M", "mtx")
+DISTORTIONS = (
+    "distortion_coefficients",
+    "Distortion_Coefficients",
+    "distortion_coeffs",
+    "distCoeffs",
+    "dist_coeffs",
+    "dist",
+    "D",
+)
+ROTATION = ("rotation_matrix", "Rot", "R", "rvec", "rotation_vector", "rotation")
+TRANSLATION = ("translation_vector", "translation", "T", "t", "tvec")
+WIDTH, HEIGHT = ("image_width", "image_Width", "width", "W"), ("image_height", "image_Height", "height", "H")
+FISHEYE = 1
+"""Value of cv2.CALIB_MODEL_FISHEYE."""
+
+
+def is_multiview(file: Path, head: bytes) -> bool:
+    """Return whether the start of a file is that of a multi-view calibration."""
+    return _is_storage(file, head) and all(_has(head, (key,)) for key in ("Rs", "Ks", "distortions"))
+
+
+def is_camera(file: Path, head: bytes) -> bool:
+    """Return whether the start of a file is that of one camera with a pose."""
+    return _is_storage(file, head) and all(_has(head, keys) for keys in (MATRIX, ROTATION, TRANSLATION))
+
+
+def read_multiview(file: Path) -> Rig:
+    """Return the cameras of a multi-view calibration."""
+    storage = _Storage(file)
+    Ks, rotations, translations = (storage.matrix(key) for key in ("Ks", "Rs", "Ts"))
+    models, sizes = storage.matrix("models").ravel(), storage.matrix("image_sizes").reshape(-1, 2)
+    count = len(Ks)
+    names = storage.strings("cam_ids") or [str(number) for number in range(count)]
+    bends = storage.matrix("distortions").ravel()
+    each = [4 if model == FISHEYE else 0 for model in models]
+    pinholes = each.count(0)
+    share, rest = divmod(len(bends) - sum(each), pinholes) if pinholes else (0, len(bends) - sum(each))
+    if rest or share < 0 or {len(rotations), len(translations), len(models), len(sizes), len(names)} != {count}:
+        raise CaptureError(
+            f"{file}: has {count} matrices, {len(rotations)} rotations, {len(translations)} translations, {len(models)} models, "
+            f"{len(sizes)} image sizes, {len(names)} names and {len(bends)} distortion coefficients, which do not fit together. Export "
+            f"it again."
+        )
+    cameras, used = [], 0
+    for c, name in enumerate(names):
+        length = each[c] or share
+        cameras.append(
+            _camera(
+                f"{file}: camera {name}",
+                name,
+                (Ks[c], bends[used : used + length]),
+                (rotations[c], translations[c]),
+                sizes[c],
+                models[c] == FISHEYE,
+            )
+        )
+        used += length
+    return Rig(file, cameras)
+
+
+def read_cameras(files: list[Path]) -> Rig:
+    """Return the cameras of a file per camera."""
+    cameras = []
+    for file in files:
+        storage = _Storage(file)
+        found = [storage.first(keys) for keys in (MATRIX, DISTORTIONS, ROTATION, TRANSLATION, WIDTH, HEIGHT)]
+        for value, keys in zip(found, (MATRIX, DISTORTIONS, ROTATION, TRANSLATION), strict=False):
+            if value is None:
+                raise CaptureError(f"{file}: has none of {', '.join(keys)}. Export the camera again.")
+        matrix, bends, rotation, translation, width, height = found
+        size = None if width is None or height is None else np.array([width, height]).ravel()
+        cameras.append(_camera(str(file), file.stem, (matrix, bends), (rotation, translation), size, False))
+    return Rig(files[0].parent, cameras)
+
+
+def _camera(
+    whose: str, name: str, lens: tuple[Any, Any], place: tuple[Any, Any], size: np.ndarray | None, fisheye: bool
+) -> RigCamera:
+    with naming(whose):
+        known = None if size is None else image_size(size.astype(np.float64).tolist())
+    viewmat = pose(whose, *place)
+    return RigCamera(name, viewmat, known, lambda *shape: opencv_lens(whose, *lens, known or shape, fisheye))
+
+
+def _is_storage(file: Path, head: bytes) -> bool:
+    return file.suffix.lower() in SUFFIXES and (head.lstrip().startswith(b"%YAML") or b"<opencv_storage" in head)
+
+
+def _has(head: bytes, keys: tuple[str, ...]) -> bool:
+    lines = {line.strip().partition(b":")[0] for line in head.splitlines() if not line.startswith(b" ")}
+    return any(key.encode() in lines or f"<{key} ".encode() in head or f"<{key}>".encode() in head for key in keys)
+
+
+class _Storage:
+    """File of OpenCV's."""
+
+    def __init__(self, file: Path) -> None:
+        cv2 = import_cv2("Reading OpenCV's calibrations")
+        self.file, self._errors = file, (cv2.error, SystemError)
+        try:
+            self._storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
+        except self._errors as error:
+            raise CaptureError(f"{file}: cannot be read by OpenCV ({error}). Export the calibration again.") from error
+
+    def first(self, keys: tuple[str, ...]) -> np.ndarray | None:
+        """Return the first existing matrix or number, or None."""
+        for key in keys:
+            node = self._storage.getNode(key)
+            if node.isInt() or node.isReal():
+                return np.array(node.real())
+            if not node.empty():
+                return self.matrix(key)
+        return None
+
+    def matrix(self, key: str) -> np.ndarray:
+        try:
+            value = self._storage.getNode(key).mat()
+        except self._errors as error:
+            raise CaptureError(f"{self.file}: {key} is no matrix ({error}). Export the calibration again.") from error
+        if value is None or not np.isfinite(value).all():
+            raise CaptureError(f"{self.file}: has no {key}, or not of finite numbers. Export the calibration again.")
+        return np.asarray(value, np.float64)
+
+    def strings(self, key: str) -> list[str]:
+        """Return a list of strings, which older versions wrote as one string with commas."""
+        node = self._storage.getNode(key)
+        if node.isString():
+            return [part.strip() for part in node.string().split(",")]
+        entries = [node.at(number) for number in range(node.size())] if node.isSeq() else []
+        return [entry.string() or str(int(entry.real())) for entry in entries]

@@ -1,0 +1,91 @@
+"""Calibrations of Qualisys Track Manager: `NAME.qca.txt`, an XML file.
+
+A camera has its `serial`, a field of view `fov_video` in pixels, `intrinsic` in 64ths of a pixel, and `transform` in
+millimeters. r11, r12, r13 are the camera's x axis in the world, r21 ... its y axis, which points up, and r31 ... its z
+axis, which points backwards. x, y, z is the position. Distortion coefficients have no unit and are in OpenCV's order.
+Lengths become meters.
+
+Source: Pose2Sim's `calibration.py` (`read_qca`, commit f7b39c7) and its demo file, for all but the distortion: Pose2Sim
+divides it by 64, whereas the values in files of Miqus and Oqus cameras (-0.05 to -0.15) only make sense undivided.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from splatreel.capture.readers.calibrations.rig import (
+    OPENCV_CENTER,
+    Rig,
+    RigCamera,
+    image_size,
+    naming,
+    opencv_lens,
+    pose,
+    read_xml,
+)
+from splatreel.errors import CaptureError
+
+SUBPIXELS = 64
+VIDEO_MODELS = ("video", "hybrid", "none")
+"""Parts of the names of models that film. Other models see only markers."""
+
+
+def is_qualisys(file: Path, head: bytes) -> bool:
+    """Return whether the start of a file is that of a Qualisys calibration."""
+    return file.suffix.lower() in (".txt", ".xml") and b"<calibration" in head and b"focalLengthU" in head
+
+
+def read_qualisys(file: Path) -> Rig:
+    """Return the cameras of a Qualisys calibration that film."""
+    cameras = []
+    for node in read_xml(file).iterfind("cameras/camera"):
+        if any(word in node.get("model", "none").lower() for word in VIDEO_MODELS):
+            cameras.append(_camera(file, node))
+    if not cameras:
+        raise CaptureError(f"{file}: holds no camera that films. Export the calibration of the video cameras.")
+    return Rig(file, cameras)
+
+
+def _camera(file: Path, node: Element) -> RigCamera:
+    with naming(f"{file}: a camera"):
+        name = node.attrib["serial"]
+    whose = f"{file}: camera {name}"
+    with naming(whose):
+        if float(node.get("viewrotation", "0")) % 360:
+            raise CaptureError(
+                f"{whose}: its view is turned by {node.get('viewrotation')} degrees. Calibrate with viewrotation 0 and unturned videos."
+            )
+        view, lens, place = (_part(node, tag) for tag in ("fov_video", "intrinsic", "transform"))
+        left, top = float(view["left"]), float(view["top"])
+        size = image_size([float(view["right"]) - left + 1, float(view["bottom"]) - top + 1])
+        fx, fy, cx, cy = (
+            float(lens[key]) / SUBPIXELS for key in ("focalLengthU", "focalLengthV", "centerPointU", "centerPointV")
+        )
+        # Position 0 is the first subpixel, half a subpixel inside of the image.
+        inside = 0.5 / SUBPIXELS - OPENCV_CENTER
+        K = [[fx, float(lens["skew"]) / SUBPIXELS, cx - left + inside], [0, fy, cy - top + inside], [0, 0, 1]]
+        bends = [
+            float(lens[key])
+            for key in (
+                "radialDistortion1",
+                "radialDistortion2",
+                "tangentalDistortion1",
+                "tangentalDistortion2",
+                "radialDistortion3",
+            )
+        ]
+        axes = np.array([[float(place[f"r{row}{column}"]) for column in (1, 2, 3)] for row in (1, 2, 3)])
+        center = np.array([float(place[axis]) for axis in "xyz"]) / 1000
+    camera = opencv_lens(whose, K, bends, size)
+    rotation = np.diag([1.0, -1, -1]) @ axes
+    return RigCamera(name, pose(whose, rotation, -rotation @ center), size, lambda *_: camera)
+
+
+def _part(node: Element, tag: str) -> dict[str, str]:
+    found = node.find(tag)
+    if found is None:
+        raise KeyError(tag)
+    return found.attrib

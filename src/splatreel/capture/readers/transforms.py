@@ -1,0 +1,238 @@
+"""Captures described by `transforms.json`: nerfstudio, instant-ngp, NeRF's synthetic scenes and Blender's add-on BlenderNeRF.
+
+A frame has a `file_path`, a `transform_matrix` from camera to world in OpenGL's axes (x right, y up, z backwards), and
+sometimes a `time`. The lens is that of the file or of the frame: `fl_x`, `fl_y`, `cx`, `cy` in pixels of a `w` x `h`
+image, or `camera_angle_x` in radians, with k1, k2, k3, k4, p1, p2. The center of the first pixel is at (0.5, 0.5).
+`transforms_train.json` and `transforms_test.json` share this format; the cameras of the second are held out.
+
+Frames of one pose are the images of one camera, in order of `time`, otherwise of their names. If each frame has a pose
+and a folder of its own, the folder's images are the camera's. Otherwise each frame is a camera with one time step.
+
+Source: nerfstudio (commit 50e0e3c), `docs/quickstart/data_conventions.md`, `nerfstudio_dataparser.py`, `camera_utils.py`
+(distortion); instant-ngp (commit abe236e), `src/nerf_loader.cu`; BlenderNeRF (commit 30e6691), `blender_nerf_operator.py`.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from splatreel.capture.base import Request
+from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
+from splatreel.capture.readers.calibrated import CalibratedCapture
+from splatreel.capture.readers.calibrations.media import Media, find_media
+from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, naming, pose
+from splatreel.capture.readers.calibrations.transforms_lens import transforms_lens
+from splatreel.capture.readers.colmap import import_pycolmap
+from splatreel.capture.video import VIDEO_SUFFIXES
+from splatreel.errors import CaptureError
+from splatreel.scene.untrusted import is_number, numbers, read_json
+
+META, TRAIN, TEST = "transforms.json", "transforms_train.json", "transforms_test.json"
+META_BYTES, META_VALUES = 256 << 20, 10_000_000
+"""Maximum size of such a file: every frame has a pose."""
+SAME_POSE = 1e-5
+"""Maximum difference between the matrices of one camera's frames, relative to the largest number in them."""
+POINTS = "points3d.ply"
+"""Points that BlenderNeRF writes."""
+
+
+@dataclass(frozen=True)
+class _Frame:
+    file: str
+    """File below the capture's folder, with slashes."""
+    matrix: np.ndarray
+    """Camera to world in OpenGL's axes, [4, 4]."""
+    time: float | None
+    lens: dict[str, Any]
+    held_out: bool
+
+
+@dataclass(frozen=True)
+class _View:
+    """Frames of one camera in order of time."""
+
+    name: str
+    frames: list[_Frame]
+
+
+def is_transforms(path: Path) -> bool:
+    """Return whether a folder holds a transforms.json."""
+    return any((path / name).is_file() for name in (META, TRAIN))
+
+
+class TransformsCapture(CalibratedCapture):
+    """Folder with a transforms.json. By default the cameras of the test split are held out, otherwise a middle camera."""
+
+    def __init__(self, path: Path, request: Request) -> None:
+        file = path / META if (path / META).is_file() else path / TRAIN
+        rig, views = _read(file)
+        media, listed = _media(path, views, rig)
+        super().__init__(path, request, rig, media, layout="transforms.json", paired=listed)
+
+
+def read_transforms(file: Path) -> Rig:
+    """Return the cameras of a transforms.json."""
+    return _read(file)[0]
+
+
+def _read(file: Path) -> tuple[Rig, list[_View]]:
+    frames, points = _frames(file)
+    if file.name == TRAIN and (file.parent / TEST).is_file():
+        frames += _frames(file.parent / TEST)[0]
+    if not frames:
+        raise CaptureError(f"{file}: lists no frames. Export the cameras again.")
+    views = _views(file, frames)
+    cameras = [_camera(file, view) for view in views]
+    held_out = [view.name for view in views if view.frames[0].held_out]
+    positions, colors = _points(points)
+    return Rig(file, cameras, positions, colors, held_out or None), views
+
+
+def _frames(file: Path) -> tuple[list[_Frame], Path | None]:
+    """Return the frames of a file, and the file of its points."""
+    meta = read_json(file, CaptureError, META_BYTES, META_VALUES)
+    with naming(str(file)):
+        tests = set(meta.get("test_filenames", []))
+        general = {key: value for key, value in meta.items() if key != "frames"}
+        frames = [
+            _frame(file, number, entry, general, tests, file.name == TEST)
+            for number, entry in enumerate(meta["frames"])
+        ]
+        named = meta.get("ply_file_path")
+        points = file.parent / str(named) if named is not None else file.parent / POINTS
+    if named is not None and not points.is_file():
+        raise CaptureError(f"{points}: is missing, though {file.name} names it as the points. Copy it there.")
+    return frames, points if points.is_file() else None
+
+
+def _frame(
+    file: Path, number: int, entry: dict[str, Any], general: dict[str, Any], tests: set[str], is_test: bool
+) -> _Frame:
+    with naming(f"{file}: frame {number}"):
+        path, rows, time = entry["file_path"], entry["transform_matrix"], entry.get("time")
+        matrix = np.eye(4)
+        matrix[: len(rows)] = numbers(rows, 3 if len(rows) == 3 else 4, 4)
+        if not isinstance(path, str) or not path or (time is not None and not is_number(time)):
+            raise ValueError(f"its file_path is {path!r:.100} and its time {time!r:.40}")
+        place = PurePosixPath(path.replace("\\", "/")).as_posix()
+    return _Frame(place, matrix, time, general | entry, is_test or path in tests)
+
+
+def _views(file: Path, frames: list[_Frame]) -> list[_View]:
+    """Return the cameras in order of their names."""
+    groups = _by_pose(frames)
+    times = {frame.time for frame in frames if frame.time is not None}
+    if len(times) > 1 and len(groups) > max(len(frames) / 2, 1):
+        raise CaptureError(
+            f"{file}: its {len(frames)} pictures have {len(times)} times and {len(groups)} poses: the camera moves, as in D-NeRF. Only "
+            f"static cameras that film together can be reconstructed."
+        )
+    views = []
+    for name, group in zip(_names([[frame.file for frame in group] for group in groups]), groups, strict=True):
+        if times:
+            own = sorted(group, key=lambda frame: -np.inf if frame.time is None else frame.time)
+            missing = sorted(times - {frame.time for frame in own if frame.time is not None})
+            if missing or len(own) > len(times):
+                problem = f"lacks the time {missing[0]:g}" if missing else "has several pictures of one time"
+                raise CaptureError(
+                    f"{file}: camera {name} {problem}; the {len(groups)} cameras have {len(times)} times. Each needs one picture of "
+                    f"each time: correct the list of frames."
+                )
+        else:
+            own = sorted(group, key=lambda frame: _natural(frame.file))
+        views.append(_View(name, own))
+    return sorted(views, key=lambda view: _natural(view.name))
+
+
+def _by_pose(frames: list[_Frame]) -> list[list[_Frame]]:
+    """Return the frames in groups of one pose."""
+    groups: list[list[_Frame]] = []
+    poses = np.zeros((0, 4, 4))
+    for frame in frames:
+        near = np.abs(poses - frame.matrix).max((1, 2)) <= SAME_POSE * max(np.abs(frame.matrix).max(), 1.0)
+        if near.any():
+            groups[int(near.argmax())].append(frame)
+        else:
+            groups.append([frame])
+            poses = np.concatenate([poses, frame.matrix[None]])
+    return groups
+
+
+def _names(files: list[list[str]]) -> list[str]:
+    """Return a name for each camera: its folder if no other camera has it, otherwise the stem of its first file."""
+    folders = [{str(PurePosixPath(file).parent) for file in own} for own in files]
+    single = [own.pop() if len(own) == 1 else "" for own in folders]
+    if "" not in single and "." not in single and len(set(single)) == len(single):
+        return _shortest([PurePosixPath(folder).parts for folder in single])
+    return _shortest([PurePosixPath(own[0]).with_suffix("").parts for own in files])
+
+
+def _shortest(parts: list[tuple[str, ...]]) -> list[str]:
+    """Return paths without the folders that all of them are in."""
+    common = 0
+    while all(len(own) > common + 1 for own in parts) and len({own[common] for own in parts}) == 1:
+        common += 1
+    return ["/".join(own[common:]) for own in parts]
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Return a key that sorts numbers in names by value."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
+
+
+def _camera(file: Path, view: _View) -> RigCamera:
+    frame, whose = view.frames[0], f"{file}: camera {view.name}"
+    size, lens = transforms_lens(whose, frame.lens)
+    axes = frame.matrix[:3, :3] @ np.diag([1.0, -1, -1])
+    return RigCamera(view.name, pose(whose, axes.T, -axes.T @ frame.matrix[:3, 3]), size, lens)
+
+
+def _media(path: Path, views: list[_View], rig: Rig) -> tuple[Media, bool]:
+    """Return the files of each camera, and whether all of them are listed.
+
+    Where no listed file exists, the files with the cameras' names are returned.
+    """
+    found = {view.name: [_existing(path / frame.file) for frame in view.frames] for view in views}
+    listed = [file for files in found.values() for file in files]
+    if not any(file.is_file() for file in listed):
+        return find_media(path, rig.names(), rig.origin), False
+    missing = [file for file in listed if not file.is_file()]
+    if missing:
+        raise CaptureError(
+            f"{missing[0]}: is missing, and so are {len(missing) - 1} more of the {len(listed)} files that {rig.origin.name} lists. "
+            f"Copy them there."
+        )
+    if all(len(files) == 1 and files[0].suffix.lower() in VIDEO_SUFFIXES for files in found.values()):
+        return {name: files[0] for name, files in found.items()}, False
+    folders = [files[0].parent for files in found.values()]
+    if len(listed) == len(views) == len(set(folders)):
+        return {name: image_files(files[0].parent) for name, files in found.items()}, False
+    return found, True
+
+
+def _existing(file: Path) -> Path:
+    """Return an image, with the extension that the file on the disk has if the name has none."""
+    if file.is_file():
+        return file
+    return next((known for suffix in IMAGE_SUFFIXES if (known := file.with_name(file.name + suffix)).is_file()), file)
+
+
+def _points(file: Path | None) -> tuple[np.ndarray | None, np.ndarray | None]:
+    """Return the points of a PLY file, [P, 3] float32, and their colors 0..1."""
+    if file is None:
+        return None, None
+    model = import_pycolmap().Reconstruction()
+    try:
+        model.import_PLY(str(file))
+    except Exception as error:  # pycolmap passes on all exceptions of its C++ reader
+        raise CaptureError(f"{file}: cannot be read as points ({error}). Export it again or remove it.") from error
+    points = [point for _, point in sorted(model.points3D.items())]
+    if not points:
+        return None, None
+    positions = np.array([point.xyz for point in points], np.float32)
+    return positions, np.array([point.color for point in points], np.float32) / 255
