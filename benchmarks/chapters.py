@@ -42,7 +42,7 @@ def work(connection: Connection, capture: Path, options: Row, settings: Row, out
     from splatreel.progress import Silent
     from splatreel.recon.encode.group_writer import no_presentation
     from splatreel.recon.jobs import chapter_job, reel_job, scene_job
-    from splatreel.recon.machines.run_spec import RunSpec
+    from splatreel.recon.pipeline import RunSpec
 
     config = changed(preset(settings["quality"]), settings["set"])
     with RunSpec(partial(open_capture, capture, **options), out, config, device="cpu").opened() as run:

@@ -43,8 +43,7 @@ def measure(case: Case, out: Path) -> dict:
     from splatreel.progress import console
     from splatreel.recon.machines.estimate import estimate
     from splatreel.recon.machines.local_processes import division_of
-    from splatreel.recon.machines.run_spec import RunSpec
-    from splatreel.recon.pipeline import reconstruct_run
+    from splatreel.recon.pipeline import RunSpec, reconstruct_run
     from splatreel.recon.run.machine_speed import measure_speed
 
     quality, width, height, frames = case

@@ -255,7 +255,7 @@ def measure(case: Case, film: Path, out: Path) -> Row:
     keep_freed_memory()
     from splatreel.capture.opening import open_capture
     from splatreel.recon.machines.local_processes import reconstruct_here
-    from splatreel.recon.machines.run_spec import RunSpec
+    from splatreel.recon.pipeline import RunSpec
     from splatreel.recon.run.store import Store
 
     threads.use(case.threads)  # once more: torch takes no more than cores by itself

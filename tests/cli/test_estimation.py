@@ -12,7 +12,7 @@ from splatreel import threads
 from splatreel.cli.main import main
 from splatreel.recon.machines import ray_cluster
 from splatreel.recon.run import machine_speed, memory
-from splatreel.recon.run.processor import describe_processor
+from splatreel.recon.run.machine_speed import describe_processor
 from tests.capture import folders
 from tests.recon.captures import WallCapture
 

@@ -6,7 +6,7 @@ import pytest
 from splatreel.kernels.image import render_image
 from splatreel.motion import light as module
 from splatreel.motion.light import MIN_AGREEING_SHARE, MIN_CHANGE, changes_of_light
-from splatreel.recon.layering.relighting import RelitPoints
+from splatreel.recon.layering.labels import RelitPoints
 from splatreel.scene.gaussians import Gaussians
 from tests.recon.captures import blots
 from tests.recon.scenes import ring

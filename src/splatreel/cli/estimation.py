@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from splatreel.recon.jobs import ChapteredRun
     from splatreel.recon.machines.estimate import Estimate
     from splatreel.recon.machines.ray_cluster import ClusterOptions
-    from splatreel.recon.machines.run_spec import RunSpec
+    from splatreel.recon.pipeline import RunSpec
 
 
 def estimated(spec: RunSpec, workers: int | None) -> str:
@@ -23,8 +23,7 @@ def estimated(spec: RunSpec, workers: int | None) -> str:
     """
     from splatreel.recon.machines.estimate import estimate
     from splatreel.recon.machines.local_processes import division_of
-    from splatreel.recon.run.machine_speed import measure_speed
-    from splatreel.recon.run.processor import describe_processor
+    from splatreel.recon.run.machine_speed import describe_processor, measure_speed
 
     with spec.opened() as run:
         found = estimate(run, division_of(run, workers), measure_speed(run.device))

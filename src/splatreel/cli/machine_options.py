@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from splatreel.progress import Progress
     from splatreel.recon.encode.group_writer import PresentationHook
     from splatreel.recon.machines.ray_cluster import ClusterOptions
-    from splatreel.recon.machines.run_spec import RunSpec
+    from splatreel.recon.pipeline import RunSpec
 
 
 @dataclass(frozen=True)

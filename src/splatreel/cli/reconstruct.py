@@ -102,7 +102,7 @@ def reconstruct(
     from splatreel.kernels.warmup import background_warmup
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
-    from splatreel.recon.machines.run_spec import RunSpec
+    from splatreel.recon.pipeline import RunSpec
 
     with machines.folder(out) as folder:
         spec = RunSpec(source, folder, config, sound, device)

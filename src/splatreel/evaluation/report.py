@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from splatreel.errors import UsageError
-from splatreel.recon.coverage.rating import SCALE
+from splatreel.recon.coverage.coverage import SCALE
 from splatreel.scene.atomic import replacing
 from splatreel.scene.untrusted import is_number, read_json
 

@@ -11,7 +11,7 @@ from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.encode.group_output import Output
 from splatreel.recon.init.layout import Layout
-from splatreel.recon.layering.velocity_prior import VelocityPrior
+from splatreel.recon.layering.tracking import VelocityPrior
 from splatreel.recon.run.device import check_room
 from splatreel.recon.run.job import Job
 from splatreel.recon.stages.group_stages import GROUP_STAGES, restored_rig

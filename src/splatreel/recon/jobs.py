@@ -21,8 +21,7 @@ from splatreel.config import Config
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Progress
 from splatreel.recon.encode.group_output import ChapterOutput, ignore_group
-from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook
-from splatreel.recon.encode.header import open_writer
+from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook, open_writer
 from splatreel.recon.encode.soundtrack import select_soundtrack
 from splatreel.recon.groups import reconstruct_groups
 from splatreel.recon.plan import chapter_plan, scene_plan, sequence_plan

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
 from splatreel.capture.base import Capture
+from splatreel.capture.opening import CaptureSource
 from splatreel.config import Config
 from splatreel.progress import Progress, Silent, parts_of
 from splatreel.recon.encode.group_output import ReelOutput
@@ -17,6 +20,7 @@ from splatreel.recon.preparation import open_reel_writer, prepare, save_header
 from splatreel.recon.run.device import pick_device
 from splatreel.recon.run.memory import check_memory
 from splatreel.recon.run.requirements import check_capture
+from splatreel.recon.run.store import Store
 from splatreel.recon.stages.stage import FirstOfVideo
 from splatreel.scene.static_points import StaticPoints
 
@@ -118,3 +122,38 @@ def reconstruct_chapters(run: ChapteredRun, progress: Progress, present: Present
             chapter_job(run, chapter.index, part)
         reel.write_ready()
         reel.finish()
+
+
+@dataclass(frozen=True)
+class RunSpec:
+    """Arguments of `pipeline.reconstruct`, in a form that can be pickled.
+
+    Attributes:
+        open_capture: Called by each process to open the capture, such as `CaptureSource(path, {"width": 640})`. A `CaptureSource` gets
+            the frame tables of the run, so that no video is scanned twice.
+        out: Output folder.
+        config: Settings.
+        sound: The soundtrack.
+        device: auto, cpu or cuda.
+    """
+
+    open_capture: Callable[[], Capture] | CaptureSource
+    out: Path
+    config: Config
+    sound: str = "auto"
+    device: str = "auto"
+
+    @contextmanager
+    def opened(self) -> Iterator[ChapteredRun]:
+        """Give the run, with its capture open.
+
+        Raises:
+            SplatreelError: As opening the capture or `plan_run` raises it.
+        """
+        known = Store(self.out / "work").tables_file
+        source = self.open_capture
+        capture = source(known) if isinstance(source, CaptureSource) else source()
+        try:
+            yield plan_run(capture, self.out, self.config, sound=self.sound, device=self.device)
+        finally:
+            capture.close()

@@ -9,7 +9,7 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.recon.cameras.rig import Rig, check_first_poses
 from splatreel.recon.coverage.coverage import Coverage, cover
-from splatreel.recon.encode.header import header_of, open_writer
+from splatreel.recon.encode.group_writer import header_of, open_writer
 from splatreel.recon.encode.soundtrack import Soundtrack, save_soundtrack
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.init.limits import limits

@@ -2,8 +2,7 @@
 
 import pytest
 
-from splatreel.recon.coverage.coverage import Coverage, judge_capture
-from splatreel.recon.coverage.rating import SCALE, rating
+from splatreel.recon.coverage.coverage import SCALE, Coverage, judge_capture, rating
 from splatreel.recon.coverage.trial import Trial
 
 NAMES = [f"cam{number}" for number in range(5)]

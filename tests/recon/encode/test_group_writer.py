@@ -12,8 +12,7 @@ from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.progress import Silent
 from splatreel.recon.encode import group_writer, importance
-from splatreel.recon.encode.group_writer import GroupWriter
-from splatreel.recon.encode.header import open_writer
+from splatreel.recon.encode.group_writer import GroupWriter, open_writer
 from splatreel.recon.encode.reencode import reencode
 from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
 from tests.codec.reels import new_group, points

@@ -3,9 +3,9 @@
 import numpy as np
 
 from splatreel.kernels.image import render_image
-from splatreel.recon.layering.labels import convertible, near_cameras, separate
+from splatreel.recon.layering.labels import RelitPoints, convertible, near_cameras, separate
 from splatreel.scene.clearance import Clearance
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.static_points import StaticPoints
 from tests.recon.inputs import group_input
 from tests.recon.scenes import look_at, random_gaussians, ring
@@ -59,3 +59,23 @@ def test_convertible_points_lie_in_changing_pixels():
     data = group_input((np.clip(films, 0, 1) * 255).astype(np.uint8), cameras, near=0.1)
     assert convertible(data, static, 0.3).tolist() == [False, False, False, False, True, True, True, False]
     assert convertible(data, static, 0.0).tolist() == alive.tolist()
+
+
+def test_relit_colors_follow_light() -> None:
+    points = random_gaussians(5, sh_degree=1)
+    light = np.log(np.linspace(0.5, 1.5, 15)).reshape(3, 5).astype(np.float32)
+    lit = RelitPoints(points, light)
+    assert len(lit) == 5
+    for frame in range(3):
+        there = lit.at(frame)
+        color, base = 0.5 + C0 * there.sh[:, 0], 0.5 + C0 * points.sh[:, 0]
+        np.testing.assert_allclose(color, base * np.exp(light[frame])[:, None], atol=1e-5)
+        np.testing.assert_array_equal(there.sh[:, 1:], points.sh[:, 1:])
+        np.testing.assert_array_equal(there.opacities, points.opacities)
+        np.testing.assert_array_equal(lit.tracks[frame], points.means)
+
+
+def test_relit_black_stays_black() -> None:
+    points = random_gaussians(2)
+    points.sh[:, 0] = -3
+    assert not RelitPoints(points, np.ones((4, 2), np.float32)).shades.any()

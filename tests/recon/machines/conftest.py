@@ -6,8 +6,8 @@ import pytest
 from splatreel.progress import Silent
 from splatreel.recon.encode.group_writer import no_presentation
 from splatreel.recon.jobs import reel_job
+from splatreel.recon.machines.local_processes import WorkerPool
 from splatreel.recon.machines.reports import Report
-from splatreel.recon.machines.worker_pool import WorkerPool
 from tests.recon.machines.runs import make_scene, spec
 from tests.recon.test_pipeline import content
 

@@ -6,7 +6,7 @@ from pathlib import Path
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
 from splatreel.recon.jobs import scene_job
-from splatreel.recon.machines.run_spec import RunSpec
+from splatreel.recon.pipeline import RunSpec
 from tests.recon.captures import WallCapture
 from tests.recon.small import small
 

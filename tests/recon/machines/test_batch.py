@@ -15,8 +15,8 @@ from splatreel.errors import ReconstructionError
 from splatreel.progress import Silent
 from splatreel.recon.encode.group_writer import no_presentation
 from splatreel.recon.machines.batch import run_job
-from splatreel.recon.machines.run_spec import RunSpec
 from splatreel.recon.machines.share import JobName, Share
+from splatreel.recon.pipeline import RunSpec
 from tests.recon.captures import WallCapture
 from tests.recon.machines.runs import CONFIG, spec
 from tests.recon.test_pipeline import content

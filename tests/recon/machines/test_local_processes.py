@@ -15,10 +15,9 @@ import torch
 from splatreel import threads
 from splatreel.errors import ReconstructionError, UsageError
 from splatreel.progress import Silent
-from splatreel.recon.machines import local_processes, worker_pool
-from splatreel.recon.machines.local_processes import division_of, places, reconstruct_here
+from splatreel.recon.machines import local_processes
+from splatreel.recon.machines.local_processes import Worker, WorkerPool, division_of, places, reconstruct_here
 from splatreel.recon.machines.scaling import Division
-from splatreel.recon.machines.worker_pool import Worker, WorkerPool
 from tests.recon.captures import WallCapture
 from tests.recon.machines.runs import spec
 from tests.recon.small import small
@@ -164,18 +163,18 @@ def test_chapter_waits_for_free_memory(monkeypatch: pytest.MonkeyPatch, tmp_path
     pool = WorkerPool(spec(tmp_path), [None] * 4, 1, need=100)
     monkeypatch.setattr(pool, "_start", lambda: pool._workers.append(Worker(None, Line(), None)) or pool._workers[-1])  # pyright: ignore[reportArgumentType]
     pool._waiting.extend(range(4))
-    monkeypatch.setattr(worker_pool, "free_memory", lambda: 0)
+    monkeypatch.setattr(local_processes, "free_memory", lambda: 0)
     pool._hand_out()
     assert [worker.chapter for worker in pool._workers] == [0]  # one is made whatever there is
-    monkeypatch.setattr(worker_pool, "free_memory", lambda: 299)
+    monkeypatch.setattr(local_processes, "free_memory", lambda: 299)
     pool._hand_out()
     assert len(pool._busy) == 2  # the first will take 100, and the second as well
     pool._workers[0].memory = 150
     pool._hand_out()
     assert len(pool._busy) == 2  # by now it is known that a chapter takes 150
-    monkeypatch.setattr(worker_pool, "free_memory", lambda: 300)
+    monkeypatch.setattr(local_processes, "free_memory", lambda: 300)
     pool._hand_out()
     assert len(pool._busy) == 3
-    monkeypatch.setattr(worker_pool, "free_memory", lambda: None)
+    monkeypatch.setattr(local_processes, "free_memory", lambda: None)
     pool._hand_out()
     assert [worker.chapter for worker in pool._workers] == [0, 1, 2, 3]

@@ -19,7 +19,7 @@ from splatreel.recon.machines import ray_cluster
 from splatreel.recon.machines.exchange import Exchange
 from splatreel.recon.machines.ray_cluster import ClusterOptions, connected, reconstruct_on_cluster, wait_for_nodes
 from splatreel.recon.machines.ray_nodes import ClusterPlan, Resources, share_nodes
-from splatreel.recon.machines.run_spec import RunSpec
+from splatreel.recon.pipeline import RunSpec
 from tests.buckets import CREDENTIALS, Bucket
 from tests.recon.captures import WallCapture
 from tests.recon.machines.runs import CONFIG, FRAMES, spec

@@ -1,11 +1,22 @@
+import platform
+import re
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 import torch
 
 from splatreel import threads
 from splatreel.recon.run import machine_speed
-from splatreel.recon.run.machine_speed import LARGE, SMALL, MachineSpeed, Probe, measure_speed
+from splatreel.recon.run.machine_speed import (
+    LARGE,
+    SMALL,
+    MachineSpeed,
+    Probe,
+    describe_processor,
+    measure_speed,
+    processor_name,
+)
 
 
 def test_steps_of_both_sizes_over_those_of_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -34,3 +45,41 @@ def test_training_factor_depends_on_image_size() -> None:
     between = (SMALL.megapixels * LARGE.megapixels) ** 0.5
     sizes = (0.0, 0.01, SMALL.megapixels, between, LARGE.megapixels, 5.0)
     assert [speed.training(size) for size in sizes] == pytest.approx([1, 1, 1, 2, 4, 4])
+
+
+@pytest.fixture(autouse=True)
+def forgotten() -> None:
+    processor_name.cache_clear()
+
+
+def test_this_machine_has_a_name_and_cores() -> None:
+    assert processor_name()
+    assert re.fullmatch(rf"{re.escape(processor_name())}( with [A-Z]\S+)?, \d+ cores?", describe_processor())
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("processor\t: 0\nmodel name\t: AMD EPYC  7763 \nprocessor\t: 1\nmodel name\t: other\n", "AMD EPYC 7763"),
+        ("processor\t: 0\nBogoMIPS\t: 108.00\n\nModel\t\t: Raspberry Pi 5\n", "Raspberry Pi 5"),
+        ("processor : 0\nCPU part : 0xd40\n", "aarch64"),
+        (None, "aarch64"),
+    ],
+)
+def test_name_on_linux(text: str | None, name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(machine_speed.sys, "platform", "linux")
+    monkeypatch.setattr(platform, "processor", lambda: "")
+    monkeypatch.setattr(platform, "machine", lambda: "aarch64")
+    monkeypatch.setattr(machine_speed, "CPUINFO", tmp_path / "cpuinfo")
+    if text is not None:
+        machine_speed.CPUINFO.write_text(text)
+    assert processor_name() == name
+    processor_name.cache_clear()
+
+
+def test_processor_name_on_other_systems(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine_speed.sys, "platform", "darwin")
+    answer = type("Answer", (), {"stdout": "Apple M2\n"})
+    monkeypatch.setattr(machine_speed.subprocess, "run", lambda *_, **__: answer)
+    assert processor_name() == "Apple M2"
+    processor_name.cache_clear()

@@ -11,8 +11,7 @@ import torch
 from splatreel.config import Config
 from splatreel.progress import Silent
 from splatreel.recon.cameras.rig import Poses, Rig
-from splatreel.recon.layering.labels import Layers
-from splatreel.recon.layering.relighting import RelitPoints
+from splatreel.recon.layering.labels import Layers, RelitPoints
 from splatreel.recon.run.checkpoint import Arrays
 from splatreel.recon.run.job import Job, Plan
 from splatreel.recon.run.store import GroupStore, Store

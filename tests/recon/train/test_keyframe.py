@@ -12,8 +12,8 @@ from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.train.keyframe import AVERAGE_EVERY, Average, KeyframeTrainer, starting_points
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
+from splatreel.recon.train.regularizers import Depths, spread
 from splatreel.recon.train.render import View, deformed
-from splatreel.recon.train.surfaces import Depths, spread
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
 from tests.recon.captures import blots

@@ -9,7 +9,6 @@ import numpy as np
 import torch
 
 from splatreel.progress import Progress
-from splatreel.recon.coverage.rating import MARKS, rating
 from splatreel.recon.coverage.trial import Trial, leave_one_out, narrow_camera, resize_image
 from splatreel.recon.init.layout import clearance_of
 from splatreel.recon.init.limits import LEAST_DEGREES
@@ -17,6 +16,10 @@ from splatreel.recon.init.triangulate import Tracks, triangulate
 from splatreel.scene.camera import Camera, angles_apart, focus_point
 from splatreel.scene.untrusted import is_number, numbers
 
+MARKS = "20 dB is poor, 30 dB is good, 40 dB is hardly distinguishable"
+SCALE = f"PSNR measures how close images are to the camera's: {MARKS}."
+FAIR, GOOD, EXCELLENT = 24.0, 28.0, 38.0
+"""Smallest PSNR in dB of fair, good and very good images. Below the first they are poor."""
 WIDTH = 480
 """Largest width in pixels of the images that shared points are searched in."""
 NEIGHBORS = 6
@@ -31,6 +34,14 @@ UNCONFIRMED = 5
 """Number of points shared with two others, below which a pose is unconfirmed where most cameras share enough."""
 NAMED = 6
 """Number of cameras that a sentence names."""
+
+
+def rating(psnr: float) -> str:
+    """Return the word for a PSNR in dB: very good, good, fair or poor."""
+    for least, word in ((EXCELLENT, "very good"), (GOOD, "good"), (FAIR, "fair")):
+        if psnr >= least:
+            return word
+    return "poor"
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Writing of finished groups from checkpoints to a reel, in order."""
+"""Writing of a reel from checkpoints: its header, then finished groups in order."""
 
 from __future__ import annotations
 
@@ -8,14 +8,20 @@ from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import torch
 
+from splatreel.codec.header import ReelHeader
 from splatreel.codec.predictive.precision import Steps
 from splatreel.codec.writer import ReelWriter
+from splatreel.config import Config, EncodeConfig
 from splatreel.recon.encode.importance import Importance, group_importance
+from splatreel.recon.encode.soundtrack import write_soundtrack
+from splatreel.recon.init.layout import Layout
 from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
+from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
@@ -164,3 +170,51 @@ class GroupWriter:
         self.writer.add_group(
             group, encoded=files or self.writer.encoder.group(group, prepared.importance, prepared.steps)
         )
+
+
+def header_of(cameras: list[Camera], fps: float, config: Config, layout: Layout) -> ReelHeader:
+    """Create the header of a reel.
+
+    Args:
+        cameras: Training cameras.
+        fps: Frames per second.
+        config: Settings.
+        layout: Measures of the scene.
+    """
+    return ReelHeader(
+        fps=fps,
+        group_length=config.group.length,
+        overlap=config.group.overlap,
+        sh_degree=config.keyframe.sh_degree,
+        bounds=np.array(layout.bounds),
+        up=np.array(layout.up),
+        camera=cameras[len(cameras) // 2],
+        cameras=cameras,
+        near=layout.near,
+        clearance=layout.clearance,
+        antialias=config.antialias,
+        background=layout.background,
+    )
+
+
+def open_writer(
+    store: Store, reel: Path, config: EncodeConfig, resume: bool, first_group: int | None = None
+) -> ReelWriter:
+    """Create the writer of a reconstruction's reel, and add its soundtrack.
+
+    Args:
+        store: Checkpoints of the reconstruction.
+        reel: Folder of the reel.
+        config: Settings of the encoder.
+        resume: Continue a reel that exists already.
+        first_group: See `ReelWriter`.
+
+    Raises:
+        ReconstructionError: If the store has no header.
+    """
+    header, limits = store.header()
+    writer = ReelWriter(reel, header, config=config, resume=resume, first_group=first_group)
+    if limits != writer.manifest.presentation.limits:
+        writer.present(dataclasses.replace(writer.manifest.presentation, limits=limits))
+    write_soundtrack(store.work, writer)
+    return writer

@@ -12,8 +12,7 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReconstructionError, UsageError
 from splatreel.progress import Progress
-from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook, no_presentation
-from splatreel.recon.encode.header import open_writer
+from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook, no_presentation, open_writer
 from splatreel.recon.run.store import Store
 
 

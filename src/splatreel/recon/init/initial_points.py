@@ -15,8 +15,7 @@ from scipy.spatial import KDTree
 
 from splatreel.errors import ReconstructionError
 from splatreel.recon.init import planesweep
-from splatreel.recon.init.frusta import narrow_ranges
-from splatreel.recon.init.planesweep import DepthMap, inside, project, seen_depths, unproject
+from splatreel.recon.init.planesweep import DepthMap, inside, narrow_ranges, project, seen_depths, unproject
 from splatreel.recon.init.triangulate import triangulate
 from splatreel.scene.camera import Camera, focus_point
 

@@ -1,14 +1,15 @@
-"""Measures of a scene. Learning rates and thresholds are relative to them."""
+"""Measures of a scene, its up direction included. Learning rates and thresholds are relative to them."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from splatreel.recon.init.planesweep import seen_depths
-from splatreel.recon.init.upright import upright
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
 from splatreel.scene.untrusted import is_number, numbers
@@ -17,6 +18,14 @@ BORDER_PARTS = 8
 """Each side of an image's border is one part in this many of its width or height."""
 CLEAR_SHARE, MAX_CLEAR_SHARE = 0.85, 0.35
 """Clearance is this share of the free space in front of the cameras, but at most `MAX_CLEAR_SHARE` of the distance to the focus."""
+ROLL_SCALES = [math.sin(math.radians(angle)) for angle in (45, 30, 20, 12, 12, 12, 12)]
+"""Sine of the roll at which a camera's weight falls, per iteration. The first direction is rough and must not reject good
+cameras."""
+MEAN_WEIGHT = 0.01
+"""Weight of the mean of the cameras' up vectors relative to one camera: (3 / 30)^2, from typical degrees of roll and of error
+of that mean."""
+LEVEL_SINE, LEVEL_CAMERAS = 0.5, 0.6
+"""Maximum sine of the roll of a level camera, and share of the cameras that must be level for right axes to be used."""
 
 
 @dataclass(frozen=True)
@@ -105,3 +114,25 @@ def viewing_distance(cameras: list[Camera], points: np.ndarray) -> float:
     """Return the median over the cameras of the median depth of the points each one sees."""
     medians = [float(np.median(depths)) for depths in seen_depths(cameras, points) if len(depths)]
     return float(np.median(medians)) if medians else 1.0
+
+
+def upright(cameras: Sequence[Camera]) -> np.ndarray:
+    """Return the unit up direction [3], perpendicular to the cameras' right axes as far as these determine it.
+
+    A level camera's right axis is horizontal for any tilt. The mean of the up vectors leans instead, since cameras that look
+    down lean forward together. The result u minimizes sum w (right u)^2 + MEAN_WEIGHT |u - mean|^2. The mean thus decides for a
+    single camera, for parallel cameras and for cameras rolled at random. The weight w is small for rolled cameras.
+    """
+    rights = np.stack([camera.viewmat[0, :3] for camera in cameras])
+    ups = -np.stack([camera.viewmat[1, :3] for camera in cameras])
+    up = mean = _unit(ups.mean(0))
+    for scale in ROLL_SCALES:
+        weights = 1 / (1 + (rights @ up / scale) ** 2) ** 2
+        spread = (rights * weights[:, None]).T @ rights
+        up = _unit(np.linalg.solve(spread + MEAN_WEIGHT * np.eye(3), weights @ ups))
+    return up if np.mean(np.abs(rights @ up) < LEVEL_SINE) >= LEVEL_CAMERAS else mean
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    length = np.linalg.norm(vector)
+    return vector / length if length > 1e-6 else np.array([0.0, 0.0, 1.0])

@@ -8,6 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.spatial import KDTree
 
 from splatreel.config import LayeringConfig
 from splatreel.kernels.image import Backdrop
@@ -18,8 +19,9 @@ from splatreel.motion.new_points import ErrorMasks, error_masks, find_new_points
 from splatreel.motion.track import PointTracks, Tracker, identity_quats
 from splatreel.progress import Progress
 from splatreel.recon.cameras.group_input import GroupInput
-from splatreel.recon.layering.relighting import RelitPoints
+from splatreel.recon.layering.labels import RelitPoints
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.group import Group
 from splatreel.scene.static_points import StaticPoints
 
 CHECK_EVERY = 4
@@ -33,6 +35,9 @@ MAX_PASSES = 3
 """Maximum passes of the search for departed points. Removing front points can expose further wrong ones behind them."""
 MIN_DEPARTED = 20
 """Minimum number of static points that depart together. Fewer are noise, and tracking them costs another run of optical flow."""
+SAME_POINT_DISTANCE = 0.01
+"""Maximum distance between matching points, as a share of the viewing distance. Keyframe training moves a point by a few
+pixels."""
 
 
 @dataclass(frozen=True)
@@ -228,3 +233,36 @@ class ChangeDetector:
 def _points_at_last_frame(tracks: list[PointTracks]) -> Gaussians:
     """Return the points of all tracks, at the last frame that was tracked."""
     return Gaussians.concatenate([track.at_last_frame for track in tracks])
+
+
+@dataclass(frozen=True)
+class VelocityPrior:
+    """Velocities that one group passes to the next.
+
+    Attributes:
+        places: [N, 3] positions at the next group's keyframe.
+        motions: [N, 3] motion from the frame before, world units per frame.
+    """
+
+    places: np.ndarray
+    motions: np.ndarray
+
+    @classmethod
+    def of(cls, group: Group, frame: int) -> VelocityPrior:
+        """Compute the velocities of a group's dynamic points at a frame from the frame before."""
+        here = group.at(frame).means
+        return cls(here, here - group.at(frame - 1).means)
+
+    def at(self, places: np.ndarray, unit: float) -> np.ndarray:
+        """Return the velocity [M, 3] float32 of the nearest known point; zero if that point is too far away.
+
+        Args:
+            places: [M, 3] positions at the keyframe.
+            unit: Viewing distance, world units.
+        """
+        motions = np.zeros((len(places), 3), np.float32)
+        if len(self.places) and len(places):
+            distances, nearest = (np.asarray(column) for column in KDTree(self.places).query(places))
+            near = distances < SAME_POINT_DISTANCE * unit
+            motions[near] = self.motions[nearest[near]]
+        return motions

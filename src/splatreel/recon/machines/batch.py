@@ -7,10 +7,9 @@ from splatreel.errors import ReconstructionError
 from splatreel.progress import Progress, parts_of
 from splatreel.recon.encode.group_writer import PresentationHook
 from splatreel.recon.jobs import ChapteredRun, chapter_job, has_scene, reel_job, scene_job
-from splatreel.recon.machines.run_spec import RunSpec
 from splatreel.recon.machines.share import JobName, Share
 from splatreel.recon.machines.status import RunStatus
-from splatreel.recon.pipeline import reconstruct_sequence
+from splatreel.recon.pipeline import RunSpec, reconstruct_sequence
 
 
 def run_job(spec: RunSpec, job: JobName, share: Share | None, progress: Progress, present: PresentationHook) -> str:

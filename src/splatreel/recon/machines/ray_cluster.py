@@ -21,8 +21,7 @@ from splatreel.recon.machines.exchange import Exchange
 from splatreel.recon.machines.node import NodeTask, make_chapter, make_scene
 from splatreel.recon.machines.ray_nodes import ClusterPlan, Resources, share_nodes
 from splatreel.recon.machines.reports import ChapterEnded, GroupDone, Noted, Reached, Report
-from splatreel.recon.machines.run_spec import RunSpec
-from splatreel.recon.pipeline import Result, reconstruct_sequence, result_of
+from splatreel.recon.pipeline import Result, RunSpec, reconstruct_sequence, result_of
 from splatreel.recon.run.job_log import log_file
 from splatreel.recon.run.memory import needed_memory
 

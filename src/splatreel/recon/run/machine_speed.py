@@ -1,11 +1,17 @@
-"""Speed of this machine compared with the machine that costs were measured on, by timing training steps at two image sizes."""
+"""Processor of this machine, and its speed: two timed training steps, compared with the machine that costs were measured on."""
 
 from __future__ import annotations
 
+import functools
+import platform
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
+import llvmlite.binding as llvm
 import numpy as np
 import torch
 
@@ -15,6 +21,14 @@ from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.render import View, deformed, draw
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
+
+KERNEL_GAIN = 0.75
+"""Time of a step with the present training kernels, as a share of that with the kernels that costs were measured with: 0.73 with
+AVX-512, 0.85 with AVX2. Other work did not become faster."""
+NEAR, DISTANCE = 0.1, 4.0
+CPUINFO = Path("/proc/cpuinfo")
+WIDTHS = {"avx512f": "AVX-512", "avx2": "AVX2", "sve": "SVE", "neon": "NEON"}
+"""Widest vector instructions that kernels are compiled for, by LLVM's name of the feature, the widest first."""
 
 
 @dataclass(frozen=True)
@@ -49,10 +63,6 @@ times."""
 LARGE = Probe(46_000, 1280, 720, -4.6, 0.172, 5)
 """Number of points that images of this size get. Measured on an Intel Sapphire Rapids, which also has AVX-512, and scaled by the time
 of the small step on both machines."""
-KERNEL_GAIN = 0.75
-"""Time of a step with the present training kernels, as a share of that with the kernels that costs were measured with: 0.73 with
-AVX-512, 0.85 with AVX2. Other work did not become faster."""
-NEAR, DISTANCE = 0.1, 4.0
 
 
 @dataclass(frozen=True)
@@ -135,3 +145,36 @@ def _step(probe: Probe, device: torch.device) -> Callable[[], None]:
             torch.cuda.synchronize(device)
 
     return step
+
+
+@functools.cache
+def processor_name() -> str:
+    """Return the model, such as `AMD EPYC 7763 64-Core Processor`, or the architecture where the system does not tell the model."""
+    return " ".join((_model() or platform.processor() or platform.machine() or "unknown processor").split())
+
+
+def describe_processor() -> str:
+    """Return a description such as `AMD EPYC 7763 64-Core Processor with AVX2, 2 cores`."""
+    features, cores = llvm.get_host_cpu_features(), threads.available()
+    width = next((f" with {name}" for feature, name in WIDTHS.items() if features.get(feature)), "")
+    return f"{processor_name()}{width}, {cores} core{'s'[: cores > 1]}"
+
+
+def _model() -> str:
+    """Return the model as the operating system tells it, or an empty text."""
+    try:
+        if sys.platform == "linux":
+            lines = CPUINFO.read_text(encoding="utf-8", errors="replace").splitlines()
+            fields = dict(reversed([[part.strip() for part in line.split(":", 1)] for line in lines if ":" in line]))
+            return fields.get("model name") or fields.get("Model") or ""
+        if sys.platform == "darwin":
+            command = ["sysctl", "-n", "machdep.cpu.brand_string"]
+            return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout
+        if sys.platform == "win32":
+            import winreg
+
+            with winreg.OpenKey(winreg.HKEY_LOCAL_MACHINE, r"HARDWARE\DESCRIPTION\System\CentralProcessor\0") as key:
+                return str(winreg.QueryValueEx(key, "ProcessorNameString")[0])
+    except (OSError, subprocess.SubprocessError):
+        pass
+    return ""

@@ -6,8 +6,7 @@ import math
 
 from splatreel.config import Config
 from splatreel.recon.cameras.rig import Rig, report_offsets
-from splatreel.recon.layering.labels import Layers, find_layers
-from splatreel.recon.layering.relighting import RelitPoints
+from splatreel.recon.layering.labels import Layers, RelitPoints, find_layers
 from splatreel.recon.layering.tracking import GroupStart, track
 from splatreel.recon.run import checkpoint
 from splatreel.recon.run.checkpoint import Arrays, present

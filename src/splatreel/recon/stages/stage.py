@@ -13,8 +13,7 @@ from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.encode.group_output import Output
 from splatreel.recon.layering.labels import Layers
-from splatreel.recon.layering.tracking import GroupStart
-from splatreel.recon.layering.velocity_prior import VelocityPrior
+from splatreel.recon.layering.tracking import GroupStart, VelocityPrior
 from splatreel.recon.run.checkpoint import Arrays
 from splatreel.recon.run.job import Job
 from splatreel.recon.run.store import GroupStore

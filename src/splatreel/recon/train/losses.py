@@ -18,9 +18,8 @@ from torch import Tensor
 from splatreel.config import GroupConfig, KeyframeConfig
 from splatreel.recon.train.moving import Changes, MovingPoints
 from splatreel.recon.train.points import TrainablePoints
-from splatreel.recon.train.regularizers import Neighbors, arap, temporal
+from splatreel.recon.train.regularizers import Depths, Neighbors, arap, roughness, spread, temporal
 from splatreel.recon.train.render import Comparable, Splats, View
-from splatreel.recon.train.surfaces import Depths, roughness, spread
 
 
 @dataclass(frozen=True, kw_only=True)

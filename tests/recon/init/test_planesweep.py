@@ -6,8 +6,8 @@ import pytest
 
 from splatreel.capture.builtin.synthetic import make_cameras
 from splatreel.recon.init import planesweep
-from splatreel.recon.init.frusta import WANTED_SPACING, narrow_ranges, pixels_apart, shared_depths
 from splatreel.recon.init.initial_points import SWEEP_PLANES, SWEEP_WIDTH, depth_ranges, initial_points
+from splatreel.recon.init.planesweep import WANTED_SPACING, narrow_ranges, pixels_apart, shared_depths
 from splatreel.recon.init.triangulate import nearest_cameras
 from splatreel.scene.camera import Camera
 from tests.recon.corner import arc, texture
