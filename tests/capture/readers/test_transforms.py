@@ -26,7 +26,7 @@ def matrix(c: int) -> np.ndarray:
 
 
 def project(c: int, lens: dict[str, Any]) -> np.ndarray:
-    """As nerfstudio's cameras do; the center of the first pixel is at (0.5, 0.5)."""
+    """Project as nerfstudio's cameras do; the center of the first pixel is at (0.5, 0.5)."""
     camera = np.linalg.inv(matrix(c)) @ np.concatenate([blobs.POINTS, np.ones((len(blobs.POINTS), 1))], 1).T
     x, y = camera[0] / -camera[2], -camera[1] / -camera[2]
     k1, k2, k3, k4, p1, p2 = (lens.get(key, 0.0) for key in ("k1", "k2", "k3", "k4", "p1", "p2"))

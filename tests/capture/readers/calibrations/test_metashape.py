@@ -27,7 +27,7 @@ FISHEYE = {"f": 130.0, "cx": 3.2, "cy": -2.1, "k1": 0.05, "k2": -0.01, "k3": 0.0
 
 
 def project(c: int, lens: dict[str, float], fisheye: bool = False) -> np.ndarray:
-    """As the appendix "Camera models" of the manual says; the center of the first pixel is at (0.5, 0.5)."""
+    """Project as the appendix "Camera models" of the manual says; the center of the first pixel is at (0.5, 0.5)."""
     value = dict.fromkeys(("k1", "k2", "k3", "k4", "p1", "p2", "b1", "b2"), 0.0) | lens
     R, t = blobs.poses()[c]
     X, Y, Z = R @ blobs.POINTS.T + t[:, None]

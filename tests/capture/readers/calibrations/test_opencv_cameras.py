@@ -24,7 +24,7 @@ def project(c: int, fisheye: bool = False) -> np.ndarray:
 
 
 def write_multiview(file: Path, joined: bool, fisheyes: tuple[int, ...] = (1,)) -> None:
-    """As `saveToFile` of OpenCV's apps/multiview-calibration; `cam_ids` was one string in older versions."""
+    """Write as `saveToFile` of OpenCV's apps/multiview-calibration; `cam_ids` was one string in older versions."""
     storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_WRITE)
     rotations, translations = (np.array(values) for values in zip(*blobs.poses(), strict=True))
     storage.write("Rs", rotations)

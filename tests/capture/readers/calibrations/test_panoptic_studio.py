@@ -14,7 +14,7 @@ K = np.array([[blobs.FOCAL, 0, 82.0], [0, blobs.FOCAL, 58.5], [0, 0, 1]])
 
 
 def project(c: int) -> np.ndarray:
-    """As `projectPoints` of the toolbox's python/panutils.py, which follows OpenCV."""
+    """Project as `projectPoints` of the toolbox's python/panutils.py, which follows OpenCV."""
     R, t = blobs.poses()[c]
     x, y, z = R @ blobs.POINTS.T + t[:, None]
     x, y = x / z, y / z

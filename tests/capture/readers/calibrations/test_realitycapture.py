@@ -15,7 +15,7 @@ BENDS = (-0.2, 0.06, 0.01, 0.2, 0.006, -0.004)
 
 
 def project(c: int, bends: tuple[float, ...], width: int, height: int) -> np.ndarray:
-    """As "RealityCapture XMP Camera Math" says; the center of the first pixel is at (0.5, 0.5)."""
+    """Project as "RealityCapture XMP Camera Math" says; the center of the first pixel is at (0.5, 0.5)."""
     k1, k2, k3, k4, t1, t2 = bends
     R, t = blobs.poses()[c]
     position = -R.T @ t

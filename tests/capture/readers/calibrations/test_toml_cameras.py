@@ -16,13 +16,13 @@ FISHEYE = np.array([0.05, -0.01, 0.002, -0.001])
 
 
 def project(c: int, bends: np.ndarray | tuple[float, ...] = blobs.BENDS) -> np.ndarray:
-    """As aniposelib's `Camera.project` does."""
+    """Project as aniposelib's `Camera.project` does."""
     R, t = blobs.poses()[c]
     return cv2.projectPoints(blobs.POINTS, cv2.Rodrigues(R)[0], t, K, np.array(bends))[0].reshape(-1, 2)
 
 
 def project_fisheye(c: int) -> np.ndarray:
-    """As aniposelib's `FisheyeCamera.project` does."""
+    """Project as aniposelib's `FisheyeCamera.project` does."""
     R, t = blobs.poses()[c]
     points = blobs.POINTS.reshape(-1, 1, 3)
     return cv2.fisheye.projectPoints(points, cv2.Rodrigues(R)[0], t.reshape(3, 1), K, FISHEYE)[0].reshape(-1, 2)
