@@ -179,7 +179,7 @@ def test_commands_run_outside_of_the_main_thread() -> None:
 
 COLMAP = """
 import sys, time
-from splatreel.capture.readers.colmap import import_pycolmap
+from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.cli.failure import Terminated, termination
 
 try:

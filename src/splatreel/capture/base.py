@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -42,6 +42,7 @@ class Request:
         frames: First frame and end (exclusive); None means all frames.
         held_out: Names of held-out cameras; None uses the format's default.
         growth: State of a capture that is still being written. The end of its frames may be in the future.
+        left_out: Names of cameras that are not read at all.
     """
 
     width: int | None = None
@@ -53,6 +54,7 @@ class Request:
     """Access to the videos and images."""
     tables: dict[str, FrameTable] = field(default_factory=dict)
     """Known frame tables of videos by paths within the capture. Other videos are scanned."""
+    left_out: frozenset[str] = frozenset()
 
     def size(self, width: int, height: int, path: Path) -> tuple[int, int]:
         """Return output width and height for an input size, with the same aspect ratio."""
@@ -73,6 +75,15 @@ class Request:
                 f"{path}: {width}x{height} cannot be resized to {out[0]}x{out[1]}; ask for a larger size."
             )
         return out
+
+    def kept(self, cameras: list[Camera], path: Path) -> list[Camera]:
+        """Return the cameras that are not left out. Raise `CaptureError` for a name that none of them has."""
+        names = [camera.name for camera in cameras]
+        if unknown := sorted(self.left_out - set(names)):
+            raise CaptureError(
+                f"{path}: there is no camera {unknown[0]!r} to leave out; the cameras are {', '.join(names)}."
+            )
+        return [camera for camera in cameras if camera.name not in self.left_out]
 
     def range(self, available: int, path: Path) -> tuple[int, int]:
         """Return the first frame and the end to read from a capture with `available` frames."""
@@ -100,6 +111,7 @@ class Capture(ABC):
         near: Reliable near bound of the format in world units, or None.
         origin: File or folder of the poses.
         doubts: Sentences about doubtful poses.
+        notes: Sentences about what was chosen or skipped where the files leave a choice.
         growing: True while the capture is still being written. `frames` then grows up to `limit`.
         limit: End of the frames of a growing capture, or None.
     """
@@ -118,7 +130,9 @@ class Capture(ABC):
         origin: Path | None = None,
         growing: bool = False,
         limit: int | None = None,
+        notes: Sequence[str] = (),
     ) -> None:
+        self.notes = list(notes)
         self.path, self.growing, self.limit = Path(path), growing, limit
         self.origin = self.path if origin is None else origin
         self.name = self.path.resolve().name
@@ -224,6 +238,15 @@ class Capture(ABC):
     @abstractmethod
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         """Fill out [count, len(cameras), H, W, 3] from frame `first` of the files, which includes the start of the range."""
+
+    def missing(self, first: int, count: int, cameras: list[str]) -> np.ndarray:
+        """Return [count, len(cameras)] bool, the images that do not exist. `read` returns images of nearby frames for them."""
+        columns = [self._missing(self.first_frame + first, count, name) for name in cameras]
+        return np.stack(columns, 1) if columns else np.zeros((count, 0), bool)
+
+    def _missing(self, first: int, count: int, name: str) -> np.ndarray:
+        """Return [count] bool for one camera. `first` includes the start of the range."""
+        return np.zeros(count, bool)
 
     def close(self) -> None:  # noqa: B027 - most formats hold nothing open
         """Close open files. A later read opens them again."""

@@ -21,7 +21,8 @@ from splatreel.capture.base import MIN_CAMERAS, Request
 from splatreel.capture.calibration_agreement import FIELD, CalibratedCamera, CalibratedRig, trusted
 from splatreel.capture.image_sequences import image_files
 from splatreel.capture.images import image_size
-from splatreel.capture.readers.colmap import import_pycolmap, is_colmap, video_files
+from splatreel.capture.readers.colmap import is_colmap, video_files
+from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.readers.neu3dv import POSES
 from splatreel.capture.sidecar import read_sidecar, write_failure
 from splatreel.capture.videos import Videos

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -19,10 +20,12 @@ class FrameSource(Protocol):
 
     Attributes:
         fps: Time steps per second.
-        frames: Number of time steps that all cameras have.
+        frames: Number of time steps.
+        notes: Sentences about what was chosen or skipped.
     """
 
     fps: float
+    notes: list[str]
 
     @property
     def frames(self) -> int:
@@ -31,6 +34,10 @@ class FrameSource(Protocol):
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8, resized to H x W."""
+
+    def missing(self, first: int, count: int, name: str) -> np.ndarray:
+        """Return [count] bool, the time steps for which a camera has no image. A nearby image stands in for it."""
+        ...
 
     def sources(self, first: int, count: int) -> list[Path]:
         """Return the files that hold `count` time steps from `first` on."""
@@ -85,6 +92,7 @@ class FileCapture(Capture):
         point_colors: Their colors, [P, 3] float32 0..1.
         near: Near bound, world units.
         origin: File or folder of the poses.
+        notes: Sentences about the reader's choices.
     """
 
     def __init__(
@@ -100,11 +108,13 @@ class FileCapture(Capture):
         point_colors: np.ndarray | None = None,
         near: float | None = None,
         origin: Path | None = None,
+        notes: Sequence[str] = (),
     ) -> None:
         self._source, self._lenses = source, lenses or {}
+        held_out = [name for name in held_out if name not in request.left_out]
         super().__init__(
             path,
-            cameras,
+            request.kept(cameras, path),
             held_out=held_out if request.held_out is None else request.held_out,
             frame_range=request.range(source.frames, path),
             fps=source.fps,
@@ -114,6 +124,7 @@ class FileCapture(Capture):
             origin=origin,
             growing=request.growth is not None,
             limit=request.frames[1] if request.growth is not None and request.frames is not None else None,
+            notes=[*notes, *source.notes],
         )
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
@@ -128,6 +139,9 @@ class FileCapture(Capture):
         self._source.read_camera(bent, first, name)
         for t, picture in enumerate(bent):
             out[t] = lens.undistort(picture)
+
+    def _missing(self, first: int, count: int, name: str) -> np.ndarray:
+        return self._source.missing(first, count, name)
 
     @property
     def source(self) -> FrameSource:

@@ -11,6 +11,7 @@ from typing import Any, BinaryIO, Protocol, cast
 
 import av
 from av.container import InputContainer
+from av.stream import Disposition
 
 from splatreel.errors import CaptureError
 from splatreel.scene.atomic import scratch
@@ -22,6 +23,19 @@ MEDIA = re.compile(
     r".*\.(mp4|mov|m4v|mkv|webm|avi|m?ts|jpe?g|png|webp|tiff?|bmp|wav|flac|mp3|m4a|aac|ogg|opus)", re.IGNORECASE
 )
 """Files that are read in parts. All others are small and describe the cameras."""
+
+
+def natural_key(name: str) -> tuple[str | int, ...]:
+    """Return a key that sorts names by their numbers, such as `2.jpg` before `10.jpg`."""
+    return tuple(int(part) if part.isdigit() else part for part in re.split("([0-9]+)", name))
+
+
+def list_folder(folder: Path) -> list[Path]:
+    """Return the entries of a folder by their numbers, without hidden ones such as `._cam00.mp4`; none without the folder."""
+    if not folder.is_dir():
+        return []
+    found = (entry for entry in folder.iterdir() if not entry.name.startswith("."))
+    return sorted(found, key=lambda entry: (natural_key(entry.name), entry.name))
 
 
 class Files(Protocol):
@@ -65,6 +79,17 @@ BRIEFLY = {"analyzeduration": "100000", "fpsprobesize": "0"}
 def open_media(files: Files, path: Path, options: dict[str, str] | None = None) -> InputContainer:
     """Open a video or sound file with options of FFmpeg's demuxers. PyAV's errors pass through."""
     return cast(InputContainer, av.open(files.source(path), "r", options=options or {}))
+
+
+def main_video(container: InputContainer) -> av.VideoStream | None:
+    """Return the video stream that players show: no cover, the default one, the largest; None without video."""
+
+    def rank(stream: av.VideoStream) -> tuple[bool, bool, int, int]:
+        area = stream.codec_context.width * stream.codec_context.height
+        found = stream.disposition
+        return bool(found & Disposition.attached_pic), not found & Disposition.default, -area, stream.index
+
+    return min(container.streams.video, key=rank, default=None)
 
 
 class RemoteCaptureFiles:

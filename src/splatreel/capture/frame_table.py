@@ -96,7 +96,9 @@ def scan(
     """
     width, height = stream.codec_context.width, stream.codec_context.height
     fps = float(stream.average_rate or stream.guessed_rate or 0)
-    demuxed, packets_of = (container, stream) if index is None else (index, index.streams.video[0])
+    demuxed, packets_of = container, stream
+    if index is not None:
+        demuxed, packets_of = index, next(found for found in index.streams.video if found.index == stream.index)
     declared = _declared(demuxed, packets_of)
     rows, packets, whole = [], 0, 0
     for packet in demuxed.demux(packets_of):

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from splatreel.capture.base import Request
+from splatreel.capture.files import list_folder
 from splatreel.capture.frame_table import FrameTable
-from splatreel.capture.growing.growth import is_recorded
+from splatreel.capture.gaps import describe_gaps, nearest
 from splatreel.capture.images import image_size, read_image
 from splatreel.capture.sidecar import SIDECAR, Sidecar
 from splatreel.capture.soundtrack import Track
@@ -21,29 +23,53 @@ class ImageSequences:
     """Image files of a capture by camera in order of time. All cameras start together.
 
     Attributes:
-        frames: Number of time steps that all cameras have.
+        frames: Number of time steps.
         fps: Frame rate of the sidecar, or 30.
+        notes: Sentences about what was chosen or skipped.
+
+    Args:
+        path: Folder of the capture.
+        files: By camera a file per time step; None where the camera has none.
+        sidecar: Content of `splatreel.json`.
+        request: Options.
+        notes: Sentences about the choice of the files.
+        labels: Number of each time step in messages; by default counted from 0.
 
     Raises:
-        CaptureError: The cameras have different numbers of images and no frames were requested, or the sidecar has
-            start times.
+        CaptureError: The cameras have different numbers of time steps, or the sidecar has start times.
     """
 
-    def __init__(self, path: Path, files: dict[str, list[Path]], sidecar: Sidecar, request: Request) -> None:
-        self._files, self._where = files, request.files
+    def __init__(
+        self,
+        path: Path,
+        files: Mapping[str, Sequence[Path | None]],
+        sidecar: Sidecar,
+        request: Request,
+        notes: Sequence[str] = (),
+        labels: Sequence[int] | None = None,
+    ) -> None:
+        self._where, self.notes = request.files, list(notes)
         self.fps = sidecar.fps or 30.0
         if sidecar.starts:
             raise CaptureError(
                 f"{path / SIDECAR}: has start times of videos, but the cameras have images. Remove `starts`."
             )
+        files = {name: found for name, found in files.items() if name not in request.left_out}
         counts = {name: len(found) for name, found in files.items()}
         self.frames = min(counts.values(), default=0)
-        if request.frames is None and not is_recorded(path) and len(set(counts.values())) > 1:
+        if len(set(counts.values())) > 1:
             low, high = min(counts, key=lambda n: counts[n]), max(counts, key=lambda n: counts[n])
             raise CaptureError(
                 f"{path}: the cameras have unequal numbers of pictures: {low} has {counts[low]}, {high} has {counts[high]}. Add "
-                f"those that are missing, or, if all start together, choose the frames all of them have: --frames 0:{counts[low]}."
+                f"those that are missing."
             )
+        self._exists = {name: np.array([file is not None for file in found]) for name, found in files.items()}
+        for name, there in self._exists.items():
+            if not there.any():
+                raise CaptureError(f"{path}: camera {name} has no pictures. Add them, or leave the camera out.")
+        lacks = {name: ~there for name, there in self._exists.items()}
+        self.notes += describe_gaps(lacks, range(self.frames) if labels is None else labels, "pictures")
+        self._files = {name: _stand_ins(found, self._exists[name]) for name, found in files.items()}
 
     def size(self, name: str) -> tuple[int, int]:
         """Return width and height of a camera's first image."""
@@ -54,9 +80,14 @@ class ImageSequences:
         for picture, file in zip(out, self._files[name][first : first + len(out)], strict=True):
             picture[:] = read_image(file, out.shape[2], out.shape[1], self._where)
 
+    def missing(self, first: int, count: int, name: str) -> np.ndarray:
+        """Return [count] bool, the time steps for which a camera has no image. The nearest image stands in for it."""
+        return ~self._exists[name][first : first + count]
+
     def sources(self, first: int, count: int) -> list[Path]:
         """Return the files that are read."""
-        return [file for files in self._files.values() for file in files[first : first + count]]
+        files = (file for found in self._files.values() for file in found[first : first + count])
+        return list(dict.fromkeys(files))
 
     def tables(self) -> dict[Path, FrameTable]:
         """Return nothing, because images have no frame tables."""
@@ -71,5 +102,10 @@ class ImageSequences:
 
 
 def image_files(folder: Path) -> list[Path]:
-    """Return the image files in a folder, sorted by name."""
-    return sorted(file for file in folder.glob("*") if file.suffix.lower() in IMAGE_SUFFIXES)
+    """Return the image files in a folder, sorted by the numbers in their names."""
+    return [file for file in list_folder(folder) if file.suffix.lower() in IMAGE_SUFFIXES and file.is_file()]
+
+
+def _stand_ins(files: Sequence[Path | None], exists: np.ndarray) -> list[Path]:
+    """Return the file of each time step, or the nearest in time."""
+    return [file for at in nearest(exists) if (file := files[at]) is not None]

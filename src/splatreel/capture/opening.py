@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -54,6 +54,7 @@ def open_capture(
     held_out: list[str] | None = None,
     growth: Growth | None = None,
     tables: Path | None = None,
+    leave_out: Sequence[str] = (),
 ) -> Capture:
     """Open a capture folder of any supported format.
 
@@ -66,6 +67,7 @@ def open_capture(
         held_out: Names of held-out cameras; None uses the format's default.
         growth: State of a capture that is still being written (`open_growing`).
         tables: File of `pack_tables`, whose videos are not scanned again. It may be missing.
+        leave_out: Names of cameras that are not read at all.
 
     Raises:
         CaptureError: The format is unknown, or the content cannot be used.
@@ -73,7 +75,7 @@ def open_capture(
     """
     files, folder = _located(path)
     known = {} if tables is None else load_tables(tables)
-    request = Request(width, scale, frames, held_out, growth, files, known)
+    request = Request(width, scale, frames, held_out, growth, files, known, frozenset(leave_out))
     for fits, reader in READERS:
         if fits(folder):
             check_files(folder)

@@ -14,7 +14,7 @@ import numpy as np
 from av.error import FFmpegError
 
 from splatreel import threads
-from splatreel.capture.files import LOCAL, Files, open_media
+from splatreel.capture.files import LOCAL, Files, main_video, open_media
 from splatreel.errors import CaptureError
 
 RATE = 48_000
@@ -184,7 +184,7 @@ def read_sound(file: Path, channels: int, rate: int, start: float = 0.0, files: 
         if not container.streams.audio:
             raise CaptureError(f"{file}: has no sound.")
         audio = container.streams.audio[0]
-        first = container.streams.video[0] if container.streams.video else audio
+        first = main_video(container) or audio
         zero = float((first.start_time or 0) * (first.time_base or 0)) + start
         if start > PREROLL and audio.time_base:
             with suppress(FFmpegError):  # otherwise read from the start of the file

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from splatreel.capture.base import Request
 from splatreel.capture.growing.growing_pictures import GrowingPictures
 from splatreel.capture.growing.growing_videos import GrowingCamera, GrowingVideos
+from splatreel.capture.growing.growth import is_recorded
 from splatreel.capture.image_sequences import ImageSequences
+from splatreel.capture.picture_pairs import pair_pictures
 from splatreel.capture.sidecar import Sidecar
 from splatreel.capture.video import VideoFile
 from splatreel.capture.videos import Videos
@@ -17,6 +20,9 @@ Video = VideoFile | GrowingCamera
 
 def video_source(path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> Videos | GrowingVideos:
     """Return the source for a video per camera, or a folder of numbered videos per camera while they are being written."""
+    files = {name: file for name, file in files.items() if name not in request.left_out}
+    starts = {name: start for name, start in sidecar.starts.items() if name not in request.left_out}
+    sidecar = replace(sidecar, starts=starts)
     if request.growth is None:
         return Videos(path, files, sidecar, request)
     return GrowingVideos(path, files, sidecar, request.growth)
@@ -25,7 +31,9 @@ def video_source(path: Path, files: dict[str, Path], sidecar: Sidecar, request: 
 def picture_source(
     path: Path, files: dict[str, list[Path]], sidecar: Sidecar, request: Request
 ) -> ImageSequences | GrowingPictures:
-    """Return the source for the images of each camera in order of time."""
+    """Return the source for the images of each camera, which are paired by the numbers in their names."""
+    files = {name: found for name, found in files.items() if name not in request.left_out}
     if request.growth is None:
-        return ImageSequences(path, files, sidecar, request)
+        pairs = pair_pictures(path, files, all_have=is_recorded(path))
+        return ImageSequences(path, pairs.files, sidecar, request, pairs.notes, pairs.labels)
     return GrowingPictures(path, files, sidecar)

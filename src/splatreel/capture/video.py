@@ -16,7 +16,7 @@ from av.container import InputContainer
 from av.error import FFmpegError
 from av.video.reformatter import Interpolation
 
-from splatreel.capture.files import BRIEFLY, LOCAL, Files, open_media
+from splatreel.capture.files import BRIEFLY, LOCAL, Files, main_video, open_media
 from splatreel.capture.frame_table import NO_TIME, FrameTable, scan
 from splatreel.errors import CaptureError
 
@@ -119,6 +119,7 @@ class VideoFile:
     def __init__(self, path: Path, files: Files = LOCAL, table: FrameTable | None = None) -> None:
         self.path, self._files = path, files
         self._container: InputContainer | None = None
+        self._stream: Any = None
         self._decoder: Iterator[tuple[int, av.VideoFrame]] | None = None
         self._next = 0
         self._lock = Lock()
@@ -162,12 +163,12 @@ class VideoFile:
 
     def _scan(self) -> FrameTable:
         with self._guard(), open_media(self._files, self.path) as container:
-            if not container.streams.video:
+            stream = main_video(container)
+            if stream is None:
                 raise CaptureError(
                     f"{self.path}: holds no video stream. The file is no video or truncated: "
                     f"copy it again or leave the camera out."
                 )
-            stream = container.streams.video[0]
             if self.path.suffix.lower() not in SUFFIXES:
                 return scan(container, stream, self._size())
             tables = IndexOnly(self._files.raw(self.path))
@@ -284,8 +285,9 @@ class VideoFile:
     def _opened(self) -> tuple[InputContainer, av.VideoStream]:
         if self._container is None:
             self._container = open_media(self._files, self.path, BRIEFLY)  # the frame table has the rest
-            self._container.streams.video[0].codec_context.thread_count = 1  # cameras are decoded in parallel instead
-        return self._container, self._container.streams.video[0]
+            self._stream = cast(av.VideoStream, main_video(self._container))
+            self._stream.codec_context.thread_count = 1  # cameras are decoded in parallel instead
+        return self._container, self._stream
 
     @contextmanager
     def _guard(self) -> Iterator[None]:

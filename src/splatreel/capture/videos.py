@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from statistics import median_low
 
 import numpy as np
 
 from splatreel import threads
 from splatreel.capture.base import Request
 from splatreel.capture.frame_table import FrameTable
+from splatreel.capture.gaps import OUT_OF_STEP, describe_gaps, used_steps
 from splatreel.capture.growing.growing_sound import read_packets
 from splatreel.capture.growing.growing_video import JUMP
 from splatreel.capture.growing.growth import Growth, is_recorded
@@ -21,102 +23,147 @@ from splatreel.errors import CaptureError
 
 CompleteVideo = VideoFile | SegmentedVideo
 
-OUT_OF_STEP = 1.5
-"""Maximum difference between the times of corresponding frames, in frames."""
+LATE_END = 1.5
+"""Maximum difference between the ends of videos that start together, in frames."""
+SAME_CLOCK = 1.0
+"""Maximum difference in seconds between the first timestamps of videos for these to be compared. Larger ones are of clocks that
+differ."""
 
 
 class Videos:
     """Complete videos of a capture by camera: one file each, or one folder of numbered files each.
 
-    By default all videos start together. With start times in the sidecar, each time step uses the frame nearest in
-    time. Captures that were recorded to be followed (`is_recorded`) work the same way: cameras may miss frames, and the
-    shortest camera ends the capture.
+    Each time step uses the frame of each video that is nearest by its timestamps. A camera without a near frame misses the
+    time step, and the others are not affected. By default all videos start together. The sidecar may give start times.
+    In captures that were recorded to be followed (`is_recorded`), the shortest camera ends the capture.
 
     Attributes:
-        frames: Number of time steps that all videos have.
+        frames: Number of time steps.
         fps: Time steps per second.
+        notes: Sentences about what was chosen or skipped.
 
     Raises:
-        CaptureError: Lengths or frame times of the videos differ, and no start times are given.
+        CaptureError: The videos end at different times, and neither start times nor frames are given.
     """
 
     def __init__(self, path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> None:
         self._path, self._where, self._request = path, request.files, request
+        self.notes: list[str] = []
         with ThreadPoolExecutor(threads.count()) as pool:
             self._files = dict(zip(files, pool.map(self._opened, files.values()), strict=True))
-        rates = [rate for video in self._files.values() if (rate := _rate(video))]
-        self.fps = sidecar.fps or (float(np.median(rates)) if rates else 0.0) or 30.0
         unknown = [name for name in sidecar.starts if name not in self._files]
         if unknown:
             raise CaptureError(f"{path / SIDECAR}: says when {unknown[0]!r} starts, but no video is called so.")
-        self._starts = sidecar.starts
-        recorded = is_recorded(path) or any(isinstance(video, SegmentedVideo) for video in self._files.values())
-        if recorded and not sidecar.fps:
-            self.fps = round(self.fps, 3)  # the same rate as while it was followed
-        self._by_time = recorded or bool(sidecar.starts)
-        self._numbers = {name: self._frames_of(name, path) for name in self._files}
-        counts = {name: len(numbers) for name, numbers in self._numbers.items()}
-        self.frames = min(counts.values(), default=0)
-        if request.frames is None and not self._by_time and len(set(counts.values())) > 1:
-            low, high = min(counts, key=lambda n: counts[n]), max(counts, key=lambda n: counts[n])
-            raise CaptureError(
-                f"{path}: the videos have unequal frame counts: {files[low].name} has {counts[low]}, {files[high].name} has "
-                f"{counts[high]}. If they start together, choose the frames all of them have: --frames 0:{counts[low]}. If they "
-                f"do not, `splatreel capture sync` finds by their sound when each one starts."
-            )
-        if not self._by_time:
-            self._check_times(path, self.frames if request.frames is None else min(request.frames[1], self.frames))
+        recorded = is_recorded(path) or any(
+            isinstance(video, SegmentedVideo) and not video.is_complete for video in self._files.values()
+        )
+        rates = {
+            name: video.fps if recorded and _jump(video) is None else frame_rate(video)
+            for name, video in self._files.items()
+        }
+        known = [rate for rate in rates.values() if rate]
+        rate = median_low(known) if known else 30.0
+        if recorded and known:  # the same rate as while it was followed
+            rate = round(float(np.median(known)), 3)
+        self.fps = sidecar.fps or rate
+        # Without start times, the sidecar's rate is the true one of videos that play at another speed.
+        self._step = 1 / (self.fps if sidecar.starts or recorded else rate)
+        self._starts = dict.fromkeys(self._files, 0.0) | sidecar.starts
+        if not sidecar.starts and not recorded:
+            self._starts |= self._first_times()
         for name in self._files:
             self._check_jump(name, None if request.frames is None else request.frames[1])
+        self._pair(recorded)
+        if not sidecar.starts and not recorded and request.frames is None:
+            self._check_ends()
+        self.notes += describe_rates(rates, 1 / self._step)
 
     def _opened(self, file: Path) -> CompleteVideo:
         tables = {self._path / name: table for name, table in self._request.tables.items()}
         if not file.is_dir():
             return VideoFile(file, self._where, tables.get(file))
-        names = numbered(segment_files(file))
+        parts = segment_files(file)
+        if len(parts) == 1 and not is_recorded(self._path):
+            return VideoFile(parts[0], self._where, tables.get(parts[0]))
+        names = numbered(parts)
         if names is None:
             raise CaptureError(f"{file}: holds no videos. Copy them there, or leave the camera out.")
-        return SegmentedVideo(file, names, Growth.over(self._path), self._where, tables)
+        video = SegmentedVideo(file, names, Growth.over(self._path), self._where, tables)
+        if len(video.segments) < len(parts) and not video.waiting_for.exists():
+            raise CaptureError(
+                f"{video.waiting_for}: is missing, though later ones exist. Copy it there, or leave the camera out."
+            )
+        return video
 
     def __getitem__(self, name: str) -> CompleteVideo:
         return self._files[name]
 
-    def _frames_of(self, name: str, path: Path) -> np.ndarray:
-        """Return the frame of a video for each time step."""
-        video = self._files[name]
-        if not self._by_time:
-            return np.arange(video.frames)
-        times = video.times
-        start, last = self._starts.get(name, 0.0), times[-1] if video.frames else -1.0
-        if start > last:
-            raise CaptureError(f"{path / SIDECAR}: {name} starts at {start:g} s, but its video ends at {last:g} s.")
-        wanted = start + np.arange(int((last - start) * self.fps + 0.5) + 1) / self.fps
-        return np.searchsorted((times[1:] + times[:-1]) / 2, wanted)  # nearest frame
-
-    def _check_times(self, path: Path, frames: int) -> None:
-        """Raise `CaptureError` if frames with the same number were not taken at the same time after the first frame."""
-        names = list(self._files)
-        times = np.stack([self._files[name].times[:frames] for name in names]) if names else np.zeros((0, 0))
-        off = np.abs(times - np.median(times, 0)) * self.fps if times.size else times
-        if off.max(initial=0) > OUT_OF_STEP:
-            video, frame = np.unravel_index(np.argmax(off > OUT_OF_STEP), off.shape)
-            own, others = times[video, frame], np.median(times, 0)[frame]
-            raise CaptureError(
-                f"{self._files[names[video]].path}: frame {frame} is of {own:.3f} s, that of the others of {others:.3f} s: frames "
-                f"are missing, or the rate is another. Choose those before (--frames 0:{frame}), or say in {path / SIDECAR} when each "
-                f"video starts, as `splatreel capture sync` does by their sound: frames are then taken by their times."
+    def _first_times(self) -> dict[str, float]:
+        """Return start times, 0 or less, for videos whose first timestamps are later than those of others by half a frame."""
+        first = {
+            name: video.start
+            for name, video in self._files.items()
+            if isinstance(video, VideoFile) and not video.table.counted
+        }
+        apart = {name: start - min(first.values()) for name, start in first.items()}
+        late = max(apart, key=lambda name: apart[name], default="")
+        if not late or apart[late] < 0.5 * self._step:
+            return {}
+        if apart[late] > SAME_CLOCK:
+            self.notes.append(
+                f"the first timestamps differ by up to {apart[late]:.3g} s ({late}) and are not compared: videos are taken to start "
+                f"together. If they do not, run `splatreel capture sync`"
             )
+            return {}
+        self.notes.append(f"{late} starts {apart[late]:.3f} s after the first video, by its timestamps")
+        return {name: -start for name, start in apart.items()}
+
+    def _pair(self, recorded: bool) -> None:
+        """Find the frame of every video for each time step, and the time steps to use."""
+        clocks = {name: video.times[: _jump(video)] - self._starts[name] for name, video in self._files.items()}
+        for name, clock in clocks.items():
+            if not len(clock) or clock[-1] < 0:
+                start, last = self._starts[name], clock[-1] + self._starts[name] if len(clock) else 0.0
+                raise CaptureError(
+                    f"{self._path / SIDECAR}: {name} starts at {start:g} s, but its video ends at {last:g} s."
+                )
+        ends = [int(clock[-1] / self._step + 0.5) + 1 for clock in clocks.values()]
+        wanted = np.arange(max(ends, default=0)) * self._step
+        numbers = {name: np.searchsorted((clock[1:] + clock[:-1]) / 2, wanted) for name, clock in clocks.items()}
+        exists = {
+            name: np.abs(clock[numbers[name]] - wanted) <= OUT_OF_STEP * self._step for name, clock in clocks.items()
+        }
+        first, end = used_steps(exists)
+        if recorded:
+            first, end = 0, min(ends, default=0)
+        self._first_step, self.frames = first, end - first
+        self._numbers = {name: found[first:end] for name, found in numbers.items()}
+        self._lacks = {name: ~found[first:end] for name, found in exists.items()}
+        self._ends = {name: end - first for name, end in zip(clocks, ends, strict=True)}
+        self.notes += describe_gaps(self._lacks, range(self.frames), "frames")
+
+    def _check_ends(self) -> None:
+        """Raise `CaptureError` if videos that should start together end at different times."""
+        if not self._ends or max(self._ends.values()) - min(self._ends.values()) <= LATE_END:
+            return
+        low, high = min(self._ends, key=lambda n: self._ends[n]), max(self._ends, key=lambda n: self._ends[n])
+        least = self._ends[low]
+        rest = f", and --frames 0:{self.frames} those that most have" if self.frames > least else ""
+        raise CaptureError(
+            f"{self._path}: the videos have unequal frame counts: {self._files[low].path.name} has {least}, "
+            f"{self._files[high].path.name} has {self._ends[high]}. If they start together, --frames 0:{least} chooses the frames all "
+            f"of them have{rest}. If they do not, `splatreel capture sync` finds by their sound when each one starts."
+        )
 
     def _check_jump(self, name: str, end: int | None) -> None:
         """Raise `CaptureError` if time steps before `end` lie after a jump of a video's clock."""
         video = self._files[name]
-        jumps = np.flatnonzero(np.diff(video.times) > JUMP) if self._by_time else np.zeros(0, np.int64)
-        failure = video.failure if isinstance(video, SegmentedVideo) else None
-        if failure is None and not len(jumps):
+        jump = _jump(video)
+        if jump is None:
             return
-        last = float(video.times[jumps[0]] if len(jumps) else video.times[-1])
-        steps = int((last - self._starts.get(name, 0.0)) * self.fps + 0.5) + 1
-        if (self.frames if end is None else end) > steps or (end is None and failure is not None):
+        last = float(video.times[jump - 1])
+        steps = int((last - self._starts[name]) / self._step + 0.5) + 1
+        if end is None or end > steps:
             raise CaptureError(
                 f"{video.path}: its time jumps {last:.1f} s after its first frame, so that later frames cannot be placed. "
                 f"Choose those before: --frames 0:{steps}."
@@ -126,12 +173,16 @@ class Videos:
         """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
         self._files[name].read_into(out, self._numbers[name][first : first + len(out)])
 
+    def missing(self, first: int, count: int, name: str) -> np.ndarray:
+        """Return [count] bool, the time steps for which a camera has no frame. The nearest frame stands in for it."""
+        return self._lacks[name][first : first + count]
+
     def tracks(self, first: int) -> dict[str, Track]:
         """Return by camera the sound from time step `first` on, to the precision of the sidecar, not of a frame."""
         return {name: self._track(name, video, first) for name, video in self._files.items()}
 
     def _track(self, name: str, video: CompleteVideo, first: int) -> Track:
-        seconds = self._starts.get(name, 0.0) + first / self.fps if self._by_time else float(video.times[first])
+        seconds = self._starts[name] + (self._first_step + first) * self._step
         if isinstance(video, VideoFile):
             return Track(video.path, seconds, self._where)
         return Track(video.written, seconds, self._where, lambda count: read_packets(video.sound(), count, seconds))
@@ -153,7 +204,30 @@ class Videos:
             video.close()
 
 
-def _rate(video: CompleteVideo) -> float:
-    """Return the frames per second of a video; 0 if unknown. A jump of its clock would spoil the average that its file states."""
-    steps = np.diff(video.times)
-    return 1 / float(np.median(steps)) if steps.max(initial=0.0) > JUMP else video.fps
+def frame_rate(video: CompleteVideo) -> float:
+    """Return the frames per second of a video, not lowered by missing frames; 0 if unknown."""
+    times = video.times
+    if len(times) < 3 or times[-1] <= 0:
+        return video.fps
+    gaps = np.diff(times)
+    steps = int(np.maximum(np.rint(gaps / np.median(gaps)), 1).sum())
+    if steps == len(gaps) and abs(times[-1] * video.fps - steps) < 0.5:
+        return video.fps  # exact, unlike times in milliseconds
+    return steps / float(times[-1])
+
+
+def describe_rates(rates: dict[str, float], used: float) -> list[str]:
+    """Return a sentence about cameras with another frame rate than the capture's."""
+    other = {name: rate for name, rate in rates.items() if rate and abs(rate / used - 1) > 0.02}
+    if not other:
+        return []
+    found = ", ".join(f"{name} {rate:.4g}" for name, rate in other.items())
+    return [f"{used:.4g} frames a second are used; others have {found}, of which the frames nearest in time are read"]
+
+
+def _jump(video: CompleteVideo) -> int | None:
+    """Return the number of frames before a jump of a video's clock, or None without one."""
+    jumps = np.flatnonzero(np.diff(video.times) > JUMP)
+    if len(jumps):
+        return int(jumps[0]) + 1
+    return video.frames if isinstance(video, SegmentedVideo) and video.failure is not None else None

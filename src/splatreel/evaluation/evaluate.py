@@ -87,9 +87,12 @@ def evaluate(
     for done, (frame, truths) in enumerate(read_frames(capture, chosen, names), 1):
         images = scores.add(frame, truths, lpips if frame in lpips_frames else {}, undecoded)
         if out is not None and frame == picture:
-            for name, truth, image in zip(names, truths, images, strict=True):
-                write_png(out / "pictures" / f"{name.replace('/', '_')}.png", comparison(truth, image))
-        progress.update(done, psnr=float(np.mean([quality.psnr for quality in scores.whole.values()])))
+            for name, truth in zip(names, truths, strict=True):
+                if name in images:
+                    write_png(out / "pictures" / f"{name.replace('/', '_')}.png", comparison(truth, images[name]))
+        progress.update(done, psnr=float(np.mean([quality.psnr for quality in scores.whole.values()] or [0.0])))
+    if not scores.whole:
+        raise UsageError(f"{capture.path}: {', '.join(names)} have none of these frames. Evaluate other frames or cameras.")
     decoding = decode_ms_per_frame(reel, rendition, most)
     spent = {**(seconds or {}), "evaluate": round(time.monotonic() - started, 3)}
     report = replace(
@@ -122,7 +125,7 @@ class Scores:
     """
 
     def __init__(self, timeline: Timeline, capture: Capture, views: Sequence[Camera], borders: set[int]) -> None:
-        self.timeline, self.views = timeline, views
+        self.timeline, self.capture, self.views = timeline, capture, views
         self.medians = median_pictures(capture, [view.name for view in views])
         self.whole: dict[tuple[int, str], Quality] = {}
         self.moving: dict[tuple[int, str], Quality] = {}
@@ -137,12 +140,15 @@ class Scores:
         truths: np.ndarray,
         lpips: Mapping[str, Lpips],
         undecoded: Callable[[int], Gaussians] | None,
-    ) -> list[np.ndarray]:
-        """Render a frame from all views, measure it, and return the images."""
+    ) -> dict[str, np.ndarray]:
+        """Render a frame from the views that have it, measure it, and return the images by camera."""
         gaussians = self.timeline.at(frame / self.timeline.fps)
         raw = undecoded(frame) if undecoded is not None else None
-        images = []
-        for view, truth, median in zip(self.views, truths, self.medians, strict=True):
+        images = {}
+        missing = self.capture.missing(frame, 1, [view.name for view in self.views])[0]
+        for view, truth, median, absent in zip(self.views, truths, self.medians, missing, strict=True):
+            if absent:
+                continue
             begun = time.perf_counter()
             image = np.clip(self.timeline.render(gaussians, view), 0, 1)
             self.render_seconds.append(time.perf_counter() - begun)
@@ -154,7 +160,7 @@ class Scores:
             self.flicker.add(frame, view.name, image, truth)
             if raw is not None:
                 self.before.append(psnr(np.clip(self.timeline.render(raw, view), 0, 1), truth))
-            images.append(image)
+            images[view.name] = image
         return images
 
 
@@ -187,11 +193,11 @@ def summarize(scores: Scores, info: ReelInfo, seconds: dict[str, float], device:
         width=views[0].width,
         height=views[0].height,
         cameras=[
-            {"name": n} | asdict(Quality.mean([whole[f, n] for f in frames])) | {"degrees": degrees[n]} for n in names
+            {"name": n} | asdict(Quality.mean([whole[f, n] for f in frames if (f, n) in whole])) | {"degrees": degrees[n]} for n in names
         ],
         trained_on=trained_on,
         held_out=[name for name in names if name not in trained_on],
-        per_frame=[{"frame": f} | asdict(Quality.mean([whole[f, n] for n in names])) for f in frames],
+        per_frame=[{"frame": f} | asdict(Quality.mean([whole[f, n] for n in names if (f, n) in whole])) for f in frames],
     )
 
 

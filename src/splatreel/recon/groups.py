@@ -48,7 +48,8 @@ def reconstruct_groups(
     todo = spans[finished:]
     with FramePrefetcher(capture, before.rig.names, [(span.first, span.count) for span in todo]) as stretches:
         for span, frames in zip(todo, stretches, strict=True):
-            before = reconstruct_group(job, span, frames, before, layout, output, plates)
+            missing = capture.missing(span.first, span.count, before.rig.names)
+            before = reconstruct_group(job, span, frames, before, layout, output, plates, missing)
 
 
 def reconstruct_group(
@@ -59,6 +60,7 @@ def reconstruct_group(
     layout: Layout,
     output: Output,
     plates: np.ndarray | None = None,
+    missing: np.ndarray | None = None,
 ) -> NextGroup:
     """Reconstruct one group: train its keyframe, separate static from dynamic points, track and train their motion, write it.
 
@@ -70,6 +72,7 @@ def reconstruct_group(
         layout: Measures of the scene.
         output: Destination of the finished layer and group.
         plates: Images [C, H, W, 3] uint8 of the shared scene, for a chapter.
+        missing: [T, C] bool, images that the cameras lack; None if all exist.
 
     Returns:
         State for the next group.
@@ -77,7 +80,10 @@ def reconstruct_group(
     if job.device.type == "cuda":
         check_room(frames.nbytes, torch.cuda.mem_get_info(job.device)[0], frames.shape[3])
     config = job.config
-    data = GroupInput(span, frames, before.rig, None, layout, job.device, config.seed, config.antialias)
+    if missing is not None:  # an image that stands in for a frame without any is better than none
+        missing = missing & ~missing.all(1, keepdims=True)
+        missing = missing if missing.any() else None
+    data = GroupInput(span, frames, before.rig, None, layout, job.device, config.seed, config.antialias, missing)
     state = GroupState(job, before, data, output, plates)
     for stage in GROUP_STAGES:
         stage.execute(state)

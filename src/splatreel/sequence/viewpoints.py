@@ -11,6 +11,7 @@ import numpy as np
 from splatreel.capture.opening import open_capture
 from splatreel.capture.pose_checks import check_camera
 from splatreel.capture.readers.camera_files import read_camera_file
+from splatreel.capture.readers.colmap import is_model_alone, model_views
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera, facing
 from splatreel.scene.gaussians import Gaussians
@@ -27,7 +28,7 @@ SHOWS = 0.1
 
 
 def read_cameras(path: str | Path) -> list[Camera]:
-    """Return the cameras of a `cameras.json` as 3DGS writes it, of a folder with one, of a calibration file or of a capture.
+    """Return the cameras of a cameras.json of 3DGS, a folder with one, a calibration file, a capture or a COLMAP model alone.
 
     Raises:
         CaptureError: The file is invalid. The message names it.
@@ -35,6 +36,8 @@ def read_cameras(path: str | Path) -> list[Camera]:
     place = Path(path)
     file = place / "cameras.json" if place.is_dir() else place
     if not file.is_file():
+        if is_model_alone(place):
+            return model_views(place)
         capture = open_capture(place)
         capture.close()
         return capture.cameras

@@ -109,11 +109,13 @@ def test_invalid_rotations_are_refused(scene: Path) -> None:
         open_capture(scene)
 
 
-def test_unequal_image_counts_are_refused(scene: Path) -> None:
-    (scene / "images" / "01" / "000002.png").unlink()
-    with pytest.raises(CaptureError, match=r"01 has 2, 00 has 3.*--frames 0:2"):
-        open_capture(scene)
-    assert open_capture(scene, frames=(0, 2)).frames == 2
+def test_missing_picture_costs_only_its_camera(scene: Path) -> None:
+    (scene / "images" / "01" / "000001.png").unlink()
+    capture = open_capture(scene)
+    assert capture.frames == 3
+    assert capture.missing(0, 3, ["00", "01"]).tolist() == [[False, False], [False, True], [False, False]]
+    assert [folders.which(image) for image in capture.read(0, 3, ["01"])[:, 0]] == [(1, 0), (1, 0), (1, 2)]
+    assert capture.notes == ["01 has no pictures 1: left out of training for that camera only"]
 
 
 def test_start_times_need_videos(scene: Path) -> None:

@@ -104,8 +104,11 @@ def test_unequal_frame_counts_name_the_remedy(scene: Path) -> None:
     with pytest.raises(CaptureError, match=r"cam03\.mp4 has 9, cam00\.mp4 has 12.*--frames 0:9"):
         open_capture(scene)
     assert open_capture(scene, frames=(0, 9)).frames == 9
-    with pytest.raises(CaptureError, match="frames 0:10 were asked for, the capture has frames 0:9"):
-        open_capture(scene, frames=(0, 10))
+    with pytest.raises(CaptureError, match="frames 0:13 were asked for, the capture has frames 0:12"):
+        open_capture(scene, frames=(0, 13))
+    capture = open_capture(scene, frames=(0, 12))
+    assert capture.missing(8, 4, ["cam02", "cam03"]).tolist() == [[False, n > 0] for n in range(4)]
+    assert "cam03 has no frames 9-11" in capture.notes[0]
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

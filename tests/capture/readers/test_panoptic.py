@@ -76,8 +76,9 @@ def test_meta_file_without_json_is_named(scene: Path) -> None:
 
 def test_a_missing_image_is_named(scene: Path) -> None:
     (scene / "ims" / "2" / "000003.png").unlink()
-    with pytest.raises(CaptureError, match=r"000003\.png: is missing"):
-        open_capture(scene).read(0, 5, ["2"])
+    capture = open_capture(scene)
+    assert capture.notes == ["2 has no pictures 3: left out of training for that camera only"]
+    assert capture.missing(0, 5, ["1", "2"])[:, 1].tolist() == [False, False, False, True, False]
 
 
 def test_a_truncated_image_is_named(scene: Path) -> None:

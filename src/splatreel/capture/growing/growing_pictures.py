@@ -14,6 +14,8 @@ from splatreel.capture.sidecar import SIDECAR, Sidecar
 from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
 
+LOOKED, FOLLOWING = 60, 5
+"""Numbers after a missing image at which the next one is searched, and images that must follow before it counts as lost."""
 END_MARKS = {".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9", ".png": b"IEND\xaeB`\x82"}
 """Last bytes of a complete image."""
 
@@ -21,7 +23,8 @@ END_MARKS = {".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9", ".png": b"IEND\xaeB`\x82
 class GrowingPictures:
     """Images of all cameras, numbered consecutively from the same number. They start together.
 
-    An image counts when it and all earlier ones are complete. The frame rate is the sidecar's, or 30.
+    An image counts when it and all earlier ones are complete. An image that was not written although later ones were is
+    lost, and does not stop the others. The frame rate is the sidecar's, or 30.
     """
 
     def __init__(self, path: Path, files: dict[str, list[Path]], sidecar: Sidecar) -> None:
@@ -40,6 +43,8 @@ class GrowingPictures:
                 f"cameras' pictures count from the same number on, one by one."
             )
         self._counts = dict.fromkeys(self._names, 0)
+        self._lost: dict[str, set[int]] = {name: set() for name in self._names}
+        self.notes: list[str] = []
         self.update()
 
     def size(self, name: str) -> tuple[int, int]:
@@ -65,18 +70,38 @@ class GrowingPictures:
 
     def update(self) -> None:
         """Check for new images."""
-        for name, names in self._names.items():
-            while is_complete_picture(names.file(self._counts[name])):
-                self._counts[name] += 1
+        self._look(FOLLOWING)
 
     def settle(self) -> None:
         """Check for the last time, after the capture has ended."""
-        self.update()
+        self._look(0)
+
+    def _look(self, following: int) -> None:
+        for name in self._names:
+            while is_complete_picture(self.waiting_for(name)) or self._skip_lost(name, following):
+                self._counts[name] += 1
+
+    def _skip_lost(self, name: str, following: int) -> bool:
+        """Return whether the next image of a camera is lost: it does not exist, but a later one and `following` more do."""
+        names, count = self._names[name], self._counts[name]
+        if names.file(count).exists():
+            return False
+        later = next((n for n in range(count + 1, count + LOOKED) if names.file(n).exists()), None)
+        if later is None or not is_complete_picture(names.file(later + following)):
+            return False
+        self._lost[name].add(count)
+        return True
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
-        for index, picture in enumerate(out):
-            picture[:] = read_image(self._names[name].file(first + index), out.shape[2], out.shape[1])
+        for index, picture in enumerate(out, first):
+            while index in self._lost[name]:  # the image before stands in
+                index -= 1
+            picture[:] = read_image(self._names[name].file(index), out.shape[2], out.shape[1])
+
+    def missing(self, first: int, count: int, name: str) -> np.ndarray:
+        """Return [count] bool, the images that were lost."""
+        return np.array([step in self._lost[name] for step in range(first, first + count)], bool)
 
     def sources(self, first: int, count: int) -> list[Path]:
         """Return the files that are read."""

@@ -14,6 +14,7 @@ import numpy as np
 from av.container import InputContainer
 from av.error import FFmpegError
 
+from splatreel.capture.files import main_video
 from splatreel.capture.growing.growing_sound import Packets, sound_errors
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.video import to_rgb
@@ -131,6 +132,10 @@ class GrowingVideo:
     def numbers(self, wanted: np.ndarray) -> np.ndarray:
         """Return the number of the frame nearest to each time, in seconds after the first frame."""
         return np.array([self._nearest(float(time)) for time in wanted], np.int64)
+
+    def frame_times(self, numbers: np.ndarray) -> np.ndarray:
+        """Return the times of frames in seconds after the first frame."""
+        return np.array([self._seconds(self._pts[number]) for number in numbers])
 
     def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
         """Decode frames with ascending numbers into out [count, H, W, 3] uint8 sRGB, resized by area to H x W."""
@@ -258,7 +263,7 @@ class GrowingVideo:
 def open_tail(tail: Tail) -> tuple[InputContainer, av.VideoStream | None]:
     """Open a growing file for one pass, and return its video stream. Waits until the streams are known."""
     container = av.open(tail, "r", options=OPTIONS)
-    return container, container.streams.video[0] if container.streams.video else None
+    return container, main_video(container)
 
 
 def _frames(tail: Tail, start: int) -> Iterator[av.VideoFrame]:

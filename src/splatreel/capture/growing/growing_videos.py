@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from splatreel.capture.frame_table import FrameTable
+from splatreel.capture.gaps import OUT_OF_STEP
 from splatreel.capture.growing.growing_sound import Packets, read_packets
 from splatreel.capture.growing.growing_video import GrowingVideo
 from splatreel.capture.growing.growth import Growth
@@ -52,6 +53,10 @@ class GrowingCamera(Protocol):
         """Return the number of the frame nearest to each time."""
         ...
 
+    def frame_times(self, numbers: np.ndarray) -> np.ndarray:
+        """Return the times of frames in seconds after the first frame."""
+        ...
+
     def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
         """Decode frames with ascending numbers into an array."""
 
@@ -88,6 +93,7 @@ class GrowingVideos:
         rates = [camera.fps for camera in self._cameras.values() if camera.fps]
         self.fps = sidecar.fps or round(float(np.median(rates)) if rates else 30.0, 3)
         self._starts = sidecar.starts
+        self.notes: list[str] = []
 
     def __getitem__(self, name: str) -> GrowingCamera:
         return self._cameras[name]
@@ -125,6 +131,12 @@ class GrowingVideos:
         wanted = self._starts.get(name, 0.0) + (first + np.arange(len(out))) / self.fps
         camera = self._cameras[name]
         camera.read_into(out, camera.numbers(wanted))
+
+    def missing(self, first: int, count: int, name: str) -> np.ndarray:
+        """Return [count] bool, the time steps for which a camera has no frame. The nearest frame stands in for it."""
+        wanted = self._starts.get(name, 0.0) + (first + np.arange(count)) / self.fps
+        camera = self._cameras[name]
+        return np.abs(camera.frame_times(camera.numbers(wanted)) - wanted) * self.fps > OUT_OF_STEP
 
     def sources(self, first: int, count: int) -> list[Path]:
         """Return the files that are read."""

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.capture.files import LOCAL, Files, open_media
+from splatreel.capture.files import LOCAL, Files, list_folder, open_media
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.growing_sound import Packets, sound_errors
 from splatreel.capture.growing.growing_video import JUMP
@@ -18,6 +18,8 @@ from splatreel.capture.video import VIDEO_SUFFIXES, VideoFile
 from splatreel.errors import CaptureError
 
 NUMBERED = re.compile(r"(.*?)(\d+)")
+CHAPTER = re.compile("(?:GOPR|G[HXLP]([0-9]{2}))([0-9]{4})", re.IGNORECASE)
+"""Name of a chapter of a GoPro recording: the number of the chapter, then that of the recording."""
 SELF_CONTAINED = (".mp4", ".m4v", ".mov")
 """Files that become readable when they are complete. Other files are complete when the next one exists."""
 OPEN = 2
@@ -26,36 +28,73 @@ OPEN = 2
 
 @dataclass(frozen=True)
 class Numbered:
-    """Consecutively numbered files of a folder. `start` is the number of the first."""
+    """Consecutively numbered files of a folder.
+
+    Attributes:
+        folder: Folder of the files.
+        prefix: Name before the number.
+        digits: Minimum digits of the number.
+        suffix: Name after the number.
+        start: Number of the first file.
+        chosen: Names of the files of a complete recording, where these are known; further files are not searched.
+    """
 
     folder: Path
     prefix: str
     digits: int
     suffix: str
     start: int
+    chosen: tuple[str, ...] = ()
 
     def file(self, index: int) -> Path:
         """Return the file at an index from the first."""
+        if index < len(self.chosen):
+            return self.folder / self.chosen[index]
         return self.folder / f"{self.prefix}{self.start + index:0{self.digits}d}{self.suffix}"
 
 
 def numbered(files: list[Path]) -> Numbered | None:
-    """Return the naming of the files of a folder, or None without files. Raise `CaptureError` for a name without a number."""
+    """Return the naming of the files of a folder, or None without files.
+
+    Raises:
+        CaptureError: A name has no number, or GoPro's chapters are not those of one recording.
+    """
+    if not files:
+        return None
+    if chapters := _chapters(files):
+        return chapters
     found: list[tuple[int, re.Match[str], Path]] = []
     for file in files:
         match = NUMBERED.fullmatch(file.stem)
         if match is None:
             raise CaptureError(f"{file}: the names of files that are followed end in numbers, one after the other.")
         found.append((int(match[2]), match, file))
-    if not found:
-        return None
-    start, match, file = min(found)[0], *min(found)[1:]
+    start, match, file = min(found, key=lambda entry: entry[0])
     return Numbered(file.parent, match[1], len(match[2]), file.suffix, start)
 
 
+def _chapters(files: list[Path]) -> Numbered | None:
+    """Return the chapters of a GoPro recording in order: GX010042, GX020042, ..., or GOPR0042, GP010042, ...; None for others."""
+    matches = [CHAPTER.fullmatch(file.stem) for file in files]
+    if not all(matches):
+        return None
+    order = sorted(
+        (int(match[1] or 0), match[2], file.name) for match, file in zip(matches, files, strict=True) if match
+    )
+    recordings = sorted({recording for _, recording, _ in order})
+    folder, names = files[0].parent, tuple(name for _, _, name in order)
+    if len(recordings) > 1:
+        raise CaptureError(
+            f"{folder}: holds chapters of {len(recordings)} GoPro recordings ({', '.join(recordings)}). Leave those of one recording."
+        )
+    if [chapter for chapter, _, _ in order] != list(range(order[0][0], order[0][0] + len(order))):
+        raise CaptureError(f"{folder}: lacks a chapter between {names[0]} and {names[-1]}. Copy it there.")
+    return Numbered(folder, "", 0, "", len(names), names)
+
+
 def segment_files(folder: Path) -> list[Path]:
-    """Return the videos in a folder."""
-    return [file for file in folder.iterdir() if file.suffix.lower() in VIDEO_SUFFIXES and file.is_file()]
+    """Return the videos in a folder by their numbers."""
+    return [file for file in list_folder(folder) if file.suffix.lower() in VIDEO_SUFFIXES and file.is_file()]
 
 
 @dataclass(frozen=True)
@@ -82,6 +121,9 @@ class SegmentedVideo:
 
     A file is complete when the next one exists, when the capture has ended, or when it is a readable MP4 file. Times
     may continue from file to file or restart in each.
+
+    Attributes:
+        is_complete: True if the files are chapters of a camera, which were not written to be followed.
     """
 
     def __init__(
@@ -93,6 +135,7 @@ class SegmentedVideo:
         tables: Mapping[Path, FrameTable] | None = None,
     ) -> None:
         self.path, self._names, self._growth = folder, names, growth
+        self.is_complete = bool(names.chosen)
         self._files, self._known = files, tables or {}
         self.tables: dict[Path, FrameTable] = {}
         self.segments: list[Segment] = []
@@ -157,6 +200,10 @@ class SegmentedVideo:
         near = self.segments[low:high]
         times = np.concatenate([segment.start + segment.times for segment in near])
         return near[0].first + np.searchsorted((times[1:] + times[:-1]) / 2, wanted)
+
+    def frame_times(self, numbers: np.ndarray) -> np.ndarray:
+        """Return the times of frames in seconds after the first frame."""
+        return self.times[numbers]
 
     def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
         """Decode frames with ascending numbers into out [count, H, W, 3] uint8 sRGB, resized by area to H x W."""

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -97,7 +97,7 @@ class CalibratedCapture(FileCapture):
         self._layout = layout
         if media is None:
             media = find_media(path, rig.names(), rig.origin, rig.partial)
-        views = [camera for camera in rig.cameras if camera.name in media]
+        views = [c for c in rig.cameras if c.name in media and c.name not in request.left_out]
         sidecar, names = read_sidecar(path), [camera.name for camera in views]
         videos = {name: file for name, file in media.items() if isinstance(file, Path)}
         if videos:
@@ -126,14 +126,14 @@ class CalibratedCapture(FileCapture):
             path,
             cameras,
             source,
-            request,
+            replace(request, left_out=request.left_out - set(rig.names())),
             held_out=default if sidecar.held_out is None else sidecar.held_out,
             lenses=lenses,
             points=rig.points if first == 0 else None,
             point_colors=rig.point_colors if first == 0 else None,
             origin=rig.origin,
         )
-        left_out = [name for name in rig.names() if name not in media]
+        left_out = [name for name in rig.names() if name not in media and name not in request.left_out]
         self.doubts += rig.doubts
         if left_out:
             self.doubts.append(f"{path}: {len(left_out)} cameras of {rig.origin.name} have no videos and were left out")

@@ -3,41 +3,39 @@
 Videos are in the folder itself or in `videos`. Images are in `images`, or smaller in `images_2`, `images_4`, ...: one
 photograph per camera, which is one time step, or one folder of images per camera. File extensions may differ from the
 model's. Images with distortion, or with another aspect ratio than the other cameras', are resampled for a pinhole
-camera.
+camera. A model may also have an image for each frame of static cameras.
 """
 
 from __future__ import annotations
 
-import signal
-import threading
+import re
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from types import ModuleType
 from typing import Any
 
 import numpy as np
 
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.files import Files
+from splatreel.capture.files import Files, list_folder
 from splatreel.capture.growing.segmented_video import segment_files
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
 from splatreel.capture.images import image_size
 from splatreel.capture.lens import Lens, undistorted_camera
+from splatreel.capture.readers.colmap_model import FRAME, Model, ModelCamera, model_folders, read_model
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source, video_source
 from splatreel.capture.video import VIDEO_SUFFIXES
-from splatreel.errors import CaptureError, MissingDependencyError
+from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera, middle_camera
 
-MODELS = ("sparse/0", "sparse", "colmap/sparse/0", ".")
-VIDEOS = ("videos", ".")
+VIDEOS = ("videos", "synchronized_videos", ".")
 
 
 def is_colmap(path: Path) -> bool:
     """Return whether a folder holds a COLMAP model."""
-    return _model_folder(path) is not None
+    return bool(model_folders(path))
 
 
 class ColmapCapture(FileCapture):
@@ -48,60 +46,82 @@ class ColmapCapture(FileCapture):
     """
 
     def __init__(self, path: Path, request: Request) -> None:
-        model = _model_folder(path)
-        if model is None:
-            raise CaptureError(f"{path}: holds no COLMAP model (cameras.bin or cameras.txt in {', '.join(MODELS)}).")
-        reconstruction = _read_model(model)
-        images = sorted(reconstruction.images.values(), key=_name)
-        shape = Counter((image.camera.width, image.camera.height) for image in images).most_common(1)[0][0]
+        model = read_model(path)
+        notes = list(model.notes)
+        shape = Counter((c.image.camera.width, c.image.camera.height) for c in model.cameras).most_common(1)[0][0]
         growing, sidecar = request.growth is not None, read_sidecar(path)
-        files, names = video_files(path, segmented=True), _camera_names(path, images, 0 if growing else 1)
+        files, found = video_files(path, segmented=True), camera_folders(path)
+        everything = _named_by_folder(path, model.cameras, 0 if growing else 1)
+        everything = _renamed(model, everything, files or found, notes)
+        cameras = [camera for camera in everything if camera.name not in request.left_out]
+        names = [camera.name for camera in cameras]
         if any(name in files for name in names):
             # Start times of videos that calibration left out are ignored.
             starts = {name: start for name, start in sidecar.starts.items() if name in names or name not in files}
+            notes += _unused(files, [*names, *request.left_out])
             source = video_source(path, _of_cameras(path, files, names), replace(sidecar, starts=starts), request)
             width, height = request.size(*shape, path)
         else:
-            pictures, (width, height) = _choose(path, names, shape, request)
+            pictures, (width, height) = _choose(path, cameras, found, shape, request)
             source = picture_source(path, pictures, sidecar, request)
         first, _ = request.range(source.frames, path)
         points, colors = (
-            _points(reconstruction) if first == 0 else (None, None)
+            _points(model.reconstruction) if first == 0 else (None, None)
         )  # the model was made from the first frame
         lenses: dict[str, Lens] = {}
-        cameras = [
-            _camera(model, name, image, width, height, lenses) for name, image in zip(names, images, strict=True)
-        ]
-        middle = names[middle_camera(cameras)]
+        views = [_camera(model.folder, camera, width, height, lenses) for camera in everything]
+        middle = names[middle_camera(request.kept(views, path))]
         super().__init__(
             path,
-            cameras,
+            views,
             source,
             request,
             held_out=[middle] if sidecar.held_out is None else sidecar.held_out,
             lenses=lenses,
             points=points,
             point_colors=colors,
-            origin=model,
+            origin=model.folder,
+            notes=notes,
         )
 
 
-def _camera(model: Path, name: str, image: Any, width: int, height: int, lenses: dict[str, Lens]) -> Camera:
-    """Return an image of the model as a camera at the output size, and record its lens if it has distortion."""
+def is_model_alone(path: Path) -> bool:
+    """Return whether a folder holds a COLMAP model without videos or images."""
+    if not is_colmap(path) or video_files(path, segmented=True) or camera_folders(path):
+        return False
+    return not any(folder.name.startswith("images") and folder.is_dir() for folder in list_folder(path))
+
+
+def model_views(path: Path) -> list[Camera]:
+    """Return the cameras of a folder's COLMAP model without their images, at the size of the model, as pinhole cameras."""
+    model = read_model(path)
+    lenses: dict[str, Lens] = {}
+    return [
+        _camera(model.folder, camera, camera.image.camera.width, camera.image.camera.height, lenses)
+        for camera in model.cameras
+    ]
+
+
+def _camera(model: Path, view: ModelCamera, width: int, height: int, lenses: dict[str, Lens]) -> Camera:
+    """Return a camera of the model at the output size, and record its lens if it has distortion."""
     viewmat = np.eye(4)
-    viewmat[:3] = image.cam_from_world().matrix()
-    origin = f"{model}: camera {image.camera.camera_id}"
-    camera, lens = undistorted_camera(name, viewmat, image.camera, width, height, origin)
+    viewmat[:3] = view.image.cam_from_world().matrix()
+    origin = f"{model}: camera {view.image.camera.camera_id}"
+    camera, lens = undistorted_camera(view.name, viewmat, view.image.camera, width, height, origin)
     if lens is not None:
-        lenses[name] = lens
+        lenses[view.name] = lens
     return camera
 
 
 def _choose(
-    path: Path, names: list[str], shape: tuple[int, int], request: Request
+    path: Path,
+    cameras: list[ModelCamera],
+    found: dict[str, list[Path]],
+    shape: tuple[int, int],
+    request: Request,
 ) -> tuple[dict[str, list[Path]], tuple[int, int]]:
     """Return the images to read by camera, and the output size."""
-    folders = _image_folders(path, names, request.files)
+    folders = _image_folders(path, cameras, found, request.files)
     width, height = max(folders)
     if request.width is not None or request.scale is not None:
         width, height = request.size(*shape, path)
@@ -115,63 +135,82 @@ def video_files(path: Path, segmented: bool = False) -> dict[str, Path]:
     Args:
         path: Folder of the capture.
         segmented: Also return folders of numbered videos.
+
+    Raises:
+        CaptureError: Two videos have the same name.
     """
-    for folder in VIDEOS:
-        found = sorted((path / folder).glob("*"))
-        files = {f.stem: f for f in found if f.suffix.lower() in VIDEO_SUFFIXES}
-        if segmented:
-            files |= {f.name: f for f in found if f.is_dir() and segment_files(f)}
-        if files:
-            return files
-    return {}
+    return next((files for folder in VIDEOS if (files := videos_in(path / folder, segmented))), {})
 
 
-def _model_folder(path: Path) -> Path | None:
-    for name in MODELS:
-        if any((path / name / f"cameras{suffix}").is_file() for suffix in (".bin", ".txt")):
-            return path / name
-    return None
+def videos_in(folder: Path, segmented: bool = False) -> dict[str, Path]:
+    """Return the videos of exactly one folder by name. Arguments and errors are those of `video_files`."""
+    files: dict[str, Path] = {}
+    for entry in list_folder(folder):
+        if entry.suffix.lower() in VIDEO_SUFFIXES and not entry.is_dir():
+            name = entry.stem
+        elif segmented and entry.is_dir() and segment_files(entry):
+            name = entry.name
+        else:
+            continue
+        if name in files:
+            raise CaptureError(
+                f"{folder}: {files[name].name} and {entry.name} are both videos of {name}. Remove the one that is not wanted."
+            )
+        files[name] = entry
+    return files
 
 
-def import_pycolmap() -> ModuleType:
-    """Return the module pycolmap. Raise `MissingDependencyError` if it is not installed.
-
-    PyAV must be loaded before pycolmap, otherwise either may crash.
-    """
-    ended_by = signal.getsignal(signal.SIGTERM)
-    try:
-        import pycolmap
-    except ImportError as error:
-        raise MissingDependencyError("Reading COLMAP models needs pycolmap: pip install 'splatreel[recon]'.") from error
-    if ended_by is not None and threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, ended_by)  # pycolmap's logging treats the signal as a crash and aborts
-    return pycolmap
+def camera_folders(path: Path) -> dict[str, list[Path]]:
+    """Return the images in subfolders of a capture by name: CAMERA/*.png or CAMERA/images/*.png, without `images` itself."""
+    found = {}
+    for folder in list_folder(path):
+        if folder.is_dir() and not folder.name.startswith("images"):
+            files = image_files(folder) or image_files(folder / "images")
+            if files:
+                found[folder.name] = files
+    return found
 
 
-def _read_model(model: Path) -> Any:
-    """Return the model as a pycolmap.Reconstruction with at least one image."""
-    pycolmap = import_pycolmap()
-    try:
-        reconstruction = pycolmap.Reconstruction(str(model))
-    except Exception as error:  # pycolmap passes on all exceptions of its C++ reader
-        raise CaptureError(f"{model}: cannot be read as a COLMAP model ({error}). Export it again.") from error
-    if not reconstruction.images:
-        raise CaptureError(f"{model}: the COLMAP model holds no images with a pose.")
-    return reconstruction
-
-
-def _name(image: Any) -> str:
-    return Path(image.name).with_suffix("").as_posix()
-
-
-def _camera_names(path: Path, images: list[Any], single: int) -> list[str]:
-    """Return names by image, or by folder if each folder holds more than `single` images of one camera."""
-    names = [_name(image) for image in images]
-    parents = [str(PurePosixPath(name).parent) for name in names]
+def _named_by_folder(path: Path, cameras: list[ModelCamera], single: int) -> list[ModelCamera]:
+    """Name cameras by their folders if each folder holds more than `single` images of one camera."""
+    parents = [str(PurePosixPath(camera.name).parent) for camera in cameras]
     own = len(set(parents)) == len(parents) and "." not in parents
-    if own and any(len(image_files(folder / parents[0])) > single for folder in path.glob("images*")):
-        return parents
-    return names
+    folders = [path, *(folder for folder in list_folder(path) if folder.name.startswith("images"))]
+    if own and any(len(image_files(folder / parents[0])) > single for folder in folders):
+        return [replace(camera, name=parent) for camera, parent in zip(cameras, parents, strict=True)]
+    return cameras
+
+
+def _renamed(model: Model, cameras: list[ModelCamera], files: dict[str, Any], notes: list[str]) -> list[ModelCamera]:
+    """Name cameras by the files with the same number, if no file has the name of a camera.
+
+    4DGaussians calls the image of the folder `cam01` `image1.jpg`. In other models all cameras must have a file, and all
+    files a camera, since counting may begin at 0 or 1.
+    """
+    names = [camera.name for camera in cameras]
+    if not files or any(name in files for name in names):
+        return cameras
+    wanted, there = _by_number(names), _by_number(list(files))
+    matches = set(wanted) <= set(there) if model.folder.name == "sparse_" else set(wanted) == set(there)
+    if len(wanted) < len(names) or len(there) < len(files) or not matches:
+        return cameras
+    pairs = {name: there[number] for number, name in wanted.items()}
+    notes.append(
+        f"cameras of the model belong to the files with their numbers, such as {names[0]} to {pairs[names[0]]}"
+    )
+    return [replace(camera, name=pairs[camera.name]) for camera in cameras]
+
+
+def _by_number(names: list[str]) -> dict[int, str]:
+    """Return names by their last numbers. Of equal numbers only one is kept."""
+    numbers = {name: re.findall("[0-9]+", name) for name in names}
+    return {int(found[-1]): name for name, found in numbers.items() if found}
+
+
+def _unused(files: dict[str, Path], names: list[str]) -> list[str]:
+    """Return a sentence about videos without a camera in the model."""
+    extra = [file.name for name, file in files.items() if name not in names]
+    return [f"not used, since the model has no such cameras: {', '.join(extra)}"] if extra else []
 
 
 def _of_cameras(path: Path, files: dict[str, Path], names: list[str]) -> dict[str, Path]:
@@ -180,39 +219,62 @@ def _of_cameras(path: Path, files: dict[str, Path], names: list[str]) -> dict[st
     if absent:
         raise CaptureError(
             f"{path}: the model has {len(names)} cameras, and {len(absent)} of them no video, the first is {absent[0]}; there are "
-            f"{', '.join(files)}. Name each video as its image in the model."
+            f"{', '.join(files)}. Name each video as its image in the model, or leave cameras out (--leave-out {','.join(absent)})."
         )
     return {name: files[name] for name in names}
 
 
-def _image_folders(path: Path, names: list[str], where: Files) -> dict[tuple[int, int], dict[str, list[Path]]]:
+def _image_folders(
+    path: Path, cameras: list[ModelCamera], found: dict[str, list[Path]], where: Files
+) -> dict[tuple[int, int], dict[str, list[Path]]]:
     """Return folders with images of every camera by image size, as {camera: files}."""
+    names = [camera.name for camera in cameras]
     folders, missing = {}, []
-    for folder in sorted(path.glob("images*")):
-        files = pictures_by_camera(folder, names)
+    choices = [(f.name, _pictures_of(f, cameras)) for f in list_folder(path) if f.name.startswith("images")]
+    for folder, files in [*choices, (".", {name: found[name] for name in names if name in found})]:
         absent = [name for name in names if name not in files]
-        if absent:
-            missing.append(f"{folder.name} lacks {len(absent)} of {len(names)}, the first is {absent[0]}")
-        else:
+        if not absent:
             folders[image_size(files[names[0]][0], where)] = files
+        elif files or folder != ".":
+            missing.append(f"{folder} lacks {len(absent)} of {len(names)}, the first is {absent[0]}")
     if not folders:
+        there = f" There are {', '.join(found)}." if found else ""
         raise CaptureError(
             f"{path}: no folder images, images_2, ... holds the images of all {len(names)} cameras of the model"
-            f"{': ' + '; '.join(missing) if missing else ''}. Copy them there, or a "
-            f"video of each camera, named as its image, beside the model; extensions may differ."
+            f"{': ' + '; '.join(missing) if missing else ''}.{there} Copy them there, or a "
+            f"video of each camera, named as its image, beside the model; extensions may differ. Or leave cameras out (--leave-out)."
         )
     return folders
 
 
+def _pictures_of(folder: Path, cameras: list[ModelCamera]) -> dict[str, list[Path]]:
+    """Return the images of each camera in a folder, by its name or by the pattern of its images."""
+    files = pictures_by_camera(folder, [camera.name for camera in cameras])
+    for camera in cameras:
+        if camera.pattern is not None and camera.name not in files:
+            before, after = camera.pattern.split(FRAME)
+            pattern = re.compile(re.escape(before) + "[0-9]+" + re.escape(after))
+            names = {name: file for name, file in _all_pictures(folder).items() if pattern.fullmatch(name)}
+            files |= {camera.name: list(names.values())} if names else {}
+    return files
+
+
 def pictures_by_camera(folder: Path, names: list[str]) -> dict[str, list[Path]]:
     """Return the images of each camera that a folder has: the image with its name, or those in the folder with its name."""
-    single = {
-        file.relative_to(folder).with_suffix("").as_posix(): [file]
-        for file in folder.rglob("*")
-        if file.suffix.lower() in IMAGE_SUFFIXES
-    }
+    single = _all_pictures(folder)
     several = {name: image_files(folder / name) for name in names}
-    return {name: files for name in names if (files := single.get(name) or several[name])}
+    return {name: files for name in names if (files := [single[name]] if name in single else several[name])}
+
+
+def _all_pictures(folder: Path, depth: int = 4) -> dict[str, Path]:
+    """Return all images below a folder by their names without extension."""
+    found: dict[str, Path] = {}
+    for entry in list_folder(folder):
+        if entry.is_dir() and depth:
+            found |= {f"{entry.name}/{name}": file for name, file in _all_pictures(entry, depth - 1).items()}
+        elif entry.suffix.lower() in IMAGE_SUFFIXES:
+            found[entry.stem] = entry
+    return found
 
 
 def _points(reconstruction: Any) -> tuple[np.ndarray | None, np.ndarray | None]:

@@ -17,7 +17,8 @@ from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.lens import Lens, import_cv2, undistorted_camera
 from splatreel.capture.pose_checks import check_rotation
-from splatreel.capture.readers.colmap import import_pycolmap, pictures_by_camera, video_files
+from splatreel.capture.readers.colmap import pictures_by_camera, video_files
+from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source, video_source
 from splatreel.errors import CaptureError
@@ -39,18 +40,20 @@ class EasyVolcapCapture(FileCapture):
         intrinsics, extrinsics = _Numbers(path / INTRINSICS), _Numbers(path / EXTRINSICS)
         names, sidecar = intrinsics.names(), read_sidecar(path)
         pictures, videos = pictures_by_camera(path / "images", names), video_files(path, segmented=True)
-        absent = [name for name in names if name not in (pictures or videos)]
+        kept = [name for name in names if name not in request.left_out]
+        absent = [name for name in kept if name not in (pictures or videos)]
         if absent:
             raise CaptureError(
                 f"{path}: {len(absent)} of the {len(names)} cameras in {INTRINSICS} have neither pictures in images/NAME/ nor a "
-                f"video videos/NAME.mp4, the first is {absent[0]!r}. Copy them there."
+                f"video videos/NAME.mp4, the first is {absent[0]!r}. Copy them there, or leave cameras out "
+                f"(--leave-out {','.join(absent)})."
             )
         if pictures:
             source = picture_source(path, pictures, sidecar, request)
-            read = source.size(names[0])
+            read = source.size(kept[0])
         else:
-            source = video_source(path, {name: videos[name] for name in names}, sidecar, request)
-            read = source[names[0]].width, source[names[0]].height
+            source = video_source(path, {name: videos[name] for name in kept}, sidecar, request)
+            read = source[kept[0]].width, source[kept[0]].height
         size = request.size(*read, path)
         lenses: dict[str, Lens] = {}
         cameras = []
@@ -62,7 +65,7 @@ class EasyVolcapCapture(FileCapture):
             cameras.append(camera)
             if bent is not None:
                 lenses[name] = bent
-        held_out = [names[middle_camera(cameras)]] if sidecar.held_out is None else sidecar.held_out
+        held_out = [kept[middle_camera(request.kept(cameras, path))]] if sidecar.held_out is None else sidecar.held_out
         origin = path / EXTRINSICS
         super().__init__(path, cameras, source, request, held_out=held_out, lenses=lenses, origin=origin)
 

@@ -1,4 +1,4 @@
-"""Neural 3D Video folders: one `camNN.mp4` per camera and `poses_bounds.npy` (LLFF).
+"""Neural 3D Video folders: one `camNN.mp4`, or a folder of pictures, per camera and `poses_bounds.npy` (LLFF).
 
 A row of poses_bounds is a 3x5 matrix, then near and far. The matrix holds camera-to-world axes in the order (down,
 right, backwards), the camera center, and (height, width, focal). The principal point is the image center. An optional
@@ -8,18 +8,21 @@ right, backwards), the camera center, and (height, width, focal). The principal 
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
+from splatreel.capture.files import natural_key
 from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.readers.calibrated import is_calibrated
-from splatreel.capture.readers.colmap import is_colmap, video_files
+from splatreel.capture.readers.colmap import camera_folders, is_colmap, video_files, videos_in
 from splatreel.capture.readers.transforms import is_transforms
 from splatreel.capture.sidecar import calibration_error, read_sidecar
-from splatreel.capture.sources import Video, video_source
+from splatreel.capture.sources import picture_source, video_source
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 from splatreel.scene.untrusted import read_array
@@ -33,44 +36,68 @@ HELD_OUT = re.compile("cam_?0+")
 def is_neu3dv(path: Path) -> bool:
     """Return whether a folder is a Neu3DV folder."""
     others = (is_colmap, is_transforms, is_calibrated)
-    return (path / POSES).is_file() or (any(path.glob("cam*.mp4")) and not any(fits(path) for fits in others))
+    return (path / POSES).is_file() or (bool(_cameras_of(videos_in(path))) and not any(fits(path) for fits in others))
 
 
 class Neu3DVCapture(FileCapture):
-    """Neu3DV folder. By default the camera numbered 0 is held out."""
+    """Neu3DV folder with videos, or with pictures as in CAMERA/images/0000.png. By default the camera numbered 0 is held out."""
 
     def __init__(self, path: Path, request: Request) -> None:
-        files = _videos(path)
-        poses = _read_poses(path / POSES)
-        if len(files) != len(poses):
-            raise CaptureError(
-                f"{path}: {len(files)} videos (cam*.mp4, or of another kind) but {len(poses)} rows in {POSES}. Rows belong to the "
-                f"videos in the order of their names: add the missing videos, or remove the rows of cameras that are not there."
-            )
-        sidecar, names = read_sidecar(path), list(files)
-        videos = video_source(path, files, sidecar, request)
+        sidecar, poses, notes = read_sidecar(path), _read_poses(path / POSES), list[str]()
+        videos, pictures = _videos(path), _cameras_of(camera_folders(path))
+        names = _names(path, list(videos or pictures), len(poses), request, notes)
+        kept = [name for name in names if name not in request.left_out]
+        if videos:
+            source = video_source(path, {name: videos[name] for name in kept}, sidecar, request)
+            sizes = {name: (source[name].width, source[name].height) for name in kept}
+        else:
+            source = picture_source(path, {name: pictures[name] for name in kept}, sidecar, request)
+            sizes = {name: source.size(name) for name in kept}
         cameras = [
-            _camera(path, name, video, row).resized(*request.size(video.width, video.height, path))
-            for name, video, row in zip(names, map(videos.__getitem__, names), poses, strict=True)
+            _camera(path, name, size, row).resized(*request.size(*size, path))
+            for name, row in zip(names, poses, strict=True)
+            for size in [sizes.get(name, sizes[kept[0]])]
         ]
         default = sidecar.held_out if sidecar.held_out is not None else [n for n in names if HELD_OUT.fullmatch(n)]
         super().__init__(
             path,
             cameras,
-            videos,
-            request,
+            source,
+            replace(request, left_out=request.left_out & set(names)),
             held_out=default,
             near=float(poses[:, 15].min()),
             origin=path / POSES,
+            notes=notes,
         )
 
 
+def _cameras_of(found: dict[str, Any]) -> dict[str, Any]:
+    """Return what is named like a camera."""
+    return {name: value for name, value in found.items() if name.lower().startswith("cam")}
+
+
 def _videos(path: Path) -> dict[str, Path]:
-    """Return MP4 files by camera, otherwise videos of any type or folders of numbered videos."""
-    plain = {file.stem: file for file in sorted(path.glob("cam*.mp4"))}
-    return plain or {
-        name: file for name, file in sorted(video_files(path, segmented=True).items()) if name.startswith("cam")
-    }
+    """Return the videos named like cameras: those of the folder itself, or of its subfolder for videos."""
+    return _cameras_of(videos_in(path, segmented=True)) or _cameras_of(video_files(path, segmented=True))
+
+
+def _names(path: Path, found: list[str], rows: int, request: Request, notes: list[str]) -> list[str]:
+    """Return the names of the cameras that rows belong to, in the order of their numbers.
+
+    A camera that is left out may have a row or not, and a video or not.
+    """
+    everything = sorted({*found, *request.left_out}, key=natural_key)
+    kept = [name for name in everything if name not in request.left_out]
+    names = next((names for names in (everything, found, kept) if len(names) == rows), None)
+    if names is None or not kept or not set(kept) <= set(found):
+        raise CaptureError(
+            f"{path}: {len(found)} videos (cam*.mp4, or of another kind) or folders of pictures, but {rows} rows in {POSES}. There are "
+            f"{', '.join(found) or 'none'}. Rows belong to them in the order of their numbers: add the missing videos, or leave out "
+            f"cameras that have no row or no video (--leave-out NAME)."
+        )
+    if sorted(names) != names:
+        notes.append(f"rows of {POSES} are taken in the order of the cameras' numbers: {', '.join(names)}")
+    return names
 
 
 def _read_poses(file: Path) -> np.ndarray:
@@ -104,25 +131,25 @@ def _read_poses(file: Path) -> np.ndarray:
     return poses.astype(np.float64)
 
 
-def _camera(path: Path, name: str, video: Video, row: np.ndarray) -> Camera:
-    """Return a row of poses_bounds as an OpenCV camera of the video's size."""
+def _camera(path: Path, name: str, size: tuple[int, int], row: np.ndarray) -> Camera:
+    """Return a row of poses_bounds as an OpenCV camera of a video's size."""
     matrix = row[:15].reshape(3, 5)
     height, width, focal = matrix[:, 4]
     down, right, back, center = matrix[:, :4].T
     rotation = np.stack([right, down, -back])
-    whose = f"{path / POSES}: the row of {video.path.name}"
+    whose = f"{path / POSES}: the row of {name}"
     check_rotation(rotation, f"{whose}: its pose (right, down, forward)")
     if min(height, width, focal) <= 0:
         raise CaptureError(
             f"{whose} is no LLFF pose: its height, width and focal length {height:g}, {width:g}, {focal:g} are not positive. Estimate "
             f"the poses again with LLFF's imgs2poses."
         )
-    if abs(width / height * video.height / video.width - 1) > 0.02:
+    if abs(width / height * size[1] / size[0] - 1) > 0.02:
         raise CaptureError(
-            f"{video.path}: is {video.width}x{video.height}, but {POSES} is for {width:g}x{height:g}, another aspect ratio."
+            f"{path}: {name} is {size[0]}x{size[1]}, but {POSES} is for {width:g}x{height:g}, another aspect ratio."
         )
     viewmat = np.eye(4)
     viewmat[:3, :3] = rotation
     viewmat[:3, 3] = -rotation @ center
     K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]])
-    return Camera(name, viewmat, K, round(width), round(height)).resized(video.width, video.height)
+    return Camera(name, viewmat, K, round(width), round(height)).resized(*size)

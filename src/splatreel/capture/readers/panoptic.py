@@ -53,7 +53,7 @@ class PanopticCapture(FileCapture):
             raise CaptureError(f"{path}: cameras have unequal frame counts {counts}; make the two meta files agree.")
         if len(counts) < len(views):
             raise CaptureError(f"{path}: a camera is listed twice in {' and '.join(META)}; remove it from one of them.")
-        files = {v.camera.name: [path / "ims" / file for file in v.files] for v in views}
+        files = {v.camera.name: _existing(path / "ims", v.files) for v in views}
         super().__init__(
             path,
             [v.camera.resized(*request.size(v.camera.width, v.camera.height, path)) for v in views],
@@ -62,6 +62,11 @@ class PanopticCapture(FileCapture):
             held_out=defaults,
             origin=path / META[0],
         )
+
+
+def _existing(folder: Path, files: list[str]) -> list[Path | None]:
+    """Return the files of a camera; None for those that do not exist."""
+    return [folder / name if (folder / name).is_file() else None for name in files]
 
 
 def _not_panoptic(text: str) -> CaptureError:

@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.image_sequences import ImageSequences, image_files
+from splatreel.capture.image_sequences import image_files
 from splatreel.capture.sidecar import read_sidecar
+from splatreel.capture.sources import picture_source
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 from splatreel.scene.untrusted import read_file
@@ -45,10 +46,12 @@ class TechnicolorCapture(FileCapture):
                 f"{path}: pictures of the cameras {', '.join(sorted(files)) or 'none'} (SCENE_undist_FRAME_CAMERA.png), but "
                 f"{len(rows)} lines of cameras in {PARAMETERS}. They belong together in their order, from 00 on: add what is missing."
             )
-        pictures = ImageSequences(path, files, sidecar, request)
+        pictures = picture_source(path, files, sidecar, request)
         names = sorted(files)
         default = sidecar.held_out if sidecar.held_out is not None else [name for name in names if name == HELD_OUT]
-        cameras = [_camera(name, row, *pictures.size(name)) for name, row in zip(names, rows, strict=True)]
+        sizes = {name: pictures.size(name) for name in names if name not in request.left_out}
+        size = next(iter(sizes.values()))
+        cameras = [_camera(name, row, *sizes.get(name, size)) for name, row in zip(names, rows, strict=True)]
         super().__init__(
             path,
             [camera.resized(*request.size(camera.width, camera.height, path)) for camera in cameras],
@@ -67,19 +70,12 @@ def _camera(name: str, row: np.ndarray, width: int, height: int) -> Camera:
 
 
 def _pictures(path: Path) -> dict[str, list[Path]]:
-    """Return the images by camera in order of frames. All cameras must have the same frames."""
-    found: dict[str, dict[int, Path]] = defaultdict(dict)
+    """Return the images by camera."""
+    found: dict[str, list[Path]] = defaultdict(list)
     for file in image_files(path):
         if match := PICTURE.fullmatch(file.stem):
-            found[match[2]][int(match[1])] = file
-    times = sorted({time for files in found.values() for time in files})
-    for name, files in found.items():
-        if absent := [time for time in times if time not in files]:
-            raise CaptureError(
-                f"{path}: camera {name} has no picture of frame {absent[0]:05d}, which others have. Copy it there, or remove that "
-                f"frame of all cameras."
-            )
-    return {name: [files[time] for time in times] for name, files in sorted(found.items())}
+            found[match[2]].append(file)
+    return found
 
 
 def _read_parameters(file: Path) -> np.ndarray:

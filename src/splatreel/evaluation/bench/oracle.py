@@ -106,6 +106,8 @@ def reconstruct_frame(
 ) -> SingleFrame:
     """Reconstruct one frame from its own images, encode and measure it."""
     cameras = capture.training_cameras
+    missing = capture.missing(frame, 1, [camera.name for camera in cameras])[0]
+    cameras = [camera for camera, absent in zip(cameras, missing, strict=True) if not absent]
     images = capture.read(frame, 1, [camera.name for camera in cameras])[0]
     first = capture.first_frame + frame == 0  # the capture's sparse points belong to its first frame
     start = time.monotonic()

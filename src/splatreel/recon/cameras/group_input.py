@@ -35,6 +35,8 @@ class GroupInput:
         device: Device that trains.
         seed: Seed of the run.
         antialias: True if splats are drawn antialiased (see `render_image`).
+        missing: [T, C] bool, images that the cameras lack and that images of nearby frames stand in for; None if all exist.
+            They are not trained on.
     """
 
     span: GroupSpan
@@ -45,6 +47,7 @@ class GroupInput:
     device: torch.device
     seed: int
     antialias: bool
+    missing: np.ndarray | None = None
 
     @property
     def cameras(self) -> list[Camera]:
@@ -60,6 +63,13 @@ class GroupInput:
     def time_offsets(self) -> np.ndarray:
         """Frames [C] float64 by which each camera is late, as far as earlier groups could tell."""
         return self.rig.time_offsets
+
+    @property
+    def unknown(self) -> np.ndarray | None:
+        """Pixels [C, H, W] bool of the keyframe without a valid value: those of cameras that lack it; None if all are valid."""
+        if self.missing is None or not self.missing[0].any():
+            return None
+        return np.broadcast_to(self.missing[0][:, None, None], self.images.shape[1:4]).copy()
 
     @property
     def near(self) -> float:

@@ -186,7 +186,7 @@ class _Layer:
 
     def _show(self, points: Gaussians) -> Iterable[Shown]:
         seen = Gaussians.concatenate([points, self.others])
-        return ((0, view, seen) for view in _views(self.data, 0, LAYER_VIEWS))
+        return ((0, view, seen) for view in _views(self.data, 0, 0, LAYER_VIEWS))
 
 
 @dataclass(frozen=True)
@@ -211,14 +211,16 @@ class _Group:
         frames = np.linspace(0, self.group.frames - 1, GROUP_MOMENTS).round().astype(int).tolist()
         for number, frame in enumerate(frames):
             seen = Gaussians.concatenate([at(float(frame)), self.resting])
-            for view in _views(self.data, number, GROUP_VIEWS):
+            for view in _views(self.data, frame, number, GROUP_VIEWS):
                 yield frame, view, seen
 
 
-def _views(data: GroupInput, number: int, count: int) -> list[int]:
-    """Return `count` cameras spread over all cameras. Another number gives other cameras."""
-    apart = max(len(data.cameras) // count, 1)
-    return list(range(len(data.cameras)))[number % apart :: apart][:count]
+def _views(data: GroupInput, frame: int, number: int, count: int) -> list[int]:
+    """Return `count` cameras spread over all cameras that have a frame. Another number gives other cameras."""
+    missing = np.zeros(len(data.cameras), bool) if data.missing is None else data.missing[frame]
+    cameras = np.flatnonzero(~missing).tolist()
+    apart = max(len(cameras) // count, 1)
+    return cameras[number % apart :: apart][:count]
 
 
 def _choose(encoder: ReelEncoder, data: GroupInput, subject: Subject, trial: Trial | None, share: float) -> Steps:

@@ -223,11 +223,14 @@ class ChangeDetector:
         return [self.data.backdrop(self.static[drawn], camera) for camera in self.data.cameras]
 
     def _compare(self, backdrops: list[Backdrop], moving: Gaussians, frame: int) -> ErrorMasks:
-        """Return masks [C, H, W] of the pixels in which the views of a frame differ from the scene."""
+        """Return masks [C, H, W] of the pixels in which the views of a frame differ from the scene. Missing images are right."""
         scene = Gaussians.concatenate([self.relit.at(frame), moving])
         views = zip(backdrops, self.data.images[frame], self.data.gains, strict=True)
         found = [error_masks(backdrop.with_others(scene) * gain, image) for backdrop, image, gain in views]
-        return ErrorMasks(*(np.stack(masks) for masks in zip(*found, strict=True)))
+        masks = ErrorMasks(*(np.stack(masks) for masks in zip(*found, strict=True)))
+        if self.data.missing is not None:
+            masks.error[self.data.missing[frame]] = masks.uncertain[self.data.missing[frame]] = False
+        return masks
 
 
 def _points_at_last_frame(tracks: list[PointTracks]) -> Gaussians:

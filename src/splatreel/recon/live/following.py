@@ -178,7 +178,8 @@ class _LiveRun:
         settings = self.lateness.settings(span.index, live.seconds_behind(span))
         self.edge = frames[span.own].copy() if span.own < len(frames) else None
         before = self._begin_group(span, before)
-        before = reconstruct_group(self.job(settings), span, frames, before, layout, output)
+        missing = self.follower.capture.missing(span.first, span.count, before.rig.names)
+        before = reconstruct_group(self.job(settings), span, frames, before, layout, output, missing=missing)
         self.window.drop_old_groups(output.writer)
         self._report(span, live)
         return before

@@ -85,18 +85,20 @@ def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progre
         keyframe.coarse_share,
         config,
         progress,
+        data.unknown,
     )
     return ChapterStart(trainer.points.gaussians(), gains.values.cpu().numpy(), static.alive)
 
 
 def missing_in(data: GroupInput, static: StaticPoints) -> np.ndarray:
-    """Return masks [C, H, W] bool of the pixels in which the first frame differs from the static points."""
+    """Return masks [C, H, W] bool of the pixels in which the first frame differs from the static points, where it exists."""
     kernel = np.ones((size := max(3, round(DILATION * data.cameras[0].width / 320) | 1), size), np.uint8)
     found = []
     for camera, image, gain in zip(data.cameras, data.images[0], data.gains, strict=True):
         masks = error_masks(data.draw(static.living, camera) * gain, image)
         found.append(cv2.dilate(masks.error.astype(np.uint8), kernel) > 0)
-    return np.stack(found)
+    masks = np.stack(found)
+    return masks if data.unknown is None else masks & ~data.unknown
 
 
 def _remove_departed(

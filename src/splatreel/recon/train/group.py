@@ -83,7 +83,12 @@ def _shade(shade: Tensor, logits: Tensor) -> Tensor:
 
 @torch.no_grad()
 def training_psnr(
-    points: MovingPoints, static: StaticCache, pictures: Pictures, gains: Tensor, time_offsets: TimeOffsets
+    points: MovingPoints,
+    static: StaticCache,
+    pictures: Pictures,
+    gains: Tensor,
+    time_offsets: TimeOffsets,
+    available: np.ndarray,
 ) -> float:
     """Return the mean PSNR, dB, over a few training images spread over frames and cameras.
 
@@ -93,11 +98,13 @@ def training_psnr(
         pictures: Training images.
         gains: [C, 3] color gains.
         time_offsets: Learned time offsets.
+        available: [T, C] bool, images that exist.
     """
     values = []
     for k in range(SAMPLES):
         frame = k * (pictures.count - 1) // (SAMPLES - 1)
-        camera = (k * 7) % len(pictures.views)
+        cameras = np.flatnonzero(available[frame])
+        camera = int(cameras[(k * 7) % len(cameras)])
         view, moment = pictures.views[camera], time_offsets.moment(frame, camera, pictures.count)
         image = draw(points.at(moment, view, pictures.near), view, static.view(camera)).image
         values.append(psnr(image * gains[camera], pictures.images[frame, camera]))
@@ -123,6 +130,7 @@ class GroupTrainer:
         time_offsets: TimeOffsets | None = None,
         may_move: np.ndarray | None = None,
         seed: int = 0,
+        missing: np.ndarray | None = None,
     ) -> None:
         """Prepare the training of a group.
 
@@ -135,6 +143,7 @@ class GroupTrainer:
             time_offsets: Time offsets of the cameras, to be refined; None if all cameras are synchronized.
             may_move: [S] bool, static points that density control may make dynamic; None allows all living points.
             seed: Seed of all random choices.
+            missing: [T, C] bool, images that are not trained on; None trains on all.
         """
         device, group = pictures.images.device, config.group
         self.config, self.gains = config, gains
@@ -146,9 +155,8 @@ class GroupTrainer:
         self.points = MovingPoints.of(start, self.pictures, group, seed)
         self.static = StaticCache(static.points, self.pictures.views, pictures.near, device)
         self.static.set_alive(torch.from_numpy(static.alive).to(device))
-        self.schedule = FrameSchedule(
-            pictures.count, len(pictures.views), self.iterations, group.progressive_share, seed
-        )
+        available = np.ones((pictures.count, len(pictures.views)), bool) if missing is None else ~missing
+        self.schedule = FrameSchedule(available, self.iterations, group.progressive_share, seed)
         self.rng = np.random.default_rng(seed)
         movable = torch.from_numpy(static.alive if may_move is None else may_move).to(device)
         self.density = GroupDensity(self.points, self.static, movable, config, self.iterations, self.rng)
@@ -262,7 +270,9 @@ class GroupTrainer:
 
     def psnr(self) -> float:
         """Return the mean PSNR, dB, over a few training images."""
-        return training_psnr(self.points, self.static, self.pictures, self.gains.values, self.time_offsets)
+        return training_psnr(
+            self.points, self.static, self.pictures, self.gains.values, self.time_offsets, self.schedule.available
+        )
 
     def _use_pictures(self, pictures: Pictures) -> None:
         """Switch to images of another size."""

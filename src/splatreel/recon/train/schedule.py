@@ -21,17 +21,17 @@ class FrameSchedule:
     FRONTIER_SHARE = 0.35
     FRONTIER_FRAMES = 3
 
-    def __init__(self, frames: int, cameras: int, iterations: int, progressive: float, seed: int) -> None:
+    def __init__(self, available: np.ndarray, iterations: int, progressive: float, seed: int) -> None:
         """Create a schedule.
 
         Args:
-            frames: Number of frames, T.
-            cameras: Number of cameras.
+            available: [T, C] bool, images that exist. Every frame has one.
             iterations: Iterations of training.
             progressive: Share of training over which frames are added.
             seed: Seed of all draws.
         """
-        self.frames, self.cameras = frames, cameras
+        self.available = available
+        self.frames, self.cameras = available.shape
         self.warm = progressive * iterations
         self.rng = np.random.default_rng(seed)
         self._round: list[int] = []
@@ -44,7 +44,14 @@ class FrameSchedule:
         return min(self.frames - 1, int(self.frames * iteration / self.warm))
 
     def draw(self, iteration: int) -> tuple[int, int]:
-        """Return the frame and the camera of an iteration."""
+        """Return the frame and the camera of an iteration. Missing images are drawn again."""
+        while True:
+            frame, camera = self._draw(iteration)
+            if self.available[frame, camera]:
+                return frame, camera
+
+    def _draw(self, iteration: int) -> tuple[int, int]:
+        """Return a frame and a camera whose image may be missing."""
         if iteration < self.warm:
             return self._near(self.frontier(iteration)), int(self.rng.integers(self.cameras))
         if not self._round:

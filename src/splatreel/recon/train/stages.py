@@ -100,6 +100,7 @@ def group_trainer(
         time_offsets=time_offsets,
         may_move=may_move,
         seed=data.seed + data.span.index,
+        missing=data.missing,
     )
 
 
@@ -120,5 +121,6 @@ def _trained(
     unknown: np.ndarray | None = None,
 ) -> KeyframeResult:
     images = temporal_mean(data.images) if config.keyframe.temporal_mean else data.images[0]
+    unknown = data.unknown if unknown is None else unknown
     train_frame(trainer, data.cameras, images, data.layout, iterations, coarse, config, progress, unknown)
     return KeyframeResult(trainer.points.gaussians(), trainer.gains.values.cpu().numpy())

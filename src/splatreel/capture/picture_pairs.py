@@ -1,0 +1,143 @@
+"""Pairing of the pictures of several cameras by the numbers in their names."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.capture.gaps import used_steps
+from splatreel.errors import CaptureError
+
+NUMBER = re.compile("([0-9]+)")
+MOST_STRAY = 0.25
+"""Maximum share of the pictures of a folder whose names may differ from the others' by more than numbers. They are skipped."""
+
+Key = tuple[int | str, ...]
+
+
+@dataclass(frozen=True)
+class PicturePairs:
+    """Pictures of all cameras by time step.
+
+    Attributes:
+        files: By camera a file per time step; None where the camera has none.
+        notes: Sentences about skipped files and numbers.
+        labels: Number of each time step; None where the names have none.
+    """
+
+    files: Mapping[str, list[Path | None]]
+    notes: list[str]
+    labels: list[int] | None = None
+
+
+def pair_pictures(path: Path, files: Mapping[str, list[Path]], all_have: bool = False) -> PicturePairs:
+    """Return the pictures of each time step: those with the same number.
+
+    Numbers are those parts of the names that differ between the pictures of one camera. Pictures without numbers are
+    paired by name. If the cameras have no numbers in common, the pictures are paired in their order.
+
+    Args:
+        path: Folder of the capture, for messages.
+        files: Pictures by camera.
+        all_have: Use only time steps up to the end of the shortest camera.
+
+    Raises:
+        CaptureError: Two pictures of a camera have the same number, the names of a folder are of several kinds, or the
+            cameras have neither numbers in common nor equally many pictures.
+    """
+    if all(len(found) == 1 for found in files.values()):
+        return PicturePairs({name: list(found) for name, found in files.items()}, [])
+    notes: list[str] = []
+    kept = {name: _of_one_kind(name, found, notes) for name, found in files.items()}
+    keyed = _keyed(kept)
+    steps = sorted({key for found in keyed.values() for key in found})
+    exists = {name: np.array([key in found for key in steps]) for name, found in keyed.items()}
+    first, end = used_steps(exists)
+    if all_have:
+        end = min(int(np.flatnonzero(there)[-1]) + 1 for there in exists.values())
+    if end <= first:
+        return _in_order(path, kept, notes)
+    chosen = steps[first:end]
+    labels = [key[0] if len(key) == 1 and isinstance(key[0], int) else step for step, key in enumerate(chosen)]
+    notes += _skipped_numbers(labels)
+    if left := len(steps) - len(chosen):
+        notes.append(f"{left} time steps at the ends, for which most cameras have no picture, are not used")
+    return PicturePairs({name: [found.get(key) for key in chosen] for name, found in keyed.items()}, notes, labels)
+
+
+def _of_one_kind(camera: str, files: list[Path], notes: list[str]) -> list[Path]:
+    """Return the pictures whose names differ only by numbers, and note skipped ones. Names without numbers are all kept."""
+    kinds: dict[tuple[str, ...], list[Path]] = defaultdict(list)
+    for file in files:
+        kinds[tuple(NUMBER.split(file.stem)[::2])].append(file)
+    if len(kinds) == 1 or all(len(kind) == 1 for kind in kinds):
+        return files
+    most = max(kinds.values(), key=len)
+    stray = [file for file in files if file not in most]
+    if len(stray) > MOST_STRAY * len(files):
+        raise CaptureError(
+            f"{files[0].parent}: holds pictures of several kinds, such as {most[0].name} and {stray[0].name}. Leave those of one "
+            f"kind, numbered in order of time, and move the others elsewhere."
+        )
+    notes.append(
+        f"{camera}: {len(stray)} pictures such as {stray[0].name} are skipped, since others are like {most[0].name}"
+    )
+    return most
+
+
+def _keyed(files: Mapping[str, list[Path]]) -> dict[str, dict[Key, Path]]:
+    """Return the pictures of each camera by the numbers that differ between them, or by their whole names."""
+    numbers = {name: [tuple(map(int, NUMBER.findall(file.stem))) for file in found] for name, found in files.items()}
+    counts = {len(row) for rows in numbers.values() for row in rows}
+    kinds = [len({tuple(NUMBER.split(file.stem)[::2]) for file in found}) for found in files.values()]
+    if counts == {0} or len(counts) > 1 or max(kinds) > 1:
+        return {name: _unique([((file.stem,), file) for file in found]) for name, found in files.items()}
+    varying = [at for at in range(max(counts)) if any(len({row[at] for row in rows}) > 1 for rows in numbers.values())]
+    return {
+        name: _unique([(tuple(row[at] for at in varying), file) for row, file in zip(rows, files[name], strict=True)])
+        for name, rows in numbers.items()
+    }
+
+
+def _unique(pairs: list[tuple[Key, Path]]) -> dict[Key, Path]:
+    found: dict[Key, Path] = {}
+    for key, file in pairs:
+        if key in found:
+            raise CaptureError(
+                f"{file.parent}: {found[key].name} and {file.name} are of the same time step. Remove one of them."
+            )
+        found[key] = file
+    return found
+
+
+def _in_order(path: Path, files: Mapping[str, list[Path]], notes: list[str]) -> PicturePairs:
+    """Pair pictures that have no numbers in common in their order."""
+    counts = {name: len(found) for name, found in files.items()}
+    low, high = min(counts, key=lambda n: counts[n]), max(counts, key=lambda n: counts[n])
+    if counts[low] < counts[high]:
+        raise CaptureError(
+            f"{path}: most cameras have no picture numbers in common, and unequal numbers of pictures: {low} has {counts[low]}, from "
+            f"{files[low][0].name} on, {high} has {counts[high]}, from {files[high][0].name} on. Give pictures of the same moment the "
+            f"same number."
+        )
+    example = f"{files[low][0].name} of {low}"
+    notes.append(
+        f"pictures are paired in their order, since the cameras have no numbers in common ({example} is the first)"
+    )
+    return PicturePairs({name: list(found) for name, found in files.items()}, notes)
+
+
+def _skipped_numbers(labels: list[int]) -> list[str]:
+    """Return a sentence about numbers that no camera has."""
+    apart = np.diff(labels)
+    if len(apart) == 0 or (apart == apart[0]).all():
+        return []
+    at = int(np.flatnonzero(apart > apart.min())[0])
+    count = int((apart > apart.min()).sum())
+    more = f", and {count - 1} more gaps" if count > 1 else ""
+    return [f"no camera has pictures between {labels[at]} and {labels[at + 1]}{more}: the video jumps there"]
