@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import os
 import shutil
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -21,7 +22,7 @@ from splatreel.capture.base import MIN_CAMERAS, Request
 from splatreel.capture.calibration_agreement import FIELD, CalibratedCamera, CalibratedRig, trusted
 from splatreel.capture.image_sequences import image_files
 from splatreel.capture.images import image_size
-from splatreel.capture.readers.colmap import is_colmap, video_files
+from splatreel.capture.readers.colmap import is_colmap, videos_but
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.readers.neu3dv import POSES
 from splatreel.capture.sidecar import read_sidecar, write_failure
@@ -60,7 +61,7 @@ class Calibration:
         return [name for name, points in self.placed.items() if points < FEW]
 
 
-def calibrate(path: Path, progress: Progress, also: Path | None = None) -> Calibration:
+def calibrate(path: Path, progress: Progress, also: Path | None = None, leave_out: Sequence[str] = ()) -> Calibration:
     """Write the COLMAP model `sparse/0` of a folder of videos, one per camera, from frames spread over them.
 
     Cameras with too few matches, or on which moments disagree, are left out.
@@ -69,6 +70,7 @@ def calibrate(path: Path, progress: Progress, also: Path | None = None) -> Calib
         path: Folder of videos.
         progress: Progress display.
         also: Folder of photographs that connect the cameras' views.
+        leave_out: Names of videos that are not used.
 
     Raises:
         CaptureError: The folder is calibrated already, has too few videos, or fewer than three cameras could be placed
@@ -76,7 +78,7 @@ def calibrate(path: Path, progress: Progress, also: Path | None = None) -> Calib
     """
     if is_colmap(path) or (path / POSES).exists():
         raise CaptureError(f"{path}: is calibrated already. Delete {MODEL.parent} or {POSES} to calibrate it again.")
-    files = video_files(path)
+    files = videos_but(path, leave_out)
     if len(files) < MIN_CAMERAS:
         found = ", ".join(file.name for file in files.values()) or "none"
         raise CaptureError(f"{path}: {len(files)} videos ({found}), at least {MIN_CAMERAS} are needed. Add the others.")
@@ -109,7 +111,9 @@ def _place(send: Send, path: Path, files: dict[str, Path], photos: list[Path], f
     """
     colmap, progress = import_pycolmap(), _ProgressSender(send)
     colmap.logging.minloglevel = colmap.logging.Level.FATAL.value
-    videos = Videos(path, files, read_sidecar(path), Request(frames=(0, 1)))
+    sidecar = read_sidecar(path)
+    starts = {name: start for name, start in sidecar.starts.items() if name in files}
+    videos = Videos(path, files, replace(sidecar, starts=starts), Request(frames=(0, 1)))
     try:
         models = _Solver(colmap, folder, photos, progress).solve(videos, list(files))
     finally:

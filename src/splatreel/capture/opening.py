@@ -12,6 +12,7 @@ from splatreel.capture.base import Capture, Request
 from splatreel.capture.files import LOCAL, Files, RemoteCaptureFiles
 from splatreel.capture.frame_table import load_tables
 from splatreel.capture.growing.growth import Growth
+from splatreel.capture.hints import advise
 from splatreel.capture.readers.calibrated import CalibratedCapture, is_calibrated
 from splatreel.capture.readers.colmap import ColmapCapture, is_colmap
 from splatreel.capture.readers.easyvolcap import EasyVolcapCapture, is_easyvolcap
@@ -24,11 +25,12 @@ from splatreel.errors import CaptureError
 from splatreel.storage.addresses import local_path
 
 LOOKED_FOR = """\
-  Neu3DV:          poses_bounds.npy and cam00.mp4, cam01.mp4, ...
+  Neu3DV:          poses_bounds.npy and cam00.mp4, cam01.mp4, ... or cam00/images/0000.png, ...
   Panoptic Sports: train_meta.json, test_meta.json and ims/
   Technicolor:     cameras_parameters.txt and SCENE_undist_FRAME_CAMERA.png
   EasyVolcap:      intri.yml, extri.yml and images/CAMERA/*.jpg or videos/CAMERA.mp4
   COLMAP:          sparse/0/cameras.bin (or .txt) and a video a camera, or images/, images_2/, ... with a picture or a folder a camera
+  4DGaussians:     sparse_/cameras.bin and cam01/frame_00001.jpg, ...
   transforms.json: of nerfstudio, instant-ngp or Blender, and the images that it lists
   Calibration:     a file of Anipose, FreeMoCap, Caliscope, Pose2Sim, Qualisys, OpenCV, Metashape, CMU Panoptic or RealityCapture (XMP),
                    and a video a camera, or a folder of pictures, with its name
@@ -82,8 +84,14 @@ def open_capture(
             return reader(folder, request)
     if folder.is_dir() and (failure := calibration_error(folder)) is not None:
         raise failure
+    if advice := advise(folder, _is_capture):
+        raise CaptureError(f"{folder}: is not a capture of a known layout. {advice}")
     state = "holds none of these" if folder.is_dir() else "is not a folder; one of these was looked for"
     raise CaptureError(f"{folder}: {state}:\n{LOOKED_FOR}")
+
+
+def _is_capture(folder: Path) -> bool:
+    return any(fits(folder) for fits, _ in READERS)
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.capture.files import natural_key
 from splatreel.capture.gaps import used_steps
 from splatreel.errors import CaptureError
 
@@ -93,15 +94,31 @@ def _of_one_kind(camera: str, files: list[Path], notes: list[str]) -> list[Path]
 def _keyed(files: Mapping[str, list[Path]]) -> dict[str, dict[Key, Path]]:
     """Return the pictures of each camera by the numbers that differ between them, or by their whole names."""
     numbers = {name: [tuple(map(int, NUMBER.findall(file.stem))) for file in found] for name, found in files.items()}
-    counts = {len(row) for rows in numbers.values() for row in rows}
-    kinds = [len({tuple(NUMBER.split(file.stem)[::2]) for file in found}) for found in files.values()]
-    if counts == {0} or len(counts) > 1 or max(kinds) > 1:
-        return {name: _unique([((file.stem,), file) for file in found]) for name, found in files.items()}
-    varying = [at for at in range(max(counts)) if any(len({row[at] for row in rows}) > 1 for rows in numbers.values())]
+    places = _varying(numbers)
+    if places is None:
+        return {name: _unique([(natural_key(file.stem), file) for file in found]) for name, found in files.items()}
     return {
-        name: _unique([(tuple(row[at] for at in varying), file) for row, file in zip(rows, files[name], strict=True)])
+        name: _unique([(tuple(row[at] for at in places[name]), f) for row, f in zip(rows, files[name], strict=True)])
         for name, rows in numbers.items()
     }
+
+
+def _varying(numbers: Mapping[str, list[tuple[int, ...]]]) -> dict[str, list[int]] | None:
+    """Return by camera the places of the numbers that differ between its pictures; None where names cannot be compared so.
+
+    Args:
+        numbers: By camera, the numbers in the name of each picture.
+    """
+    if any(len({len(row) for row in rows}) > 1 for rows in numbers.values()):
+        return None
+    own = {
+        name: [at for at, column in enumerate(zip(*rows, strict=True)) if len(set(column)) > 1]
+        for name, rows in numbers.items()
+    }
+    if len({len(rows[0]) for rows in numbers.values()}) == 1:
+        together = sorted({at for places in own.values() for at in places})
+        own = dict.fromkeys(own, together)
+    return own if len({len(places) for places in own.values()}) == 1 and all(own.values()) else None
 
 
 def _unique(pairs: list[tuple[Key, Path]]) -> dict[Key, Path]:

@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
-from splatreel.capture.readers.colmap import video_files
+from splatreel.capture.growing.growing_sound import read_packets
+from splatreel.capture.growing.growth import Growth
+from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, segment_files
+from splatreel.capture.readers.colmap import videos_but
 from splatreel.capture.sidecar import write_starts
+from splatreel.capture.soundtrack import RATE as SOUND_RATE
 from splatreel.capture.soundtrack import channels, read_sound
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress
@@ -32,13 +37,18 @@ class Agreement:
     clear: float
 
 
-def synchronize(path: Path, progress: Progress) -> dict[str, float]:
+def synchronize(path: Path, progress: Progress, leave_out: Sequence[str] = ()) -> dict[str, float]:
     """Find the start times of a folder's videos by sound, record them in `splatreel.json`, and return them by camera.
+
+    Args:
+        path: Folder of videos.
+        progress: Progress display.
+        leave_out: Names of videos that are not used.
 
     Raises:
         CaptureError: A video has no sound, or none in common with the others.
     """
-    files = video_files(path)
+    files = videos_but(path, leave_out)
     if len(files) < 2:
         raise CaptureError(f"{path}: {len(files)} videos; at least two are needed to synchronize.")
     progress.stage("reading the sound of the videos", len(files))
@@ -79,19 +89,29 @@ def align(path: Path, sounds: dict[str, np.ndarray], progress: Progress) -> dict
 
 
 def listen(file: Path) -> np.ndarray:
-    """Return the sound of a video from its first frame on, [samples] float32 at `RATE`. Raise `CaptureError` without sound."""
+    """Return the sound of a video, or of a folder of its parts, from its first frame on, [samples] float32 at `RATE`.
+
+    Raises:
+        CaptureError: There is no sound.
+    """
+    files = segment_files(file) if file.is_dir() else [file]
+    names = numbered(files) if len(files) > 1 else None
+    video = None if names is None else SegmentedVideo(file, names, Growth.over(file.parent))
+    file = files[0] if video is None else video.written
     if not channels(file):
         raise CaptureError(
             f"{file}: has no sound to synchronize by. Write into splatreel.json when each video starts, or cut the "
             f"videos to the same moment."
         )
+    rate = RATE if video is None else SOUND_RATE
     parts, count = [], 0
-    for block in read_sound(file, 1, RATE):
+    for block in read_sound(file, 1, RATE) if video is None else read_packets(video.sound(), 1, 0.0):
         parts.append(block[:, 0])
         count += len(block)
-        if count >= LONGEST * RATE:
+        if count >= LONGEST * rate:
             break
-    return np.concatenate([np.zeros(0, np.float32), *parts])[: LONGEST * RATE]
+    sound, step = np.concatenate([np.zeros(0, np.float32), *parts])[: LONGEST * rate], rate // RATE
+    return sound[: len(sound) // step * step].reshape(-1, step).mean(1)
 
 
 def _phases(sound: np.ndarray, length: int) -> np.ndarray:

@@ -211,7 +211,7 @@ def frame_rate(video: CompleteVideo) -> float:
         return video.fps
     gaps = np.diff(times)
     steps = int(np.maximum(np.rint(gaps / np.median(gaps)), 1).sum())
-    if steps == len(gaps) and abs(times[-1] * video.fps - steps) < 0.5:
+    if steps == len(gaps) and abs(times[-1] * video.fps - steps) < 0.1:
         return video.fps  # exact, unlike times in milliseconds
     return steps / float(times[-1])
 

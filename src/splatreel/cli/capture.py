@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out
+from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out, parse_left_out
 from splatreel.cli.printing import say
 from splatreel.errors import ReconstructionError
 
@@ -32,6 +32,7 @@ def capture_check(
     width: int | None = None,
     frames: str | None = None,
     hold_out: str | None = None,
+    leave_out: str | None = None,
     quick: bool = False,
 ) -> None:
     """Read a whole capture, and report what it holds and whether it can be reconstructed.
@@ -43,6 +44,7 @@ def capture_check(
         width: Width of the images to read, in pixels; by default their own.
         frames: Frames A to B - 1, as A:B; by default all.
         hold_out: Names of the cameras to keep for evaluation, as `reconstruct` takes them.
+        leave_out: Names of cameras that are not read at all, as NAME,NAME.
         quick: Leave out the trial that predicts the quality of novel views, which takes some seconds.
     """
     import numpy as np
@@ -51,7 +53,12 @@ def capture_check(
     from splatreel.capture.soundtrack import choose
     from splatreel.progress import console
 
-    source = open_capture(capture, width=width, frames=parse_frames(frames), held_out=parse_held_out(hold_out))
+    chosen = {
+        "frames": parse_frames(frames),
+        "held_out": parse_held_out(hold_out),
+        "leave_out": parse_left_out(leave_out),
+    }
+    source = open_capture(capture, width=width, **chosen)
     progress = console()
     try:
         progress.stage("reading every frame", source.frames)
@@ -74,8 +81,9 @@ def capture_check(
     say(f"  {len(names)} cameras and {points}; kept for evaluation, not trained on: {held_out}")
     say(f"  {source.frames} frames at {source.fps:g} a second, {source.width} x {source.height} pixels")
     say(f"  sound: {sound or 'none'}")
+    _say_each(source.notes)
     verdict = _judge(source, names, np.concatenate(moments), quick)
-    given = {"--width": width, "--frames": frames, "--hold-out": hold_out}
+    given = {"--width": width, "--frames": frames, "--hold-out": hold_out, "--leave-out": leave_out}
     options = [part for option, value in given.items() if value is not None for part in (option, str(value))]
     command = shlex.join(["splatreel", "reconstruct", str(capture), "--out", "OUT", *options])
     if verdict is None:
@@ -141,7 +149,7 @@ def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bo
         return cover(cameras, images, **known, device=device, progress=progress)
 
 
-def capture_calibrate(capture: Positional[Path], /, also: Path | None = None) -> None:
+def capture_calibrate(capture: Positional[Path], /, also: Path | None = None, leave_out: str | None = None) -> None:
     """Find the poses and lenses of the cameras of a folder of videos by COLMAP, from some of the frames.
 
     Writes the model sparse/0 into the folder, unless the frames contradict each other. If the videos do not start together, run
@@ -150,12 +158,13 @@ def capture_calibrate(capture: Positional[Path], /, also: Path | None = None) ->
     Args:
         capture: Folder of the videos, one per camera.
         also: Folder of photographs by a camera that was carried from each camera's view to the next. They connect cameras far apart.
+        leave_out: Names of cameras that are not read at all, as NAME,NAME.
     """
     from splatreel.capture.calibrate import MODEL, calibrate
     from splatreel.progress import console
 
     with closing(console()) as progress:
-        found = calibrate(capture, progress, also)
+        found = calibrate(capture, progress, also, parse_left_out(leave_out))
     agreed = f", placed alike at {found.moments} moments" if found.moments > 1 else ""
     say(f"{capture / MODEL}: {len(found.placed)} cameras{agreed}; points are off by {found.error:.2f} pixels")
     if found.lost:
@@ -164,17 +173,18 @@ def capture_calibrate(capture: Positional[Path], /, also: Path | None = None) ->
         say(f"  doubtful, since they see few points: {', '.join(f'{n} ({found.placed[n]})' for n in found.doubtful)}")
 
 
-def capture_sync(capture: Positional[Path], /) -> None:
+def capture_sync(capture: Positional[Path], /, leave_out: str | None = None) -> None:
     """Find by their sound when the videos of a folder start, and write it to the folder's splatreel.json.
 
     Args:
         capture: Folder of the videos, one per camera.
+        leave_out: Names of cameras that are not read at all, as NAME,NAME.
     """
     from splatreel.capture.sync import synchronize
     from splatreel.progress import console
 
     with closing(console()) as progress:
-        starts = synchronize(capture, progress)
+        starts = synchronize(capture, progress, parse_left_out(leave_out))
     say(f"{capture / 'splatreel.json'}: second of each video at which all videos have started")
     for name, start in starts.items():
         say(f"  {name} {start:.3f}")

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import CaptureAddress, megabytes, parse_frames, parse_names, reel_folder
+from splatreel.cli.options import CaptureAddress, megabytes, parse_frames, parse_left_out, parse_names, reel_folder
 from splatreel.cli.printing import say
 from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
@@ -21,6 +21,7 @@ def evaluate(
     width: int | None = None,
     scale: float | None = None,
     frames: str | None = None,
+    leave_out: str | None = None,
     rendition: str | None = None,
     threads: int | None = None,
     json: bool = False,
@@ -39,6 +40,7 @@ def evaluate(
         width: Width to compare at, in pixels; by default that of the reel's cameras.
         scale: Size to compare at, as a share of the capture's, instead of the width.
         frames: Frames of the capture that the reel was made of, as A:B; by default all.
+        leave_out: Names of cameras that are not read at all, as `reconstruct` took them.
         rendition: Rendition to compare, for a reel that has several; by default the best.
         threads: Number of threads; by default one per core.
         json: Print report.json instead of the summary.
@@ -62,7 +64,7 @@ def evaluate(
     work = reel.parent / "work"
     undecoded = uncompressed_frames(work, reel) if work.is_dir() else None
     known = Store(work).coverage()
-    source = open_capture(capture, width=width, scale=scale, frames=span)
+    source = open_capture(capture, width=width, scale=scale, frames=span, leave_out=parse_left_out(leave_out))
     progress = console()
     try:
         report = compare(

@@ -41,6 +41,8 @@ class CaptureOptions:
     """Frames A to B - 1, as A:B; by default all."""
     hold_out: str | None = None
     """Names of the cameras to keep for evaluation, as NAME,NAME; none trains on all; by default those of the format."""
+    leave_out: str | None = None
+    """Names of cameras that are not read at all, as NAME,NAME."""
 
     def source(self, path: str | Path) -> CaptureSource:
         """Return how to open a capture.
@@ -52,6 +54,8 @@ class CaptureOptions:
         from splatreel.capture.opening import CaptureSource
 
         request = {"width": self.width, "scale": self.scale, "frames": frames, "held_out": held_out}
+        if left_out := parse_left_out(self.leave_out):
+            request["leave_out"] = left_out
         return CaptureSource(path, request)
 
 
@@ -141,6 +145,11 @@ def parse_names(text: str | None, option: str) -> list[str] | None:
 def parse_held_out(text: str | None) -> list[str] | None:
     """Return names like `parse_names`; `none` is an empty list."""
     return [] if text is not None and text.strip() == "none" else parse_names(text, "--hold-out")
+
+
+def parse_left_out(text: str | None) -> list[str]:
+    """Return the names of --leave-out; none without it."""
+    return parse_names(text, "--leave-out") or []
 
 
 def parse_numbers(text: str | None, option: str) -> list[int] | None:

@@ -99,8 +99,8 @@ def check_cameras(
     """
     compared = frames[[0, len(frames) // 2]]
     check_pictures(capture, rig.names, compared)
-    for doubt in capture.doubts:
-        job.progress.note(doubt)
+    for sentence in [*capture.notes, *capture.doubts]:
+        job.progress.note(sentence)
     if not job.config.check_poses:
         return rig, frames
     poses = check_first_poses(rig, compared, str(capture.origin), job.progress)

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -140,6 +141,16 @@ def video_files(path: Path, segmented: bool = False) -> dict[str, Path]:
         CaptureError: Two videos have the same name.
     """
     return next((files for folder in VIDEOS if (files := videos_in(path / folder, segmented))), {})
+
+
+def videos_but(path: Path, left_out: Sequence[str]) -> dict[str, Path]:
+    """Return the videos of a folder by name, also those in several files, without some. Raise `CaptureError` for an unknown name."""
+    files = video_files(path, segmented=True)
+    if unknown := [name for name in left_out if name not in files]:
+        raise CaptureError(
+            f"{path}: there is no video {unknown[0]!r} to leave out; there are {', '.join(files) or 'none'}."
+        )
+    return {name: file for name, file in files.items() if name not in left_out}
 
 
 def videos_in(folder: Path, segmented: bool = False) -> dict[str, Path]:

@@ -1,0 +1,47 @@
+"""Advice for folders in which no capture is found, from what they hold."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+from splatreel.capture.base import MIN_CAMERAS
+from splatreel.capture.files import list_folder
+from splatreel.capture.readers.colmap import camera_folders, video_files
+
+MOST_NAMED = 4
+"""Maximum number of files that a sentence lists."""
+
+
+def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
+    """Return a sentence about what a folder holds and the command that helps, or None.
+
+    Args:
+        folder: Folder that is not a capture.
+        is_capture: Function that returns whether a folder has the layout of a capture.
+
+    Raises:
+        CaptureError: Two videos have the same name.
+    """
+    inside = [entry for entry in list_folder(folder) if entry.is_dir()]
+    if below := next((entry for entry in inside if is_capture(entry)), None):
+        return f"Its folder {below.name} looks like a capture: give {below}."
+    for place in [folder, *inside]:
+        videos = video_files(place, segmented=True)
+        if len(videos) >= MIN_CAMERAS:
+            return (
+                f"{place} holds {len(videos)} videos ({_listed(list(videos))}) without poses of their cameras. If they do not start "
+                f"together, run `splatreel capture sync {place}`. Then run `splatreel capture calibrate {place}`."
+            )
+    for place in [folder, *inside]:
+        pictures = camera_folders(place)
+        if len(pictures) >= MIN_CAMERAS:
+            return (
+                f"{place} holds pictures of {len(pictures)} cameras ({_listed(list(pictures))}) without poses of these cameras. Put a "
+                f"COLMAP model of one picture of each into {place / 'sparse' / '0'}, made by `colmap automatic_reconstructor`."
+            )
+    return None
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names[:MOST_NAMED]) + (", ..." if len(names) > MOST_NAMED else "")
