@@ -92,7 +92,9 @@ def evaluate(
                     write_png(out / "pictures" / f"{name.replace('/', '_')}.png", comparison(truth, images[name]))
         progress.update(done, psnr=float(np.mean([quality.psnr for quality in scores.whole.values()] or [0.0])))
     if not scores.whole:
-        raise UsageError(f"{capture.path}: {', '.join(names)} have none of these frames. Evaluate other frames or cameras.")
+        raise UsageError(
+            f"{capture.path}: {', '.join(names)} have none of these frames. Evaluate other frames or cameras."
+        )
     decoding = decode_ms_per_frame(reel, rendition, most)
     spent = {**(seconds or {}), "evaluate": round(time.monotonic() - started, 3)}
     report = replace(
@@ -193,11 +195,16 @@ def summarize(scores: Scores, info: ReelInfo, seconds: dict[str, float], device:
         width=views[0].width,
         height=views[0].height,
         cameras=[
-            {"name": n} | asdict(Quality.mean([whole[f, n] for f in frames if (f, n) in whole])) | {"degrees": degrees[n]} for n in names
+            {"name": n}
+            | asdict(Quality.mean([whole[f, n] for f in frames if (f, n) in whole]))
+            | {"degrees": degrees[n]}
+            for n in names
         ],
         trained_on=trained_on,
         held_out=[name for name in names if name not in trained_on],
-        per_frame=[{"frame": f} | asdict(Quality.mean([whole[f, n] for n in names if (f, n) in whole])) for f in frames],
+        per_frame=[
+            {"frame": f} | asdict(Quality.mean([whole[f, n] for n in names if (f, n) in whole])) for f in frames
+        ],
     )
 
 

@@ -27,7 +27,7 @@ from splatreel.capture.readers.calibrated import CalibratedCapture
 from splatreel.capture.readers.calibrations.media import Media, find_media
 from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, naming, pose
 from splatreel.capture.readers.calibrations.transforms_lens import transforms_lens
-from splatreel.capture.readers.colmap import import_pycolmap
+from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.video import VIDEO_SUFFIXES
 from splatreel.errors import CaptureError
 from splatreel.scene.untrusted import is_number, numbers, read_json

@@ -27,7 +27,7 @@ from splatreel.capture.readers.calibrations.rig import (
     pose,
     read_xml,
 )
-from splatreel.capture.readers.colmap import import_pycolmap
+from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.errors import CaptureError
 
 COEFFICIENTS = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.readers.calibrations.brown_lens import BrownLens
-from splatreel.capture.readers.colmap import import_pycolmap
+from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.errors import CaptureError
 from splatreel.scene.untrusted import numbers, read_file
 

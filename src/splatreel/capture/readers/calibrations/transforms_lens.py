@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any
 
 from splatreel.capture.readers.calibrations.rig import brown_lens, image_size, naming
-from splatreel.capture.readers.colmap import import_pycolmap
+from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.errors import CaptureError
 from splatreel.scene.untrusted import is_number
 
