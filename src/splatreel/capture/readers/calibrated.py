@@ -99,8 +99,12 @@ class CalibratedCapture(FileCapture):
         if rig is None:
             layout, rig = _only_calibration(path)
         self._layout = layout
+        names = rig.names()
+        if not names or len(set(names)) < len(names):
+            problem = "two cameras have one name" if names else "no camera has a pose"
+            raise CaptureError(f"{rig.origin}: {problem} ({', '.join(names) or 'none'}). Export the calibration again.")
         if media is None:
-            media = find_media(path, rig.names(), rig.origin, rig.partial)
+            media = find_media(path, names, rig.origin, rig.partial)
         views = [camera for camera in rig.cameras if camera.name in media]
         sidecar, names = read_sidecar(path), [camera.name for camera in views]
         videos = {name: file for name, file in media.items() if isinstance(file, Path)}

@@ -118,6 +118,8 @@ def test_videos_beside_the_file_are_read(tmp_path: Path) -> None:
         ("[[150.0, 0.0", "[[-150.0, 0.0", r"focal lengths must be positive"),
         ("[[150.0, 0.0", "[[nan, 0.0", r"cam_0: cannot be read \(nan is no finite number"),
         ("0.01]", "0.01, 0, 0, 0, 0.5]", r"has 9 distortion coefficients .*of which 8 are supported"),
+        ("rotation = ", "turn = ", r"calibration\.toml: no camera has a pose \(none\)"),
+        ("[cam_", 'name = "a"\n[cam_', r"calibration\.toml: two cameras have one name \(a, a, a, cam_3\)"),
         ("[cam_0]", "[cam_0", r"calibration\.toml: is no TOML file"),
     ],
 )
