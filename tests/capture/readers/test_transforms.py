@@ -103,6 +103,17 @@ def test_frames_of_one_pose_are_one_camera(tmp_path: Path, times: bool, separate
     assert [[folders.which(image) for image in row] for row in found] == [[(c, t) for c in range(4)] for t in range(3)]
 
 
+def test_deleted_images_of_instant_ngp_are_left_out(tmp_path: Path) -> None:
+    """Its script rates the sharpness, and its example lacks the blurred images."""
+    frames = [
+        {"file_path": f"images/{c}.png", "sharpness": 20.0, "transform_matrix": matrix(c).tolist()} for c in range(4)
+    ]
+    for c in (0, 1, 3):
+        picture(tmp_path / "images" / f"{c}.png", folders.frame(c, 0, 160, 120))
+    capture = open_capture(write(tmp_path, PERSPECTIVE, frames))
+    assert [c.name for c in capture.cameras] == ["0", "1", "3"]
+
+
 def test_a_frame_and_a_folder_per_camera(tmp_path: Path) -> None:
     timed(tmp_path)
     frames = [{"file_path": f"images/cam0{c}/8.png", "transform_matrix": matrix(c).tolist()} for c in range(4)]

@@ -6,17 +6,19 @@ with `calib`. Videos and images belong to the cameras by their names (`calibrati
 
 from __future__ import annotations
 
+import copy
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.image_sequences import ImageSequences
-from splatreel.capture.lens import SAME_SHAPE, Lens, undistorted_camera
+from splatreel.capture.lens import Lens, undistorted_camera
 from splatreel.capture.readers.calibrations.media import Media, find_media
 from splatreel.capture.readers.calibrations.metashape import is_metashape, read_metashape
 from splatreel.capture.readers.calibrations.opencv_cameras import is_camera, is_multiview, read_cameras, read_multiview
@@ -41,6 +43,8 @@ FORMATS: tuple[tuple[str, Callable[[Path, bytes], bool], Callable[[Path], Rig]],
 )
 """Name, recognition by the start of a file, and reader of each format of one file."""
 SUFFIXES = (".toml", ".txt", ".xml", ".json", ".yml", ".yaml")
+PADDING, ROUNDING = 16, 1.0
+"""Pixels by which codecs fill up images, and by which the size of a resized image may be rounded."""
 SAME_PLACE = 1e-3
 """Maximum difference between two poses for two files to be the same calibration."""
 
@@ -95,8 +99,12 @@ class CalibratedCapture(FileCapture):
         if rig is None:
             layout, rig = _only_calibration(path)
         self._layout = layout
+        names = rig.names()
+        if not names or len(set(names)) < len(names):
+            problem = "two cameras have one name" if names else "no camera has a pose"
+            raise CaptureError(f"{rig.origin}: {problem} ({', '.join(names) or 'none'}). Export the calibration again.")
         if media is None:
-            media = find_media(path, rig.names(), rig.origin, rig.partial)
+            media = find_media(path, names, rig.origin, rig.partial)
         views = [c for c in rig.cameras if c.name in media and c.name not in request.left_out]
         sidecar, names = read_sidecar(path), [camera.name for camera in views]
         videos = {name: file for name, file in media.items() if isinstance(file, Path)}
@@ -110,13 +118,10 @@ class CalibratedCapture(FileCapture):
             sizes = {name: source.size(name) for name in names}
         width, height = request.size(*Counter(sizes.values()).most_common(1)[0][0], path)
         lenses: dict[str, Lens] = {}
-        cameras = []
+        cameras, doubts = [], list(rig.doubts)
         for view in views:
-            check_shape(view, sizes[view.name], rig.origin)
-            whose = f"{rig.origin}: camera {view.name}"
-            camera, lens = undistorted_camera(
-                view.name, view.viewmat, view.lens(*sizes[view.name]), width, height, whose
-            )
+            whose, fit = f"{rig.origin}: camera {view.name}", fitting_lens(view, sizes[view.name], rig.origin, doubts)
+            camera, lens = undistorted_camera(view.name, view.viewmat, fit, width, height, whose)
             cameras.append(camera)
             if lens is not None:
                 lenses[view.name] = lens
@@ -134,7 +139,7 @@ class CalibratedCapture(FileCapture):
             origin=rig.origin,
         )
         left_out = [name for name in rig.names() if name not in media and name not in request.left_out]
-        self.doubts += rig.doubts
+        self.doubts += doubts
         if left_out:
             self.doubts.append(f"{path}: {len(left_out)} cameras of {rig.origin.name} have no videos and were left out")
 
@@ -144,15 +149,29 @@ class CalibratedCapture(FileCapture):
         return self._layout
 
 
-def check_shape(view: RigCamera, size: tuple[int, int], origin: Path) -> None:
-    """Raise `CaptureError` if a camera's images have another aspect ratio than its calibration."""
-    if view.size is None or abs(view.size[0] / view.size[1] * size[1] / size[0] - 1) <= SAME_SHAPE:
-        return
-    turned = abs(view.size[1] / view.size[0] * size[1] / size[0] - 1) <= SAME_SHAPE
+def fitting_lens(view: RigCamera, size: tuple[int, int], origin: Path, doubts: list[str]) -> Any:
+    """Return the lens of a camera whose images have a size.
+
+    Codecs fill images up to a multiple of 16 pixels at the right and at the bottom. A calibration that still has these
+    pixels is cropped, and `doubts` says so.
+
+    Raises:
+        CaptureError: The images have another aspect ratio than the calibration.
+    """
+    lens = view.lens(*size)
+    if view.size is None or abs(view.size[0] * size[1] / view.size[1] - size[0]) <= ROUNDING:
+        return lens
+    differences = abs(view.size[0] - size[0]), abs(view.size[1] - size[1])
+    whose = f"{origin}: camera {view.name} is calibrated for {view.size[0]}x{view.size[1]}, but its images are {size[0]}x{size[1]}"
+    if min(differences) == 0 and max(differences) < PADDING:
+        doubts.append(f"{whose}; the pixels at the right and at the bottom are taken to be cut off")
+        lens = copy.deepcopy(lens)
+        lens.width, lens.height = size
+        return lens
+    turned = abs(view.size[1] * size[1] / view.size[0] - size[0]) <= ROUNDING
     raise CaptureError(
-        f"{origin}: camera {view.name} is calibrated for {view.size[0]}x{view.size[1]}, but its images are {size[0]}x{size[1]}, "
-        f"{'turned by a quarter' if turned else 'another aspect ratio'}. "
-        f"{'Turn' if turned else 'Crop'} them as for the calibration, or calibrate again."
+        f"{whose}, {'turned by a quarter' if turned else 'another aspect ratio'}. {'Turn' if turned else 'Crop'} them as for the "
+        f"calibration, or calibrate again."
     )
 
 

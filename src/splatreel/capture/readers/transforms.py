@@ -103,11 +103,15 @@ def _frames(file: Path) -> tuple[list[_Frame], Path | None]:
             _frame(file, number, entry, general, tests, file.name == TEST)
             for number, entry in enumerate(meta["frames"])
         ]
+        kept = [
+            frame for frame in frames if "sharpness" not in frame.lens or _existing(file.parent / frame.file).is_file()
+        ]
         named = meta.get("ply_file_path")
         points = file.parent / str(named) if named is not None else file.parent / POINTS
     if named is not None and not points.is_file():
         raise CaptureError(f"{points}: is missing, though {file.name} names it as the points. Copy it there.")
-    return frames, points if points.is_file() else None
+    # colmap2nerf.py rates the sharpness of images, and instant-ngp skips those that were then deleted.
+    return kept or frames, points if points.is_file() else None
 
 
 def _frame(

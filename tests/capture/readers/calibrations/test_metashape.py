@@ -86,6 +86,11 @@ def test_fisheye_cameras(tmp_path: Path) -> None:
         ('"frame"', '"spherical"', r"sensor unknown: is spherical"),
         ("<k1>-0.2<", "<k1>much<", r"sensor unknown: cannot be read"),
         ('sensor_id="0" component', 'sensor_id="7" component', r"camera cam1\.JPG: has no sensor"),
+        (
+            "</transform></camera>",
+            "</transform><orientation>3</orientation></camera>",
+            r"turned by the EXIF orientation 3",
+        ),
         ("</chunk>", "</chunk><chunk/>", r"cameras\.xml: holds 2 chunks"),
     ],
 )

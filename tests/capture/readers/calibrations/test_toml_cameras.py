@@ -75,6 +75,16 @@ def test_caliscope_numbers_cameras(tmp_path: Path, matrix: bool) -> None:
     assert capture.doubts == [f"{tmp_path}/camera_array.toml: cam_5 without a pose were left out"]
 
 
+def test_pixels_that_a_codec_added_are_cut_off(tmp_path: Path) -> None:
+    """Calibrated for 168 x 120, filmed with 160 x 120: the first pixel is the same."""
+    text = "".join(table(c, f"cam_{c}") for c in range(4)).replace("size = [160", "size = [168")
+    (tmp_path / "calibration.toml").write_text(text)
+    blobs.write(tmp_path / "images", [f"cam_{c}" for c in range(4)], project, first=0)
+    capture = open_capture(tmp_path)
+    assert blobs.errors(capture).max() < 0.1
+    assert "calibrated for 168x120, but its images are 160x120; the pixels at the right and" in capture.doubts[0]
+
+
 def test_fisheye(tmp_path: Path) -> None:
     text = "".join(table(c, f"cam_{c}", f'name = "{c}"\nfisheye = true', bends=FISHEYE.tolist()) for c in range(4))
     (tmp_path / "calibration.toml").write_text(text)
@@ -108,6 +118,8 @@ def test_videos_beside_the_file_are_read(tmp_path: Path) -> None:
         ("[[150.0, 0.0", "[[-150.0, 0.0", r"focal lengths must be positive"),
         ("[[150.0, 0.0", "[[nan, 0.0", r"cam_0: cannot be read \(nan is no finite number"),
         ("0.01]", "0.01, 0, 0, 0, 0.5]", r"has 9 distortion coefficients .*of which 8 are supported"),
+        ("rotation = ", "turn = ", r"calibration\.toml: no camera has a pose \(none\)"),
+        ("[cam_", 'name = "a"\n[cam_', r"calibration\.toml: two cameras have one name \(a, a, a, cam_3\)"),
         ("[cam_0]", "[cam_0", r"calibration\.toml: is no TOML file"),
     ],
 )

@@ -8,7 +8,7 @@ from types import SimpleNamespace
 import numpy as np
 
 
-@dataclass(frozen=True)
+@dataclass
 class BrownLens:
     """Lens with the interface of a pycolmap.Camera that `undistorted_camera` uses.
 

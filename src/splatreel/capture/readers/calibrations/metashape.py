@@ -57,6 +57,10 @@ def read_metashape(file: Path) -> Rig:
         components.add(node.get("component_id"))
         sensor = node.get("sensor_id")
         whose = f"{file}: camera {label}"
+        if (turned := node.findtext("orientation", "1").strip()) != "1":
+            raise CaptureError(
+                f"{whose}: its image is turned by the EXIF orientation {turned}. Turn the pixels of the images, and align them again."
+            )
         if sensor not in lenses:
             if sensor not in sensors:
                 raise CaptureError(f"{whose}: has no sensor. Export the cameras again.")

@@ -21,13 +21,23 @@ from splatreel.errors import CaptureError
 FILM = 36.0
 """Width of the film in millimeters to which focal lengths refer."""
 RADIAL = ("brown3", "brown4", "brown3t2", "brown4t2")
+NAMESPACE = b"capturingreality.com/ns/xcr"
+LOOKED_AT, XMP_BYTES = 20, 1 << 16
+"""Maximum number of files, and of bytes of each, in which the namespace is looked for."""
 SQUARE = 1e-6
 """Maximum skew, and deviation of the aspect ratio of pixels from 1."""
 
 
 def xmp_folders(path: Path) -> list[Path]:
-    """Return a folder, or its folder `images`, if there are XMP files."""
-    return [folder for folder in (path, path / "images") if any(folder.glob("*.xmp"))]
+    """Return a folder, or its folder `images`, if there are XMP files of RealityCapture. Other programs write such files too."""
+    return [folder for folder in (path, path / "images") if any(map(_is_own, sorted(folder.glob("*.xmp"))[:LOOKED_AT]))]
+
+
+def _is_own(file: Path) -> bool:
+    try:
+        return NAMESPACE in file.read_bytes()[:XMP_BYTES]
+    except OSError:
+        return False
 
 
 def read_realitycapture(folder: Path) -> Rig:
