@@ -9,6 +9,7 @@ import numpy as np
 from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.remarks import Remarks
 from splatreel.scene.untrusted import read_arrays
 from splatreel.sequence.plausible import check_plausible
 
@@ -32,6 +33,8 @@ class Dynamic3DGS:
     def __init__(self, path: Path) -> None:
         arrays = read_arrays(path, SHAPES, GaussiansError)
         self.path, self.size = path, path.stat().st_size
+        self.fps: float | None = None
+        self.remarks = Remarks()
         self._arrays = {name: _as_float(array, name == "means3D") for name, array in arrays.items()}
         self._check()
 

@@ -1,0 +1,82 @@
+"""Files of other programs. `tests/data/splats` holds 40 points that splat-transform 2.7.1 wrote and read again (expected.npz);
+scene.splat was written by hand and read by it.
+"""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.errors import GaussiansError
+from splatreel.scene import rotations
+from splatreel.scene.ply import write_ply
+from splatreel.scene.remarks import Remarks
+from splatreel.scene.spz import write_spz
+from splatreel.scene.turning import turned
+from splatreel.sequence.splat_file import HALF_TURN, read_splats
+from tests.golden import random_gaussians
+
+DATA = Path(__file__).parents[1] / "data" / "splats"
+ORIGIN = np.array([1.0, -2.0, 3.0])
+PACKED = ["packed.compressed.ply", "v3.spz", "v4.spz", "scene.sog"]
+
+
+def covariances(quats: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    axes = rotations.to_matrix(quats) * scales[:, None]
+    return axes @ axes.transpose(0, 2, 1)
+
+
+@pytest.mark.parametrize("name", [*PACKED, "scene.splat"])
+def test_files_of_other_programs_are_read_as_they_read_them(name: str) -> None:
+    if name in PACKED:
+        pytest.importorskip("gsply")
+    expected = np.load(DATA / "expected.npz")
+    given = {key: expected[f"{name}/{key}"] for key in ("means", "quats", "scales", "opacities", "sh")}
+    found = read_splats(DATA / name, ORIGIN, Remarks())
+    np.testing.assert_allclose(found.means + ORIGIN, given["means"], atol=1e-6)
+    shapes = covariances(found.quats, found.scales), covariances(given["quats"], given["scales"])
+    np.testing.assert_allclose(*shapes, atol=1e-6 if name in PACKED else 1e-3)
+    np.testing.assert_allclose(found.opacities, given["opacities"], atol=1e-6)
+    np.testing.assert_allclose(found.sh, given["sh"], atol=1e-6)
+
+
+def test_our_spz_files_are_read_with_their_flag(tmp_path: Path) -> None:
+    pytest.importorskip("gsply")
+    points = random_gaussians(np.random.default_rng(0), 30, 1, (0, 0, 0))
+    write_spz(tmp_path / "f.spz", turned(points, HALF_TURN), antialias=True)
+    remarks = Remarks()
+    np.testing.assert_allclose(read_splats(tmp_path / "f.spz", None, remarks).means, points.means, atol=1e-5)
+    assert "import them with --antialiased" in remarks.lines()[0]
+
+
+@pytest.mark.parametrize("name", [*PACKED, "scene.splat"])
+def test_cut_files_are_refused_by_name(tmp_path: Path, name: str) -> None:
+    if name in PACKED:
+        pytest.importorskip("gsply")
+    data = (DATA / name).read_bytes()
+    file = tmp_path / name
+    file.write_bytes(data[: len(data) - 300])
+    with pytest.raises(GaussiansError) as caught:
+        read_splats(file, None, Remarks())
+    assert str(caught.value).startswith(f"{file}: ")
+
+
+def test_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "gsply", None)
+    with pytest.raises(GaussiansError, match=r"pip install 'splatreel\[splats\]'"):
+        read_splats(DATA / "scene.sog", None, Remarks())
+
+
+def test_model_with_a_network_is_refused(tmp_path: Path) -> None:
+    write_ply(tmp_path / "point_cloud.ply", random_gaussians(np.random.default_rng(0), 30, 1, (0, 0, 0)))
+    (tmp_path / "deformation.pth").write_bytes(b"")
+    with pytest.raises(GaussiansError, match=r"model of 4DGaussians .* export_perframe_3DGS"):
+        read_splats(tmp_path / "point_cloud.ply", None, Remarks())
+
+
+def test_unpacked_sog_folder(tmp_path: Path) -> None:
+    pytest.importorskip("gsply")
+    shutil.unpack_archive(DATA / "scene.sog", tmp_path, "zip")
+    found = read_splats(tmp_path / "meta.json", None, Remarks())
+    np.testing.assert_allclose(found.means, np.load(DATA / "expected.npz")["scene.sog/means"], atol=1e-6)
