@@ -33,6 +33,13 @@ def open_frames(path: str | Path, gaps: Gaps = "refuse", fps: float | None = Non
         GaussiansError: The path is anything else, the order of the files is unclear, or frames are missing.
     """
     place = Path(path)
+    found = _open(place, gaps, fps, length)
+    if length is not None and not isinstance(found, SpacetimeGaussians):
+        raise GaussiansError(f"{place}: has {len(found)} frames of its own. Leave out --length, or name a model.")
+    return found
+
+
+def _open(place: Path, gaps: Gaps, fps: float | None, length: int | None) -> Frames:
     archive = place / "params.npz" if place.is_dir() else place
     if archive.suffix.lower() == ".npz" and archive.is_file():
         return Dynamic3DGS(archive)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import torch
@@ -32,6 +32,8 @@ from splatreel.sequence.viewpoints import ring, visible_positions
 
 LENGTH = 30
 """Maximum number of frames of a group."""
+GROUP_BYTES, MOVING_BYTES = 900_000_000, 250
+"""Memory for the frames of a group, and what a dynamic point takes in every frame while the group is written."""
 NEAR = 0.2
 """Near plane of 3DGS in world units."""
 NEAR_SHARE = 0.02
@@ -80,11 +82,24 @@ def header_of(
     return header, None if cameras is None else limits(cameras, points, layout)
 
 
+def share_equal(before: Gaussians | None, points: Gaussians) -> Gaussians:
+    """Return Gaussians that use the arrays of the frame before where these are equal, to save memory."""
+    if before is None or len(before) != len(points):
+        return points
+    equal = {
+        field.name: old
+        for field in fields(Gaussians)
+        if np.array_equal(old := getattr(before, field.name), getattr(points, field.name))
+    }
+    return replace(points, **equal)
+
+
 class SequenceEncoder:
     """Writer of the frames of a sequence into a reel. `device` draws the images that measure importance."""
 
     def __init__(self, writer: ReelWriter, device: torch.device) -> None:
         self.writer, self.device = writer, device
+        self._moving: int | None = None
 
     def write(self, frames: Frames, progress: Progress) -> None:
         """Write all frames.
@@ -97,15 +112,27 @@ class SequenceEncoder:
         identities, index, first, length = Identities(), 0, 0, LENGTH
         waiting: list[tuple[Gaussians, np.ndarray]] = []
         while first < len(frames):
-            ahead = min(LENGTH, 2 * length)  # short groups do not need a long lookahead
+            before = waiting[-1][0] if waiting else None
+            ahead = min(self._affordable(before), 2 * length)  # short groups do not need a long lookahead
             for frame in range(first + len(waiting), min(first + ahead, len(frames))):
-                points = self._checked(frames, frame)
+                points = before = share_equal(before, self._checked(frames, frame))
                 waiting.append((points, identities.of(points)))
+                ahead = min(ahead, self._affordable(points))
+                if len(waiting) >= ahead:
+                    break
             builder = stretch(waiting[:ahead])
             length = builder.cut(ahead)
             self._write_group(index, first, builder, length)
             waiting, first, index = waiting[length:], first + length, index + 1
             progress.update(first)
+
+    def _affordable(self, points: Gaussians | None) -> int:
+        """Return how many frames like this one a group may have, so that memory stays bounded."""
+        if points is None:
+            return LENGTH
+        size = sum(getattr(points, field.name).nbytes for field in fields(Gaussians))
+        moving = len(points) if self._moving is None else min(self._moving, len(points))
+        return max(min(LENGTH, GROUP_BYTES // max(size + moving * MOVING_BYTES, 1)), 1)
 
     def _checked(self, frames: Frames, frame: int) -> Gaussians:
         points, degree = frames.read(frame), self.writer.manifest.sh_degree
@@ -123,6 +150,7 @@ class SequenceEncoder:
         born, shells = born[order := np.argsort(shells, kind="stable")], shells[order]
         points, numbers = frames[0][segments.rows[0, born]], segments.numbers[born]
         rows = segments.rows[:, moving]
+        self._moving = len(moving)
         static = Gaussians.concatenate([self.layers.points[alive], points])
         group = group_of(index, first, frames, rows, np.concatenate([alive, np.ones(len(born), bool)]))
         weights = self._importance(group, static)
