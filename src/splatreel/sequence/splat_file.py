@@ -11,9 +11,10 @@ import numpy as np
 from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.packed_columns import is_packed, unpack_columns
 from splatreel.scene.ply_table import Columns, read_elements
 from splatreel.scene.remarks import Remarks
-from splatreel.scene.splat_columns import BANDS, Encoding, drop_nan, gaussians_of
+from splatreel.scene.splat_columns import Encoding, drop_nan, gaussians_of
 from splatreel.scene.turning import turned
 from splatreel.scene.untrusted import UNPACKED_BYTES, UNPACKED_RATIO, read_file
 from splatreel.sequence.plausible import check_plausible
@@ -48,11 +49,10 @@ def read_splats(path: Path, origin: np.ndarray | None, remarks: Remarks, encodin
         columns = elements.get("vertex")
         if columns is None:
             raise GaussiansError(f"{path}: has no points (element vertex).")
-        if "packed_position" not in columns:
-            return check_plausible(gaussians_of(columns, str(path), origin, remarks, encoding), str(path))
-        _check_packed(elements, path)
-        found = _from_gsply("plyread", path)
-    elif suffix == ".spz":
+        if is_packed(columns):
+            columns, encoding = unpack_columns(elements, str(path)), Encoding()
+        return check_plausible(gaussians_of(columns, str(path), origin, remarks, encoding), str(path))
+    if suffix == ".spz":
         _check_spz(path, remarks)
         found = _from_gsply("read_spz", path)
     elif suffix in (".sog", ".json"):
@@ -71,7 +71,7 @@ def columns_of(path: Path) -> Columns | None:
     if path.suffix.lower() != ".ply":
         return None
     columns = read_elements(path, ("vertex",)).get("vertex", {})
-    return None if "packed_position" in columns else columns
+    return None if is_packed(columns) else columns
 
 
 Arrays = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -86,19 +86,6 @@ def _check_not_deformed(path: Path) -> None:
             f"{path}: is the model of 4DGaussians before its network {network.name} moves it. Run that method's "
             "export_perframe_3DGS.py, and import the folder that it writes."
         )
-
-
-def _check_packed(elements: dict[str, Columns], path: Path) -> None:
-    """Check the elements of a compressed PLY file, which its reader takes for granted."""
-    names = {"packed_position", "packed_rotation", "packed_scale", "packed_color"}
-    count = len(elements["vertex"]["packed_position"])
-    chunks, sh = elements.get("chunk", {}), elements.get("sh", {})
-    rows = len(next(iter(chunks.values()), ()))
-    wrong = (
-        not names <= elements["vertex"].keys() or rows != -(-count // 256) or not {"min_x", "max_x"} <= chunks.keys()
-    )
-    if wrong or len(sh) not in BANDS or any(len(column) != count for column in sh.values()):
-        raise GaussiansError(f"{path}: is a damaged compressed PLY file. Export it again.")
 
 
 def _from_gsply(name: str, path: Path) -> Arrays:
