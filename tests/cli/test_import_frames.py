@@ -94,7 +94,7 @@ def test_reel_of_a_run_is_not_written_over_while_it_is_made(film: str, capsys: p
         (["film", "--fps", "0"], "--fps 0"),
         (["film", "--fps", "nan"], "--fps nan"),
         (["film", "--up", "w"], "--up w"),
-        (["missing"], "missing: is not a folder"),
+        (["missing"], "missing: does not exist"),
         (["film", "--cameras", "missing"], "missing"),
         (["film", "--cameras", "film"], "film: holds none of these"),
     ],

@@ -41,7 +41,7 @@ def read_glb(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
 @pytest.mark.parametrize("degree", [0, 2, 3])
 def test_glb_round_trips(tmp_path: Path, degree: int) -> None:
     given = random_gaussians(np.random.default_rng(degree), 50, degree, (1, -2, 3))
-    write_glb(tmp_path / "f.glb", given, np.array([0, -1, 0]))
+    write_glb(tmp_path / "f.glb", given, np.array([0.0, 1, 0, 0]))
     document, arrays = read_glb(tmp_path / "f.glb")
     splatting = {name.removeprefix("KHR_gaussian_splatting:"): array for name, array in arrays.items()}
     assert np.array_equal(splatting["POSITION"], given.means)
@@ -58,9 +58,11 @@ def test_glb_round_trips(tmp_path: Path, degree: int) -> None:
     assert positions["min"] == given.means.min(0).tolist()
 
 
-@pytest.mark.parametrize("up", [(0, 1, 0), (0, -1, 0), (0, 0, 2), (0.3, -0.5, 0.1)])
-def test_glb_up_is_y(tmp_path: Path, up: tuple[float, float, float]) -> None:
-    write_glb(tmp_path / "f.glb", Gaussians.empty(0), np.array(up))
-    turn = np.array(read_glb(tmp_path / "f.glb")[0]["nodes"][0]["rotation"])
-    turned = rotations.to_matrix(turn[[3, 0, 1, 2]][None])[0] @ np.array(up)
-    assert np.allclose(turned / np.linalg.norm(up), [0, 1, 0], atol=1e-6)
+def test_glb_node_moves_and_turns(tmp_path: Path) -> None:
+    turn, origin = np.array([0.5, 0.5, -0.5, 0.5]), np.array([5.4e6, 1.25, -2])
+    write_glb(tmp_path / "f.glb", Gaussians.empty(0), turn, origin)
+    node = read_glb(tmp_path / "f.glb")[0]["nodes"][0]
+    assert node["rotation"] == [0.5, -0.5, 0.5, 0.5]
+    assert node["translation"] == (rotations.to_matrix(turn) @ origin).tolist()
+    write_glb(tmp_path / "f.glb", Gaussians.empty(0), turn)
+    assert "translation" not in read_glb(tmp_path / "f.glb")[0]["nodes"][0]

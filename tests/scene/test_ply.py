@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from splatreel.errors import GaussiansError
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.ply import read_ply, write_ply
+from splatreel.scene.remarks import Remarks
 from tests.golden import random_gaussians
 
 
@@ -76,10 +77,10 @@ def test_reads_other_types_and_extra_properties(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (b"", "not a binary"),
-        (b"ply\nformat ascii 1.0\nend_header\n", "not a binary"),
+        (b"", "not a PLY"),
+        (b"ply\nformat ascii 1.0\nend_header\n", "has no points"),
         (b"ply\nformat binary_little_endian 1.0\nelement vertex 0\nproperty float x\nend_header\n", "missing y, z"),
-        (b"ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty list int x\nend_header\n", "property"),
+        (b"ply\nformat binary_little_endian 1.0\nelement vertex 9\nproperty list int x\nend_header\n", "a list"),
         (b"ply\nformat binary_little_endian 1.0\nelement vertex -9\nend_header\n", "claims"),
         (b"ply\nformat binary_little_endian 1.0\nelement vertex 1" + b"0" * 40 + b"\nend_header\n", "claims"),
         (
@@ -120,9 +121,91 @@ def test_damaged_ply_raises_gaussians_error_or_decodes(tmp_path_factory, data):
         read_ply(path)
 
 
-def test_ply_refuses_elements_before_points(tmp_path):
-    write_ply(tmp_path / "a.ply", points(2, 0))
-    data = (tmp_path / "a.ply").read_bytes()
-    (tmp_path / "b.ply").write_bytes(data.replace(b"element vertex", b"element face 0\nelement vertex"))
-    with pytest.raises(GaussiansError, match=r"b\.ply: its points .element vertex. do not come first"):
-        read_ply(tmp_path / "b.ply")
+def table_of(gaussians):
+    """Return the rows of a written file, without the header, and the names of its columns."""
+    names = ["x", "y", "z", "nx", "ny", "nz", *(f"f_dc_{i}" for i in range(3))]
+    names += [f"f_rest_{i}" for i in range(3 * (gaussians.sh.shape[1] - 1))]
+    return [*names, "opacity", *(f"scale_{i}" for i in range(3)), *(f"rot_{i}" for i in range(4))]
+
+
+def rewrite(path, order="<", line_end="\n", before=b"", element="", text=False, drop=(), **columns):
+    """Write `points(40, 1)` in another way: byte order, line ends, another element first, text, other columns."""
+    write_ply(path, points(40, 1))
+    body = path.read_bytes().split(b"end_header\n")[1]
+    names = table_of(points(40, 1))
+    plain = np.frombuffer(body, [(name, "<f4") for name in names])
+    kinds = [(name, np.dtype(order + "f4")) for name in names if name not in drop]
+    kinds += [(name, np.dtype(order + np.asarray(column).dtype.str[1:])) for name, column in columns.items()]
+    table = np.zeros(40, kinds)
+    for name, _ in kinds:
+        table[name] = columns[name] if name in columns else plain[name]
+    words = {"f": "float", "d": "double", "B": "uchar", "H": "ushort"}
+    style = "ascii" if text else "binary_little_endian" if order == "<" else "binary_big_endian"
+    lines = ["ply", f"format {style} 1.0", "comment by hand", *filter(None, [element]), "element vertex 40"]
+    lines += [f"property {words[kind.char]} {name}" for name, kind in kinds]
+    rows = "".join(" ".join(repr(value.item()) for value in row) + line_end for row in table).encode()
+    header = line_end.join([*lines, "end_header", ""]).encode()
+    path.write_bytes(header + before + (rows if text else table.tobytes()))
+    return path
+
+
+LISTS = "element face 2\nproperty list uchar int vertex_indices"
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        {"order": ">"},
+        {"line_end": "\r\n"},
+        {"line_end": "\r"},
+        {"text": True},
+        {"text": True, "line_end": "\r\n"},
+        {"element": "element time 2\nproperty float t", "before": b"\0" * 8},
+        {"element": "element empty 0\nproperty uchar a"},
+        {"element": LISTS, "before": b"\3" + b"\0" * 12 + b"\0"},
+        {"element": "element time 1\nproperty float t", "before": b"0.5\n", "text": True},
+    ],
+    ids=str,
+)
+def test_ply_is_read_however_it_is_written(tmp_path, how):
+    given, back = points(40, 1), read_ply(rewrite(tmp_path / "a.ply", **how))
+    for name in ("means", "quats", "scales", "opacities", "sh"):
+        np.testing.assert_allclose(getattr(back, name), getattr(given, name), rtol=1e-5, atol=1e-6, err_msg=name)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("1 2\n", "row 1 of its element vertex .counted from 0. is '1 2'"),
+        ("1 2 3 4\n", "expected 3 numbers"),
+        ("1 2 x\n", "'1 2 x', expected 3 numbers"),
+        ("", "ends after 1 of 2 lines"),
+    ],
+)
+def test_damaged_text_names_the_row(tmp_path, text, said):
+    header = (
+        "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\nend_header\n"
+    )
+    (tmp_path / "a.ply").write_text(header + "0 0 0\n" + text)
+    with pytest.raises(GaussiansError, match=said):
+        read_ply(tmp_path / "a.ply")
+
+
+def test_text_holds_nan_of_any_system(tmp_path):
+    header = "ply\nformat ascii 1.0\nelement vertex 4\n"
+    header += "".join(
+        f"property float {name}\n" for name in ("x", "y", "z", "scale_0", "opacity", "f_dc_0", "f_dc_1", "f_dc_2")
+    )
+    rows = "".join(f"{x} 0 0 -3 1.5 0 0 0\n" for x in ("nan", "-nan(ind)", "1.#QNAN", "7"))
+    (tmp_path / "a.ply").write_text(header + "end_header\n" + rows)
+    remarks = Remarks()
+    assert read_ply(tmp_path / "a.ply", remarks=remarks).means.tolist() == [[7, 0, 0]]
+    assert any("3 points with NaN" in line for line in remarks.lines())
+
+
+def test_far_positions_keep_their_precision(tmp_path):
+    origin = np.array([5.4e6, -3.2e5, 12.5])
+    write_ply(tmp_path / "a.ply", points(40, 1), origin)
+    back = read_ply(tmp_path / "a.ply", origin)
+    np.testing.assert_allclose(back.means, points(40, 1).means, atol=1e-6)
+    np.testing.assert_allclose(back.sh, points(40, 1).sh, atol=1e-6)

@@ -12,11 +12,9 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.spz import write_spz
 from tests.golden import random_gaussians
 
-FLIP = np.array([1, -1, -1])
-
 
 def read_spz(path: Path) -> Gaussians:
-    """Read a file with axes as before writing."""
+    """Read a file, with its own axes."""
     data = gzip.decompress(path.read_bytes())
     magic, version, n, degree, bits, flags, zero = struct.unpack_from("<IIIBBBB", data)
     assert (magic, version, flags, zero) == (0x5053474E, 3, 0, 0)
@@ -31,11 +29,11 @@ def read_spz(path: Path) -> Gaussians:
         [(columns[2].reshape(n, 1, 3) / 255 - 0.5) / 0.15, columns[5].reshape(n, rest, 3) / 128 - 1], 1
     )
     return Gaussians(
-        means=means * FLIP,
-        quats=rotations(columns[4].view("<u4")) * [1, 1, -1, -1],
+        means=means,
+        quats=rotations(columns[4].view("<u4")),
         scales=np.exp(columns[3].reshape(n, 3) / 16 - 10),
         opacities=columns[1] / 255,
-        sh=harmonics * signs(rest + 1)[:, None],
+        sh=harmonics,
     )
 
 
@@ -50,19 +48,6 @@ def rotations(codes: np.ndarray) -> np.ndarray:
                 code >>= 10
         xyzw[i, largest] = np.sqrt(1 - (xyzw[i] ** 2).sum())
     return np.roll(xyzw, 1, axis=1)
-
-
-def signs(count: int) -> np.ndarray:
-    """Return signs of the harmonics in x, -y, -z, from their formulas."""
-    x, y, z = 0.3, 0.5, 0.7
-
-    def basis(x: float, y: float, z: float) -> np.ndarray:
-        first = [1, y, z, x, x * y, y * z, 2 * z * z - x * x - y * y, x * z, x * x - y * y]
-        third = [y * (3 * x * x - y * y), x * y * z, y * (4 * z * z - x * x - y * y)]
-        third += [z * (2 * z * z - 3 * x * x - 3 * y * y), x * (4 * z * z - x * x - y * y)]
-        return np.array([*first, *third, z * (x * x - y * y), x * (x * x - 3 * y * y)])
-
-    return np.sign(basis(x, y, z) * basis(x, -y, -z))[:count]
 
 
 @pytest.mark.parametrize("degree", [0, 1, 3])

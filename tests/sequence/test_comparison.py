@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from splatreel.cli.main import main
+from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.ply import read_ply
@@ -54,13 +55,21 @@ def imported(tmp_path: Path, offset: np.ndarray, capsys: pytest.CaptureFixture[s
     return capsys.readouterr().out
 
 
-def test_comparison_names_rounding_as_the_cause(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_positions_far_from_the_origin_are_shifted_and_exported_again(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     said = imported(tmp_path, FAR, capsys)
-    decibels = float(said.split("images have ")[1].split(" dB")[0])
-    assert decibels < 30
-    assert "Warning: below 40 dB" in said
-    assert "32-bit numbers are 0.5 apart" in said
-    assert "Subtract that place from all positions and cameras" in said
+    assert float(said.split("images have ")[1].split(" dB")[0]) > 40
+    assert "Positions are stored relative to 44" in said
+    manifest = json.loads((tmp_path / "reel" / "manifest.json").read_text())
+    assert np.abs(np.array(manifest["origin"]) - FAR).max() < 5
+    assert np.abs(np.array(manifest["bounds"])).max() < 5
+    export = ["export", str(tmp_path / "reel"), "--frame", "0"]
+    assert main([*export, "--out", str(tmp_path / "f.ply"), "--up", "capture"]) == 0
+    back = read_ply(tmp_path / "f.ply", FAR).means
+    np.testing.assert_allclose(np.sort(back, axis=0), np.sort(frame(0).means, axis=0), atol=0.01)
+    assert main([*export, "--out", str(tmp_path / "f.spz")]) == 0
+    assert "which SPZ cannot hold" in capsys.readouterr().out
 
 
 def test_sequence_near_the_origin_has_no_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -109,11 +118,32 @@ def test_positions_are_centered_before_rounding(tmp_path: Path) -> None:
     assert np.abs(read_ply(tmp_path / "a.ply").means - FAR - frame(0).means).max() > 0.1
 
 
-def test_comparison_names_distant_points_as_the_cause(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    points, file = frame(0), tmp_path / "cameras.json"
+def with_far_point(number: int, place: list[float]) -> Gaussians:
+    points = frame(number)
     means = points.means.copy()
-    means[7] = [1e6, 0, 0]
-    film = write_film(tmp_path / "film", [replace(points, means=means)])
+    means[7] = place
+    return replace(points, means=means)
+
+
+@pytest.mark.parametrize("distance", [1e4, 1e6, 1e9])
+def test_a_far_point_costs_the_others_nothing(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], distance: float
+) -> None:
+    file = tmp_path / "cameras.json"
+    write_film(tmp_path / "film", [with_far_point(number, [distance, 0, 0]) for number in range(2)])
     file.write_text(entries(cameras(), np.zeros(3)))
-    assert main(["import", str(film), "--out", str(tmp_path / "reel"), "--cameras", str(file)]) == 0
-    assert "1 points, such as number 7 (counted from 0), are 1e+06 away from the middle" in capsys.readouterr().out
+    assert main(["import", str(tmp_path / "film"), "--out", str(tmp_path / "reel"), "--cameras", str(file)]) == 0
+    said = capsys.readouterr().out
+    assert float(said.split("images have ")[1].split(" dB")[0]) > 45
+    shown = open_reel(tmp_path / "reel").at(0).means
+    assert np.abs(shown).max() == pytest.approx(distance, rel=1e-3)
+
+
+def test_comparison_names_moving_distant_points_as_the_cause(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "cameras.json"
+    write_film(tmp_path / "film", [with_far_point(number, [1e6, 1e6 * number, 0]) for number in range(2)])
+    file.write_text(entries(cameras(), np.zeros(3)))
+    assert main(["import", str(tmp_path / "film"), "--out", str(tmp_path / "reel"), "--cameras", str(file)]) == 0
+    assert "1 points, such as number 7 (counted from 0)" in capsys.readouterr().out

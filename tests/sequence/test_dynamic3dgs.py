@@ -6,7 +6,7 @@ import pytest
 
 from splatreel.errors import GaussiansError
 from splatreel.scene.gaussians import C0
-from splatreel.sequence.frames import open_frames
+from splatreel.sequence.opening import open_frames
 
 
 def arrays(frames: int = 3, count: int = 5) -> dict[str, Any]:
@@ -57,11 +57,28 @@ def test_damaged_npz_is_refused(tmp_path: Path) -> None:
         open_frames(tmp_path)
 
 
-def test_nonfinite_frame_is_named(tmp_path: Path) -> None:
+def test_points_with_nan_are_dropped_and_counted(tmp_path: Path) -> None:
     held = arrays()
     held["means3D"][2, 1] = np.nan
     np.savez(tmp_path / "params.npz", **held)
     frames = open_frames(tmp_path)
-    frames.read(1)
-    with pytest.raises(GaussiansError, match="frame 2: means"):
-        frames.read(2)
+    assert [len(frames.read(frame)) for frame in range(3)] == [5, 5, 4]
+    assert "1 points with NaN" in frames.remarks.lines()[0]
+
+
+@pytest.mark.parametrize("save", [np.savez, np.savez_compressed])
+def test_frames_are_read_in_any_order(tmp_path: Path, save: Any) -> None:
+    held = arrays(6) | {"rgb_colors": arrays(6)["rgb_colors"].astype(np.float32)}
+    save(tmp_path / "params.npz", **held)
+    frames = open_frames(tmp_path)
+    for frame in (3, 5, 0, 3):
+        np.testing.assert_allclose(frames.read(frame).means, held["means3D"][frame], rtol=1e-6)
+        np.testing.assert_allclose(0.5 + C0 * frames.read(frame).sh[:, 0], held["rgb_colors"][frame], atol=1e-6)
+
+
+def test_arrays_stored_by_column_are_refused(tmp_path: Path) -> None:
+    held = arrays()
+    held["means3D"] = np.asfortranarray(held["means3D"])
+    np.savez(tmp_path / "params.npz", **held)
+    with pytest.raises(GaussiansError, match="means3D is stored column by column"):
+        open_frames(tmp_path)

@@ -2,9 +2,12 @@ import numpy as np
 
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
+from splatreel.sequence.far_points import Reach
 from splatreel.sequence.grouping import FEWEST, StaticLayers, group_of
 from splatreel.sequence.segments import Segments, stretch
 from tests.sequence.films import BALL, WALL, frame
+
+NEARBY = Reach(np.zeros(3), 1e6)
 
 
 def test_group_shows_the_points_of_every_frame() -> None:
@@ -60,30 +63,30 @@ def two_frames(numbers: np.ndarray, moved: int = 0) -> tuple[Gaussians, Segments
 
 
 def test_resting_points_become_static_again() -> None:
-    layers, numbers = StaticLayers(1), np.arange(WALL)
+    layers, numbers = StaticLayers(1, NEARBY), np.arange(WALL)
     wall, segments = two_frames(numbers)
-    alive, born, moving = layers.split(wall, segments)
+    alive, born, moving = layers.split([wall], segments)
     assert (len(alive), len(born), len(moving)) == (0, WALL, 0)
     order = np.random.default_rng(0).permutation(WALL)
     layers.add(wall[order], numbers[order])
 
     gone = FEWEST + 20
     wall, segments = two_frames(numbers, moved=gone)
-    alive, born, moving = layers.split(wall, segments)
+    alive, born, moving = layers.split([wall], segments)
     assert sorted(order[alive]) == list(range(gone, WALL))
     assert sorted(born) == list(range(gone))
     assert not len(moving)
     layers.add(wall[:gone], numbers[:gone])
 
-    alive, born, moving = layers.split(wall, segments)
+    alive, born, moving = layers.split([wall], segments)
     assert (int(alive.sum()), len(born), len(moving)) == (WALL, 0, 0)
     assert alive[WALL:].all()
 
 
 def test_few_resting_points_stay_dynamic() -> None:
-    layers, numbers = StaticLayers(1), np.arange(WALL)
+    layers, numbers = StaticLayers(1, NEARBY), np.arange(WALL)
     wall, segments = two_frames(numbers)
     layers.add(wall, numbers)
     wall, segments = two_frames(numbers, moved=FEWEST - 1)
-    alive, born, moving = layers.split(wall, segments)
+    alive, born, moving = layers.split([wall], segments)
     assert (int(alive.sum()), len(born), moving.tolist()) == (WALL - FEWEST + 1, 0, list(range(FEWEST - 1)))

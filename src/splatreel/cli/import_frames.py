@@ -2,59 +2,93 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from tyro.conf import Positional
+from tyro.conf import OmitArgPrefixes, Positional
 
-from splatreel.cli.options import check_no_reel
+from splatreel.cli.options import AXES, check_no_reel
 from splatreel.cli.printing import playable, say
 from splatreel.config import COARSENESS, EncodeConfig, Rate
 from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
 
 if TYPE_CHECKING:
-    from splatreel.sequence.comparison import Comparison
+    import numpy as np
 
-UP = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
+    from splatreel.sequence.comparison import Comparison
+    from splatreel.sequence.edits import Edit
+    from splatreel.sequence.frames import Frames
+
+
+@dataclass(frozen=True)
+class ChangeOptions:
+    """Changes of all frames."""
+
+    scale: float = 1.0
+    """Factor of all lengths, such as 0.001 from millimeters to meters."""
+    crop: str | None = None
+    """Box to keep, as x,y,z,X,Y,Z: its low and its high corner in the coordinates of the files."""
+    min_opacity: float = 0.0
+    """Leave out points of a lower opacity, 0 to 1."""
+
+    def edit(self) -> Edit:
+        """Return the changes, without a shifted origin.
+
+        Raises:
+            UsageError: A value is out of its range.
+        """
+        if not 1e-9 <= self.scale <= 1e9:
+            raise UsageError(f"--scale {self.scale:g}: give a factor of lengths from 1e-9 to 1e9.")
+        if not 0 <= self.min_opacity <= 1:
+            raise UsageError(f"--min-opacity {self.min_opacity:g}: give an opacity from 0 to 1.")
+        import numpy as np
+
+        from splatreel.sequence.edits import Edit
+
+        return Edit(np.zeros(3), self.scale, _parse_crop(self.crop), self.min_opacity)
 
 
 def import_frames(
     frames: Positional[Path],
     /,
     out: Path,
-    fps: float = 30.0,
+    fps: float | None = None,
+    length: int | None = None,
     cameras: Path | None = None,
     up: str | None = None,
+    changes: OmitArgPrefixes[ChangeOptions] = ChangeOptions(),
     rate: Rate = "high",
     title: str | None = None,
     antialiased: bool = False,
     gaps: Literal["refuse", "hold"] = "refuse",
     threads: int | None = None,
 ) -> None:
-    """Make a reel of Gaussians that another program trained: numbered PLY files, or the params.npz of Dynamic 3D Gaussians.
+    """Make a reel of Gaussians that another program trained: numbered PLY, SPZ, SOG or .splat files, or other formats.
 
     Gaussians that stay the same from frame to frame are stored once. They are recognized if all files hold the same points in the same
     order, or at least the very same points where nothing moves. At the end the reel is compared with the files.
 
     Args:
-        frames: Folder with one PLY file per frame (frame0000.ply, frame0001.ply, ...), or with params.npz.
+        frames: Folder with one file per frame (frame0000.ply, frame0001.ply, ...), one such file, a zip archive of them, or the
+            params.npz of Dynamic 3D Gaussians. docs/inputs.md lists all formats.
         out: Folder of the new reel.
-        fps: Frames per second.
+        fps: Frames per second; by default as the sequence states it, otherwise 30.
+        length: Number of frames of a SpacetimeGaussians model; by default as the cfg_args of its training states.
         cameras: Cameras that the film was made from: cameras.json as 3DGS writes it, a calibration file, or the capture. The reel
             then starts at one of them, keeps viewers near them, and spends its bytes on what they see. By default a ring of cameras
             around everything is assumed.
         up: Axis that points up: x, -x, y, -y, z or -z; by default that of the cameras, or -y without cameras.
+        changes: Changes of all frames.
         rate: high has hardly any loss; medium and low are smaller.
         title: Title of the reel in the player.
         antialiased: The points were trained to be drawn like Mip-Splatting does, blurred by 0.1 square pixels and fainter.
         gaps: Handling of missing file numbers. refuse: make nothing; hold: show the frame before for as long.
         threads: Number of threads; by default one per core.
     """
-    if not 0 < fps <= 1000:
-        raise UsageError(f"--fps {fps:g}: give frames a second, more than 0 and at most 1000.")
-    if up is not None and up not in UP:
-        raise UsageError(f"--up {up}: choose {', '.join(UP)}.")
+    _check_options(fps, length, up)
+    edit = changes.edit()
     use_threads(threads)
     import numpy as np
 
@@ -64,13 +98,17 @@ def import_frames(
     from splatreel.recon.run.device import pick_device
     from splatreel.recon.run.run_lock import lock_reel
     from splatreel.sequence.comparison import check_seen
-    from splatreel.sequence.frames import open_frames
+    from splatreel.sequence.edits import edited, first_points
+    from splatreel.sequence.opening import open_frames
     from splatreel.sequence.reel import header_of, write_reel
     from splatreel.sequence.viewpoints import read_cameras
 
-    film = open_frames(frames, gaps)
-    views = None if cameras is None else read_cameras(cameras)
-    header, limits = header_of(film.read(0), views, None if up is None else np.array(UP[up], float), fps, antialiased)
+    film, edit = edited(open_frames(frames, gaps, fps, length), edit)
+    views = None if cameras is None else [edit.camera(camera) for camera in read_cameras(cameras, edit.origin)]
+    axis = None if up is None else np.array(AXES[up], float)
+    header, limits = header_of(
+        first_points(film), views, axis, fps or film.fps or 30.0, antialiased, edit.scale * edit.origin
+    )
     check_seen(
         film, list(header.cameras), header.near, antialiased, f"the cameras of {cameras}" if cameras else "the cameras"
     )
@@ -86,18 +124,74 @@ def import_frames(
             )
     finally:
         progress.close()
-    size = sum(file.bytes for file in writer.manifest.files)
-    say(
-        f"{len(film)} frames in {size / 1e6:.2f} MB, {film.size / size:,.0f} times smaller than the {film.size / 1e6:,.0f} MB of "
-        f"{frames}. Its images have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
-    )
+    _say_result(film, found, sum(file.bytes for file in writer.manifest.files))
+    _say_changes(film, edit, fps)
     _say_doubts(found, rate)
     if views is None:
-        say(
-            f"A ring of cameras was assumed, with {up or '-y'} up. If that is wrong, name the cameras of the film (--cameras), "
-            "or another --up."
-        )
+        _say_ring(up)
     say(playable(out))
+
+
+def _say_result(film: Frames, found: Comparison, size: int) -> None:
+    say(
+        f"{len(film)} frames in {size / 1e6:.2f} MB, {film.size / size:,.1f} times smaller than the {film.size / 1e6:,.1f} MB of "
+        f"{film.path}. Its images have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
+    )
+
+
+def _say_ring(up: str | None) -> None:
+    say(
+        f"A ring of cameras was assumed, with {up or '-y'} up. If that is wrong, name the cameras of the film (--cameras), "
+        "or another --up."
+    )
+
+
+def _say_changes(film: Frames, edit: Edit, fps: float | None) -> None:
+    """Report what was converted or dropped, and where the origin and the frame rate come from."""
+    for line in film.remarks.lines():
+        say(line)
+    if edit.origin.any():
+        place = ", ".join(f"{value:.10g}" for value in edit.origin)
+        say(
+            f"Positions are stored relative to {place}, because 32-bit numbers are too coarse there. Exports add it again."
+        )
+    if fps is None and film.fps:
+        say(
+            f"The sequence has {film.fps:.5g} frames per second, by its names or its own time. --fps sets another rate."
+        )
+
+
+def _check_options(fps: float | None, length: int | None, up: str | None) -> None:
+    """Check the ranges of options.
+
+    Raises:
+        UsageError: A value is out of its range.
+    """
+    if fps is not None and not 0 < fps <= 1000:
+        raise UsageError(f"--fps {fps:g}: give frames a second, more than 0 and at most 1000.")
+    if length is not None and not 1 <= length <= 1_000_000:
+        raise UsageError(f"--length {length}: give a number of frames, 1 to 1,000,000.")
+    if up is not None and up not in AXES:
+        raise UsageError(f"--up {up}: choose {', '.join(AXES)}.")
+
+
+def _parse_crop(text: str | None) -> np.ndarray | None:
+    """Return `x,y,z,X,Y,Z` as the corners [2, 3] of a box.
+
+    Raises:
+        UsageError: The text is something else, or the box is empty.
+    """
+    if text is None:
+        return None
+    import numpy as np
+
+    try:
+        corners = np.array([float(word) for word in text.split(",")]).reshape(2, 3)
+    except ValueError as error:
+        raise UsageError(f"--crop {text!r:.80}: write six numbers, x,y,z,X,Y,Z, as --crop=-1,-1,0,1,1,2.") from error
+    if not (corners[0] < corners[1]).all():
+        raise UsageError(f"--crop {text!r:.80}: its low corner is not below its high corner.")
+    return corners
 
 
 def _say_doubts(found: Comparison, rate: Rate) -> None:

@@ -18,6 +18,9 @@ from splatreel.errors import UsageError
 if TYPE_CHECKING:
     from splatreel.capture.opening import CaptureSource
 
+AXES = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
+"""Directions of --up."""
+
 Set = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="set", metavar="NAME=VALUE")]
 """Option --set NAME=VALUE, which may be repeated."""
 

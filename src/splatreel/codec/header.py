@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -32,6 +32,7 @@ class ReelHeader:
         clearance: Clearance of static points.
         antialias: How splats are drawn, see `render_image`.
         background: Red, green and blue, 0..1, behind the points. The light of groups applies to it too.
+        origin: Position of the reel's origin in the coordinates of its source, [3] float64. Exports add it.
     """
 
     fps: float
@@ -46,12 +47,13 @@ class ReelHeader:
     clearance: Clearance = NONE
     antialias: bool = False
     background: tuple[float, float, float] = BLACK
+    origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def __post_init__(self) -> None:
         kinds = {"fps": float, "group_length": int, "overlap": int, "sh_degree": int, "near": float, "antialias": bool}
         for name, kind in kinds.items():
             object.__setattr__(self, name, kind(getattr(self, name)))
-        for name in ("bounds", "up"):
+        for name in ("bounds", "up", "origin"):
             object.__setattr__(self, name, np.asarray(getattr(self, name), np.float64))
         object.__setattr__(self, "cameras", tuple(self.cameras))
 
@@ -70,7 +72,7 @@ class ReelHeader:
             "clearance": self.clearance.to_dict(),
             "antialias": self.antialias,
             "background": list(self.background),
-        }
+        } | ({"origin": self.origin.tolist()} if self.origin.any() else {})
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> ReelHeader:
@@ -88,6 +90,7 @@ class ReelHeader:
             raise TypeError("a number is none")
         numbers(value["bounds"], 2, 3)
         numbers(value["up"], 3)
+        origin = numbers(value.get("origin", [0, 0, 0]), 3)
         return ReelHeader(
             fps=value["fps"],
             group_length=value["group_length"],
@@ -101,4 +104,5 @@ class ReelHeader:
             clearance=Clearance.from_dict(value.get("clearance")),
             antialias=value.get("antialias", False),
             background=(red, green, blue),
+            origin=origin,
         )

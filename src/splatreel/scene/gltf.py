@@ -1,7 +1,7 @@
 """Gaussians as binary glTF with the Khronos extension KHR_gaussian_splatting.
 
 A primitive of points stores the attributes as `Gaussians` has them, with quaternions as xyzw. COLOR_0 serves viewers
-that only support points. The node's rotation turns the world's up axis to y, the up axis of glTF.
+that only support points. The node holds the rotation that turns the up axis to y, the up axis of glTF.
 """
 
 from __future__ import annotations
@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.scene import rotations
 from splatreel.scene.atomic import write_bytes
 from splatreel.scene.gaussians import C0, Gaussians
 
@@ -26,13 +27,14 @@ _EXTENSION = {
 }
 
 
-def write_glb(path: str | Path, gaussians: Gaussians, up: np.ndarray) -> None:
+def write_glb(path: str | Path, gaussians: Gaussians, turn: np.ndarray, origin: np.ndarray | None = None) -> None:
     """Write a .glb file atomically.
 
     Args:
         path: Output file.
         gaussians: Gaussians to write.
-        up: Up direction of the world, [3].
+        turn: Rotation of the scene, [4] wxyz.
+        origin: Translation of the scene before it is rotated, [3] float64; None is 0, 0, 0.
 
     Raises:
         GaussiansError: The file cannot be written.
@@ -49,13 +51,15 @@ def write_glb(path: str | Path, gaussians: Gaussians, up: np.ndarray) -> None:
             accessor |= {"min": array.min(0).tolist(), "max": array.max(0).tolist()}
         accessors.append(accessor)
         offset += array.nbytes
+    shift = rotations.to_matrix(np.asarray(turn, np.float64)) @ (np.zeros(3) if origin is None else origin)
+    moved = {"translation": shift.tolist()} if shift.any() else {}
     primitive = {"attributes": {name: i for i, name in enumerate(arrays)}, "mode": 0}
     document = {
         "asset": {"version": "2.0", "generator": "Splatreel"},
         "extensionsUsed": ["KHR_gaussian_splatting"],
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "rotation": _upright(np.asarray(up, np.float64))}],
+        "nodes": [{"mesh": 0, "rotation": np.roll(turn, -1).tolist()} | moved],
         "meshes": [{"primitives": [primitive | {"extensions": {"KHR_gaussian_splatting": _EXTENSION}}]}],
         "buffers": [{"byteLength": offset}],
         "bufferViews": views,
@@ -82,12 +86,3 @@ def _attributes(gaussians: Gaussians) -> dict[str, np.ndarray]:
         for order in range(2 * degree + 1):
             arrays[f"{_PREFIX}SH_DEGREE_{degree}_COEF_{order}"] = gaussians.sh[:, degree**2 + order]
     return arrays
-
-
-def _upright(up: np.ndarray) -> list[float]:
-    """Return the smallest rotation, xyzw, that takes `up` to y."""
-    up = up / np.linalg.norm(up)
-    if up[1] < -0.999999:
-        return [1.0, 0.0, 0.0, 0.0]
-    quat = np.array([-up[2], 0, up[0], 1 + up[1]])
-    return (quat / np.linalg.norm(quat)).tolist()

@@ -29,19 +29,17 @@ _COLOR_SCALE = 0.15
 """Base colors may be out of range if higher bands compensate for it."""
 _SH_STEPS = (8, 16, 16)
 """Quantization steps of degrees 1 to 3, out of 256 levels, as in Niantic's writer."""
-_FLIPPED_SH = np.array([1, -1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1])
-"""Signs of the harmonics when y and z are flipped."""
 
 
 def write_spz(path: str | Path, gaussians: Gaussians, antialias: bool = False) -> None:
     """Write an SPZ file atomically.
 
-    Axes are converted from right, down, front, the axes of 3DGS PLY files, to right, up, back. Scales are stored in
-    steps of 6 %, opacities and colors with 8 bits.
+    The axes of an SPZ file are right, up, back: y points up. Scales are stored in steps of 6 %, opacities and colors
+    with 8 bits.
 
     Args:
         path: Output file.
-        gaussians: Gaussians to write.
+        gaussians: Gaussians to write, in the axes of the file.
         antialias: Value of the antialiasing flag, as for `render_image`.
 
     Raises:
@@ -56,14 +54,13 @@ def write_spz(path: str | Path, gaussians: Gaussians, antialias: bool = False) -
             f"{path}: a point {extent:g} from the origin is too far for an SPZ file. Write a PLY file."
         )
     header = struct.pack("<IIIBBBB", MAGIC, VERSION, points, gaussians.sh_degree, bits, int(antialias), 0)
-    flip = np.array([1, -1, -1])
-    sh = gaussians.sh * _FLIPPED_SH[None, : gaussians.sh.shape[1], None]
+    sh = gaussians.sh
     parts = [
-        _fixed(gaussians.means * flip, bits),
+        _fixed(gaussians.means, bits),
         _bytes(gaussians.opacities * 255),
         _bytes((sh[:, 0] * _COLOR_SCALE + 0.5) * 255),
         _bytes((np.log(np.maximum(gaussians.scales, 1e-30)) + 10) * 16),
-        _smallest_three(gaussians.quats * np.array([1, 1, -1, -1])),
+        _smallest_three(gaussians.quats),
         _harmonics(sh[:, 1:]),
     ]
     write_bytes(path, gzip.compress(header + b"".join(parts), mtime=0))

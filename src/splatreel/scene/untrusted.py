@@ -150,8 +150,65 @@ def read_arrays(path: Path, names: Iterable[str], kind: Kind) -> dict[str, np.nd
         raise kind(f"{path}: is not an archive of arrays, or damaged ({error}).") from error
 
 
+class ArrayRows:
+    """Rows of a numeric array in a .npz file. One row is in memory at a time.
+
+    Args:
+        path: Archive.
+        name: Name of the array.
+        kind: Error constructor.
+
+    Raises:
+        SplatreelError: Of the given kind, as `read_arrays`.
+    """
+
+    def __init__(self, path: Path, name: str, kind: Kind) -> None:
+        self._subject, self._kind = f"{path}: {name}", kind
+        try:
+            self._archive = zipfile.ZipFile(path)
+            info = self._archive.getinfo(f"{name}.npy")
+            if info.flag_bits & 1:
+                raise kind(f"{path}: {name} is encrypted. Save it without a password.")
+            self._member = self._archive.open(info)
+            self.shape, in_columns, self.dtype = _header(self._member, info.file_size, self._subject, kind)
+            self._start = self._member.tell()
+        except KeyError as error:
+            raise kind(f"{path}: has no {name}.") from error
+        except (OSError, ValueError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
+            raise kind(f"{path}: is not an archive of arrays, or damaged ({error}).") from error
+        if in_columns and len(self.shape) > 1:
+            raise kind(f"{self._subject} is stored column by column. Save it with numpy.ascontiguousarray.")
+
+    def __len__(self) -> int:
+        return self.shape[0]
+
+    def __getitem__(self, row: int) -> np.ndarray:
+        """Return a row. Rows in increasing order are fast, also in a compressed archive."""
+        size = math.prod(self.shape[1:]) * self.dtype.itemsize
+        try:
+            self._member.seek(self._start + row * size)
+            data = self._member.read(size)
+        except (OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
+            raise self._kind(f"{self._subject} is damaged ({error}). Copy it again.") from error
+        if len(data) < size:
+            raise self._kind(f"{self._subject} ends within row {row}. Copy it again.")
+        return np.frombuffer(data, self.dtype).reshape(self.shape[1:])
+
+
 def _array(file: IO[bytes], size: int, subject: str, kind: Kind) -> np.ndarray:
     """Return the array at the current position of a file with `size` remaining bytes."""
+    shape, in_columns, dtype = _header(file, size, subject, kind)
+    needed = math.prod(shape) * dtype.itemsize
+    if not needed:
+        return np.zeros(shape, dtype)
+    data = file.read(needed)
+    if len(data) < needed:
+        raise kind(f"{subject} ends after {len(data):,} of {needed:,} bytes. Copy it again.")
+    return np.frombuffer(data, dtype).reshape(shape, order="F" if in_columns else "C")
+
+
+def _header(file: IO[bytes], size: int, subject: str, kind: Kind) -> tuple[tuple[int, ...], bool, np.dtype]:
+    """Return shape, column order and type of the array at the current position of a file with `size` remaining bytes."""
     try:
         magic = file.read(np.lib.format.MAGIC_LEN)
         if magic[:4] == _ARCHIVE:
@@ -170,12 +227,7 @@ def _array(file: IO[bytes], size: int, subject: str, kind: Kind) -> np.ndarray:
     needed = math.prod(shape) * dtype.itemsize
     if min(shape, default=1) < 0 or needed > size:
         raise kind(f"{subject} ends early: {shape} of {dtype} need {needed:,} bytes. Copy it again.")
-    if not needed:
-        return np.zeros(shape, dtype)
-    data = file.read(needed)
-    if len(data) < needed:
-        raise kind(f"{subject} ends after {len(data):,} of {needed:,} bytes. Copy it again.")
-    return np.frombuffer(data, dtype).reshape(shape, order="F" if in_columns else "C")
+    return shape, in_columns, dtype
 
 
 def is_number(value: object) -> TypeGuard[float]:

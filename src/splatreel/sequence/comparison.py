@@ -23,8 +23,6 @@ GLANCES, GLANCE_SIDE = 12, 192
 """Maximum number of cameras tried to find one with a non-empty view, and pixels along the longer side of these images."""
 CLOSE = 40.0
 """PSNR in dB above which reel and sequence look the same."""
-ROUNDED = 3.0
-"""Coding, not rounding, is the cause if rounding alone leaves more than this many dB above the reel's PSNR."""
 FAR = 1000.0
 """A point is an outlier beyond this many times the distance of nearly all points from their median."""
 MAGENTA, GRAY_LEVEL = (1.0, 0.0, 1.0), 1 / 255
@@ -82,11 +80,13 @@ def compare(frames: Frames, reel: Path, progress: Progress) -> Comparison:
     progress.stage("comparing pictures", len(chosen))
     pairs, blind = [], {}
     for number, frame in enumerate(chosen.tolist()):
+        if not len(frames.read(frame)):
+            continue
         first = number * len(cameras) // len(chosen)
         for camera in [*cameras[first:], *cameras[:first]][:GLANCES]:
             pair = _pair(frames, timeline, frame, camera)
             if pair is not None:
-                pairs.append((frame, camera, *pair))
+                pairs.append((frame, *pair))
                 break
             blind[camera.name] = None
         progress.update(number + 1)
@@ -94,13 +94,11 @@ def compare(frames: Frames, reel: Path, progress: Progress) -> Comparison:
         raise GaussiansError(
             f"{frames.path}: its cameras see nothing of the frames that were compared. Check --cameras."
         )
-    values = [psnr(shown, truth) for _, _, truth, shown in pairs]
+    values = [psnr(shown, truth) for _, truth, shown in pairs]
     mean = float(np.mean(values))
     cause = None
     if mean < CLOSE:
-        worst = int(np.argmin(values))
-        frame, camera, truth, _ = pairs[worst]
-        cause = _diagnose(frames, timeline, frame, camera, truth, values[worst])
+        cause = _diagnose(frames.read(pairs[int(np.argmin(values))][0]))
     return Comparison(mean, len(pairs), tuple(blind), cause)
 
 
@@ -132,26 +130,8 @@ def _is_blank(points: Gaussians, camera: Camera, near: float, antialias: bool) -
     return bool(np.abs(drawn - np.array(MAGENTA, np.float32)).max() < GRAY_LEVEL)
 
 
-def _diagnose(
-    frames: Frames, timeline: Timeline, frame: int, camera: Camera, truth: np.ndarray, found: float
-) -> str | None:
-    """Return a cause of a low PSNR: distant points, or positions rounded to float32. `truth` [H, W, 3] shows the sequence."""
-    rounded = frames.read(frame)
-    if (far := _far_points(rounded)) is not None:
-        return far
-    if psnr(np.clip(timeline.render(rounded, camera), 0, 1), truth) > found + ROUNDED:
-        return None
-    middle = np.median(rounded.means.astype(np.float64), axis=0)
-    step = float(np.spacing(np.float32(np.abs(middle).max())))
-    size = float(np.median(rounded.scales))
-    return (
-        f"positions lie around {', '.join(f'{value:.6g}' for value in middle)}, where 32-bit numbers are {step:.2g} apart and points "
-        f"are {size:.2g} large. Subtract that place from all positions and cameras, in 64 bits, and import again."
-    )
-
-
-def _far_points(points: Gaussians) -> str | None:
-    """Describe points so far away that positions are stored coarsely, or return None."""
+def _diagnose(points: Gaussians) -> str | None:
+    """Return a cause of a low PSNR: moving points so far away that positions are stored coarsely; None if unknown."""
     means = points.means.astype(np.float64)
     away = np.linalg.norm(means - np.median(means, axis=0), axis=1)
     usual = float(np.quantile(away, 0.95))
@@ -160,5 +140,5 @@ def _far_points(points: Gaussians) -> str | None:
         return None
     return (
         f"{len(far):,} points, such as number {far[0]} (counted from 0), are {away[far].max():.3g} away from the middle, where nearly "
-        f"all others are within {usual:.3g}, so that positions are stored coarsely. Remove them from the files."
+        f"all others are within {usual:.3g}, and move, so that positions are stored coarsely. Remove them with --crop."
     )

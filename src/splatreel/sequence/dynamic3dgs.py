@@ -9,7 +9,9 @@ import numpy as np
 from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
-from splatreel.scene.untrusted import read_arrays
+from splatreel.scene.remarks import Remarks
+from splatreel.scene.splat_columns import drop_nan
+from splatreel.scene.untrusted import ArrayRows, read_arrays
 from splatreel.sequence.plausible import check_plausible
 
 SHAPES = {
@@ -23,44 +25,42 @@ SHAPES = {
 
 
 class Dynamic3DGS:
-    """Sequence in a `params.npz` file. Colors do not depend on the view.
+    """Sequence in a `params.npz` file. Colors do not depend on the view. One frame is in memory at a time.
 
     Raises:
         GaussiansError: The file is not a `params.npz` of Dynamic 3D Gaussians.
     """
 
     def __init__(self, path: Path) -> None:
-        arrays = read_arrays(path, SHAPES, GaussiansError)
         self.path, self.size = path, path.stat().st_size
-        self._arrays = {name: _as_float(array, name == "means3D") for name, array in arrays.items()}
+        self.fps: float | None = None
+        self.remarks = Remarks()
+        self._rows = {name: ArrayRows(path, name, GaussiansError) for name in SHAPES}
         self._check()
+        fixed = read_arrays(path, ("logit_opacities", "log_scales"), GaussiansError)
+        logits, logarithms = fixed["logit_opacities"][:, 0], fixed["log_scales"]
+        self._opacities = 1 / (1 + np.exp(-np.clip(logits.astype(np.float64), -80, 80)))
+        self._scales = np.exp(np.minimum(logarithms.astype(np.float64), 80)).astype(np.float32)
 
     def __len__(self) -> int:
-        return len(self._arrays["means3D"])
+        return len(self._rows["means3D"])
 
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
         """Return the Gaussians of a frame."""
-        arrays = self._arrays
+        rows = {name: self._rows[name][frame].astype(np.float64) for name, shape in SHAPES.items() if shape[0] == "T"}
         found = Gaussians(
-            means=arrays["means3D"][frame] - (0.0 if origin is None else origin),
-            quats=rotations.normalize(arrays["unnorm_rotations"][frame]),
-            scales=np.exp(np.minimum(arrays["log_scales"], 80)),
-            opacities=1 / (1 + np.exp(-np.clip(arrays["logit_opacities"][:, 0], -80, 80))),
-            sh=((arrays["rgb_colors"][frame] - 0.5) / C0)[:, None],
+            means=rows["means3D"] - (0.0 if origin is None else origin),
+            quats=rotations.normalize(rows["unnorm_rotations"]),
+            scales=self._scales,
+            opacities=self._opacities,
+            sh=((rows["rgb_colors"] - 0.5) / C0)[:, None],
         )
         what = f"{self.path}, frame {frame}"
-        found.check_finite(what)
-        return check_plausible(found, what)
+        return check_plausible(drop_nan(found, what, self.remarks), what)
 
     def _check(self) -> None:
-        means = self._arrays["means3D"]
-        sizes = dict(zip("TN", means.shape, strict=False))
+        sizes = dict(zip("TN", self._rows["means3D"].shape, strict=False))
         for name, shape in SHAPES.items():
             wanted = tuple(sizes.get(size, -1) if isinstance(size, str) else size for size in shape)
-            if self._arrays[name].shape != wanted or not all(wanted):
-                raise GaussiansError(f"{self.path}: {name} has shape {self._arrays[name].shape}, expected {shape}.")
-
-
-def _as_float(array: np.ndarray, exact: bool) -> np.ndarray:
-    """Convert an array to float32; with `exact`, float64 positions stay float64."""
-    return array if exact and array.dtype == np.float64 else array.astype(np.float32)
+            if self._rows[name].shape != wanted or not all(wanted):
+                raise GaussiansError(f"{self.path}: {name} has shape {self._rows[name].shape}, expected {shape}.")

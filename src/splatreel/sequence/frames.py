@@ -2,29 +2,25 @@
 
 from __future__ import annotations
 
-import math
-import re
-from collections import Counter
-from itertools import pairwise
-from pathlib import Path
-from typing import Literal, Protocol
+import tempfile
+import zipfile
+import zlib
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+from typing import Protocol
 
 import numpy as np
 
 from splatreel.errors import GaussiansError
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.ply import read_ply
-from splatreel.sequence.dynamic3dgs import Dynamic3DGS
-from splatreel.sequence.plausible import check_plausible
+from splatreel.scene.remarks import Remarks
+from splatreel.scene.splat_columns import MANY, Encoding, encoding_of
+from splatreel.scene.untrusted import UNPACKED_BYTES, UNPACKED_RATIO
+from splatreel.sequence.frame_files import find_files, find_members
+from splatreel.sequence.frame_names import Gaps, Order, order_frames
+from splatreel.sequence.splat_file import columns_of, read_splats
 
-LOOKED_FOR = """\
-  PLY files:            frame0000.ply, frame0001.ply, ..., each as 3DGS writes it; or a numbered folder a frame with one PLY file in it
-  Dynamic 3D Gaussians: params.npz"""
-Gaps = Literal["refuse", "hold"]
-"""Treatment of missing frame numbers: refuse the sequence, or hold the previous frame."""
-MOST_FRAMES = 1_000_000
-"""Maximum number of frames, including held ones."""
-_LAST_NUMBER = re.compile(r"^(.*?)([0-9]+)$")
+_BLOCK = 1 << 20
 
 
 class Frames(Protocol):
@@ -33,10 +29,14 @@ class Frames(Protocol):
     Attributes:
         path: File or folder of the sequence.
         size: Bytes on disk.
+        fps: Frames per second, if the sequence states it.
+        remarks: What was converted or dropped so far.
     """
 
     path: Path
     size: int
+    fps: float | None
+    remarks: Remarks
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -55,121 +55,103 @@ class Frames(Protocol):
         ...
 
 
-class PlyFrames:
-    """Sequence of PLY files, one per frame in order. A held frame repeats the previous file."""
+class FileFrames:
+    """Sequence of files, one per frame in order. A held frame repeats the previous file."""
 
-    def __init__(self, path: Path, files: list[Path]) -> None:
-        self.path, self.files = path, files
+    def __init__(self, path: Path, files: Sequence[Path], fps: float | None = None) -> None:
+        self.path, self.files, self.fps = path, files, fps
+        self.remarks = Remarks()
         self.size = sum(file.stat().st_size for file in dict.fromkeys(files))
+        self._encoding: Encoding | None = None
 
     def __len__(self) -> int:
         return len(self.files)
 
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
         """Return the Gaussians of a frame."""
-        file = self.files[frame]
-        return check_plausible(read_ply(file, origin), str(file))
+        return read_splats(self.files[frame], origin, self.remarks, self._common_encoding())
+
+    def _common_encoding(self) -> Encoding:
+        """Return how all PLY files store opacities and scales, judged by the first frame with enough points."""
+        if self._encoding is None:
+            judged = Encoding()
+            for file in self.files:
+                columns = columns_of(file)
+                if columns is None:
+                    break
+                judged = encoding_of(columns)
+                if len(next(iter(columns.values()), ())) >= MANY:
+                    break
+            self._encoding = judged
+        return self._encoding
 
 
-def open_frames(path: str | Path, gaps: Gaps = "refuse") -> Frames:
-    """Open a folder of numbered PLY files, or a `params.npz` of Dynamic 3D Gaussians, or a folder with one.
+class ZipFrames:
+    """Sequence of files in a zip archive. A frame is unpacked into a temporary folder while it is read."""
 
-    Raises:
-        GaussiansError: The path is anything else, the order of the files is unclear, or frames are missing.
-    """
-    place = Path(path)
-    archive = place / "params.npz" if place.is_dir() else place
-    if archive.suffix == ".npz" and archive.is_file():
-        return Dynamic3DGS(archive)
-    if not place.is_dir():
-        raise GaussiansError(f"{place}: is not a folder; one of these was looked for:\n{LOOKED_FOR}")
-    files = sorted(file for file in place.iterdir() if file.suffix.lower() == ".ply" and not file.name.startswith("."))
-    if odd := next((file for file in files if not file.is_file()), None):
-        raise _not_a_file_error(odd)
-    if not files:
-        folders = [folder for folder in sorted(place.iterdir()) if _split_number(folder) and not folder.is_file()]
-        if any(folder.is_dir() for folder in folders) and (odd := next((f for f in folders if not f.is_dir()), None)):
-            raise _not_a_file_error(odd)
-        files = [_only_ply(folder) for folder in folders]
-    if not files:
-        raise GaussiansError(f"{place}: holds none of these:\n{LOOKED_FOR}")
-    named = {file if file.parent == place else place / file.relative_to(place).parts[0]: file for file in files}
-    order = _in_order(list(named), place)
-    held = _without_gaps(order, place, gaps)
-    return PlyFrames(place, [named[name] for name in held])
+    def __init__(self, path: Path, gaps: Gaps = "refuse") -> None:
+        self.path, self.size = path, path.stat().st_size
+        self.remarks = Remarks()
+        try:
+            self._archive = zipfile.ZipFile(path)
+        except (OSError, zipfile.BadZipFile) as error:
+            raise GaussiansError(f"{path}: is not a zip archive, or damaged ({error}). Copy it again.") from error
+        members = find_members(path, self._archive)
+        if not members:
+            raise GaussiansError(f"{path}: holds no files of Gaussians (.ply, .splat, .spz or .sog).")
+        order = order_frames(list(members), str(path), gaps)
+        self.fps = order.fps
+        remark_step(order, self.remarks, path)
+        self._encoding: Encoding | None = None
+        self._members = [members[name] for name in order.names]
 
+    def __len__(self) -> int:
+        return len(self._members)
 
-def _not_a_file_error(path: Path) -> GaussiansError:
-    what = "a link to nothing" if path.is_symlink() and not path.exists() else "no file"
-    return GaussiansError(f"{path}: is {what}, so a frame is missing. Add the file, or remove the entry.")
-
-
-def _without_gaps(names: list[Path], place: Path, gaps: Gaps) -> list[Path]:
-    """Return names in order, with the previous name repeated for each missing number. A constant step between numbers is no gap.
-
-    Raises:
-        GaussiansError: There are gaps and `gaps` is "refuse".
-    """
-    numbers = [number[1] for name in names if (number := _split_number(name))]
-    steps = [after - before for before, after in pairwise(numbers)]
-    if len(set(steps)) <= 1:
-        return names
-    step = math.gcd(*steps)
-    first = next(i for i, gap in enumerate(steps) if gap > step)
-    missing = sum(gap // step - 1 for gap in steps)
-    if gaps != "hold":
-        raise GaussiansError(
-            f"{place}: {missing:,} frames are missing, the first of them after {names[first].name}: the next one is "
-            f"{names[first + 1].name}. Add them, or import with --gaps hold, which repeats the previous frame."
-        )
-    if len(names) + missing > MOST_FRAMES:
-        raise GaussiansError(
-            f"{place}: with {missing:,} frames held it would have more than {MOST_FRAMES:,}. Renumber its files."
-        )
-    return [name for name, gap in zip(names, [*steps, step], strict=True) for _ in range(gap // step)]
+    def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
+        """Return the Gaussians of a frame."""
+        info = self._members[frame]
+        most = max(UNPACKED_BYTES, UNPACKED_RATIO * info.compress_size)
+        if info.file_size > most:
+            raise GaussiansError(
+                f"{self.path}: {info.filename} would unpack to {info.file_size:,} bytes, at most {most:,}."
+            )
+        with tempfile.TemporaryDirectory() as folder:
+            file = Path(folder) / PurePosixPath(info.filename).name
+            try:
+                with self._archive.open(info) as source, file.open("wb") as target:
+                    while block := source.read(_BLOCK):
+                        target.write(block)
+            except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
+                raise GaussiansError(f"{self.path}: {info.filename} is damaged ({error}). Copy it again.") from error
+            found = Remarks()
+            try:
+                if self._encoding is None and (columns := columns_of(file)) is not None:
+                    judged = encoding_of(columns)
+                    self._encoding = judged if len(next(iter(columns.values()), ())) >= MANY else None
+                points = read_splats(file, origin, found, self._encoding)
+            except GaussiansError as error:
+                raise GaussiansError(str(error).replace(str(file), f"{self.path}: {info.filename}")) from error
+            self.remarks.take(found, f"{self.path}: {info.filename}")
+            return points
 
 
-def _in_order(names: list[Path], place: Path) -> list[Path]:
-    """Sort names by the number at their end.
-
-    Raises:
-        GaussiansError: A name has no number, another prefix, or a number that another name has.
-    """
-    numbers = {name: _split_number(name) for name in names}
-    bare = [name.name for name, number in numbers.items() if number is None]
-    if bare and len(names) > 1:
-        raise GaussiansError(
-            f"{place}: {bare[0]} has no number at its end that says which frame it is. Remove it, or number it."
-        )
-    prefixes = Counter(number[0] for number in numbers.values() if number)
-    if len(prefixes) > 1:
-        (usual, _), *_, (odd, _) = prefixes.most_common()
-        raise GaussiansError(
-            f"{place}: holds files called {usual}N and files called {odd}N. Put each sequence into its own folder."
-        )
-    counts = Counter(number[1] for number in numbers.values() if number)
-    twice = [number for number, count in counts.items() if count > 1]
-    if twice:
-        raise GaussiansError(f"{place}: holds frame {twice[0]} twice. Remove one of them.")
-    return sorted(names, key=lambda name: (numbers[name] or ("", 0))[1])
-
-
-def _split_number(name: Path) -> tuple[str, int] | None:
-    """Return the text before the number at the end of a name, and the number; None without a number."""
-    found = _LAST_NUMBER.match(name.stem if name.suffix.lower() == ".ply" else name.name)
-    return (found[1], int(found[2])) if found else None
-
-
-def _only_ply(folder: Path) -> Path:
-    """Return the PLY file of a frame's folder, the newest iteration if there are several.
+def open_files(place: Path, gaps: Gaps) -> FileFrames | None:
+    """Open a file of Gaussians, or a folder of them. Return None if there are none.
 
     Raises:
-        GaussiansError: There is no file, or the choice is unclear.
+        GaussiansError: The order of the files is unclear, or frames are missing.
     """
-    found = sorted(folder.rglob("*.ply"))
-    iterations = {number[1]: file for file in found if (number := _split_number(file.parent))}
-    if len(found) > 1 and len(iterations) == len(found):
-        return iterations[max(iterations)]
-    if len(found) != 1:
-        raise GaussiansError(f"{folder}: holds {len(found)} PLY files, where a frame's folder has one.")
-    return found[0]
+    named = find_files(place)
+    if not named:
+        return None
+    order = order_frames(list(named), str(place), gaps)
+    frames = FileFrames(place, [named[name] for name in order.names], order.fps)
+    remark_step(order, frames.remarks, place)
+    return frames
+
+
+def remark_step(order: Order, remarks: Remarks, place: Path) -> None:
+    """Remark on numbers that do not count by one."""
+    if order.step != 1 and len(order.names) > 1:
+        remarks.add(f"Numbers of files go up by {order.step:g}: they were taken as consecutive frames", place)

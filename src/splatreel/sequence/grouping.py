@@ -9,6 +9,7 @@ import numpy as np
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+from splatreel.sequence.far_points import Reach
 from splatreel.sequence.segments import Segments, rests
 
 FEWEST = 100
@@ -24,33 +25,36 @@ class StaticLayers:
         points: Points as read, [S], in reel order.
     """
 
-    def __init__(self, sh_degree: int) -> None:
+    def __init__(self, sh_degree: int, reach: Reach) -> None:
+        self.reach = reach
         self.points = Gaussians.empty(sh_degree)
         self._row_of = np.zeros(0, np.int64)
 
-    def split(self, frame: Gaussians, segments: Segments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def split(self, frames: Sequence[Gaussians], segments: Segments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Split the segments of a stretch into static and dynamic ones.
 
-        A resting point is static if it is static already, or if enough points become static together.
+        A resting point is static if it is static already, or if enough points become static together. A point far
+        beyond the others is static if it hardly moves for its distance.
 
         Args:
-            frame: First frame of the stretch.
+            frames: Frames of the stretch.
             segments: Segments of the stretch.
 
         Returns:
             alive [S] bool: the static points that the stretch shows; the segments [B] that become static now; the
             dynamic segments [M].
         """
-        resting = np.flatnonzero(segments.rests)
-        points = frame[segments.rows[0, resting]]
+        resting = np.flatnonzero(segments.rests | self._steady(frames, segments))
+        points = frames[0][segments.rows[0, resting]]
         row = self._rows(segments.numbers)[resting]
         known = row >= 0
-        known[known] = rests(self.points[row[known]], points[known])
+        before = self.points[row[known]]
+        known[known] = rests(before, points[known]) | self.reach.steady(before, points[known])
         alive = np.zeros(len(self.points), bool)
         alive[row[known]] = True
-        born = resting[~known]
-        if len(born) < FEWEST:
-            born = born[:0]
+        born, far = resting[~known], self.reach.shells(points[~known]) > 0
+        if (~far).sum() < FEWEST:
+            born = born[far]
         static = np.concatenate([resting[known], born])
         return alive, born, np.setdiff1d(np.arange(len(segments.numbers)), static)
 
@@ -59,6 +63,18 @@ class StaticLayers:
         self._rows(numbers)
         self._row_of[numbers] = np.arange(len(self.points), len(self.points) + len(points))
         self.points = Gaussians.concatenate([self.points, points])
+
+    def _steady(self, frames: Sequence[Gaussians], segments: Segments) -> np.ndarray:
+        """Return which segments are far points that are in all frames and look the same in all of them, [S] bool."""
+        steady = np.asarray((segments.rows >= 0).all(0))
+        steady[steady] = self.reach.shells(frames[0][segments.rows[0, steady]]) > 0
+        if steady.any():
+            first = frames[0][segments.rows[0, steady]]
+            looks = [
+                self.reach.steady(first, frame[rows[steady]]) for frame, rows in zip(frames, segments.rows, strict=True)
+            ]
+            steady[steady] = np.logical_and.reduce(looks)
+        return steady
 
     def _rows(self, numbers: np.ndarray) -> np.ndarray:
         """Return the row in `points` of each numbered point, [N]; -1 for none."""

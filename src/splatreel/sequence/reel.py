@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import torch
@@ -22,6 +22,8 @@ from splatreel.scene.camera import Camera, middle_camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.sequence.comparison import Comparison, compare
+from splatreel.sequence.edits import first_points
+from splatreel.sequence.far_points import Reach
 from splatreel.sequence.frames import Frames
 from splatreel.sequence.grouping import StaticLayers, group_of
 from splatreel.sequence.identity import Identities
@@ -30,6 +32,8 @@ from splatreel.sequence.viewpoints import ring, visible_positions
 
 LENGTH = 30
 """Maximum number of frames of a group."""
+GROUP_BYTES, MOVING_BYTES = 900_000_000, 250
+"""Memory for the frames of a group, and what a dynamic point takes in every frame while the group is written."""
 NEAR = 0.2
 """Near plane of 3DGS in world units."""
 NEAR_SHARE = 0.02
@@ -39,19 +43,23 @@ MOMENTS, PICTURES = 16, 48
 
 
 def header_of(
-    first: Gaussians, cameras: list[Camera] | None, up: np.ndarray | None, fps: float, antialias: bool = False
+    first: Gaussians,
+    cameras: list[Camera] | None,
+    up: np.ndarray | None,
+    fps: float,
+    antialias: bool = False,
+    origin: np.ndarray | None = None,
 ) -> tuple[ReelHeader, Limits | None]:
     """Return the header of the reel, and the limits of its views, which are unknown for a ring of cameras.
 
     Args:
-        first: First frame.
+        first: First frame that holds points.
         cameras: Training cameras of the sequence; None uses a ring.
         up: Unit up direction, [3]; None derives it from the cameras, or uses -y.
         fps: Frames per second.
         antialias: How splats are drawn, see `render_image`.
+        origin: Position of the reel's origin in the sequence, [3]; None is 0, 0, 0.
     """
-    if not len(first):
-        raise GaussiansError("The sequence's first frame holds no points. Remove it, or export it again.")
     fallback = np.array([0.0, -1.0, 0.0]) if up is None else up
     views = ring(first, fallback) if cameras is None else cameras
     points = visible_positions(first)
@@ -69,8 +77,21 @@ def header_of(
         cameras=views,
         near=min(NEAR, NEAR_SHARE * layout.unit),
         antialias=antialias,
+        origin=np.zeros(3) if origin is None else origin,
     )
     return header, None if cameras is None else limits(cameras, points, layout)
+
+
+def share_equal(before: Gaussians | None, points: Gaussians) -> Gaussians:
+    """Return Gaussians that use the arrays of the frame before where these are equal, to save memory."""
+    if before is None or len(before) != len(points):
+        return points
+    equal = {
+        field.name: old
+        for field in fields(Gaussians)
+        if np.array_equal(old := getattr(before, field.name), getattr(points, field.name))
+    }
+    return replace(points, **equal)
 
 
 class SequenceEncoder:
@@ -78,7 +99,7 @@ class SequenceEncoder:
 
     def __init__(self, writer: ReelWriter, device: torch.device) -> None:
         self.writer, self.device = writer, device
-        self.layers = StaticLayers(writer.manifest.sh_degree)
+        self._moving: int | None = None
 
     def write(self, frames: Frames, progress: Progress) -> None:
         """Write all frames.
@@ -87,42 +108,58 @@ class SequenceEncoder:
             GaussiansError: A frame cannot be read, or has another SH degree.
         """
         progress.stage("writing the groups", len(frames))
+        self.layers = StaticLayers(self.writer.manifest.sh_degree, Reach.of(first_points(frames), self.writer.config))
         identities, index, first, length = Identities(), 0, 0, LENGTH
         waiting: list[tuple[Gaussians, np.ndarray]] = []
         while first < len(frames):
-            ahead = min(LENGTH, 2 * length)  # short groups do not need a long lookahead
+            before = waiting[-1][0] if waiting else None
+            ahead = min(self._affordable(before), 2 * length)  # short groups do not need a long lookahead
             for frame in range(first + len(waiting), min(first + ahead, len(frames))):
-                points = self._checked(frames, frame)
+                points = before = share_equal(before, self._checked(frames, frame))
                 waiting.append((points, identities.of(points)))
+                ahead = min(ahead, self._affordable(points))
+                if len(waiting) >= ahead:
+                    break
             builder = stretch(waiting[:ahead])
             length = builder.cut(ahead)
             self._write_group(index, first, builder, length)
             waiting, first, index = waiting[length:], first + length, index + 1
             progress.update(first)
 
+    def _affordable(self, points: Gaussians | None) -> int:
+        """Return how many frames like this one a group may have, so that memory stays bounded."""
+        if points is None:
+            return LENGTH
+        size = sum(getattr(points, field.name).nbytes for field in fields(Gaussians))
+        moving = len(points) if self._moving is None else min(self._moving, len(points))
+        return max(min(LENGTH, GROUP_BYTES // max(size + moving * MOVING_BYTES, 1)), 1)
+
     def _checked(self, frames: Frames, frame: int) -> Gaussians:
         points, degree = frames.read(frame), self.writer.manifest.sh_degree
-        if not len(points):
-            raise GaussiansError(f"{frames.path}: frame {frame} holds no point.")
-        if points.sh_degree != degree:
+        if points.sh_degree > degree:
             raise GaussiansError(
                 f"{frames.path}: frame {frame} has view-dependent color of degree {points.sh_degree}, the first one of degree "
                 f"{degree}. Export all frames with the same degree."
             )
-        return points
+        return points if points.sh_degree == degree else Gaussians.concatenate([points, Gaussians.empty(degree)])
 
     def _write_group(self, index: int, first: int, builder: SegmentBuilder, length: int) -> None:
         frames, segments = builder.frames[:length], builder.first(length)
-        alive, born, moving = self.layers.split(frames[0], segments)
+        alive, born, moving = self.layers.split(frames, segments)
+        shells = self.layers.reach.shells(frames[0][segments.rows[0, born]])
+        born, shells = born[order := np.argsort(shells, kind="stable")], shells[order]
         points, numbers = frames[0][segments.rows[0, born]], segments.numbers[born]
         rows = segments.rows[:, moving]
+        self._moving = len(moving)
         static = Gaussians.concatenate([self.layers.points[alive], points])
         group = group_of(index, first, frames, rows, np.concatenate([alive, np.ones(len(born), bool)]))
         weights = self._importance(group, static)
         _raise_importance_of_absent_points(weights[: len(moving)], rows.min(0) < 0)
-        if len(born):
-            _, order = self.writer.add_layer(index, first, points, weights[len(weights) - len(born) :])
-            self.layers.add(points[order], numbers[order])
+        born_weights = weights[len(weights) - len(born) :]
+        for shell in np.unique(shells):
+            some = np.flatnonzero(shells == shell)
+            _, order = self.writer.add_layer(index, first, points[some], born_weights[some])
+            self.layers.add(points[some[order]], numbers[some[order]])
         self.writer.add_group(group, weights[: len(group.dynamic)])
 
     def _importance(self, group: Group, static: Gaussians) -> np.ndarray:

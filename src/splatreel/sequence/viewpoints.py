@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,8 +28,12 @@ SHOWS = 0.1
 """Minimum opacity of points that locate the scene."""
 
 
-def read_cameras(path: str | Path) -> list[Camera]:
+def read_cameras(path: str | Path, origin: np.ndarray | None = None) -> list[Camera]:
     """Return the cameras of a cameras.json of 3DGS, a folder with one, a calibration file, a capture or a COLMAP model alone.
+
+    Args:
+        path: File or folder.
+        origin: Point subtracted from all positions before rounding to float32, [3] float64; None subtracts nothing.
 
     Raises:
         CaptureError: The file is invalid. The message names it.
@@ -37,17 +42,17 @@ def read_cameras(path: str | Path) -> list[Camera]:
     file = place / "cameras.json" if place.is_dir() else place
     if not file.is_file():
         if is_model_alone(place):
-            return model_views(place)
+            return [_shifted(camera, origin) for camera in model_views(place)]
         capture = open_capture(place)
         capture.close()
-        return capture.cameras
+        return [_shifted(camera, origin) for camera in capture.cameras]
     if (calibrated := read_camera_file(file)) is not None:
-        return calibrated
+        return [_shifted(camera, origin) for camera in calibrated]
     document = read_json(file, CaptureError)
     try:
         if not isinstance(document, list) or len(document) > MOST_CAMERAS:
             raise ValueError(f"expected a list of up to {MOST_CAMERAS} cameras")
-        cameras = [_camera(entry, index, file) for index, entry in enumerate(document)]
+        cameras = [_camera(entry, index, file, origin) for index, entry in enumerate(document)]
     except (ValueError, TypeError, KeyError) as error:
         raise CaptureError(
             f"{file}: is not a cameras.json as 3DGS writes it ({type(error).__name__}: {error})."
@@ -57,14 +62,25 @@ def read_cameras(path: str | Path) -> list[Camera]:
     return cameras
 
 
-def _camera(entry: dict[str, Any], index: int, file: Path) -> Camera:
+def _shifted(camera: Camera, origin: np.ndarray | None) -> Camera:
+    if origin is None:
+        return camera
+    viewmat = camera.viewmat.astype(np.float64)
+    viewmat[:3, 3] += viewmat[:3, :3] @ origin
+    return replace(camera, viewmat=viewmat)
+
+
+def _camera(entry: dict[str, Any], index: int, file: Path, origin: np.ndarray | None) -> Camera:
     """Parse a camera: center `position`, camera-to-world `rotation` [3, 3], fx and fy in pixels, central principal point."""
     if not all(is_number(entry[name]) for name in ("width", "height", "fx", "fy")):
         raise ValueError(f"width, height, fx or fy of camera {index} is no number")
     width, height = int(entry["width"]), int(entry["height"])
     turn = numbers(entry["rotation"], 3, 3).T
     viewmat = np.eye(4)
-    viewmat[:3, :3], viewmat[:3, 3] = turn, -turn @ numbers(entry["position"], 3)
+    viewmat[:3, :3], viewmat[:3, 3] = (
+        turn,
+        -turn @ (numbers(entry["position"], 3) - (0.0 if origin is None else origin)),
+    )
     K = np.array([[entry["fx"], 0, width / 2], [0, entry["fy"], height / 2], [0, 0, 1]], np.float64)
     if not (min(width, height) >= 1 and max(width, height) <= MOST_PIXELS) or min(K[0, 0], K[1, 1]) <= 0:
         raise ValueError(f"camera {index} has no size, more than {MOST_PIXELS} pixels across, or no focal length")

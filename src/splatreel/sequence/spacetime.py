@@ -1,0 +1,117 @@
+"""Models of SpacetimeGaussians (lite): points with polynomial motion, and opacities that rise and fade over time."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.errors import GaussiansError
+from splatreel.scene import rotations
+from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.ply_table import Columns, read_elements
+from splatreel.scene.remarks import Remarks
+from splatreel.scene.splat_columns import drop_nan
+from splatreel.scene.untrusted import read_file
+from splatreel.sequence.plausible import check_plausible
+
+FAINT = 1 / 255
+"""Points below this opacity are not drawn and are left out."""
+MOST_FRAMES = 1_000_000
+_DURATION = re.compile(rb"\bduration=([0-9]{1,7})\b")
+_MOST_SETTINGS = 1 << 20
+
+
+def is_spacetime(path: Path) -> bool:
+    """Return whether a PLY file holds a model of SpacetimeGaussians."""
+    return path.suffix.lower() == ".ply" and "trbf_center" in _columns(path)
+
+
+class SpacetimeGaussians:
+    """Sequence of the frames of a model. Times run from 0 to 1, as in its training.
+
+    Args:
+        path: The model's PLY file.
+        length: Number of frames that it was trained on; None takes it from the cfg_args of its training.
+
+    Raises:
+        GaussiansError: The model is not of the lite kind, or the number of frames is unknown.
+
+    Source:
+        Spacetime Gaussian Feature Splatting, section 4.1.
+    """
+
+    def __init__(self, path: Path, length: int | None) -> None:
+        self.path, self.size = path, path.stat().st_size
+        self.fps: float | None = None
+        self.remarks = Remarks()
+        columns = _columns(path)
+        _check_lite(columns, path)
+        self._length = length or _trained_length(path)
+        self._place = _stack(columns, "x", "y", "z")
+        self._motion = _stack(columns, *(f"motion_{i}" for i in range(9))).reshape(-1, 3, 3)
+        self._turn = _stack(columns, *(f"rot_{i}" for i in range(4)))
+        self._spin = _stack(columns, *(f"omega_{i}" for i in range(4)))
+        self._scales = np.exp(np.minimum(_stack(columns, "scale_0", "scale_1", "scale_2"), 80)).astype(np.float32)
+        self._opacity = 1 / (1 + np.exp(-np.clip(_stack(columns, "opacity")[:, 0], -80, 80)))
+        self._center = _stack(columns, "trbf_center")[:, 0]
+        self._width = np.exp(np.clip(_stack(columns, "trbf_scale")[:, 0], -80, 80))
+        color = _stack(columns, "f_dc_0", "f_dc_1", "f_dc_2")
+        self._sh = ((color - 0.5) / C0)[:, None].astype(np.float32)
+
+    def __len__(self) -> int:
+        return self._length
+
+    def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
+        """Return the Gaussians of a frame."""
+        since = frame / self._length - self._center
+        opacities = self._opacity * np.exp(-np.square(since / self._width))
+        some = ~(opacities < FAINT)
+        powers = np.stack([since, since**2, since**3], 1)[some]
+        means = self._place[some] + np.einsum("np,npc->nc", powers, self._motion[some])
+        points = Gaussians(
+            means=means - (0.0 if origin is None else origin),
+            quats=rotations.normalize(self._turn[some] + since[some, None] * self._spin[some]),
+            scales=self._scales[some],
+            opacities=opacities[some],
+            sh=self._sh[some],
+        )
+        return check_plausible(drop_nan(points, str(self.path), self.remarks), f"{self.path}, frame {frame}")
+
+
+def _columns(path: Path) -> Columns:
+    return read_elements(path, ("vertex",)).get("vertex", {})
+
+
+def _stack(columns: Columns, *names: str) -> np.ndarray:
+    return np.stack([np.asarray(columns[name], np.float64) for name in names], 1)
+
+
+def _check_lite(columns: Columns, path: Path) -> None:
+    """Raise `GaussiansError` for the full model, whose colors come from a network, or for missing columns."""
+    if "f_dc_3" in columns or any(name.startswith("f_t") for name in columns):
+        raise GaussiansError(
+            f"{path}: is a full model of SpacetimeGaussians, whose colors a network computes for each pixel. Train its lite model "
+            "(ours_lite), which stores colors."
+        )
+    names = ["x", "y", "z", "trbf_center", "trbf_scale", "opacity", *(f"motion_{i}" for i in range(9))]
+    names += [
+        f"{part}_{i}" for part, count in (("f_dc", 3), ("scale", 3), ("rot", 4), ("omega", 4)) for i in range(count)
+    ]
+    missing = [name for name in names if name not in columns]
+    if missing:
+        raise GaussiansError(f"{path}: is not a model of SpacetimeGaussians: missing {', '.join(missing[:4])}.")
+
+
+def _trained_length(path: Path) -> int:
+    """Return the number of frames of the training, from its settings beside the model."""
+    for folder in list(path.resolve().parents)[:4]:
+        file = folder / "cfg_args"
+        found = _DURATION.search(read_file(file, _MOST_SETTINGS, GaussiansError)) if file.is_file() else None
+        if found and 1 <= int(found[1]) <= MOST_FRAMES:
+            return int(found[1])
+    raise GaussiansError(
+        f"{path}: is a model of SpacetimeGaussians without its cfg_args, which states the number of frames. Give it with --length, "
+        "often 50."
+    )

@@ -1,0 +1,106 @@
+"""Files of other programs. `tests/data/splats` holds 40 points that splat-transform 2.7.1 wrote and read again (expected.npz);
+scene.splat was written by hand and read by it.
+"""
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.errors import GaussiansError
+from splatreel.scene import rotations
+from splatreel.scene.gaussians import C0
+from splatreel.scene.ply import write_ply
+from splatreel.scene.remarks import Remarks
+from splatreel.scene.spz import write_spz
+from splatreel.scene.turning import turned
+from splatreel.sequence.splat_file import HALF_TURN, read_splats
+from tests.golden import random_gaussians
+
+DATA = Path(__file__).parents[1] / "data" / "splats"
+ORIGIN = np.array([1.0, -2.0, 3.0])
+PACKED = ["v3.spz", "v4.spz", "scene.sog"]
+"""Files that the package gsply reads."""
+NAMES = [*PACKED, "packed.compressed.ply", "scene.splat"]
+
+
+def covariances(quats: np.ndarray, scales: np.ndarray) -> np.ndarray:
+    axes = rotations.to_matrix(quats) * scales[:, None]
+    return axes @ axes.transpose(0, 2, 1)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_files_of_other_programs_are_read_as_they_read_them(name: str) -> None:
+    if name in PACKED:
+        pytest.importorskip("gsply")
+    expected = np.load(DATA / "expected.npz")
+    given = {key: expected[f"{name}/{key}"] for key in ("means", "quats", "scales", "opacities", "sh")}
+    found = read_splats(DATA / name, ORIGIN, Remarks())
+    np.testing.assert_allclose(found.means + ORIGIN, given["means"], atol=1e-6)
+    shapes = covariances(found.quats, found.scales), covariances(given["quats"], given["scales"])
+    np.testing.assert_allclose(*shapes, atol=1e-3 if name == "scene.splat" else 1e-6)
+    np.testing.assert_allclose(found.opacities, given["opacities"], atol=1e-6)
+    np.testing.assert_allclose(found.sh, given["sh"], atol=1e-6)
+
+
+def test_our_spz_files_are_read_with_their_flag(tmp_path: Path) -> None:
+    pytest.importorskip("gsply")
+    points = random_gaussians(np.random.default_rng(0), 30, 1, (0, 0, 0))
+    write_spz(tmp_path / "f.spz", turned(points, HALF_TURN), antialias=True)
+    remarks = Remarks()
+    np.testing.assert_allclose(read_splats(tmp_path / "f.spz", None, remarks).means, points.means, atol=1e-5)
+    assert "import them with --antialiased" in remarks.lines()[0]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_cut_files_are_refused_by_name(tmp_path: Path, name: str) -> None:
+    if name in PACKED:
+        pytest.importorskip("gsply")
+    data = (DATA / name).read_bytes()
+    file = tmp_path / name
+    file.write_bytes(data[: len(data) - 300])
+    with pytest.raises(GaussiansError) as caught:
+        read_splats(file, None, Remarks())
+    assert str(caught.value).startswith(f"{file}: ")
+
+
+def test_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(__import__("sys").modules, "gsply", None)
+    with pytest.raises(GaussiansError, match=r"pip install 'splatreel\[splats\]'"):
+        read_splats(DATA / "scene.sog", None, Remarks())
+
+
+def test_model_with_a_network_is_refused(tmp_path: Path) -> None:
+    write_ply(tmp_path / "point_cloud.ply", random_gaussians(np.random.default_rng(0), 30, 1, (0, 0, 0)))
+    (tmp_path / "deformation.pth").write_bytes(b"")
+    with pytest.raises(GaussiansError, match=r"model of 4DGaussians .* export_perframe_3DGS"):
+        read_splats(tmp_path / "point_cloud.ply", None, Remarks())
+
+
+def test_unpacked_sog_folder(tmp_path: Path) -> None:
+    pytest.importorskip("gsply")
+    shutil.unpack_archive(DATA / "scene.sog", tmp_path, "zip")
+    found = read_splats(tmp_path / "meta.json", None, Remarks())
+    np.testing.assert_allclose(found.means, np.load(DATA / "expected.npz")["scene.sog/means"], atol=1e-6)
+
+
+def test_compressed_ply_of_older_versions_has_no_range_of_colors(tmp_path: Path) -> None:
+    """Chunks had 12 numbers before they had 18."""
+    header, body = (DATA / "packed.compressed.ply").read_bytes().split(b"end_header\n", 1)
+    lines = [line for line in header.split(b"\n") if not line.endswith((b"_r", b"_g", b"_b"))]
+    chunk = np.frombuffer(body[: 4 * 18], "<f4")
+    file = tmp_path / "old.compressed.ply"
+    file.write_bytes(b"\n".join(lines) + b"end_header\n" + chunk[:12].tobytes() + body[4 * 18 :])
+    old, new = (read_splats(path, None, Remarks()) for path in (file, DATA / "packed.compressed.ply"))
+    np.testing.assert_array_equal(old.means, new.means)
+    low, high = chunk[12:15], chunk[15:18]
+    colors = (old.sh[:, 0] * C0 + 0.5) * (high - low) + low
+    np.testing.assert_allclose(colors, new.sh[:, 0] * C0 + 0.5, atol=1e-5)
+
+
+def test_compressed_ply_with_missing_parts_is_refused(tmp_path: Path) -> None:
+    data = (DATA / "packed.compressed.ply").read_bytes()
+    (tmp_path / "a.ply").write_bytes(data.replace(b"property float max_x", b"property float other"))
+    with pytest.raises(GaussiansError, match="with missing parts"):
+        read_splats(tmp_path / "a.ply", None, Remarks())
