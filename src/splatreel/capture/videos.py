@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -42,8 +41,7 @@ class Videos:
 
     def __init__(self, path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> None:
         self._path, self._where, self._request = path, request.files, request
-        with ThreadPoolExecutor(threads.count()) as pool:
-            self._files = dict(zip(files, pool.map(self._opened, files.values()), strict=True))
+        self._files = dict(zip(files, threads.map_parallel(self._opened, files.values()), strict=True))
         rates = [rate for video in self._files.values() if (rate := _rate(video))]
         self.fps = sidecar.fps or (float(np.median(rates)) if rates else 0.0) or 30.0
         unknown = [name for name in sidecar.starts if name not in self._files]
