@@ -105,7 +105,6 @@ def estimate_jobs(
     threads: int,
     at_once: int | None,
     speed: MachineSpeed,
-    moving: float | None = None,
 ) -> JobsEstimate:
     """Estimate the jobs of a batch system or a cluster.
 
@@ -115,10 +114,9 @@ def estimate_jobs(
         threads: Threads of a chapter's job.
         at_once: Number of chapters at a time; None for all.
         speed: Speed of this machine (`measure_speed`).
-        moving: Share of the pixels that change in a group; None measures it.
     """
     capture, config = run.capture, run.config
-    work, pace = _measure(run, speed, moving)
+    work, pace = _measure(run, speed)
     count = len(run.chapters)
     scene, parts = 0.0, [sequence_seconds(work, run.groups, config)]
     if count > 1:
@@ -130,7 +128,7 @@ def estimate_jobs(
     return JobsEstimate(scene, chapter, total, needed_memory(capture, config), count, at_once)
 
 
-def _measure(run: ChapteredRun, speed: MachineSpeed, moving: float | None) -> tuple[Workload, _Pace]:
+def _measure(run: ChapteredRun, speed: MachineSpeed, moving: float | None = None) -> tuple[Workload, _Pace]:
     """Return the workload of a run and the pace of this machine. moving: see `estimate`."""
     share = moving_share(run.capture, run.groups[0].count) if moving is None else moving
     work = Workload.of(run.capture, share)
