@@ -10,14 +10,17 @@ import itertools
 import os
 import sys
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, TypeVar
 
 from splatreel.cgroups import cpu_quota
 from splatreel.errors import UsageError
 
+Item = TypeVar("Item")
+Result = TypeVar("Result")
 _limit: int | None = None
 
 
@@ -85,6 +88,20 @@ def limited(threads: int) -> Iterator[None]:
         _limit = before
         if torch:
             torch.set_num_threads(torch_threads)
+
+
+def map_parallel(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
+    """Return the function's results for all items, in order, computed on all threads.
+
+    Args:
+        function: Must release the GIL in its long calls, as OpenCV, FFmpeg and compiled kernels do.
+        items: Arguments of the function.
+
+    Raises:
+        Exception: The first exception that the function raised.
+    """
+    with ThreadPoolExecutor(count()) as pool:
+        return list(pool.map(function, items))
 
 
 def run_ranges(

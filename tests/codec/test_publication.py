@@ -5,8 +5,7 @@ import shutil
 
 import pytest
 
-from splatreel.codec.publication import HOUR, Publication
-from splatreel.codec.published_names import RECORD, file_entries, is_published_name, published_name
+from splatreel.codec.publication import HOUR, RECORD, Publication, file_entries, is_published_name, published_name
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReelError, StorageError

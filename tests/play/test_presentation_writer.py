@@ -11,8 +11,7 @@ from splatreel.codec import container
 from splatreel.codec.verify import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.errors import ReelError
-from splatreel.play import jpeg
-from splatreel.play.presentation_writer import PresentationWriter
+from splatreel.play.presentation_writer import PresentationWriter, jpeg_within
 from splatreel.play.timeline import open_reel
 from tests.codec.reels import new_group, new_writer, points
 from tests.files import contents
@@ -123,12 +122,12 @@ def test_new_groups_remove_old_thumbnails(tmp_path: Path) -> None:
 
 def test_jpeg_quality_decreases_until_size_fits() -> None:
     noise = np.random.default_rng(0).integers(0, 256, (96, 128, 3), np.uint8)
-    fine, coarse = jpeg.jpeg_within(noise, 10**6), jpeg.jpeg_within(noise, 8_000)
+    fine, coarse = jpeg_within(noise, 10**6), jpeg_within(noise, 8_000)
     assert len(coarse) <= 8_000 < len(fine)
 
 
 def test_oversized_poster_is_downscaled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("splatreel.play.poster.MOST_BYTES", 4_000)
+    monkeypatch.setattr("splatreel.play.presentation_writer.MOST_BYTES", 4_000)
     add_groups(writer := new_writer(tmp_path), range(1), PresentationWriter())
     poster = writer.manifest.presentation.poster
     assert poster is not None

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from statistics import median_low
 
@@ -49,8 +48,7 @@ class Videos:
     def __init__(self, path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> None:
         self._path, self._where, self._request = path, request.files, request
         self.notes: list[str] = []
-        with ThreadPoolExecutor(threads.count()) as pool:
-            self._files = dict(zip(files, pool.map(self._opened, files.values()), strict=True))
+        self._files = dict(zip(files, threads.map_parallel(self._opened, files.values()), strict=True))
         unknown = [name for name in sidecar.starts if name not in self._files]
         if unknown:
             raise CaptureError(f"{path / SIDECAR}: says when {unknown[0]!r} starts, but no video is called so.")

@@ -4,28 +4,21 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from splatreel.codec.document import in_lines, parse_object
 from splatreel.codec.manifest import MAX_BYTES, parse_manifest
 from splatreel.codec.manifest_pages import Known
-from splatreel.codec.published_names import (
-    MANIFEST,
-    RECORD,
-    file_entries,
-    headers_of,
-    is_published_name,
-    published_name,
-)
 from splatreel.codec.source import open_source
 from splatreel.errors import ReelError, StorageError
 from splatreel.progress import Progress, Silent
-from splatreel.storage.folder import Folder
+from splatreel.storage.folder import Folder, Headers
 from splatreel.storage.parallel_transfers import transfer_in_threads
 
 HOUR = 3600.0
@@ -35,6 +28,16 @@ AT_ONCE = 4
 """Files sent in parallel."""
 _MANIFESTS = 5
 """Attempts to send a reel that changes meanwhile."""
+MANIFEST = "manifest.json"
+RECORD = "publication.json"
+_TYPES = {".json": "application/json", ".mp4": "audio/mp4", ".m4s": "audio/mp4", ".jpg": "image/jpeg"}
+_CHANGING, _LASTING = "no-cache", "public, max-age=31536000, immutable"
+_DIGITS = 16
+_OURS = re.compile(
+    r"(?:(?:layers|groups)/[\w.-]+-[0-9a-f]{16}\.safetensors|sound/[\w.-]+-[0-9a-f]{16}\.(?:mp4|m4s)"
+    r"|pages/[\w.-]+-[0-9a-f]{16}\.json|thumbnails/[\w.-]+-[0-9a-f]{16}\.jpg|poster-[0-9a-f]{16}\.jpg)",
+    re.ASCII,
+)
 
 
 @dataclass(frozen=True)
@@ -72,7 +75,7 @@ class _File:
 class Publication:
     """Copy of the reel in directory `reel` in `folder`.
 
-    Each published file is named by its content (`published_names`). The manifest with these names is sent last. Any
+    Each published file is named by its content (`published_name`). The manifest with these names is sent last. Any
     manifest that was ever published therefore finds all its files until `keep` seconds after a newer manifest no longer
     names them. A file that exists with the right name and length is never sent again, whatever was interrupted before.
 
@@ -255,3 +258,33 @@ def _rename(value: Any) -> list[_File]:
 
 def _to_bytes(document: dict[str, Any]) -> bytes:
     return in_lines(document).encode()
+
+
+def published_name(uri: str, sha256: str) -> str:
+    """Convert `groups/0003.safetensors` to `groups/0003-0123456789abcdef.safetensors`. A converted name stays the same."""
+    path = PurePosixPath(uri)
+    end = f"-{sha256[:_DIGITS]}"
+    return uri if path.stem.endswith(end) else str(path.with_name(f"{path.stem}{end}{path.suffix}"))
+
+
+def is_published_name(name: str) -> bool:
+    """Return whether a name can only belong to a published reel. Other files are never deleted."""
+    return _OURS.fullmatch(name) is not None
+
+
+def headers_of(name: str) -> Headers:
+    """Return the HTTP headers of a file. Names with a digest may be cached forever; the manifest must be revalidated."""
+    kind = _TYPES.get(PurePosixPath(name).suffix, "application/octet-stream")
+    return Headers(kind, _CHANGING if name in (MANIFEST, RECORD) else _LASTING)
+
+
+def file_entries(value: Any) -> Iterator[dict[str, Any]]:
+    """Yield every JSON object of a manifest or page that names a file by `uri`, `bytes` and `sha256`."""
+    if isinstance(value, Mapping):
+        if isinstance(value, dict) and all(name in value for name in ("uri", "bytes", "sha256")):
+            yield value
+        for part in value.values():
+            yield from file_entries(part)
+    elif isinstance(value, list):
+        for part in value:
+            yield from file_entries(part)

@@ -80,19 +80,22 @@ def inflate(data: bytes, parameters: Parameters, size: int) -> bytes:
     return plain
 
 
-def encode_linear(values: np.ndarray, bits: int, log: bool = False) -> tuple[bytes, Parameters]:
-    """Quantize each column of values [N, C] over its own range. `log` quantizes log2 of positive values."""
+def quantize_columns(values: np.ndarray, steps: int, log: bool) -> tuple[np.ndarray, Parameters]:
+    """Return values [N, C] as whole numbers 0..`steps` over the range of each column, and these ranges."""
     columns = np.asarray(values, np.float64)
     if log:
         columns = np.log2(np.maximum(columns, np.finfo(np.float32).tiny))
     low, high = columns.min(0), columns.max(0)
-    steps = (1 << bits) - 1
     q = np.rint((columns - low) / np.where(high > low, high - low, 1) * steps)
+    ranges: Parameters = {"min": low.tolist(), "max": high.tolist()}
+    return q, ranges | ({"log": True} if log else {})
+
+
+def encode_linear(values: np.ndarray, bits: int, log: bool = False) -> tuple[bytes, Parameters]:
+    """Quantize each column of values [N, C] over its own range. `log` quantizes log2 of positive values."""
+    q, ranges = quantize_columns(values, (1 << bits) - 1, log)
     data, packed = deflate(pack(q.T, bits))
-    parameters: Parameters = {"codec": "linear", "bits": bits, "min": low.tolist(), "max": high.tolist()}
-    if log:
-        parameters["log"] = True
-    return data, parameters | {"deflate": packed}
+    return data, {"codec": "linear", "bits": bits} | ranges | {"deflate": packed}
 
 
 def decode_linear(data: bytes, parameters: Parameters, rows: int, columns: int) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable
 
 import cv2
 import numpy as np
@@ -32,16 +32,25 @@ def difference(frame: np.ndarray, first: np.ndarray) -> np.ndarray:
     return cv2.transform(np.abs(apart, out=apart), MEAN_OF_COLORS)
 
 
-def changed_pixels(frames: np.ndarray) -> np.ndarray:
-    """Return [C, H, W] bool, the pixels that differ from the first frame at some frame. frames: [T, C, H, W, 3] uint8."""
+def per_camera(function: Callable[[np.ndarray], np.ndarray], frames: np.ndarray) -> np.ndarray:
+    """Return the results of a function for the images [T, H, W, 3] of each camera, [C, ...], computed on all threads.
+
+    Args:
+        function: Function of the images of one camera.
+        frames: [T, C, H, W, 3] uint8. Memory of images in a file is released after each camera.
+    """
 
     def of(camera: int) -> np.ndarray:
-        found = _changed_pixels(frames[:, camera])
+        found = function(frames[:, camera])
         release_pages(frames)
         return found
 
-    with ThreadPoolExecutor(threads.count()) as pool:
-        return np.stack(list(pool.map(of, range(frames.shape[1]))))
+    return np.stack(threads.map_parallel(of, range(frames.shape[1])))
+
+
+def changed_pixels(frames: np.ndarray) -> np.ndarray:
+    """Return [C, H, W] bool, the pixels that differ from the first frame at some frame. frames: [T, C, H, W, 3] uint8."""
+    return per_camera(_changed_pixels, frames)
 
 
 def _changed_pixels(frames: np.ndarray) -> np.ndarray:

@@ -5,7 +5,6 @@ A scene reconstructed from clean plates contains no people, and every chapter ca
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from typing import NamedTuple
 
 import cv2
@@ -34,8 +33,7 @@ class CleanPlates(NamedTuple):
 
 def clean_plates(frames: np.ndarray) -> CleanPlates:
     """Compute clean plates from frames [S, C, H, W, 3] uint8, sampled evenly through a video, with exposure and light evened out."""
-    with ThreadPoolExecutor(threads.count()) as pool:
-        found = list(pool.map(lambda camera: _plate(frames[:, camera]), range(frames.shape[1])))
+    found = threads.map_parallel(_plate, frames.swapaxes(0, 1))
     return CleanPlates(np.stack([image for image, _ in found]), np.stack([unknown for _, unknown in found]))
 
 

@@ -7,8 +7,6 @@ reel stores and players apply. Local changes, such as light that bodies take fro
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import cv2
 import numpy as np
 
@@ -57,8 +55,7 @@ def exposures(frames: np.ndarray, reference: np.ndarray | None = None) -> tuple[
         release_pages(frames)
         return found
 
-    with ThreadPoolExecutor(threads.count()) as pool:
-        changes = np.stack(list(pool.map(of, range(frames.shape[1]))), 1)
+    changes = np.stack(threads.map_parallel(of, range(frames.shape[1])), 1)
     light = _common_light(changes)
     return (changes - light[:, None]).astype(np.float32), light.astype(np.float32)
 

@@ -65,7 +65,6 @@ def lift(
     near: float,
     config: LayeringConfig,
     device: torch.device | str = "cpu",
-    seed: int = 0,
 ) -> np.ndarray:
     """Return a motion label per point, [N] float32 in 0..1. A label above `DYNAMIC` is dynamic; points that no camera sees get 0.
 
@@ -76,7 +75,6 @@ def lift(
         near: Near plane, world units.
         config: Layering settings.
         device: Device on which points are drawn.
-        seed: Seed of the order of views.
 
     Raises:
         ReconstructionError: If masks and cameras do not match.
@@ -91,10 +89,8 @@ def lift(
     splats = SplatTensors.of(points, device)
     targets = torch.from_numpy(np.asarray(masks, np.float32)).to(device)
     weights = _contributions(splats, cameras, targets, near)
-    if config.lift == "vote":
-        labels = _vote(splats.means, weights, NEIGHBORS)
-    else:
-        labels = _minimize(splats, cameras, targets, near, config, seed)
+    by_vote = config.lift == "vote"
+    labels = _vote(splats.means, weights, NEIGHBORS) if by_vote else _minimize(splats, cameras, targets, near, config)
     return torch.where(weights.seen, labels, 0).cpu().numpy().astype(np.float32)
 
 
@@ -164,13 +160,13 @@ def _vote(means: Tensor, weights: _Contributions, neighbors: int) -> Tensor:
 
 
 def _minimize(
-    splats: SplatTensors, cameras: list[Camera], masks: Tensor, near: float, config: LayeringConfig, seed: int
+    splats: SplatTensors, cameras: list[Camera], masks: Tensor, near: float, config: LayeringConfig
 ) -> Tensor:
     """Return the labels [N] that minimize the paper's L_m, by one random view per iteration.
 
     The sums over points are divided by the number of views, since each iteration has only one view's share of the first term.
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     count = len(splats.means)
     labels = torch.full((count,), 0.5, device=splats.means.device, requires_grad=True)
     nearest = splat.nearest_neighbors(splats.means, 1)[0][:, 0] if count > 1 else torch.zeros(1, dtype=torch.int64)

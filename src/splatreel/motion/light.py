@@ -6,7 +6,6 @@ see it darken by the same factor. Of a body that passes in front of it, each vie
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from functools import partial
 
 import cv2
@@ -77,9 +76,8 @@ def _brightness_of(
     )
     for row, camera, film in zip(shown, cameras, frames.swapaxes(0, 1), strict=True):
         small = _shrunk(camera)
-        with ThreadPoolExecutor(threads.count()) as pool:
-            bright = partial(_brightness, width=small.width, height=small.height)
-            pictures = np.stack(list(pool.map(bright, film)), 2)
+        bright = partial(_brightness, width=small.width, height=small.height)
+        pictures = np.stack(threads.map_parallel(bright, film), 2)
         pictures -= pictures[..., :1].copy()
         pictures -= np.median(pictures[::3, ::3], (0, 1))  # remove exposure and light of the whole scene
         pictures = np.concatenate([pictures, np.ones_like(pictures[..., :1])], 2)

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-
 import numpy as np
 
-from splatreel import threads
-from splatreel.capture.frame_file import release_pages
-from splatreel.motion.change import difference
+from splatreel.motion.change import difference, per_camera
 
 MAX_DIFFERENCE = 8 / 255
 """Mean absolute color difference around a pixel, 0..1, from which on a frame does not contribute."""
@@ -23,14 +19,7 @@ def temporal_mean(frames: np.ndarray) -> np.ndarray:
     Args:
         frames: [T, C, H, W, 3] uint8, the keyframe first.
     """
-
-    def of(camera: int) -> np.ndarray:
-        found = _temporal_mean(frames[:, camera])
-        release_pages(frames)
-        return found
-
-    with ThreadPoolExecutor(threads.count()) as pool:
-        return np.stack(list(pool.map(of, range(frames.shape[1]))))
+    return per_camera(_temporal_mean, frames)
 
 
 def _temporal_mean(frames: np.ndarray) -> np.ndarray:

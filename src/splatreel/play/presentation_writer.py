@@ -1,15 +1,40 @@
-"""Writes the presentation of a reel while the reel is written: texts, a poster, thumbnails."""
+"""Writes the presentation of a reel while the reel is written: texts, a poster, thumbnails.
+
+The poster is shown until the reel plays: the first frame, seen by the start camera. Thumbnails over time are for the seek bar: about
+10 KB per minute, in sheets of several minutes.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import io
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
-from splatreel.codec.presentation import check_text
+import numpy as np
+from PIL import Image
+
+from splatreel.codec.presentation import Poster, Thumbnails, check_text
 from splatreel.codec.writer import ReelWriter
-from splatreel.play.poster import write_poster
-from splatreel.play.thumbnails import write_thumbnails
-from splatreel.play.timeline import open_reel
+from splatreel.play.timeline import Timeline, open_reel
+
+POSTER_URI = "poster.jpg"
+POSTER_SIDES = (960, 640)
+"""Pixels of the longer side of the poster. The second is used if the first exceeds `POSTER_BYTES` at every quality."""
+POSTER_BYTES = 24_000
+"""Maximum size of the poster, chosen to arrive within the first round trip of a slow connection."""
+THUMBNAIL_SIDE = 112
+"""Pixels of the longer side of a thumbnail."""
+SHORTEST, LONGEST = 0.25, 10.0
+"""Minimum and maximum seconds between thumbnails."""
+FEW = 8
+"""Number of thumbnails of a short reel. A long one has one every `LONGEST` seconds."""
+COLUMNS, ROWS = 6, 5
+"""Maximum number of columns and rows of a sheet of thumbnails."""
+THUMBNAIL_BYTES = 1300
+"""Maximum mean size of a thumbnail."""
+THUMBNAIL_QUALITIES = (70, 60, 50, 40, 30, 20)
+QUALITIES = (80, 70, 60, 50, 40, 30)
 
 
 @dataclass(frozen=True)
@@ -39,3 +64,65 @@ class PresentationWriter:
             after = replace(after, thumbnails=write_thumbnails(writer, open_reel(writer.path)))
         if after != before:
             writer.present(after)
+
+
+def write_poster(writer: ReelWriter, reel: Timeline) -> Poster:
+    """Render the poster from the decoded reel and write its file. The manifest is left to `ReelWriter.present`."""
+    camera, data = reel.manifest.camera, b""
+    for side in POSTER_SIDES:
+        scale = side / max(camera.width, camera.height)
+        camera = camera.resized(max(round(camera.width * scale), 1), max(round(camera.height * scale), 1))
+        data = jpeg_within(to_bytes(reel.render(reel.at(0), camera)), POSTER_BYTES)
+        if len(data) <= POSTER_BYTES:
+            break
+    return Poster(writer.write_asset(POSTER_URI, data), camera.width, camera.height)
+
+
+def write_thumbnails(writer: ReelWriter, reel: Timeline) -> Thumbnails:
+    """Render thumbnails from the decoded reel and write their files. The manifest is left to `ReelWriter.present`.
+
+    Thumbnails of times before the start of a reel show its first frame.
+    """
+    frames, fps, camera = reel.frames, reel.fps, reel.manifest.camera
+    step = max(round(fps * min(max(frames / fps / FEW, SHORTEST), LONGEST)), 1)
+    count = math.ceil(frames / step)
+    scale = THUMBNAIL_SIDE / max(camera.width, camera.height)
+    camera = camera.resized(max(round(camera.width * scale), 1), max(round(camera.height * scale), 1))
+    columns, rows = min(count, COLUMNS), min(math.ceil(count / COLUMNS), ROWS)
+    sheets, drawn = [], {}
+    for first in range(0, count, columns * rows):
+        sheet = np.zeros((rows, columns, camera.height, camera.width, 3), np.uint8)
+        chosen = range(first, min(first + columns * rows, count))
+        for index in chosen:
+            row, column = divmod(index - first, columns)
+            frame = max(index * step, reel.manifest.first_frame)
+            if frame not in drawn:
+                drawn = {frame: to_bytes(reel.render(reel.at(frame / fps), camera))}
+            sheet[row, column] = drawn[frame]
+        pixels = sheet.swapaxes(1, 2).reshape(rows * camera.height, columns * camera.width, 3)
+        uri = f"thumbnails/{len(sheets):04d}.jpg"
+        sheets.append(writer.write_asset(uri, jpeg_within(pixels, THUMBNAIL_BYTES * len(chosen), THUMBNAIL_QUALITIES)))
+    return Thumbnails(camera.width, camera.height, columns, rows, step / fps, count, tuple(sheets))
+
+
+def jpeg_within(pixels: np.ndarray, most: int, qualities: Sequence[int] = QUALITIES) -> bytes:
+    """Encode pixels as a progressive JPEG of bounded size.
+
+    Args:
+        pixels: [H, W, 3] uint8.
+        most: Maximum number of bytes. If no quality fits, the last one is used.
+        qualities: Qualities to try, best first.
+    """
+    data = b""
+    for quality in qualities:
+        file = io.BytesIO()
+        Image.fromarray(pixels).save(file, "JPEG", quality=quality, progressive=True, optimize=True)
+        data = file.getvalue()
+        if len(data) <= most:
+            break
+    return data
+
+
+def to_bytes(image: np.ndarray) -> np.ndarray:
+    """Convert colors from float to uint8, clipped to 0..1."""
+    return np.rint(np.clip(image, 0, 1) * 255).astype(np.uint8)

@@ -26,7 +26,7 @@ from splatreel.recon.run.store import GroupStore, StoredLayer
 from splatreel.recon.stages.group_stages import restored_rig
 from splatreel.recon.stages.keyframe_stages import FirstKeyframe
 from splatreel.recon.train.keyframe import KeyframeResult
-from splatreel.recon.train.stages import train_first_keyframe
+from splatreel.recon.train.training import train_first_keyframe
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.spans import GroupSpan
 

@@ -186,15 +186,10 @@ def decode_values(data: bytes, parameters: Parameters, rows: int, columns: int) 
 
 def _encode_pictures(values: np.ndarray, log: bool, crf: int) -> tuple[bytes, Parameters]:
     """Encode each column as an image of 8 bits, all in one HEVC track."""
-    columns = np.asarray(values, np.float64)
-    if log:
-        columns = np.log2(np.maximum(columns, np.finfo(np.float32).tiny))
-    low, high = columns.min(0), columns.max(0)
-    q = np.rint((columns - low) / np.where(high > low, high - low, 1) * 255).astype(np.uint8)
+    q, ranges = quantize.quantize_columns(values, 255, log)
     width, height = maps.size_of(len(q))
-    pictures = maps.to_maps(q.T[:, :, None], maps.pixels_of(len(q), width), width, height)
+    pictures = maps.to_maps(q.astype(np.uint8).T[:, :, None], maps.pixels_of(len(q), width), width, height)
     parameters: Parameters = {"codec": "picture", "width": width, "height": height}
-    ranges = {"min": low.tolist(), "max": high.tolist()} | ({"log": True} if log else {})
     return encode_tracks([("values", pictures, f"crf={crf}")]), parameters | ranges
 
 

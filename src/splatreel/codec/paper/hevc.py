@@ -26,14 +26,15 @@ _LEVELS = ((36_864, 30), (122_880, 60), (245_760, 63), (552_960, 90), (983_040, 
 
 MAX_PIXELS = 8_912_896
 """Luma pixels of the largest picture that common decoders accept (level 5)."""
+FPS = 30
+"""Frames per second that the file states. Readers ignore it."""
 
 
-def encode_tracks(tracks: list[tuple[str, np.ndarray, str]], fps: int = 30) -> bytes:
+def encode_tracks(tracks: list[tuple[str, np.ndarray, str]]) -> bytes:
     """Encode tracks into an MP4 file. The same pictures give the same bytes.
 
     Args:
         tracks: Name, pictures [T, H, W] uint8, and x265 rate control such as `lossless=1` or `crf=20` of each track.
-        fps: Frames per second.
 
     Raises:
         MissingDependencyError: PyAV has no libx265.
@@ -41,7 +42,7 @@ def encode_tracks(tracks: list[tuple[str, np.ndarray, str]], fps: int = 30) -> b
     file = io.BytesIO()
     container = av.open(file, "w", format="mp4", options={"fflags": "+bitexact"})
     try:
-        streams = [_add_stream(container, name, pictures, rate, fps) for name, pictures, rate in tracks]
+        streams = [_add_stream(container, name, pictures, rate) for name, pictures, rate in tracks]
         for stream, (_, pictures, _) in zip(streams, tracks, strict=True):
             for index, picture in enumerate(pictures):
                 container.mux(stream.encode(_frame(picture, index)))
@@ -68,12 +69,12 @@ def decode_tracks(data: bytes, count: int, frames: int, sizes: list[tuple[int, i
     return [_decode_track(data, track, count, frames, *sizes[track]) for track in range(count)]
 
 
-def _add_stream(container, name: str, pictures: np.ndarray, rate: str, fps: int):
+def _add_stream(container, name: str, pictures: np.ndarray, rate: str):
     frames, height, width = pictures.shape
     if height * width > MAX_PIXELS:
         raise ReelError(f"Offset maps of {width} x {height} pixels are more than a video holds ({MAX_PIXELS} pixels).")
     try:
-        stream = container.add_stream("libx265", rate=fps)
+        stream = container.add_stream("libx265", rate=FPS)
     except (ValueError, FFmpegError) as error:
         raise MissingDependencyError("PyAV has no libx265 encoder. Install the `av` wheel from PyPI.") from error
     stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"

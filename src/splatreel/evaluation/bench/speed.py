@@ -27,7 +27,7 @@ from splatreel.recon.stages.group_stages import restored_rig
 from splatreel.recon.train.density import MEASURE_EVERY
 from splatreel.recon.train.group import GroupTrainer
 from splatreel.recon.train.render import draw
-from splatreel.recon.train.stages import group_trainer
+from splatreel.recon.train.training import group_trainer
 from splatreel.scene.spans import GroupSpan
 from splatreel.scene.static_points import StaticPoints
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import cv2
@@ -92,8 +91,7 @@ class GroupInput:
             return self
         images = frame_array((*self.images.shape[:2], size[1], size[0], 3))
         pairs = zip(self.images.reshape(-1, *self.images.shape[2:]), images.reshape(-1, *images.shape[2:]), strict=True)
-        with ThreadPoolExecutor(threads.count()) as pool:
-            list(pool.map(lambda pair: cv2.resize(pair[0], size, dst=pair[1], interpolation=cv2.INTER_AREA), pairs))
+        threads.map_parallel(lambda pair: cv2.resize(pair[0], size, dst=pair[1], interpolation=cv2.INTER_AREA), pairs)
         release_pages(self.images)
         return replace(self, images=images, rig=replace(self.rig, cameras=cameras))
 

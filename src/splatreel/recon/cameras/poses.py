@@ -8,7 +8,6 @@ has little in common with the others at any pose. That is no evidence.
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field, replace
 
 import cv2
@@ -161,8 +160,7 @@ class _PoseCheck:
         self.apart, self.chance = separation(cameras), MATCH_PIXELS / (SEARCH_WIDTHS[0] * cameras[0].width)
         forwards = np.stack([camera.forward for camera in cameras])
         self.narrow = forwards @ forwards.T > np.cos(np.radians(WIDE))
-        with ThreadPoolExecutor(threads.count()) as pool:
-            self.features = [list(pool.map(detect, images)) for images in frames]
+        self.features = [threads.map_parallel(detect, images) for images in frames]
         self.matches = {pair: self._match(pair, SEARCH_WIDTHS[0]) for pair in self.pairs}
         self._near: dict[Pair, np.ndarray] = {}
 

@@ -65,20 +65,17 @@ def estimate(run: ChapteredRun, division: Division, speed: MachineSpeed, moving:
         CaptureError: The capture cannot be read.
     """
     capture, config = run.capture, run.config
-    moving = moving_share(capture, run.groups[0].count) if moving is None else moving
-    work = Workload.of(capture, moving)
-    trained = min(work.megapixels, config.training_megapixels or work.megapixels)
-    pace = _Pace(speed.training(trained), speed.other, trains_on_gpu=run.device.type == "cuda")
+    work, pace = _measure(run, speed, moving)
     need = needed_memory(capture, config)
     if len(run.chapters) == 1:
         seconds = pace.job(sequence_seconds(work, run.groups, config), SERIAL_CHAPTER, division.threads)
-        return Estimate(seconds, need, moving, division)
+        return Estimate(seconds, need, work.moving, division)
     cores = division.workers * division.threads
     seconds = pace.job(scene_seconds(work, config), SERIAL_SCENE, cores)
     of_all = sum_seconds(chapter_seconds(work, chapter.groups, config) for chapter in run.chapters)
     seconds = sum_seconds([seconds, pace.chapters(of_all, len(run.chapters), division)])
     memory = need if division.workers == 1 else round(division.workers * need + PROCESS)
-    return Estimate(seconds, memory, moving, division)
+    return Estimate(seconds, memory, work.moving, division)
 
 
 @dataclass(frozen=True)
@@ -108,7 +105,6 @@ def estimate_jobs(
     threads: int,
     at_once: int | None,
     speed: MachineSpeed,
-    moving: float | None = None,
 ) -> JobsEstimate:
     """Estimate the jobs of a batch system or a cluster.
 
@@ -118,13 +114,9 @@ def estimate_jobs(
         threads: Threads of a chapter's job.
         at_once: Number of chapters at a time; None for all.
         speed: Speed of this machine (`measure_speed`).
-        moving: Share of the pixels that change in a group; None measures it.
     """
     capture, config = run.capture, run.config
-    moving = moving_share(capture, run.groups[0].count) if moving is None else moving
-    work = Workload.of(capture, moving)
-    trained = min(work.megapixels, config.training_megapixels or work.megapixels)
-    pace = _Pace(speed.training(trained), speed.other, trains_on_gpu=run.device.type == "cuda")
+    work, pace = _measure(run, speed)
     count = len(run.chapters)
     scene, parts = 0.0, [sequence_seconds(work, run.groups, config)]
     if count > 1:
@@ -134,6 +126,14 @@ def estimate_jobs(
     at_once = min(at_once or count, count)
     total = scene + math.ceil(count / at_once) * chapter
     return JobsEstimate(scene, chapter, total, needed_memory(capture, config), count, at_once)
+
+
+def _measure(run: ChapteredRun, speed: MachineSpeed, moving: float | None = None) -> tuple[Workload, _Pace]:
+    """Return the workload of a run and the pace of this machine. moving: see `estimate`."""
+    share = moving_share(run.capture, run.groups[0].count) if moving is None else moving
+    work = Workload.of(run.capture, share)
+    trained = min(work.megapixels, run.config.training_megapixels or work.megapixels)
+    return work, _Pace(speed.training(trained), speed.other, trains_on_gpu=run.device.type == "cuda")
 
 
 def moving_share(capture: Capture, frames: int) -> float:

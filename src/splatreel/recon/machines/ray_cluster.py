@@ -256,12 +256,11 @@ def _ask_autoscaler(ray: Any, need: int, cores: int) -> None:
 
 
 @contextmanager
-def connected(address: str, log: Path | None = None) -> Iterator[Any]:
+def connected(address: str) -> Iterator[Any]:
     """Give the module ray, connected to a running cluster.
 
     Args:
         address: auto, or HOST:PORT.
-        log: File for Ray's own messages, such as lost nodes; None drops them.
 
     Raises:
         MissingDependencyError: Ray is not installed.
@@ -278,7 +277,7 @@ def connected(address: str, log: Path | None = None) -> Iterator[Any]:
         raise MissingDependencyError(
             "--cluster: the package ray is not installed. Run `pip install 'splatreel[cluster]'`."
         ) from error
-    with _ray_log(log):
+    with _ray_log(None):
         try:
             _check_port(address)
             ray.init(address=address, log_to_driver=False, configure_logging=False, include_dashboard=False)
@@ -295,7 +294,7 @@ def connected(address: str, log: Path | None = None) -> Iterator[Any]:
 
 @contextmanager
 def _ray_log(path: Path | None) -> Iterator[None]:
-    """Send the messages of Ray's own logger to a file, and not to the terminal."""
+    """Send the messages of Ray's own logger, such as lost nodes, to a file, and not to the terminal. None drops them."""
     logger = logging.getLogger("ray")
     before, propagated, level = list(logger.handlers), logger.propagate, logger.level
     if path is not None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 
@@ -50,12 +49,11 @@ class RunStatus:
     Args:
         run: The run.
         url: Address of the run's folder elsewhere, if any. The run continues if it cannot be reached.
-        clock: Clock in seconds.
     """
 
-    def __init__(self, run: ChapteredRun, url: str | None = None, clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(self, run: ChapteredRun, url: str | None = None) -> None:
         """Read the status of all chapters."""
-        self._run, self._clock, self._last = run, clock, -INTERVAL
+        self._run, self._last = run, -INTERVAL
         self._elsewhere = None if url is None else open_folder(url)
         self.state = "running"
         self.published = 0
@@ -84,9 +82,9 @@ class RunStatus:
 
     def write(self, at_once: bool = True) -> None:
         """Write the file. With `at_once` False it is not written if it was written a moment ago."""
-        if not at_once and self._clock() - self._last < INTERVAL:
+        if not at_once and time.monotonic() - self._last < INTERVAL:
             return
-        self._last = self._clock()
+        self._last = time.monotonic()
         done = sum(chapter.done for chapter in self.chapters) / max(len(self.chapters), 1)
         content = {
             "format": "splatreel-status",

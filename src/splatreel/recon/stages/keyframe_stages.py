@@ -13,7 +13,7 @@ from splatreel.recon.run.workload import Workload
 from splatreel.recon.stages.stage import FirstOfChapter, FirstOfVideo, GroupState, NextGroup, Stage
 from splatreel.recon.train.chapter_keyframe import ChapterStart, start_chapter
 from splatreel.recon.train.keyframe import GAINS_EVERY, KeyframeResult
-from splatreel.recon.train.stages import train_first_keyframe, train_keyframe
+from splatreel.recon.train.training import train_first_keyframe, train_keyframe
 
 CHAPTER_SHARE = 0.5
 """Time of the first keyframe of a chapter, as a share of that of a video: it trains only points that the shared scene lacks."""

@@ -14,7 +14,7 @@ from splatreel.recon.run.store import GroupStore
 from splatreel.recon.run.workload import Workload
 from splatreel.recon.stages.stage import GroupState, NextGroup, RetiredStatic, Stage
 from splatreel.recon.train.group import GroupResult
-from splatreel.recon.train.stages import train_group
+from splatreel.recon.train.training import train_group
 from splatreel.scene.gaussians import Gaussians
 
 HASHGRID = 3.0

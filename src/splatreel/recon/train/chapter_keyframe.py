@@ -18,7 +18,7 @@ from splatreel.recon.init.planesweep import inside, project
 from splatreel.recon.train.keyframe import KeyframeTrainer, starting_points
 from splatreel.recon.train.losses import CHAPTER_KEYFRAME
 from splatreel.recon.train.single_frame import train_frame
-from splatreel.recon.train.stages import known_gains
+from splatreel.recon.train.training import known_gains
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
 import cv2
@@ -89,8 +88,7 @@ class Pictures:
             small[frame].copy_(halved(self.images[frame]))
             self.release_pages()
 
-        with ThreadPoolExecutor(threads.count()) as pool:
-            list(pool.map(halve, range(count)))
+        threads.map_parallel(halve, range(count))
         unknown = self.unknown
         if unknown is not None:  # unknown if any of the four pixels is
             unknown = torch.nn.functional.max_pool2d(unknown[:, None].float(), 2)[:, 0] > 0
