@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+import re
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -73,3 +76,42 @@ class ImageSequences:
 def image_files(folder: Path) -> list[Path]:
     """Return the image files in a folder, sorted by name."""
     return sorted(file for file in folder.glob("*") if file.suffix.lower() in IMAGE_SUFFIXES)
+
+
+def in_order(files: list[Path], request: Request) -> list[Path]:
+    """Return the images of a camera in order of the numbers at the ends of their names; without numbers, in order of names.
+
+    Raises:
+        CaptureError: A number is missing or occurs twice among the requested frames, see `refuse_gaps`.
+    """
+    found = [re.fullmatch(r"(.*?)(\d+)", file.stem) for file in files]
+    named = {match[1]: match for match in found if match}
+    if None in found or len(named) > 1:
+        return files
+    numbers = {file: int(match[2]) for file, match in zip(files, found, strict=True) if match}
+    ordered = sorted(files, key=numbers.__getitem__)
+    refuse_gaps(ordered, [numbers[file] for file in ordered], request)
+    return ordered
+
+
+def refuse_gaps(files: list[Path], numbers: list[int], request: Request) -> None:
+    """Raise `CaptureError` if frames are missing among those that are requested. A constant step between numbers is no gap.
+
+    Args:
+        files: Images in order.
+        numbers: Their ascending numbers.
+        request: Options of the capture.
+    """
+    end = len(numbers) if request.frames is None else request.frames[1]
+    steps = [after - before for before, after in pairwise(numbers[:end])]
+    if 0 in steps:
+        raise CaptureError(
+            f"{files[steps.index(0)]}: frame {numbers[steps.index(0)]} is there twice. Remove one of them."
+        )
+    step = math.gcd(*steps)
+    gap = next((index for index, size in enumerate(steps) if size > step), None)
+    if gap is not None:
+        raise CaptureError(
+            f"{files[gap].parent}: pictures are missing after {files[gap].name}: the next one is {files[gap + 1].name}. Later frames "
+            f"would be shown too early. Add the pictures, or choose the frames before: --frames 0:{gap + 1}."
+        )

@@ -7,7 +7,7 @@ from pathlib import Path
 from splatreel.capture.base import Request
 from splatreel.capture.growing.growing_pictures import GrowingPictures
 from splatreel.capture.growing.growing_videos import GrowingCamera, GrowingVideos
-from splatreel.capture.image_sequences import ImageSequences
+from splatreel.capture.image_sequences import ImageSequences, in_order
 from splatreel.capture.sidecar import Sidecar
 from splatreel.capture.video import VideoFile
 from splatreel.capture.videos import Videos
@@ -27,5 +27,6 @@ def picture_source(
 ) -> ImageSequences | GrowingPictures:
     """Return the source for the images of each camera in order of time."""
     if request.growth is None:
-        return ImageSequences(path, files, sidecar, request)
+        ordered = {name: in_order(found, request) for name, found in files.items()}
+        return ImageSequences(path, ordered, sidecar, request)
     return GrowingPictures(path, files, sidecar)

@@ -76,7 +76,14 @@ class Videos:
         names = numbered(segment_files(file))
         if names is None:
             raise CaptureError(f"{file}: holds no videos. Copy them there, or leave the camera out.")
-        return SegmentedVideo(file, names, Growth.over(self._path), self._where, tables)
+        video = SegmentedVideo(file, names, Growth.over(self._path), self._where, tables)
+        absent, last = video.waiting_for, names.count - 1
+        if self._request.frames is None and not absent.exists() and len(video.segments) < last:
+            raise CaptureError(
+                f"{absent}: is missing, though files up to {names.file(last).name} are there. Copy it there, or choose "
+                f"those before: --frames 0:{video.frames}."
+            )
+        return video
 
     def __getitem__(self, name: str) -> CompleteVideo:
         return self._files[name]

@@ -26,13 +26,23 @@ OPEN = 2
 
 @dataclass(frozen=True)
 class Numbered:
-    """Consecutively numbered files of a folder. `start` is the number of the first."""
+    """Consecutively numbered files of a folder.
+
+    Attributes:
+        folder: The folder.
+        prefix: Text before the numbers.
+        digits: Number of digits.
+        suffix: Extension.
+        start: Number of the first file.
+        count: Number of files up to the last one, with those that are missing.
+    """
 
     folder: Path
     prefix: str
     digits: int
     suffix: str
     start: int
+    count: int = 1
 
     def file(self, index: int) -> Path:
         """Return the file at an index from the first."""
@@ -50,7 +60,7 @@ def numbered(files: list[Path]) -> Numbered | None:
     if not found:
         return None
     start, match, file = min(found)[0], *min(found)[1:]
-    return Numbered(file.parent, match[1], len(match[2]), file.suffix, start)
+    return Numbered(file.parent, match[1], len(match[2]), file.suffix, start, max(found)[0] - start + 1)
 
 
 def segment_files(folder: Path) -> list[Path]:

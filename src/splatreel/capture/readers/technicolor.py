@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.image_sequences import ImageSequences, image_files
+from splatreel.capture.image_sequences import ImageSequences, image_files, refuse_gaps
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
@@ -38,7 +38,7 @@ class TechnicolorCapture(FileCapture):
     """Technicolor folder. Cameras are named by their two digits, and 10 is held out by default."""
 
     def __init__(self, path: Path, request: Request) -> None:
-        sidecar, files = read_sidecar(path), _pictures(path)
+        sidecar, files = read_sidecar(path), _pictures(path, request)
         rows = _read_parameters(path / PARAMETERS)
         if sorted(int(name) for name in files) != list(range(len(rows))):
             raise CaptureError(
@@ -66,8 +66,8 @@ def _camera(name: str, row: np.ndarray, width: int, height: int) -> Camera:
     return Camera(name, viewmat, np.array([[row[0], 0, row[1]], [0, row[0], row[2]], [0, 0, 1]]), width, height)
 
 
-def _pictures(path: Path) -> dict[str, list[Path]]:
-    """Return the images by camera in order of frames. All cameras must have the same frames."""
+def _pictures(path: Path, request: Request) -> dict[str, list[Path]]:
+    """Return the images by camera in order of frames. All cameras must have the same frames, without gaps."""
     found: dict[str, dict[int, Path]] = defaultdict(dict)
     for file in image_files(path):
         if match := PICTURE.fullmatch(file.stem):
@@ -79,7 +79,10 @@ def _pictures(path: Path) -> dict[str, list[Path]]:
                 f"{path}: camera {name} has no picture of frame {absent[0]:05d}, which others have. Copy it there, or remove that "
                 f"frame of all cameras."
             )
-    return {name: [files[time] for time in times] for name, files in sorted(found.items())}
+    ordered = {name: [files[time] for time in times] for name, files in sorted(found.items())}
+    for pictures in ordered.values():
+        refuse_gaps(pictures, times, request)
+    return ordered
 
 
 def _read_parameters(file: Path) -> np.ndarray:
