@@ -107,9 +107,10 @@ class Hands {
       this.pointer("pointerup", 1, 240, 160);
     } else if (kind === 2) {
       const [x, y] = [between(0, WIDTH), between(0, HEIGHT)];
+      const by = { pointerType: random() < 0.5 ? "mouse" : "touch" };
       for (let i = 0; i < 2; i++) {
-        this.pointer("pointerdown", 1, x, y);
-        this.pointer("pointerup", 1, x, y);
+        this.pointer("pointerdown", 1, x, y, by);
+        this.pointer("pointerup", 1, x, y, by);
         this.frames(4);
       }
     } else if (kind === 3) {

@@ -97,6 +97,37 @@ def test_the_controls_fit(page: Page, server: Server, size: tuple[int, int], tou
     assert page.evaluate(f"{REEL}.shadowRoot.activeElement.className") != "play"
 
 
+@pytest.mark.parametrize("touch", [False, True])
+def test_the_big_button_stays_off_the_bar(page: Page, server: Server, touch: bool) -> None:
+    if touch:
+        page.context.new_cdp_session(page).send("Emulation.setTouchEmulationEnabled", {"enabled": True})
+    reel = open_embed(page, server)
+    wait_for_picture(page)
+    shown = 0
+    for width, height in [(390, 220), (390, 190), (200, 170), (320, 160), (200, 120)]:
+        reel.evaluate(f"(reel) => Object.assign(reel.style, {{ width: '{width}px', height: '{height}px' }})")
+        start, seek = (reel.locator(name).bounding_box() for name in (".start", ".seek"))
+        assert seek
+        if start:
+            shown += 1
+            assert min(start["width"], start["height"]) >= 40
+            assert start["y"] + start["height"] < seek["y"] + seek["height"] / 2 - 4  # the line is in its middle
+    assert shown == (1 if touch else 3)
+
+
+def test_the_columns_of_the_help_begin_at_one_height(page: Page, server: Server) -> None:
+    reel = open_embed(page, server, (800, 500))
+    page.set_viewport_size({"width": 800, "height": 500})
+    wait_for_picture(page)
+    page.locator("splat-reel canvas").focus()
+    page.keyboard.press("?")
+    tops = [heading.bounding_box() for heading in reel.locator(".dialog h3", has_text=re.compile("Time|View")).all()]
+    assert len(tops) == 2
+    assert tops[0]
+    assert tops[1]
+    assert tops[0]["y"] == pytest.approx(tops[1]["y"], abs=0.5)
+
+
 @pytest.mark.parametrize("size", SIZES[:2])
 def test_the_whole_menu_can_be_reached_and_left(page: Page, server: Server, size: tuple[int, int]) -> None:
     reel = open_embed(page, server, size)

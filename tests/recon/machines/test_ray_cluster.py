@@ -172,6 +172,42 @@ def test_node_that_an_autoscaler_starts_is_waited_for(monkeypatch: pytest.Monkey
         wait_for_nodes(there, 4, "auto", GIB, ClusterOptions(), told.append)
 
 
+def test_retries_and_resources_reach_ray() -> None:
+    asked: list[dict[str, Any]] = []
+    said: list[str | None] = []
+
+    def remote(**options: Any) -> Any:
+        asked.append(options)
+        return lambda function: SimpleNamespace(remote=lambda *_: "reference")
+
+    def get(reference: Any) -> Any:
+        if reference == "reference":
+            raise LookupError("\n  a long dump\n\nThe node died.\n")
+        return []
+
+    there = SimpleNamespace(
+        remote=remote, get=get, wait=lambda refs, timeout: (refs, []), exceptions=SimpleNamespace(RayError=LookupError)
+    )
+    made = ray_cluster._Cluster.__new__(ray_cluster._Cluster)
+    made.ray, made.options, made.spec, made.url = there, ClusterOptions(retries=7), b"", None
+    made.mailbox = SimpleNamespace(take=SimpleNamespace(remote=list))
+    made._run({4: (print,)}, lambda report: said.append(getattr(report, "error", None)), Resources(3, 1, GIB))
+    assert asked == [
+        {"max_retries": 7, "scheduling_strategy": "SPREAD", "num_cpus": 3, "num_gpus": 1, "memory": GIB},
+    ]
+    assert said == ["Ray gave up after 8 attempts: The node died."]
+
+
+def test_messages_of_ray_go_to_its_log(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    import logging
+
+    log = tmp_path / "work" / "logs" / "ray.log"
+    with ray_cluster._ray_log(log):
+        logging.getLogger("ray").warning("a dump of many lines")
+    assert log.read_text().endswith("WARNING a dump of many lines\n")
+    assert "dump" not in "".join(capfd.readouterr())
+
+
 def test_ray_client_is_refused(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"Ray Client is not supported.*--cluster auto"), connected("ray://head:10001"):
         pass
@@ -199,6 +235,8 @@ def test_unreachable_cluster_is_refused(tmp_path: Path, monkeypatch: pytest.Monk
         ({"chapter": "0/2"}, "out", "Add --job chapter"),
         ({"job": "chapter", "chapter": "2/2"}, "out", "is not a share of the chapters"),
         ({}, "s3://bucket/run", "only --cluster writes elsewhere"),
+        ({"cluster": "auto", "cluster_retries": -1}, "out", "--cluster-retries -1: give 0 or more"),
+        ({"cluster": "auto", "cluster_wait": float("nan")}, "out", "--cluster-wait nan: give seconds"),
     ],
 )
 def test_options_that_do_not_go_together(given: dict[str, Any], out: str, words: str) -> None:
