@@ -47,7 +47,7 @@ def test_moment_is_an_immutable_dataclass(reel):
     np.testing.assert_array_equal(halved.rests, moment.rests)
     np.testing.assert_array_equal(moment[moment.rests].means, moment.means[moment.rests])
     with pytest.raises(FrozenInstanceError):
-        moment.light = np.zeros(3)
+        moment.light = np.zeros(3)  # pyright: ignore[reportAttributeAccessIssue]
 
 
 def test_render_follows_manifest(tmp_path):

@@ -3,11 +3,11 @@
 from pathlib import Path
 
 import pytest
-from splatreel.recon.machines.run_spec import RunSpec
 
 from splatreel.capture import video
 from splatreel.capture.opening import CaptureSource
 from splatreel.recon.jobs import save_frame_tables
+from splatreel.recon.pipeline import RunSpec
 from tests.capture import folders
 from tests.recon.machines.runs import CONFIG
 
