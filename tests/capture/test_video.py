@@ -1,5 +1,5 @@
 import os
-import struct
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from splatreel.capture.video import VideoFile
 from splatreel.errors import CaptureError
 from tests.capture import folders
+from tests.capture.colors import write_display_matrix
 
 FRAMES = folders.FRAMES
 
@@ -99,21 +100,36 @@ def test_file_that_is_no_video_is_named(tmp_path: Path, content: bytes) -> None:
         VideoFile(path)
 
 
-@pytest.mark.parametrize(("turns", "matrix"), [(3, (0, 1, -1, 0)), (2, (-1, 0, 0, -1)), (1, (0, -1, 1, 0))])
-def test_rotation_metadata_is_applied(tmp_path: Path, turns: int, matrix: tuple[int, ...]) -> None:
-    """Phones store portrait videos in landscape with a rotation in the track's header."""
+@pytest.mark.parametrize(
+    ("matrix", "show"),
+    [
+        ((0, 1, -1, 0), lambda image: np.rot90(image, 3)),
+        ((-1, 0, 0, -1), lambda image: np.rot90(image, 2)),
+        ((0, -1, 1, 0), np.rot90),
+        ((-1, 0, 0, 1), np.fliplr),
+        ((1, 0, 0, -1), np.flipud),
+        ((0, 1, 1, 0), lambda image: image.swapaxes(0, 1)),
+    ],
+)
+def test_display_matrix_is_applied(
+    tmp_path: Path, matrix: tuple[int, int, int, int], show: Callable[[np.ndarray], np.ndarray]
+) -> None:
+    """Phones store portrait videos in landscape, and front cameras mirror, with a matrix in the track's header."""
     lying = np.zeros((24, 32, 3), np.uint8)
     lying[:8, :16] = 255
     folders.write_video(tmp_path / "a.mp4", [lying] * 2)
-    data = bytearray((tmp_path / "a.mp4").read_bytes())
-    at = data.index(b"tkhd") + 44
-    a, b, c, d = (value << 16 for value in matrix)
-    data[at : at + 36] = struct.pack(">9i", a, b, 0, c, d, 0, 0, 0, 1 << 30)
-    (tmp_path / "a.mp4").write_bytes(data)
-    video, shown = VideoFile(tmp_path / "a.mp4"), np.rot90(lying, turns)
+    write_display_matrix(tmp_path / "a.mp4", matrix)
+    video, shown = VideoFile(tmp_path / "a.mp4"), show(lying)
     assert (video.height, video.width) == shown.shape[:2]
     found = read(video, 1, 1, video.width, video.height)[0]
     assert np.abs(found.astype(int) - shown).mean() < 3
+
+
+def test_display_at_an_angle_is_refused(tmp_path: Path) -> None:
+    folders.write_video(tmp_path / "a.mp4", [folders.frame(0, 0)])
+    write_display_matrix(tmp_path / "a.mp4", (1, 1, -1, 1))
+    with pytest.raises(CaptureError, match=r"a\.mp4: is shown at an angle of -?45 degrees"):
+        VideoFile(tmp_path / "a.mp4")
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes")

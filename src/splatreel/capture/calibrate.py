@@ -17,13 +17,13 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from PIL import Image, ImageOps
+from PIL import Image
 
 from splatreel.capture.base import MIN_CAMERAS, Request
 from splatreel.capture.calibration_agreement import FIELD, CalibratedCamera, CalibratedRig, trusted
 from splatreel.capture.dense_matches import refine_by_matches, refine_lenses
 from splatreel.capture.image_sequences import image_files
-from splatreel.capture.images import image_size
+from splatreel.capture.images import image_size, read_whole_image
 from splatreel.capture.learned_matches import Describer, Features
 from splatreel.capture.readers.colmap import is_colmap, videos_but
 from splatreel.capture.readers.colmap_model import import_pycolmap
@@ -332,13 +332,7 @@ def write_photos(files: list[Path], pictures: Path, progress: Progress) -> list[
     names = []
     progress.stage("reading photographs", len(files))
     for number, file in enumerate(files):
-        try:
-            with Image.open(file) as opened:
-                image = ImageOps.exif_transpose(opened).convert("RGB")
-        except (OSError, ValueError, Image.DecompressionBombError) as error:
-            raise CaptureError(
-                f"{file}: cannot be read as a picture ({error}). Copy it again or leave it out."
-            ) from error
+        image = Image.fromarray(read_whole_image(file))
         image.thumbnail((LONGEST, LONGEST), Image.Resampling.LANCZOS)
         name = f"{PHOTO_FOLDER}{image.width}x{image.height}/{number:05d}.jpg"
         (pictures / name).parent.mkdir(parents=True, exist_ok=True)

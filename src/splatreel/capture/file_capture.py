@@ -9,9 +9,11 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from splatreel.capture.base import Capture, Request, read_cameras
+from splatreel.capture.camera_images import same_shape
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.lens import Lens
 from splatreel.capture.soundtrack import Track
+from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 
 
@@ -32,8 +34,25 @@ class FrameSource(Protocol):
         """Number of time steps."""
         ...
 
+    def size(self, name: str, calibrated: tuple[int, int] | None = None) -> tuple[int, int]:
+        """Return width and height of a camera's images.
+
+        Args:
+            name: Name of the camera.
+            calibrated: Width and height of its calibration. A source may use them to choose an orientation.
+        """
+        ...
+
+    def conversions(self) -> list[str]:
+        """Return sentences about conversions of the images that users should know of."""
+        ...
+
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
-        """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8, resized to H x W."""
+        """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8, resized to H x W.
+
+        Raises:
+            CaptureError: An image has another size than the camera's first one.
+        """
 
     def missing(self, first: int, count: int, name: str) -> np.ndarray:
         """Return [count] bool, the time steps for which a camera has no image. A nearby image stands in for it."""
@@ -93,6 +112,10 @@ class FileCapture(Capture):
         near: Near bound, world units.
         origin: File or folder of the poses.
         notes: Sentences about the reader's choices.
+        calibrated: Width and height of the calibration by camera. By default, those at which a camera is read.
+
+    Raises:
+        CaptureError: A camera's images have another aspect ratio than its calibration.
     """
 
     def __init__(
@@ -109,9 +132,11 @@ class FileCapture(Capture):
         near: float | None = None,
         origin: Path | None = None,
         notes: Sequence[str] = (),
+        calibrated: dict[str, tuple[int, int]] | None = None,
     ) -> None:
         self._source, self._lenses = source, lenses or {}
         held_out = [name for name in held_out if name not in request.left_out]
+        self._check_shapes(path, request.kept(cameras, path), calibrated or {})
         super().__init__(
             path,
             request.kept(cameras, path),
@@ -124,8 +149,22 @@ class FileCapture(Capture):
             origin=origin,
             growing=request.growth is not None,
             limit=request.frames[1] if request.growth is not None and request.frames is not None else None,
-            notes=[*notes, *source.notes],
+            notes=[*notes, *source.notes, *source.conversions()],
         )
+
+    def _check_shapes(self, path: Path, cameras: list[Camera], calibrated: dict[str, tuple[int, int]]) -> None:
+        """Check the first image of every camera. Sources check that its other images have the same size."""
+        for camera in cameras:
+            read_at = self._lenses.get(camera.name, camera)
+            expected = calibrated.get(camera.name, (read_at.width, read_at.height))
+            found = self._source.size(camera.name, expected)
+            if not same_shape(found, expected):
+                turned = same_shape(found, (expected[1], expected[0]))
+                raise CaptureError(
+                    f"{path}: camera {camera.name} is calibrated for {expected[0]}x{expected[1]}, but its images are "
+                    f"{found[0]}x{found[1]}, {'turned by a quarter' if turned else 'another aspect ratio'}. "
+                    f"{'Turn' if turned else 'Crop'} them as for the calibration, or calibrate again."
+                )
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         read_cameras(self._read_camera, out, first, cameras)

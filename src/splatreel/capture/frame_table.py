@@ -6,14 +6,19 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import av
 import numpy as np
 from av.container import InputContainer
 from av.error import FFmpegError
+from av.sidedata.sidedata import Type
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
+
+from splatreel.capture.orientation import STORED, Orientation, display_orientation
+from splatreel.capture.video_color import declared_color
+from splatreel.errors import CaptureError
 
 NO_TIME = np.iinfo(np.int64).min
 """Value of a decoding time or byte offset that the container does not state."""
@@ -30,6 +35,8 @@ class FrameTable:
         width: Width of a stored image in pixels. Phones store upright videos sideways.
         height: Height of a stored image in pixels.
         turns: Counterclockwise quarter turns for display.
+        mirrored: True flips stored images left to right before these turns.
+        color: Arguments of `VideoColor`.
         fps: Average frames per second.
         time_base: Seconds per unit of `pts` and `dts`.
         pts: Presentation times of displayed frames, [N] int64, ascending.
@@ -47,6 +54,8 @@ class FrameTable:
     width: int
     height: int
     turns: int
+    mirrored: bool
+    color: tuple[str, int, int, int]
     fps: float
     time_base: float
     pts: np.ndarray
@@ -93,8 +102,10 @@ def scan(
         stream: Its video stream.
         size: Size of the file in bytes.
         index: The same container without image data (`IndexOnly`), used wherever no image is needed.
+
+    Raises:
+        CaptureError: The orientation is no quarter turn.
     """
-    width, height = stream.codec_context.width, stream.codec_context.height
     fps = float(stream.average_rate or stream.guessed_rate or 0)
     demuxed, packets_of = container, stream
     if index is not None:
@@ -109,15 +120,20 @@ def scan(
             offset = NO_TIME if packet.pos is None or packet.pos < 0 else packet.pos
             rows.append((packet.pts, dts, offset, packet.is_keyframe, packet.is_discard))
     pts, dts, offsets, key, hidden = np.array(rows, np.int64).reshape(-1, 5).T
-    turns, reorders = _look_at_first(container, stream)
+    first = _first_frame(container, stream)
+    reorders = first is not None and bool(stream.codec_context.has_b_frames)
+    orientation = STORED if first is None else frame_orientation(first, container.name)
+    color = declared_color(stream.codec_context)
     counted = container.format.name == "avi" and reorders and bool((np.diff(pts) > 0).all())
     keys = np.flatnonzero(key)[np.argsort(pts[key != 0], kind="stable")]
     shown = np.unique(pts[(hidden == 0) & _decodable(pts, key)])
     return FrameTable(
         size=size,
-        width=width,
-        height=height,
-        turns=turns,
+        width=(first or stream.codec_context).width,
+        height=(first or stream.codec_context).height,
+        turns=orientation.turns,
+        mirrored=orientation.mirrored,
+        color=(color.pixels, color.matrix, color.primaries, color.transfer),
         fps=fps,
         time_base=float(stream.time_base or 0),
         pts=shown,
@@ -150,6 +166,7 @@ def load_tables(path: Path) -> dict[str, FrameTable]:
         found: dict[str, FrameTable] = {}
         for number, (name, values) in enumerate(rest.items()):
             everything: dict[str, Any] = values | {key: arrays[f"{number}.{key}"] for key in ARRAYS}
+            everything["color"] = tuple(values["color"])
             found[name] = FrameTable(**everything)
         return found
     except (OSError, SafetensorError, ValueError, KeyError, TypeError, AttributeError):
@@ -175,14 +192,22 @@ def _decodable(pts: np.ndarray, key: np.ndarray) -> np.ndarray:
     return (np.arange(len(pts)) >= first) & (pts >= pts[first])
 
 
-def _look_at_first(container: InputContainer, stream: av.VideoStream) -> tuple[int, bool]:
-    """Return the quarter turns of the first image, and whether the decoder reorders frames. Decoding errors are reported on reading."""
+def frame_orientation(frame: av.VideoFrame, name: str) -> Orientation:
+    """Return the orientation that a file declares for a decoded image. Raise `CaptureError` if it is no quarter turn."""
+    data: Any = cast(Any, frame.side_data).get(Type.DISPLAYMATRIX)
+    orientation = STORED if data is None else display_orientation(bytes(data))
+    if orientation is None:
+        raise CaptureError(f"{name}: is shown at an angle of {frame.rotation} degrees. Convert it to an upright video.")
+    return orientation
+
+
+def _first_frame(container: InputContainer, stream: av.VideoStream) -> av.VideoFrame | None:
+    """Decode the first image. Decoding errors are reported on reading."""
     try:
         container.seek(0)
-        frame = next(_frames(container, stream), None)
+        return next(_frames(container, stream), None)
     except FFmpegError:
-        return 0, False
-    return round(getattr(frame, "rotation", 0) / 90) % 4, bool(stream.codec_context.has_b_frames)
+        return None
 
 
 def _frames(container: InputContainer, stream: av.VideoStream) -> Iterator[av.VideoFrame]:

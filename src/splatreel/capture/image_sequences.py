@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.capture.base import Request
+from splatreel.capture.camera_images import CameraImages
 from splatreel.capture.files import list_folder
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.gaps import describe_gaps, nearest
-from splatreel.capture.images import image_size, read_image
 from splatreel.capture.sidecar import SIDECAR, Sidecar
 from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
@@ -34,6 +34,7 @@ class ImageSequences:
         request: Options.
         notes: Sentences about the choice of the files.
         labels: Number of each time step in messages; by default counted from 0.
+        upright: True obeys EXIF as OpenCV does, False ignores it as COLMAP does.
 
     Raises:
         CaptureError: The cameras have different numbers of time steps, or the sidecar has start times.
@@ -47,8 +48,10 @@ class ImageSequences:
         request: Request,
         notes: Sequence[str] = (),
         labels: Sequence[int] | None = None,
+        *,
+        upright: bool = True,
     ) -> None:
-        self._where, self.notes = request.files, list(notes)
+        self.notes = list(notes)
         self.fps = sidecar.fps or 30.0
         if sidecar.starts:
             raise CaptureError(
@@ -70,15 +73,22 @@ class ImageSequences:
         lacks = {name: ~there for name, there in self._exists.items()}
         self.notes += describe_gaps(lacks, range(self.frames) if labels is None else labels, "pictures")
         self._files = {name: _stand_ins(found, self._exists[name]) for name, found in files.items()}
+        start = 0 if request.frames is None else min(request.frames[0], self.frames - 1)
+        first = {name: found[start] for name, found in self._files.items()}
+        self._images = CameraImages(first, request.files, upright)
 
-    def size(self, name: str) -> tuple[int, int]:
-        """Return width and height of a camera's first image."""
-        return image_size(self._files[name][0], self._where)
+    def size(self, name: str, calibrated: tuple[int, int] | None = None) -> tuple[int, int]:
+        """Return width and height of a camera's images (`CameraImages.size`)."""
+        return self._images.size(name, calibrated)
+
+    def conversions(self) -> list[str]:
+        """Return sentences about conversions of the images that users should know of."""
+        return self._images.conversions()
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
         for picture, file in zip(out, self._files[name][first : first + len(out)], strict=True):
-            picture[:] = read_image(file, out.shape[2], out.shape[1], self._where)
+            self._images.read(picture, name, file)
 
     def missing(self, first: int, count: int, name: str) -> np.ndarray:
         """Return [count] bool, the time steps for which a camera has no image. The nearest image stands in for it."""

@@ -2,37 +2,216 @@
 
 from __future__ import annotations
 
+import struct
+from dataclasses import dataclass
+from functools import lru_cache
+from io import BytesIO
 from pathlib import Path
+from typing import Any, cast
 
 import av
 import numpy as np
 from av.video.reformatter import Interpolation
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, ImageCms, UnidentifiedImageError
 
 from splatreel.capture.files import LOCAL, Files
+from splatreel.capture.orientation import EXIF, STORED, Orientation
+from splatreel.capture.srgb import over_black
 from splatreel.errors import CaptureError
 
+ORIENTATION = 0x112
+"""Number of the orientation in EXIF."""
+TAIL = 1 << 16
+"""Bytes at the end of a PNG file that are searched for EXIF."""
+DEEP = ("I;16", "I;16B", "I;16L", "I;16N")
+"""Pillow's modes with 16 bits per pixel."""
+READ = ("1", "L", "LA", "La", "P", "PA", "RGB", "RGBA", "RGBa", "RGBX", "CMYK", "YCbCr", *DEEP)
+"""Pillow's modes that are converted. Integers of 32 bits and floats have no known white."""
+ALPHA = ("LA", "La", "PA", "RGBA", "RGBa")
+"""Pillow's modes with an opacity."""
+SPACES = {"RGB": "RGB", "GRAY": "L", "CMYK": "CMYK"}
+"""Pillow's modes by the color space of an ICC profile."""
+UNNOTICED = 2
+"""Maximum difference, in levels of 255, of a profile that counts as sRGB."""
+FAILURES = (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError)
+"""Errors of Pillow for damaged files."""
 
-def image_size(path: Path, files: Files = LOCAL) -> tuple[int, int]:
-    """Return width and height of an image file without decoding it."""
+
+@dataclass(frozen=True)
+class ImageHeader:
+    """Properties of an image file that are known without decoding it.
+
+    Attributes:
+        size: Width and height as stored.
+        orientation: Orientation that EXIF declares.
+        conversions: Phrases for conversions to 8-bit sRGB that users should know of.
+    """
+
+    size: tuple[int, int]
+    orientation: Orientation
+    conversions: list[str]
+
+    def shown_size(self, upright: bool) -> tuple[int, int]:
+        """Return width and height of the image, upright or as stored."""
+        return self.orientation.size(*self.size) if upright else self.size
+
+
+def read_header(path: Path, files: Files = LOCAL) -> ImageHeader:
+    """Return the properties of an image file without decoding it."""
     try:
         with Image.open(files.source(path)) as image:
-            return image.size
-    except (OSError, UnidentifiedImageError) as error:
+            return ImageHeader(image.size, _orientation(image), _conversions(image))
+    except FAILURES as error:
         raise _unreadable(path, error) from error
 
 
-def read_image(path: Path, width: int, height: int, files: Files = LOCAL) -> np.ndarray:
-    """Return an image resized by area to width x height, uint8 [height, width, 3] sRGB."""
+def image_size(path: Path, files: Files = LOCAL, *, upright: bool = True) -> tuple[int, int]:
+    """Return width and height of an image file without decoding it. `upright` obeys EXIF."""
+    return read_header(path, files).shown_size(upright)
+
+
+def read_image(
+    path: Path,
+    width: int,
+    height: int,
+    files: Files = LOCAL,
+    *,
+    upright: bool = True,
+    size: tuple[int, int] | None = None,
+) -> np.ndarray:
+    """Return an image resized by area to width x height, uint8 [height, width, 3] sRGB.
+
+    Args:
+        path: Image file.
+        width: Output width in pixels.
+        height: Output height in pixels.
+        files: Access to the file.
+        upright: True obeys EXIF, False returns the image as it is stored.
+        size: Required width and height of the file's image, or None.
+
+    Raises:
+        CaptureError: The file cannot be read or has another size.
+    """
+    pixels, orientation = _decoded(path, files, upright)
+    found = orientation.size(pixels.shape[1], pixels.shape[0])
+    if size is not None and found != size:
+        raise CaptureError(
+            f"{path}: is {found[0]}x{found[1]}, the first image of its camera is {size[0]}x{size[1]}. Bring all images of a camera "
+            f"to one size."
+        )
+    width, height = orientation.size(width, height)
+    if pixels.shape[:2] != (height, width):
+        frame = av.VideoFrame.from_ndarray(pixels, format="rgb24")  # resample as videos are
+        pixels = frame.reformat(width, height, "rgb24", interpolation=Interpolation.AREA).to_ndarray()
+    return orientation.apply(pixels)
+
+
+def read_whole_image(path: Path, files: Files = LOCAL) -> np.ndarray:
+    """Return an upright image at its own size, uint8 [H, W, 3] sRGB."""
+    pixels, orientation = _decoded(path, files, True)
+    return orientation.apply(pixels)
+
+
+def _decoded(path: Path, files: Files, upright: bool) -> tuple[np.ndarray, Orientation]:
+    """Return an image as it is stored, [H, W, 3] uint8 sRGB, and its orientation."""
     try:
         with Image.open(files.source(path)) as image:
-            pixels = np.asarray(image.convert("RGB"))
-    except (OSError, UnidentifiedImageError, Image.DecompressionBombError) as error:
+            orientation = _orientation(image) if upright else STORED
+            image.load()
+            if image.mode not in READ and not (image.mode == "I" and image.format == "PNG"):
+                raise ValueError(
+                    f"its pixels are of kind {image.mode}, whose white is unknown; convert it to 8 or 16 bits"
+                )
+            return _rgb(image), orientation
+    except FAILURES as error:
         raise _unreadable(path, error) from error
-    if pixels.shape[:2] == (height, width):
-        return pixels
-    frame = av.VideoFrame.from_ndarray(pixels, format="rgb24")  # resample as videos are
-    return frame.reformat(width, height, "rgb24", interpolation=Interpolation.AREA).to_ndarray()
+
+
+def _conversions(image: Image.Image) -> list[str]:
+    found = ["16 bits are reduced to 8"] if image.mode in DEEP else []
+    profile = image.info.get("icc_profile")
+    if profile and _to_srgb(profile)[1] is not None:
+        found.append("colors are converted from the ICC profile to sRGB")
+    elif image.mode == "CMYK":
+        found.append("CMYK without a usable ICC profile is converted by its inverse")
+    return [*found, "transparent pixels are composed over black"] if _has_alpha(image) else found
+
+
+def _rgb(image: Image.Image) -> np.ndarray:
+    """Return a loaded image as [H, W, 3] uint8 sRGB."""
+    profile = image.info.get("icc_profile")
+    if image.mode in DEEP or image.mode == "I":
+        values = np.asarray(image)
+        levels = (values >> 8).astype(np.uint8)  # as OpenCV, and as Pillow does for colors
+        clear = image.info.get("transparency")
+        levels[values == clear if isinstance(clear, int) else np.zeros(values.shape, bool)] = 0
+        image = Image.fromarray(levels)
+    elif _has_alpha(image):
+        pixels = np.asarray(image.convert("RGBA"))
+        opaque = Image.fromarray(np.ascontiguousarray(pixels[..., :3])).convert("L" if image.mode == "LA" else "RGB")
+        return over_black(np.concatenate([_converted(opaque, profile), pixels[..., 3:]], 2))
+    return _converted(image, profile)
+
+
+def _converted(image: Image.Image, profile: bytes | None) -> np.ndarray:
+    """Return an opaque image as [H, W, 3] uint8 sRGB."""
+    mode, transform = _to_srgb(profile) if profile else ("", None)
+    fits = mode == image.mode if {mode, image.mode} & {"CMYK"} or mode == "L" else True
+    if transform is not None and fits:
+        image = cast(Image.Image, ImageCms.applyTransform(image.convert(mode), transform))
+    return np.asarray(image.convert("RGB"))
+
+
+@lru_cache(maxsize=8)
+def _to_srgb(profile: bytes) -> tuple[str, Any]:
+    """Return Pillow's mode for an ICC profile, and its transform to sRGB; None if it is sRGB, damaged or of another kind."""
+    try:
+        source = ImageCms.ImageCmsProfile(BytesIO(profile))
+        mode = SPACES[cast(Any, source.profile).xcolor_space.strip()]
+        target, intent = ImageCms.createProfile("sRGB"), ImageCms.Intent.RELATIVE_COLORIMETRIC
+        flags = ImageCms.Flags.BLACKPOINTCOMPENSATION
+        transform = ImageCms.buildTransform(source, target, mode, "RGB", intent, flags)
+        if mode == "CMYK":
+            return mode, transform
+        steps = np.rint(np.linspace(0, 255, 9)).astype(np.uint8)
+        colors = np.stack(np.meshgrid(steps, steps, steps), -1).reshape(9, 81, 3)
+        sample = Image.fromarray(colors if mode == "RGB" else colors[..., 0].copy())
+        applied = ImageCms.applyTransform(sample, transform)
+        same = np.abs(np.asarray(applied).astype(int) - np.asarray(sample.convert("RGB"))).max() <= UNNOTICED
+    except (ImageCms.PyCMSError, OSError, KeyError, ValueError, TypeError):
+        return "", None
+    return mode, None if same else transform
+
+
+def _has_alpha(image: Image.Image) -> bool:
+    palette = image.palette.mode if image.mode == "P" and image.palette else ""
+    return image.mode in ALPHA or palette.endswith("A") or ("transparency" in image.info and image.mode not in DEEP)
+
+
+def _orientation(image: Image.Image) -> Orientation:
+    """Return the orientation in a file's EXIF. Pillow applies that of TIFF files itself."""
+    data = image.info.get("exif")
+    if data is None and image.format == "PNG" and b"eXIf" in _tail(image):
+        image.load()
+        data = image.info.get("exif")
+    if not data or image.format == "TIFF":
+        return STORED
+    exif = Image.Exif()
+    try:
+        exif.load(data)
+        return EXIF.get(exif.get(ORIENTATION, 1), STORED)
+    except (OSError, SyntaxError, ValueError, TypeError, struct.error):  # OpenCV ignores damaged EXIF, too
+        return STORED
+
+
+def _tail(image: Any) -> bytes:
+    """Return the last bytes of an open image's file."""
+    at = image.fp.tell()
+    size = image.fp.seek(0, 2)
+    image.fp.seek(max(size - TAIL, 0))
+    data = image.fp.read(TAIL)
+    image.fp.seek(at)
+    return data
 
 
 def _unreadable(path: Path, error: Exception) -> CaptureError:

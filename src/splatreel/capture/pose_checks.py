@@ -27,6 +27,8 @@ MOST = 0.8
 """Share of cameras that must agree before a doubt is reported, and of points behind cameras for a refusal."""
 HARDLY = 0.02
 """Minimum share of the points that a camera shows if the poses fit."""
+OFF_CENTER = 0.1
+"""Minimum distance of a principal point from the border, as a share of the image's width and height."""
 ENOUGH_CAMERAS, ENOUGH_POINTS = 4, 20
 
 
@@ -45,6 +47,23 @@ def check_rotation(rotation: np.ndarray, origin: str) -> None:
         raise CaptureError(
             f"{origin} is {rotation.round(4).tolist()}, no rotation: it mirrors (its determinant is -1), which no camera does. "
             f"{NEEDED}. Flip the wrong axis, or export the poses again."
+        )
+
+
+def check_center(K: np.ndarray, size: tuple[int, int], origin: str, remedy: str) -> None:
+    """Raise `CaptureError` if K is for images of another size, as its principal point shows.
+
+    Args:
+        K: Matrix [3, 3] in pixels, from a file that does not state the size.
+        size: Width and height of the images.
+        origin: File and camera, which start the message.
+        remedy: End of the message.
+    """
+    x, y = K[0, 2] / size[0], K[1, 2] / size[1]
+    if not (OFF_CENTER < x < 1 - OFF_CENTER and OFF_CENTER < y < 1 - OFF_CENTER):
+        raise CaptureError(
+            f"{origin} has the principal point {K[0, 2]:.6g}, {K[1, 2]:.6g}, far from the center of images of {size[0]}x{size[1]}: it "
+            f"is for images of another size. {remedy}."
         )
 
 

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from splatreel.capture.video_color import TRANSFERS
 from splatreel.errors import CaptureError
 from splatreel.scene.atomic import write_bytes
 from splatreel.scene.untrusted import is_number, read_json
@@ -25,12 +26,14 @@ class Sidecar:
         held_out: Names of held-out cameras.
         fps: Frames per second.
         starts: Time in each video, in seconds, at which all cameras start; 0 for cameras without an entry.
+        transfer: Transfer function of videos that declare none: "sdr", "hlg" or "pq".
         failure: Reason why `capture calibrate` failed.
     """
 
     held_out: list[str] | None = None
     fps: float | None = None
     starts: dict[str, float] = field(default_factory=dict)
+    transfer: str | None = None
     failure: str | None = None
 
 
@@ -46,10 +49,13 @@ def read_sidecar(folder: Path) -> Sidecar:
             raise ValueError(f"fps is {fps!r:.100}, expected a positive number")
         if not isinstance(starts, dict) or not all(is_number(s) and s >= 0 for s in starts.values()):
             raise ValueError(f"starts is {starts!r:.100}, expected seconds of 0 or more by camera")
+        transfer = content.get("transfer")
+        if "transfer" in content and not (isinstance(transfer, str) and transfer in TRANSFERS):
+            raise ValueError(f"transfer is {transfer!r:.100}, expected one of {', '.join(TRANSFERS)}")
         failure = content.get("calibration_failed")
         if failure is not None and not isinstance(failure, str):
             raise ValueError(f"calibration_failed is {failure!r:.100}, expected a sentence")
-        return Sidecar(held_out, fps, starts, failure)
+        return Sidecar(held_out, fps, starts, transfer, failure)
 
 
 def write_starts(folder: Path, starts: dict[str, float]) -> None:

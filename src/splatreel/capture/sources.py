@@ -29,11 +29,14 @@ def video_source(path: Path, files: dict[str, Path], sidecar: Sidecar, request: 
 
 
 def picture_source(
-    path: Path, files: dict[str, list[Path]], sidecar: Sidecar, request: Request
+    path: Path, files: dict[str, list[Path]], sidecar: Sidecar, request: Request, *, upright: bool = True
 ) -> ImageSequences | GrowingPictures:
-    """Return the source for the images of each camera, which are paired by the numbers in their names."""
+    """Return the source for the images of each camera, which are paired by the numbers in their names.
+
+    `upright` obeys EXIF.
+    """
     files = {name: found for name, found in files.items() if name not in request.left_out}
     if request.growth is None:
         pairs = pair_pictures(path, files, all_have=is_recorded(path))
-        return ImageSequences(path, pairs.files, sidecar, request, pairs.notes, pairs.labels)
-    return GrowingPictures(path, files, sidecar)
+        return ImageSequences(path, pairs.files, sidecar, request, pairs.notes, pairs.labels, upright=upright)
+    return GrowingPictures(path, files, sidecar, upright=upright)

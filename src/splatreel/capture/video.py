@@ -14,10 +14,11 @@ import av
 import numpy as np
 from av.container import InputContainer
 from av.error import FFmpegError
-from av.video.reformatter import Interpolation
 
 from splatreel.capture.files import BRIEFLY, LOCAL, Files, main_video, open_media
 from splatreel.capture.frame_table import NO_TIME, FrameTable, scan
+from splatreel.capture.orientation import Orientation
+from splatreel.capture.video_color import VideoColor
 from splatreel.errors import CaptureError
 
 SUFFIXES = (".mp4", ".m4v", ".mov")
@@ -83,8 +84,6 @@ class IndexOnly:
 
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".ts")
-UPSAMPLE_CHROMA = Interpolation.BICUBIC | Interpolation.FULL_CHR_H_INT | Interpolation.ACCURATE_RND
-"""FFmpeg interpolates 4:2:0 chroma only on request. The default, repetition, costs 2 dB at saturated edges."""
 
 WITHOUT_PICTURES = {"fflags": "noparse", "probesize": "32"}
 """FFmpeg options that do not parse images, which are zeros."""
@@ -109,14 +108,18 @@ class VideoFile:
         start: Time of the first frame in the file, seconds.
         fps: Average frames per second.
         table: Frame table.
+        color: Meaning of its pixel values.
 
     Args:
         path: Video file.
         files: Access to the file.
         table: Frame table of an earlier scan, used if the file size matches.
+        transfer: Transfer function for a video that declares none (`Sidecar.transfer`).
     """
 
-    def __init__(self, path: Path, files: Files = LOCAL, table: FrameTable | None = None) -> None:
+    def __init__(
+        self, path: Path, files: Files = LOCAL, table: FrameTable | None = None, transfer: str | None = None
+    ) -> None:
         self.path, self._files = path, files
         self._container: InputContainer | None = None
         self._stream: Any = None
@@ -124,7 +127,8 @@ class VideoFile:
         self._next = 0
         self._lock = Lock()
         self.table = table = self._scan() if table is None or table.size != self._size() else table
-        self.width, self.height = (table.height, table.width) if table.turns % 2 else (table.width, table.height)
+        self._orientation = Orientation(table.turns, table.mirrored)
+        self.width, self.height = self._orientation.size(table.width, table.height)
         self.frames, self.fps, self.start, self.times = table.frames, table.fps, table.start, table.times
         expected = max(table.declared, table.packets, 1)
         if table.whole < expected:
@@ -132,6 +136,7 @@ class VideoFile:
             raise CaptureError(
                 f"{path}: is truncated: {table.whole} of {expected} frames are whole. Copy the file again, {advice}."
             )
+        self.color = VideoColor(*table.color).interpreted(path, transfer)
 
     def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
         """Decode frames into an array.
@@ -205,7 +210,8 @@ class VideoFile:
         for number, frame in self._decoder:
             self._next = number + 1
             if number in missing and not frame.is_corrupt:
-                out[numbers == number] = to_rgb(frame, out.shape[2], out.shape[1], self.table.turns)
+                check_size(self.path, number, frame, (self.table.width, self.table.height))
+                out[numbers == number] = self.color.to_rgb(frame, out.shape[2], out.shape[1], self._orientation)
                 missing.discard(number)
             if not missing or number > max(missing):
                 return
@@ -302,10 +308,10 @@ class VideoFile:
             ) from error
 
 
-def to_rgb(frame: av.VideoFrame, width: int, height: int, turns: int) -> np.ndarray:
-    """Return a decoded image as uint8 [height, width, 3] sRGB, resized by area and rotated counterclockwise by quarter turns."""
-    if turns % 2:
-        width, height = height, width
-    shrinks = width < frame.width or height < frame.height
-    interpolation = Interpolation.AREA if shrinks else UPSAMPLE_CHROMA
-    return np.rot90(frame.reformat(width, height, "rgb24", interpolation=interpolation).to_ndarray(), turns)
+def check_size(path: Path, number: int, frame: av.VideoFrame, size: tuple[int, int]) -> None:
+    """Raise `CaptureError` for an image of another size than the first one's."""
+    if (frame.width, frame.height) != size:
+        raise CaptureError(
+            f"{path}: frame {number} is {frame.width}x{frame.height}, frame 0 is {size[0]}x{size[1]}. Cut the video there, or "
+            f"convert it to one size."
+        )

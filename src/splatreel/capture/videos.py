@@ -18,6 +18,7 @@ from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, 
 from splatreel.capture.sidecar import SIDECAR, Sidecar
 from splatreel.capture.soundtrack import Track
 from splatreel.capture.video import VideoFile
+from splatreel.capture.video_color import video_conversions
 from splatreel.errors import CaptureError
 
 CompleteVideo = VideoFile | SegmentedVideo
@@ -46,7 +47,7 @@ class Videos:
     """
 
     def __init__(self, path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> None:
-        self._path, self._where, self._request = path, request.files, request
+        self._path, self._where, self._request, self._transfer = path, request.files, request, sidecar.transfer
         self.notes: list[str] = []
         self._files = dict(zip(files, threads.map_parallel(self._opened, files.values()), strict=True))
         unknown = [name for name in sidecar.starts if name not in self._files]
@@ -79,14 +80,14 @@ class Videos:
     def _opened(self, file: Path) -> CompleteVideo:
         tables = {self._path / name: table for name, table in self._request.tables.items()}
         if not file.is_dir():
-            return VideoFile(file, self._where, tables.get(file))
+            return VideoFile(file, self._where, tables.get(file), self._transfer)
         parts = segment_files(file)
         if len(parts) == 1 and not is_recorded(self._path):
-            return VideoFile(parts[0], self._where, tables.get(parts[0]))
+            return VideoFile(parts[0], self._where, tables.get(parts[0]), self._transfer)
         names = numbered(parts)
         if names is None:
             raise CaptureError(f"{file}: holds no videos. Copy them there, or leave the camera out.")
-        video = SegmentedVideo(file, names, Growth.over(self._path), self._where, tables)
+        video = SegmentedVideo(file, names, Growth.over(self._path), self._where, tables, self._transfer)
         if len(video.segments) < len(parts) and not video.waiting_for.exists():
             raise CaptureError(
                 f"{video.waiting_for}: is missing, though later ones exist. Copy it there, or leave the camera out."
@@ -166,6 +167,14 @@ class Videos:
                 f"{video.path}: its time jumps {last:.1f} s after its first frame, so that later frames cannot be placed. "
                 f"Choose those before: --frames 0:{steps}."
             )
+
+    def size(self, name: str, calibrated: tuple[int, int] | None = None) -> tuple[int, int]:
+        """Return width and height of a camera's images."""
+        return self._files[name].width, self._files[name].height
+
+    def conversions(self) -> list[str]:
+        """Return sentences about conversions of the images that users should know of."""
+        return video_conversions(self._files)
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""

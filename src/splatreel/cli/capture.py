@@ -220,6 +220,7 @@ def capture_convert(
         names = convert_capture(source, out, format, progress)
     say(f"{out}: {len(names)} cameras and {source.frames} frames of {source.width} x {source.height} pixels")
     say("  intri.yml and extri.yml of EasyVolcap, the COLMAP model sparse/0, and images/CAMERA/; sound is not copied")
+    _say_each(source.notes)
     renamed = [f"{old} is now {new}" for old, new in names.items() if old != new]
     if renamed:
         say(f"  {', '.join(renamed)}")

@@ -69,6 +69,8 @@ NOTES = [
     '{"held_out": "cam00"}',
     '{"fps": -1}',
     '{"fps": null}',
+    '{"transfer": "log"}',
+    '{"transfer": ["hlg"]}',
     f'{{"fps": {"9" * 400}}}',
     f'{{"fps": {"9" * 5000}}}',
 ]
@@ -149,7 +151,7 @@ def test_poses_for_another_aspect_ratio_are_refused(scene: Path) -> None:
     poses = np.load(scene / "poses_bounds.npy")
     poses[:, 4] *= 1.5
     np.save(scene / "poses_bounds.npy", poses)
-    with pytest.raises(CaptureError, match=r"cam00 is 32x24, but .* 32x36"):
+    with pytest.raises(CaptureError, match=r"camera cam00 is calibrated for 32x36, but its images are 32x24, another"):
         open_capture(scene)
 
 

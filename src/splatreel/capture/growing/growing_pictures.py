@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image, UnidentifiedImageError
 
+from splatreel.capture.camera_images import CameraImages
+from splatreel.capture.files import LOCAL
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.segmented_video import Numbered, numbered
-from splatreel.capture.images import image_size, read_image
 from splatreel.capture.sidecar import SIDECAR, Sidecar
 from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
@@ -24,10 +25,10 @@ class GrowingPictures:
     """Images of all cameras, numbered consecutively from the same number. They start together.
 
     An image counts when it and all earlier ones are complete. An image that was not written although later ones were is
-    lost, and does not stop the others. The frame rate is the sidecar's, or 30.
+    lost, and does not stop the others. The frame rate is the sidecar's, or 30. `upright` obeys EXIF.
     """
 
-    def __init__(self, path: Path, files: dict[str, list[Path]], sidecar: Sidecar) -> None:
+    def __init__(self, path: Path, files: dict[str, list[Path]], sidecar: Sidecar, *, upright: bool = True) -> None:
         self.path = path
         self.fps = sidecar.fps or 30.0
         if sidecar.starts:
@@ -42,14 +43,19 @@ class GrowingPictures:
                 f"{path}: the pictures of {late} begin at {self._names[late].file(0).name}, others' at number {min(starts)}. All "
                 f"cameras' pictures count from the same number on, one by one."
             )
+        self._images = CameraImages({name: names.file(0) for name, names in self._names.items()}, LOCAL, upright)
         self._counts = dict.fromkeys(self._names, 0)
         self._lost: dict[str, set[int]] = {name: set() for name in self._names}
         self.notes: list[str] = []
         self.update()
 
-    def size(self, name: str) -> tuple[int, int]:
-        """Return width and height of a camera's first image."""
-        return image_size(self._names[name].file(0))
+    def size(self, name: str, calibrated: tuple[int, int] | None = None) -> tuple[int, int]:
+        """Return width and height of a camera's images (`CameraImages.size`)."""
+        return self._images.size(name, calibrated)
+
+    def conversions(self) -> list[str]:
+        """Return sentences about conversions of the images that users should know of."""
+        return self._images.conversions()
 
     @property
     def frames(self) -> int:
@@ -97,7 +103,7 @@ class GrowingPictures:
         for index, picture in enumerate(out, first):
             while index in self._lost[name]:  # the image before stands in
                 index -= 1
-            picture[:] = read_image(self._names[name].file(index), out.shape[2], out.shape[1])
+            self._images.read(picture, name, self._names[name].file(index))
 
     def missing(self, first: int, count: int, name: str) -> np.ndarray:
         """Return [count] bool, the images that were lost."""

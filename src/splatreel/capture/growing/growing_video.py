@@ -15,9 +15,12 @@ from av.container import InputContainer
 from av.error import FFmpegError
 
 from splatreel.capture.files import main_video
+from splatreel.capture.frame_table import frame_orientation
 from splatreel.capture.growing.growing_sound import Packets, sound_errors
 from splatreel.capture.growing.growth import Growth
-from splatreel.capture.video import to_rgb
+from splatreel.capture.orientation import STORED
+from splatreel.capture.video import check_size
+from splatreel.capture.video_color import VideoColor, declared_color
 from splatreel.errors import CaptureError
 
 
@@ -87,7 +90,7 @@ class GrowingVideo:
         CaptureError: The file is not a video, or can only be read when complete.
     """
 
-    def __init__(self, path: Path, growth: Growth) -> None:
+    def __init__(self, path: Path, growth: Growth, transfer: str | None = None) -> None:
         self.path, self._growth, self._left = path, growth, Event()
         self._pts: list[int] = []
         self._keys: list[int] = []
@@ -95,7 +98,7 @@ class GrowingVideo:
         self._lock = Lock()
         self.failure: str | None = None
         self._latest: int | None = None  # decoding time of the last packet
-        self._decoder: Iterator[av.VideoFrame] | None = None
+        self._decoder: Iterator[tuple[av.VideoFrame, VideoColor]] | None = None
         self._next = 0
         with self._guard():
             _check_form(Tail(path, growth, self._left))
@@ -103,13 +106,20 @@ class GrowingVideo:
         if stream is None:
             container.close()
             raise CaptureError(f"{path}: holds no video stream. Record it again or leave the camera out.")
-        self.width, self.height = stream.codec_context.width, stream.codec_context.height
+        self._stored = stream.codec_context.width, stream.codec_context.height
         self._time_base = float(stream.time_base or 0)
         said = stream.average_rate
         self._thread = Thread(target=self._index, args=(container, stream), name=f"index {path.name}", daemon=True)
         self._thread.start()
         self._wait(1)
         self.fps = float(said) if said else self._counted_rate()
+        self.color, self._orientation = VideoColor("yuv420p"), STORED
+        try:
+            self._inspect(transfer)
+        except CaptureError:
+            self.close()
+            raise
+        self.width, self.height = self._orientation.size(*self._stored)
 
     def update(self) -> None:
         """Do nothing, because a thread checks for new frames."""
@@ -143,7 +153,8 @@ class GrowingVideo:
         with self._guard():
             for number, frame in self._decode_from(int(numbers[0])):
                 if number in missing:
-                    out[numbers == number] = to_rgb(frame, out.shape[2], out.shape[1], 0)
+                    check_size(self.path, number, frame, self._stored)
+                    out[numbers == number] = self.color.to_rgb(frame, out.shape[2], out.shape[1], self._orientation)
                     missing.discard(number)
                 if not missing:
                     return
@@ -213,6 +224,22 @@ class GrowingVideo:
         while self._complete_frames() < frames and self._thread.is_alive():
             self._growth.pause()
 
+    def _inspect(self, transfer: str | None) -> None:
+        """Find size, orientation and color in the first image."""
+        if (first := self._first_frame()) is not None:
+            frame, color = first
+            self._stored, self._orientation = (frame.width, frame.height), frame_orientation(frame, str(self.path))
+            self.color = color.interpreted(self.path, transfer)
+
+    def _first_frame(self) -> tuple[av.VideoFrame, VideoColor] | None:
+        """Decode the first image, or return None if that is not possible."""
+        while not self._keys and self._thread.is_alive():
+            self._growth.pause()
+        try:
+            return next(_frames(Tail(self.path, self._growth, self._left), self._keys[0])) if self._keys else None
+        except (FFmpegError, OSError, StopIteration):
+            return None
+
     def _complete_frames(self) -> int:
         """Return the number of complete frames from the first one on."""
         with self._lock:
@@ -237,7 +264,7 @@ class GrowingVideo:
         if self._decoder is None or first < self._next or nearest > self._next:
             self._drop_decoder()
             self._decoder = _frames(Tail(self.path, self._growth, self._left), key)
-        for frame in self._decoder:
+        for frame, _ in self._decoder:
             if frame.pts is None:
                 continue
             with self._lock:
@@ -266,8 +293,11 @@ def open_tail(tail: Tail) -> tuple[InputContainer, av.VideoStream | None]:
     return container, main_video(container)
 
 
-def _frames(tail: Tail, start: int) -> Iterator[av.VideoFrame]:
-    """Yield the frames from the packet with presentation time `start` on. Earlier packets are read, but not decoded."""
+def _frames(tail: Tail, start: int) -> Iterator[tuple[av.VideoFrame, VideoColor]]:
+    """Yield the frames, and their color, from the packet with presentation time `start` on.
+
+    Earlier packets are read, but not decoded.
+    """
     container, stream = open_tail(tail)
     with container:
         assert stream is not None
@@ -276,7 +306,8 @@ def _frames(tail: Tail, start: int) -> Iterator[av.VideoFrame]:
         for packet in container.demux(stream):
             begun = begun or packet.pts == start
             if begun:
-                yield from packet.decode()
+                for frame in packet.decode():
+                    yield frame, declared_color(stream.codec_context)
 
 
 def _check_form(tail: Tail) -> None:

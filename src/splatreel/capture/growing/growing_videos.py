@@ -16,6 +16,7 @@ from splatreel.capture.growing.growth import Growth
 from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, segment_files
 from splatreel.capture.sidecar import Sidecar
 from splatreel.capture.soundtrack import Track
+from splatreel.capture.video_color import VideoColor, video_conversions
 from splatreel.errors import CaptureError
 
 
@@ -27,6 +28,7 @@ class GrowingCamera(Protocol):
     height: int
     fps: float
     failure: str | None
+    color: VideoColor
 
     @property
     def written(self) -> Path:
@@ -86,7 +88,7 @@ class GrowingVideos:
         self._cameras: dict[str, GrowingCamera] = {}
         try:
             for name, file in files.items():
-                self._cameras[name] = _camera(file, growth)
+                self._cameras[name] = _camera(file, growth, sidecar.transfer)
         except BaseException:
             self.close()
             raise
@@ -125,6 +127,14 @@ class GrowingVideos:
         """Count everything that exists, after the capture has ended."""
         for camera in self._cameras.values():
             camera.settle()
+
+    def size(self, name: str, calibrated: tuple[int, int] | None = None) -> tuple[int, int]:
+        """Return width and height of a camera's images."""
+        return self._cameras[name].width, self._cameras[name].height
+
+    def conversions(self) -> list[str]:
+        """Return sentences about conversions of the images that users should know of."""
+        return video_conversions(self._cameras)
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
@@ -165,10 +175,10 @@ class GrowingVideos:
         return 0 if last is None or last < start else int((last - start) * self.fps + 0.5) + 1
 
 
-def _camera(file: Path, growth: Growth) -> GrowingCamera:
+def _camera(file: Path, growth: Growth, transfer: str | None) -> GrowingCamera:
     if not file.is_dir():
-        return GrowingVideo(file, growth)
+        return GrowingVideo(file, growth, transfer)
     names = numbered(segment_files(file))
     if names is None:
         raise CaptureError(f"{file}: holds no videos yet.")
-    return SegmentedVideo(file, names, growth)
+    return SegmentedVideo(file, names, growth, transfer=transfer)

@@ -133,8 +133,9 @@ class SegmentedVideo:
         growth: Growth,
         files: Files = LOCAL,
         tables: Mapping[Path, FrameTable] | None = None,
+        transfer: str | None = None,
     ) -> None:
-        self.path, self._names, self._growth = folder, names, growth
+        self.path, self._names, self._growth, self._transfer = folder, names, growth, transfer
         self.is_complete = bool(names.chosen)
         self._files, self._known = files, tables or {}
         self.tables: dict[Path, FrameTable] = {}
@@ -150,7 +151,7 @@ class SegmentedVideo:
         if not self.segments:
             raise CaptureError(f"{self.waiting_for}: is not complete. Record again or leave the camera out.")
         first = self._video(self.segments[0].file)
-        self.width, self.height, self.fps = first.width, first.height, first.fps
+        self.width, self.height, self.fps, self.color = first.width, first.height, first.fps, first.color
 
     def update(self) -> None:
         """Check for completed files."""
@@ -213,7 +214,13 @@ class SegmentedVideo:
             mine = np.flatnonzero(which == index)
             segment = self.segments[index]
             part = np.empty((len(mine), *out.shape[1:]), np.uint8)
-            self._video(segment.file).read_into(part, numbers[mine] - segment.first)
+            video = self._video(segment.file)
+            if (video.width, video.height) != (self.width, self.height):
+                raise CaptureError(
+                    f"{segment.file}: is {video.width}x{video.height}, {self.written.name} is {self.width}x{self.height}. Convert "
+                    f"all videos of a camera to one size."
+                )
+            video.read_into(part, numbers[mine] - segment.first)
             out[mine] = part
 
     @property
@@ -274,7 +281,7 @@ class SegmentedVideo:
     def _video(self, file: Path) -> VideoFile:
         video = self._open.pop(file, None)
         if video is None:
-            video = VideoFile(file, self._files, self.tables.get(file) or self._known.get(file))
+            video = VideoFile(file, self._files, self.tables.get(file) or self._known.get(file), self._transfer)
         self._open[file] = video  # most recently used last
         while len(self._open) > OPEN:
             oldest = next(iter(self._open))

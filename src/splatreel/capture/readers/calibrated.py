@@ -85,6 +85,7 @@ class CalibratedCapture(FileCapture):
         media: Videos or images by camera; None searches for them.
         layout: Name of the format.
         paired: True if the images of each camera are in order of time steps that all cameras have.
+        upright: True obeys EXIF's orientation, unless the calibration's size speaks against it.
     """
 
     def __init__(
@@ -95,6 +96,7 @@ class CalibratedCapture(FileCapture):
         media: Media | None = None,
         layout: str = "",
         paired: bool = False,
+        upright: bool = True,
     ) -> None:
         if rig is None:
             layout, rig = _only_calibration(path)
@@ -110,17 +112,19 @@ class CalibratedCapture(FileCapture):
         videos = {name: file for name, file in media.items() if isinstance(file, Path)}
         if videos:
             source = video_source(path, {name: videos[name] for name in names}, sidecar, request)
-            sizes = {name: (source[name].width, source[name].height) for name in names}
         else:
             pictures = {name: files for name in names if isinstance(files := media[name], list)}
             choose = ImageSequences if paired else picture_source
-            source = choose(path, pictures, sidecar, request)
-            sizes = {name: source.size(name) for name in names}
+            source = choose(path, pictures, sidecar, request, upright=upright)
+        sizes = {view.name: source.size(view.name, view.size) for view in views}
         width, height = request.size(*Counter(sizes.values()).most_common(1)[0][0], path)
         lenses: dict[str, Lens] = {}
+        calibrated: dict[str, tuple[int, int]] = {}
         cameras, doubts = [], list(rig.doubts)
         for view in views:
             whose, fit = f"{rig.origin}: camera {view.name}", fitting_lens(view, sizes[view.name], rig.origin, doubts)
+            if view.size is not None:
+                calibrated[view.name] = fit.width, fit.height
             camera, lens = undistorted_camera(view.name, view.viewmat, fit, width, height, whose)
             cameras.append(camera)
             if lens is not None:
@@ -137,6 +141,7 @@ class CalibratedCapture(FileCapture):
             points=rig.points if first == 0 else None,
             point_colors=rig.point_colors if first == 0 else None,
             origin=rig.origin,
+            calibrated=calibrated,
         )
         left_out = [name for name in rig.names() if name not in media and name not in request.left_out]
         self.doubts += doubts

@@ -2,8 +2,8 @@
 
 Videos are in the folder itself or in `videos`. Images are in `images`, or smaller in `images_2`, `images_4`, ...: one
 photograph per camera, which is one time step, or one folder of images per camera. File extensions may differ from the
-model's. Images with distortion, or with another aspect ratio than the other cameras', are resampled for a pinhole
-camera. A model may also have an image for each frame of static cameras.
+model's. EXIF's orientation is ignored, as by COLMAP. Images with distortion, or with another aspect ratio than the
+other cameras', are resampled for a pinhole camera. A model may also have an image for each frame of static cameras.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class ColmapCapture(FileCapture):
             width, height = request.size(*shape, path)
         else:
             pictures, (width, height) = _choose(path, cameras, found, shape, request)
-            source = picture_source(path, pictures, sidecar, request)
+            source = picture_source(path, pictures, sidecar, request, upright=False)
         first, _ = request.range(source.frames, path)
         points, colors = (
             _points(model.reconstruction) if first == 0 else (None, None)
@@ -83,6 +83,7 @@ class ColmapCapture(FileCapture):
             point_colors=colors,
             origin=model.folder,
             notes=notes,
+            calibrated={view.name: (view.image.camera.width, view.image.camera.height) for view in everything},
         )
 
 
@@ -245,7 +246,7 @@ def _image_folders(
     for folder, files in [*choices, (".", {name: found[name] for name in names if name in found})]:
         absent = [name for name in names if name not in files]
         if not absent:
-            folders[image_size(files[names[0]][0], where)] = files
+            folders[image_size(files[names[0]][0], where, upright=False)] = files
         elif files or folder != ".":
             missing.append(f"{folder} lacks {len(absent)} of {len(names)}, the first is {absent[0]}")
     if not folders:

@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.lens import Lens, import_cv2, undistorted_camera
-from splatreel.capture.pose_checks import check_rotation
+from splatreel.capture.pose_checks import check_center, check_rotation
 from splatreel.capture.readers.colmap import pictures_by_camera, video_files
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.sidecar import read_sidecar
@@ -50,15 +50,17 @@ class EasyVolcapCapture(FileCapture):
             )
         if pictures:
             source = picture_source(path, pictures, sidecar, request)
-            read = source.size(kept[0])
         else:
             source = video_source(path, {name: videos[name] for name in kept}, sidecar, request)
-            read = source[kept[0]].width, source[kept[0]].height
-        size = request.size(*read, path)
+        calibrated = {name: intrinsics.size(name) or source.size(name if name in kept else kept[0]) for name in names}
+        size = request.size(*source.size(kept[0], calibrated[kept[0]]), path)
         lenses: dict[str, Lens] = {}
         cameras = []
         for name in names:
-            lens = _lens(intrinsics, name, read)
+            lens = _lens(intrinsics, name, calibrated[name])
+            if intrinsics.size(name) is None and name in kept:
+                remedy = f"Add W_{name} and H_{name}, the size for which K is"
+                check_center(lens.calibration_matrix(), calibrated[name], f"{intrinsics.file}: K_{name}", remedy)
             camera, bent = undistorted_camera(
                 name, _viewmat(extrinsics, name), lens, *size, f"{path / INTRINSICS}: camera {name}"
             )
@@ -67,7 +69,16 @@ class EasyVolcapCapture(FileCapture):
                 lenses[name] = bent
         held_out = [kept[middle_camera(request.kept(cameras, path))]] if sidecar.held_out is None else sidecar.held_out
         origin = path / EXTRINSICS
-        super().__init__(path, cameras, source, request, held_out=held_out, lenses=lenses, origin=origin)
+        super().__init__(
+            path,
+            cameras,
+            source,
+            request,
+            held_out=held_out,
+            lenses=lenses,
+            origin=origin,
+            calibrated=calibrated,
+        )
 
 
 class _Numbers:
@@ -120,6 +131,11 @@ class _Numbers:
             )
         return value
 
+    def size(self, name: str) -> tuple[int, int] | None:
+        """Return width and height of a camera's images, or None if the file does not have them."""
+        width, height = self.number("W", name), self.number("H", name)
+        return (width, height) if width and height else None
+
     def number(self, key: str, name: str) -> int:
         """Return an integer, or 0 if it is missing."""
         node = self._storage.getNode(f"{key}_{name}")
@@ -131,8 +147,8 @@ class _Numbers:
         return int(node.real())
 
 
-def _lens(intrinsics: _Numbers, name: str, read: tuple[int, int]) -> Any:
-    """Return a pycolmap.Camera for the image size of K: that in the file, or that of the images."""
+def _lens(intrinsics: _Numbers, name: str, size: tuple[int, int]) -> Any:
+    """Return a pycolmap.Camera for the image size of K."""
     K = intrinsics.needed(name, (3, 3), "K")
     bends = intrinsics.array(name, (5,), "D", "dist")
     if min(K[0, 0], K[1, 1]) <= 0 or abs(K[0, 1]) > 1e-2 * K[0, 0]:
@@ -140,9 +156,8 @@ def _lens(intrinsics: _Numbers, name: str, read: tuple[int, int]) -> Any:
             f"{intrinsics.file}: K_{name} is {K.tolist()}: focal lengths must be positive and the skew 0. Export the cameras again."
         )
     k1, k2, p1, p2, k3 = np.zeros(5) if bends is None else bends
-    width, height = intrinsics.number("W", name) or read[0], intrinsics.number("H", name) or read[1]
     params = [K[0, 0], K[1, 1], K[0, 2], K[1, 2], k1, k2, p1, p2, k3, 0, 0, 0]
-    return import_pycolmap().Camera(model="FULL_OPENCV", width=width, height=height, params=params)
+    return import_pycolmap().Camera(model="FULL_OPENCV", width=size[0], height=size[1], params=params)
 
 
 def _viewmat(extrinsics: _Numbers, name: str) -> np.ndarray:

@@ -49,10 +49,10 @@ class Neu3DVCapture(FileCapture):
         kept = [name for name in names if name not in request.left_out]
         if videos:
             source = video_source(path, {name: videos[name] for name in kept}, sidecar, request)
-            sizes = {name: (source[name].width, source[name].height) for name in kept}
         else:
             source = picture_source(path, {name: pictures[name] for name in kept}, sidecar, request)
-            sizes = {name: source.size(name) for name in kept}
+        calibrated = {name: (round(row[9]), round(row[4])) for name, row in zip(names, poses, strict=True)}
+        sizes = {name: source.size(name, calibrated[name]) for name in kept}
         cameras = [
             _camera(path, name, size, row).resized(*request.size(*size, path))
             for name, row in zip(names, poses, strict=True)
@@ -68,6 +68,7 @@ class Neu3DVCapture(FileCapture):
             near=float(poses[:, 15].min()),
             origin=path / POSES,
             notes=notes,
+            calibrated=calibrated,
         )
 
 
@@ -143,10 +144,6 @@ def _camera(path: Path, name: str, size: tuple[int, int], row: np.ndarray) -> Ca
         raise CaptureError(
             f"{whose} is no LLFF pose: its height, width and focal length {height:g}, {width:g}, {focal:g} are not positive. Estimate "
             f"the poses again with LLFF's imgs2poses."
-        )
-    if abs(width / height * size[1] / size[0] - 1) > 0.02:
-        raise CaptureError(
-            f"{path}: {name} is {size[0]}x{size[1]}, but {POSES} is for {width:g}x{height:g}, another aspect ratio."
         )
     viewmat = np.eye(4)
     viewmat[:3, :3] = rotation

@@ -61,6 +61,7 @@ class PanopticCapture(FileCapture):
             request,
             held_out=defaults,
             origin=path / META[0],
+            calibrated={v.camera.name: (v.camera.width, v.camera.height) for v in views},
         )
 
 

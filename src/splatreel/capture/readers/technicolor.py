@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.image_sequences import image_files
+from splatreel.capture.pose_checks import check_center
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source
 from splatreel.errors import CaptureError
@@ -66,7 +67,9 @@ def _camera(name: str, row: np.ndarray, width: int, height: int) -> Camera:
     viewmat = np.eye(4)
     viewmat[:3, :3] = Rotation.from_quat(row[[6, 7, 8, 5]]).as_matrix()
     viewmat[:3, 3] = row[9:12]
-    return Camera(name, viewmat, np.array([[row[0], 0, row[1]], [0, row[0], row[2]], [0, 0, 1]]), width, height)
+    K = np.array([[row[0], 0, row[1]], [0, row[0], row[2]], [0, 0, 1]])
+    check_center(K, (width, height), f"{PARAMETERS}: camera {name}", "Copy the images for which the parameters are")
+    return Camera(name, viewmat, K, width, height)
 
 
 def _pictures(path: Path) -> dict[str, list[Path]]:

@@ -72,7 +72,7 @@ class TransformsCapture(CalibratedCapture):
         file = path / META if (path / META).is_file() else path / TRAIN
         rig, views = _read(file)
         media, listed = _media(path, views, rig)
-        super().__init__(path, request, rig, media, layout="transforms.json", paired=listed)
+        super().__init__(path, request, rig, media, layout="transforms.json", paired=listed, upright=False)
 
 
 def read_transforms(file: Path) -> Rig:

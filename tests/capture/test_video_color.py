@@ -1,0 +1,109 @@
+"""Videos of known colors in every matrix, range, gamut and transfer function."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.capture.srgb import BT2020, HLG, P3, PQ
+from splatreel.capture.video import VideoFile
+from splatreel.capture.video_color import VideoColor
+from splatreel.errors import CaptureError
+from tests.capture.colors import COLORS, SIDE, squares, write_colors
+
+TO_BT2020 = np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]])
+"""Linear light from BT.709 to BT.2020. Source: ITU-R BT.2087."""
+
+
+def read(path: Path, transfer: str | None = None) -> np.ndarray:
+    video = VideoFile(path, transfer=transfer)
+    out = np.empty((1, video.height, video.width, 3), np.uint8)
+    video.read_into(out, np.array([0]))
+    return squares(out[0])
+
+
+def wide_light() -> np.ndarray:
+    """Return the linear light of COLORS in BT.2020."""
+    signal = COLORS / 255
+    return np.where(signal <= 0.04045, signal / 12.92, ((signal + 0.055) / 1.055) ** 2.4) @ TO_BT2020.T
+
+
+def hlg(light: np.ndarray) -> np.ndarray:
+    """Return the HLG signal of light relative to white, which is 75 %. Source: ITU-R BT.2100, table 5, and BT.2408."""
+    light = light * (np.exp((0.75 - 0.55991073) / 0.17883277) + 0.28466892) / 12
+    upper = 0.17883277 * np.log(np.maximum(12 * light - 0.28466892, 1e-9)) + 0.55991073
+    return np.where(light <= 1 / 12, np.sqrt(3 * light), upper)
+
+
+def pq(luminance: np.ndarray) -> np.ndarray:
+    """Return the PQ signal of a luminance in cd/m2. Source: ITU-R BT.2100, table 4."""
+    y = (luminance / 10000) ** (2610 / 16384)
+    return ((0.8359375 + 18.8515625 * y) / (1 + 18.6875 * y)) ** 78.84375
+
+
+@pytest.mark.parametrize("bits", [8, 10])
+@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize("matrix", [1, 2, 5, 6, 7])
+def test_matrix_and_range_are_those_that_the_video_declares(tmp_path: Path, matrix: int, full: bool, bits: int) -> None:
+    """An undeclared matrix is BT.601, as in FFmpeg and OpenCV."""
+    path = write_colors(tmp_path / "a.mp4", COLORS / 255, (matrix, 2, 1), full=full, bits=bits)
+    assert np.abs(read(path) - COLORS).max() <= 2
+
+
+@pytest.mark.parametrize("full", [False, True])
+@pytest.mark.parametrize("bits", [8, 10])
+def test_bt2020_is_converted(tmp_path: Path, bits: int, full: bool) -> None:
+    light = wide_light()
+    signal = np.where(light <= 0.0031308, 12.92 * light, 1.055 * light ** (1 / 2.4) - 0.055)
+    path = write_colors(tmp_path / "a.mp4", signal, (BT2020, BT2020, 14), bits=bits, full=full)
+    off = np.abs(read(path) - COLORS)
+    assert off[3:].max() <= (2 if bits == 10 else 6)
+    assert off.max() <= (4 if bits == 10 else 13)  # dark channels beside bright ones, which hold few steps of the input
+
+
+@pytest.mark.parametrize("suffix", ["mp4", "mkv", "mov"])
+@pytest.mark.parametrize("transfer", [HLG, PQ])
+def test_hdr_is_converted(tmp_path: Path, transfer: int, suffix: str) -> None:
+    """Report BT.2408 puts the white of graphics at 75 % of HLG, and at 203 cd/m2 in PQ."""
+    light = wide_light()
+    signal = pq(203 * light) if transfer == PQ else hlg(light)
+    path = write_colors(tmp_path / f"a.{suffix}", signal, (BT2020, BT2020, transfer), bits=10)
+    off = np.abs(read(path) - COLORS)
+    assert off[3:].max() <= 2
+    assert off.max() <= 13  # dark channels, as above
+    said = VideoFile(path).color.conversions(SIDE)
+    assert len(said) == 1
+    assert ("PQ" if transfer == PQ else "HLG") in said[0]
+
+
+def test_undeclared_transfer_of_bt2020_is_asked_for(tmp_path: Path) -> None:
+    signal = hlg(wide_light())
+    path = write_colors(tmp_path / "cam03.mov", signal, (BT2020, 2, 2), bits=10)
+    with pytest.raises(CaptureError, match=r"cam03\.mov: declares BT\.2020 colors but no transfer function"):
+        VideoFile(path)
+    assert np.abs(read(path, "hlg") - COLORS)[3:].max() <= 2
+    declared = write_colors(tmp_path / "b.mov", COLORS / 255, (1, 2, 1))
+    np.testing.assert_array_equal(read(declared, "hlg"), read(declared))  # what the video declares counts
+
+
+def test_display_p3_video_is_converted(tmp_path: Path) -> None:
+    signal = np.array([(234, 51, 35), (117, 251, 76), (128, 128, 128)]) / 255
+    path = write_colors(tmp_path / "a.mp4", signal, (1, P3, 1), bits=10)
+    assert np.abs(read(path) - [(255, 0, 0), (0, 255, 0), (128, 128, 128)]).max() <= 8
+
+
+@pytest.mark.parametrize(
+    "declared", [{"matrix": 8}, {"matrix": 14}, {"transfer": 8}, {"transfer": 10}, {"primaries": 10}]
+)
+def test_colors_that_cannot_be_converted_are_named(declared: dict[str, int]) -> None:
+    with pytest.raises(CaptureError, match=r"cam00\.mp4: its .* \(number \d+ of ITU-T H\.273\) cannot be converted"):
+        VideoColor("yuv420p", **declared).interpreted(Path("cam00.mp4"), None)
+
+
+def test_guesses_are_said() -> None:
+    assert VideoColor("yuv420p").conversions(576) == []
+    assert "BT.601 is assumed" in VideoColor("yuv420p").conversions(1080)[0]
+    assert VideoColor("yuv420p", 1).conversions(1080) == []
+    assert VideoColor("gbrp").conversions(1080) == VideoColor("gray").conversions(1080) == []
+    assert "10 bits without a declared transfer function" in VideoColor("yuv420p10le", 1).conversions(1080)[0]
+    assert VideoColor("yuva444p", 1).conversions(1080) == ["transparent pixels are composed over black"]
