@@ -57,6 +57,17 @@ def test_clearance_round_trips_and_defaults_to_none():
     assert parse_manifest(found.to_json().encode(), "m").clearance == found.clearance
 
 
+def test_origin_round_trips_in_64_bits_and_defaults_to_zero():
+    manifest = parse_manifest(TEXT.encode(), "m")
+    assert not manifest.origin.any()
+    assert "origin" not in manifest.to_json()
+    found = dataclasses.replace(manifest, origin=np.array([5411000.123456789, -1e-9, 3]))
+    assert parse_manifest(found.to_json().encode(), "m").origin.tolist() == [5411000.123456789, -1e-9, 3]
+    for wrong in ([1, 2], [1, 2, "3"], "here"):
+        with pytest.raises(ReelError, match="origin"):
+            parse_manifest(edited(lambda d, value=wrong: d.update(origin=value)), "m")
+
+
 def test_background_round_trips_and_defaults_to_black():
     manifest = parse_manifest(TEXT.encode(), "m")
     assert manifest.background == BLACK

@@ -2,7 +2,13 @@
 scene.splat was written by hand and read by it.
 """
 
+import gzip
+import json
 import shutil
+import struct
+import sys
+import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -20,9 +26,7 @@ from tests.golden import random_gaussians
 
 DATA = Path(__file__).parents[1] / "data" / "splats"
 ORIGIN = np.array([1.0, -2.0, 3.0])
-PACKED = ["v3.spz", "v4.spz", "scene.sog"]
-"""Files that the package gsply reads."""
-NAMES = [*PACKED, "packed.compressed.ply", "scene.splat"]
+NAMES = ["v3.spz", "v4.spz", "scene.sog", "packed.compressed.ply", "scene.splat"]
 
 
 def covariances(quats: np.ndarray, scales: np.ndarray) -> np.ndarray:
@@ -32,8 +36,8 @@ def covariances(quats: np.ndarray, scales: np.ndarray) -> np.ndarray:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_files_of_other_programs_are_read_as_they_read_them(name: str) -> None:
-    if name in PACKED:
-        pytest.importorskip("gsply")
+    if name == "v4.spz":
+        pytest.importorskip("zstandard")
     expected = np.load(DATA / "expected.npz")
     given = {key: expected[f"{name}/{key}"] for key in ("means", "quats", "scales", "opacities", "sh")}
     found = read_splats(DATA / name, ORIGIN, Remarks())
@@ -45,7 +49,6 @@ def test_files_of_other_programs_are_read_as_they_read_them(name: str) -> None:
 
 
 def test_our_spz_files_are_read_with_their_flag(tmp_path: Path) -> None:
-    pytest.importorskip("gsply")
     points = random_gaussians(np.random.default_rng(0), 30, 1, (0, 0, 0))
     write_spz(tmp_path / "f.spz", turned(points, HALF_TURN), antialias=True)
     remarks = Remarks()
@@ -55,8 +58,8 @@ def test_our_spz_files_are_read_with_their_flag(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("name", NAMES)
 def test_cut_files_are_refused_by_name(tmp_path: Path, name: str) -> None:
-    if name in PACKED:
-        pytest.importorskip("gsply")
+    if name == "v4.spz":
+        pytest.importorskip("zstandard")
     data = (DATA / name).read_bytes()
     file = tmp_path / name
     file.write_bytes(data[: len(data) - 300])
@@ -66,9 +69,55 @@ def test_cut_files_are_refused_by_name(tmp_path: Path, name: str) -> None:
 
 
 def test_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "gsply", None)
+    monkeypatch.setitem(sys.modules, "zstandard", None)
     with pytest.raises(GaussiansError, match=r"pip install 'splatreel\[splats\]'"):
-        read_splats(DATA / "scene.sog", None, Remarks())
+        read_splats(DATA / "v4.spz", None, Remarks())
+
+
+@pytest.mark.parametrize("version", [1, 2])
+def test_older_spz_files(tmp_path: Path, version: int) -> None:
+    """Version 2 stores x, y, z of rotations as bytes, version 1 also positions as 16-bit floats."""
+    head = struct.pack("<IIIBBBB", 0x5053474E, version, 1, 1, 12, 0, 0)
+    place = np.array([1.5, -0.25, 2], "<f2").tobytes()
+    if version == 2:
+        place = b"".join(int(value * 4096).to_bytes(3, "little", signed=True) for value in (1.5, -0.25, 2))
+    looks = bytes([51, 255, 128, 0, 160, 144, 128])  # opacity; color; logarithms of scales: 0, -1, -2
+    rest = bytes([0, 191, 128, 0, 128, 192, 128, 128, 128, 128, 128, 128])[3:]
+    file = tmp_path / "old.spz"
+    file.write_bytes(gzip.compress(head + place + looks + bytes([0, 191, 128]) + rest))
+    found = read_splats(file, None, Remarks())
+    np.testing.assert_allclose(found.means, [[1.5, 0.25, -2]])
+    np.testing.assert_allclose(found.opacities, [0.2], rtol=1e-5)
+    np.testing.assert_allclose(np.log(found.scales), [[0, -1, -2]], atol=1e-5)
+    xyz = np.array([0, 191, 128]) / 127.5 - 1
+    quat = np.array([np.sqrt(max(1 - (xyz**2).sum(), 0)), *xyz])
+    quat /= np.linalg.norm(quat)
+    expected = rotations.multiply(HALF_TURN, quat)
+    np.testing.assert_allclose(np.abs((found.quats[0] * expected).sum()), 1, atol=1e-5)
+    np.testing.assert_allclose(found.sh[0, 1], [1, 0, -0.5], atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda meta: meta.pop("version"), "SOG file of version 1, only 2 is read"),
+        (lambda meta: meta["scales"].update(codebook=[0.0]), "damaged SOG"),
+        (lambda meta: meta.update(count=10**9), "damaged SOG"),
+        (lambda meta: meta.update(count=10**5), "of 100000 points"),
+        (lambda meta: meta["shN"]["files"].reverse(), "damaged SOG"),
+        (lambda meta: meta["means"].update(files=[]), "damaged SOG"),
+    ],
+)
+def test_damaged_sog_files_are_refused(tmp_path: Path, change: Callable[[dict], object], said: str) -> None:
+    with zipfile.ZipFile(DATA / "scene.sog") as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    meta = json.loads(files["meta.json"])
+    change(meta)
+    with zipfile.ZipFile(tmp_path / "a.sog", "w") as archive:
+        for name, data in (files | {"meta.json": json.dumps(meta).encode()}).items():
+            archive.writestr(name, data)
+    with pytest.raises(GaussiansError, match=said):
+        read_splats(tmp_path / "a.sog", None, Remarks())
 
 
 def test_model_with_a_network_is_refused(tmp_path: Path) -> None:
@@ -79,7 +128,6 @@ def test_model_with_a_network_is_refused(tmp_path: Path) -> None:
 
 
 def test_unpacked_sog_folder(tmp_path: Path) -> None:
-    pytest.importorskip("gsply")
     shutil.unpack_archive(DATA / "scene.sog", tmp_path, "zip")
     found = read_splats(tmp_path / "meta.json", None, Remarks())
     np.testing.assert_allclose(found.means, np.load(DATA / "expected.npz")["scene.sog/means"], atol=1e-6)

@@ -42,6 +42,8 @@ class Encoding:
 
     logit: bool = True
     logarithm: bool = True
+    certain: bool = False
+    """The format defines it, so that unusual values need no remark."""
 
 
 def encoding_of(columns: Columns) -> Encoding:
@@ -181,7 +183,7 @@ def _opacities(columns: Columns, encoding: Encoding, source: str, remarks: Remar
     if not encoding.logit or name != "opacity":
         remarks.add("Opacities are stored as they are, not as logits", source)
         return np.clip(values, 0, 1)
-    if len(values) >= MANY and 0 < values.min() == values.max() < 1:
+    if not encoding.certain and len(values) >= MANY and 0 < values.min() == values.max() < 1:
         remarks.add(
             f"All opacities are {values[0]:.3g}, read as the logit of {1 / (1 + np.exp(-values[0])):.3g}", source
         )

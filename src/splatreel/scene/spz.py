@@ -25,7 +25,7 @@ from splatreel.scene.gaussians import Gaussians
 MAGIC, VERSION = 0x5053474E, 3
 _LARGEST = (1 << 23) - 1
 _MOST_BITS = 20
-_COLOR_SCALE = 0.15
+COLOR_SCALE = 0.15
 """Base colors may be out of range if higher bands compensate for it."""
 _SH_STEPS = (8, 16, 16)
 """Quantization steps of degrees 1 to 3, out of 256 levels, as in Niantic's writer."""
@@ -58,7 +58,7 @@ def write_spz(path: str | Path, gaussians: Gaussians, antialias: bool = False) -
     parts = [
         _fixed(gaussians.means, bits),
         _bytes(gaussians.opacities * 255),
-        _bytes((sh[:, 0] * _COLOR_SCALE + 0.5) * 255),
+        _bytes((sh[:, 0] * COLOR_SCALE + 0.5) * 255),
         _bytes((np.log(np.maximum(gaussians.scales, 1e-30)) + 10) * 16),
         _smallest_three(gaussians.quats),
         _harmonics(sh[:, 1:]),

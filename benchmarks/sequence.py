@@ -1,0 +1,115 @@
+"""Compare a reel of an imported sequence with other formats: bytes per frame and PSNR against the files.
+
+    python benchmarks/sequence.py FILM --cameras cameras.json --out OUT
+
+FILM is a folder of numbered PLY files. SPZ and SOG files are written and read again by splat-transform (npm
+@playcanvas/splat-transform, --splat-transform names its command), a .4dgs file by the package fourdgs. Formats without
+time take the bytes of the compared frames, times the number of frames.
+"""
+
+from __future__ import annotations
+
+import argparse
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.cli.import_frames import import_frames
+from splatreel.evaluation.metrics import psnr
+from splatreel.play.renderers import draw_on_cpu
+from splatreel.play.timeline import open_reel
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.ply import read_ply, write_ply
+from splatreel.sequence.frames import Frames
+from splatreel.sequence.opening import open_frames
+from splatreel.sequence.viewpoints import read_cameras
+
+SIDE, NEAR = 768, 0.05
+"""Pixels along the longer side of compared images at most, and the near plane in world units."""
+
+
+class Judge:
+    """Images of some frames of the film, seen by its cameras in turn."""
+
+    def __init__(self, film: Frames, cameras: list[Camera], pictures: int, antialias: bool) -> None:
+        self.antialias = antialias
+        self.frames = np.unique(np.linspace(0, len(film) - 1, pictures).round().astype(int)).tolist()
+        views = [cameras[i * len(cameras) // len(self.frames)].at_most(SIDE) for i in range(len(self.frames))]
+        self._pairs = [
+            (frame, view, self._draw(film.read(frame), view)) for frame, view in zip(self.frames, views, strict=True)
+        ]
+
+    def psnr(self, read: Callable[[int], Gaussians]) -> float:
+        """Return the mean PSNR of the images of what `read` returns for a frame."""
+        return float(np.mean([psnr(self._draw(read(frame), view), truth) for frame, view, truth in self._pairs]))
+
+    def _draw(self, points: Gaussians, view: Camera) -> np.ndarray:
+        return np.clip(draw_on_cpu(points, view, NEAR, self.antialias, (0.0, 0.0, 0.0)), 0, 1)
+
+
+def measure_reel(given: argparse.Namespace, film: Frames, judge: Judge, rate: str) -> tuple[float, float]:
+    """Import the film and return bytes per frame and PSNR."""
+    out = given.out / f"reel-{rate}"
+    shutil.rmtree(out, ignore_errors=True)
+    import_frames(given.film, out=out, cameras=given.cameras, rate=rate, antialiased=given.antialiased)  # pyright: ignore[reportArgumentType]
+    reel = open_reel(out)
+    size = sum(entry.bytes for entry in reel.manifest.files)
+    return size / len(film), judge.psnr(lambda frame: reel.at(frame / reel.fps))
+
+
+def measure_files(given: argparse.Namespace, film: Frames, judge: Judge, suffix: str) -> tuple[float, float]:
+    """Convert the compared frames with splat-transform and return bytes per frame and PSNR."""
+    sizes, files = [], {}
+    for frame in judge.frames:
+        source, packed, back = (given.out / f"{frame}{end}" for end in (".ply", suffix, ".back.ply"))
+        write_ply(source, film.read(frame))
+        for arguments in ((source, packed), (packed, back)):
+            command = [*shlex.split(given.splat_transform), "-q", "-w", "-g", "cpu", *map(str, arguments)]
+            subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+        sizes.append(packed.stat().st_size)
+        files[frame] = back
+    return float(np.mean(sizes)), judge.psnr(lambda frame: read_ply(files[frame]))
+
+
+def measure_fourdgs(given: argparse.Namespace, film: Frames, judge: Judge, profile: str) -> tuple[float, float]:
+    """Convert the film with fourdgs and return bytes per frame and PSNR."""
+    file = given.out / f"{profile}.4dgs"
+    command = [sys.executable, "-m", "fourdgs.cli", "convert", str(given.film), "-o", str(file), "--fps", "30"]
+    subprocess.run([*command, "--profile", profile], check=True, stdout=subprocess.DEVNULL)
+    scene = open_frames(file, fps=30)
+    return file.stat().st_size / len(film), judge.psnr(lambda frame: scene.read(min(frame, len(scene) - 1)))
+
+
+def main() -> None:
+    """Measure all formats and print a table."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("film", type=Path)
+    parser.add_argument("--cameras", type=Path, required=True)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--pictures", type=int, default=6)
+    parser.add_argument("--antialiased", action="store_true")
+    parser.add_argument("--splat-transform", default="npx --yes @playcanvas/splat-transform")
+    given = parser.parse_args()
+    given.out.mkdir(parents=True, exist_ok=True)
+    film = open_frames(given.film)
+    judge = Judge(film, read_cameras(given.cameras), given.pictures, given.antialiased)
+    rows: dict[str, tuple[float, float]] = {}
+    for rate in ("high", "medium", "low"):
+        rows[f"reel, {rate}"] = measure_reel(given, film, judge, rate)
+    for suffix in (".spz", ".sog", ".compressed.ply"):
+        rows[suffix] = measure_files(given, film, judge, suffix)
+    for profile in ("fine", "default", "coarse"):
+        rows[f".4dgs, {profile}"] = measure_fourdgs(given, film, judge, profile)
+    print("| format | KB per frame | PSNR, dB |\n|---|---|---|")
+    for name, (size, decibels) in rows.items():
+        print(f"| {name} | {size / 1000:.1f} | {decibels:.2f} |")
+
+
+if __name__ == "__main__":
+    main()
