@@ -14,6 +14,7 @@ from splatreel.cli.options import CaptureOptions, parse_frames, parse_names, par
 from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
+from splatreel.config.settings import changed
 from splatreel.errors import MissingDependencyError, UsageError
 from splatreel.threads import use as use_threads
 
@@ -149,7 +150,7 @@ def oracle(
         raise UsageError(f"--every {every} is out of range. Choose 1 or more.")
     config = configure(quality, None, None, seed)
     if iterations is not None:
-        config = dataclasses.replace(config, keyframe=dataclasses.replace(config.keyframe, first_iterations=iterations))
+        config = changed(config, {"keyframe.first_iterations": iterations})
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.bench.oracle import oracle as measure
     from splatreel.evaluation.evaluate import reel_width

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -15,6 +14,7 @@ from splatreel.cli.printing import say
 from splatreel.cli.publish import publishing
 from splatreel.cli.reel_texts import ReelTexts
 from splatreel.config import Config, Quality, Rate, preset
+from splatreel.config.settings import changed
 from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
 
@@ -134,7 +134,7 @@ def with_renditions(config: Config, renditions: tuple[Rate, ...]) -> Config:
     renditions = renditions or config.encode.renditions
     if renditions and config.encode.codec != "predictive":
         raise UsageError("--renditions are of the predictive codec. Choose --codec predictive.")
-    return dataclasses.replace(config, encode=dataclasses.replace(config.encode, renditions=renditions))
+    return changed(config, {"encode.renditions": renditions})
 
 
 def configure(quality: Quality, codec: Codec | None, deformation: Deformation | None, seed: int) -> Config:
@@ -145,9 +145,5 @@ def configure(quality: Quality, codec: Codec | None, deformation: Deformation | 
     """
     if not 0 <= seed < 1 << 32:
         raise UsageError(f"--seed {seed} is out of range. Choose a whole number from 0 to {(1 << 32) - 1}.")
-    config = dataclasses.replace(preset(quality), seed=seed)
-    if codec is not None:
-        config = dataclasses.replace(config, encode=dataclasses.replace(config.encode, codec=codec))
-    if deformation is not None:
-        config = dataclasses.replace(config, group=dataclasses.replace(config.group, deformation=deformation))
-    return config
+    given = {"seed": seed, "encode.codec": codec, "group.deformation": deformation}
+    return changed(preset(quality), {name: value for name, value in given.items() if value is not None})
