@@ -15,7 +15,7 @@ from splatreel import __version__
 from splatreel.errors import SplatreelError
 from splatreel.progress import Progress, Span
 from splatreel.recon.run.job_log import LOGS
-from splatreel.recon.run.processor import describe_processor
+from splatreel.recon.run.machine_speed import describe_processor
 from splatreel.scene.untrusted import is_number, read_file
 
 SAMPLES = 40
