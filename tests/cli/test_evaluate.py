@@ -25,7 +25,8 @@ def test_evaluate_prints_summary_and_writes_report(
 ) -> None:
     assert main(["evaluate", str(reel.parent), "capture", "--out", str(tmp_path / "out")]) == 0
     assert "| cam03 |" in capsys.readouterr().out
-    assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["pictures", "report.json", "report.md"]
+    written = {path.name for path in (tmp_path / "out").iterdir()}
+    assert written == {"pictures", "report.html", "report.json", "report.md"}
 
 
 def test_json_goes_to_standard_output_alone(reel: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

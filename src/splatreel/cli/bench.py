@@ -1,4 +1,4 @@
-"""`splatreel bench`: measurements of speed on this machine, and of the best possible quality of single frames."""
+"""`splatreel bench`: measurements of speed on this machine, of the best possible quality of single frames, and the paper's tables."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from pathlib import Path
 from tyro.conf import OmitArgPrefixes, Positional
 from tyro.extras import SubcommandApp
 
-from splatreel.cli.options import CaptureOptions, parse_frames, parse_names, parse_numbers, reel_folder
+from splatreel.cli.options import CaptureOptions, Set, parse_frames, parse_names, parse_numbers, reel_folder, with_set
 from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
@@ -221,6 +221,61 @@ def reconstruct(
     show(rows, json)
 
 
+def paper(
+    captures: Positional[tuple[Path, ...]],
+    /,
+    out: Path,
+    table: str,
+    images: OmitArgPrefixes[CaptureOptions] = CaptureOptions(),  # noqa: B008 - it is frozen
+    quality: Quality = "standard",
+    settings: Set = (),
+    every: int = 4,
+    estimate: bool = False,
+    device: Device = "auto",
+    seed: int = 0,
+    threads: int | None = None,
+) -> None:
+    """Measure a table of the paper: reconstruct each capture in all variants, and average as the paper does.
+
+    The same command continues. Tables share reconstructions. Tables 4, 8, 9 and 10 encode one of them in several ways.
+
+    Args:
+        captures: Folders of the captures.
+        out: OUT/table-N.md gets the table, .csv and .tex the same for other programs; OUT/CAPTURE gets the reconstructions.
+        table: 4, 6, 7, 8, 9, 10, 12, 13, 14 (as Tables 1 and 14 to 17) or figure10.
+        images: Size, frames and cameras to train on.
+        quality: Preset of settings; it decides how long training takes.
+        settings: Any setting that `splatreel config` lists, such as group.lambda_arap=0; may be repeated.
+        every: Distance of the frames that encodings are compared at, for Tables 4, 8, 9 and 10.
+        estimate: Only estimate time and memory. Nothing is written.
+        device: Device that trains; auto uses a CUDA GPU if there is one.
+        seed: Seed of all random numbers.
+        threads: Number of threads; by default one per core.
+    """
+    use_threads(threads)
+    config = with_set(configure(quality, None, None, seed), settings)
+    from splatreel.evaluation.bench.paper_bench import PaperBench
+    from splatreel.evaluation.bench.paper_run import variants_of, write_table
+    from splatreel.progress import console
+
+    variants, names = variants_of(table), [capture.resolve().name for capture in captures]
+    if every < 1 or len(set(names)) < len(names) or not names:
+        raise UsageError("bench paper needs captures with different folder names, and --every 1 or more.")
+    sources = {name: images.source(capture)() for name, capture in zip(names, captures, strict=True)}
+    progress = console()
+    try:
+        bench = PaperBench(sources, config, out, device, progress)
+        plan = bench.plan(variants)
+        if not estimate:
+            progress.note(plan)
+        text = plan if estimate else write_table(bench, table, every)
+    finally:
+        progress.close()
+        for source in sources.values():
+            source.close()
+    say(text)
+
+
 def show(rows: list[dict[str, float | int | str]], json: bool) -> None:
     """Print measurements, one per line."""
     for row in rows:
@@ -235,9 +290,10 @@ def show(rows: list[dict[str, float | int | str]], json: bool) -> None:
 def build() -> SubcommandApp:
     """Return the app with all kinds of measurements."""
     app = SubcommandApp()
-    app.__doc__ = "Measure speed on this machine, and the best possible quality of single frames."
+    app.__doc__ = "Measure speed on this machine, the best possible quality of single frames, and the paper's tables."
     app.command(kernels)
     app.command(codec)
     app.command(oracle)
     app.command(reconstruct)
+    app.command(paper)
     return app

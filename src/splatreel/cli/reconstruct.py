@@ -98,6 +98,7 @@ def reconstruct(
     source, config = frames_and_size.source(capture), configuration.config()
     following.check()
     machines.check(out, follow=following.follow, estimate=estimate)
+    from splatreel.evaluation.page.report_writer import ReportWriter
     from splatreel.evaluation.profile import profiled
     from splatreel.kernels.warmup import background_warmup
     from splatreel.play.presentation_writer import PresentationWriter
@@ -116,10 +117,12 @@ def reconstruct(
                 profiled(folder / "profile.md" if profile else None),
                 publishing(folder / "reel", url, publication.publish_keep, progress, presents) as present,
             ):
+                report = ReportWriter(folder, present, progress)
                 if following.follow:
-                    done = following.reconstruct(source, spec, progress, present)
+                    done = following.reconstruct(source, spec, progress, report)
                 else:
-                    done = machines.reconstruct(spec, out, progress, present)
+                    done = machines.reconstruct(spec, out, progress, report)
+                report.finish()
         finally:
             progress.close()
     return say(done)

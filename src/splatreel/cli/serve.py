@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import importlib.util
 import webbrowser
+from collections.abc import Iterable
+from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from splatreel.cli.options import ReelAddress, megabytes, parse_names, reel_folder
 from splatreel.cli.printing import say
 
 if TYPE_CHECKING:
+    from splatreel.evaluation.page.served_report import ServedReport
     from splatreel.play.server import Server
     from splatreel.play.viewer import Viewer
 
@@ -21,7 +25,7 @@ def serve(
     cors: bool = False,
     allow_host: str | None = None,
 ) -> None:
-    """Serve a reel and its web player until Ctrl-C.
+    """Serve a reel and its web player until Ctrl-C, and the report of its run as report.html.
 
     Args:
         reel: Folder of the reel, or of the reconstruction that holds it, or a URL: http(s), s3://BUCKET/REEL and the like.
@@ -33,7 +37,22 @@ def serve(
     from splatreel.play.server import Server
 
     allowed = parse_names(allow_host, "--allow-host") or ()
-    run(Server(reel_folder(reel), host, port, cors, allowed), browser=False)
+    folder = reel_folder(reel)
+    pages = run_report(folder)
+    run(Server(folder, host, port, cors, allowed, pages), browser=False, pages=pages)
+
+
+def run_report(reel: str | Path) -> dict[str, ServedReport]:
+    """Return the report page of the run that a reel belongs to; empty for a reel without its run."""
+    from splatreel.evaluation.page.served_report import ServedReport
+    from splatreel.storage.addresses import local_path
+
+    folder = local_path(reel)
+    if folder is None or importlib.util.find_spec("torch") is None:
+        return {}
+    out = folder.resolve().parent
+    of_a_run = folder.resolve().name == "reel" and (out / "work").is_dir()
+    return {"report.html": ServedReport(out, folder)} if of_a_run else {}
 
 
 def view(
@@ -71,9 +90,11 @@ def view(
         )
 
 
-def run(player: Server | Viewer, browser: bool) -> None:
-    """Serve until Ctrl-C, which is the normal end here."""
+def run(player: Server | Viewer, browser: bool, pages: Iterable[str] = ()) -> None:
+    """Serve until Ctrl-C, which is the normal end here. `pages` are names of further pages."""
     with player:
+        for page in pages:
+            say(f"Report at {player.url}{page}")
         say(f"Playing at {player.url} - stop with Ctrl-C", flush=True)
         if browser:
             webbrowser.open(player.url)

@@ -8,7 +8,6 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
 from splatreel.capture.base import Capture
 from splatreel.codec.info import ReelInfo, reel_info
@@ -18,13 +17,15 @@ from splatreel.errors import UsageError
 from splatreel.evaluation.flicker import Flicker, border_frames
 from splatreel.evaluation.metrics import psnr
 from splatreel.evaluation.moving_pixels import median_pictures, moving_pixels
+from splatreel.evaluation.page.report_page import write_report_page
 from splatreel.evaluation.perceptual import Lpips, load_lpips
+from splatreel.evaluation.pictures import chosen_frames, comparison, write_pictures, write_png
 from splatreel.evaluation.quality import Quality, measure
 from splatreel.evaluation.report import Report
 from splatreel.play.timeline import Timeline
 from splatreel.process import peak_memory_bytes
 from splatreel.progress import Progress, Silent
-from splatreel.scene.atomic import replacing, sweep
+from splatreel.scene.atomic import sweep
 from splatreel.scene.camera import Camera, angles_apart
 from splatreel.scene.gaussians import Gaussians
 
@@ -55,7 +56,8 @@ def evaluate(
         capture: Capture that the reel was made from.
         rendition: Name of a rendition; None chooses the best.
         cameras: Names of cameras; None uses the default of `choose_cameras`.
-        out: Folder for report.json, report.md and an image per camera: truth, render and error of the middle frame.
+        out: Folder for report.json, report.md, report.html and pictures of each camera: truth, render and error of the
+            middle, the worst and the median frame, and the layers of the worst.
         undecoded: Function from a frame to the Gaussians before encoding, for `psnr_undecoded`.
         frames: Frames to evaluate; None means all frames that the reel and the capture share.
         seconds: Wall time of earlier stages, for the report.
@@ -78,7 +80,7 @@ def evaluate(
     names = [view.name for view in views]
     chosen = choose_frames(min(capture.frames, reader.frames), frames, reader.manifest.first_frame)
     if out is not None:
-        for folder in (out, out / "pictures"):
+        for folder in (out, *(out / "pictures" / kind for kind in ("", "worst", "median", "layers"))):
             sweep(folder)
     scores = Scores(Timeline(reader), capture, views, border_frames(reader.manifest))
     lpips, lpips_frames = load_lpips() if lpips_every else {}, set(chosen[:: max(lpips_every, 1)])
@@ -105,6 +107,8 @@ def evaluate(
     )
     if out is not None:
         report.write(out)
+        write_pictures(out / "pictures", scores.timeline, capture, scores.psnr())
+        write_report_page(out, reel)
     return report
 
 
@@ -165,6 +169,13 @@ class Scores:
             images[view.name] = image
         return images
 
+    def psnr(self) -> dict[str, dict[int, float]]:
+        """Return the PSNR by camera and frame."""
+        found: dict[str, dict[int, float]] = {}
+        for (frame, name), quality in self.whole.items():
+            found.setdefault(name, {})[frame] = quality.psnr
+        return found
+
 
 def summarize(scores: Scores, info: ReelInfo, seconds: dict[str, float], device: str) -> Report:
     """Return the report of scores."""
@@ -172,7 +183,7 @@ def summarize(scores: Scores, info: ReelInfo, seconds: dict[str, float], device:
     frames = sorted({frame for frame, _ in whole})
     names = list(dict.fromkeys(name for _, name in whole))
     trained_on = [camera.name for camera in reader.manifest.cameras]
-    degrees = degrees_from(reader.manifest, views)
+    degrees, of_camera = degrees_from(reader.manifest, views), scores.psnr()
     alive = [int(reader.group(entry.group).alive.sum()) for entry in reader.manifest.groups]
     return Report(
         **asdict(Quality.mean(list(whole.values()))),
@@ -195,10 +206,13 @@ def summarize(scores: Scores, info: ReelInfo, seconds: dict[str, float], device:
         width=views[0].width,
         height=views[0].height,
         cameras=[
-            {"name": n}
-            | asdict(Quality.mean([whole[f, n] for f in frames if (f, n) in whole]))
-            | {"degrees": degrees[n]}
-            for n in names
+            {"name": view.name}
+            | asdict(Quality.mean([whole[f, view.name] for f in frames if (f, view.name) in whole]))
+            | {"degrees": degrees[view.name]}
+            | {f"{kind}_frame": frame for kind, frame in chosen_frames(of_camera[view.name]).items()}
+            | {"camera": view.to_dict()}
+            for view in views
+            if view.name in of_camera
         ],
         trained_on=trained_on,
         held_out=[name for name in names if name not in trained_on],
@@ -318,21 +332,3 @@ def check_unseen(manifest: Manifest, views: Sequence[Camera], reel: str) -> None
 def reel_width(reel: str | Path) -> int:
     """Return the width in pixels of the images that the reel was made from."""
     return ReelReader(reel).manifest.camera.width
-
-
-ERROR_GAIN = 4
-"""Amplification of the displayed error: 1/4 of the range is white."""
-
-
-def comparison(truth: np.ndarray, render: np.ndarray) -> np.ndarray:
-    """Return truth, render and amplified absolute error side by side, uint8 [H, 3 W, 3]. Inputs are float images [H, W, 3] 0..1."""
-    error = np.abs(truth - render) * ERROR_GAIN
-    strip = np.concatenate([truth, render, error], axis=1)
-    return (np.clip(strip, 0, 1) * 255 + 0.5).astype(np.uint8)
-
-
-def write_png(path: Path, image: np.ndarray) -> None:
-    """Write a uint8 image [H, W, 3] atomically."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        Image.fromarray(image).save(temporary, format="PNG")

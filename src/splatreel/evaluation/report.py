@@ -57,8 +57,9 @@ class Report:
         frames: Number of evaluated frames.
         width: Width of the images.
         height: Height of the images.
-        cameras: Per camera: name, psnr, psnr_per_channel, ssim, lpips and degrees. `degrees` is the angle to the
-            nearest training camera, seen from the focus point; None without a focus point.
+        cameras: Per camera: name, the metrics of `Quality`, degrees, worst_frame, median_frame and camera. `degrees` is the
+            angle to the nearest training camera, seen from the focus point; None without a focus point. The frames are
+            those with the lowest and the median PSNR. `camera` is the camera as in a manifest.
         per_frame: Per frame: frame, psnr, psnr_per_channel, ssim, lpips.
         trained_on: Names of the training cameras.
         held_out: Names of evaluated cameras that were not trained on. Empty if training views were evaluated, which do

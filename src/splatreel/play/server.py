@@ -9,9 +9,9 @@ import socket
 import threading
 import time
 import webbrowser
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from pathlib import Path
-from types import TracebackType
+from types import MappingProxyType, TracebackType
 from typing import cast
 
 import uvicorn
@@ -21,7 +21,7 @@ from splatreel.play.allowed_hosts import AllowedHosts
 from splatreel.play.connection import HEAD_BYTES, IDLE_SECONDS, ConnectionLimits
 from splatreel.play.remote_files import RemoteFiles
 from splatreel.play.served_files import ReelFiles, ServedFiles
-from splatreel.play.web_app import WebApp
+from splatreel.play.web_app import ServedPage, WebApp
 from splatreel.storage.addresses import local_path
 
 _MAX_CONNECTIONS = 256
@@ -44,13 +44,14 @@ class Server:
         port: int = 0,
         cors: bool = False,
         allow_hosts: Iterable[str] = (),
+        pages: Mapping[str, ServedPage] = MappingProxyType({}),
     ) -> None:
-        """Listen, without answering before `start`. See `serve`."""
+        """Listen, without answering before `start`. See `serve`; `pages` are further pages by name."""
         reel = _files(reel_path)
         self._socket = _listen(host, port)
         self._address: tuple[str, int] = self._socket.getsockname()[:2]
         try:
-            site = WebApp(reel, AllowedHosts(self._address[0], host, allow_hosts), cors)
+            site = WebApp(reel, AllowedHosts(self._address[0], host, allow_hosts), cors, pages)
         except UsageError:
             self._socket.close()
             raise

@@ -35,6 +35,13 @@ def write_standalone(path: Path, location: str | Path, rendition: str | None = N
     Raises:
         ReelError: The reel is damaged, or uses the paper's codec, whose decoders cannot be embedded.
     """
+    data = standalone_page(location, rendition).encode()
+    write_atomically(path, data)
+    return len(data)
+
+
+def standalone_page(location: str | Path, rendition: str | None = None) -> str:
+    """Return the content of the file. Arguments and errors are those of `write_standalone`."""
     reel = ReelReader(location, rendition)
     manifest = reel.manifest
     if manifest.renditions:
@@ -51,9 +58,7 @@ def write_standalone(path: Path, location: str | Path, rendition: str | None = N
     if loader is None or PAGE not in page:
         raise ReelError(f"{STATIC / 'index.html'}: has no loader or no {PAGE}. Build the player again.")
     page = page.replace(loader[0], "\n".join(parts), 1).replace(PAGE, PAGE.replace(">", ' data-src="embedded:">'), 1)
-    data = with_metadata(page, manifest.presentation).encode()
-    write_atomically(path, data)
-    return len(data)
+    return with_metadata(page, manifest.presentation)
 
 
 def _checked(reel: ReelReader, entry: FileEntry | Asset) -> bytes:

@@ -11,10 +11,12 @@ import hashlib
 import io
 import os
 import re
-from collections.abc import AsyncIterator
+import time
+from collections.abc import AsyncIterator, Mapping
 from email.utils import formatdate
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from types import MappingProxyType
+from typing import BinaryIO, NamedTuple, Protocol
 
 from anyio import CapacityLimiter, to_thread
 from starlette.concurrency import run_in_threadpool
@@ -64,18 +66,36 @@ class Content(NamedTuple):
     """Cache-Control."""
 
 
+class ServedPage(Protocol):
+    """Further page of the server. `policy` is its Content-Security-Policy."""
+
+    policy: str
+
+    def read(self) -> str:
+        """Return the page as HTML. It may raise `ReelError`."""
+        ...
+
+
 class WebApp:
     """The ASGI application."""
 
-    def __init__(self, reel: ReelFiles, names: AllowedHosts, cors: bool = False) -> None:
+    def __init__(
+        self,
+        reel: ReelFiles,
+        names: AllowedHosts,
+        cors: bool = False,
+        pages: Mapping[str, ServedPage] = MappingProxyType({}),
+    ) -> None:
         """Serve a reel.
 
         Args:
             reel: Files of the reel.
             names: Permitted values of the Host header.
             cors: Whether pages of other sites may read the reel.
+            pages: Further pages by name, such as report.html.
         """
         self._files = reel
+        self._pages = pages
         self._names = names
         self._headers = {
             "X-Content-Type-Options": "nosniff",
@@ -127,6 +147,8 @@ class WebApp:
                 found = self._files.open(name.removeprefix("reel/"))
                 kind = _REEL_TYPES.get(Path(name).suffix, "application/octet-stream")
                 return _content(found, kind, _REEL_POLICY) if found else None
+            if name in self._pages:
+                return _made(self._pages[name].read(), time.time(), self._pages[name].policy)
             name = name or _PAGE
             kind = _PLAYER_TYPES.get(Path(name).suffix)
             if kind is None or name not in os.listdir(STATIC):
@@ -147,9 +169,7 @@ class WebApp:
             secure = request.headers.get("X-Forwarded-Proto") == "https"
             address = f"http{'s' if secure else ''}://{request.headers['Host']}/"
             text, modified = with_metadata(text, presentation, address), max(modified, written)
-        data = text.encode()
-        tag = f'"{hashlib.sha256(data).hexdigest()[:32]}"'
-        return Content(io.BytesIO(data), len(data), _PLAYER_TYPES[".html"], tag, modified, policy())
+        return _made(text, modified, policy())
 
     def _send(self, request: Request, content: Content) -> Response:
         asked = request.headers
@@ -226,6 +246,13 @@ def parse_range(header: str | None, size: int) -> tuple[int, int] | tuple[()] | 
         if match.group(2) and int(match.group(2)) < start:
             return None
     return (start, end) if start < end else ()
+
+
+def _made(text: str, modified: float, policy: str) -> Content:
+    """Return a page that is made on request."""
+    data = text.encode()
+    tag = f'"{hashlib.sha256(data).hexdigest()[:32]}"'
+    return Content(io.BytesIO(data), len(data), _PLAYER_TYPES[".html"], tag, modified, policy)
 
 
 def _content(found: OpenFile, kind: str, policy: str) -> Content:

@@ -13,6 +13,7 @@ from splatreel.config import Config
 from splatreel.process import give_back_freed_memory
 from splatreel.progress import Progress, Span
 from splatreel.recon.coverage.trial import Trial
+from splatreel.recon.run.run_history import RecordedProgress
 from splatreel.recon.run.store import Store
 from splatreel.scene.spans import GroupSpan
 
@@ -77,7 +78,8 @@ class Job:
     seconds: dict[str, float] = field(init=False)
 
     def __post_init__(self) -> None:
-        """Read the seconds of earlier, interrupted runs."""
+        """Read the seconds of earlier, interrupted runs, and record what the progress display shows."""
+        self.progress = RecordedProgress(self.progress, self.store.work, self.part, self.device.type)
         self.seconds = self.store.seconds(self.part)
 
     @property

@@ -1,0 +1,139 @@
+"""Reconstructions behind the paper's tables: one per capture and variant, shared by all tables, continued when interrupted."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from splatreel.capture.base import Capture
+from splatreel.codec.info import reel_info
+from splatreel.config import Config
+from splatreel.config.settings import changed
+from splatreel.errors import UsageError
+from splatreel.evaluation.evaluate import evaluate
+from splatreel.evaluation.report import Report
+from splatreel.evaluation.uncompressed import uncompressed_frames
+from splatreel.progress import Progress
+from splatreel.recon.machines.estimate import estimate
+from splatreel.recon.machines.local_processes import division_of
+from splatreel.recon.pipeline import plan_run, reconstruct
+from splatreel.recon.run.machine_speed import measure_speed
+
+FULL = "Full"
+VARIANTS: dict[str, dict[str, Any]] = {
+    FULL: {},
+    "w/o Reg.": {"group.lambda_arap": 0.0, "group.lambda_temporal": 0.0},
+    "w/o Prg.": {"group.progressive_share": 0.0},
+    "w/o Adp.": {"layering.adapt_every": 0},
+    "w/o Rfn.": {"keyframe.refine_iterations": 1},
+    **{f"length {length}": {"group.length": length} for length in (10, 20, 30, 40, 50)},
+}
+"""Changes of settings of each variant (docs/paper-map.md)."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """One reconstruction.
+
+    Attributes:
+        report: Its evaluation on the held-out cameras.
+        float32_bytes: Size of its points and offsets as float32 numbers.
+        run: Its output folder.
+    """
+
+    report: Report
+    float32_bytes: int
+    run: Path
+
+    @property
+    def minutes(self) -> float:
+        """Minutes of the reconstruction, without evaluation."""
+        return sum(value for name, value in self.report.seconds.items() if name != "evaluate") / 60
+
+
+class PaperBench:
+    """Reconstructions of captures in variants.
+
+    Args:
+        captures: Captures by name, each with held-out cameras.
+        config: Settings of the variant `Full`.
+        out: Folder with OUT/CAPTURE/DIGEST, the digest being that of the settings. Variants with equal settings share it.
+        device: auto, cpu or cuda.
+        progress: Progress display.
+
+    Raises:
+        UsageError: A capture has no held-out camera.
+    """
+
+    def __init__(
+        self, captures: Mapping[str, Capture], config: Config, out: Path, device: str, progress: Progress
+    ) -> None:
+        for capture in captures.values():
+            if not capture.held_out:
+                raise UsageError(f"{capture.path}: no camera is held out. Name some: --hold-out NAME,NAME.")
+        self.captures, self.config, self.out = dict(captures), config, out
+        self.device, self.progress = device, progress
+        self._measured: dict[Path, Measured] = {}
+
+    def settings(self, variant: str) -> Config:
+        """Return the settings of a variant."""
+        return changed(self.config, VARIANTS[variant])
+
+    def folder(self, capture: str, variant: str) -> Path:
+        """Return the output folder of a reconstruction."""
+        digest = hashlib.sha256(self.settings(variant).to_json().encode()).hexdigest()[:12]
+        return self.out / capture / digest
+
+    def plan(self, variants: Sequence[str]) -> str:
+        """Return how long the missing reconstructions take, and how much memory, in lines."""
+        folders = {self.folder(name, variant): (name, variant) for name in self.captures for variant in variants}
+        missing = {folder: key for folder, key in folders.items() if not (folder / "report.json").exists()}
+        lines = [f"{len(folders)} reconstructions, of which {len(folders) - len(missing)} are finished."]
+        if not missing:
+            return lines[0]
+        seconds, memory, speed = 0.0, 0, None
+        for folder, (name, variant) in missing.items():
+            run = plan_run(self.captures[name], folder, self.settings(variant), device=self.device)
+            speed = measure_speed(run.device) if speed is None else speed
+            found = estimate(run, division_of(run), speed)
+            seconds, memory = seconds + found.total, max(memory, found.memory)
+            lines.append(f"  {name}, {variant}: about {found.total / 60:.0f} min, {found.memory / 1e9:.1f} GB")
+        return "\n".join([*lines, f"All: about {seconds / 60:.0f} min, at most {memory / 1e9:.1f} GB."])
+
+    def measure(self, capture: str, variant: str) -> Measured:
+        """Reconstruct and evaluate, unless that is finished."""
+        folder = self.folder(capture, variant)
+        if folder not in self._measured:
+            self._measured[folder] = self._measure(self.captures[capture], folder, self.settings(variant))
+        return self._measured[folder]
+
+    def _measure(self, capture: Capture, folder: Path, config: Config) -> Measured:
+        result = reconstruct(capture, folder, config, device=self.device, progress=self.progress)
+        path = folder / "report.json"
+        if not path.exists():
+            evaluate(
+                result.reel,
+                capture,
+                out=folder,
+                undecoded=uncompressed_frames(result.work, result.reel),
+                seconds=result.seconds,
+                device=result.device,
+                progress=self.progress,
+            )
+        return Measured(Report.read(path), reel_info(result.reel).float32_bytes, folder)
+
+    def record(self) -> list[str]:
+        """Return one JSON line per finished reconstruction: capture, variant, its changes and the report without lists."""
+        lines = []
+        for name in self.captures:
+            for variant, changes in VARIANTS.items():
+                found = self._measured.get(self.folder(name, variant))
+                if found is not None:
+                    report = json.loads(found.report.to_json())
+                    values = {key: value for key, value in report.items() if not isinstance(value, list)}
+                    lines.append(json.dumps({"capture": name, "variant": variant, "changes": changes, **values}))
+        return lines

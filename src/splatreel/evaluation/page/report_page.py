@@ -1,0 +1,309 @@
+"""The report page, OUT/report.html: a file without scripts of its own that needs no other file."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+from html import escape
+from pathlib import Path
+from typing import Literal
+
+from PIL import Image
+
+from splatreel.errors import ReelError
+from splatreel.evaluation.page.charts import Series, line_chart
+from splatreel.evaluation.page.findings import failing_moments, findings
+from splatreel.evaluation.page.rig_plan import RigPlan
+from splatreel.evaluation.page.run_facts import RunFacts
+from splatreel.evaluation.pictures import picture_file
+from splatreel.evaluation.report import LPIPS_MISSING, Report, megabytes, report_numbers, write_text
+from splatreel.play.standalone import standalone_page
+
+STYLE = Path(__file__).with_name("report.css")
+LARGEST_REEL = 64 << 20
+"""Largest reel in bytes that is embedded."""
+WIDEST = 640
+"""Largest width of an embedded picture in pixels."""
+CAMERAS = 24
+"""Largest number of cameras with pictures. The cameras with the lowest PSNR come first."""
+
+Player = Literal["embedded", "beside", "none"]
+"""Player of the page: embedded with the reel, that of the server at `./`, or none."""
+
+
+def write_report_page(out: Path, reel: str | Path, player: Player = "embedded") -> None:
+    """Write OUT/report.html atomically, from what is in the folders now.
+
+    Args:
+        out: Folder of report.json and pictures.
+        reel: Folder or URL of the reel.
+        player: Player of the page.
+
+    Raises:
+        ReelError: There is no reel.
+    """
+    write_text(out / "report.html", report_page(RunFacts.read(out, reel), player))
+
+
+def report_page(facts: RunFacts, player: Player) -> str:
+    """Return the page as HTML."""
+    title = facts.manifest.presentation.title or facts.record.get("capture", {}).get("name") or "Reel"
+    sections = [
+        f'<div id="summary">{_summary(facts)}</div>',
+        _section("Player", _player(facts, player), "screen"),
+        _section("Curves", _charts(facts)),
+        _section("Pictures", _pictures(facts)),
+        _section("Cameras", _rig(facts)),
+        _section("Numbers", _numbers(facts.report)),
+        _section("Groups", _groups(facts)),
+        _section("Run", _run(facts)),
+    ]
+    state = "This run is not finished: the page shows what there is so far." if facts.manifest.live else ""
+    return "\n".join(
+        [
+            '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
+            '<meta name="viewport" content="width=device-width, initial-scale=1">',
+            f"<title>Report: {escape(title)}</title>",
+            f"<style>\n{STYLE.read_text(encoding='utf-8')}</style>\n</head>\n<body>\n<main>",
+            f'<header id="title"><h1>{escape(title)}</h1>\n<p class="soft">{escape(_subtitle(facts))} {state}</p></header>',
+            *filter(None, sections),
+            "</main>\n</body>\n</html>\n",
+        ]
+    )
+
+
+def _section(title: str, content: str, kind: str = "") -> str:
+    """Return a section with its heading; nothing without content."""
+    if not content:
+        return ""
+    name = title.lower().replace(" ", "-")
+    return f'<section class="sections {kind}" id="{name}">\n<h2>{title}</h2>\n{content}\n</section>'
+
+
+def _subtitle(facts: RunFacts) -> str:
+    manifest = facts.manifest
+    frames = manifest.frames - manifest.first_frame
+    cameras = f"{len(manifest.cameras)} cameras trained" + (
+        f", {len(facts.held_out)} held out" if facts.held_out else ""
+    )
+    return f"{frames} frames, {frames / manifest.fps:.1f} s, {cameras}."
+
+
+def _summary(facts: RunFacts) -> str:
+    """Return the most important numbers and the findings."""
+    report, manifest = facts.report, facts.manifest
+    size = sum(entry.bytes for entry in (*manifest.layers, *manifest.groups))
+    tiles = [("Size", megabytes(report.reel_bytes if report else size))]
+    if report is not None:
+        moving = (report.moving or {}).get("psnr")
+        tiles = [
+            ("PSNR", f"{report.psnr:.2f} dB"),
+            ("PSNR of moving pixels", "none moved" if moving is None else f"{moving:.2f} dB"),
+            ("SSIM", f"{report.ssim:.4f}"),
+            *([("LPIPS (VGG)", f"{report.lpips:.4f}")] if report.lpips is not None else []),
+            *tiles,
+            ("A second of video", megabytes(report.bytes_per_second)),
+        ]
+        sentences = findings(report, manifest.fps)
+    else:
+        sentences = [f"This reel was not evaluated yet: `splatreel evaluate {facts.reel} CAPTURE --out OUT`."]
+    boxes = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in tiles)
+    outstanding = _list([*sentences, *facts.coverage])
+    return f'<dl class="tiles">{boxes}</dl>\n{_section("What stands out", outstanding, "findings")}'
+
+
+def _list(items: Iterable[str]) -> str:
+    lines = "".join(f"<li>{_with_code(item)}</li>" for item in items)
+    return f"<ul>{lines}</ul>" if lines else ""
+
+
+def _with_code(text: str) -> str:
+    """Return escaped text, with what stands between backticks as code."""
+    return re.sub("`([^`]+)`", r"<code>\1</code>", escape(text))
+
+
+def _player(facts: RunFacts, player: Player) -> str:
+    manifest = facts.manifest
+    if player == "beside" and manifest.groups:
+        return _opened_on_demand('src="./"')
+    if player == "embedded" and manifest.groups and not manifest.live:
+        size = sum(entry.bytes for entry in manifest.files)
+        with suppress(ReelError):  # the paper's codec cannot be embedded
+            if size <= LARGEST_REEL:
+                return _opened_on_demand(f'srcdoc="{escape(standalone_page(facts.reel))}"')
+    return f"<p>Play it with <code>splatreel serve {escape(facts.reel)}</code>.</p>"
+
+
+def _opened_on_demand(source: str) -> str:
+    """Return the player's frame, which loads when it is opened, since it keeps the processor busy without a GPU."""
+    frame = f'<iframe {source} title="Player" allow="fullscreen" loading="lazy"></iframe>'
+    return f"<details><summary>Play the reel here</summary>{frame}</details>"
+
+
+def _charts(facts: RunFacts) -> str:
+    """Return the curves of the run and over its groups."""
+    groups = facts.groups()
+    firsts = [group.first for group in groups]
+    charts: list[tuple[str, Series, str, str, Sequence[float]]] = []
+    if facts.report is not None:
+        per_frame = [(frame["frame"], frame["psnr"]) for frame in facts.report.per_frame]
+        charts.append(("PSNR of each frame", {"PSNR": per_frame}, "frame", "PSNR in dB", firsts))
+    charts.append(("Training loss", _losses(facts), "group", "training loss", []))
+    groups = groups if len(groups) > 1 else []  # a single point is no curve
+    points = {
+        "static": [(group.index + 1, group.static) for group in groups],
+        "dynamic": [(group.index + 1, group.dynamic) for group in groups],
+    }
+    charts.append(("Points of each group", points, "group", "points", []))
+    sizes = {"kilobytes": [(group.index + 1, group.bytes / 1e3) for group in groups]}
+    charts.append(("Kilobytes of each group", sizes, "group", "kilobytes", []))
+    seconds = {"seconds": [(group.index + 1, group.seconds) for group in groups if group.seconds is not None]}
+    charts.append(("Seconds of each group", seconds, "group", "seconds", []))
+    parts = [
+        f"<section><h3>{title}</h3>{line_chart(series, x, y, borders)}</section>"
+        for title, series, x, y, borders in charts
+        if any(series.values())
+    ]
+    return f'<div class="charts">{"".join(parts)}</div>' if parts else ""
+
+
+def _losses(facts: RunFacts) -> dict[str, list[tuple[float, float]]]:
+    """Return the training loss of keyframes and of motion. The curve of a group reaches from its number to the next."""
+    found: dict[str, list[tuple[float, float]]] = {}
+    for stage in facts.history.stages:
+        curve = stage.curve("loss")
+        if curve and stage.group is not None:
+            name = "motion" if "motion" in stage.name else "keyframe"
+            found.setdefault(name, []).extend((stage.group + 1 + share, loss) for share, loss in curve)
+    return found
+
+
+def _pictures(facts: RunFacts) -> str:
+    """Return the pictures of each camera, the worst camera first."""
+    report = facts.report
+    if report is None:
+        return ""
+    cameras = sorted(report.cameras, key=lambda camera: camera["psnr"])[:CAMERAS]
+    parts = [_camera(facts, camera) for camera in cameras]
+    skipped = len(report.cameras) - len(cameras)
+    note = f"<p class='soft'>{skipped} cameras with a higher PSNR are left out.</p>" if skipped else ""
+    return "".join([*parts, note])
+
+
+def _camera(facts: RunFacts, camera: dict) -> str:
+    name, parts = camera["name"], []
+    for kind in ("worst", "median"):
+        panels = _panels(picture_file(facts.pictures, kind, name), 3)
+        frame = camera.get(f"{kind}_frame")
+        names = ("Truth", "Render", "Error, four times")
+        pairs = list(zip(names, panels, strict=False))
+        if kind == "worst":
+            pairs += [
+                ("Layers: moving in blue", panel) for panel in _panels(picture_file(facts.pictures, "layers", name), 1)
+            ]
+        figures = "".join(
+            f'<figure><img src="{panel}" alt="{escape(f"{label}, {name}, frame {frame}")}"><figcaption>{label}</figcaption></figure>'
+            for label, panel in pairs
+        )
+        if figures:
+            time = "" if frame is None else f", frame {frame} ({frame / facts.manifest.fps:.2f} s)"
+            parts.append(
+                f'<div class="frame"><p>{kind.capitalize()} frame{time}</p><div class="strip">{figures}</div></div>'
+            )
+    return f"<h3>{escape(name)}: {camera['psnr']:.2f} dB</h3>{''.join(parts)}" if parts else ""
+
+
+def _panels(path: Path, count: int) -> list[str]:
+    """Return the panels of a picture, side by side, as data URLs of JPEGs; none if the file is missing or damaged."""
+    try:
+        with Image.open(path) as image:
+            image = image.convert("RGB")
+    except (OSError, ValueError):
+        return []
+    width, found = image.width // count, []
+    for index in range(count):
+        panel = image.crop((index * width, 0, (index + 1) * width, image.height))
+        panel.thumbnail((WIDEST, WIDEST))
+        file = io.BytesIO()
+        panel.save(file, "JPEG", quality=85)
+        found.append(f"data:image/jpeg;base64,{base64.b64encode(file.getvalue()).decode()}")
+    return found
+
+
+def _rig(facts: RunFacts) -> str:
+    manifest = facts.manifest
+    if not manifest.cameras:
+        return ""
+    drawings = RigPlan(manifest.cameras, facts.held_out, manifest.up, facts.points).drawings()
+    titles = ("Plan, from above", "Elevation, from behind")
+    parts = [f"<section><h3>{title}</h3>{svg}</section>" for title, svg in zip(titles, drawings, strict=True)]
+    legend = '<ul class="keys"><li class="s0">trained (circle)</li><li class="s1">held out (square)</li></ul>'
+    return f'{legend}<div class="charts rig">{"".join(parts)}</div>'
+
+
+def _numbers(report: Report | None) -> str:
+    if report is None:
+        return ""
+    rows = [(number.name, number.value, number.meaning) for number in report_numbers(report)]
+    missing = f"<p>{_with_code(LPIPS_MISSING)}</p>" if report.lpips_frames == 0 else ""
+    cameras = [
+        (c["name"], f"{c['psnr']:.2f}", f"{c['ssim']:.4f}", "" if c.get("lpips") is None else f"{c['lpips']:.4f}")
+        for c in report.cameras
+    ]
+    return "".join(
+        [
+            f"<p>{escape(report.views())}</p>{missing}",
+            _table(("Number", "Value", "Meaning"), rows),
+            f"<h3>Cameras</h3>{_table(('Camera', 'PSNR dB', 'SSIM', 'LPIPS (VGG)'), cameras, 'counts')}",
+        ]
+    )
+
+
+def _groups(facts: RunFacts) -> str:
+    rows = [
+        (
+            str(group.index + 1),
+            f"{group.first} to {group.end - 1}",
+            f"{group.static:,}",
+            f"{group.born:,}",
+            f"{group.dynamic:,}",
+            f"{group.bytes:,}",
+            "" if group.seconds is None else f"{group.seconds:,.0f}",
+            "" if group.psnr is None else f"{group.psnr:.2f}",
+        )
+        for group in facts.groups()
+    ]
+    heads = ("Group", "Frames", "Static points", "New static", "Dynamic points", "Bytes", "Seconds", "PSNR dB")
+    moments = failing_moments(facts.report) if facts.report else []
+    low = _list(f"Frames {m.first} to {m.last}: up to {m.below:.1f} dB below the median" for m in moments)
+    return (_table(heads, rows, "counts") if rows else "") + (f"<h3>Moments that fail</h3>{low}" if low else "")
+
+
+def _run(facts: RunFacts) -> str:
+    """Return what was asked, on which machine, and how long each stage took."""
+    capture = facts.record.get("capture", {})
+    rows = [
+        ("Capture", str(capture.get("name", ""))),
+        ("Frames", str(capture.get("frames", ""))),
+        ("Size", str(capture.get("size", ""))),
+        ("Held out", ", ".join(map(str, capture.get("held_out", [])))),
+        ("Quality", facts.quality()),
+        ("Machine", "; ".join(facts.history.machines)),
+        ("Written by", facts.manifest.generator),
+    ]
+    rows += [(f"Time of {name}", f"{value:,.1f} s") for name, value in facts.seconds.items()]
+    notes = _list(facts.history.notes)
+    return _table(("What", "Value"), [row for row in rows if row[1]]) + (f"<h3>Notes</h3>{notes}" if notes else "")
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "") -> str:
+    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in heads)
+    body = "".join(
+        f'<tr><th scope="row">{escape(row[0])}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in row[1:])}</tr>'
+        for row in rows
+    )
+    table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+    return f'<div class="wide {kind}" tabindex="0" role="region" aria-label="{escape(heads[0])}">{table}</div>'

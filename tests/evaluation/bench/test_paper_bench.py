@@ -1,0 +1,82 @@
+import json
+from pathlib import Path
+
+import pytest
+
+from splatreel.cli.main import main
+from splatreel.config import Config
+from splatreel.errors import UsageError
+from splatreel.evaluation.bench import paper_bench
+from splatreel.evaluation.bench.paper_bench import FULL, PaperBench
+from splatreel.progress import Silent
+from splatreel.recon.pipeline import Result
+from tests.evaluation import scenes
+
+
+@pytest.fixture
+def runs(monkeypatch: pytest.MonkeyPatch) -> list[tuple[Path, Config]]:
+    """Return the runs that were made. Each is the same small run, written without training."""
+    made: list[tuple[Path, Config]] = []
+
+    def reconstruct(capture, out: Path, config: Config, **_: object) -> Result:
+        if not (out / "reel").exists():
+            scenes.write_run(out)
+            made.append((out, config))
+        return Result(out / "reel", out / "work", {"keyframe": 30.0}, "cpu")
+
+    monkeypatch.setattr(paper_bench, "reconstruct", reconstruct)
+    return made
+
+
+def bench(out: Path, config: Config | None = None) -> PaperBench:
+    return PaperBench({"toy": scenes.capture(out)}, config or Config(), out, "cpu", Silent())
+
+
+def test_reconstructions_are_shared_and_continued(runs: list, tmp_path: Path) -> None:
+    first = bench(tmp_path).measure("toy", FULL)
+    assert bench(tmp_path).measure("toy", FULL).report == first.report
+    assert bench(tmp_path).measure("toy", "length 30").run == first.run  # the default length
+    assert len(runs) == 1
+    other = bench(tmp_path).measure("toy", "w/o Rfn.")
+    assert [config.keyframe.refine_iterations for _, config in runs][1] == 1
+    assert other.run != first.run
+    assert first.minutes == pytest.approx(0.5)
+    assert 0 < first.report.reel_bytes < first.float32_bytes
+
+
+def test_record_has_a_line_for_each_variant_with_its_changes(runs: list, tmp_path: Path) -> None:
+    made = bench(tmp_path)
+    made.measure("toy", "w/o Adp.")
+    (line,) = map(json.loads, made.record())
+    assert (line["capture"], line["variant"], line["changes"]) == ("toy", "w/o Adp.", {"layering.adapt_every": 0})
+    assert line["psnr"] > 30
+    assert "per_frame" not in line
+
+
+def test_plan_counts_what_is_finished(runs: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    made = bench(tmp_path)
+    made.measure("toy", FULL)
+    assert made.plan([FULL, "length 30"]) == "1 reconstructions, of which 1 are finished."
+
+
+def test_captures_need_a_held_out_camera(tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match="no camera is held out"):
+        PaperBench({"toy": scenes.capture(tmp_path, [])}, Config(), tmp_path, "cpu", Silent())
+
+
+def test_command_refuses_captures_of_one_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for folder in ("a", "b"):
+        (tmp_path / folder / "film").mkdir(parents=True)
+    paths = [str(tmp_path / folder / "film") for folder in ("a", "b")]
+    assert main(["bench", "paper", *paths, "--out", str(tmp_path / "out"), "--table", "6"]) == 2
+    assert "captures with different folder names" in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_table_10_encodes_one_reconstruction_in_seven_ways(runs: list, tmp_path: Path) -> None:
+    from splatreel.evaluation.bench.paper_run import write_table
+
+    text = write_table(bench(tmp_path), "10", 4)
+    assert text.startswith("toy. Table 10. Ablation on deformation encoding.")
+    assert text.count("\n| #") == 7
+    assert len(runs) == 1
