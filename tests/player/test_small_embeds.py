@@ -103,16 +103,19 @@ def test_the_big_button_stays_off_the_bar(page: Page, server: Server, touch: boo
         page.context.new_cdp_session(page).send("Emulation.setTouchEmulationEnabled", {"enabled": True})
     reel = open_embed(page, server)
     wait_for_picture(page)
-    shown = 0
-    for width, height in [(390, 220), (390, 190), (200, 170), (320, 160), (200, 120)]:
+    shown = []
+    for width, height in [(390, 240), (390, 220), (390, 200), (320, 180), (200, 120)]:
         reel.evaluate(f"(reel) => Object.assign(reel.style, {{ width: '{width}px', height: '{height}px' }})")
         start, seek = (reel.locator(name).bounding_box() for name in (".start", ".seek"))
+        assert start
         assert seek
-        if start:
-            shown += 1
-            assert min(start["width"], start["height"]) >= 40
-            assert start["y"] + start["height"] < seek["y"] + seek["height"] / 2 - 4  # the line is in its middle
-    assert shown == (1 if touch else 3)
+        shown.append(reel.locator(".seek").is_visible())
+        clear = start["y"] + start["height"] < seek["y"] + seek["height"] / 2 - 4  # the line is in its middle
+        assert clear or not shown[-1]
+    assert shown == [True, not touch, not touch, False, False]
+    page.evaluate(f"{PLAYER}.currentTime = 0.1")
+    reel.locator(".start").wait_for(state="hidden")
+    assert reel.locator(".seek").is_visible()
 
 
 def test_the_columns_of_the_help_begin_at_one_height(page: Page, server: Server) -> None:
