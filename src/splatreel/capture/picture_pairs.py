@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections import defaultdict
 from collections.abc import Mapping
@@ -74,8 +75,8 @@ def pair_pictures(path: Path, files: Mapping[str, list[Path]], all_have: bool = 
 def _of_one_kind(camera: str, files: list[Path], notes: list[str]) -> list[Path]:
     """Return the pictures whose names differ only by numbers, and note skipped ones. Names without numbers are all kept."""
     kinds: dict[tuple[str, ...], list[Path]] = defaultdict(list)
-    for file in files:
-        kinds[tuple(NUMBER.split(file.stem)[::2])].append(file)
+    for file, name in zip(files, _names(files), strict=True):
+        kinds[tuple(NUMBER.split(name)[::2])].append(file)
     if len(kinds) == 1 or all(len(kind) == 1 for kind in kinds):
         return files
     most = max(kinds.values(), key=len)
@@ -93,10 +94,13 @@ def _of_one_kind(camera: str, files: list[Path], notes: list[str]) -> list[Path]
 
 def _keyed(files: Mapping[str, list[Path]]) -> dict[str, dict[Key, Path]]:
     """Return the pictures of each camera by the numbers that differ between them, or by their whole names."""
-    numbers = {name: [tuple(map(int, NUMBER.findall(file.stem))) for file in found] for name, found in files.items()}
+    numbers = {name: [tuple(map(int, NUMBER.findall(own))) for own in _names(found)] for name, found in files.items()}
     places = _varying(numbers)
     if places is None:
-        return {name: _unique([(natural_key(file.stem), file) for file in found]) for name, found in files.items()}
+        return {
+            name: _unique([(natural_key(own), file) for own, file in zip(_names(found), found, strict=True)])
+            for name, found in files.items()
+        }
     return {
         name: _unique([(tuple(row[at] for at in places[name]), f) for row, f in zip(rows, files[name], strict=True)])
         for name, rows in numbers.items()
@@ -119,6 +123,12 @@ def _varying(numbers: Mapping[str, list[tuple[int, ...]]]) -> dict[str, list[int
         together = sorted({at for places in own.values() for at in places})
         own = dict.fromkeys(own, together)
     return own if len({len(places) for places in own.values()}) == 1 and all(own.values()) else None
+
+
+def _names(files: list[Path]) -> list[str]:
+    """Return the names of a camera's pictures without extension, with the folders that they do not have in common."""
+    base = os.path.commonpath([file.parent for file in files])
+    return [file.relative_to(base).with_suffix("").as_posix() for file in files]
 
 
 def _unique(pairs: list[tuple[Key, Path]]) -> dict[Key, Path]:

@@ -243,3 +243,138 @@ def test_model_without_images_is_refused(scene: Path) -> None:
     (scene / "sparse" / "0" / "images.txt").write_text("# no image was placed\n")
     with pytest.raises(CaptureError, match="the COLMAP model holds no images with a pose"):
         open_capture(scene)
+
+
+def still_model(folder: Path, frames: int, name: str) -> Path:
+    """Write a model with an image for each frame of each camera, whose poses differ by the noise of a calibration."""
+    made = folders.colmap(folder)
+    shutil.rmtree(made / "images_2")
+    rng, lines = np.random.default_rng(0), []
+    for line in (made / "sparse/0/images.txt").read_text().splitlines()[::2]:
+        number, *values = line.split()
+        camera = values[-1][-6:-4]
+        for frame in range(frames):
+            pose = np.array(values[:7], float) + 1e-3 * rng.normal(size=7)
+            image = name.format(camera=camera, frame=frame)
+            lines += [f"{frames * int(number) + frame} {' '.join(map(str, pose))} 1 {image}", ""]
+            (made / "images" / image).parent.mkdir(parents=True, exist_ok=True)
+            Image.fromarray(folders.frame(int(camera), frame, 64, 48)).save(made / "images" / image)
+    (made / "sparse/0/images.txt").write_text("\n".join(lines) + "\n")
+    return made
+
+
+@pytest.mark.parametrize(
+    ("name", "first"),
+    [
+        ("cam{camera}/frame_{frame}.png", "cam00"),
+        ("cam{camera}_{frame:04d}.png", "cam00"),
+        ("{frame:03d}/cam{camera}.png", "cam00"),
+        ("{frame}_{camera}.png", "00"),
+    ],
+)
+def test_model_over_all_frames_has_static_cameras(tmp_path: Path, name: str, first: str) -> None:
+    pytest.importorskip("pycolmap")
+    capture = open_capture(still_model(tmp_path / "scene", 11, name))
+    assert (len(capture.cameras), capture.frames, capture.cameras[0].name) == (4, 11, first)
+    assert capture.notes == ["the model has 44 images of 4 static cameras, one for each frame"]
+    for found, written in zip(capture.cameras, folders.cameras(), strict=True):
+        np.testing.assert_allclose(found.viewmat, written.viewmat, atol=0.01)
+    shown = capture.read(0, 11, [camera.name for camera in capture.cameras])
+    assert [[folders.which(image) for image in step] for step in shown] == [
+        [(c, t) for c in range(4)] for t in range(11)
+    ]
+
+
+def test_model_with_the_most_images_is_read(scene: Path) -> None:
+    small = scene / "sparse" / "1"
+    shutil.copytree(scene / "sparse" / "0", small)
+    rows = (small / "images.txt").read_text().splitlines()
+    (scene / "sparse" / "0" / "images.txt").write_text("\n".join(rows[:6]) + "\n")
+    capture = open_capture(scene)
+    assert len(capture.cameras) == 4
+    assert capture.notes == ["the COLMAP model sparse/1 is read, since it has the most images, 4; sparse/0 has 3"]
+
+
+@pytest.mark.parametrize("binary", [False, True])
+def test_model_without_points_is_read(scene: Path, binary: bool) -> None:
+    import pycolmap
+
+    model = scene / "sparse" / "0"
+    if binary:
+        reconstruction = pycolmap.Reconstruction(str(model))
+        shutil.rmtree(model)
+        model.mkdir()
+        reconstruction.write_binary(str(model))
+    next(model.glob("points3D.*")).unlink()
+    capture = open_capture(scene)
+    assert (len(capture.cameras), capture.points) == (4, None)
+
+
+def test_folders_of_4dgaussians_belong_to_the_images_by_number(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    scene = folders.colmap(tmp_path / "scene")
+    (scene / "sparse" / "0").rename(scene / "sparse_")
+    text = (scene / "sparse_" / "images.txt").read_text()
+    for c in range(4):
+        text = text.replace(f"view/cam{c:02d}.png", f"image{c + 8}.jpg")
+        for t in range(3):
+            file = scene / f"cam{c + 8:02d}" / f"frame_{t + 1:05d}.jpg"
+            file.parent.mkdir(exist_ok=True)
+            Image.fromarray(folders.frame(c, t)).save(file, quality=95)
+    (scene / "sparse_" / "images.txt").write_text(text)
+    shutil.rmtree(scene / "images_2")
+    capture = open_capture(scene)
+    assert [camera.name for camera in capture.cameras] == ["cam08", "cam09", "cam10", "cam11"]
+    assert [folders.which(image) for image in capture.read(2, 1, ["cam08", "cam10"])[0]] == [(0, 2), (2, 2)]
+    assert "such as image8 to cam08" in capture.notes[0]
+
+
+def test_videos_with_the_numbers_of_the_model_belong_to_it(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    scene = filmed(tmp_path / "scene", [f"GoPro {c}.mp4" for c in range(4)], [2] * 4)
+    capture = open_capture(scene)
+    assert [camera.name for camera in capture.cameras] == [f"GoPro {c}" for c in range(4)]
+    (scene / "videos" / "GoPro 3.mp4").rename(scene / "videos" / "GoPro 4.mp4")  # counted from 0 or from 1?
+    with pytest.raises(CaptureError, match="holds the images of all 4 cameras"):
+        open_capture(scene)
+
+
+def test_hidden_and_extra_videos_are_not_read(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    scene = filmed(tmp_path / "scene", [f"cam{c:02d}.mp4" for c in range(4)], [2] * 4)
+    (scene / "videos" / "._cam01.mp4").write_bytes(b"Mac OS X")
+    shutil.copy(scene / "videos" / "cam00.mp4", scene / "videos" / "making_of.mp4")
+    capture = open_capture(scene)
+    assert capture.notes == ["not used, since the model has no such cameras: making_of.mp4"]
+
+
+def test_camera_that_is_left_out_needs_no_video(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    scene = filmed(tmp_path / "scene", [f"cam{c:02d}.mp4" for c in range(4)], [2] * 4)
+    with pytest.raises(CaptureError, match="no camera 'cam7' to leave out; the cameras are cam00"):
+        open_capture(scene, leave_out=["cam7"])
+    (scene / "videos" / "cam01.mp4").write_bytes(b"damaged")
+    capture = open_capture(scene, leave_out=["cam01"])
+    assert [camera.name for camera in capture.cameras] == ["cam00", "cam02", "cam03"]
+    assert capture.held_out == ["cam02"]
+
+
+def test_chapters_of_a_camera_are_one_video(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    scene = filmed(tmp_path / "scene", [f"cam{c:02d}.mp4" for c in range(4)], [8] * 4)
+    for c, names in enumerate((("GX010042", "GX020042"), ("GOPR0007", "GP010007"), ("GH010001", "GH020001"))):
+        (scene / "videos" / f"cam{c:02d}.mp4").unlink()
+        (scene / "videos" / f"cam{c:02d}").mkdir()
+        for part, name in enumerate(names):
+            images = [folders.frame(c, 4 * part + t, 64, 48) for t in range(4)]
+            folders.write_video(scene / "videos" / f"cam{c:02d}" / f"{name}.MP4", images)
+    capture = open_capture(scene)
+    assert capture.frames == 8
+    shown = capture.read(0, 8, ["cam00", "cam01", "cam02"])
+    assert [[folders.which(image) for image in step] for step in shown] == [
+        [(c, t) for c in range(3)] for t in range(8)
+    ]
+    capture.close()
+    shutil.copy(scene / "videos" / "cam03.mp4", scene / "videos" / "cam00" / "GX010043.MP4")
+    with pytest.raises(CaptureError, match=r"cam00: holds chapters of 2 GoPro recordings \(0042, 0043\)"):
+        open_capture(scene)

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from splatreel.capture.opening import open_capture
 from splatreel.errors import CaptureError
@@ -180,3 +181,41 @@ def test_unsupported_frame_rates_are_refused(scene: Path, fps: float) -> None:
     (scene / "splatreel.json").write_text(json.dumps({"fps": fps}))
     with pytest.raises(CaptureError, match=r"frames a second, expected 0\.001 to 100000"):
         open_capture(scene)
+
+
+def test_pictures_in_folders_of_cameras_are_read(scene: Path) -> None:
+    for c, file in enumerate(sorted(scene.glob("*.mp4"))):
+        file.unlink()
+        (scene / file.stem / "images").mkdir(parents=True)
+        for t in range(11):
+            Image.fromarray(folders.frame(c, t)).save(scene / file.stem / "images" / f"{t}.png")
+    capture = open_capture(scene)
+    assert (capture.frames, capture.held_out) == (11, ["cam00"])
+    assert [folders.which(image) for image in capture.read(9, 2, ["cam02"])[:, 0]] == [(2, 9), (2, 10)]
+
+
+def test_videos_with_other_suffixes_and_numbers_without_padding_are_read(tmp_path: Path) -> None:
+    scene = folders.neu3dv(tmp_path / "scene", count=12, frames=1)
+    for c in range(12):
+        (scene / f"cam{c:02d}.mp4").rename(scene / f"cam{c + 1}{('.MP4', '.mov')[c % 2]}")
+    (scene / "._cam1.MP4").write_bytes(b"Mac OS X")
+    capture = open_capture(scene)
+    assert [camera.name for camera in capture.cameras] == [f"cam{c + 1}" for c in range(12)]
+    np.testing.assert_allclose(capture.camera("cam10").viewmat, folders.cameras(12)[9].viewmat, atol=1e-6)
+    assert "in the order of the cameras' numbers: cam1, cam2" in capture.notes[0]
+    capture.close()
+
+
+@pytest.mark.parametrize("has_row", [True, False])
+@pytest.mark.parametrize("has_video", [True, False])
+def test_camera_may_be_left_out_with_or_without_its_row(scene: Path, has_row: bool, has_video: bool) -> None:
+    if not has_row:
+        np.save(scene / "poses_bounds.npy", np.delete(np.load(scene / "poses_bounds.npy"), 1, 0))
+    if has_video:
+        (scene / "cam01.mp4").write_bytes(b"damaged")
+    else:
+        (scene / "cam01.mp4").unlink()
+    capture = open_capture(scene, leave_out=["cam01"])
+    assert [camera.name for camera in capture.cameras] == ["cam00", "cam02", "cam03"]
+    np.testing.assert_allclose(capture.camera("cam02").viewmat, folders.cameras()[2].viewmat, atol=1e-6)
+    assert folders.which(capture.read(1, 1, ["cam03"])[0, 0]) == (3, 1)
