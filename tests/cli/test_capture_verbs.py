@@ -14,7 +14,7 @@ def test_calibrate_reports_placed_left_out_and_doubtful_cameras(
 ) -> None:
     asked: list[tuple[Path, Path | None]] = []
 
-    def found(path: Path, progress: object, also: Path | None) -> calibrate.Calibration:
+    def found(path: Path, progress: object, also: Path | None, *_: object) -> calibrate.Calibration:
         asked.append((path, also))
         return calibrate.Calibration({"a": 900, "b": 12, "c": 400}, ["d"], 0.456, 3)
 
@@ -37,7 +37,7 @@ def test_sync_reports_the_start_of_each_video(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     (name,) = {"synchronise", "synchronize"} & set(dir(sync))
-    monkeypatch.setattr(sync, name, lambda path, progress: {"a": 0.0, "b": 1.23456})
+    monkeypatch.setattr(sync, name, lambda path, progress, *_: {"a": 0.0, "b": 1.23456})
     assert main(["capture", "sync", "phones"]) == 0
     assert capsys.readouterr().out.splitlines()[1:] == ["  a 0.000", "  b 1.235"]
 

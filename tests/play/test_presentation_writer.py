@@ -127,7 +127,7 @@ def test_jpeg_quality_decreases_until_size_fits() -> None:
 
 
 def test_oversized_poster_is_downscaled(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("splatreel.play.presentation_writer.MOST_BYTES", 4_000)
+    monkeypatch.setattr("splatreel.play.presentation_writer.POSTER_BYTES", 4_000)
     add_groups(writer := new_writer(tmp_path), range(1), PresentationWriter())
     poster = writer.manifest.presentation.poster
     assert poster is not None

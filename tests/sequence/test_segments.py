@@ -13,6 +13,13 @@ def built(frames: list[Gaussians]) -> SegmentBuilder:
     return stretch([(points, identities.of(points)) for points in frames])
 
 
+def unlike(points: Gaussians, rng: np.random.Generator) -> Gaussians:
+    """Return points of other places, sizes and colors."""
+    means = points.means + 10 * rng.normal(size=points.means.shape)
+    scales = points.scales * rng.uniform(2, 5, points.scales.shape)
+    return replace(points, means=means, scales=scales, sh=points.sh + rng.normal(size=points.sh.shape))
+
+
 def test_same_points_form_one_segment_each() -> None:
     builder = built([frame(number) for number in range(8)])
     assert builder.cut(30) == 8
@@ -50,8 +57,7 @@ def test_slow_shape_changes_accumulate() -> None:
 
 def test_new_points_in_every_frame_give_one_frame_groups() -> None:
     rng = np.random.default_rng(0)
-    frames = [frame(number)[rng.permutation(WALL + BALL)[: 400 + number]] for number in range(6)]
-    frames = [replace(points, means=points.means + rng.normal(size=points.means.shape)) for points in frames]
+    frames = [unlike(frame(number)[: 400 + number], rng) for number in range(6)]
     builder = built(frames)
     assert builder.cut(30) == 1
     assert not builder.first(1).rests.any()
@@ -59,7 +65,8 @@ def test_new_points_in_every_frame_give_one_frame_groups() -> None:
 
 def test_group_ends_where_points_are_exchanged() -> None:
     frames = [frame(number) for number in range(8)]
-    frames[4:] = [replace(points[::-1][5:], means=points.means[::-1][5:] + 0.01) for points in frames[4:]]
+    others = unlike(frames[4][5:], np.random.default_rng(0))
+    frames[4:] = [replace(others, means=others.means + 0.01 * number) for number in range(4)]
     builder = built(frames)
     assert builder.opened == 4 * [WALL + BALL] + 4 * [2 * (WALL + BALL) - 5]
     assert builder.cut(8) == 4
