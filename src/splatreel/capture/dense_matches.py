@@ -98,7 +98,7 @@ def _filter(
     rows, first, second = [], 0, 0
     for a, b, pairs in zip(one, other, found, strict=True):
         away = _epipolar_distances(here, there, a.points[pairs[:, 0]], b.points[pairs[:, 1]])
-        rows.append([*pairs[away < distance / 640][:BEST], first, second])
+        rows.append(pairs[away < distance / 640][:BEST] + np.array([first, second]))
         first, second = first + len(a.points), second + len(b.points)
     return np.concatenate(rows)
 
