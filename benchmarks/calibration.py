@@ -72,7 +72,7 @@ def measure(capture: Capture, count: int, frames: list[int], learned: bool) -> d
         try:
             calibrate(folder, Silent(), describer=describer)
         except CaptureError as error:
-            return {"cameras": len(cameras), "placed": 0, "refused": str(error).split(": ", 2)[-1][:120]}
+            return {"cameras": len(cameras), "placed": 0, "refused": str(error).split(": ", 2)[-1].split(". ")[0]}
         placed = open_capture(folder, held_out=[])
         known = [capture.camera(camera.name) for camera in placed.cameras]
         turned, moved = align(list(placed.cameras), known)

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from splatreel.capture.builtin import toyroom
 from splatreel.capture.builtin.raytracer import trace_frame, trace_static
 from splatreel.capture.builtin.synthetic import TARGET, make_capture
-from splatreel.capture.calibrate import _Solver, calibrate, check_photos
+from splatreel.capture.calibrate import _rig, _Solver, calibrate, check_photos, scale_model
 from splatreel.capture.calibration_agreement import CalibratedCamera
 from splatreel.capture.opening import open_capture
 from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
@@ -136,6 +136,37 @@ def test_invalid_photographs_are_refused(room: Path, tmp_path: Path) -> None:
     (tmp_path / "a.jpg").write_bytes(b"no picture")
     with pytest.raises(CaptureError, match=r"a\.jpg"):
         check_photos(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("distance", "said"),
+    [
+        (("phone0", "phone7", 2.0), "has no camera phone7, whose distance is given; there are phone0, phone1, phone2"),
+        (("phone0", "phone0", 2.0), "is not one of two cameras"),
+        (("phone0", "phone1", -1.0), "is not one of two cameras"),
+        (("phone0", "phone1", float("nan")), "is not one of two cameras"),
+    ],
+)
+def test_impossible_distances_are_refused(tmp_path: Path, distance: tuple[str, str, float], said: str) -> None:
+    for c in range(3):
+        folders.write_video(tmp_path / f"phone{c}.mp4", [folders.frame(c, 0)])
+    with pytest.raises(CaptureError, match=said):
+        calibrate(tmp_path, Silent(), distance=distance)
+
+
+def test_a_known_distance_makes_the_unit_a_meter() -> None:
+    colmap = pytest.importorskip("pycolmap")
+    options = colmap.SyntheticDatasetOptions()
+    options.num_rigs, options.num_frames_per_rig = 3, 1
+    model = colmap.synthesize_dataset(options)
+    before = _rig(model)
+    one, other, third = sorted(before)
+    scale_model(colmap, model, (one, other, 2.5))
+    after = _rig(model)
+    gaps = [[np.linalg.norm(rig[one].center - rig[name].center) for name in (other, third)] for rig in (before, after)]
+    assert gaps[1][0] == pytest.approx(2.5)
+    assert gaps[1][1] / gaps[1][0] == pytest.approx(gaps[0][1] / gaps[0][0]), "all distances change alike"
+    assert model.compute_mean_reprojection_error() == pytest.approx(0, abs=1e-3)
 
 
 def test_success_removes_the_recorded_failure(tmp_path: Path) -> None:

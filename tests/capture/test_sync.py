@@ -2,10 +2,12 @@ import json
 import os
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
 from splatreel.capture.sync import RATE, synchronize
+from splatreel.capture.visible_sync import compare_activity
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
 from tests.capture.films import film
@@ -41,11 +43,56 @@ def test_sync_starts_when_all_videos_run(folder: Path) -> None:
     assert json.loads((folder / "splatreel.json").read_text()) == {"fps": 10, "starts": starts}
 
 
-def test_sync_names_a_video_without_sound(folder: Path) -> None:
+def test_sync_names_a_silent_video_without_motion(folder: Path) -> None:
     film(folder / "d.mp4", None)
-    with pytest.raises(CaptureError, match=r"d\.mp4: has no sound"):
+    with pytest.raises(CaptureError, match="d has no sound, and no motion or flash"):
         synchronize(folder, Silent())
     assert not (folder / "splatreel.json").exists()
+
+
+def moving(path: Path, began: float, side: int, seconds: float = 8) -> None:
+    """Write a silent video, 30 frames per second, of a disk that moves in fits; `side` mirrors and shades the view."""
+    rng = np.random.default_rng(7)
+    speeds = np.repeat(
+        rng.uniform(0, 40, 40) * (rng.random(40) < 0.5), 30
+    )  # pixels per second, each for a quarter second
+    places = np.cumsum(speeds) / 120
+    y, x = np.mgrid[:72, :96]
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=30)
+        stream.width, stream.height, stream.pix_fmt = 96, 72, "yuv420p"
+        for number in range(round(seconds * 30)):
+            place = 10 + places[min(round((began + number / 30) * 120), len(places) - 1)] % 70
+            disk = (x - (place if side else 95 - place)) ** 2 + (y - 30 - 10 * side) ** 2 < 150
+            picture = np.where(disk, 210, 60 + 30 * side).astype(np.uint8)
+            frame = av.VideoFrame.from_ndarray(np.repeat(picture[..., None], 3, 2), format="rgb24")
+            container.mux(stream.encode(frame))
+        container.mux(stream.encode(None))
+
+
+def test_silent_videos_are_synchronized_by_motion(tmp_path: Path) -> None:
+    moving(tmp_path / "a.mp4", 0.5, 0)
+    moving(tmp_path / "b.mp4", 1.7, 1)
+    starts = synchronize(tmp_path, Silent())
+    assert starts["b"] == 0
+    assert starts["a"] == pytest.approx(1.2, abs=0.02)
+
+
+def test_a_flash_synchronizes_a_silent_video() -> None:
+    rng = np.random.default_rng(3)
+    one, other = (rng.normal(0, 0.2, (2, 1200)) for _ in range(2))
+    one[1, 600:604] += 40
+    other[1, 240:244] += 25
+    agreement = compare_activity(one, other)
+    assert agreement.certain
+    assert agreement.later == pytest.approx(3.0, abs=0.01)
+
+
+def test_unrelated_activity_is_not_certain() -> None:
+    rng = np.random.default_rng(4)
+    assert not compare_activity(*rng.normal(0, 1, (2, 2, 1200))).certain
+    assert not compare_activity(np.zeros((2, 1200)), np.zeros((2, 1200))).certain
+    assert not compare_activity(np.zeros((2, 9)), np.zeros((2, 1200))).certain
 
 
 def test_sync_names_a_video_with_other_sound(folder: Path) -> None:

@@ -8,9 +8,10 @@ matches if the extra `match` is installed (`dense_matches.py`).
 
 from __future__ import annotations
 
+import math
 import os
 import shutil
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
@@ -36,6 +37,8 @@ from splatreel.progress import Progress, Span
 from splatreel.scene.atomic import scratch
 
 MODEL = Path("sparse/0")
+Distance = tuple[str, str, float]
+"""Two cameras, and the distance of their lenses in meters."""
 FEW = 100
 """Number of visible points below which a camera's pose and lens are doubtful."""
 MOMENTS = 3
@@ -70,6 +73,7 @@ def calibrate(
     also: Path | None = None,
     leave_out: Sequence[str] = (),
     describer: Describer | None = None,
+    distance: Distance | None = None,
 ) -> Calibration:
     """Write the COLMAP model `sparse/0` of a folder of videos, one per camera, from frames spread over them.
 
@@ -81,10 +85,11 @@ def calibrate(
         also: Folder of photographs that connect the cameras' views.
         leave_out: Names of videos that are not used.
         describer: Network of `find_describer`, whose matches make poses more exact.
+        distance: Known distance of two cameras, which makes the world's unit a meter.
 
     Raises:
-        CaptureError: The folder is calibrated already, has too few videos, or fewer than three cameras could be placed
-            reliably. The last case is recorded in the folder's `splatreel.json`.
+        CaptureError: The folder is calibrated already, has too few videos, lacks a camera of `distance`, or fewer than
+            three cameras could be placed reliably. The last case is recorded in the folder's `splatreel.json`.
     """
     if is_colmap(path) or (path / POSES).exists():
         raise CaptureError(f"{path}: is calibrated already. Delete {MODEL.parent} or {POSES} to calibrate it again.")
@@ -92,12 +97,14 @@ def calibrate(
     if len(files) < MIN_CAMERAS:
         found = ", ".join(file.name for file in files.values()) or "none"
         raise CaptureError(f"{path}: {len(files)} videos ({found}), at least {MIN_CAMERAS} are needed. Add the others.")
+    if distance is not None:
+        check_distance(distance, path, files)
     photos = check_photos(also) if also is not None else []
     import_pycolmap()
     with scratch(path, "calibrate") as folder:
         try:
             found = run_in_child(
-                *(_place, path, files, photos, folder, describer),
+                *(_place, path, files, photos, folder, describer, distance),
                 on_message=lambda message: _call_progress(progress, *message),
             )
         except ChildEndedError as error:
@@ -113,7 +120,13 @@ def calibrate(
 
 
 def _place(
-    send: Send, path: Path, files: dict[str, Path], photos: list[Path], folder: Path, describer: Describer | None
+    send: Send,
+    path: Path,
+    files: dict[str, Path],
+    photos: list[Path],
+    folder: Path,
+    describer: Describer | None,
+    distance: Distance | None,
 ) -> Calibration | str:
     """Place the cameras in a child process, because COLMAP computes for minutes without handling signals.
 
@@ -141,6 +154,10 @@ def _place(
             model = refine_by_matches(colmap, model, solver.describe(videos, sorted(kept), describer), folder, progress)
     finally:
         videos.close()
+    if distance is not None and (unsure := {*distance[:2]} - kept):
+        return f"{' and '.join(sorted(unsure))} could not be placed, whose distance is given. Give that of two others."
+    if distance is not None:
+        scale_model(colmap, model, distance)
     (folder / "model").mkdir()
     model.write_binary(str(folder / "model"))
     placed = {name: rigs[best][name].points for name in sorted(kept)}
@@ -290,6 +307,27 @@ def _explain_failure(names: list[str], rigs: list[CalibratedRig], kept: set[str]
         f"camera's view to the next, each of which shows much of what the one before does, and give their folder: splatreel "
         f"capture calibrate --also PHOTOS; or film with cameras closer together."
     )
+
+
+def check_distance(distance: Distance, path: Path, names: Iterable[str]) -> None:
+    """Raise `CaptureError` unless a distance is positive and its cameras are different cameras of the folder."""
+    one, other, meters = distance
+    unknown = [name for name in (one, other) if name not in names]
+    if unknown:
+        raise CaptureError(
+            f"{path}: has no camera {unknown[0]}, whose distance is given; there are {', '.join(names)}."
+        )
+    if one == other or not (math.isfinite(meters) and meters > 0):
+        raise CaptureError(
+            f"the distance {one} {other} {meters:g} is not one of two cameras in meters. Give it as: --distance {one} OTHER 2.5"
+        )
+
+
+def scale_model(colmap: ModuleType, model: Any, distance: Distance) -> None:
+    """Scale a model so that two of its cameras have a known distance."""
+    rig, (one, other, meters) = _rig(model), distance
+    found = float(np.linalg.norm(rig[one].center - rig[other].center))
+    model.transform(colmap.Sim3d(meters / found, colmap.Rotation3d(np.eye(3)), np.zeros(3)))
 
 
 def _keep_cameras(model: Any, kept: set[str]) -> Any:

@@ -1,4 +1,4 @@
-"""Synchronization of the videos of a folder by their sound."""
+"""Synchronization of the videos of a folder by their sound, and of silent videos by what they show."""
 
 from __future__ import annotations
 
@@ -16,6 +16,8 @@ from splatreel.capture.readers.colmap import videos_but
 from splatreel.capture.sidecar import write_starts
 from splatreel.capture.soundtrack import RATE as SOUND_RATE
 from splatreel.capture.soundtrack import channels, read_sound
+from splatreel.capture.timecode import read_timecode, timecode_difference
+from splatreel.capture.visible_sync import VisibleAgreement, compare_activity, watch
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress
 
@@ -38,7 +40,10 @@ class Agreement:
 
 
 def synchronize(path: Path, progress: Progress, leave_out: Sequence[str] = ()) -> dict[str, float]:
-    """Find the start times of a folder's videos by sound, record them in `splatreel.json`, and return them by camera.
+    """Find the start times of a folder's videos, record them in `splatreel.json`, and return them by camera.
+
+    Videos with sound are aligned by it, exact to less than a millisecond. Videos without sound are aligned to these by
+    motion and light, exact to about half a frame, or by timecode.
 
     Args:
         path: Folder of videos.
@@ -46,7 +51,7 @@ def synchronize(path: Path, progress: Progress, leave_out: Sequence[str] = ()) -
         leave_out: Names of videos that are not used.
 
     Raises:
-        CaptureError: A video has no sound, or none in common with the others.
+        CaptureError: The sound of a video matches no other's, or what a silent video shows matches no other video.
     """
     files = videos_but(path, leave_out)
     if len(files) < 2:
@@ -54,9 +59,13 @@ def synchronize(path: Path, progress: Progress, leave_out: Sequence[str] = ()) -
     progress.stage("reading the sound of the videos", len(files))
     sounds = {}
     for count, (name, file) in enumerate(files.items(), 1):
-        sounds[name] = listen(file)
+        sound = listen(file)
+        if sound is not None:
+            sounds[name] = sound
         progress.update(count)
-    began = align(path, sounds, progress)
+    began = align(path, sounds, progress) if sounds else {next(iter(files)): 0.0}
+    if len(began) < len(files):
+        began = align_silent(path, files, began, progress)
     last = max(began.values())
     starts = {name: round(last - time, 6) for name, time in began.items()}
     write_starts(path, starts)
@@ -88,21 +97,65 @@ def align(path: Path, sounds: dict[str, np.ndarray], progress: Progress) -> dict
     return began
 
 
-def listen(file: Path) -> np.ndarray:
-    """Return the sound of a video, or of a folder of its parts, from its first frame on, [samples] float32 at `RATE`.
+def align_silent(path: Path, files: dict[str, Path], began: dict[str, float], progress: Progress) -> dict[str, float]:
+    """Return the start times of all videos, given those of some.
 
-    Raises:
-        CaptureError: There is no sound.
+    The others are joined in order of clarity. Timecodes count only where pictures tell nothing, because clocks of
+    cameras that were not synchronized differ by seconds.
+    """
+    progress.stage("watching the videos, since some have no sound", len(files))
+    seen = {}
+    for count, (name, file) in enumerate(files.items(), 1):
+        seen[name] = watch(_first_part(file))
+        progress.update(count)
+    began = dict(began)
+    found: dict[tuple[str, str], VisibleAgreement] = {}
+    while silent := [name for name in files if name not in began]:
+        for a in began:
+            for b in silent:
+                if (a, b) not in found:
+                    found[a, b] = compare_activity(seen[a], seen[b])
+        a, b = max(((a, b) for a in began for b in silent), key=lambda pair: found[pair].alike * found[pair].certain)
+        if not found[a, b].certain:
+            timed = _by_timecode(files, began, silent)
+            if timed:
+                began |= timed
+                continue
+            raise CaptureError(
+                f"{path}: {', '.join(silent)} {'has' if len(silent) == 1 else 'have'} no sound, and no motion or flash that "
+                f"tells when it starts. Flash a light once that all cameras see, or write into splatreel.json when each video "
+                f'starts: {{"starts": {{"{b}": seconds, ...}}}}.'
+            )
+        began[b] = began[a] + found[a, b].later
+    return began
+
+
+def _by_timecode(files: dict[str, Path], began: dict[str, float], silent: list[str]) -> dict[str, float]:
+    """Return the start times of silent videos by timecode; none if they or all others lack one."""
+    codes = {name: code for name, file in files.items() if (code := read_timecode(_first_part(file))) is not None}
+    known = next((name for name in began if name in codes), None)
+    if known is None:
+        return {}
+    return {b: began[known] + timecode_difference(codes[known], codes[b]) for b in silent if b in codes}
+
+
+def _first_part(file: Path) -> Path:
+    """Return a video, or the first video of a folder of its parts."""
+    return segment_files(file)[0] if file.is_dir() else file
+
+
+def listen(file: Path) -> np.ndarray | None:
+    """Return the sound of a video, or of a folder of its parts, from its first frame on, or None without sound.
+
+    Returns:
+        Sound [samples] float32 at `RATE`.
     """
     files = segment_files(file) if file.is_dir() else [file]
     names = numbered(files) if len(files) > 1 else None
     video = None if names is None else SegmentedVideo(file, names, Growth.over(file.parent))
     file = files[0] if video is None else video.written
     if not channels(file):
-        raise CaptureError(
-            f"{file}: has no sound to synchronize by. Write into splatreel.json when each video starts, or cut the "
-            f"videos to the same moment."
-        )
+        return None
     rate = RATE if video is None else SOUND_RATE
     parts, count = [], 0
     for block in read_sound(file, 1, RATE) if video is None else read_packets(video.sound(), 1, 0.0):

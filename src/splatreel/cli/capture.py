@@ -149,7 +149,13 @@ def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bo
         return cover(cameras, images, **known, device=device, progress=progress)
 
 
-def capture_calibrate(capture: Positional[Path], /, also: Path | None = None, leave_out: str | None = None) -> None:
+def capture_calibrate(
+    capture: Positional[Path],
+    /,
+    also: Path | None = None,
+    leave_out: str | None = None,
+    distance: tuple[str, str, float] | None = None,
+) -> None:
     """Find the poses and lenses of the cameras of a folder of videos by COLMAP, from some of the frames.
 
     Writes the model sparse/0 into the folder, unless the frames contradict each other. If the videos do not start together, run
@@ -159,6 +165,7 @@ def capture_calibrate(capture: Positional[Path], /, also: Path | None = None, le
         capture: Folder of the videos, one per camera.
         also: Folder of photographs by a camera that was carried from each camera's view to the next. They connect cameras far apart.
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
+        distance: Names of two cameras and the distance of their lenses in meters, as cam00 cam05 2.5. Then the world's unit is a meter.
     """
     from splatreel.capture.calibrate import MODEL, calibrate
     from splatreel.capture.learned_matches import INSTALL, find_describer
@@ -166,7 +173,7 @@ def capture_calibrate(capture: Positional[Path], /, also: Path | None = None, le
 
     describer = find_describer()
     with closing(console()) as progress:
-        found = calibrate(capture, progress, also, parse_left_out(leave_out), describer)
+        found = calibrate(capture, progress, also, parse_left_out(leave_out), describer, distance)
     agreed = f", placed alike at {found.moments} moments" if found.moments > 1 else ""
     say(f"{capture / MODEL}: {len(found.placed)} cameras{agreed}; points are off by {found.error:.2f} pixels")
     if found.lost:
@@ -178,7 +185,7 @@ def capture_calibrate(capture: Positional[Path], /, also: Path | None = None, le
 
 
 def capture_sync(capture: Positional[Path], /, leave_out: str | None = None) -> None:
-    """Find by their sound when the videos of a folder start, and write it to the folder's splatreel.json.
+    """Find when the videos of a folder start, by sound, or else by motion, flashes or timecode. Writes splatreel.json.
 
     Args:
         capture: Folder of the videos, one per camera.

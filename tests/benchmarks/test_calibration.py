@@ -1,0 +1,56 @@
+"""The errors of a calibration against known cameras."""
+
+import importlib
+from pathlib import Path
+from types import ModuleType
+
+import numpy as np
+import pytest
+from scipy.spatial.transform import Rotation
+
+from splatreel.scene.camera import Camera
+from tests.capture import folders
+
+
+@pytest.fixture
+def calibration(benchmarks: Path) -> ModuleType:
+    return importlib.import_module("calibration")
+
+
+def moved(cameras: list[Camera]) -> list[Camera]:
+    """Return the cameras in a rotated, scaled and translated world."""
+    turn = Rotation.from_rotvec([0.3, -0.7, 1.1]).as_matrix()
+    found = []
+    for camera in cameras:
+        viewmat = np.eye(4)
+        viewmat[:3, :3] = camera.viewmat[:3, :3] @ turn.T
+        viewmat[:3, 3] = -viewmat[:3, :3] @ (3 * turn @ camera.center + [1, 2, 3])
+        found.append(Camera(camera.name, viewmat, camera.K, camera.width, camera.height))
+    return found
+
+
+def test_the_world_of_a_calibration_does_not_count(calibration: ModuleType) -> None:
+    known = folders.cameras(6)
+    turned, shifted = calibration.align(moved(known), known)
+    assert turned.max() < 0.05
+    assert shifted.max() < 1e-3
+
+
+def test_a_turned_camera_counts(calibration: ModuleType) -> None:
+    known = folders.cameras(6)
+    found = moved(known)
+    wrong = found[2].viewmat.copy()
+    turn = Rotation.from_rotvec([0, np.radians(2), 0]).as_matrix()
+    wrong[:3] = turn @ wrong[:3]  # about its own center
+    found[2] = Camera(found[2].name, wrong, found[2].K, found[2].width, found[2].height)
+    turned, shifted = calibration.align(found, known)
+    assert turned[2] == pytest.approx(2, abs=0.05)
+    assert np.delete(turned, 2).max() < 0.05
+    assert shifted.max() < 1e-3
+
+
+def test_thinned_rigs_are_spread(calibration: ModuleType) -> None:
+    cameras = folders.cameras(7)
+    names = [camera.name for camera in calibration.thin(cameras, 3)]
+    assert {"cam00", "cam06"} <= set(names)
+    assert calibration.thin(cameras, 31) == cameras
