@@ -90,7 +90,10 @@ class PaperBench:
 
     def plan(self, variants: Sequence[str]) -> str:
         """Return how long the missing reconstructions take, and how much memory, in lines."""
-        folders = {self.folder(name, variant): (name, variant) for name in self.captures for variant in variants}
+        folders: dict[Path, tuple[str, str]] = {}
+        for name in self.captures:
+            for variant in variants:
+                folders.setdefault(self.folder(name, variant), (name, variant))
         missing = {folder: key for folder, key in folders.items() if not (folder / "report.json").exists()}
         lines = [f"{len(folders)} reconstructions, of which {len(folders) - len(missing)} are finished."]
         if not missing:

@@ -27,7 +27,7 @@ def variants_of(table: str) -> tuple[str, ...]:
         UsageError: The table cannot be measured.
     """
     if table not in TITLES:
-        known = ", ".join(f"{name} ({title})" for name, title in TITLES.items())
+        known = ", ".join(f"{name} ({TITLES[name]})" for name in sorted(TITLES, key=lambda name: (len(name), name)))
         raise UsageError(f"--table {table!r} is not one of: {known}.")
     return (FULL,) if table in CODEC_TABLES else tuple(RESULTS[table].variants)
 
