@@ -122,7 +122,7 @@ def _file_name(frame: int, kind: Format) -> str:
 
 
 def _write_images(folder: Path, capture: Capture, names: dict[str, str], kind: Format, progress: Progress) -> None:
-    """Write all frames of all cameras, some frames at a time."""
+    """Write the existing frames of all cameras, some at a time."""
     for name in names.values():
         (folder / name).mkdir(parents=True)
     chunk = max(CHUNK_PIXELS // (len(names) * capture.width * capture.height), 1)
@@ -130,11 +130,12 @@ def _write_images(folder: Path, capture: Capture, names: dict[str, str], kind: F
     with ThreadPoolExecutor(threads.count()) as pool:
         for first in range(0, capture.frames, chunk):
             count = min(chunk, capture.frames - first)
-            frames = capture.read(first, count, list(names))
+            frames, missing = (read(first, count, list(names)) for read in (capture.read, capture.missing))
             jobs = [
                 pool.submit(_save, folder / name / _file_name(first + t, kind), frames[t, c], kind)
                 for t in range(count)
                 for c, name in enumerate(names.values())
+                if not missing[t, c]
             ]
             for job in jobs:
                 job.result()
