@@ -11,6 +11,7 @@ from splatreel.capture.readers.colmap import ColmapCapture
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
 from tests.capture import blobs, folders
+from tests.capture.readers import test_transforms
 from tests.capture.readers.calibrations import test_metashape
 from tests.files import contents
 
@@ -47,6 +48,19 @@ def test_lenses_are_removed_and_points_kept(tmp_path: Path) -> None:
     assert found.point_colors is not None
     np.testing.assert_allclose(found.points, source.points)
     np.testing.assert_allclose(found.point_colors, source.point_colors, atol=1e-6)
+
+
+def test_gaps_stay_gaps(tmp_path: Path) -> None:
+    scene = test_transforms.timed(tmp_path / "scene")
+    meta = json.loads((scene / "transforms.json").read_text())
+    del meta["frames"][8]  # the second time of camera 1
+    (scene / "transforms.json").write_text(json.dumps(meta))
+    source = open_capture(scene)
+    convert_capture(source, tmp_path / "out", "png", Silent())
+    names = [camera.name for camera in source.cameras]
+    missing = open_capture(tmp_path / "out").missing(0, 3, names)
+    assert missing.sum() == 1
+    assert np.array_equal(missing, source.missing(0, 3, names))
 
 
 def test_jpeg_is_close(tmp_path: Path) -> None:

@@ -114,6 +114,29 @@ def test_deleted_images_of_instant_ngp_are_left_out(tmp_path: Path) -> None:
     assert [c.name for c in capture.cameras] == ["0", "1", "3"]
 
 
+def test_a_missing_time_is_a_gap_of_that_camera(tmp_path: Path) -> None:
+    """Times decide, not the names of files."""
+    timed(tmp_path)
+    meta = json.loads((tmp_path / "transforms.json").read_text())
+    del meta["frames"][0]  # camera 1 at the last time
+    for frame in meta["frames"]:
+        frame["time"] = 1 - frame["time"]
+    (tmp_path / "transforms.json").write_text(json.dumps(meta))
+    capture = open_capture(tmp_path)
+    names = [camera.name for camera in capture.cameras]
+    assert capture.missing(0, 3, names).tolist() == [[False, True, False, False], *[[False] * 4] * 2]
+    assert [folders.which(image) for image in capture.read(0, 3, ["cam00"])[:, 0]] == [(0, 2), (0, 1), (0, 0)]
+
+
+def test_cameras_that_are_left_out_need_no_files(tmp_path: Path) -> None:
+    timed(tmp_path)
+    (tmp_path / "images" / "cam03" / "9.png").unlink()
+    capture = open_capture(tmp_path, leave_out=["cam03"])
+    assert [camera.name for camera in capture.cameras] == ["cam00", "cam01", "cam02"]
+    with pytest.raises(CaptureError, match="there is no camera 'cam09' to leave out"):
+        open_capture(tmp_path, leave_out=["cam03", "cam09"])
+
+
 def test_a_frame_and_a_folder_per_camera(tmp_path: Path) -> None:
     timed(tmp_path)
     frames = [{"file_path": f"images/cam0{c}/8.png", "transform_matrix": matrix(c).tolist()} for c in range(4)]
@@ -180,7 +203,7 @@ def change(folder: Path, number: int | None, **values: Any) -> None:
         (None, {"ply_file_path": "points.ply"}, r"points\.ply: is missing, though transforms\.json names it"),
         (None, {"frames": []}, r"transforms\.json: lists no frames"),
         (None, {"frames": 3}, r"transforms\.json: cannot be read"),
-        (0, {"time": 0.75}, r"camera cam01 lacks the time 1; the 4 cameras have 4 times"),
+        (0, {"time": 0.5}, r"camera cam01 has 3 pictures with 2 different times"),
         (0, {"time": "late"}, r"frame 0: cannot be read \(its file_path is .* and its time 'late'"),
         (0, {"transform_matrix": [[1, 0], [0, 1]]}, r"frame 0: cannot be read"),
         (0, {"file_path": "images/cam01/77.png"}, r"77\.png: is missing, and so are 0 more of the 12 files"),

@@ -17,6 +17,7 @@ import numpy as np
 
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
+from splatreel.capture.files import list_folder
 from splatreel.capture.image_sequences import ImageSequences
 from splatreel.capture.lens import Lens, undistorted_camera
 from splatreel.capture.readers.calibrations.media import Media, find_media
@@ -84,7 +85,7 @@ class CalibratedCapture(FileCapture):
         rig: Its calibration; None searches for it.
         media: Videos or images by camera; None searches for them.
         layout: Name of the format.
-        paired: True if the images of each camera are in order of time steps that all cameras have.
+        paired: True if the images of each camera are in order of time; None where a camera has none.
         upright: True obeys EXIF's orientation, unless the calibration's size speaks against it.
     """
 
@@ -106,23 +107,28 @@ class CalibratedCapture(FileCapture):
             problem = "two cameras have one name" if names else "no camera has a pose"
             raise CaptureError(f"{rig.origin}: {problem} ({', '.join(names) or 'none'}). Export the calibration again.")
         if media is None:
-            media = find_media(path, names, rig.origin, rig.partial)
+            wanted = [name for name in names if name not in request.left_out]
+            media = find_media(path, wanted, rig.origin, rig.partial)
         views = [c for c in rig.cameras if c.name in media and c.name not in request.left_out]
         sidecar, names = read_sidecar(path), [camera.name for camera in views]
         videos = {name: file for name, file in media.items() if isinstance(file, Path)}
         if videos:
             source = video_source(path, {name: videos[name] for name in names}, sidecar, request)
         else:
-            pictures = {name: files for name in names if isinstance(files := media[name], list)}
-            choose = ImageSequences if paired else picture_source
-            source = choose(path, pictures, sidecar, request, upright=upright)
+            pictures = {name: files for name in names if not isinstance(files := media[name], Path)}
+            existing = {name: [file for file in files if file is not None] for name, files in pictures.items()}
+            source = (
+                ImageSequences(path, pictures, sidecar, request, upright=upright)
+                if paired
+                else picture_source(path, existing, sidecar, request, upright=upright)
+            )
         sizes = {view.name: source.size(view.name, view.size) for view in views}
         width, height = request.size(*Counter(sizes.values()).most_common(1)[0][0], path)
         lenses: dict[str, Lens] = {}
         calibrated: dict[str, tuple[int, int]] = {}
-        cameras, doubts = [], list(rig.doubts)
+        cameras, notes = [], list(rig.notes)
         for view in views:
-            whose, fit = f"{rig.origin}: camera {view.name}", fitting_lens(view, sizes[view.name], rig.origin, doubts)
+            whose, fit = f"{rig.origin}: camera {view.name}", fitting_lens(view, sizes[view.name], rig.origin, notes)
             if view.size is not None:
                 calibrated[view.name] = fit.width, fit.height
             camera, lens = undistorted_camera(view.name, view.viewmat, fit, width, height, whose)
@@ -130,23 +136,23 @@ class CalibratedCapture(FileCapture):
             if lens is not None:
                 lenses[view.name] = lens
         first, _ = request.range(source.frames, path)
-        default = rig.held_out if rig.held_out is not None else [names[middle_camera(cameras)]] if names else []
+        absent = [name for name in rig.names() if name not in media and name not in request.left_out]
+        if absent:
+            notes.append(f"{len(absent)} cameras of {rig.origin.name} have no videos and are left out")
+        default = [names[middle_camera(cameras)]] if rig.held_out is None else rig.held_out
         super().__init__(
             path,
             cameras,
             source,
             replace(request, left_out=request.left_out - set(rig.names())),
-            held_out=default if sidecar.held_out is None else sidecar.held_out,
+            held_out=[name for name in default if name in names] if sidecar.held_out is None else sidecar.held_out,
             lenses=lenses,
             points=rig.points if first == 0 else None,
             point_colors=rig.point_colors if first == 0 else None,
             origin=rig.origin,
             calibrated=calibrated,
+            notes=notes,
         )
-        left_out = [name for name in rig.names() if name not in media and name not in request.left_out]
-        self.doubts += doubts
-        if left_out:
-            self.doubts.append(f"{path}: {len(left_out)} cameras of {rig.origin.name} have no videos and were left out")
 
     @property
     def layout(self) -> str:
@@ -154,11 +160,11 @@ class CalibratedCapture(FileCapture):
         return self._layout
 
 
-def fitting_lens(view: RigCamera, size: tuple[int, int], origin: Path, doubts: list[str]) -> Any:
+def fitting_lens(view: RigCamera, size: tuple[int, int], origin: Path, notes: list[str]) -> Any:
     """Return the lens of a camera whose images have a size.
 
     Codecs fill images up to a multiple of 16 pixels at the right and at the bottom. A calibration that still has these
-    pixels is cropped, and `doubts` says so.
+    pixels is cropped, and a note says so.
 
     Raises:
         CaptureError: The images have another aspect ratio than the calibration.
@@ -169,7 +175,7 @@ def fitting_lens(view: RigCamera, size: tuple[int, int], origin: Path, doubts: l
     differences = abs(view.size[0] - size[0]), abs(view.size[1] - size[1])
     whose = f"{origin}: camera {view.name} is calibrated for {view.size[0]}x{view.size[1]}, but its images are {size[0]}x{size[1]}"
     if min(differences) == 0 and max(differences) < PADDING:
-        doubts.append(f"{whose}; the pixels at the right and at the bottom are taken to be cut off")
+        notes.append(f"{whose}; the pixels at the right and at the bottom are taken to be cut off")
         lens = copy.deepcopy(lens)
         lens.width, lens.height = size
         return lens
@@ -186,8 +192,7 @@ def _calibrations(path: Path) -> Iterator[_Calibration]:
         return
     folders = [path, *sorted(entry for entry in path.glob("[cC]alib*") if entry.is_dir())]
     for folder in folders:
-        files = [file for file in sorted(folder.iterdir()) if file.suffix.lower() in SUFFIXES and file.is_file()]
-        files = [file for file in files if not file.name.startswith(".")]
+        files = [file for file in list_folder(folder) if file.suffix.lower() in SUFFIXES and file.is_file()]
         yield from _recognized(files)
         single = [file for file in files if is_camera(file, _head(file))]
         if single:

@@ -14,7 +14,6 @@ Source: nerfstudio (commit 50e0e3c), `docs/quickstart/data_conventions.md`, `ner
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -22,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from splatreel.capture.base import Request
+from splatreel.capture.files import natural_key
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
 from splatreel.capture.readers.calibrated import CalibratedCapture
 from splatreel.capture.readers.calibrations.media import Media, find_media
@@ -54,10 +54,15 @@ class _Frame:
 
 @dataclass(frozen=True)
 class _View:
-    """Frames of one camera in order of time."""
+    """Frames of one camera in order of time; None at times for which it has none."""
 
     name: str
-    frames: list[_Frame]
+    frames: list[_Frame | None]
+
+    @property
+    def first(self) -> _Frame:
+        """First existing frame."""
+        return next(frame for frame in self.frames if frame is not None)
 
 
 def is_transforms(path: Path) -> bool:
@@ -71,8 +76,8 @@ class TransformsCapture(CalibratedCapture):
     def __init__(self, path: Path, request: Request) -> None:
         file = path / META if (path / META).is_file() else path / TRAIN
         rig, views = _read(file)
-        media, listed = _media(path, views, rig)
-        super().__init__(path, request, rig, media, layout="transforms.json", paired=listed, upright=False)
+        media, timed = _media(path, views, rig, request.left_out)
+        super().__init__(path, request, rig, media, layout="transforms.json", paired=timed, upright=False)
 
 
 def read_transforms(file: Path) -> Rig:
@@ -88,7 +93,7 @@ def _read(file: Path) -> tuple[Rig, list[_View]]:
         raise CaptureError(f"{file}: lists no frames. Export the cameras again.")
     views = _views(file, frames)
     cameras = [_camera(file, view) for view in views]
-    held_out = [view.name for view in views if view.frames[0].held_out]
+    held_out = [view.name for view in views if view.first.held_out]
     positions, colors = _points(points)
     return Rig(file, cameras, positions, colors, held_out or None), views
 
@@ -139,18 +144,17 @@ def _views(file: Path, frames: list[_Frame]) -> list[_View]:
     views = []
     for name, group in zip(_names([[frame.file for frame in group] for group in groups]), groups, strict=True):
         if times:
-            own = sorted(group, key=lambda frame: -np.inf if frame.time is None else frame.time)
-            missing = sorted(times - {frame.time for frame in own if frame.time is not None})
-            if missing or len(own) > len(times):
-                problem = f"lacks the time {missing[0]:g}" if missing else "has several pictures of one time"
+            own = {frame.time: frame for frame in group}
+            if None in own or len(own) < len(group):
                 raise CaptureError(
-                    f"{file}: camera {name} {problem}; the {len(groups)} cameras have {len(times)} times. Each needs one picture of "
-                    f"each time: correct the list of frames."
+                    f"{file}: camera {name} has {len(group)} pictures with {len(own)} different times. Each picture needs its own "
+                    f"time: correct the list of frames."
                 )
+            views.append(_View(name, [own.get(time) for time in sorted(times)]))
         else:
-            own = sorted(group, key=lambda frame: _natural(frame.file))
-        views.append(_View(name, own))
-    return sorted(views, key=lambda view: _natural(view.name))
+            ordered = sorted(group, key=lambda frame: natural_key(frame.file))
+            views.append(_View(name, [*ordered]))
+    return sorted(views, key=lambda view: natural_key(view.name))
 
 
 def _by_pose(frames: list[_Frame]) -> list[list[_Frame]]:
@@ -184,39 +188,38 @@ def _shortest(parts: list[tuple[str, ...]]) -> list[str]:
     return ["/".join(own[common:]) for own in parts]
 
 
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Return a key that sorts numbers in names by value."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]
-
-
 def _camera(file: Path, view: _View) -> RigCamera:
-    frame, whose = view.frames[0], f"{file}: camera {view.name}"
+    frame, whose = view.first, f"{file}: camera {view.name}"
     size, lens = transforms_lens(whose, frame.lens)
     axes = frame.matrix[:3, :3] @ np.diag([1.0, -1, -1])
     return RigCamera(view.name, pose(whose, axes.T, -axes.T @ frame.matrix[:3, 3]), size, lens)
 
 
-def _media(path: Path, views: list[_View], rig: Rig) -> tuple[Media, bool]:
-    """Return the files of each camera, and whether all of them are listed.
+def _media(path: Path, views: list[_View], rig: Rig, left_out: frozenset[str]) -> tuple[Media, bool]:
+    """Return the files of each camera, and whether they are in order of time.
 
     Where no listed file exists, the files with the cameras' names are returned.
     """
-    found = {view.name: [_existing(path / frame.file) for frame in view.frames] for view in views}
-    listed = [file for files in found.values() for file in files]
+    views = [view for view in views if view.name not in left_out]
+    found = {
+        view.name: [None if frame is None else _existing(path / frame.file) for frame in view.frames] for view in views
+    }
+    listed = [file for files in found.values() for file in files if file is not None]
     if not any(file.is_file() for file in listed):
-        return find_media(path, rig.names(), rig.origin), False
+        return find_media(path, [view.name for view in views], rig.origin), False
     missing = [file for file in listed if not file.is_file()]
     if missing:
         raise CaptureError(
             f"{missing[0]}: is missing, and so are {len(missing) - 1} more of the {len(listed)} files that {rig.origin.name} lists. "
             f"Copy them there."
         )
-    if all(len(files) == 1 and files[0].suffix.lower() in VIDEO_SUFFIXES for files in found.values()):
-        return {name: files[0] for name, files in found.items()}, False
-    folders = [files[0].parent for files in found.values()]
-    if len(listed) == len(views) == len(set(folders)):
-        return {name: image_files(files[0].parent) for name, files in found.items()}, False
-    return found, True
+    first = {view.name: _existing(path / view.first.file) for view in views}
+    if len(listed) == len(views):
+        if all(file.suffix.lower() in VIDEO_SUFFIXES for file in listed):
+            return first, False
+        if len(views) == len({file.parent for file in listed}):
+            return {name: list(image_files(file.parent)) for name, file in first.items()}, False
+    return found, any(frame.time is not None for view in views for frame in view.frames if frame is not None)
 
 
 def _existing(file: Path) -> Path:

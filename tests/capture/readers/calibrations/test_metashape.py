@@ -71,7 +71,7 @@ def test_frame_cameras(tmp_path: Path, lens: dict[str, float]) -> None:
     capture = open_capture(write(tmp_path, lens, component=""))
     assert ([c.name for c in capture.cameras], capture.layout) == ([f"cam{c}.JPG" for c in range(4)], "Metashape")
     assert blobs.errors(capture).max() < 0.1
-    assert "not aligned, and left out: lost.JPG" in capture.doubts[0]
+    assert "not aligned, and left out: lost.JPG" in capture.notes[0]
 
 
 def test_fisheye_cameras(tmp_path: Path) -> None:

@@ -5,13 +5,14 @@ from __future__ import annotations
 import os
 import re
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from difflib import get_close_matches
 from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
+from splatreel.capture.files import list_folder
 from splatreel.capture.growing.segmented_video import segment_files
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
 from splatreel.capture.video import VIDEO_SUFFIXES
@@ -32,8 +33,8 @@ KINDS = ("videos", "folders of videos", "folders of pictures", "pictures")
 SHOWN = 6
 """Maximum number of names in a message."""
 
-Media = dict[str, Path] | dict[str, list[Path]]
-"""Video, or images in order of time, by camera."""
+Media = Mapping[str, Path] | Mapping[str, Sequence[Path | None]]
+"""Video, or images in order of time, by camera. A camera may lack images."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +136,7 @@ SIMPLER: tuple[Callable[[list[str]], list[Any]], ...] = (list, _plain, _distinct
 def _groups(path: Path) -> Iterator[_Group]:
     """Yield the media of a capture by folder."""
     for folder in _folders(path, DEPTH):
-        entries = sorted(entry for entry in folder.iterdir() if not entry.name.startswith("."))
+        entries = list_folder(folder)
         below = [entry for entry in entries if entry.is_dir()]
         found: tuple[Media, ...] = (
             _by_stem([file for file in entries if file.suffix.lower() in VIDEO_SUFFIXES and file.is_file()]),
@@ -156,8 +157,8 @@ def _by_stem(files: list[Path]) -> dict[str, Path]:
 
 def _folders(path: Path, depth: int) -> Iterator[Path]:
     yield path
-    for entry in sorted(path.iterdir()) if depth else []:
-        if entry.is_dir() and not entry.name.startswith(".") and not SKIPPED.fullmatch(entry.name):
+    for entry in list_folder(path) if depth else []:
+        if entry.is_dir() and not SKIPPED.fullmatch(entry.name):
             yield from _folders(entry, depth - 1)
 
 

@@ -72,8 +72,8 @@ def read_metashape(file: Path) -> Rig:
             f"{file}: its cameras were aligned in {len(components)} components, whose places relative to each other are unknown. Align "
             f"all cameras together."
         )
-    doubts = [f"{file}: not aligned, and left out: {', '.join(unaligned)}"] if unaligned else []
-    return Rig(file, cameras, doubts=doubts)
+    notes = [f"{file}: not aligned, and left out: {', '.join(unaligned)}"] if unaligned else []
+    return Rig(file, cameras, notes=notes)
 
 
 def _viewmat(whose: str, place: Element) -> np.ndarray:

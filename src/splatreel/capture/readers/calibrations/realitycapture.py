@@ -55,8 +55,8 @@ def read_realitycapture(folder: Path) -> Rig:
         raise CaptureError(
             f"{folder}: its XMP files hold no poses. Export them with RealityCapture: Registration > XMP, with camera poses."
         )
-    doubts = [f"{folder}: without a pose, and left out: {', '.join(unposed)}"] if unposed else []
-    return Rig(folder, cameras, doubts=doubts)
+    notes = [f"{folder}: without a pose, and left out: {', '.join(unposed)}"] if unposed else []
+    return Rig(folder, cameras, notes=notes)
 
 
 def _values(root: Element) -> dict[str, str]:

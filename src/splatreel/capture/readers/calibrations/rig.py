@@ -57,7 +57,7 @@ class Rig:
         points: Sparse points, [P, 3] float32, or None.
         point_colors: Their colors, [P, 3] float32 0..1, or None.
         held_out: Cameras that the format holds out, or None.
-        doubts: Sentences for the user.
+        notes: Sentences about what was left out.
         partial: True if images of some cameras are commonly missing.
     """
 
@@ -66,7 +66,7 @@ class Rig:
     points: np.ndarray | None = None
     point_colors: np.ndarray | None = None
     held_out: list[str] | None = None
-    doubts: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
     partial: bool = False
 
     def names(self) -> list[str]:

@@ -45,8 +45,8 @@ def read_toml(file: Path) -> Rig:
             unposed.append(key)
             continue
         cameras.append(_camera(file, key, table))
-    doubts = [f"{file}: {', '.join(unposed)} without a pose were left out"] if unposed else []
-    return Rig(file, cameras, doubts=doubts)
+    notes = [f"{file}: {', '.join(unposed)} without a pose were left out"] if unposed else []
+    return Rig(file, cameras, notes=notes)
 
 
 def _camera(file: Path, key: str, table: dict[str, Any]) -> RigCamera:
