@@ -99,16 +99,13 @@ def main() -> None:
     given.out.mkdir(parents=True, exist_ok=True)
     film = open_frames(given.film)
     judge = Judge(film, read_cameras(given.cameras), given.pictures, given.antialiased)
-    rows: dict[str, tuple[float, float]] = {}
-    for rate in ("high", "medium", "low"):
-        rows[f"reel, {rate}"] = measure_reel(given, film, judge, rate)
-    for suffix in (".spz", ".sog", ".compressed.ply"):
-        rows[suffix] = measure_files(given, film, judge, suffix)
-    for profile in ("fine", "default", "coarse"):
-        rows[f".4dgs, {profile}"] = measure_fourdgs(given, film, judge, profile)
+    measures = [(f"reel, {rate}", measure_reel, rate) for rate in ("high", "medium", "low")]
+    measures += [(f".4dgs, {profile}", measure_fourdgs, profile) for profile in ("fine", "default", "coarse")]
+    measures += [(suffix, measure_files, suffix) for suffix in (".spz", ".compressed.ply", ".sog")]
     print("| format | KB per frame | PSNR, dB |\n|---|---|---|")
-    for name, (size, decibels) in rows.items():
-        print(f"| {name} | {size / 1000:.1f} | {decibels:.2f} |")
+    for name, measure, how in measures:
+        size, decibels = measure(given, film, judge, how)
+        print(f"| {name} | {size / 1000:.1f} | {decibels:.2f} |", flush=True)
 
 
 if __name__ == "__main__":
