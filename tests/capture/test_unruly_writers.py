@@ -120,3 +120,13 @@ def test_pipe_among_images_does_not_block(tmp_path: Path) -> None:
         recorder.end()
         assert not follower.wait(5)
         assert follower.total == 4
+
+
+def test_missing_file_of_a_numbered_video_is_named(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "show", "segments")
+    recorder.write(16)
+    recorder.end()
+    name = recorder.views[2].name
+    (recorder.folder / name / "000002.mp4").unlink()
+    with pytest.raises(CaptureError, match=rf"{name}/000002\.mp4: is missing, though later ones exist"):
+        open_capture(recorder.folder)
