@@ -108,7 +108,7 @@ def evaluate(
     if out is not None:
         report.write(out)
         write_pictures(out / "pictures", scores.timeline, capture, scores.psnr())
-        write_report_page(out, reel)
+        write_report_page(out, reel, most=most)
     return report
 
 

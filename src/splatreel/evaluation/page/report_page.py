@@ -34,18 +34,19 @@ Player = Literal["embedded", "beside", "none"]
 """Player of the page: embedded with the reel, that of the server at `./`, or none."""
 
 
-def write_report_page(out: Path, reel: str | Path, player: Player = "embedded") -> None:
+def write_report_page(out: Path, reel: str | Path, player: Player = "embedded", most: int | None = None) -> None:
     """Write OUT/report.html atomically, from what is in the folders now.
 
     Args:
         out: Folder of report.json and pictures.
         reel: Folder or URL of the reel.
         player: Player of the page.
+        most: Memory in bytes that decoding a file may take, see `ReelReader`.
 
     Raises:
         ReelError: There is no reel.
     """
-    write_text(out / "report.html", report_page(RunFacts.read(out, reel), player))
+    write_text(out / "report.html", report_page(RunFacts.read(out, reel, most), player))
 
 
 def report_page(facts: RunFacts, player: Player) -> str:

@@ -80,17 +80,18 @@ class RunFacts:
     seconds: Mapping[str, float]
 
     @staticmethod
-    def read(out: Path, reel: str | Path) -> RunFacts:
+    def read(out: Path, reel: str | Path, most: int | None = None) -> RunFacts:
         """Read the facts of a reel. A report or a run of another version counts as missing.
 
         Args:
             out: Folder of report.json and pictures.
             reel: Folder or URL of the reel; the run is in `work` beside the folder.
+            most: Memory in bytes that decoding a file may take, see `ReelReader`.
 
         Raises:
             ReelError: There is no reel.
         """
-        reader = ReelReader(reel)
+        reader = ReelReader(reel, most=most)
         groups, work = reader.manifest.groups, Path(reel).parent / "work"
         points = reader.static(groups[0].group)[0].means if groups else np.zeros((0, 3), np.float32)
         report = record = coverage = seconds = None
