@@ -120,3 +120,19 @@ def test_pipe_among_images_does_not_block(tmp_path: Path) -> None:
         recorder.end()
         assert not follower.wait(5)
         assert follower.total == 4
+
+
+def test_lost_picture_stops_no_other_camera(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "show", "pictures")
+    recorder.write(6)
+    recorder.written[1] += 2
+    recorder.write(2, but=(1,))
+    recorder.write(8)
+    name = recorder.views[1].name
+    with following(recorder.folder) as (follower, _):
+        assert follower.wait(16)
+        assert follower.capture.missing(5, 4, [name])[:, 0].tolist() == [False, True, True, False]
+        assert [step[1][1] for step in shown(follower.capture, 4, 6)] == [4, 5, 5, 5, 8, 9]
+        recorder.end()
+    with closing(open_capture(recorder.folder)) as capture:
+        assert capture.missing(5, 4, [name])[:, 0].tolist() == [False, True, True, False]
