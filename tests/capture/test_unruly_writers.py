@@ -130,3 +130,19 @@ def test_missing_file_of_a_numbered_video_is_named(tmp_path: Path) -> None:
     (recorder.folder / name / "000002.mp4").unlink()
     with pytest.raises(CaptureError, match=rf"{name}/000002\.mp4: is missing, though later ones exist"):
         open_capture(recorder.folder)
+
+
+def test_lost_picture_stops_no_other_camera(tmp_path: Path) -> None:
+    recorder = Recorder(tmp_path / "show", "pictures")
+    recorder.write(6)
+    recorder.written[1] += 2
+    recorder.write(2, but=(1,))
+    recorder.write(8)
+    name = recorder.views[1].name
+    with following(recorder.folder) as (follower, _):
+        assert follower.wait(16)
+        assert follower.capture.missing(5, 4, [name])[:, 0].tolist() == [False, True, True, False]
+        assert [step[1][1] for step in shown(follower.capture, 4, 6)] == [4, 5, 5, 5, 8, 9]
+        recorder.end()
+    with closing(open_capture(recorder.folder)) as capture:
+        assert capture.missing(5, 4, [name])[:, 0].tolist() == [False, True, True, False]
