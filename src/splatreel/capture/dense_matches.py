@@ -22,6 +22,9 @@ ROUNDS = 4.0, 3.0, 2.0
 """Maximum distance from the epipolar line in each round, in pixels of a picture 640 pixels wide."""
 BEST = 200
 """Maximum number of matches of two cameras at a moment, the most similar first. The less similar ones are less exact."""
+SURE_MIDDLE = 0.02
+"""Maximum difference of the principal points that either half of the points gives, root mean square, as a share of the
+longer side. The error with all points is about half of it. Lenses are off by about 1 %."""
 WIDEST = 75.0
 """Maximum angle in degrees between the directions from which two cameras look at the scene; wider pairs do not match."""
 
@@ -34,6 +37,8 @@ def refine_by_matches(
 ) -> Any:
     """Return a model with the same cameras, whose poses and lenses fit learned matches of all moments.
 
+    If a camera loses half of its points, the matches contradict the model, and the given model is returned.
+
     Args:
         colmap: Module pycolmap.
         model: The rough model, a pycolmap.Reconstruction.
@@ -41,6 +46,7 @@ def refine_by_matches(
         folder: Folder for temporary files.
         progress: Progress display.
     """
+    given = model
     rough, known = _sift_tracks(model), dict[tuple[str, str], list[np.ndarray]]()
     for number, distance in enumerate(ROUNDS):
         views = {Path(image.name).stem: _view(image) for image in _placed(model)}
@@ -56,16 +62,45 @@ def refine_by_matches(
             progress.update(count)
         model = _triangulate(colmap, model, rough, features, matches, folder / f"round{number}.db")
         refine_lenses(colmap, model)
-    return model
+    before, after = ({image.name: image.num_points3D for image in _placed(made)} for made in (given, model))
+    return model if all(2 * after[name] >= count for name, count in before.items()) else given
 
 
 def refine_lenses(colmap: ModuleType, model: Any) -> None:
-    """Refine poses, points and lenses with their principal points, which COLMAP's mapper keeps in the middle.
+    """Refine poses, points and lenses, with the principal points if the points determine these.
 
-    A lens whose middle is off by 1 % of the width looks like a camera that is turned by half a degree.
+    COLMAP's mapper keeps principal points in the middle of the picture. One that is off by 1 % of the width looks like a
+    camera that is turned by half a degree. If all points are near the middle, the two cannot be told apart, and noise
+    would turn the cameras by degrees. Therefore principal points must be the same from either half of the points.
     """
+    halves = [_half(colmap, model, remainder) for remainder in (0, 1)]
+    for half in halves:
+        _adjust(colmap, half, True)
+    apart = _principal_points(halves[0]) - _principal_points(halves[1])
+    _adjust(colmap, model, float(np.sqrt((apart**2).sum(1).mean())) < SURE_MIDDLE)
+
+
+def _half(colmap: ModuleType, model: Any, remainder: int) -> Any:
+    """Return a copy of a model with every other point."""
+    copy = colmap.Reconstruction(model)
+    for number, point in enumerate(sorted(copy.points3D)):
+        if number % 2 != remainder:
+            copy.delete_point3D(point)
+    return copy
+
+
+def _principal_points(model: Any) -> np.ndarray:
+    """Return the principal points of the placed cameras as shares of the longer side, [N, 2]."""
+    lenses = [image.camera for image in sorted(_placed(model), key=lambda image: image.name)]
+    return np.array([[lens.principal_point_x, lens.principal_point_y] for lens in lenses]) / [
+        [max(lens.width, lens.height)] for lens in lenses
+    ]
+
+
+def _adjust(colmap: ModuleType, model: Any, middle: bool) -> None:
+    """Adjust poses, points and lenses together. `middle` includes the principal points."""
     options = colmap.BundleAdjustmentOptions()
-    options.refine_principal_point = True
+    options.refine_principal_point = middle
     options.print_summary = False
     options.ceres.loss_function_type = colmap.LossFunctionType.CAUCHY  # a few wrong matches remain
     options.ceres.loss_function_scale = 0.5
