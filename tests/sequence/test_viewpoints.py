@@ -9,6 +9,7 @@ from splatreel.errors import CaptureError
 from splatreel.play.renderers import draw_on_cpu
 from splatreel.scene.camera import Camera
 from splatreel.sequence.viewpoints import RING, read_cameras, ring
+from tests.capture import folders
 from tests.recon.captures import WallCapture
 from tests.sequence.films import cameras, scene
 
@@ -75,3 +76,12 @@ def test_ring_surrounds_the_scene_upright(up: tuple[int, int, int]) -> None:
         assert (x / depth, y / depth) == pytest.approx((camera.width / 2, camera.height / 2), abs=1e-2)
     image = draw_on_cpu(points, views[0].at_most(240), 0.01, False, (0.0, 0.0, 0.0))
     assert 0.1 < (image.max(2) > 0.1).mean() < 0.9
+
+
+def test_colmap_model_needs_no_images(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    made = folders.colmap_model(tmp_path / "scene", folders.cameras())
+    for place in (made, made / "sparse" / "0"):
+        found = read_cameras(place)
+        assert [camera.name for camera in found] == [f"cam{c:02d}/000000" for c in range(4)]
+        np.testing.assert_allclose(found[2].viewmat, folders.cameras()[2].viewmat, atol=1e-5)
