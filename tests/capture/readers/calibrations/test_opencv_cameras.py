@@ -88,5 +88,5 @@ def test_unusable_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match=r"result\.yaml: has 4 matrices, .* 3 names and 20 .* do not fit together"):
         open_capture(tmp_path)
     (tmp_path / "result.yaml").write_text(text.replace("Ts:", "Other:"))
-    with pytest.raises(CaptureError, match=r"result\.yaml: has no Ts"):
+    with pytest.raises(CaptureError, match=r"result\.yaml: has no matrix Ts"):
         open_capture(tmp_path)

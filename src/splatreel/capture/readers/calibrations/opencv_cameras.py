@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from splatreel.capture.lens import import_cv2
+from splatreel.capture.readers.calibrations.opencv_storage import OpenCVStorage
 from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, image_size, naming, opencv_lens, pose
 from splatreel.errors import CaptureError
 
@@ -51,7 +51,7 @@ def is_camera(file: Path, head: bytes) -> bool:
 
 def read_multiview(file: Path) -> Rig:
     """Return the cameras of a multi-view calibration."""
-    storage = _Storage(file)
+    storage = OpenCVStorage(file)
     Ks, rotations, translations = (storage.matrix(key) for key in ("Ks", "Rs", "Ts"))
     models, sizes = storage.matrix("models").ravel(), storage.matrix("image_sizes").reshape(-1, 2)
     count = len(Ks)
@@ -87,7 +87,7 @@ def read_cameras(files: list[Path]) -> Rig:
     """Return the cameras of a file per camera."""
     cameras = []
     for file in files:
-        storage = _Storage(file)
+        storage = OpenCVStorage(file)
         found = [storage.first(keys) for keys in (MATRIX, DISTORTIONS, ROTATION, TRANSLATION, WIDTH, HEIGHT)]
         for value, keys in zip(found, (MATRIX, DISTORTIONS, ROTATION, TRANSLATION), strict=False):
             if value is None:
@@ -114,42 +114,3 @@ def _is_storage(file: Path, head: bytes) -> bool:
 def _has(head: bytes, keys: tuple[str, ...]) -> bool:
     lines = {line.strip().partition(b":")[0] for line in head.splitlines() if not line.startswith(b" ")}
     return any(key.encode() in lines or f"<{key} ".encode() in head or f"<{key}>".encode() in head for key in keys)
-
-
-class _Storage:
-    """File of OpenCV's."""
-
-    def __init__(self, file: Path) -> None:
-        cv2 = import_cv2("Reading OpenCV's calibrations")
-        self.file, self._errors = file, (cv2.error, SystemError)
-        try:
-            self._storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
-        except self._errors as error:
-            raise CaptureError(f"{file}: cannot be read by OpenCV ({error}). Export the calibration again.") from error
-
-    def first(self, keys: tuple[str, ...]) -> np.ndarray | None:
-        """Return the first existing matrix or number, or None."""
-        for key in keys:
-            node = self._storage.getNode(key)
-            if node.isInt() or node.isReal():
-                return np.array(node.real())
-            if not node.empty():
-                return self.matrix(key)
-        return None
-
-    def matrix(self, key: str) -> np.ndarray:
-        try:
-            value = self._storage.getNode(key).mat()
-        except self._errors as error:
-            raise CaptureError(f"{self.file}: {key} is no matrix ({error}). Export the calibration again.") from error
-        if value is None or not np.isfinite(value).all():
-            raise CaptureError(f"{self.file}: has no {key}, or not of finite numbers. Export the calibration again.")
-        return np.asarray(value, np.float64)
-
-    def strings(self, key: str) -> list[str]:
-        """Return a list of strings, which older versions wrote as one string with commas."""
-        node = self._storage.getNode(key)
-        if node.isString():
-            return [part.strip() for part in node.string().split(",")]
-        entries = [node.at(number) for number in range(node.size())] if node.isSeq() else []
-        return [entry.string() or str(int(entry.real())) for entry in entries]

@@ -1,0 +1,93 @@
+"""Matrices, numbers and strings of files that OpenCV's FileStorage wrote, in YAML or XML.
+
+OpenCV's own parser is not used, because it can crash on damaged files.
+
+Source: OpenCV's documentation of `cv::FileStorage`, and files that OpenCV 4 and 5 wrote.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from splatreel.capture.readers.calibrations.rig import naming, read_text, read_xml
+from splatreel.errors import CaptureError
+
+MATRIX = re.compile(
+    r"^(\w+):\s*!!opencv-(?:nd-)?matrix\s+(rows:\s*\d+\s+cols:\s*\d+|sizes:\s*\[[^\]]*\])\s+dt:\s*\S+\s+data:\s*\[([^\]]*)\]",
+    re.MULTILINE,
+)
+NUMBER = re.compile(r"^(\w+):[ \t]*([-+]?[\d.][-+.\deE]*)[ \t]*$", re.MULTILINE)
+TEXT = re.compile(r'^(\w+):[ \t]*"([^"\n]*)"[ \t]*$', re.MULTILINE)
+LIST = re.compile(r"^(\w+):[ \t]*((?:\n[ \t]+-[^\n]*)+|\[[^\]]*\])", re.MULTILINE)
+ENTRY = re.compile(r'"([^"]*)"|([^\s,\[\]"]+)')
+
+
+class OpenCVStorage:
+    """Content of a file by key. Values of other kinds are ignored."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+        self._matrices: dict[str, tuple[list[int], str]] = {}
+        self._numbers: dict[str, str] = {}
+        self._strings: dict[str, list[str]] = {}
+        if file.suffix.lower() == ".xml":
+            for node in read_xml(file):
+                self._add_xml(node)
+        else:
+            self._add_yaml(read_text(file).replace("\r\n", "\n"))
+
+    def first(self, keys: tuple[str, ...]) -> np.ndarray | None:
+        """Return the first existing matrix or number, or None."""
+        return next((self.matrix(key) for key in keys if key in self._matrices or key in self._numbers), None)
+
+    def matrix(self, key: str) -> np.ndarray:
+        """Return a matrix or a number as float64.
+
+        Raises:
+            CaptureError: It is missing, or not of finite numbers.
+        """
+        with naming(f"{self.file}: {key}"):
+            if key in self._numbers:
+                return np.array(float(self._numbers[key]))
+            if key not in self._matrices:
+                raise CaptureError(f"{self.file}: has no matrix {key}. Export the calibration again.")
+            shape, text = self._matrices[key]
+            values = np.array(text.replace(",", " ").split(), np.float64)
+            if not np.isfinite(values).all() or len(values) == 0 or len(values) % max(math.prod(shape), 1):
+                raise ValueError(f"{len(values)} numbers for the shape {shape}, or not finite ones")
+            return values.reshape(shape if len(values) == math.prod(shape) else [*shape, -1])
+
+    def strings(self, key: str) -> list[str]:
+        """Return a list of strings, which older versions wrote as one string with commas."""
+        found = self._strings.get(key, [])
+        return [part.strip() for part in found[0].split(",")] if len(found) == 1 else found
+
+    def _add_yaml(self, text: str) -> None:
+        for key, shape, data in MATRIX.findall(text):
+            self._matrices[key] = [int(number) for number in re.findall(r"\d+", shape)], data
+        self._numbers = dict(NUMBER.findall(text))
+        self._strings = {key: _entries(part) for key, part in LIST.findall(text)}
+        self._strings |= {key: [value] for key, value in TEXT.findall(text)}
+
+    def _add_xml(self, node: Element) -> None:
+        data = node.findtext("data")
+        if data is None:
+            text = " ".join(node.itertext()).strip()
+            self._strings[node.tag] = [first or second for first, second in ENTRY.findall(text)]
+            if re.fullmatch(r"[-+.\deE]+", text):
+                self._numbers[node.tag] = text
+            return
+        sizes = node.findtext("sizes") or f"{node.findtext('rows', '')} {node.findtext('cols', '')}"
+        self._matrices[node.tag] = [int(number) for number in re.findall(r"\d+", sizes)], data
+
+
+def _entries(text: str) -> list[str]:
+    """Return the entries of a list in lines with dashes or in brackets."""
+    text = text.strip()
+    parts = text[1:-1].split(",") if text.startswith("[") else [line.strip()[1:] for line in text.splitlines()]
+    return [part.strip().strip('"') for part in parts if part.strip()]
