@@ -15,8 +15,9 @@ from scipy.spatial.transform import Rotation
 
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.lens import Lens, import_cv2, undistorted_camera
+from splatreel.capture.lens import Lens, undistorted_camera
 from splatreel.capture.pose_checks import check_center, check_rotation
+from splatreel.capture.readers.calibrations.opencv_storage import OpenCVStorage
 from splatreel.capture.readers.colmap import pictures_by_camera, video_files
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.sidecar import read_sidecar
@@ -24,7 +25,6 @@ from splatreel.capture.sources import picture_source, video_source
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import middle_camera
 
-PURPOSE = "Reading EasyVolcap's cameras"
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
 
 
@@ -85,43 +85,27 @@ class _Numbers:
     """File written by OpenCV. Raises `CaptureError` for other files."""
 
     def __init__(self, file: Path) -> None:
-        cv2 = import_cv2(PURPOSE)
-        self.file = file
-        try:
-            self._storage = cv2.FileStorage(str(file), cv2.FILE_STORAGE_READ)
-        except (cv2.error, SystemError) as error:
-            raise CaptureError(f"{file}: is no YAML file of OpenCV's ({error}). Export the cameras again.") from error
-        if not self._storage.isOpened():
+        self.file, self._storage = file, OpenCVStorage(file)
+        if not self._storage.known:
             raise CaptureError(f"{file}: is no YAML file of OpenCV's. Export the cameras again.")
 
     def names(self) -> list[str]:
-        node = self._storage.getNode("names")
-        found = [node.at(i) for i in range(node.size())] if node.isSeq() else []
-        # Unquoted numeric names are parsed as numbers.
-        names = [entry.string() or str(self._whole(entry, "names")) for entry in found]
+        names = self._storage.strings("names")
         if not names:
             raise CaptureError(f"{self.file}: lists no cameras under `names`. Export the cameras again.")
         return names
 
     def array(self, name: str, shape: tuple[int, ...], *keys: str) -> np.ndarray | None:
         """Return the first existing KEY_NAME with a given shape, or None."""
-        for key in keys:
-            value = self._matrix(f"{key}_{name}")
-            if value is None:
-                continue
-            if value.size != np.prod(shape) or not np.isfinite(value).all():
-                raise CaptureError(
-                    f"{self.file}: {key}_{name} is {value.tolist()}, expected {np.prod(shape)} finite numbers. Export them again."
-                )
-            return value.astype(np.float64).reshape(shape)
-        return None
-
-    def _matrix(self, key: str) -> np.ndarray | None:
-        cv2 = import_cv2(PURPOSE)
-        try:
-            return self._storage.getNode(key).mat()
-        except (cv2.error, SystemError) as error:
-            raise CaptureError(f"{self.file}: {key} is no matrix ({error}). Export the cameras again.") from error
+        key = next((f"{key}_{name}" for key in keys if f"{key}_{name}" in self._storage.known), None)
+        if key is None:
+            return None
+        value = self._storage.matrix(key)
+        if value.size != np.prod(shape):
+            raise CaptureError(
+                f"{self.file}: {key} has {value.size} numbers, expected {np.prod(shape)}. Export the cameras again."
+            )
+        return value.reshape(shape)
 
     def needed(self, name: str, shape: tuple[int, ...], *keys: str) -> np.ndarray:
         value = self.array(name, shape, *keys)
@@ -133,18 +117,8 @@ class _Numbers:
 
     def size(self, name: str) -> tuple[int, int] | None:
         """Return width and height of a camera's images, or None if the file does not have them."""
-        width, height = self.number("W", name), self.number("H", name)
-        return (width, height) if width and height else None
-
-    def number(self, key: str, name: str) -> int:
-        """Return an integer, or 0 if it is missing."""
-        node = self._storage.getNode(f"{key}_{name}")
-        return 0 if node.empty() else max(self._whole(node, f"{key}_{name}"), 0)
-
-    def _whole(self, node: Any, key: str) -> int:
-        if not ((node.isInt() or node.isReal()) and np.isfinite(node.real())):
-            raise CaptureError(f"{self.file}: {key} holds what is no number. Export the cameras again.")
-        return int(node.real())
+        width, height = (int(self._storage.number(f"{key}_{name}") or 0) for key in ("W", "H"))
+        return (width, height) if width > 0 and height > 0 else None
 
 
 def _lens(intrinsics: _Numbers, name: str, size: tuple[int, int]) -> Any:
