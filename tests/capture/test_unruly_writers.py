@@ -65,7 +65,7 @@ def test_deleted_segment_is_named(tmp_path: Path) -> None:
 def test_truncated_growing_video_is_an_error(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "mkv")
     recorder.write(BEGUN)
-    with following(recorder.folder) as (follower, _):
+    with following(recorder.folder, timeout=10) as (follower, _):
         assert follower.wait(20)
         file = recorder.folder / f"{recorder.views[0].name}.mkv"
         with open(file, "r+b") as opened:
