@@ -272,7 +272,8 @@ def commands(folder: Path) -> Iterator[Command]:
     run = ["reconstruct", str(capture), f"--sound={music}", "--hold-out=cam01", *sizes]
 
     def reel(out: Path) -> dict[str, bytes]:
-        return _without(contents(out), "work/seconds.json")
+        times = ("work/seconds.json", "work/logs/", "report.html")
+        return {name: data for name, data in contents(out).items() if not name.startswith(times)}
 
     yield Command("sequence", lambda out: [*run, "--renditions=high,low", f"--out={out}"], reel)
     yield Command("chapters", lambda out: [*run, "--set=chapter_frames=3", f"--out={out}"], reel)
@@ -297,19 +298,15 @@ def _film(capture: Path, music: Path) -> None:
         file.writeframes((8000 * np.sin(np.arange(12000) / 20)).astype("<i2").tobytes())
 
 
-def _without(found: dict[str, bytes], *names: str) -> dict[str, bytes]:
-    return {name: data for name, data in found.items() if name not in names}
-
-
 def _report(out: Path) -> dict[str, bytes]:
     """A report without the time and the memory that the process took, which are never the same."""
     found = contents(out)
     plain = json.loads(found.get("report.json", b"{}"))
-    for name in ("peak_memory_bytes", "seconds"):
+    for name in ("peak_memory_bytes", "seconds", "decode_ms_per_frame", "render_fps"):
         plain.pop(name, None)
-    lines = [
-        line for line in found.get("report.md", b"").splitlines() if not line.startswith((b"| Peak memory", b"| Time"))
-    ]
+    measured = (b"| Peak memory", b"| Time", b"| Decoding", b"| Rendering")
+    lines = [line for line in found.get("report.md", b"").splitlines() if not line.startswith(measured)]
+    found.pop("report.html", None)
     return found | {"report.json": json.dumps(plain).encode(), "report.md": b"\n".join(lines)}
 
 
