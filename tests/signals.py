@@ -95,8 +95,8 @@ def interrupt(command: Command, folder: Path, tries: int, rng: np.random.Generat
     return taken
 
 
-def run(tries: int, names: list[str], limit: float = LIMIT) -> int:
-    """Interrupt each of these commands so often. Returns how many took longer than the limit."""
+def run(tries: int, names: list[str], limit: float = LIMIT, longest: float = 60.0) -> int:
+    """Interrupt each of these commands so often, in its first `longest` seconds. Returns how many took longer than the limit."""
     late = 0
     import splatreel.cli.main
     import splatreel.evaluation.evaluate
@@ -118,10 +118,10 @@ def run(tries: int, names: list[str], limit: float = LIMIT) -> int:
             probe = folder / f"{command.name} probe"
             probe.mkdir()
             child = start(command.arguments(probe), folder / "log")
-            while os.waitpid(child, os.WNOHANG)[0] == 0 and time.monotonic() - began < 60:
+            while os.waitpid(child, os.WNOHANG)[0] == 0 and time.monotonic() - began < longest:
                 time.sleep(0.05)
             whole = time.monotonic() - began
-            if whole >= 60:
+            if whole >= longest:
                 os.kill(child, signal.SIGKILL)
                 os.waitpid(child, 0)
             taken = interrupt(command, folder, tries, rng, whole)

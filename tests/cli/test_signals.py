@@ -10,7 +10,7 @@ PATIENCE = 60.0
 """Seconds within which each command must end. The limit of `tests.signals` is for an idle machine."""
 NAMES = ["calibrate", "encode", "demo", "serve"]
 """Commands that wait for native code, train, film or listen."""
-RUN = f"import sys; from tests.signals import run; sys.exit(run(2, {NAMES}, {PATIENCE}))"
+RUN = f"import sys; from tests.signals import run; sys.exit(run(2, {NAMES}, {PATIENCE}, longest=10.0))"
 
 
 @pytest.mark.slow

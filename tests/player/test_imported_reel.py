@@ -1,5 +1,6 @@
 """Reels of imported films look the same in a real Chromium as in Python: no fades, points appear and disappear."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -27,9 +28,12 @@ FPS = 10
 
 
 def exchanged(number: int) -> Gaussians:
-    """Return the film's frame with its rows shuffled, so that everything that moves is new."""
-    points = frame(number)
-    return points[np.random.default_rng(number).permutation(len(points))[number:]]
+    """Return the film's frame with its rows shuffled, and with other points in place of those that move."""
+    points, rng = frame(number), np.random.default_rng(number)
+    scales, sh, moving = points.scales.copy(), points.sh.copy(), np.s_[WALL:]
+    scales[moving] *= rng.uniform(0.5, 1, scales[moving].shape)
+    sh[moving, 0] += rng.uniform(-0.7, 0.7, sh[moving, 0].shape)
+    return replace(points, scales=scales, sh=sh)[rng.permutation(len(points))[number:]]
 
 
 def test_pictures_match_the_python_render(page: Page, tmp_path: Path) -> None:
