@@ -33,7 +33,7 @@ def test_reel_is_made_and_compared_with_the_files(film: str, capsys: pytest.Capt
     assert verify_reel("reel").strangers == []
     said = capsys.readouterr().out
     size = sum(entry.bytes for entry in manifest.files)
-    assert f"4 frames in {size / 1e6:.2f} MB" in said
+    assert f"4 frames in {size / 1e6:.3g} MB" in said
     found = re.search(r"have ([0-9.]+) dB PSNR against those of the files \(mean of 4\)", said)
     assert found is not None
     assert float(found[1]) > 40

@@ -133,8 +133,10 @@ def import_frames(
 
 
 def _say_result(film: Frames, found: Comparison, size: int) -> None:
+    from splatreel.evaluation.report import megabytes
+
     say(
-        f"{len(film)} frames in {size / 1e6:.2f} MB, {film.size / size:,.1f} times smaller than the {film.size / 1e6:,.1f} MB of "
+        f"{len(film)} frames in {megabytes(size)}, {film.size / size:,.1f} times smaller than the {megabytes(film.size)} of "
         f"{film.path}. Its images have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
     )
 
