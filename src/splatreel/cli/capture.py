@@ -34,6 +34,7 @@ def capture_check(
     hold_out: str | None = None,
     leave_out: str | None = None,
     quick: bool = False,
+    page: Path | None = None,
 ) -> None:
     """Read a whole capture, and report what it holds and whether it can be reconstructed.
 
@@ -46,6 +47,7 @@ def capture_check(
         hold_out: Names of the cameras to keep for evaluation, as `reconstruct` takes them.
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
         quick: Leave out the trial that predicts the quality of novel views, which takes some seconds.
+        page: HTML file to write, such as check.html: the verdict, the cameras in plan and elevation, and a picture of each.
     """
     import numpy as np
 
@@ -81,20 +83,28 @@ def capture_check(
     say(f"  {len(names)} cameras and {points}; kept for evaluation, not trained on: {held_out}")
     say(f"  {source.frames} frames at {source.fps:g} a second, {source.width} x {source.height} pixels")
     say(f"  sound: {sound or 'none'}")
-    _say_each(source.notes)
-    verdict = _judge(source, names, np.concatenate(moments), quick)
+    said: list[str] = []
+    _say_each(source.notes, said)
+    images = np.concatenate(moments)
+    coverage, verdict = _judge(source, names, images, quick, said) or (None, None)
     given = {"--width": width, "--frames": frames, "--hold-out": hold_out, "--leave-out": leave_out}
     options = [part for option, value in given.items() if value is not None for part in (option, str(value))]
     command = shlex.join(["splatreel", "reconstruct", str(capture), "--out", "OUT", *options])
-    if verdict is None:
-        say(f"It can be read; nothing else was checked. Run\n  {command}")
-        return
-    if verdict.faults:
-        raise ReconstructionError(f"{capture}: {verdict.text(command)}")
-    say(verdict.text(command))
+    text = f"It can be read; nothing else was checked. Run\n  {command}" if verdict is None else verdict.text(command)
+    if page is not None:
+        from splatreel.evaluation.page.check_page import CheckFacts, check_page
+        from splatreel.evaluation.report import write_text
+
+        write_text(page, check_page(CheckFacts(source, images[0], said, text, coverage)))
+        say(f"  page: {page}")
+    if verdict is not None and verdict.faults:
+        raise ReconstructionError(f"{capture}: {text}")
+    say(text)
 
 
-def _judge(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -> CaptureVerdict | None:
+def _judge(
+    source: Capture, names: list[str], frames: np.ndarray, quick: bool, said: list[str]
+) -> tuple[Coverage, CaptureVerdict] | None:
     """Report doubts about a capture, and judge it; None where packages for that are not installed.
 
     Args:
@@ -102,6 +112,7 @@ def _judge(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -
         names: Names of its cameras.
         frames: Images of two moments of these cameras.
         quick: True leaves out the trial of novel views.
+        said: Receives the sentences that are printed.
 
     Raises:
         ReconstructionError: Reconstruction would refuse the capture.
@@ -113,9 +124,9 @@ def _judge(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -
     check_capture(source)
     check_memory(source, Config())
     check_pictures(source, names, frames)
-    _say_each(source.doubts)
+    _say_each(source.doubts, said)
     if any(importlib.util.find_spec(name) is None for name in ("cv2", "torch")):
-        _say_each(["poses are not compared with the images, which needs pip install 'splatreel[recon]'"])
+        _say_each(["poses are not compared with the images, which needs pip install 'splatreel[recon]'"], said)
         return None
     from splatreel.recon.cameras.poses import inspect_poses
     from splatreel.recon.coverage.coverage import judge_capture
@@ -124,17 +135,19 @@ def _judge(source: Capture, names: list[str], frames: np.ndarray, quick: bool) -
     shown = frames[:, [names.index(name) for name in training]]
     found = inspect_poses(source.training_cameras, shown)
     found.refuse(str(source.origin))
-    _say_each([*found.repairs(training), *found.doubts(training)])
+    _say_each([*found.repairs(training), *found.doubts(training)], said)
     kept = [number for number in range(len(training)) if number not in found.strangers]
     cameras = [found.corrected[n].camera if n in found.corrected else source.training_cameras[n] for n in kept]
     coverage = _cover(source, cameras, shown[0, kept], quick)
-    _say_each(coverage.sentences())
-    return judge_capture(coverage, [training[number] for number in found.doubtful])
+    _say_each(coverage.sentences(), said)
+    return coverage, judge_capture(coverage, [training[number] for number in found.doubtful])
 
 
-def _say_each(sentences: Sequence[str]) -> None:
+def _say_each(sentences: Sequence[str], said: list[str]) -> None:
+    """Print sentences, and append them to `said`."""
     for sentence in sentences:
         say(f"  {sentence}")
+    said += sentences
 
 
 def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bool) -> Coverage:
@@ -227,7 +240,7 @@ def capture_convert(
         names = convert_capture(source, out, format, progress)
     say(f"{out}: {len(names)} cameras and {source.frames} frames of {source.width} x {source.height} pixels")
     say("  intri.yml and extri.yml of EasyVolcap, the COLMAP model sparse/0, and images/CAMERA/; sound is not copied")
-    _say_each(source.notes)
+    _say_each(source.notes, [])
     renamed = [f"{old} is now {new}" for old, new in names.items() if old != new]
     if renamed:
         say(f"  {', '.join(renamed)}")

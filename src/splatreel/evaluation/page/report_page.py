@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import base64
 import io
-import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from html import escape
 from pathlib import Path
@@ -16,13 +15,13 @@ from PIL import Image
 from splatreel.errors import ReelError
 from splatreel.evaluation.page.charts import Series, line_chart
 from splatreel.evaluation.page.findings import failing_moments, findings
+from splatreel.evaluation.page.html import html_list, html_page, html_table, rig_drawings, section, with_code
 from splatreel.evaluation.page.rig_plan import RigPlan
 from splatreel.evaluation.page.run_facts import RunFacts
 from splatreel.evaluation.pictures import picture_file
 from splatreel.evaluation.report import LPIPS_MISSING, Report, megabytes, report_numbers, write_text
 from splatreel.play.standalone import standalone_page
 
-STYLE = Path(__file__).with_name("report.css")
 LARGEST_REEL = 64 << 20
 """Largest reel in bytes that is embedded."""
 WIDEST = 640
@@ -54,34 +53,16 @@ def report_page(facts: RunFacts, player: Player) -> str:
     title = facts.manifest.presentation.title or facts.record.get("capture", {}).get("name") or "Reel"
     sections = [
         f'<div id="summary">{_summary(facts)}</div>',
-        _section("Player", _player(facts, player), "screen"),
-        _section("Curves", _charts(facts)),
-        _section("Pictures", _pictures(facts)),
-        _section("Cameras", _rig(facts)),
-        _section("Numbers", _numbers(facts.report)),
-        _section("Groups", _groups(facts)),
-        _section("Run", _run(facts)),
+        section("Player", _player(facts, player), "screen"),
+        section("Curves", _charts(facts)),
+        section("Pictures", _pictures(facts)),
+        section("Cameras", _rig(facts)),
+        section("Numbers", _numbers(facts.report)),
+        section("Groups", _groups(facts)),
+        section("Run", _run(facts)),
     ]
     state = "This run is not finished: the page shows what there is so far." if facts.manifest.live else ""
-    return "\n".join(
-        [
-            '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">',
-            '<meta name="viewport" content="width=device-width, initial-scale=1">',
-            f"<title>Report: {escape(title)}</title>",
-            f"<style>\n{STYLE.read_text(encoding='utf-8')}</style>\n</head>\n<body>\n<main>",
-            f'<header id="title"><h1>{escape(title)}</h1>\n<p class="soft">{escape(_subtitle(facts))} {state}</p></header>',
-            *filter(None, sections),
-            "</main>\n</body>\n</html>\n",
-        ]
-    )
-
-
-def _section(title: str, content: str, kind: str = "") -> str:
-    """Return a section with its heading; nothing without content."""
-    if not content:
-        return ""
-    name = title.lower().replace(" ", "-")
-    return f'<section class="sections {kind}" id="{name}">\n<h2>{title}</h2>\n{content}\n</section>'
+    return html_page(f"Report: {title}", title, f"{_subtitle(facts)} {state}".strip(), sections)
 
 
 def _subtitle(facts: RunFacts) -> str:
@@ -112,18 +93,8 @@ def _summary(facts: RunFacts) -> str:
     else:
         sentences = [f"This reel was not evaluated yet: `splatreel evaluate {facts.reel} CAPTURE --out OUT`."]
     boxes = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in tiles)
-    outstanding = _list([*sentences, *facts.coverage])
-    return f'<dl class="tiles">{boxes}</dl>\n{_section("What stands out", outstanding, "findings")}'
-
-
-def _list(items: Iterable[str]) -> str:
-    lines = "".join(f"<li>{_with_code(item)}</li>" for item in items)
-    return f"<ul>{lines}</ul>" if lines else ""
-
-
-def _with_code(text: str) -> str:
-    """Return escaped text, with what stands between backticks as code."""
-    return re.sub("`([^`]+)`", r"<code>\1</code>", escape(text))
+    outstanding = html_list([*sentences, *facts.coverage])
+    return f'<dl class="tiles">{boxes}</dl>\n{section("What stands out", outstanding, "findings")}'
 
 
 def _player(facts: RunFacts, player: Player) -> str:
@@ -238,18 +209,14 @@ def _rig(facts: RunFacts) -> str:
     manifest = facts.manifest
     if not manifest.cameras:
         return ""
-    drawings = RigPlan(manifest.cameras, facts.held_out, manifest.up, facts.points).drawings()
-    titles = ("Plan, from above", "Elevation, from behind")
-    parts = [f"<section><h3>{title}</h3>{svg}</section>" for title, svg in zip(titles, drawings, strict=True)]
-    legend = '<ul class="keys"><li class="s0">trained (circle)</li><li class="s1">held out (square)</li></ul>'
-    return f'{legend}<div class="charts rig">{"".join(parts)}</div>'
+    return rig_drawings(RigPlan(manifest.cameras, facts.held_out, manifest.up, facts.points))
 
 
 def _numbers(report: Report | None) -> str:
     if report is None:
         return ""
     rows = [(number.name, number.value, number.meaning) for number in report_numbers(report)]
-    missing = f"<p>{_with_code(LPIPS_MISSING)}</p>" if report.lpips_frames == 0 else ""
+    missing = f"<p>{with_code(LPIPS_MISSING)}</p>" if report.lpips_frames == 0 else ""
     cameras = [
         (c["name"], f"{c['psnr']:.2f}", f"{c['ssim']:.4f}", "" if c.get("lpips") is None else f"{c['lpips']:.4f}")
         for c in report.cameras
@@ -257,8 +224,8 @@ def _numbers(report: Report | None) -> str:
     return "".join(
         [
             f"<p>{escape(report.views())}</p>{missing}",
-            _table(("Number", "Value", "Meaning"), rows),
-            f"<h3>Cameras</h3>{_table(('Camera', 'PSNR dB', 'SSIM', 'LPIPS (VGG)'), cameras, 'counts')}",
+            html_table(("Number", "Value", "Meaning"), rows),
+            f"<h3>Cameras</h3>{html_table(('Camera', 'PSNR dB', 'SSIM', 'LPIPS (VGG)'), cameras, 'counts')}",
         ]
     )
 
@@ -279,8 +246,8 @@ def _groups(facts: RunFacts) -> str:
     ]
     heads = ("Group", "Frames", "Static points", "New static", "Dynamic points", "Bytes", "Seconds", "PSNR dB")
     moments = failing_moments(facts.report) if facts.report else []
-    low = _list(f"Frames {m.first} to {m.last}: up to {m.below:.1f} dB below the median" for m in moments)
-    return (_table(heads, rows, "counts") if rows else "") + (f"<h3>Moments that fail</h3>{low}" if low else "")
+    low = html_list(f"Frames {m.first} to {m.last}: up to {m.below:.1f} dB below the median" for m in moments)
+    return (html_table(heads, rows, "counts") if rows else "") + (f"<h3>Moments that fail</h3>{low}" if low else "")
 
 
 def _run(facts: RunFacts) -> str:
@@ -296,15 +263,5 @@ def _run(facts: RunFacts) -> str:
         ("Written by", facts.manifest.generator),
     ]
     rows += [(f"Time of {name}", f"{value:,.1f} s") for name, value in facts.seconds.items()]
-    notes = _list(facts.history.notes)
-    return _table(("What", "Value"), [row for row in rows if row[1]]) + (f"<h3>Notes</h3>{notes}" if notes else "")
-
-
-def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "") -> str:
-    head = "".join(f'<th scope="col">{escape(name)}</th>' for name in heads)
-    body = "".join(
-        f'<tr><th scope="row">{escape(row[0])}</th>{"".join(f"<td>{escape(cell)}</td>" for cell in row[1:])}</tr>'
-        for row in rows
-    )
-    table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-    return f'<div class="wide {kind}" tabindex="0" role="region" aria-label="{escape(heads[0])}">{table}</div>'
+    notes = html_list(facts.history.notes)
+    return html_table(("What", "Value"), [row for row in rows if row[1]]) + (f"<h3>Notes</h3>{notes}" if notes else "")

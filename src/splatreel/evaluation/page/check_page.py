@@ -1,0 +1,116 @@
+"""The page of `splatreel capture check`: verdict, cameras in plan and elevation, and a picture of each camera."""
+
+from __future__ import annotations
+
+import base64
+import io
+from collections.abc import Sequence
+from dataclasses import dataclass
+from html import escape
+
+import numpy as np
+from PIL import Image
+
+from splatreel.capture.base import Capture
+from splatreel.evaluation.page.html import html_list, html_page, html_table, rig_drawings, section
+from splatreel.evaluation.page.rig_plan import RigPlan
+from splatreel.recon.coverage.coverage import Coverage
+from splatreel.recon.init.layout import upright
+
+THUMBNAIL = 320
+"""Longer side of a camera's picture, in pixels."""
+BRIGHTNESS = 0.25
+"""Difference from the median brightness of all cameras, as a share, from which on a camera is named."""
+
+
+@dataclass(frozen=True)
+class CheckFacts:
+    """Facts of a check.
+
+    Attributes:
+        capture: The capture.
+        images: Images of all cameras at one moment, uint8 [C, H, W, 3], in the order of `capture.cameras`.
+        sentences: Notes and doubts that were printed.
+        verdict: Closing lines that were printed.
+        coverage: Coverage by the training cameras; None if it was not measured.
+    """
+
+    capture: Capture
+    images: np.ndarray
+    sentences: Sequence[str]
+    verdict: str
+    coverage: Coverage | None
+
+
+def check_page(facts: CheckFacts) -> str:
+    """Return the page as HTML."""
+    capture = facts.capture
+    size = f"{capture.width} x {capture.height} pixels"
+    subtitle = f"{len(capture.cameras)} cameras, {capture.frames} frames at {capture.fps:g} per second, {size}."
+    sections = [
+        section("Verdict", html_list(map(_verdict_line, facts.verdict.split("\n"))), "findings"),
+        section("Notes", html_list([*facts.sentences, *_uneven_exposures(facts)])),
+        section("Cameras", _rig(facts)),
+        section("Coverage and exposure", _table(facts)),
+        section("Pictures", _contact_sheet(facts)),
+    ]
+    return html_page(f"Check: {capture.path.name}", capture.path.name, subtitle, sections)
+
+
+def _verdict_line(line: str) -> str:
+    """Return a line of the verdict without its indentation, commands as code."""
+    return f"`{line.strip()}`" if line.startswith("  splatreel") else line.strip().removeprefix("- ")
+
+
+def _rig(facts: CheckFacts) -> str:
+    capture = facts.capture
+    held_out = [camera for camera in capture.cameras if camera.name in capture.held_out]
+    points = np.zeros((0, 3)) if capture.points is None else capture.points
+    return rig_drawings(RigPlan(capture.training_cameras, held_out, upright(capture.cameras), points))
+
+
+def _levels(facts: CheckFacts) -> np.ndarray:
+    """Return the mean gray level of each camera, [C]."""
+    return facts.images.mean((1, 2, 3))
+
+
+def _uneven_exposures(facts: CheckFacts) -> list[str]:
+    levels = _levels(facts)
+    typical = max(float(np.median(levels)), 1.0)
+    named = [
+        camera.name
+        for camera, level in zip(facts.capture.cameras, levels, strict=True)
+        if abs(level / typical - 1) > BRIGHTNESS
+    ]
+    if not named:
+        return []
+    return [f"brighter or darker than most cameras by {BRIGHTNESS:.0%} or more: {', '.join(named)}"]
+
+
+def _table(facts: CheckFacts) -> str:
+    known = {}
+    if (coverage := facts.coverage) is not None:
+        known = {
+            name: (f"{angle:.1f}", f"{shared:,}")
+            for name, angle, shared in zip(coverage.names, coverage.angles, coverage.shared, strict=True)
+        }
+    rows = []
+    for camera, level in zip(facts.capture.cameras, _levels(facts), strict=True):
+        use = "held out" if camera.name in facts.capture.held_out else "training"
+        rows.append((camera.name, use, *known.get(camera.name, ("", "")), f"{level:.0f}"))
+    heads = ("Camera", "Use", "Degrees to the nearest", "Points in common", "Mean gray level")
+    return html_table(heads, rows, "counts")
+
+
+def _contact_sheet(facts: CheckFacts) -> str:
+    figures = []
+    for camera, image in zip(facts.capture.cameras, facts.images, strict=True):
+        picture, file = Image.fromarray(image), io.BytesIO()
+        picture.thumbnail((THUMBNAIL, THUMBNAIL))
+        picture.save(file, "JPEG", quality=80)
+        data = base64.b64encode(file.getvalue()).decode()
+        name = escape(camera.name)
+        figures.append(
+            f'<figure><img src="data:image/jpeg;base64,{data}" alt="Picture of {name}"><figcaption>{name}</figcaption></figure>'
+        )
+    return f'<div class="strip">{"".join(figures)}</div>'
