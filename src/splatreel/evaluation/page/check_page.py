@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Sequence
 from dataclasses import dataclass
 from html import escape
@@ -12,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from splatreel.capture.base import Capture
-from splatreel.evaluation.page.html import html_list, html_page, html_table, rig_drawings, section
+from splatreel.evaluation.page.html import html_list, html_page, html_table, jpeg_url, rig_drawings, section
 from splatreel.evaluation.page.rig_plan import RigPlan
 from splatreel.recon.coverage.coverage import Coverage
 from splatreel.recon.init.layout import upright
@@ -47,11 +45,12 @@ def check_page(facts: CheckFacts) -> str:
     capture = facts.capture
     size = f"{capture.width} x {capture.height} pixels"
     subtitle = f"{len(capture.cameras)} cameras, {capture.frames} frames at {capture.fps:g} per second, {size}."
+    levels = facts.images.mean((1, 2, 3))
     sections = [
         section("Verdict", html_list(map(_verdict_line, facts.verdict.split("\n"))), "findings"),
-        section("Notes", html_list([*facts.sentences, *_uneven_exposures(facts)])),
+        section("Notes", html_list([*facts.sentences, *_uneven_exposures(facts, levels)])),
         section("Cameras", _rig(facts)),
-        section("Coverage and exposure", _table(facts)),
+        section("Coverage and exposure", _table(facts, levels)),
         section("Pictures", _contact_sheet(facts)),
     ]
     return html_page(f"Check: {capture.path.name}", capture.path.name, subtitle, sections)
@@ -69,13 +68,8 @@ def _rig(facts: CheckFacts) -> str:
     return rig_drawings(RigPlan(capture.training_cameras, held_out, upright(capture.cameras), points))
 
 
-def _levels(facts: CheckFacts) -> np.ndarray:
-    """Return the mean gray level of each camera, [C]."""
-    return facts.images.mean((1, 2, 3))
-
-
-def _uneven_exposures(facts: CheckFacts) -> list[str]:
-    levels = _levels(facts)
+def _uneven_exposures(facts: CheckFacts, levels: np.ndarray) -> list[str]:
+    """Return a sentence about cameras of another brightness. `levels` [C]: mean gray level of each camera."""
     typical = max(float(np.median(levels)), 1.0)
     named = [
         camera.name
@@ -87,7 +81,7 @@ def _uneven_exposures(facts: CheckFacts) -> list[str]:
     return [f"brighter or darker than most cameras by {BRIGHTNESS:.0%} or more: {', '.join(named)}"]
 
 
-def _table(facts: CheckFacts) -> str:
+def _table(facts: CheckFacts, levels: np.ndarray) -> str:
     known = {}
     if (coverage := facts.coverage) is not None:
         known = {
@@ -95,7 +89,7 @@ def _table(facts: CheckFacts) -> str:
             for name, angle, shared in zip(coverage.names, coverage.angles, coverage.shared, strict=True)
         }
     rows = []
-    for camera, level in zip(facts.capture.cameras, _levels(facts), strict=True):
+    for camera, level in zip(facts.capture.cameras, levels, strict=True):
         use = "held out" if camera.name in facts.capture.held_out else "training"
         rows.append((camera.name, use, *known.get(camera.name, ("", "")), f"{level:.0f}"))
     heads = ("Camera", "Use", "Degrees to the nearest", "Points in common", "Mean gray level")
@@ -105,12 +99,6 @@ def _table(facts: CheckFacts) -> str:
 def _contact_sheet(facts: CheckFacts) -> str:
     figures = []
     for camera, image in zip(facts.capture.cameras, facts.images, strict=True):
-        picture, file = Image.fromarray(image), io.BytesIO()
-        picture.thumbnail((THUMBNAIL, THUMBNAIL))
-        picture.save(file, "JPEG", quality=80)
-        data = base64.b64encode(file.getvalue()).decode()
-        name = escape(camera.name)
-        figures.append(
-            f'<figure><img src="data:image/jpeg;base64,{data}" alt="Picture of {name}"><figcaption>{name}</figcaption></figure>'
-        )
+        url, name = jpeg_url(Image.fromarray(image), THUMBNAIL), escape(camera.name)
+        figures.append(f'<figure><img src="{url}" alt="Picture of {name}"><figcaption>{name}</figcaption></figure>')
     return f'<div class="strip">{"".join(figures)}</div>'

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import re
 from collections.abc import Iterable, Sequence
 from html import escape
 from pathlib import Path
+
+from PIL import Image
 
 from splatreel.evaluation.page.rig_plan import RigPlan
 
@@ -58,6 +62,14 @@ def rig_drawings(plan: RigPlan) -> str:
     parts = [f"<section><h3>{title}</h3>{svg}</section>" for title, svg in zip(titles, plan.drawings(), strict=True)]
     legend = '<ul class="keys"><li class="s0">trained (circle)</li><li class="s1">held out (square)</li></ul>'
     return f'{legend}<div class="charts rig">{"".join(parts)}</div>'
+
+
+def jpeg_url(image: Image.Image, longest: int) -> str:
+    """Return an image as the data URL of a JPEG, reduced to a longer side of `longest` pixels."""
+    image.thumbnail((longest, longest))
+    file = io.BytesIO()
+    image.save(file, "JPEG", quality=85)
+    return f"data:image/jpeg;base64,{base64.b64encode(file.getvalue()).decode()}"
 
 
 def with_code(text: str) -> str:

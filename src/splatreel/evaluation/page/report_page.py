@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import base64
-import io
 from collections.abc import Sequence
 from contextlib import suppress
 from html import escape
@@ -15,7 +13,7 @@ from PIL import Image
 from splatreel.errors import ReelError
 from splatreel.evaluation.page.charts import Series, line_chart
 from splatreel.evaluation.page.findings import failing_moments, findings
-from splatreel.evaluation.page.html import html_list, html_page, html_table, rig_drawings, section, with_code
+from splatreel.evaluation.page.html import html_list, html_page, html_table, jpeg_url, rig_drawings, section, with_code
 from splatreel.evaluation.page.rig_plan import RigPlan
 from splatreel.evaluation.page.run_facts import RunFacts
 from splatreel.evaluation.pictures import picture_file
@@ -195,14 +193,9 @@ def _panels(path: Path, count: int) -> list[str]:
             image = image.convert("RGB")
     except (OSError, ValueError):
         return []
-    width, found = image.width // count, []
-    for index in range(count):
-        panel = image.crop((index * width, 0, (index + 1) * width, image.height))
-        panel.thumbnail((WIDEST, WIDEST))
-        file = io.BytesIO()
-        panel.save(file, "JPEG", quality=85)
-        found.append(f"data:image/jpeg;base64,{base64.b64encode(file.getvalue()).decode()}")
-    return found
+    width = image.width // count
+    boxes = ((index * width, 0, (index + 1) * width, image.height) for index in range(count))
+    return [jpeg_url(image.crop(box), WIDEST) for box in boxes]
 
 
 def _rig(facts: RunFacts) -> str:
