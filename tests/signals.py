@@ -118,10 +118,10 @@ def run(tries: int, names: list[str], limit: float = LIMIT, longest: float = 60.
             probe = folder / f"{command.name} probe"
             probe.mkdir()
             child = start(command.arguments(probe), folder / "log")
-            while os.waitpid(child, os.WNOHANG)[0] == 0 and time.monotonic() - began < longest:
+            while not (ended := os.waitpid(child, os.WNOHANG)[0]) and time.monotonic() - began < longest:
                 time.sleep(0.05)
-            whole = time.monotonic() - began
-            if whole >= longest:
+            whole = min(time.monotonic() - began, longest)
+            if not ended:
                 os.kill(child, signal.SIGKILL)
                 os.waitpid(child, 0)
             taken = interrupt(command, folder, tries, rng, whole)
