@@ -73,6 +73,6 @@ export class RenditionPolicy {
 
 /** Return the bandwidth that the browser reports, in bits per second, or a cautious guess. */
 export function guessOfBrowser(): number {
-  const { connection } = navigator as { connection?: { downlink?: number } };
+  const { connection } = (globalThis.navigator ?? {}) as { connection?: { downlink?: number } };
   return connection?.downlink ? Math.max(connection.downlink * 1e6, 1e5) : GUESS;
 }

@@ -2,13 +2,20 @@
 import { PLAIN } from "../base/errors";
 import type { DecodedFile } from "../decode/decode-file";
 import type { DecodeReply, DecodeRequest } from "../decode/decode-worker";
-import { decoderFiles, startDecodeWorker } from "../files/bundle";
 import type { Source } from "../files/source";
-import { failureOf } from "../files/workers";
+import { failureOf, type FileAddresses } from "../files/workers";
 import { BandwidthMeter } from "./bandwidth-meter";
 
 /** Maximum number of files that download and decode at the same time. */
 const WORKERS = 2;
+
+/** Starts decode workers. Only the page or program knows where their files are. */
+export interface DecodeWorkers {
+  /** Start a worker. */
+  start(): Worker;
+  /** Return the addresses of the files that a worker loads. */
+  files(): FileAddresses;
+}
 
 /** Events of one job. */
 export interface Receiver {
@@ -54,8 +61,8 @@ export class DecoderPool {
   private onFree: () => void = () => undefined;
 
   /** Start one worker at once, while the manifest downloads. The second starts with the second file. worker: already started. */
-  constructor(worker?: Worker | null) {
-    this.idle.push(this.addWorker(worker ?? startDecodeWorker()));
+  constructor(private readonly starter: DecodeWorkers, worker?: Worker | null) {
+    this.idle.push(this.addWorker(worker ?? starter.start()));
   }
 
   /** Call a function whenever a worker becomes free. */
@@ -141,9 +148,9 @@ export class DecoderPool {
     for (const worker of this.workers) worker.terminate();
   }
 
-  private addWorker(worker = startDecodeWorker()): Worker {
+  private addWorker(worker = this.starter.start()): Worker {
     this.workers.push(worker);
-    send(worker, { files: decoderFiles() });
+    send(worker, { files: this.starter.files() });
     return worker;
   }
 

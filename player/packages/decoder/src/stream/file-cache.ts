@@ -116,6 +116,6 @@ export function costOf({ points, frames, until }: Pick<ReelFile, "points" | "fra
 
 /** Return the bytes of memory for groups: 64 MB per gigabyte of the device, 128 MB if the browser does not report it. */
 export function memoryBudget(): number {
-  const gigabytes = (navigator as { deviceMemory?: number }).deviceMemory ?? 2;
+  const gigabytes = (globalThis.navigator as { deviceMemory?: number } | undefined)?.deviceMemory ?? 2;
   return Math.min(Math.max(gigabytes, 1), 8) * 2 ** 26;
 }

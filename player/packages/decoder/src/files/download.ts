@@ -53,7 +53,7 @@ async function withRetries<T>(url: string, watcher: Watcher, signal: AbortSignal
       return await attempt(failures > 0);
     } catch (error) {
       if (signal.aborted || !(error instanceof TransientError)) throw error;
-      const offline = navigator.onLine === false;
+      const offline = globalThis.navigator?.onLine === false;
       if (!offline && failures >= error.tries) throw new ReelError(`${url} cannot be downloaded: ${error.message}.`, { plain: error.plain });
       watcher.trouble(offline ? "Offline. Waiting for the network." : `Retrying: ${error.message}.`);
       await pause(PAUSES[failures] * (1 + Math.random() / 2), signal);
@@ -141,9 +141,9 @@ async function check({ sha256 }: Source, transfer: { body: Uint8Array; filled: n
   throw new TransientError("its checksum differs from the manifest", FEW_RETRIES, 0, PLAIN.damaged);
 }
 
-/** Return true if a host of another origin responds at all, which means that CORS blocked the request. */
+/** Return true if a host of another origin responds at all, which means that CORS blocked the request. Only browsers block requests. */
 function answersOthers(url: string): Promise<boolean> {
-  if (new URL(url, location.href).origin === self.origin) return Promise.resolve(false);
+  if (!globalThis.location || new URL(url, location.href).origin === self.origin) return Promise.resolve(false);
   return fetch(url, { mode: "no-cors", signal: AbortSignal.timeout(STALL) }).then(() => true, () => false);
 }
 
@@ -157,13 +157,13 @@ function pause(milliseconds: number, signal: AbortSignal): Promise<void> {
   return new Promise((resolve, reject) => {
     const finish = (): void => {
       clearTimeout(timer);
-      removeEventListener("online", finish);
+      globalThis.removeEventListener?.("online", finish);
       signal.removeEventListener("abort", finish);
       if (signal.aborted) reject(signal.reason);
       else resolve();
     };
     const timer = setTimeout(finish, milliseconds);
-    addEventListener("online", finish);
+    globalThis.addEventListener?.("online", finish);
     signal.addEventListener("abort", finish);
   });
 }

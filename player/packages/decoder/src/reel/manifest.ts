@@ -54,7 +54,7 @@ export interface Manifest extends Listing {
 /** Download and check a manifest. early: its text, already requested; null if that failed. Throws `ReelError` with the URL in its message. */
 export async function loadManifest(url: string, watcher: Watcher, signal: AbortSignal, early?: Promise<string | null>): Promise<Manifest> {
   const text = (await early) ?? (await downloadText(url, watcher, signal));
-  return parseText(text, new URL(url, location.href).href);
+  return parseText(text, new URL(url, globalThis.location?.href).href);
 }
 
 /** Read and check the manifest of a local reel. Throws `ReelError`. */
