@@ -39,18 +39,18 @@ export interface GroupAt extends GroupData {
   frame: number;
 }
 
-/** Points of one file to show. rows: indices; null for all. weight: of a fade, 0 to 1. */
+/** Points of one file to show. rows: indices; null for all. weight: of a fade, 0 to 1; null for none. */
 interface Part {
   points: Gaussians;
   rows: Uint32Array | null;
-  weight: number;
+  weight: number | null;
   offsets?: Offsets | null;
   frame?: number;
 }
 
 /** Return the Gaussians of a moment. previous: group that fades out. weight: of the current group, 0 to 1. */
 export function pointsAt(current: GroupAt, previous: GroupAt | null, weight: number): Points {
-  const parts = previous ? fadingParts(current, previous, weight) : [...staticParts(current, (flag) => flag, 1), dynamicPart(current, 1)];
+  const parts = previous ? fadingParts(current, previous, weight) : [...staticParts(current, (flag) => flag, null), dynamicPart(current, null)];
   const shown = parts.filter(({ points, rows }) => (rows?.length ?? points.count) > 0);
   return join(shown, lightAt(current.group.light, current.frame));
 }
@@ -60,7 +60,7 @@ function fadingParts(current: GroupAt, previous: GroupAt, weight: number): Part[
   const [now, before] = [aliveIn(current), aliveIn(previous)];
   const isIn = (flags: Map<string, Uint8Array>, uri: string, row: number): number => flags.get(uri)?.[row] ?? 0;
   return [
-    ...staticParts(current, (flag, uri, row) => flag & isIn(before, uri, row), 1),
+    ...staticParts(current, (flag, uri, row) => flag & isIn(before, uri, row), null),
     ...staticParts(previous, (flag, uri, row) => flag & ~isIn(now, uri, row), 1 - weight),
     dynamicPart(previous, 1 - weight),
     ...staticParts(current, (flag, uri, row) => flag & ~isIn(before, uri, row), weight),
@@ -74,7 +74,7 @@ function aliveIn({ group, layers }: GroupData): Map<string, Uint8Array> {
   return new Map(layers.map(({ uri, file }) => [uri, group.alive.subarray(first, (first += file.points.count))]));
 }
 
-function staticParts(shown: GroupAt, select: (flag: number, uri: string, row: number) => number, weight: number): Part[] {
+function staticParts(shown: GroupAt, select: (flag: number, uri: string, row: number) => number, weight: Part["weight"]): Part[] {
   const alive = aliveIn(shown);
   return shown.layers.map(({ uri, file: { points } }) => {
     const flags = alive.get(uri)!;
@@ -83,7 +83,7 @@ function staticParts(shown: GroupAt, select: (flag: number, uri: string, row: nu
   });
 }
 
-function dynamicPart({ group: { points, offsets }, frame }: GroupAt, weight: number): Part {
+function dynamicPart({ group: { points, offsets }, frame }: GroupAt, weight: Part["weight"]): Part {
   return { points, rows: null, weight, offsets, frame };
 }
 
@@ -126,7 +126,7 @@ function write({ points, rows, weight, offsets, frame = 0 }: Part, result: Point
     result.sh.set(codebook.subarray(rest * shRest[i], rest * (shRest[i] + 1)), 3 * (bands * to + 1));
   }
   if (offsets) move(offsets, frame, result, at, total, bands);
-  if (weight < 1) for (let to = at; to < at + total; to++) result.opacities[to] = 1 - (1 - Math.min(result.opacities[to], OPAQUE)) ** weight;
+  if (weight !== null) for (let to = at; to < at + total; to++) result.opacities[to] = 1 - (1 - Math.min(result.opacities[to], OPAQUE)) ** weight;
   return at + total;
 }
 
