@@ -1,5 +1,5 @@
 /** Virtual reality by WebXR: two views per frame, on the headset's own clock. A pinch or trigger plays and pauses. */
-import { ReelError } from "../base/errors";
+import { ReelError } from "@splatreel/decoder/base/errors";
 import { HeadsetSpace } from "../camera/headset-space";
 import type { Eye } from "../draw/eye";
 import type { HeadsetLayer } from "../draw/renderer";

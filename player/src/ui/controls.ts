@@ -1,5 +1,5 @@
 /** The controls over the picture: bar, menu, help, statistics and messages, and the actions of keys and buttons. */
-import { messageOf } from "../base/errors";
+import { messageOf } from "@splatreel/decoder/base/errors";
 import { loadPart, playerAddress } from "../files/bundle";
 import { hasHeadset, Headset } from "../player/headset";
 import type { Player } from "../player/player";
