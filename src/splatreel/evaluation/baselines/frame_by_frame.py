@@ -105,8 +105,8 @@ def run_frame_by_frame(
     record, count = out / RECORD, start.capture.frames
     frames = Frames(out / "frames", count)
     spent = [Spent(**frame) for frame in checkpoint.load_json(record)] if record.exists() else []
-    training = start.shared_seconds / start.config.keyframe.first_iterations
-    budget = Budget(seconds - start.shared_seconds, count - 1, training, spent)
+    pace = start.keyframe_seconds / start.config.keyframe.first_iterations
+    budget = Budget(seconds - start.shared_seconds, count - 1, pace, spent)
     if not (out / "reel" / "manifest.json").exists():
         _train_all(method, start, frames, budget, progress, record, clock)
         progress.stage("encoding", 1)

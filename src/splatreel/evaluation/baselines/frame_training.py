@@ -69,7 +69,7 @@ def move_points(
     points = TrainablePoints.from_gaussians(before, default_rates(pictures.unit), start.device)
     params = {name: tensor.detach() for name, tensor in points.params.items()}
     means = params["means"]
-    field = MotionField(means, np.array(start.layout.bounds), pictures.unit, seed)
+    field = MotionField(means, np.array(start.layout.bounds), pictures.unit, iterations, seed)
     rng, cameras, begin = np.random.default_rng(seed), list[int](), 0
     meter = GradientMeter(len(before), start.device)
     for end, shown in pictures.sizes(iterations, 0.0, start.config.training_megapixels):

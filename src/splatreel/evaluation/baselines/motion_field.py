@@ -20,19 +20,21 @@ class MotionField(nn.Module):
     RESOLUTIONS = (8, 256)
     """Coarsest and finest number of cells along an axis."""
     WIDTH = 32
-    GRID_RATE, NETWORK_RATE = 1e-2, 4e-3
+    GRID_PATH, NETWORK_PATH, MAX_RATE = 0.5, 0.4, 2e-2
+    """Learning rates times iterations, so that few iterations take large steps; and the largest rate."""
     REACH = 0.05
     """Unit of the network's output, in viewing distances."""
     low: Tensor
     extent: Tensor
 
-    def __init__(self, means: Tensor, bounds: np.ndarray, unit: float, seed: int) -> None:
+    def __init__(self, means: Tensor, bounds: np.ndarray, unit: float, iterations: int, seed: int) -> None:
         """Create a field.
 
         Args:
             means: [N, 3] positions; only their device counts.
             bounds: Box [2, 3] of the scene that the grid covers. Points outside use the nearest cell.
             unit: Typical viewing distance, world units.
+            iterations: Iterations of training.
             seed: Seed of the initial values.
         """
         super().__init__()
@@ -53,7 +55,8 @@ class MotionField(nn.Module):
         nn.init.zeros_(last.bias)
         self.network = nn.Sequential(hidden, nn.ReLU(), last)
         self.to(means.device)
-        rates = ((self.table, self.GRID_RATE), *((p, self.NETWORK_RATE) for p in self.network.parameters()))
+        grid, network = (min(path / max(iterations, 1), self.MAX_RATE) for path in (self.GRID_PATH, self.NETWORK_PATH))
+        rates = ((self.table, grid), *((p, network) for p in self.network.parameters()))
         self.optimizer = torch.optim.Adam([{"params": [p], "lr": rate, "base": rate} for p, rate in rates], eps=1e-15)
 
     def offsets(self, means: Tensor) -> tuple[Tensor, Tensor]:

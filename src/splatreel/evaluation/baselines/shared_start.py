@@ -133,12 +133,16 @@ class SharedStart:
         return sum(self.store.seconds().values())
 
     @cached_property
+    def keyframe_seconds(self) -> float:
+        """Seconds of training the first keyframe; those of all keyframes if the run has no history."""
+        stages = read_history(self.store.work).stages
+        trained = sum(stage.seconds for stage in stages if stage.name == FirstKeyframe.text)
+        return trained or self.store.seconds().get("keyframe", 0.0)
+
+    @property
     def shared_seconds(self) -> float:
         """Seconds of the run up to its first keyframe, which the baselines share."""
-        training = sum(
-            stage.seconds for stage in read_history(self.store.work).stages if stage.name == FirstKeyframe.text
-        )
-        return self.store.seconds().get("points", 0.0) + training
+        return self.store.seconds().get("points", 0.0) + self.keyframe_seconds
 
     def open_writer(self, reel: Path, length: int, encode: EncodeConfig, sh_degree: int | None = None) -> ReelWriter:
         """Return the writer of a baseline's reel, whose groups have `length` frames and no overlap."""
