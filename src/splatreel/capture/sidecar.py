@@ -20,7 +20,7 @@ SIDECAR_BYTES = 1 << 20
 
 @dataclass(frozen=True)
 class SyncEvidence:
-    """What the start time of a video rests on.
+    """Evidence of the start time of a video.
 
     Attributes:
         other: Camera whose video it was aligned with.
