@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from pathlib import Path
+from threading import Lock
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from splatreel.codec.header import ReelHeader
 from splatreel.config import COARSENESS, Config, Quality, Rate, preset
 from splatreel.config.settings import changed
 from splatreel.errors import GaussiansError
+from splatreel.motion.change import difference, per_camera
+from splatreel.motion.temporal_mean import MAX_DIFFERENCE, mean_of_alike
 from splatreel.play.renderers import draw_on_cpu
 from splatreel.progress import Progress
 from splatreel.recon.encode.group_writer import PresentationHook, no_presentation
@@ -25,6 +28,10 @@ from splatreel.sequence.viewpoints import SHOWS
 
 SIDE = 768
 """Maximum pixels along the longer side of the images."""
+REACH = 3
+"""Frames before and after an image that it is averaged with where they look alike."""
+NOISE_MULTIPLE = 4.0
+"""Difference from which on images do not look alike, in multiples of the first quartile of the differences."""
 EXACT_IMAGES = {
     "check_poses": False,
     "check_coverage": False,
@@ -38,6 +45,9 @@ EXACT_IMAGES = {
 
 class FilmCapture(Capture):
     """Capture whose images are drawn from a sequence of Gaussians when they are read.
+
+    Frames that were trained independently flicker where nothing moves. There, an image is averaged with its neighbors in
+    time, or the flicker would be taken for motion.
 
     Args:
         film: The sequence.
@@ -58,19 +68,42 @@ class FilmCapture(Capture):
             points=seen.means,
             point_colors=np.clip(seen.sh[:, 0] * C0 + 0.5, 0, 1),
         )
+        self._columns = {camera.name: column for column, camera in enumerate(self.cameras)}
+        self._drawn: dict[int, np.ndarray] = {}
+        self._lock = Lock()
         self._digest = hashlib.sha256(points.means.tobytes() + str(film.size).encode()).hexdigest()
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
-        views = [self.camera(name) for name in cameras]
+        columns = [self._columns[name] for name in cameras]
         for frame, images in enumerate(out, first):
-            points = self._film.read(frame)
-            for image, view in zip(images, views, strict=True):
-                drawn = draw_on_cpu(points, view, self._near, self._antialias, BLACK)
-                image[:] = np.rint(np.clip(drawn, 0, 1) * 255)
+            window = [frame, *(other for other in self._window(frame) if other != frame)]
+            drawn = np.stack([self._images(other)[columns] for other in window])
+            images[:] = per_camera(steadied, drawn)
+
+    def _window(self, frame: int) -> range:
+        return range(max(frame - REACH, 0), min(frame + REACH + 1, len(self._film)))
+
+    def _images(self, frame: int) -> np.ndarray:
+        """Return the images [C, H, W, 3] uint8 of a frame. Those of a window of frames are kept."""
+        with self._lock:
+            if frame not in self._drawn:
+                while len(self._drawn) > 2 * REACH:
+                    self._drawn.pop(max(self._drawn, key=lambda other: abs(other - frame)))
+                points = self._film.read(frame)
+                drawn = [draw_on_cpu(points, view, self._near, self._antialias, BLACK) for view in self.cameras]
+                self._drawn[frame] = np.rint(255 * np.clip(np.stack(drawn), 0, 1)).astype(np.uint8)
+            return self._drawn[frame]
 
     def fingerprint(self) -> str:
         """Return a short string that changes with the cameras, the points of the first frame or the sequence's size."""
         return hashlib.sha256((super().fingerprint() + self._digest).encode()).hexdigest()[:16]
+
+
+def steadied(images: np.ndarray) -> np.ndarray:
+    """Return the first image [H, W, 3] of one camera, averaged over images [T, H, W, 3] where they differ by flicker only."""
+    first = images[0].astype(np.float32)
+    flicker = [float(np.quantile(difference(image, first), 0.25)) for image in images[1:3]]
+    return mean_of_alike(images, max(MAX_DIFFERENCE, NOISE_MULTIPLE * max(flicker, default=0.0)))
 
 
 def fit_config(quality: Quality, rate: Rate) -> Config:
