@@ -31,9 +31,9 @@ def reel(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("move=10,-20,3", 90.0),
         ("scale=2", 40.0),
         ("scale=0.037", 40.0),
-        ("rotate=y,90", 36.0),
-        ("rotate=1,2,-1,37", 36.0),
-        ("up=z", 36.0),
+        ("rotate=y,90", 40.0),
+        ("rotate=1,2,-1,37", 40.0),
+        ("up=z", 40.0),
         ("up=-y", 90.0),
     ],
 )
