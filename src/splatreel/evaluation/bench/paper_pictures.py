@@ -114,9 +114,10 @@ def compressed(bench: PaperBench, name: str) -> list[Row]:
         ten = {f"#{n} {' '.join(key)}": reel(n, config, False) for n, (key, config) in enumerate(TABLE_10.items(), 1)}
         rows = []
         for renders, frames, why in ((nine, [0], "Table 9"), (ten, None, "Table 10")):
-            crop = find_crop(bench.captures[name], list(renders.values()), anywhere, frames)
+            uncompressed, *others = renders.values()
+            crop = find_crop(bench.captures[name], others, anywhere, frames, uncompressed)
             if crop is not None:
-                rows.append(_row(bench, name, crop, renders, f"largest error of {why}"))
+                rows.append(_row(bench, name, crop, renders, f"largest loss by the configurations of {why}"))
         return rows
 
 

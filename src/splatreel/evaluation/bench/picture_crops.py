@@ -77,7 +77,11 @@ def renderer(timeline: Timeline) -> Render:
 
 
 def find_crop(
-    capture: Capture, renders: Sequence[Render], weight: Weight, frames: Sequence[int] | None = None
+    capture: Capture,
+    renders: Sequence[Render],
+    weight: Weight,
+    frames: Sequence[int] | None = None,
+    reference: Render | None = None,
 ) -> Crop | None:
     """Return the crop with the largest weighted error, summed over the renders; None if all weights are 0.
 
@@ -86,6 +90,7 @@ def find_crop(
         renders: Renders that are compared.
         weight: Weight of each pixel.
         frames: Frames to look at; None looks at `CANDIDATES` frames after the first.
+        reference: Render that errors are measured against; None measures them against the truth.
     """
     side = min(max(round(SHARE * capture.height), 8), capture.width, capture.height)
     if frames is None:
@@ -94,7 +99,8 @@ def find_crop(
     best, found = 0.0, None
     for frame in frames:
         for name in capture.held_out:
-            weights, truth, view = weight(capture, frame, name), truth_of(capture, frame, name), capture.camera(name)
+            weights, view = weight(capture, frame, name), capture.camera(name)
+            truth = truth_of(capture, frame, name) if reference is None else reference(frame, view)
             errors = sum(np.abs(render(frame, view) - truth).mean(-1) for render in renders)
             sums = uniform_filter(errors * weights, side, mode="constant")
             half = side // 2
