@@ -14,6 +14,7 @@ from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed, parse_settings
 from splatreel.evaluation.bench.paper_bench import PaperBench
+from splatreel.evaluation.bench.paper_pictures import PICTURES
 from splatreel.evaluation.bench.paper_run import TITLES, write_table
 from splatreel.process import keep_freed_memory
 from splatreel.progress import console
@@ -57,11 +58,12 @@ def main(
     progress = console()
     try:
         bench = PaperBench(sources, changed(preset(quality), parse_settings(set)), out, "auto", progress, minutes)
-        for number in table or TITLES:
+        for number in table or [name for name in TITLES if name not in PICTURES]:
             text = write_table(bench, number, every)
             shapes = {name: f"{s.frames} at {s.width}x{s.height}" for name, s in sources.items()}
             values = {"captures": shapes, "quality": quality, "settings": list(set), "markdown": text}
-            record(f"paper {number}", {**values, "runs": [json.loads(line) for line in bench.record()]}, note)
+            if number not in PICTURES:
+                record(f"paper {number}", {**values, "runs": [json.loads(line) for line in bench.record()]}, note)
             print(text)
     finally:
         progress.close()

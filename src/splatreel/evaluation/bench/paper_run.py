@@ -73,7 +73,7 @@ def _write_all_formats(bench: PaperBench, table: str, place: Path) -> str:
         try:
             write_text(place.with_suffix(".svg"), CHARTS[table](found))
         except MissingDependencyError as error:
-            text += f"\n{place.with_suffix('.svg')} was not drawn. {error}\n"
+            text += f"\n{place.with_suffix('.svg').name} was not drawn. {error}\n"
     return text
 
 
