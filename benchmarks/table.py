@@ -102,11 +102,12 @@ def paper_tables(records: dict[str, dict]) -> str:
     """Return the paper's tables in the order of their numbers, each with what it was measured on."""
     found = {name.split()[1]: record for name, record in records.items() if name.split()[0] == PAPER}
     parts = []
-    for name in sorted(found, key=lambda name: (not name.isdigit(), int(name.strip(ascii_lowercase)))):
+    for name in sorted(found, key=lambda name: (not name.isdigit(), int(name.strip(ascii_lowercase) or 0))):
         record = found[name]
-        title = f"Table {name}" if name.isdigit() else name.replace("figure", "Figure ")
+        title = f"Table {name}" if name.isdigit() else name.replace("figure", "Figure ").capitalize()
         shapes = ", ".join(f"{name} ({shape})" for name, shape in record["captures"].items())
-        label = f"Measured at `{record['quality']}` on {shapes}; commit `{record['revision']}`."
+        settings = "".join(f", `{setting}`" for setting in record.get("settings", []))
+        label = f"Measured at `{record['quality']}`{settings} on {shapes}; commit `{record['revision']}`."
         parts += [f"## {title}", "", record["markdown"].strip(), "", label, ""]
     return "\n".join(parts).strip()
 

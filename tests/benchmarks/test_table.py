@@ -112,11 +112,13 @@ def test_documents_show_the_recorded_results(table: ModuleType) -> None:
 
 def test_the_papers_tables_are_in_order_and_name_what_they_were_measured_on(table: ModuleType) -> None:
     made = {"captures": {"kitchen": "60 at 320x180"}, "quality": "draft", "revision": "abc1234"}
-    records = {f"paper {name}": made | {"markdown": f"| {name} |\n"} for name in ("figure10", "12", "4")}
+    records = {f"paper {name}": made | {"markdown": f"| {name} |\n"} for name in ("figure10", "12", "4", "baselines")}
+    records["paper 12"] |= {"settings": ["group.length=12"]}
     text = table.paper_tables(records | {"yard": RECORD})
     heads = [line for line in text.splitlines() if line.startswith("## ")]
-    assert heads == ["## Table 4", "## Table 12", "## Figure 10"]
+    assert heads == ["## Table 4", "## Table 12", "## Baselines", "## Figure 10"]
     assert text.count("Measured at `draft` on kitchen (60 at 320x180); commit `abc1234`.") == 3
+    assert "Measured at `draft`, `group.length=12` on kitchen" in text
     assert "| 12 |" in text
 
 
