@@ -18,7 +18,16 @@ const decoders = {
 };
 
 // Parts loaded on demand, by a literal that other bundlers find: `import("./share.js")`.
-const parts = { "open-files": "src/files/open-files.ts", "path-panel": "src/ui/path-panel.ts", share: "src/ui/share.ts" };
+const parts = {
+  "file-drop": "src/ui/file-drop.ts",
+  headset: "src/player/headset.ts",
+  help: "src/ui/help.ts",
+  "open-files": "src/files/open-files.ts",
+  "path-panel": "src/ui/path-panel.ts",
+  screenshot: "src/ui/screenshot.ts",
+  share: "src/ui/share.ts",
+  "text-tracks": "src/ui/text-tracks.ts",
+};
 const late = {
   name: "late",
   setup: (build) => build.onResolve({ filter: /^\.{1,2}\// }, ({ kind, path }) => {
@@ -36,6 +45,15 @@ const styles = {
   }),
 };
 
+// Shaders are embedded without comments and indentation, which a script's minifier keeps in strings.
+const shaders = {
+  name: "shaders",
+  setup: (build) => build.onLoad({ filter: /[/\\]shaders\.ts$/ }, async ({ path }) => {
+    const text = await readFile(path, "utf8");
+    return { contents: text.replace(/\/\*[^]*?\*\//g, "").replace(/(^|\s)\/\/ .*$/gm, "").replace(/^\s+/gm, "").replace(/ ([=*<>?:,(){}]+) /g, "$1"), loader: "ts" };
+  }),
+};
+
 const common = {
   absWorkingDir: here,
   bundle: true,
@@ -43,7 +61,7 @@ const common = {
   target: "es2022",
   charset: "utf8",
   legalComments: "none",
-  plugins: [assembly, late, styles],
+  plugins: [assembly, late, shaders, styles],
   loader: { ".svg": "text" },
   logLevel: "warning",
 };

@@ -11,18 +11,19 @@ import { PathPlayer } from "../player/path-player";
 import { Player } from "../player/player";
 import type { Stats } from "../player/stats";
 import type { Camera } from "../reel/manifest";
-import { Controls } from "../ui/controls";
+import { Controls, LACKING } from "../ui/controls";
 import { CooperativeGestures } from "../ui/cooperative-gestures";
-import { FileDrop } from "../ui/file-drop";
 import { FirstPrompt } from "../ui/first-prompt";
 import { OffCameraFade } from "../ui/off-camera-fade";
 import { attachPointerControls } from "../ui/pointer-controls";
 import styles from "../ui/ui.css";
+import { watchDrops } from "./drop-watch";
 import { FrameCallbacks, type FrameCallback } from "./frame-callbacks";
 import { MediaElement } from "./media-element";
 import { timesOf } from "./media-fragment";
 import { PlayPromises } from "./play-promises";
 import { Poster } from "./poster";
+import { watchTracks } from "./track-watch";
 import { Visibility } from "./visibility";
 
 /** Events of the player that the element dispatches as well. */
@@ -89,7 +90,9 @@ export class SplatReelElement extends MediaElement {
     this.addEventListener("click", () => this.visibility.ask(), { signal });
     for (const name of ["pointerdown", "focusin"]) this.addEventListener(name, () => this.visibility.interact(), { signal });
     this.showControls();
-    if (this.hasAttribute("drop")) new FileDrop(this, this.shadowRoot!, signal);
+    watchTracks(this, ({ Tracks }) => (player.tracks = new Tracks(this, this.shadowRoot!, player, (words) => this.say(words))), () => this.say(LACKING), signal);
+    signal.addEventListener("abort", () => (player.tracks = null));
+    if (this.hasAttribute("drop")) watchDrops(this, this.shadowRoot!, () => this.say(LACKING), signal);
     this.watch();
     if (!player.hasSource) this.load();
   }
@@ -247,6 +250,11 @@ export class SplatReelElement extends MediaElement {
     if (this.end === null || this.paused || this.currentTime < this.end) return;
     this.end = null;
     this.pause();
+  }
+
+  /** Show a text for some seconds, if there are controls. */
+  private say(words: string): void {
+    this.controlsShown?.say(words);
   }
 
   private watch(): void {

@@ -1,7 +1,8 @@
 /** The controls over the picture: bar, menu, help, statistics and messages, and the actions of keys and buttons. */
 import { messageOf } from "../base/errors";
 import { loadPart, playerAddress } from "../files/bundle";
-import { hasHeadset, Headset } from "../player/headset";
+import type { Headset } from "../player/headset";
+import { hasHeadset } from "../player/headset-support";
 import type { Player } from "../player/player";
 import { describe } from "../player/stats";
 import { aboutOf, hasTexts } from "./about";
@@ -9,19 +10,19 @@ import { AutoHide } from "./auto-hide";
 import { Bar } from "./bar";
 import { Dialog } from "./dialog";
 import { Fullscreen } from "./fullscreen";
-import { helpOf } from "./help";
 import { attachKeys, type KeyTable } from "./keys";
 import { elementOf } from "./markup";
 import { Menu } from "./menu";
 import { Messages } from "./messages";
 import type { PathHost } from "./path-panel";
-import { saveScreenshot } from "./screenshot";
 
 /** Events of the player after which the controls are updated. */
 const EVENTS = ["emptied", "loadstart", "loadedmetadata", "durationchange", "canplay", "play", "pause", "timeupdate", "progress", "waiting", "playing"];
-EVENTS.push("seeking", "seeked", "ratechange", "volumechange", "ended", "deferred", "error");
+EVENTS.push("seeking", "seeked", "ratechange", "volumechange", "trackchange", "ended", "deferred", "error");
 
 const HELP = "Keys and gestures";
+/** Message if a part of the player cannot be loaded. */
+export const LACKING = "This part of the player cannot be loaded";
 
 /** Creates the controls of one element. */
 export class Controls {
@@ -38,13 +39,14 @@ export class Controls {
   private headset: Headset | null = null;
   private path: { close(): void } | null = null;
 
-  constructor(private readonly host: PathHost & { readonly link: string }, root: ShadowRoot, private readonly player: Player) {
+  constructor(private readonly host: PathHost & { readonly link: string }, private readonly root: ShadowRoot, private readonly player: Player) {
     const { signal } = this.life;
     const actions = this.actions();
     this.messages = new Messages(player);
     this.bar = new Bar(player, {
       play: actions.toggle,
       reset: actions.reset,
+      captions: () => player.tracks?.toggle(),
       settings: () => this.openMenu(!this.menu.open),
       headset: actions.headset,
       full: actions.fullscreen,
@@ -61,6 +63,11 @@ export class Controls {
     keyboard.addEventListener("keydown", () => this.idle.wake(), { signal });
     this.listen();
     this.update();
+  }
+
+  /** Show a text for some seconds. */
+  say(words: string): void {
+    this.messages.say(words);
   }
 
   /** Remove the controls. */
@@ -81,8 +88,8 @@ export class Controls {
       reset: () => player.camera?.reset(),
       fly: () => this.fly(),
       statistics: () => this.toggleStatistics(),
-      picture: () => void saveScreenshot(player).catch((error) => this.messages.say(messageOf(error))),
-      help: () => (this.dialog.open === HELP ? this.dialog.close() : this.show(HELP, helpOf(this.keys))),
+      picture: () => void this.saveScreenshot(),
+      help: () => (this.dialog.open === HELP ? this.dialog.close() : void this.help()),
       escape: () => this.closeSheets(),
     };
   }
@@ -103,13 +110,21 @@ export class Controls {
       this.headset = null;
       this.update();
     };
-    Headset.enter(this.player, ended).then(
-      (headset) => {
-        this.headset = headset;
-        this.update();
-      },
-      (error) => this.messages.say(`The headset cannot be used: ${messageOf(error)}`),
-    );
+    const enter = async (): Promise<void> => {
+      const { Headset } = await loadPart("headset.js", () => import("../player/headset"));
+      this.headset = await Headset.enter(this.player, ended);
+      this.update();
+    };
+    enter().catch((error) => this.messages.say(`The headset cannot be used: ${messageOf(error)}`));
+  }
+
+  private async saveScreenshot(): Promise<void> {
+    try {
+      const { saveScreenshot } = await loadPart("screenshot.js", () => import("./screenshot"));
+      await saveScreenshot(this.player);
+    } catch (error) {
+      this.messages.say(messageOf(error));
+    }
   }
 
   private fly(): void {
@@ -118,20 +133,30 @@ export class Controls {
     this.menu.update();
   }
 
-  /** Open the panel of camera paths, which is loaded on demand. */
-  private async openPath(): Promise<void> {
+  /** Load a part of the player and use it, unless the controls are gone by then. */
+  private async withPart<T>(loading: Promise<T>, use: (part: T) => void): Promise<void> {
+    try {
+      const part = await loading;
+      if (!this.life.signal.aborted) use(part);
+    } catch {
+      this.say(LACKING);
+    }
+  }
+
+  private openPath(): void {
     this.openMenu(false);
     if (this.path) return this.path.close();
-    try {
-      const { PathPanel } = await loadPart("path-panel.js", () => import("./path-panel"));
-      if (this.path || this.life.signal.aborted || !this.player.camera) return;
-      this.path = new PathPanel(this.host, this.host.shadowRoot!, () => {
+    void this.withPart(loadPart("path-panel.js", () => import("./path-panel")), ({ PathPanel }) => {
+      if (this.path || !this.player.camera) return;
+      this.path = new PathPanel(this.host, this.root, () => {
         this.path = null;
         this.player.canvas.focus();
       });
-    } catch {
-      this.messages.say("This part of the player cannot be loaded");
-    }
+    });
+  }
+
+  private help(): Promise<void> {
+    return this.withPart(loadPart("help.js", () => import("./help")), ({ helpOf }) => this.show(HELP, helpOf(this.root, this.keys)));
   }
 
   private toggleStatistics(): void {
@@ -155,18 +180,13 @@ export class Controls {
     this.show(presentation.title || "About this reel", aboutOf(presentation));
   }
 
-  /** Open the share dialog, which is loaded on demand. */
-  private async share(): Promise<void> {
+  private share(): void {
     const { host, player: { manifest } } = this;
-    const say = (words: string): void => this.messages.say(words);
     this.openMenu(false);
-    try {
-      const { shareOf } = await loadPart("share.js", () => import("./share"));
+    void this.withPart(loadPart("share.js", () => import("./share")), ({ shareOf }) => {
       const shared = { link: host.link, page: location.href.split("#")[0], reel: manifest!.url, player: playerAddress(), title: manifest!.presentation.title };
-      this.show("Share", shareOf(shared, say));
-    } catch {
-      say("This part of the player cannot be loaded");
-    }
+      this.show("Share", shareOf(this.root, shared, (words) => this.say(words)));
+    });
   }
 
   /** Close the open dialog or menu, or else leave fullscreen. */

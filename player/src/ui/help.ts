@@ -1,6 +1,8 @@
-/** The help: lists keys and gestures. */
+/** The help: lists keys and gestures. This part is loaded on demand. */
+import styles from "./help.css";
 import type { KeyTable } from "./keys";
 import { elementOf } from "./markup";
+import { adoptStyles } from "./styles";
 
 const TOUCH: [string, string][] = [
   ["Drag", "Turn"],
@@ -16,10 +18,11 @@ const MOUSE: [string, string][] = [
   ["Double click", "Make that the middle"],
 ];
 
-/** Return the content of the help. Touch gestures come first on touch screens. */
-export function helpOf(table: KeyTable): HTMLElement {
+/** Return the content of the help. root: of the dialog. Touch gestures come first on touch screens. */
+export function helpOf(root: ShadowRoot, table: KeyTable): HTMLElement {
+  adoptStyles(root, styles);
   const touch = matchMedia("(pointer: coarse)").matches;
-  const [time, view] = table.map(([title, lines]) => section(title, lines.map(({ shown, what }) => [keycaps(shown), what])));
+  const [time, view] = table.map(([title, lines]) => section(title, lines.filter(({ applies }) => applies?.() ?? true).map(({ shown, what }) => [keycaps(shown), what])));
   const gestures = touch ? section("Touch", TOUCH) : section("Mouse", MOUSE);
   return elementOf(`<div class="columns">${(touch ? [gestures, time, view] : [time, gestures, view]).join("")}</div>`);
 }

@@ -26,6 +26,8 @@ interface Binding {
 interface Line {
   shown: string;
   what: string;
+  /** Returns true if the line applies to the reel; without it, it always does. */
+  applies?: () => boolean;
   bindings: Binding[];
 }
 
@@ -93,6 +95,8 @@ function timeLines(player: Player, actions: Actions): Line[] {
     { shown: ", .", what: "One frame", bindings: [{ keys: [","], press: () => player.step(-1) }, { keys: ["."], press: () => player.step(1) }] },
     { shown: "0 – 9", what: "To tenths of the reel", bindings: [{ keys: [..."0123456789"], press: (key) => void (player.currentTime = player.earliest + (Number(key) / 10) * (player.duration - player.earliest)) }] },
     { shown: "Home End", what: "To the ends", bindings: [{ keys: ["home"], press: () => void (player.currentTime = player.earliest) }, { keys: ["end"], press: () => void (player.currentTime = player.duration) }] },
+    { shown: "B N", what: "Chapter before, after", applies: () => (player.tracks?.chapters.length ?? 0) > 0, bindings: [{ keys: ["b"], press: () => player.tracks?.step(-1) }, { keys: ["n"], press: () => player.tracks?.step(1) }] },
+    { shown: "T", what: "Captions on or off", applies: () => (player.tracks?.captions.length ?? 0) > 0, bindings: [{ keys: ["t"], press: () => player.tracks?.toggle() }] },
     { shown: "< >", what: "Slower or faster", bindings: [{ keys: ["<"], press: rate(-1) }, { keys: [">"], press: rate(1) }] },
     { shown: "M", what: "Sound on or off", bindings: [{ keys: ["m"], press: () => player.soundtrack.toggle() }] },
   ];
