@@ -19,12 +19,16 @@ const decoders = {
 
 // Parts loaded on demand, by a literal that other bundlers find: `import("./share.js")`.
 const parts = {
+  "context-menu": "src/ui/context-menu.ts",
   "file-drop": "src/ui/file-drop.ts",
   headset: "src/player/headset.ts",
   help: "src/ui/help.ts",
+  "media-controls": "src/ui/media-controls.ts",
+  menu: "src/ui/menu.ts",
   "open-files": "src/files/open-files.ts",
   "path-panel": "src/ui/path-panel.ts",
   screenshot: "src/ui/screenshot.ts",
+  section: "src/ui/section.ts",
   share: "src/ui/share.ts",
   "text-tracks": "src/ui/text-tracks.ts",
 };

@@ -208,7 +208,9 @@ def test_text_of_the_page_around_does_not_change_the_controls(page: Page, server
         page.locator("splat-reel canvas").focus()
         page.keyboard.press("?")
         reel.get_by_role("dialog").wait_for()
-        page.evaluate(f"{REEL}.shadowRoot.querySelector('[name=path]').click()")
+        page.keyboard.press("Escape")
+        reel.get_by_role("button", name="Settings").click()
+        reel.locator(".menu").get_by_role("button", name="Camera path").click()
         reel.locator(".path-panel").wait_for()
         texts = reel.locator(
             ":is(.ui, .gestures, .beyond, .path-panel) :is(p, label, button, select, input, h2, h3, dt, dd, div)"

@@ -15,11 +15,14 @@ import { Controls, LACKING } from "../ui/controls";
 import { CooperativeGestures } from "../ui/cooperative-gestures";
 import { FirstPrompt } from "../ui/first-prompt";
 import { OffCameraFade } from "../ui/off-camera-fade";
+import type { MediaTexts } from "../ui/media-controls";
 import { attachPointerControls } from "../ui/pointer-controls";
+import { skip } from "../ui/skip";
 import styles from "../ui/ui.css";
 import { watchDrops } from "./drop-watch";
 import { FrameCallbacks, type FrameCallback } from "./frame-callbacks";
 import { MediaElement } from "./media-element";
+import { watchMedia } from "./media-watch";
 import { timesOf } from "./media-fragment";
 import { PlayPromises } from "./play-promises";
 import { Poster } from "./poster";
@@ -81,7 +84,8 @@ export class SplatReelElement extends MediaElement {
     const gestures = new CooperativeGestures(this, canvas, signal);
     this.picture.image.after(gestures.hint);
     signal.addEventListener("abort", () => gestures.hint.remove());
-    attachPointerControls(canvas, player, gestures, signal);
+    attachPointerControls(canvas, player, gestures, (side) => this.skip(side), signal);
+    watchMedia(player, () => this.mediaTexts, signal);
     new FirstPrompt(player, gestures, signal);
     const resize = new ResizeObserver(() => player.invalidate());
     resize.observe(canvas);
@@ -250,6 +254,18 @@ export class SplatReelElement extends MediaElement {
     if (this.end === null || this.paused || this.currentTime < this.end) return;
     this.end = null;
     this.pause();
+  }
+
+  /** Step back or on after a double tap. */
+  private skip(side: -1 | 1): void {
+    skip(this.player, 0.2 * side, 10);
+    this.say(side < 0 ? "Back" : "On");
+  }
+
+  /** Texts of the reel for lock screens and media keys. */
+  private get mediaTexts(): MediaTexts {
+    const { title = "", author = "" } = this.player.manifest?.presentation ?? {};
+    return { title: title || (this.getAttribute("aria-label") ?? document.title), artist: author, artwork: this.picture.image.src };
   }
 
   /** Show a text for some seconds, if there are controls. */

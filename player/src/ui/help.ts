@@ -9,6 +9,8 @@ const TOUCH: [string, string][] = [
   ["Two fingers", "Move"],
   ["Pinch", "Nearer, farther"],
   ["Double tap", "Make that the middle"],
+  ["Double tap at a side", "Back or on, up to 10 s"],
+  ["Hold", "Twice as fast"],
   ["Tap", "Controls on, off"],
 ];
 const MOUSE: [string, string][] = [
@@ -16,6 +18,8 @@ const MOUSE: [string, string][] = [
   ["Right drag, Shift drag", "Move"],
   ["Scroll", "Nearer, farther"],
   ["Double click", "Make that the middle"],
+  ["Hold", "Twice as fast"],
+  ["Right click", "Menu"],
 ];
 
 /** Return the content of the help. root: of the dialog. Touch gestures come first on touch screens. */

@@ -1,8 +1,10 @@
-/** The settings menu above the bar. */
+/** The settings menu above the bar. This part is loaded on demand. */
 import type { Player } from "../player/player";
 import type { Quality } from "../player/resolution";
 import { BACK, ON } from "./icons";
 import { elementOf } from "./markup";
+import styles from "./menu.css";
+import { adoptStyles } from "./styles";
 
 const RATES = [0.25, 0.5, 0.75, 1, 1.25, 1.5, 2];
 const QUALITIES: [Quality, string][] = [["auto", "Automatic"], ["full", "Full"], ["half", "Half"]];
@@ -53,9 +55,10 @@ export interface MenuState {
 /** The menu of one player. */
 export class Menu {
   readonly box = elementOf(`<div class="sheet menu" role="group" aria-label="Settings" hidden>${MARKUP}</div>`);
-  private state: MenuState = { statistics: false, shares: false, describes: false };
 
-  constructor(private readonly player: Player, actions: MenuActions) {
+  /** state: returns the state that is not in the player. */
+  constructor(root: ShadowRoot, private readonly player: Player, actions: MenuActions, private readonly state: () => MenuState) {
+    adoptStyles(root, styles);
     this.input("rate").onchange = () => void (player.playbackRate = Number(this.input("rate").value));
     this.input("rendition").onchange = () => void (player.rendition = player.renditions[Number(this.input("rendition").value) - 1] ?? null);
     this.input("quality").onchange = () => {
@@ -86,10 +89,10 @@ export class Menu {
   }
 
   /** Show the present state. */
-  update(state: Partial<MenuState> = {}): void {
-    this.state = { ...this.state, ...state };
+  update(): void {
     if (!this.open) return;
     const { player } = this;
+    const state = this.state();
     this.input("rate").value = String(player.playbackRate);
     this.updateRenditions();
     this.updateTracks();
@@ -98,9 +101,9 @@ export class Menu {
     this.input("spatial").checked = player.soundtrack.spatial.on;
     this.input("spatial").parentElement!.hidden = !player.soundtrack.placed;
     this.input("fly").checked = player.camera?.flying === true;
-    this.input("statistics").checked = this.state.statistics;
-    this.input("share").hidden = !this.state.shares;
-    this.input("about").hidden = !this.state.describes;
+    this.input("statistics").checked = state.statistics;
+    this.input("share").hidden = !state.shares;
+    this.input("about").hidden = !state.describes;
   }
 
   /** Update the list of renditions. "Auto" names the rendition on screen. */

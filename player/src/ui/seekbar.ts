@@ -6,6 +6,7 @@ import { timeText } from "./time-text";
 
 const MARKUP = `<div class="track">
   <input class="seek" type="range" min="0" max="0" step="0.001" value="0" aria-label="Seek" />
+  <span class="section" aria-hidden="true" hidden></span>
   <span class="marks" aria-hidden="true"></span>
   <span class="hint" aria-hidden="true"><span class="chapter"></span><span class="at"></span></span>
 </div>`;
@@ -51,6 +52,7 @@ export class SeekBar {
     const chapter = this.titleAt(currentTime);
     input.setAttribute("aria-valuetext", `${timeText(currentTime, duration < 60)} of ${timeText(duration, duration < 60)}${chapter && `, ${chapter}`}`);
     this.updateMarks();
+    this.updateSection();
     input.style.setProperty("--played", `${this.percent(currentTime)}%`);
     input.style.setProperty("--ahead", this.bufferedTrack());
   }
@@ -85,6 +87,14 @@ export class SeekBar {
       mark.style.left = place;
       return mark;
     }));
+  }
+
+  /** Show the part that repeats. */
+  private updateSection(): void {
+    const { section } = this.player;
+    const box = this.box.querySelector<HTMLElement>(".section")!;
+    box.hidden = !section;
+    if (section) Object.assign(box.style, { left: `${this.percent(section[0])}%`, right: `${100 - this.percent(section[1])}%` });
   }
 
   /** Return the buffered ranges as a background image. */
