@@ -20,6 +20,7 @@ const decoders = {
 // Parts loaded on demand, by a literal that other bundlers find: `import("./share.js")`.
 const parts = {
   "context-menu": "src/ui/context-menu.ts",
+  "declared-camera": "src/ui/declared-camera.ts",
   "file-drop": "src/ui/file-drop.ts",
   headset: "src/player/headset.ts",
   help: "src/ui/help.ts",

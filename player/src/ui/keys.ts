@@ -1,5 +1,5 @@
 /** Keyboard control. One table defines the keys and their help. */
-import type { Motion } from "../camera/orbit-camera";
+import type { Motion } from "../camera/motion";
 import type { Player } from "../player/player";
 import { skip } from "./skip";
 
