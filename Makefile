@@ -38,7 +38,7 @@ check: $(SETUP)  ## style, types, the import ladder and the sizes; that the comm
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
 	$(BIN)/pyright --pythonpath $(BIN)/python
-	$(BIN)/python -m pytest -q tests/test_house.py
+	$(BIN)/python -m pytest -q tests/test_house.py tests/test_typescript.py
 ifeq ($(NPM),)
 	@echo "check: npm is not installed, so the types of the web player were NOT checked and its bundle NOT compared with its source."
 else
@@ -71,9 +71,9 @@ docs: $(DOCS)  ## build the documentation into out/site; a warning is an error
 wheel: $(SETUP)  ## build the wheel and the source archive into dist
 	$(BIN)/python -m build --no-isolation --outdir dist
 
-npm-package: player/node_modules/.package-lock.json  ## build the player's npm package into dist
+npm-package: player/node_modules/.package-lock.json  ## build the npm packages of player/ into dist
 	mkdir -p dist
-	npm --prefix player pack ./player --pack-destination dist
+	cd player && npm pack --workspaces --include-workspace-root --pack-destination ../dist
 
 setup: $(SETUP)
 

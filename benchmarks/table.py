@@ -1,4 +1,4 @@
-"""Write the tables of results, in README.md and docs/results.md, from the latest record of each benchmark.
+"""Write the tables in README.md, docs/results.md and docs/paper-tables.md from the latest record of each benchmark.
 
 python benchmarks/table.py
 """
@@ -6,11 +6,13 @@ python benchmarks/table.py
 import json
 from collections.abc import Iterable
 from pathlib import Path
+from string import ascii_lowercase
 
 from record import RESULTS, ROOT
 
 README = ROOT / "README.md"
 PAGE = ROOT / "docs" / "results.md"
+PAPER_PAGE = ROOT / "docs" / "paper-tables.md"
 BEGIN, END = "<!-- results: written by benchmarks/table.py -->", "<!-- end of results -->"
 MISSING = "*not measured*"
 
@@ -28,6 +30,8 @@ ROWS = {
     "hearth": "hearth: fire, steam, poured water, a screen with cuts",
 }
 """Benchmarks that always have a row, measured or not. Those of single frames get one when they have been recorded."""
+PAPER = "paper"
+"""First word of the benchmarks of `benchmarks/paper.py`, which is followed by the number of a table."""
 ORACLE, ON_ITS_OWN = "oracle", "each frame on its own"
 """The benchmark of single frames: first word of its name, which is followed by a capture's and a width."""
 
@@ -70,6 +74,19 @@ def table(records: dict[str, dict]) -> str:
 def short_table(records: dict[str, dict]) -> str:
     """Return the README's Markdown table: some rows and columns of the page's table."""
     return "\n".join(_lines(records, {name: ROWS[name] for name in SHORT_ROWS}, SHORT_COLUMNS))
+
+
+def paper_tables(records: dict[str, dict]) -> str:
+    """Return the paper's tables in the order of their numbers, each with what it was measured on."""
+    found = {name.split()[1]: record for name, record in records.items() if name.split()[0] == PAPER}
+    parts = []
+    for name in sorted(found, key=lambda name: (not name.isdigit(), int(name.strip(ascii_lowercase)))):
+        record = found[name]
+        title = f"Table {name}" if name.isdigit() else name.replace("figure", "Figure ")
+        shapes = ", ".join(f"{name} ({shape})" for name, shape in record["captures"].items())
+        label = f"Measured at `{record['quality']}` on {shapes}; commit `{record['revision']}`."
+        parts += [f"## {title}", "", record["markdown"].strip(), "", label, ""]
+    return "\n".join(parts).strip()
 
 
 def _lines(records: dict[str, dict], rows: dict[str, str], columns: tuple[str, ...]) -> list[str]:
@@ -118,6 +135,11 @@ def _number(record: dict, name: str, style: str, factor: float = 1, unit: str = 
     return MISSING if value is None else f"{value * factor:{style}}{unit}"
 
 
+def documents(records: dict[str, dict]) -> dict[Path, str]:
+    """Return the text that belongs between the markers of each document."""
+    return {README: short_table(records), PAGE: table(records), PAPER_PAGE: paper_tables(records)}
+
+
 def replaced(text: str, inner: str) -> str:
     """Return a document with the text between its two markers replaced.
 
@@ -133,6 +155,6 @@ def replaced(text: str, inner: str) -> str:
 
 if __name__ == "__main__":
     latest_records = latest()
-    for document, inner in ((README, short_table(latest_records)), (PAGE, table(latest_records))):
+    for document, inner in documents(latest_records).items():
         document.write_text(replaced(document.read_text(encoding="utf-8"), inner), encoding="utf-8")
     print(table(latest_records))

@@ -1,21 +1,13 @@
 // Bundles the player into one folder of static files: node build.mjs [output folder].
 import { build, transform } from "esbuild";
-import { copyFile, mkdir, readFile, rm, writeFile } from "node:fs/promises";
+import { readFile, writeFile } from "node:fs/promises";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 import { assembly } from "./assembly.mjs";
+import { common, leaveAddresses, license, notices, writeDecoders } from "./bundling.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
 const out = resolve(process.argv[2] ?? join(here, "../src/splatreel/play/static"));
-const packages = join(here, "node_modules");
-
-// Decoders stay separate files, which only reels that need them download. An export appended to the script makes it a module.
-const decoders = {
-  "draco-decode.js": ["draco3d/draco_decoder_nodejs.js", "DracoDecoderModule"],
-  "draco_decoder.wasm": ["draco3d/draco_decoder.wasm"],
-  "hevc-decode.js": ["@hevcjs/core/wasm/hevc-decode.js", "HEVCDecoderModule"],
-  "hevc-decode.wasm": ["@hevcjs/core/wasm/hevc-decode.wasm"],
-};
 
 // Parts loaded on demand, by a literal that other bundlers find: `import("./share.js")`.
 const parts = {
@@ -59,68 +51,21 @@ const shaders = {
   }),
 };
 
-const common = {
-  absWorkingDir: here,
-  bundle: true,
-  minify: true,
-  target: "es2022",
-  charset: "utf8",
-  legalComments: "none",
-  plugins: [assembly, late, shaders, styles],
-  loader: { ".svg": "text" },
-  logLevel: "warning",
-};
+const options = { ...common, plugins: [assembly, late, shaders, styles], loader: { ".svg": "text" } };
 
-await rm(out, { recursive: true, force: true });
-await mkdir(out, { recursive: true });
-await build({ ...common, entryPoints: { player: "src/main.ts" }, format: "esm", outdir: out });
+await writeDecoders(out);
+await build({ ...options, entryPoints: { player: "src/main.ts", "sort-worker": "src/draw/sort-worker.ts" }, outdir: out });
 // Each part is self-contained, so that it can be embedded in a page.
-await build({ ...common, entryPoints: parts, format: "esm", outdir: out });
-await build({
-  ...common,
-  entryPoints: {
-    "decode-worker": "src/decode/decode-worker.ts",
-    "hevc-worker": "src/decode/hevc-worker.ts",
-    "sort-worker": "src/draw/sort-worker.ts",
-  },
-  format: "esm",
-  outdir: out,
-});
-for (const name of ["player", "decode-worker", "hevc-worker"]) await leaveAddresses(join(out, `${name}.js`));
+await build({ ...options, entryPoints: parts, outdir: out });
+await leaveAddresses(join(out, "player.js"));
 await writeFile(join(out, "index.html"), await page());
-for (const [name, [source, exported]] of Object.entries(decoders)) {
-  if (exported) await writeFile(join(out, name), `${await readFile(join(packages, source), "utf8")}\nexport default ${exported};\n`);
-  else await copyFile(join(packages, source), join(out, name));
-}
-await writeFile(join(out, "THIRD_PARTY.txt"), await notices());
+const uqr = ["share.js: holds the npm package uqr, which writes QR codes, under this licence:", "", await license("uqr")];
+await writeFile(join(out, "THIRD_PARTY.txt"), await notices("The player in this folder is part of Splatreel (Apache-2.0). It carries two decoders and an encoder of others:", uqr));
 
 /** Return the bundled page. Its first script is inline, since a separate file would cost a round trip. */
 async function page() {
-  const options = { ...common, entryPoints: ["src/element/page-prefetch.ts"], format: "esm", external: ["./player.js"], write: false };
-  const early = (await build(options)).outputFiles[0].text.trim();
+  const first = { ...options, entryPoints: ["src/element/page-prefetch.ts"], external: ["./player.js"], write: false };
+  const early = (await build(first)).outputFiles[0].text.trim();
   const html = await readFile(join(here, "src/element/index.html"), "utf8");
   return html.replace("<script data-early></script>", () => `<script type="module" data-early>${early}</script>`);
-}
-
-/** Mark dynamic imports of computed addresses, so that other bundlers leave them alone. Minifying drops such comments. */
-async function leaveAddresses(path) {
-  const text = await readFile(path, "utf8");
-  await writeFile(path, text.replace(/\bimport\((?!["'`]|\$\{)/g, "import(/* webpackIgnore: true *//* @vite-ignore */"));
-}
-
-async function notices() {
-  const license = (name) => readFile(join(packages, name, "LICENSE"), "utf8");
-  return [
-    "The player in this folder is part of Splatreel (Apache-2.0). It carries two decoders and an encoder of others:",
-    "",
-    "draco-decode.js, draco_decoder.wasm: npm package draco3d, Copyright The Draco Authors, Apache License 2.0.",
-    "https://www.apache.org/licenses/LICENSE-2.0",
-    "",
-    "hevc-decode.js, hevc-decode.wasm: npm package @hevcjs/core, under this licence:",
-    "",
-    await license("@hevcjs/core"),
-    "share.js: holds the npm package uqr, which writes QR codes, under this licence:",
-    "",
-    await license("uqr"),
-  ].join("\n");
 }

@@ -4,9 +4,9 @@ import { defineConfig } from "eslint/config";
 import tseslint from "typescript-eslint";
 
 export default defineConfig(
-  { ignores: ["dist", "out", "node_modules"] },
+  { ignores: ["**/dist", "out", "node_modules"] },
   {
-    files: ["src/**/*.ts"],
+    files: ["src/**/*.ts", "packages/*/src/**/*.ts"],
     extends: [tseslint.configs.recommended],
     plugins: { jsdoc },
     rules: {

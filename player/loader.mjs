@@ -8,7 +8,10 @@ import { isMainThread } from "node:worker_threads";
 
 if (isMainThread) register(import.meta.url);
 
+const decoder = new URL("./packages/decoder/src/", import.meta.url);
+
 export function resolve(specifier, context, next) {
+  if (specifier.startsWith("@splatreel/decoder/")) return next(new URL(`${specifier.slice("@splatreel/decoder/".length)}.ts`, decoder).href, context);
   const bare = specifier.startsWith(".") && context.parentURL?.endsWith(".ts") && !/\.(mjs|js|ts|css|svg|wasm)$/.test(specifier);
   if (!specifier.endsWith(".wasm")) return next(bare ? `${specifier}.ts` : specifier, context);
   return { url: new URL(specifier, context.parentURL).href, shortCircuit: true };

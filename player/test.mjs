@@ -1,5 +1,5 @@
 // Runs tests/**/*.test.ts under Node's own test runner: node test.mjs [part of a file's name ...].
-// Started as `npm run coverage`, it also measures the lines of src that the tests run.
+// Started as `npm run coverage`, it also measures the lines of the packages that the tests run.
 // Writes out/tests.json: passed and failed tests per file, and the coverage.
 import { mkdirSync, mkdtempSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
@@ -18,7 +18,7 @@ const names = readdirSync(join(here, "tests"), { recursive: true })
 try {
   process.chdir(here);
   process.env.SPLATREEL_KERNELS = join(out, "kernels.wasm");
-  writeFileSync(process.env.SPLATREEL_KERNELS, await compileAssembly(join(here, "wasm/kernels.wasm")));
+  writeFileSync(process.env.SPLATREEL_KERNELS, await compileAssembly(join(here, "packages/decoder/wasm/kernels.wasm")));
   process.env.NODE_OPTIONS = `${process.env.NODE_OPTIONS ?? ""} --enable-source-maps --import ${pathToFileURL(join(here, "loader.mjs"))}`;
   const results = await runTests();
   mkdirSync(join(here, "out"), { recursive: true });
@@ -47,11 +47,11 @@ async function runTests() {
   return { files, coverage };
 }
 
-/** Reduce Node's coverage summary to the files of src: counts, the lines that no test runs, and a line for people. */
+/** Reduce Node's coverage summary to the files of the packages: counts, the lines that no test runs, and a line for people. */
 function coverageOf({ files }) {
-  const source = files.filter(({ path }) => path.startsWith(join(here, "src")));
+  const source = files.filter(({ path }) => /^(src|packages\/\w+\/src)\//.test(relative(here, path)));
   const sum = (key) => source.reduce((total, file) => total + file[key], 0);
   const [lines, covered] = [sum("totalLineCount"), sum("coveredLineCount")];
-  const missed = Object.fromEntries(source.map(({ path, lines: counts }) => [relative(join(here, "src"), path), counts.filter(({ count }) => count === 0).map(({ line }) => line)]));
+  const missed = Object.fromEntries(source.map(({ path, lines: counts }) => [relative(here, path), counts.filter(({ count }) => count === 0).map(({ line }) => line)]));
   return { lines, covered, missed, line: `TypeScript coverage: ${Math.round((100 * covered) / lines)} % of ${lines} lines (unit tests)` };
 }

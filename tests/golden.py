@@ -1,7 +1,8 @@
 """The golden reels: tiny reels, one a codec, that the Python and the TypeScript decoder both turn into the same numbers.
 
 `python -m tests.golden` makes tests/data/golden (h265), tests/data/golden-predictive and tests/data/golden-sound (`tests/flashes.py`)
-anew, and those of version 2 (`tests/golden_long.py`): do it only when the format changes.
+anew, those of version 2 (`tests/golden_long.py`), and the conformance suite (`tests/conformance_cases.py`): do it only when the
+format changes.
 
     manifest.json, layers/, groups/     the reel: 2 groups of 6 frames, overlap 2, static points born at both
     expected.npz                        every decoded array
@@ -116,12 +117,12 @@ def write_golden(path: Path, codec: Literal["predictive", "h265"] = "h265", rend
     writer.finish()
 
 
-def decoded(path: Path, times: tuple[float, ...] = TIMES) -> dict[str, np.ndarray]:
+def decoded(path: Path, times: tuple[float, ...] = TIMES, rendition: str | None = None) -> dict[str, np.ndarray]:
     """Return every array of the reel by name: `layer0.means`, `group1.dynamic.sh`, `group1.dx`, `at0.05.opacities`, ...
 
     Layers are counted through the manifest and its pages. Groups have their own numbers.
     """
-    reel = ReelReader(path)
+    reel = ReelReader(path, rendition)
     arrays: dict[str, np.ndarray] = {}
     for index in range(len(reel.manifest.layers)):
         arrays |= _flat(f"layer{index}", reel.layer(index))
@@ -154,9 +155,10 @@ def _flat(prefix: str, gaussians: Gaussians) -> dict[str, np.ndarray]:
 
 
 def main() -> None:
-    from tests import golden_long  # it needs this module
+    from tests import conformance_cases, golden_long  # they need this module
 
     golden_long.write_all()
+    conformance_cases.write_all()
     flashes.write_golden(flashes.GOLDEN)
     codecs: dict[Path, Literal["h265", "predictive"]] = {GOLDEN: "h265", PREDICTIVE: "predictive"}
     for path, codec in codecs.items():

@@ -13,7 +13,6 @@ import pytest
 ROOT = Path(__file__).parent.parent
 SOURCE = ROOT / "src" / "splatreel"
 PYTHON_FILES = sorted(p for d in ("src", "tests", "benchmarks") for p in (ROOT / d).rglob("*.py"))
-TYPESCRIPT_FILES = sorted((ROOT / "player" / "src").rglob("*.ts"))
 RUNGS = {
     **dict.fromkeys(
         ("cgroups", "child_process", "compile_cache", "errors", "config", "jit", "process", "progress", "threads"), 0
@@ -23,7 +22,7 @@ RUNGS = {
     **dict.fromkeys(("codec", "kernels", "capture"), 3),
     "motion": 4,
     **dict.fromkeys(("recon", "play"), 5),
-    "evaluation": 6,
+    **dict.fromkeys(("evaluation", "edit"), 6),
     "sequence": 7,
     "cli": 8,
     "__main__": 9,
@@ -43,6 +42,7 @@ WITHOUT_TORCH = (
     "codec",
     "capture",
     "play",
+    "edit",
     "cli",
 )
 MAX_FILE_LINES = 400
@@ -178,80 +178,6 @@ def test_no_import_within_a_room_goes_in_a_circle(room: str) -> None:
     assert sorter_of(graph) is not None
 
 
-PLAYER_SOURCE = ROOT / "player" / "src"
-ROOMS_OF_THE_PLAYER = (
-    ("base",),
-    ("files",),
-    ("reel",),
-    ("camera", "decode", "sound"),
-    ("draw", "stream"),
-    ("webgl",),
-    ("player",),
-    ("ui",),
-    ("element",),
-    ("main.ts",),
-)
-"""The rooms of `player/src`, from the lowest rung up; those of one rung do not import each other."""
-
-
-def typescript_imports(source: str) -> list[str]:
-    """Return the local files that a TypeScript file imports, types and dynamic imports included."""
-    return re.findall(r"""(?:\bfrom|\bimport)\s*\(?\s*["'](\.{1,2}/[^"']+)["']""", source)
-
-
-def imports_of_the_player() -> dict[str, set[str]]:
-    """Return the imports among the files of `player/src`, by names such as `draw/stage.ts`."""
-    found = {}
-    for path in TYPESCRIPT_FILES:
-        names = [(path.parent / name).resolve() for name in typescript_imports(path.read_text(encoding="utf-8"))]
-        files = [name.with_name(name.name + ".ts") for name in names]
-        found[path.relative_to(PLAYER_SOURCE).as_posix()] = {
-            file.relative_to(PLAYER_SOURCE).as_posix() for file in files if file.is_file()
-        }
-    return found
-
-
-def test_typescript_imports_are_found() -> None:
-    source = (
-        'import type { A } from "./a";\nimport { b } from "uqr";\nimport "./c";\nexport type { D } from "../d/d";\n'
-        'const e = await loadPart<typeof import("../e")>("e.js");\n'
-    )
-    assert typescript_imports(source) == ["./a", "./c", "../d/d", "../e"]
-    assert "draw/stage.ts" in imports_of_the_player()["player/session.ts"]
-
-
-def test_the_rooms_of_the_player_import_only_down() -> None:
-    rungs = {name: rung for rung, names in enumerate(ROOMS_OF_THE_PLAYER) for name in names}
-    found = imports_of_the_player()
-    assert {file.split("/")[0] for file in found} - {"files.d.ts"} == set(rungs), "each has a rung"
-    up = [
-        f"{a} imports {b}"
-        for a, others in found.items()
-        for b in others
-        if (mine := a.split("/")[0]) != (theirs := b.split("/")[0]) and rungs[theirs] >= rungs[mine]
-    ]
-    assert not up
-
-
-def test_no_import_within_the_player_goes_in_a_circle() -> None:
-    assert sorter_of(imports_of_the_player())
-
-
-def test_the_players_documentation_names_each_of_its_files() -> None:
-    text = (ROOT / "docs" / "player.md").read_text(encoding="utf-8")
-    rows = [line for line in text.splitlines() if line.startswith("|")]
-    room, told = "", set()
-    for row in rows:
-        first, files, *_ = [cell.strip() for cell in row.strip("|").split("|")] + [""]
-        room = first.strip("`") if first.startswith("`") and first.endswith("/`") else room if not first else ""
-        told |= (
-            {(room + name).replace(f"{room}../", "") for name in re.findall(r"`([\w./-]+)`", files)} if room else set()
-        )
-    files = {file.removesuffix(".ts") for file in imports_of_the_player()} - {"files.d"}
-    assert not files - told, "in no row of docs/player.md"
-    assert not {name for name in told - files if name != "wasm"}, "not in player/src"
-
-
 def sorter_of(graph: dict[str, set[str]]) -> list[str]:
     """The nodes, each after those that it imports. Raises `CycleError`."""
     return list(graphlib.TopologicalSorter(graph).static_order())
@@ -271,7 +197,7 @@ def test_the_codec_never_imports_torch() -> None:
 def test_files_fit() -> None:
     long = {
         str(p.relative_to(ROOT)): lines
-        for p in PYTHON_FILES + TYPESCRIPT_FILES
+        for p in PYTHON_FILES
         if (lines := len(p.read_text(encoding="utf-8").splitlines())) > MAX_FILE_LINES
     }
     assert not long, f"longer than {MAX_FILE_LINES} lines: {long}"

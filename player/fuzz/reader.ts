@@ -3,11 +3,11 @@ import { readFileSync, readdirSync } from "node:fs";
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
 import { deflateSync, inflateSync } from "node:zlib";
-import { ReelError } from "../src/base/errors";
-import { decodeFile } from "../src/decode/decode-file";
-import { decodeDraco } from "../src/decode/draco";
-import type { Track } from "../src/decode/mp4";
-import { parseManifest } from "../src/reel/manifest";
+import { ReelError } from "@splatreel/decoder/base/errors";
+import { decodeFile } from "@splatreel/decoder/decode/decode-file";
+import { decodeDraco } from "@splatreel/decoder/decode/draco";
+import type { Track } from "@splatreel/decoder/decode/mp4";
+import { parseManifest } from "@splatreel/decoder/reel/manifest";
 
 const NAME = "groups/it.safetensors";
 const MAX_EDITS = 12;

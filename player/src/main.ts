@@ -2,7 +2,7 @@
 import { SplatReelElement } from "./element/element";
 import { openPage, type PageRoot } from "./element/page";
 
-export type { Camera, Manifest } from "./reel/manifest";
+export type { Camera, Manifest } from "@splatreel/decoder/reel/manifest";
 export { Player } from "./player/player";
 export type { Pose } from "./camera/pose";
 export type { Picture } from "./draw/stage";

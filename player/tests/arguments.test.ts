@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { DeviceLostError, inSection, messageOf, PLAIN, plainWords, ReelError } from "../src/base/errors";
+import { DeviceLostError, inSection, messageOf, PLAIN, plainWords, ReelError } from "@splatreel/decoder/base/errors";
 import { checkedPose, checkedViewmat, finite } from "../src/player/checked-arguments";
 import { timeText } from "../src/ui/time-text";
 

@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { eyeOf, length, subtract } from "../src/base/matrix";
+import { eyeOf, length, subtract } from "@splatreel/decoder/base/matrix";
 import { CameraPath, nearestFirst, parsePath, type Keyframe, type PathFile } from "../src/camera/camera-path";
 
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];

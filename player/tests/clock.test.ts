@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { Clock } from "../src/player/clock";
-import type { Manifest } from "../src/reel/manifest";
-import { Reel } from "../src/reel/reel";
-import type { Page } from "../src/reel/pages";
+import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { Reel } from "@splatreel/decoder/reel/reel";
+import type { Page } from "@splatreel/decoder/reel/pages";
 
 function clockOf(live = false): Clock {
   const clock = new Clock();

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import { decodeFile } from "../src/decode/decode-file";
+import { decodeFile } from "@splatreel/decoder/decode/decode-file";
 
 const golden = new URL("../tests/data/golden/groups/0000.safetensors", `file://${process.cwd()}/`);
 

@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
-import { PLAIN } from "../src/base/errors";
-import { DecoderPool } from "../src/stream/decoder-pool";
+import { PLAIN } from "@splatreel/decoder/base/errors";
+import { DecoderPool } from "@splatreel/decoder/stream/decoder-pool";
+import { decodeWorkers } from "../src/files/bundle";
 import { FakeTime } from "./fakes/time";
 import { FakeWorker, FILE } from "./fakes/workers";
 
@@ -32,7 +33,7 @@ const say = (name: string, what: object): void => at(name).worker.say({ id: at(n
 beforeEach(() => {
   FakeWorker.all.length = 0;
   log = [];
-  pool = new DecoderPool();
+  pool = new DecoderPool(decodeWorkers);
   pool.onFree = () => void log.push("free");
 });
 
@@ -51,7 +52,7 @@ test("the first worker starts at once, the second with the second file, and no t
 
 test("a worker that was started early is used first", () => {
   const early = new FakeWorker();
-  const other = new DecoderPool(early as unknown as Worker);
+  const other = new DecoderPool(decodeWorkers, early as unknown as Worker);
   other.start("a", source("a"), 1, receiver("a"));
   assert.match(early.posted[0].files["hevc-worker.js"], /\/hevc-worker\.js$/);
   assert.equal(early.posted[1].source.url, source("a").url);

@@ -3,9 +3,9 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { loadPart } from "../src/files/bundle";
-import { download } from "../src/files/download";
+import { download } from "@splatreel/decoder/files/download";
 import { embeddedPlayerFile, embeddedReel } from "../src/files/embedded";
-import { addressOf, readManifest, sourceOf } from "../src/reel/manifest";
+import { addressOf, readManifest, sourceOf } from "@splatreel/decoder/reel/manifest";
 import "./fakes/page";
 
 const GOLDEN = join(process.cwd(), "../tests/data/golden-predictive");

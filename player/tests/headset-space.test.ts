@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { eyeOf } from "../src/base/matrix";
+import { eyeOf } from "@splatreel/decoder/base/matrix";
 import { HeadsetSpace } from "../src/camera/headset-space";
-import type { Camera, Manifest } from "../src/reel/manifest";
+import type { Camera, Manifest } from "@splatreel/decoder/reel/manifest";
 
 /** Cameras four units from the middle, y down as in the golden reels, looking along z. */
 const VIEWMAT = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];

@@ -1,10 +1,10 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import { pixelsOf } from "../src/decode/h265-offsets";
-import { parseHvcC } from "../src/decode/hevc";
-import { parseMp4 } from "../src/decode/mp4";
-import { parseContainer } from "../src/reel/container";
+import { pixelsOf } from "@splatreel/decoder/decode/h265-offsets";
+import { parseHvcC } from "@splatreel/decoder/decode/hevc";
+import { parseMp4 } from "@splatreel/decoder/decode/mp4";
+import { parseContainer } from "@splatreel/decoder/reel/container";
 
 const bytes = new Uint8Array(readFileSync("../tests/data/golden/groups/0000.safetensors"));
 const video = parseContainer(bytes, "golden").tensors.offsets.bytes;

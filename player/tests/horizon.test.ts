@@ -1,10 +1,10 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import "./fakes/page";
-import { cross, dot, eyeOf, length, normalize, rotate, subtract, viewmatOf, type Vec3 } from "../src/base/matrix";
+import { cross, dot, eyeOf, length, normalize, rotate, subtract, viewmatOf, type Vec3 } from "@splatreel/decoder/base/matrix";
 import { OrbitCamera } from "../src/camera/orbit-camera";
 import type { Player } from "../src/player/player";
-import type { Manifest } from "../src/reel/manifest";
+import type { Manifest } from "@splatreel/decoder/reel/manifest";
 import type { CooperativeGestures } from "../src/ui/cooperative-gestures";
 import { attachKeys, type Actions } from "../src/ui/keys";
 import { attachPointerControls } from "../src/ui/pointer-controls";

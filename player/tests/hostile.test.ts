@@ -4,9 +4,9 @@ import { readdirSync, readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { decodeCloud } from "../fuzz/reader";
-import { ReelError } from "../src/base/errors";
-import { decodeFile } from "../src/decode/decode-file";
-import { parseManifest } from "../src/reel/manifest";
+import { ReelError } from "@splatreel/decoder/base/errors";
+import { decodeFile } from "@splatreel/decoder/decode/decode-file";
+import { parseManifest } from "@splatreel/decoder/reel/manifest";
 
 const FOLDER = join(process.cwd(), "../tests/data/hostile");
 const never = (): never => assert.fail("no picture of it may be decoded");

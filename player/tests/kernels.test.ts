@@ -3,11 +3,11 @@ import assert from "node:assert/strict";
 import { readFileSync, readdirSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { decodeFile } from "../src/decode/decode-file";
-import { plain, type Kernels } from "../src/decode/kernels";
-import type { Form, Klt } from "../src/decode/klt";
-import { wasmKernels } from "../src/decode/wasm";
-import code from "../wasm/kernels.wasm";
+import { decodeFile } from "@splatreel/decoder/decode/decode-file";
+import { plain, type Kernels } from "@splatreel/decoder/decode/kernels";
+import type { Form, Klt } from "@splatreel/decoder/decode/klt";
+import { wasmKernels } from "@splatreel/decoder/decode/wasm";
+import code from "../packages/decoder/wasm/kernels.wasm";
 
 const fast = wasmKernels(new WebAssembly.Module(code));
 const DATA = join(process.cwd(), "../tests/data");

@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { cross, dot, eyeOf, length, normalize, subtract, type Vec3 } from "../src/base/matrix";
+import { cross, dot, eyeOf, length, normalize, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
 import { Limits } from "../src/camera/limits";
 import { OrbitCamera } from "../src/camera/orbit-camera";
-import type { Manifest } from "../src/reel/manifest";
+import type { Manifest } from "@splatreel/decoder/reel/manifest";
 
 /** Cameras 4 from the origin, before it and to the left and right by 20 degrees; up is -y. */
 const lookAt = (eye: Vec3): number[] => {

@@ -3,10 +3,10 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { deflateRawSync } from "node:zlib";
-import { download } from "../src/files/download";
-import { LocalFiles } from "../src/files/local-files";
-import type { LocalFile, Source } from "../src/files/source";
-import { readManifest, sourceOf } from "../src/reel/manifest";
+import { download } from "@splatreel/decoder/files/download";
+import { LocalFiles } from "@splatreel/decoder/files/local-files";
+import type { LocalFile, Source } from "@splatreel/decoder/files/source";
+import { readManifest, sourceOf } from "@splatreel/decoder/reel/manifest";
 
 const GOLDEN = join(process.cwd(), "../tests/data/golden");
 const quiet = { received: () => undefined, trouble: () => undefined };

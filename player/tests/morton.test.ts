@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { mortonOrder } from "../src/decode/morton";
+import { mortonOrder } from "@splatreel/decoder/decode/morton";
 
 function code(x: number, y: number, z: number): bigint {
   let result = 0n;

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { eyeOf } from "../src/base/matrix";
+import { eyeOf } from "@splatreel/decoder/base/matrix";
 import { CameraPath, type Keyframe } from "../src/camera/camera-path";
 import { PathPlayer } from "../src/player/path-player";
 import { FakePlayer } from "./fakes/player";

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { Vec3 } from "../src/base/matrix";
+import type { Vec3 } from "@splatreel/decoder/base/matrix";
 import { reachable } from "../src/camera/reachable";
 import { manifestOf } from "./fakes/reel";
 

@@ -1,10 +1,10 @@
 import assert from "node:assert/strict";
 import { afterEach, beforeEach, mock, test } from "node:test";
-import type { Sound } from "../src/reel/presentation";
+import type { Sound } from "@splatreel/decoder/reel/presentation";
 import { Soundtrack } from "../src/sound/soundtrack";
 import { FakeAudio, FakeMediaSource } from "./fakes/audio";
 import { FakeHost, status, type Answer } from "./fakes/host";
-import { Reel } from "../src/reel/reel";
+import { Reel } from "@splatreel/decoder/reel/reel";
 import { manifestOf } from "./fakes/reel";
 import { FakeTime } from "./fakes/time";
 

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
-import type { Manifest } from "../src/reel/manifest";
+import type { Manifest } from "@splatreel/decoder/reel/manifest";
 import { SpatialSound } from "../src/sound/spatial-sound";
 import { device } from "./fakes/page";
 import { manifestOf } from "./fakes/reel";

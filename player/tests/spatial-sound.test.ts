@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { length, viewmatOf, type Vec3 } from "../src/base/matrix";
+import { length, viewmatOf, type Vec3 } from "@splatreel/decoder/base/matrix";
 import { placeOf } from "../src/sound/spatial-sound";
 
 const at = (eye: Vec3): number[] => viewmatOf(eye, [1, 0, 0], [0, 1, 0], [0, 0, 1]);

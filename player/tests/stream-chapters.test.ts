@@ -1,9 +1,9 @@
 /** Streaming reels of version 2: pages, layers that are retired, groups that are dropped. */
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
-import { PLAIN } from "../src/base/errors";
-import { withKnown } from "../src/reel/pages";
-import { costOf } from "../src/stream/file-cache";
+import { PLAIN } from "@splatreel/decoder/base/errors";
+import { withKnown } from "@splatreel/decoder/reel/pages";
+import { costOf } from "@splatreel/decoder/stream/file-cache";
 import { manifestOf, type Plan } from "./fakes/reel";
 import { GROUP, time, World } from "./fakes/stream";
 

@@ -2,7 +2,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { deflateRawSync } from "node:zlib";
-import { ReelError } from "../src/base/errors";
+import { ReelError } from "@splatreel/decoder/base/errors";
 import { filesOfZip } from "../src/files/zip";
 
 /** A zip of deflated files. */

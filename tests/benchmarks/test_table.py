@@ -85,11 +85,20 @@ def test_only_what_stands_between_the_markers_is_replaced(table: ModuleType) -> 
         table.replaced("nothing here", "new")
 
 
-def test_the_readme_and_the_page_show_the_recorded_results(table: ModuleType) -> None:
-    records = table.latest()
-    for document, inner in ((table.README, table.short_table(records)), (table.PAGE, table.table(records))):
+def test_documents_show_the_recorded_results(table: ModuleType) -> None:
+    for document, inner in table.documents(table.latest()).items():
         text = document.read_text(encoding="utf-8")
         assert text == table.replaced(text, inner), "run: python benchmarks/table.py"
+
+
+def test_the_papers_tables_are_in_order_and_name_what_they_were_measured_on(table: ModuleType) -> None:
+    made = {"captures": {"kitchen": "60 at 320x180"}, "quality": "draft", "revision": "abc1234"}
+    records = {f"paper {name}": made | {"markdown": f"| {name} |\n"} for name in ("figure10", "12", "4")}
+    text = table.paper_tables(records | {"yard": RECORD})
+    heads = [line for line in text.splitlines() if line.startswith("## ")]
+    assert heads == ["## Table 4", "## Table 12", "## Figure 10"]
+    assert text.count("Measured at `draft` on kitchen (60 at 320x180); commit `abc1234`.") == 3
+    assert "| 12 |" in text
 
 
 def test_the_readmes_table_is_a_part_of_the_pages(table: ModuleType) -> None:

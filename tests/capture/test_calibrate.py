@@ -9,9 +9,10 @@ from scipy.spatial.transform import Rotation
 from splatreel.capture.builtin import toyroom
 from splatreel.capture.builtin.raytracer import trace_frame, trace_static
 from splatreel.capture.builtin.synthetic import TARGET, make_capture
-from splatreel.capture.calibrate import _rig, _Solver, calibrate, check_photos, scale_model
+from splatreel.capture.calibrate import _rig, _Solver, calibrate, set_distance
 from splatreel.capture.calibration_agreement import CalibratedCamera
 from splatreel.capture.opening import open_capture
+from splatreel.capture.photographs import check_photos
 from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
@@ -36,6 +37,7 @@ def test_calibration_recovers_poses(room: Path, tmp_path: Path) -> None:
     found = calibrate(videos, Silent())
     assert (sorted(found.placed), found.lost) == ([camera.name for camera in known.cameras], [])
     assert found.error < 1
+    assert found.notes == open_capture(videos).notes
     assert not list(videos.glob(".calibrate*"))
     capture = open_capture(videos)
     assert found.moments == 2
@@ -151,7 +153,7 @@ def test_impossible_distances_are_refused(tmp_path: Path, distance: tuple[str, s
     for c in range(3):
         folders.write_video(tmp_path / f"phone{c}.mp4", [folders.frame(c, 0)])
     with pytest.raises(CaptureError, match=said):
-        calibrate(tmp_path, Silent(), distance=distance)
+        calibrate(tmp_path, Silent(), scale=distance)
 
 
 def test_a_known_distance_makes_the_unit_a_meter() -> None:
@@ -161,7 +163,7 @@ def test_a_known_distance_makes_the_unit_a_meter() -> None:
     model = colmap.synthesize_dataset(options)
     before = _rig(model)
     one, other, third = sorted(before)
-    scale_model(colmap, model, (one, other, 2.5))
+    set_distance(colmap, model, (one, other, 2.5))
     after = _rig(model)
     gaps = [[np.linalg.norm(rig[one].center - rig[name].center) for name in (other, third)] for rig in (before, after)]
     assert gaps[1][0] == pytest.approx(2.5)

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.test_house import ROOMS_OF_RECON, ROOMS_OF_THE_PLAYER, RUNGS
+from tests.test_house import ROOMS_OF_RECON, RUNGS
+from tests.test_typescript import PACKAGES, ROOMS_OF_PACKAGES
 
 ROOT = Path(__file__).parent.parent.parent
 SOURCE = ROOT / "src" / "splatreel"
@@ -26,9 +27,9 @@ def folders_of_the_tree() -> dict[str, str]:
 
 
 def folders_of_the_repository() -> set[str]:
-    """Those with Python files, the built player, and those of the player's source."""
+    """Those with Python files, the built player, and those of the packages' sources."""
     python = {path.parent for path in SOURCE.rglob("*.py")}
-    typescript = {path.parent for path in (ROOT / "player" / "src").rglob("*.ts")}
+    typescript = {path.parent for root in PACKAGES.values() for path in root.rglob("*.ts")}
     return {path.relative_to(ROOT).as_posix() for path in python | typescript | {SOURCE / "play" / "static"}}
 
 
@@ -55,8 +56,8 @@ def test_there_are_enough_changes() -> None:
 
 
 def test_the_order_of_imports_is_the_one_that_is_checked() -> None:
-    player = [", ".join(rooms) for rooms in ROOMS_OF_THE_PLAYER]
     recon = [", ".join(rooms) for rooms in ROOMS_OF_RECON]
     rungs = [", ".join(name for name in RUNGS if RUNGS[name] == rung) for rung in range(RUNGS["cli"] + 1)]
-    for order in (rungs, recon, player):
+    packages = [[", ".join(names) for names in rooms] for rooms in ROOMS_OF_PACKAGES.values()]
+    for order in (rungs, recon, *packages):
         assert " < ".join(order) in DESIGN

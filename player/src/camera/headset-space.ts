@@ -1,7 +1,7 @@
 /** Maps a reel into the space of a headset: meters, y up, floor at 0, forward along -z. */
-import { add, cross, dot, eyeOf, length, normalize, scale, subtract, type Vec3 } from "../base/matrix";
+import { add, cross, dot, eyeOf, length, normalize, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
 import type { View } from "../base/view";
-import type { Manifest } from "../reel/manifest";
+import type { Manifest } from "@splatreel/decoder/reel/manifest";
 
 /** Median distance in meters of the capture's cameras from the center of the scene. */
 const DISTANCE = 2;

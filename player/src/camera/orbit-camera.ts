@@ -1,8 +1,8 @@
 /** Interactive camera that orbits a pivot, with inertia and soft limits. It starts exactly at a camera of the reel. */
-import { add, dot, eyeOf, length, normalize, scale, subtract, viewmatOf, type Vec3 } from "../base/matrix";
+import { add, dot, eyeOf, length, normalize, scale, subtract, viewmatOf, type Vec3 } from "@splatreel/decoder/base/matrix";
 import { axesOf, quatOf, type Quat } from "../base/quaternion";
 import type { View } from "../base/view";
-import type { Camera, Manifest } from "../reel/manifest";
+import type { Camera, Manifest } from "@splatreel/decoder/reel/manifest";
 import { CameraPath } from "./camera-path";
 import { Horizon, type Gaze } from "./horizon";
 import { Limits } from "./limits";

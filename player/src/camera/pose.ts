@@ -1,5 +1,5 @@
 /** Positions and directions of cameras. */
-import type { Vec3 } from "../base/matrix";
+import type { Vec3 } from "@splatreel/decoder/base/matrix";
 import type { Quat } from "../base/quaternion";
 
 /** Eye, rotation (camera to world) and distance of the pivot in front. */

@@ -1,6 +1,6 @@
 /** Checks of views given by links, which may hold anything. */
-import { dot, eyeOf, length, normalize, subtract, type Vec3 } from "../base/matrix";
-import type { Manifest } from "../reel/manifest";
+import { dot, eyeOf, length, normalize, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
+import type { Manifest } from "@splatreel/decoder/reel/manifest";
 import { Limits } from "./limits";
 import type { CameraState } from "./pose";
 

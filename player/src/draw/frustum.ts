@@ -1,7 +1,7 @@
 /** View frustum, to leave invisible points out of the order. */
-import { dot } from "../base/matrix";
+import { dot } from "@splatreel/decoder/base/matrix";
 import type { View } from "../base/view";
-import type { Clearance } from "../reel/manifest";
+import type { Clearance } from "@splatreel/decoder/reel/manifest";
 
 /** Margin around the image, relative to its size, since the view may turn during the sort. */
 const MARGIN = 0.1;

@@ -1,7 +1,7 @@
 /** Interface between the player and the graphics API that draws a reel. `player/graphics.ts` chooses the implementation. */
-import type { Vec3 } from "../base/matrix";
+import type { Vec3 } from "@splatreel/decoder/base/matrix";
 import type { View } from "../base/view";
-import type { DecodedGroup, DecodedLayer } from "../decode/decode-file";
+import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
 import type { Eye } from "./eye";
 import type { Scene } from "./scene";
 

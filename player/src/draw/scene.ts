@@ -1,4 +1,4 @@
-import type { Shown } from "../reel/timeline";
+import type { Shown } from "@splatreel/decoder/reel/timeline";
 
 /** The groups to draw, and the URIs of all layers that live at one of them. Without a group, all points of the layers are drawn. */
 export interface Scene {

@@ -1,10 +1,10 @@
 /** Main-thread side of the sort worker. It sends one request at a time and reuses the buffers. */
 import type { View } from "../base/view";
-import type { DecodedGroup, DecodedLayer } from "../decode/decode-file";
-import type { Gaussians } from "../decode/gaussians";
+import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
+import type { Gaussians } from "@splatreel/decoder/decode/gaussians";
 import { startSortWorker } from "../files/bundle";
-import { failureOf } from "../files/workers";
-import type { Clearance } from "../reel/manifest";
+import { failureOf } from "@splatreel/decoder/files/workers";
+import type { Clearance } from "@splatreel/decoder/reel/manifest";
 import { EXTENT, frustumOf } from "./frustum";
 import type { Scene } from "./scene";
 import type { SortMessage, SortReply } from "./sort-worker";

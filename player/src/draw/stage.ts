@@ -1,9 +1,9 @@
 /** The scene on screen: sorted by the worker, drawn by the renderer. Each frame is drawn with an order that was sorted for it. */
-import { add, eyeOf, length, scale, subtract } from "../base/matrix";
+import { add, eyeOf, length, scale, subtract } from "@splatreel/decoder/base/matrix";
 import type { View } from "../base/view";
-import type { DecodedGroup, DecodedLayer } from "../decode/decode-file";
-import type { Reel } from "../reel/reel";
-import { clampFrame, groupAt, weightAt, type Schedule } from "../reel/timeline";
+import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
+import type { Reel } from "@splatreel/decoder/reel/reel";
+import { clampFrame, groupAt, weightAt, type Schedule } from "@splatreel/decoder/reel/timeline";
 import type { Eye } from "./eye";
 import { covers } from "./frustum";
 import type { HeadsetLayer, Renderer } from "./renderer";

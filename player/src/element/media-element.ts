@@ -1,5 +1,5 @@
 /** The part of <splat-reel> that follows HTMLMediaElement: attributes and states. */
-import { PLAIN, plainWords } from "../base/errors";
+import { PLAIN, plainWords } from "@splatreel/decoder/base/errors";
 import type { Player } from "../player/player";
 
 /** Base class with the properties of HTMLMediaElement. */

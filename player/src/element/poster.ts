@@ -1,7 +1,7 @@
 /** Image over the canvas until the reel is drawn: the poster, or the last frame of a reel that rests or has lost its device. */
-import { DeviceLostError } from "../base/errors";
+import { DeviceLostError } from "@splatreel/decoder/base/errors";
 import type { Player } from "../player/player";
-import { addressOf, isSameReel } from "../reel/manifest";
+import { addressOf, isSameReel } from "@splatreel/decoder/reel/manifest";
 import { LastPicture } from "./last-picture";
 
 /** Shows and hides the poster and the last frame. */

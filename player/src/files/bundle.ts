@@ -3,26 +3,22 @@
  * Each name is a literal, since bundlers look for `new URL("./name", import.meta.url)`, `new Worker` of it and `import("./name")`.
  */
 import { embeddedPlayerFile } from "./embedded";
-import { openWorker, type FileAddresses } from "./workers";
+import { openWorker } from "@splatreel/decoder/files/workers";
+import type { DecodeWorkers } from "@splatreel/decoder/stream/decoder-pool";
 
-/** Return the addresses of the files that decode workers load. */
-export function decoderFiles(): FileAddresses {
-  return {
+/** Workers that download and decode files. */
+export const decodeWorkers: DecodeWorkers = {
+  files: () => ({
     "draco-decode.js": new URL("./draco-decode.js", import.meta.url).href,
     "draco_decoder.wasm": new URL("./draco_decoder.wasm", import.meta.url).href,
     "hevc-worker.js": new URL("./hevc-worker.js", import.meta.url).href,
     "hevc-decode.js": new URL("./hevc-decode.js", import.meta.url).href,
     "hevc-decode.wasm": new URL("./hevc-decode.wasm", import.meta.url).href,
-  };
-}
-
-/** Start a worker that downloads and decodes files. Send it `decoderFiles` first. */
-export function startDecodeWorker(): Worker {
-  return (
+  }),
+  start: () =>
     embeddedWorker("decode-worker.js") ??
-    openWorker(new URL("./decode-worker.js", import.meta.url).href, () => new Worker(new URL("./decode-worker.js", import.meta.url), { type: "module" }))
-  );
-}
+    openWorker(new URL("./decode-worker.js", import.meta.url).href, () => new Worker(new URL("./decode-worker.js", import.meta.url), { type: "module" })),
+};
 
 /** Start a worker that sorts points. */
 export function startSortWorker(): Worker {

@@ -1,6 +1,6 @@
 /** Reads zip archives: the directory first, and each file on access. */
-import { ReelError } from "../base/errors";
-import type { LocalFile } from "./source";
+import { ReelError } from "@splatreel/decoder/base/errors";
+import type { LocalFile } from "@splatreel/decoder/files/source";
 
 /** Maximum number of files, and maximum bytes of the directory. */
 const MOST_FILES = 100_000;

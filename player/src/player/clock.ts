@@ -1,7 +1,7 @@
 /** Time of the open reel. It advances while playing, and stops or loops at the end. */
-import type { Manifest } from "../reel/manifest";
-import type { Reel } from "../reel/reel";
-import { firstFrameOf, momentAt, type Moment } from "../reel/timeline";
+import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import type { Reel } from "@splatreel/decoder/reel/reel";
+import { firstFrameOf, momentAt, type Moment } from "@splatreel/decoder/reel/timeline";
 
 /** Maps the time of playback to frames and groups. */
 export class Clock {

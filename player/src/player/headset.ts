@@ -1,5 +1,5 @@
 /** Virtual reality by WebXR: two views per frame, on the headset's own clock. A pinch or trigger plays and pauses. This part is loaded on demand. */
-import { ReelError } from "../base/errors";
+import { ReelError } from "@splatreel/decoder/base/errors";
 import { HeadsetSpace } from "../camera/headset-space";
 import type { Eye } from "../draw/eye";
 import { headsetSystem, type XrFrame, type XrSession } from "./headset-support";

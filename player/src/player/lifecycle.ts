@@ -1,12 +1,12 @@
 /** Opens and closes reels: creates the session of a reel, ends it while nobody looks, and begins it again later or after an error. */
-import { DeviceLostError, messageOf } from "../base/errors";
+import { DeviceLostError, messageOf } from "@splatreel/decoder/base/errors";
 import { OrbitCamera } from "../camera/orbit-camera";
 import type { CameraState, Start } from "../camera/pose";
 import { reachable } from "../camera/reachable";
-import type { LocalFiles } from "../files/local-files";
+import type { LocalFiles } from "@splatreel/decoder/files/local-files";
 import type { GraphicsDevice } from "../draw/renderer";
-import type { Manifest } from "../reel/manifest";
-import { Reel } from "../reel/reel";
+import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { Reel } from "@splatreel/decoder/reel/reel";
 import type { Clock } from "./clock";
 import { graphicsDeviceOf } from "./graphics";
 import type { Prefetched } from "./prefetched";
@@ -159,7 +159,7 @@ export class Lifecycle {
       if (device.released) await device.acquire();
       if (opening !== this.openings) return void (!this.isAwake && device.release());
       const prefetched = this.takePrefetched();
-      session = this.current = new Session(device.createRenderer(), this.sessionEvents(), prefetched?.worker);
+      session = this.current = Session.start(device.createRenderer(), this.sessionEvents(), prefetched?.worker);
       if (session.stage.software) host.drawsInSoftware();
       // The manifest of a reel that was put to rest is still valid, unless the reel is live.
       const known = host.clock.live ? null : host.clock.reel;

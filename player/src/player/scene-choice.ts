@@ -1,9 +1,9 @@
 /** The points to show: those of the current group and of the one that fades out, and the static layers that live at them. */
 import type { Scene } from "../draw/scene";
-import type { Manifest } from "../reel/manifest";
-import { layersAt } from "../reel/reel-file";
-import type { Moment } from "../reel/timeline";
-import type { Stream } from "../stream/stream";
+import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { layersAt } from "@splatreel/decoder/reel/reel-file";
+import type { Moment } from "@splatreel/decoder/reel/timeline";
+import type { Stream } from "@splatreel/decoder/stream/stream";
 
 /** Return the scene at a moment. */
 export function sceneAt({ current, previous }: Moment, { groups }: Manifest): Scene {

@@ -1,9 +1,9 @@
 /** Statistics of the player. */
 import type { Stage } from "../draw/stage";
-import type { Manifest } from "../reel/manifest";
-import { firstFrameOf, type Moment } from "../reel/timeline";
-import type { DecoderPool } from "../stream/decoder-pool";
-import type { Stream } from "../stream/stream";
+import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { firstFrameOf, type Moment } from "@splatreel/decoder/reel/timeline";
+import type { DecoderPool } from "@splatreel/decoder/stream/decoder-pool";
+import type { Stream } from "@splatreel/decoder/stream/stream";
 import type { Resolution } from "./resolution";
 
 /** The statistics. */

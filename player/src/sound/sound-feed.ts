@@ -1,6 +1,6 @@
 /** Feeds sound segments to an audio element: by MediaSource, or as one file in memory if the browser lacks it. */
-import { ReelError } from "../base/errors";
-import type { SoundSegment } from "../reel/presentation";
+import { ReelError } from "@splatreel/decoder/base/errors";
+import type { SoundSegment } from "@splatreel/decoder/reel/presentation";
 
 /** Destination of sound segments. */
 export interface SoundFeed {

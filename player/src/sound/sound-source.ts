@@ -1,9 +1,9 @@
 /** Downloads the sound of a reel by segments and feeds it to an audio element. */
-import { messageOf, PLAIN, ReelError } from "../base/errors";
-import { download } from "../files/download";
-import { sourceOf, type Manifest } from "../reel/manifest";
-import type { Reel } from "../reel/reel";
-import type { Asset, Sound, SoundSegment } from "../reel/presentation";
+import { messageOf, PLAIN, ReelError } from "@splatreel/decoder/base/errors";
+import { download } from "@splatreel/decoder/files/download";
+import { sourceOf, type Manifest } from "@splatreel/decoder/reel/manifest";
+import type { Reel } from "@splatreel/decoder/reel/reel";
+import type { Asset, Sound, SoundSegment } from "@splatreel/decoder/reel/presentation";
 import { feedOf, type SoundFeed } from "./sound-feed";
 
 /** Maximum seconds of sound to keep beyond the wanted segments. */

@@ -1,5 +1,5 @@
 /** The dialog about a reel. Its texts are inserted as text, never as markup. */
-import type { Presentation } from "../reel/presentation";
+import type { Presentation } from "@splatreel/decoder/reel/presentation";
 
 /** Return true if the reel has any such text. */
 export function hasTexts({ title, author, description, licence }: Presentation): boolean {

@@ -1,5 +1,5 @@
 /** The controls over the picture: bar, menu, help, statistics and messages, and the actions of keys and buttons. */
-import { messageOf } from "../base/errors";
+import { messageOf } from "@splatreel/decoder/base/errors";
 import { loadPart, playerAddress } from "../files/bundle";
 import type { Headset } from "../player/headset";
 import { hasHeadset } from "../player/headset-support";

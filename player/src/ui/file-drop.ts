@@ -1,7 +1,7 @@
 /** Opens local reels: a dropped folder or zip, or chosen files if the page has no reel. This part is loaded on demand. */
-import { messageOf, PLAIN } from "../base/errors";
+import { messageOf, PLAIN } from "@splatreel/decoder/base/errors";
 import { loadPart } from "../files/bundle";
-import type { LocalFiles } from "../files/local-files";
+import type { LocalFiles } from "@splatreel/decoder/files/local-files";
 import type { Player } from "../player/player";
 import styles from "./drop.css";
 import { elementOf } from "./markup";

@@ -1,5 +1,5 @@
 /** Messages in the center of the picture: loading, first play, errors, toasts. */
-import { plainWords } from "../base/errors";
+import { plainWords } from "@splatreel/decoder/base/errors";
 import type { Player } from "../player/player";
 import type { Soundtrack } from "../sound/soundtrack";
 import { MUTED, PLAY } from "./icons";

@@ -1,5 +1,5 @@
 /** Draws a camera path over the picture: its curve, and a small camera at each keyframe. */
-import { add, dot, eyeOf, length, scale, subtract, type Vec3 } from "../base/matrix";
+import { add, dot, eyeOf, length, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
 import type { View } from "../base/view";
 import type { CameraPath } from "../camera/camera-path";
 import type { OrbitCamera } from "../camera/orbit-camera";

@@ -1,5 +1,5 @@
 /** Saves the present frame as a PNG file in full resolution. */
-import { ReelError } from "../base/errors";
+import { ReelError } from "@splatreel/decoder/base/errors";
 import type { Player } from "../player/player";
 
 /** Save a screenshot. Throws `ReelError` while there is no complete frame. */

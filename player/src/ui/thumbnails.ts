@@ -1,7 +1,7 @@
 /** Thumbnails of the seek bar, from sheets that are loaded on demand. */
 import type { Player } from "../player/player";
-import { addressOf, type Manifest } from "../reel/manifest";
-import type { Asset, Thumbnails as Sheets } from "../reel/presentation";
+import { addressOf, type Manifest } from "@splatreel/decoder/reel/manifest";
+import type { Asset, Thumbnails as Sheets } from "@splatreel/decoder/reel/presentation";
 import { elementOf } from "./markup";
 
 /** Maximum size in CSS pixels, and maximum height relative to the picture. */

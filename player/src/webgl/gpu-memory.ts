@@ -1,8 +1,8 @@
 /** GPU memory of a reel: the points of its layers and groups. Each file owns rows of the splat target. */
-import type { Vec3 } from "../base/matrix";
-import type { DecodedFile, DecodedGroup, DecodedLayer } from "../decode/decode-file";
-import { lightAt } from "../decode/light";
-import { staticFlags, type Alive } from "../reel/timeline";
+import type { Vec3 } from "@splatreel/decoder/base/matrix";
+import type { DecodedFile, DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
+import { lightAt } from "@splatreel/decoder/decode/light";
+import { staticFlags, type Alive } from "@splatreel/decoder/reel/timeline";
 import { RowAllocator } from "./row-allocator";
 import type { Scene } from "../draw/scene";
 import { SplatTarget } from "./splat-target";

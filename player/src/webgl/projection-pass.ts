@@ -1,7 +1,7 @@
 /** First pass: moves each point of a scene to its time, projects and colors it, and writes its splat into the splat target. */
-import { eyeOf } from "../base/matrix";
+import { eyeOf } from "@splatreel/decoder/base/matrix";
 import type { View } from "../base/view";
-import { staticWeights, type Shown } from "../reel/timeline";
+import { staticWeights, type Shown } from "@splatreel/decoder/reel/timeline";
 import type { GpuMemory } from "./gpu-memory";
 import { Program } from "./program";
 import type { Scene } from "../draw/scene";

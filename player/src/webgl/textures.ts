@@ -1,7 +1,7 @@
 /** GPU textures of the points of one file. */
-import { PLAIN, ReelError } from "../base/errors";
-import type { Gaussians } from "../decode/gaussians";
-import type { Offsets } from "../decode/offsets";
+import { PLAIN, ReelError } from "@splatreel/decoder/base/errors";
+import type { Gaussians } from "@splatreel/decoder/decode/gaussians";
+import type { Offsets } from "@splatreel/decoder/decode/offsets";
 import { ENTRIES_PER_ROW, ENTRY_TEXELS, POINT_TEXELS } from "./shaders";
 import { TEXTURE_WIDTH } from "../draw/texture-layout";
 

@@ -1,8 +1,8 @@
 /** Draws Gaussians in WebGL 2, in two passes: project each point into a splat, then draw the sorted splats. */
-import { PLAIN, ReelError } from "../base/errors";
-import type { Vec3 } from "../base/matrix";
+import { PLAIN, ReelError } from "@splatreel/decoder/base/errors";
+import type { Vec3 } from "@splatreel/decoder/base/matrix";
 import type { View } from "../base/view";
-import type { DecodedGroup, DecodedLayer } from "../decode/decode-file";
+import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
 import type { Eye } from "../draw/eye";
 import type { HeadsetLayer, Renderer } from "../draw/renderer";
 import type { Scene } from "../draw/scene";

@@ -1,12 +1,13 @@
 /** A stream whose files come when a test says so. */
-import type { Manifest } from "../../src/reel/manifest";
-import { Reel } from "../../src/reel/reel";
-import { momentAt } from "../../src/reel/timeline";
-import { DecoderPool } from "../../src/stream/decoder-pool";
-import { costOf } from "../../src/stream/file-cache";
-import type { Demand } from "../../src/stream/queue";
-import { RenditionPolicy } from "../../src/stream/rendition-policy";
-import { Stream } from "../../src/stream/stream";
+import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { Reel } from "@splatreel/decoder/reel/reel";
+import { momentAt } from "@splatreel/decoder/reel/timeline";
+import { DecoderPool } from "@splatreel/decoder/stream/decoder-pool";
+import { costOf } from "@splatreel/decoder/stream/file-cache";
+import type { Demand } from "@splatreel/decoder/stream/queue";
+import { RenditionPolicy } from "@splatreel/decoder/stream/rendition-policy";
+import { Stream } from "@splatreel/decoder/stream/stream";
+import { decodeWorkers } from "../../src/files/bundle";
 import { manifestOf, pageAt, type Plan } from "./reel";
 import { FakeTime } from "./time";
 import { FakeWorker, FILE, LAYER, Transfers } from "./workers";
@@ -26,7 +27,7 @@ export class World extends Transfers {
   constructor(plan: Plan = {}, groupsInMemory = 100) {
     super((uri) => (uri.startsWith("pages") ? pageAt(plan, uri) : uri.startsWith("layers") ? LAYER : FILE));
     FakeWorker.all.length = 0;
-    this.pool = new DecoderPool();
+    this.pool = new DecoderPool(decodeWorkers);
     this.reel = new Reel(manifestOf(plan));
     this.stream = new Stream(this.reel, this.pool, groupsInMemory * GROUP, {
       layer: (uri) => this.log.push(uri.replace(/s.(\d+).*/, " $1")),

@@ -1,0 +1,175 @@
+/** Reading and checking of a reel's manifest.json (docs/format.md). */
+import { PLAIN, ReelError } from "../base/errors";
+import type { Vec3 } from "../base/matrix";
+import { downloadText } from "../files/download";
+import type { LocalFiles } from "../files/local-files";
+import type { Source, Watcher } from "../files/source";
+import { list, number, numbers, positive, record, whole, type Json } from "./json";
+import { LAST, numbered, parsePages, type Listing } from "./pages";
+import { parsePresentation, type Asset, type Presentation } from "./presentation";
+import { parseGroup, parseLayers, parseRetiringLayers } from "./reel-file";
+
+/** A pinhole camera (OpenCV): K [9] in pixels and viewmat [16], world to camera, both row-major. */
+export interface Camera {
+  name: string;
+  width: number;
+  height: number;
+  K: number[];
+  viewmat: number[];
+}
+
+/** Distance within which static points are hidden, since those near a new viewpoint may only have looked well from afar. */
+export interface Clearance {
+  focus: Vec3;
+  share: number;
+}
+
+/** A checked manifest. */
+export interface Manifest extends Listing {
+  /** Absolute. The URIs of files are relative to it. */
+  url: string;
+  /** True while groups are still being added. There may be none yet. */
+  live: boolean;
+  fps: number;
+  frames: number;
+  shDegree: number;
+  bounds: [Vec3, Vec3];
+  up: Vec3;
+  /** Near plane, in world units. */
+  near: number;
+  /** Static points nearer than `share` of the depth of `focus` are not drawn. */
+  clearance: Clearance;
+  /** Background color: red, green and blue, 0 to 1. The light of a group scales it. */
+  background: Vec3;
+  /** True if splats thinner than a pixel are drawn fainter. */
+  antialias: boolean;
+  camera: Camera;
+  cameras: Camera[];
+  /** Texts, images, sound and limits. */
+  presentation: Presentation;
+  /** Files of a local reel; null for one on the network. */
+  files: LocalFiles | null;
+}
+
+/** Download and check a manifest. early: its text, already requested; null if that failed. Throws `ReelError` with the URL in its message. */
+export async function loadManifest(url: string, watcher: Watcher, signal: AbortSignal, early?: Promise<string | null>): Promise<Manifest> {
+  const text = (await early) ?? (await downloadText(url, watcher, signal));
+  return parseText(text, new URL(url, globalThis.location?.href).href);
+}
+
+/** Read and check the manifest of a local reel. Throws `ReelError`. */
+export async function readManifest(files: LocalFiles): Promise<Manifest> {
+  // A local copy does not grow.
+  return { ...parseText(await files.manifest(), files.url), files, live: false };
+}
+
+function parseText(text: string, url: string): Manifest {
+  let value: unknown;
+  try {
+    value = JSON.parse(text);
+  } catch {
+    throw new ReelError(`${url} is not a reel's manifest: it is not JSON.`, { plain: PLAIN.other });
+  }
+  return parseManifest(value, url);
+}
+
+/** Check the fields of a manifest. Unknown fields are ignored; an unknown version throws. */
+export function parseManifest(value: unknown, url: string): Manifest {
+  const json = record(value, "the manifest");
+  if (json.format !== "splatreel") throw new ReelError(`${url} is not a reel: its format is ${JSON.stringify(json.format)}.`, { plain: PLAIN.other });
+  if (json.version !== 1 && json.version !== 2) {
+    throw new ReelError(`${url} is a reel of version ${JSON.stringify(json.version)}; this player knows versions 1 and 2.`, { plain: PLAIN.newer });
+  }
+  const bounds = list(json.bounds, "bounds").map((corner) => numbers(corner, 3, "bounds") as Vec3);
+  if (bounds.length !== 2) throw new ReelError(`${url}: bounds needs two corners.`);
+  const renditions = parseNames(json.renditions);
+  const second = json.version === 2;
+  const first = second ? whole(json.first_group ?? 0, 0, LAST, "first_group") : 0;
+  const pages = parsePages(second ? (json.pages ?? []) : [], first);
+  const begin = pages.reduce((number, { count }) => number + count, first);
+  const own = list(json.groups, "groups");
+  const layers = second ? parseRetiringLayers(json.layers, begin, begin + own.length) : parseLayers(json.layers);
+  const groups = own.map((item, i) => parseGroup(item, begin + i, renditions, layers));
+  const live = json.live === true;
+  if (groups.length === 0 && (!live || pages.length > 0)) throw new ReelError(`${url} holds no group yet.`, { plain: "This reel has no content yet." });
+  const end = groups.reduce((last, group) => Math.max(last, group.firstFrame + group.frames), 0);
+  if (json.frames !== end) throw new ReelError(`The manifest is damaged: it has ${JSON.stringify(json.frames)} frames, and its groups ${end}.`);
+  if (pages.length > 0 && pages.at(-1)!.firstFrame >= groups[0].firstFrame) throw new ReelError("The manifest is damaged: its pages end after its groups begin.");
+  return {
+    url,
+    live,
+    fps: positive(json.fps, "fps"),
+    frames: end,
+    overlap: number(json.overlap, "overlap"),
+    shDegree: number(json.sh_degree, "sh_degree"),
+    near: json.near === undefined ? 0.01 : positive(json.near, "near"),
+    clearance: json.clearance === undefined ? { focus: [0, 0, 0], share: 0 } : parseClearance(record(json.clearance, "clearance")),
+    background: json.background === undefined ? [0, 0, 0] : parseColor(json.background),
+    antialias: json.antialias === true,
+    bounds: bounds as [Vec3, Vec3],
+    up: numbers(json.up, 3, "up") as Vec3,
+    camera: parseCamera(json.camera),
+    cameras: list(json.cameras ?? [], "cameras").map(parseCamera),
+    layers,
+    first,
+    groups: numbered(groups),
+    pages,
+    renditions,
+    presentation: parsePresentation(json),
+    files: null,
+  };
+}
+
+/** Return true if two manifests belong to the same reel, which may have grown. */
+export function isSameReel(a: Manifest, b: Manifest | null): boolean {
+  return a.url === b?.url && a.files === b.files;
+}
+
+/** Return true if two manifests name the same files with the same contents. */
+export function hasSameFiles(a: Manifest, b: Manifest): boolean {
+  const [one, other] = [a, b].map(({ layers, groups, pages, first }) => JSON.stringify([layers, groups, pages, first]));
+  return one === other;
+}
+
+/** Return the source of a file of a reel, for `download`. */
+export function sourceOf({ url, files }: Manifest, { uri, bytes, sha256 }: Asset): Source {
+  return { url: new URL(uri, url).href, bytes, sha256, part: files?.part(uri) };
+}
+
+/** Return the address of an image of a reel. */
+export async function addressOf({ url, files }: Manifest, { uri }: Asset): Promise<string> {
+  return files ? files.address(uri) : new URL(uri, url).href;
+}
+
+function parseColor(value: unknown): Vec3 {
+  const color = numbers(value, 3, "background");
+  if (!color.every((part) => part >= 0 && part <= 1)) throw new ReelError(`The manifest is damaged: its background is ${JSON.stringify(color)}.`);
+  return color as Vec3;
+}
+
+function parseClearance(json: Json): Clearance {
+  const share = number(json.share, "clearance share");
+  if (share < 0 || share > 1) throw new ReelError(`The manifest is damaged: the share of its clearance is ${share}.`);
+  return { focus: numbers(json.focus, 3, "clearance focus") as Vec3, share };
+}
+
+/** Parse the names of renditions. Returns none if there is only one. */
+function parseNames(value: unknown): string[] {
+  const names = list(value ?? [], "renditions").map((item) => record(item, "a rendition").name);
+  const valid = names.filter((name): name is string => typeof name === "string" && /^[a-z0-9][a-z0-9_-]{0,31}$/.test(name));
+  if (new Set(valid).size < names.length || names.length > 16) throw new ReelError("The manifest is damaged: its renditions lack distinct names.");
+  return valid.length > 1 ? valid : [];
+}
+
+function parseCamera(value: unknown): Camera {
+  const json = record(value, "a camera");
+  const K = numbers(json.K, 9, "camera K");
+  if (!(K[0] > 0 && K[4] > 0)) throw new ReelError(`The manifest is damaged: a camera has the focal lengths ${K[0]} and ${K[4]}.`);
+  return {
+    name: String(json.name ?? ""),
+    width: positive(json.width, "camera width"),
+    height: positive(json.height, "camera height"),
+    K,
+    viewmat: numbers(json.viewmat, 16, "camera viewmat"),
+  };
+}

@@ -1,0 +1,187 @@
+/** Workers that download and decode files, their jobs, and their speed. */
+import { PLAIN } from "../base/errors";
+import type { DecodedFile } from "../decode/decode-file";
+import type { DecodeReply, DecodeRequest } from "../decode/decode-worker";
+import type { Source } from "../files/source";
+import { failureOf, type FileAddresses } from "../files/workers";
+import { BandwidthMeter } from "./bandwidth-meter";
+
+/** Maximum number of files that download and decode at the same time. */
+const WORKERS = 2;
+
+/** Starts decode workers. Only the page or program knows where their files are. */
+export interface DecodeWorkers {
+  /** Start a worker. */
+  start(): Worker;
+  /** Return the addresses of the files that a worker loads. */
+  files(): FileAddresses;
+}
+
+/** Events of one job. */
+export interface Receiver {
+  /** More bytes arrived. */
+  received(job: Job): void;
+  /** The transfer is retried. */
+  trouble(why: string): void;
+  /** A layer or group was decoded. */
+  decoded(file: DecodedFile): void;
+  /** A page arrived, as unchecked JSON. */
+  page(json: unknown): void;
+  failed(why: string, plain?: string): void;
+}
+
+/** A file being downloaded and decoded. */
+export interface Job {
+  readonly source: Source;
+  /** Time of the request, in milliseconds. */
+  readonly asked: number;
+  /** Time of the first byte, in milliseconds, and the number of bytes received. */
+  began: number;
+  received: number;
+}
+
+interface Running extends Job {
+  id: number;
+  worker: Worker;
+  /** True until all bytes are received. */
+  open: boolean;
+}
+
+/** Runs one job per worker. */
+export class DecoderPool {
+  readonly meter = new BandwidthMeter();
+  /** Decoding time of the last file. */
+  milliseconds = 0;
+  /** Recent decoding time per point, in milliseconds; 0 before the first file. */
+  pace = 0;
+  private readonly workers: Worker[] = [];
+  private readonly idle: Worker[] = [];
+  private readonly running = new Map<string, Running>();
+  private nextId = 0;
+  private onFree: () => void = () => undefined;
+
+  /** Start one worker at once, while the manifest downloads. The second starts with the second file. worker: already started. */
+  constructor(private readonly starter: DecodeWorkers, worker?: Worker | null) {
+    this.idle.push(this.addWorker(worker ?? starter.start()));
+  }
+
+  /** Call a function whenever a worker becomes free. */
+  whenFree(call: () => void): void {
+    this.onFree = call;
+  }
+
+  get free(): boolean {
+    return this.idle.length > 0 || this.workers.length < WORKERS;
+  }
+
+  /** Keys of the running jobs. */
+  get keys(): string[] {
+    return [...this.running.keys()];
+  }
+
+  has(key: string): boolean {
+    return this.running.has(key);
+  }
+
+  /** Return the number of bytes received of a file. */
+  received(key: string): number {
+    return this.running.get(key)?.received ?? 0;
+  }
+
+  /** Return true if the rest of a file takes less than one round trip, so that the next request can be sent. */
+  isNearlyHere(key: string): boolean {
+    const job = this.running.get(key);
+    if (!job?.open) return true;
+    const answer = job.began - job.asked;
+    const rate = job.received / Math.max(performance.now() - job.began, answer, 1);
+    return job.received > 0 && job.source.bytes - job.received < rate * answer;
+  }
+
+  /** Start a job; requires a free worker. points: of the file, null for a page. */
+  start(key: string, source: Source, points: number | null, receiver: Receiver): void {
+    const worker = this.idle.pop() ?? this.addWorker();
+    const job: Running = { id: this.nextId++, worker, source, asked: performance.now(), began: 0, received: 0, open: true };
+    this.running.set(key, job);
+    this.meter.begin(performance.now());
+    const finish = (report: () => void, dead = false): void => {
+      this.running.delete(key);
+      this.close(job);
+      this.release(worker, dead);
+      report();
+      this.onFree();
+    };
+    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => {
+      if (data.id !== job.id) return;
+      if ("received" in data) {
+        this.count(job, data.received);
+        receiver.received(job);
+      } else if ("trouble" in data) receiver.trouble(data.trouble);
+      else if ("error" in data) finish(() => receiver.failed(data.error, data.plain));
+      else if ("page" in data) finish(() => receiver.page(data.page));
+      else {
+        this.updatePace(data.milliseconds, points ?? 0);
+        finish(() => receiver.decoded(data.file));
+      }
+    };
+    worker.onerror = (event) => finish(() => receiver.failed(`${source.url} cannot be decoded (${failureOf(event)}).`, PLAIN.player), true);
+    send(worker, { id: job.id, source, page: points === null });
+  }
+
+  /** Cancel a job. */
+  cancel(key: string): void {
+    const job = this.running.get(key);
+    if (!job) return;
+    const { worker } = job;
+    this.running.delete(key);
+    this.close(job);
+    send(worker, { id: job.id, cancel: true });
+    const free = (dead: boolean): void => {
+      this.release(worker, dead);
+      this.onFree();
+    };
+    // The worker is busy until it confirms.
+    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => void (("file" in data || "page" in data || "error" in data) && free(false));
+    worker.onerror = () => free(true);
+  }
+
+  destroy(): void {
+    for (const worker of this.workers) worker.terminate();
+  }
+
+  private addWorker(worker = this.starter.start()): Worker {
+    this.workers.push(worker);
+    send(worker, { files: this.starter.files() });
+    return worker;
+  }
+
+  /** Return a worker to the pool. A dead one is replaced when the next job starts. */
+  private release(worker: Worker, dead: boolean): void {
+    if (!dead) return void this.idle.push(worker);
+    worker.terminate();
+    this.workers.splice(this.workers.indexOf(worker), 1);
+  }
+
+  private count(job: Running, bytes: number): void {
+    const now = performance.now();
+    if (job.received === 0) job.began = now;
+    job.received += bytes;
+    this.meter.addBytes(bytes, now);
+    if (job.received >= job.source.bytes) this.close(job); // only decoding is left
+  }
+
+  private close(job: Running): void {
+    if (job.open) this.meter.end(performance.now());
+    job.open = false;
+  }
+
+  private updatePace(milliseconds: number, points: number): void {
+    this.milliseconds = milliseconds;
+    if (points === 0) return;
+    const pace = milliseconds / points;
+    this.pace = this.pace === 0 ? pace : this.pace + 0.3 * (pace - this.pace);
+  }
+}
+
+function send(worker: Worker, request: DecodeRequest): void {
+  worker.postMessage(request);
+}

@@ -1,0 +1,144 @@
+/** Loads one reel: its manifest, which may grow, its pages, and the files that playback needs. */
+import type { DecodedGroup, DecodedLayer } from "../decode/decode-file";
+import type { LocalFiles } from "../files/local-files";
+import { hasSameFiles, loadManifest, readManifest, type Manifest } from "../reel/manifest";
+import type { Page } from "../reel/pages";
+import type { Reel } from "../reel/reel";
+import { DecoderPool, type DecodeWorkers } from "./decoder-pool";
+import { memoryBudget, type Dropped } from "./file-cache";
+import { freshManifest, nextManifest, watchManifest } from "./live-manifest";
+import { RenditionPolicy, guessOfBrowser } from "./rendition-policy";
+import { Stream } from "./stream";
+
+/** Milliseconds to wait for a new manifest after a file turned out to be missing or different. */
+const MANIFEST_TIMEOUT = 8000;
+
+/** Events of an open reel. */
+export interface LoaderEvents {
+  /** A file was decoded, or a page was added to the manifest. */
+  arrived(): void;
+  /** A live reel has new groups, or is complete. */
+  grown(): void;
+  /** The host has replaced the reel. */
+  replaced(): void;
+  /** Bytes arrived, files were dropped, or something is late. */
+  progress(): void;
+  /** Playback cannot go on. */
+  failed(error: unknown): void;
+}
+
+/** Receives decoded files, and forgets dropped ones. */
+export interface FileReceiver {
+  addLayer(uri: string, file: DecodedLayer): void;
+  /** layers: URIs of the layers that live at the group. */
+  addGroup(index: number, file: DecodedGroup, layers: string[]): void;
+  dropLayer(uri: string): void;
+  dropGroup(index: number): void;
+  /** True after the receiver has failed for a reason of its own, such as a lost graphics device. */
+  readonly lost: boolean;
+}
+
+/** Opens one reel and closes it again. */
+export class ReelLoader {
+  readonly decoders: DecoderPool;
+  stream: Stream | null = null;
+  /** Reason for waiting for the manifest, to show to people; null if there is none. */
+  trouble: string | null = null;
+  /** True after an error: further files are ignored. */
+  private abandoned = false;
+  private reel: Reel | null = null;
+  private readonly life = new AbortController();
+
+  /** Start the first worker at once, while the manifest downloads. worker: a decode worker that is already running. */
+  constructor(private readonly receiver: FileReceiver, private readonly events: LoaderEvents, workers: DecodeWorkers, worker?: Worker | null) {
+    this.decoders = new DecoderPool(workers, worker);
+  }
+
+  get closed(): boolean {
+    return this.life.signal.aborted;
+  }
+
+  /** Read the manifest of a reel; of a live one, wait for its first group. early: text of the manifest, already requested; null if that failed. */
+  async findManifest(source: string | LocalFiles, early?: Promise<string | null>): Promise<Manifest> {
+    const { signal } = this.life;
+    if (typeof source !== "string") return readManifest(source);
+    let manifest = await loadManifest(source, { received: () => undefined, trouble: (why) => this.wait(why) }, signal, early);
+    while (manifest.groups.length === 0) {
+      this.wait("Live. Waiting for the first group.");
+      manifest = await nextManifest(manifest, signal);
+    }
+    this.trouble = null;
+    return manifest;
+  }
+
+  /** Begin to download the files of a reel. */
+  open(reel: Reel): void {
+    const { receiver, decoders, events } = this;
+    const { manifest } = reel;
+    this.reel = reel;
+    this.stream = new Stream(reel, decoders, memoryBudget(), {
+      layer: (uri, file) => this.take(() => receiver.addLayer(uri, file)),
+      group: (index, file, layers) => this.take(() => receiver.addGroup(index, file, layers)),
+      page: (page, json) => this.take(() => this.addPage(page, json)),
+      dropped: (dropped) => this.drop(dropped),
+      outdated: () => this.isOutdated(manifest),
+      progress: () => events.progress(),
+      failed: (error) => void (!this.closed && events.failed(error)),
+    }, new RenditionPolicy(guessOfBrowser()));
+    void watchManifest(manifest, (next) => this.grow(next), this.life.signal);
+  }
+
+  /** Ignore files that still arrive, after an error. */
+  abandon(): void {
+    this.abandoned = true;
+  }
+
+  close(): void {
+    this.life.abort();
+    this.reel?.manifest.files?.close();
+    this.decoders.destroy();
+  }
+
+  /** Read the manifest again after a file did not match it. Resolves to true if the reel was replaced, which reopens it. */
+  private async isOutdated(manifest: Manifest): Promise<boolean> {
+    if (manifest.files || this.receiver.lost) return false;
+    const late = new Promise<null>((resolve) => setTimeout(() => resolve(null), MANIFEST_TIMEOUT));
+    const next = await Promise.race([freshManifest(manifest, this.life.signal), late]);
+    if (!next || this.closed) return false;
+    if (manifest.live) this.grow(next);
+    const replaced = !manifest.live && !hasSameFiles(manifest, next);
+    if (replaced) this.events.replaced();
+    return replaced;
+  }
+
+  private grow(next: Manifest): void {
+    if (this.closed || !this.reel!.grow(next)) return;
+    this.stream?.refresh();
+    this.events.grown();
+  }
+
+  private addPage(page: Page, json: unknown): void {
+    if (this.reel!.addPage(page, json)) this.stream?.refresh();
+  }
+
+  private drop({ groups, layers }: Dropped): void {
+    for (const index of groups) this.receiver.dropGroup(index);
+    for (const uri of layers) this.receiver.dropLayer(uri);
+    this.events.progress();
+  }
+
+  private take(add: () => void): void {
+    if (this.abandoned) return;
+    try {
+      add();
+    } catch (error) {
+      return this.events.failed(error);
+    }
+    this.events.arrived();
+  }
+
+  private wait(why: string): void {
+    this.trouble = why;
+    this.events.progress();
+  }
+}
