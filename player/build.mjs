@@ -10,7 +10,21 @@ const here = dirname(fileURLToPath(import.meta.url));
 const out = resolve(process.argv[2] ?? join(here, "../src/splatreel/play/static"));
 
 // Parts loaded on demand, by a literal that other bundlers find: `import("./share.js")`.
-const parts = { "open-files": "src/files/open-files.ts", "path-panel": "src/ui/path-panel.ts", share: "src/ui/share.ts" };
+const parts = {
+  "context-menu": "src/ui/context-menu.ts",
+  "declared-camera": "src/ui/declared-camera.ts",
+  "file-drop": "src/ui/file-drop.ts",
+  headset: "src/player/headset.ts",
+  help: "src/ui/help.ts",
+  "media-controls": "src/ui/media-controls.ts",
+  menu: "src/ui/menu.ts",
+  "open-files": "src/files/open-files.ts",
+  "path-panel": "src/ui/path-panel.ts",
+  screenshot: "src/ui/screenshot.ts",
+  section: "src/ui/section.ts",
+  share: "src/ui/share.ts",
+  "text-tracks": "src/ui/text-tracks.ts",
+};
 const late = {
   name: "late",
   setup: (build) => build.onResolve({ filter: /^\.{1,2}\// }, ({ kind, path }) => {
@@ -28,7 +42,16 @@ const styles = {
   }),
 };
 
-const options = { ...common, plugins: [assembly, late, styles], loader: { ".svg": "text" } };
+// Shaders are embedded without comments and indentation, which a script's minifier keeps in strings.
+const shaders = {
+  name: "shaders",
+  setup: (build) => build.onLoad({ filter: /[/\\]shaders\.ts$/ }, async ({ path }) => {
+    const text = await readFile(path, "utf8");
+    return { contents: text.replace(/\/\*[^]*?\*\//g, "").replace(/(^|\s)\/\/ .*$/gm, "").replace(/^\s+/gm, "").replace(/ ([=*<>?:,(){}]+) /g, "$1"), loader: "ts" };
+  }),
+};
+
+const options = { ...common, plugins: [assembly, late, shaders, styles], loader: { ".svg": "text" } };
 
 await writeDecoders(out);
 await build({ ...options, entryPoints: { player: "src/main.ts", "sort-worker": "src/draw/sort-worker.ts" }, outdir: out });
