@@ -229,11 +229,11 @@ def _write_database(
     database: Path,
 ) -> dict[str, int]:
     """Write cameras, points and matches, and return the numbers of the images by camera. Rough points come first."""
-    numbers = {}
+    numbers, rigs = {}, dict[int, tuple[int, int]]()
     with colmap.Database.open(database) as file:
         for image in _placed(model):
             name = Path(image.name).stem
-            numbers[name] = _write_image(colmap, file, image)
+            numbers[name] = _write_image(colmap, file, image, rigs)
             points = [rough.points[name], *(moment.points for moment in features[name])]
             file.write_keypoints(numbers[name], np.concatenate(points).astype(np.float32))
         for one, other in sorted(set(matches) | set(rough.matches)):
@@ -247,15 +247,21 @@ def _write_database(
     return numbers
 
 
-def _write_image(colmap: ModuleType, file: Any, image: Any) -> int:
-    """Write a placed camera and its image into a database, and return the number of the image."""
+def _write_image(colmap: ModuleType, file: Any, image: Any, rigs: dict[int, tuple[int, int]]) -> int:
+    """Write a placed camera and its image into a database, and return the number of the image.
+
+    `rigs` has the numbers of the lens and the rig in the database by the number of the lens in the model. Cameras may
+    share a lens.
+    """
     lens = image.camera
-    made = colmap.Camera(model=lens.model, width=lens.width, height=lens.height, params=lens.params)
-    camera = file.write_camera(made)
-    rig = colmap.Rig()
-    rig.add_ref_sensor(colmap.sensor_t(colmap.SensorType.CAMERA, camera))
+    if image.camera_id not in rigs:
+        made = colmap.Camera(model=lens.model, width=lens.width, height=lens.height, params=lens.params)
+        camera, rig = file.write_camera(made), colmap.Rig()
+        rig.add_ref_sensor(colmap.sensor_t(colmap.SensorType.CAMERA, camera))
+        rigs[image.camera_id] = camera, file.write_rig(rig)
+    camera, number_of_rig = rigs[image.camera_id]
     frame = colmap.Frame()
-    frame.rig_id = file.write_rig(rig)
+    frame.rig_id = number_of_rig
     number = file.write_image(colmap.Image(name=image.name, camera_id=camera))
     frame.add_data_id(file.read_image(number).data_id)
     file.write_frame(frame)
