@@ -87,7 +87,7 @@ def test_cameras_of_one_lens_need_fewer_matches(room: Path, tmp_path: Path) -> N
     model = colmap.Reconstruction(str(tmp_path / "sparse" / "0"))
     assert len({image.camera_id for image in model.images.values()}) == 1
     capture = open_capture(tmp_path, held_out=[])
-    assert capture.cameras[0].K[0, 0] == pytest.approx(known.cameras[0].K[0, 0], rel=0.05)
+    assert capture.cameras[0].K[0, 0] == pytest.approx(known.cameras[0].K[0, 0], rel=0.15)
     here, there = (np.stack([rig.camera(name).center for name in names]) for rig in (capture, known))
     assert np.linalg.norm(fitted(here, there) - there, axis=1).max() < 0.05 * np.ptp(there, axis=0).max()
 
@@ -97,7 +97,7 @@ def test_one_lens_needs_one_size(tmp_path: Path) -> None:
     for c, width in enumerate((128, 128, 96)):
         folders.write_video(tmp_path / f"phone{c}.mp4", [folders.frame(c, 0, width, 96)])
     with pytest.raises(
-        CaptureError, match="phone2 has frames of 96x96 pixels, phone0 of 128x96.*leave out --same-lens"
+        CaptureError, match=r"phone2 has frames of 96x96 pixels, phone0 of 128x96.*leave out --same-lens"
     ):
         calibrate(tmp_path, Silent(), same_lens=True)
     assert not (tmp_path / "sparse").exists()

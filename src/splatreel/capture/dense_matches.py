@@ -106,7 +106,14 @@ def _adjust(colmap: ModuleType, model: Any, middle: bool) -> None:
     options.ceres.loss_function_scale = 0.5
     options.ceres.solver_options.num_threads = 1  # several threads sum in any order, which changes the result
     options.ceres.solver_options.function_tolerance = 1e-5
-    colmap.bundle_adjustment(model, options)
+    config = colmap.BundleAdjustmentConfig()
+    for number in model.reg_image_ids():
+        config.add_image(number)
+    config.fix_gauge(colmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    colmap.create_default_bundle_adjuster(
+        options, config, model
+    ).solve()  # `bundle_adjustment` would write to standard error
+    model.update_point_3d_errors()
 
 
 def _placed(model: Any) -> list[Any]:
