@@ -22,6 +22,8 @@ ROUNDS = 4.0, 3.0, 2.0
 """Maximum distance from the epipolar line in each round, in pixels of a picture 640 pixels wide."""
 BEST = 200
 """Maximum number of matches of two cameras at a moment, the most similar first. The less similar ones are less exact."""
+ENOUGH = 30
+"""Number of SIFT matches of two cameras from which on learned matches are not added. They are less exact, and many more."""
 SURE_MIDDLE = 0.02
 """Maximum difference of the principal points that either half of the points gives, root mean square, as a share of the
 longer side. The error with all points is about half of it. Lenses are off by about 1 %."""
@@ -51,6 +53,9 @@ def refine_by_matches(
     for number, distance in enumerate(ROUNDS):
         views = {Path(image.name).stem: _view(image) for image in _placed(model)}
         near = _near_pairs(views, np.array([point.xyz for point in model.points3D.values()]))
+        near = [pair for pair in near if len(rough.matches.get(pair, ())) < ENOUGH]
+        if not near:
+            return given
         progress.stage(f"matching cameras, round {number + 1} of {len(ROUNDS)}", len(near))
         matches = {}
         for count, (one, other) in enumerate(near, 1):
