@@ -3,7 +3,6 @@ import { build, transform } from "esbuild";
 import { readFile, writeFile } from "node:fs/promises";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
-import { assembly } from "./assembly.mjs";
 import { common, leaveAddresses, license, notices, writeDecoders } from "./bundling.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
@@ -28,7 +27,7 @@ const styles = {
   }),
 };
 
-const options = { ...common, plugins: [assembly, late, styles], loader: { ".svg": "text" } };
+const options = { ...common, plugins: [...common.plugins, late, styles], loader: { ".svg": "text" } };
 
 await writeDecoders(out);
 await build({ ...options, entryPoints: { player: "src/main.ts", "sort-worker": "src/draw/sort-worker.ts" }, outdir: out });

@@ -9,9 +9,9 @@ export const POINT_TEXELS = 3;
 export const ENTRY_TEXELS = 15;
 export const ENTRIES_PER_ROW = 128;
 
-export const projectVertex = `#version 300 es
+/** Vertex shader of a triangle that covers the viewport. */
+export const coverVertex = `#version 300 es
 void main() {
-  // A triangle that covers the viewport.
   gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0);
 }`;
 
@@ -207,12 +207,6 @@ void main() {
   if (square > 1.0) discard;
   float alpha = min(0.999, vColor.a * exp2(vFall * square));
   outColor = vec4(vColor.rgb * alpha, alpha);
-}`;
-
-/** Vertex shader of a triangle that covers the viewport. */
-export const fadeVertex = `#version 300 es
-void main() {
-  gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0);
 }`;
 
 export const fadeFragment = `#version 300 es
