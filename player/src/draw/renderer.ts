@@ -11,6 +11,8 @@ export interface Renderer {
   readonly software: boolean;
   /** True after the graphics device was lost. */
   readonly lost: boolean;
+  /** True to leave the canvas transparent where nothing is drawn, instead of filling it with the background. */
+  transparent: boolean;
   /** Number of points in the draw order. */
   readonly points: number;
   /** Wait for the shaders. Throws `ReelError` if the device cannot draw. background: red, green and blue, 0 to 1. */

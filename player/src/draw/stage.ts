@@ -52,6 +52,13 @@ export class Stage {
     this.renderer.begin(reel.manifest.antialias === true, reel.manifest.background ?? [0, 0, 0]);
   }
 
+  /** Show the page behind the points. */
+  set transparent(on: boolean) {
+    if (this.renderer.transparent === on) return;
+    this.renderer.transparent = on;
+    this.needsDraw = true;
+  }
+
   addLayer(uri: string, file: DecodedLayer): void {
     this.sorter.addLayer(uri, this.renderer.addLayer(uri, file), file);
     if (!this.scene?.current) this.resort();

@@ -25,12 +25,13 @@ export class WebglRenderer implements Renderer {
   protected readonly splats: SplatPass;
   private readonly fade: CrossFade;
   protected last: { scene: Scene; weight: number; view: View } | null = null;
+  transparent = false;
   protected antialias = false;
   private background: Vec3 = [0, 0, 0];
 
   /** Throws `ReelError` if the browser has no WebGL 2. shaders: of the second pass. */
   constructor(private readonly canvas: HTMLCanvasElement, shaders?: SplatShaders) {
-    const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, powerPreference: "high-performance" });
+    const gl = canvas.getContext("webgl2", { alpha: true, antialias: false, depth: false, powerPreference: "high-performance" });
     if (!gl) throw new ReelError("This browser or device lacks WebGL 2, which the player needs to draw.", { plain: PLAIN.device });
     this.gl = gl;
     this.software = isSoftware(gl);
@@ -89,6 +90,7 @@ export class WebglRenderer implements Renderer {
   /** Draw all eyes into one framebuffer. In a cross-fade each group is drawn as an image of its own. */
   drawEyes(scene: Scene, weight: number, eyes: Eye[]): void {
     const { memory, projection, splats, fade, antialias } = this;
+    splats.transparent = fade.transparent = this.isClear(eyes[0].framebuffer);
     this.last = { scene, weight, view: eyes[eyes.length - 1].view };
     memory.flagStatics(scene);
     this.clear(eyes[0].framebuffer, memory.lightOf(scene));
@@ -109,6 +111,7 @@ export class WebglRenderer implements Renderer {
     const { width, height } = canvas;
     const bottomUp = new Uint8Array(4 * width * height);
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, bottomUp);
+    if (this.transparent) unmultiply(bottomUp);
     const result = new Uint8Array(bottomUp.length);
     for (let y = 0; y < height; y++) result.set(bottomUp.subarray(4 * width * y, 4 * width * (y + 1)), 4 * width * (height - 1 - y));
     return result;
@@ -142,13 +145,28 @@ export class WebglRenderer implements Renderer {
     this.fade.delete();
   }
 
-  /** Clear to the background, scaled by the light of the scene. */
+  /** Return true if the page shows through a framebuffer. Headsets always show the background. */
+  private isClear(framebuffer: WebGLFramebuffer | null): boolean {
+    return this.transparent && framebuffer === null;
+  }
+
+  /** Clear to the background, scaled by the light of the scene, or to nothing. */
   private clear(framebuffer: WebGLFramebuffer | null, light: Vec3): void {
     const { gl } = this;
     const [red, green, blue] = this.background;
     gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
-    gl.clearColor(red * light[0], green * light[1], blue * light[2], 1);
+    if (this.isClear(framebuffer)) gl.clearColor(0, 0, 0, 0);
+    else gl.clearColor(red * light[0], green * light[1], blue * light[2], 1);
     gl.clear(gl.COLOR_BUFFER_BIT);
+  }
+}
+
+/** Divide the colors of RGBA bytes by alpha, in place: canvases hold products, images do not. */
+function unmultiply(pixels: Uint8Array): void {
+  for (let i = 0; i < pixels.length; i += 4) {
+    const alpha = pixels[i + 3];
+    if (alpha === 0 || alpha === 255) continue;
+    for (let c = 0; c < 3; c++) pixels[i + c] = Math.min(Math.round((255 * pixels[i + c]) / alpha), 255);
   }
 }
 
