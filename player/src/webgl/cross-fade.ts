@@ -13,7 +13,7 @@ export class CrossFade {
   private picture: WebGLTexture | null = null;
   private size = [0, 0];
   /** True if the alpha of the image counts. Otherwise it stays 1, exactly. */
-  transparent = false;
+  transparent = true;
 
   constructor(private readonly gl: WebGL2RenderingContext) {
     this.program = new Program(gl, coverVertex, fadeFragment);

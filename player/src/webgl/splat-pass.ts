@@ -16,7 +16,7 @@ export class SplatPass {
   private readonly corners: WebGLBuffer;
   private order: WebGLTexture | null = null;
   /** True if the alpha of the image counts. Otherwise it stays 1, exactly. */
-  transparent = false;
+  transparent = true;
   private orderRows = 0;
   private points = 0;
 

@@ -3,12 +3,13 @@ import { PLAIN, ReelError } from "@splatreel/decoder/base/errors";
 import type { Vec3 } from "@splatreel/decoder/base/matrix";
 import type { View } from "../base/view";
 import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
+import type { Cutaway } from "../draw/cutaway";
 import type { Eye } from "../draw/eye";
 import type { HeadsetLayer, Renderer } from "../draw/renderer";
 import type { Scene } from "../draw/scene";
 import { CrossFade } from "./cross-fade";
 import { GpuMemory } from "./gpu-memory";
-import { hitsAt, middleDepth, type Hit } from "./pick";
+import { depthOf, hitsAt, type Hit } from "./pick";
 import { ProjectionPass } from "./projection-pass";
 import { SplatPass, type SplatShaders } from "./splat-pass";
 import { rowsOf } from "./textures";
@@ -26,6 +27,7 @@ export class WebglRenderer implements Renderer {
   private readonly fade: CrossFade;
   protected last: { scene: Scene; weight: number; view: View } | null = null;
   transparent = false;
+  cutaway: Cutaway | null = null;
   protected antialias = false;
   private background: Vec3 = [0, 0, 0];
 
@@ -96,11 +98,11 @@ export class WebglRenderer implements Renderer {
     this.clear(eyes[0].framebuffer, memory.lightOf(scene));
     const fades = scene.previous !== null && weight > 0 && weight < 1;
     for (const eye of eyes) {
-      projection.run(scene, fades ? 0 : weight, eye.view, antialias);
+      projection.run(scene, fades ? 0 : weight, eye.view, antialias, this.cutaway);
       splats.run(eye);
       if (!fades) continue;
       fade.begin(eye.view.width, eye.view.height);
-      projection.run(scene, 1, eye.view, antialias);
+      projection.run(scene, 1, eye.view, antialias, this.cutaway);
       splats.run({ framebuffer: fade.framebuffer, x: 0, y: 0, view: eye.view });
       fade.blend(eye, weight);
     }
@@ -117,12 +119,12 @@ export class WebglRenderer implements Renderer {
     return result;
   }
 
-  /** Return the depth of the splat at which half of the light is absorbed. */
-  depthAt(x: number, y: number): number | null {
+  /** Return the depth of the splat at which a share of the light is absorbed. */
+  depthAt(x: number, y: number, share = 0.5): number | null {
     const { last, memory } = this;
     if (!last || !memory.holds(last.scene)) return null;
     const { current, previous } = last.scene;
-    this.projection.run(last.scene, last.weight, last.view, this.antialias); // the target may have been reallocated
+    this.projection.run(last.scene, last.weight, last.view, this.antialias, this.cutaway); // the target may have been reallocated
     const groups = [current, previous].map((shown) => shown && memory.group(shown.group));
     const hits: Hit[] = [];
     for (const file of [...memory.layersOf(last.scene), ...groups]) {
@@ -130,7 +132,7 @@ export class WebglRenderer implements Renderer {
       const [shape, color] = memory.target.read(file.firstRow, rowsOf(file.count));
       for (const hit of hitsAt(shape, color, x, y)) hits.push(hit);
     }
-    return middleDepth(hits);
+    return depthOf(hits, share);
   }
 
   async createHeadsetLayer(session: object): Promise<HeadsetLayer> {
