@@ -19,6 +19,7 @@ const parts = {
   menu: "src/ui/menu.ts",
   "open-files": "src/files/open-files.ts",
   "path-panel": "src/ui/path-panel.ts",
+  "edit-panel": "src/ui/edit-panel.ts",
   screenshot: "src/ui/screenshot.ts",
   section: "src/ui/section.ts",
   share: "src/ui/share.ts",
