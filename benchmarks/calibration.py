@@ -1,6 +1,8 @@
 """Calibrate a capture with known cameras from a few of its frames, and record how far the poses are off.
 
-The known poses are the truth, after a similarity alignment of the camera centers. Thinned rigs are the cameras that are
+The known poses are the truth. Positions are compared after a similarity alignment of the camera centers, and rotations
+after an alignment of the rotations: the centers of cameras on a narrow arc hardly tell how the rig is turned. The record
+also has the rotations after the alignment of centers (`by_centers_degrees`). Thinned rigs are the cameras that are
 farthest from each other. Each rig is calibrated with and without the extra `match`.
 
 python benchmarks/calibration.py FILM                                            built-in, kitchen, yard, ...
@@ -51,20 +53,36 @@ def write_videos(capture: Capture, cameras: list[Camera], frames: list[int], fol
             container.mux(stream.encode(None))
 
 
-def align(found: list[Camera], known: list[Camera]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rotation errors in degrees and the position errors as shares of the rig's diameter.
+def align(found: list[Camera], known: list[Camera]) -> dict[str, np.ndarray]:
+    """Return rotation errors in degrees and position errors in percent of the rig's diameter.
 
     Source: Umeyama, Least-squares estimation of transformation parameters between two point patterns, 1991.
     """
     here, there = (np.stack([camera.center for camera in rig]).astype(np.float64) for rig in (found, known))
     a, b = here - here.mean(0), there - there.mean(0)
-    U, S, Vt = np.linalg.svd(b.T @ a)
-    signs = np.array([1, 1, np.sign(np.linalg.det(U @ Vt))])
-    turn = U @ np.diag(signs) @ Vt
-    moved = np.linalg.norm((S * signs).sum() / (a**2).sum() * a @ turn.T - b, axis=1)
+    turn, shrunk = nearest_rotation(b.T @ a)
+    moved = np.linalg.norm(shrunk / (a**2).sum() * a @ turn.T - b, axis=1)
     size = np.linalg.norm(there[:, None] - there[None], axis=2).max()
-    traces = [np.trace(f.viewmat[:3, :3] @ turn.T @ k.viewmat[:3, :3].T) for f, k in zip(found, known, strict=True)]
-    return np.degrees(np.arccos(np.clip((np.array(traces) - 1) / 2, -1, 1))), moved / size
+    turns, theirs = (np.stack([camera.viewmat[:3, :3] for camera in rig]).astype(np.float64) for rig in (found, known))
+    own, _ = nearest_rotation(np.einsum("nji,njk->ik", theirs, turns))
+    return {
+        "rotation_degrees": degrees(turns @ own.T, theirs),
+        "by_centers_degrees": degrees(turns @ turn.T, theirs),
+        "position_percent": 100 * moved / size,
+    }
+
+
+def nearest_rotation(matrix: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the rotation R that makes the trace of R.T @ matrix the largest, and that trace."""
+    U, S, Vt = np.linalg.svd(matrix)
+    signs = np.array([1, 1, np.sign(np.linalg.det(U @ Vt))])
+    return U @ np.diag(signs) @ Vt, float((S * signs).sum())
+
+
+def degrees(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the angles between rotations [N, 3, 3]."""
+    traces = np.einsum("nij,nij->n", one, other)
+    return np.degrees(np.arccos(np.clip((traces - 1) / 2, -1, 1)))
 
 
 def neighbor_angle(cameras: list[Camera]) -> float:
@@ -79,20 +97,19 @@ def neighbor_angle(cameras: list[Camera]) -> float:
     return float(np.median(angles.min(1)))
 
 
-def measure(capture: Capture, cameras: list[Camera], frames: list[int], learned: bool) -> dict:
+def measure(capture: Capture, cameras: list[Camera], frames: list[int], learned: bool, same_lens: bool = False) -> dict:
     """Return the errors of a calibration of some cameras, or why there is none."""
     about = {"cameras": len(cameras), "neighbor_degrees": round(neighbor_angle(cameras), 1)}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_videos(capture, cameras, frames, folder)
         try:
-            calibrate(folder, Silent(), describer=find_describer() if learned else None)
+            calibrate(folder, Silent(), describer=find_describer() if learned else None, same_lens=same_lens)
         except CaptureError as error:
             return {**about, "placed": 0, "refused": str(error).split(": ", 2)[-1].split(". ")[0]}
         with closing(open_capture(folder, held_out=[])) as placed:
             known = [capture.camera(camera.name) for camera in placed.cameras]
-            turned, moved = align(list(placed.cameras), known)
-    errors = {"rotation_degrees": turned, "position_percent": 100 * moved}
+            errors = align(list(placed.cameras), known)
     found = {
         key: {"median": round(float(np.median(e)), 3), "max": round(float(e.max()), 3)} for key, e in errors.items()
     }
@@ -113,22 +130,26 @@ def main(
     path: Path | None = None,
     frames: tuple[int, ...] = (0, 1, 2),
     cameras: tuple[int, ...] = (99, 8, 6, 4),
+    same_lens: bool = False,
+    learned: bool = True,
     note: str = "",
 ) -> None:
     """Measure and record.
 
     name: built-in, a film of this folder, or any name with `path`. path: capture with known cameras.
-    cameras: sizes of the rig; rigs with fewer cameras are not thinned.
+    cameras: sizes of the rig; rigs with fewer cameras are not thinned. same_lens: with the option --same-lens.
+    learned: also with learned matches.
     """
-    if find_describer() is None:
+    if learned and find_describer() is None:
         raise SystemExit("Learned matches are not installed: pip install 'splatreel[match]'")
     with ExitStack() as stack:
         folder = path or make(name, Path(stack.enter_context(tempfile.TemporaryDirectory())), max(frames) + 1)
         source = stack.enter_context(closing(open_capture(folder, held_out=[])))
         for count in cameras:
             rig = thin(list(source.cameras), count)
-            for learned in (False, True):  # what SIFT cannot place, learned matches do not refine
-                values = {"learned": learned, "frames": list(frames), **measure(source, rig, list(frames), learned)}
+            for matched in (False, True)[: 1 + learned]:  # what SIFT cannot place, learned matches do not refine
+                found = measure(source, rig, list(frames), matched, same_lens)
+                values = {"learned": matched, "same_lens": same_lens, "frames": list(frames), **found}
                 print(values, flush=True)
                 record(f"calibration {name}", values, note)
                 if not values["placed"]:

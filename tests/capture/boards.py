@@ -7,6 +7,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from splatreel.capture.board import Board, Sighting
+from splatreel.scene.camera import Camera
 from tests.capture import folders
 
 WIDTH, HEIGHT, SAMPLES = 480, 360, 2
@@ -33,14 +34,33 @@ class FilmedBoard:
             turn = Rotation.from_euler("zxy", [5 * number, 4 - 3 * number, -angle], degrees=True).as_matrix()
             self.poses[name] = np.column_stack([turn, [0.05 * number, -0.03, 2 + 0.1 * number]])
 
+    @classmethod
+    def seen_by(cls, colmap: Any, cameras: list[Camera]) -> "FilmedBoard":
+        """Return other cameras that look at a board."""
+        film = cls(colmap, [])
+        for camera in cameras:
+            params = camera.K[[0, 1, 0, 1], [0, 1, 2, 2]]
+            film.lenses[camera.name] = colmap.Camera(
+                model="PINHOLE", width=camera.width, height=camera.height, params=params
+            )
+            film.poses[camera.name] = camera.viewmat[:3].astype(np.float64)
+        return film
+
     @staticmethod
     def _trace(lens: Any) -> np.ndarray:
         """Return the directions of all samples, [H * SAMPLES, W * SAMPLES, 3]."""
-        y, x = (np.mgrid[: HEIGHT * SAMPLES, : WIDTH * SAMPLES] + 0.5) / SAMPLES
+        y, x = (np.mgrid[: lens.height * SAMPLES, : lens.width * SAMPLES] + 0.5) / SAMPLES
         places = lens.cam_from_img(np.stack([x.ravel(), y.ravel()], 1))
         return np.column_stack([places, np.ones(len(places))]).reshape(*x.shape, 3)
 
-    def picture(self, name: str, board: Board, pose: np.ndarray, cells: np.ndarray | None = None) -> np.ndarray:
+    def picture(
+        self,
+        name: str,
+        board: Board,
+        pose: np.ndarray,
+        cells: np.ndarray | None = None,
+        scene: np.ndarray | None = None,
+    ) -> np.ndarray:
         """Return a camera's picture of a board, [H, W, 3] uint8.
 
         Args:
@@ -48,12 +68,15 @@ class FilmedBoard:
             board: The board.
             pose: Board to world, [3, 4]. The board's origin is the outer corner of its first square.
             cells: What is printed on the board, if that is another one.
+            scene: Picture of what is behind the board, [H, W, 3] uint8; by default a gray one.
         """
+        width, height = self.lenses[name].width, self.lenses[name].height
         turn = self.poses[name][:, :3] @ pose[:, :3]
         shift = self.poses[name][:, :3] @ pose[:, 3] + self.poses[name][:, 3]
         side = board.square_cells
         cells = np.pad(board.cells() if cells is None else cells, side // 2, constant_values=True)
-        gray = np.full((HEIGHT * SAMPLES, WIDTH * SAMPLES), 110.0)
+        shape = height, SAMPLES, width, SAMPLES
+        gray, covered = np.zeros((2, height * SAMPLES, width * SAMPLES))
         where = self._window(name, cells.shape, board, turn, shift)
         if name not in self._rays:
             self._rays[name] = self._trace(self.lenses[name])
@@ -64,9 +87,10 @@ class FilmedBoard:
         inside = (depth > 0) & (row >= 0) & (row < cells.shape[0]) & (column >= 0) & (column < cells.shape[1])
         shown = np.where(cells[row.clip(0, cells.shape[0] - 1), column.clip(0, cells.shape[1] - 1)], 235, 20)
         behind = turn[:, 2] @ shift < 0
-        gray[where] = np.where(inside, 60 if behind else shown, gray[where])
-        small = gray.reshape(HEIGHT, SAMPLES, WIDTH, SAMPLES).mean((1, 3))
-        return np.repeat(small.astype(np.uint8)[..., None], 3, 2)
+        gray[where], covered[where] = inside * np.where(behind, 60, shown), inside
+        seen, share = (part.reshape(shape).mean((1, 3))[..., None] for part in (gray, covered))
+        scene = np.full((height, width, 3), 110, np.uint8) if scene is None else scene
+        return (seen + (1 - share) * scene).astype(np.uint8)
 
     def _window(
         self, name: str, cells: tuple[int, ...], board: Board, turn: np.ndarray, shift: np.ndarray

@@ -6,6 +6,7 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from splatreel.capture.board import Board
 from splatreel.capture.builtin import toyroom
 from splatreel.capture.builtin.raytracer import trace_frame, trace_static
 from splatreel.capture.builtin.synthetic import TARGET, make_capture
@@ -14,10 +15,12 @@ from splatreel.capture.calibration_agreement import CalibratedCamera
 from splatreel.capture.opening import open_capture
 from splatreel.capture.photographs import check_photos
 from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
+from splatreel.capture.uncalibrated import camera_files
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
 from splatreel.scene.camera import facing
 from tests.capture import folders
+from tests.capture.boards import FilmedBoard
 
 
 @pytest.fixture(scope="module")
@@ -71,6 +74,69 @@ def test_videos_without_features_are_refused(tmp_path: Path) -> None:
         (tmp_path / f"phone{c}.mp4").rename(tmp_path / f"cam{c}.mp4")
     with pytest.raises(CaptureError, match="calibration failed"):  # and not that poses_bounds.npy is missing
         open_capture(tmp_path)
+
+
+@pytest.mark.slow
+def test_cameras_of_one_lens_need_fewer_matches(room: Path, tmp_path: Path) -> None:
+    colmap, known = pytest.importorskip("pycolmap"), open_capture(room, held_out=[])
+    names = ["cam01", "cam04", "cam06", "cam11", "cam13"]
+    for name in names:
+        shutil.copy(room / f"{name}.mp4", tmp_path)
+    found = calibrate(tmp_path, Silent(), same_lens=True)
+    assert sorted(found.placed) == names
+    model = colmap.Reconstruction(str(tmp_path / "sparse" / "0"))
+    assert len({image.camera_id for image in model.images.values()}) == 1
+    capture = open_capture(tmp_path, held_out=[])
+    assert capture.cameras[0].K[0, 0] == pytest.approx(known.cameras[0].K[0, 0], rel=0.15)
+    here, there = (np.stack([rig.camera(name).center for name in names]) for rig in (capture, known))
+    assert np.linalg.norm(fitted(here, there) - there, axis=1).max() < 0.05 * np.ptp(there, axis=0).max()
+
+
+def test_one_lens_needs_one_size(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    for c, width in enumerate((128, 128, 96)):
+        folders.write_video(tmp_path / f"phone{c}.mp4", [folders.frame(c, 0, width, 96)])
+    with pytest.raises(
+        CaptureError, match=r"phone2 has frames of 96x96 pixels, phone0 of 128x96.*leave out --same-lens"
+    ):
+        calibrate(tmp_path, Silent(), same_lens=True)
+    assert not (tmp_path / "sparse").exists()
+
+
+@pytest.mark.slow
+def test_folders_of_pictures_are_calibrated(room: Path, tmp_path: Path) -> None:
+    """The model belongs to the pictures, which are read with it."""
+    pytest.importorskip("pycolmap")
+    known, names = open_capture(room, held_out=[]), ["cam01", "cam02", "cam03", "cam04", "cam05"]
+    for name in names:
+        (tmp_path / name / "images").mkdir(parents=True)
+        for number, picture in enumerate(known.read(0, 2, [name])[:, 0]):
+            Image.fromarray(picture).save(tmp_path / name / "images" / f"{number:04d}.png")
+    found = calibrate(tmp_path, Silent(), leave_out=["cam05"])
+    assert (sorted(found.placed), found.moments) == (names[:4], 2)
+    capture = open_capture(tmp_path, held_out=[])
+    assert ([camera.name for camera in capture.cameras], capture.frames) == (names[:4], 2)
+    with pytest.raises(CaptureError, match="there is no camera 'cam09' to leave out; there are cam01"):
+        camera_files(tmp_path, ["cam09"])
+
+
+@pytest.mark.slow
+def test_a_board_in_the_scene_gives_meters(room: Path, tmp_path: Path) -> None:
+    """The unit of the room is 1.5 m, by the size of the board's squares."""
+    colmap, known = pytest.importorskip("pycolmap"), open_capture(room, held_out=[])
+    names = ["cam01", "cam02", "cam03", "cam04", "cam05", "cam06"]
+    board = Board(5, 4, 0.15, "checkerboard")
+    film = FilmedBoard.seen_by(colmap, [known.camera(name) for name in names])
+    pose = np.array([[1.0, 0, 0, -0.4], [0, -1, 0, 1.1], [0, 0, -1, 1.3]])
+    for name in names:
+        pictures = known.read(0, 2, [name])[:, 0]
+        folders.write_video(
+            tmp_path / f"{name}.mp4", [film.picture(name, board, pose, scene=picture) for picture in pictures]
+        )
+    calibrate(tmp_path, Silent(), scale=Board(5, 4, 1.5 * 0.15, "checkerboard"))
+    found = open_capture(tmp_path, held_out=[])
+    here, there = (np.stack([rig.camera(name).center for name in names]) for rig in (found, known))
+    assert np.linalg.norm(here[0] - here[-1]) == pytest.approx(1.5 * np.linalg.norm(there[0] - there[-1]), rel=0.05)
 
 
 @pytest.mark.slow
@@ -184,7 +250,7 @@ def test_success_removes_the_recorded_failure(tmp_path: Path) -> None:
 
 def test_too_few_videos_are_refused(tmp_path: Path) -> None:
     folders.write_video(tmp_path / "phone.mp4", [folders.frame(0, 0)])
-    with pytest.raises(CaptureError, match=r"1 videos \(phone\.mp4\), at least 3"):
+    with pytest.raises(CaptureError, match=r"of 1 cameras \(phone\), at least 3"):
         calibrate(tmp_path, Silent())
 
 

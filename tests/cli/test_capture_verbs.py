@@ -53,6 +53,7 @@ def test_sync_of_one_video(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     ("note", "said"),
     [
         ('{"starts": {"cam00": -1}}', "starts is {'cam00': -1}, expected seconds of 0 or more by camera"),
+        ('{"sync": {"cam00": {"clear": 2}}}', "sync of cam00 is {'clear': 2}, expected what `capture sync` writes"),
         ('{"calibration_failed": 3}', "calibration_failed is 3, expected a sentence"),
     ],
 )

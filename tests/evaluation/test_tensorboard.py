@@ -18,7 +18,7 @@ pytest.importorskip("tensorboardX")
 
 def read_events(out: Path) -> dict[str, dict[int, float]]:
     """Return the scalars of all event files, by tag and step. A file is a list of records: length, checksum, event, checksum."""
-    from tensorboardX.proto.event_pb2 import Event
+    from tensorboardX.proto.event_pb2 import Event  # pyright: ignore[reportAttributeAccessIssue]
 
     found: dict[str, dict[int, float]] = {}
     for path in (out / "tensorboard").glob("events.out.tfevents.*"):

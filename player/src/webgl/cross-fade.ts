@@ -1,7 +1,7 @@
 /** Blends the image of the next group over that of the present one, since the points of both would hide each other. */
 import type { Eye } from "../draw/eye";
 import { Program } from "./program";
-import { fadeFragment, fadeVertex } from "./shaders";
+import { coverVertex, fadeFragment } from "./shaders";
 
 /** A second image, and the pass that blends it. */
 export class CrossFade {
@@ -14,7 +14,7 @@ export class CrossFade {
   private size = [0, 0];
 
   constructor(private readonly gl: WebGL2RenderingContext) {
-    this.program = new Program(gl, fadeVertex, fadeFragment);
+    this.program = new Program(gl, coverVertex, fadeFragment);
     this.framebuffer = gl.createFramebuffer();
     this.empty = gl.createVertexArray();
   }

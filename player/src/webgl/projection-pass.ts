@@ -5,7 +5,7 @@ import { staticWeights, type Shown } from "@splatreel/decoder/reel/timeline";
 import type { GpuMemory } from "./gpu-memory";
 import { Program } from "./program";
 import type { Scene } from "../draw/scene";
-import { projectFragment, projectVertex } from "./shaders";
+import { coverVertex, projectFragment } from "./shaders";
 import { TEXTURE_WIDTH } from "../draw/texture-layout";
 import { rowsOf, type PointTextures } from "./textures";
 
@@ -15,7 +15,7 @@ export class ProjectionPass {
   private readonly empty: WebGLVertexArrayObject;
 
   constructor(private readonly gl: WebGL2RenderingContext, private readonly memory: GpuMemory) {
-    this.program = new Program(gl, projectVertex, projectFragment);
+    this.program = new Program(gl, coverVertex, projectFragment);
     this.empty = gl.createVertexArray();
   }
 

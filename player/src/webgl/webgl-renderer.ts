@@ -10,7 +10,7 @@ import { CrossFade } from "./cross-fade";
 import { GpuMemory } from "./gpu-memory";
 import { hitsAt, middleDepth, type Hit } from "./pick";
 import { ProjectionPass } from "./projection-pass";
-import { SplatPass } from "./splat-pass";
+import { SplatPass, type SplatShaders } from "./splat-pass";
 import { rowsOf } from "./textures";
 
 /** Part of WebXR that TypeScript does not describe. */
@@ -19,24 +19,24 @@ declare const XRWebGLLayer: new (session: object, gl: WebGL2RenderingContext) =>
 /** Renderer for a WebGL 2 context. */
 export class WebglRenderer implements Renderer {
   readonly software: boolean;
-  private readonly gl: WebGL2RenderingContext;
-  private readonly memory: GpuMemory;
-  private readonly projection: ProjectionPass;
-  private readonly splats: SplatPass;
+  protected readonly gl: WebGL2RenderingContext;
+  protected readonly memory: GpuMemory;
+  protected readonly projection: ProjectionPass;
+  protected readonly splats: SplatPass;
   private readonly fade: CrossFade;
-  private last: { scene: Scene; weight: number; view: View } | null = null;
-  private antialias = false;
+  protected last: { scene: Scene; weight: number; view: View } | null = null;
+  protected antialias = false;
   private background: Vec3 = [0, 0, 0];
 
-  /** Throws `ReelError` if the browser has no WebGL 2. */
-  constructor(private readonly canvas: HTMLCanvasElement) {
+  /** Throws `ReelError` if the browser has no WebGL 2. shaders: of the second pass. */
+  constructor(private readonly canvas: HTMLCanvasElement, shaders?: SplatShaders) {
     const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, powerPreference: "high-performance" });
     if (!gl) throw new ReelError("This browser or device lacks WebGL 2, which the player needs to draw.", { plain: PLAIN.device });
     this.gl = gl;
     this.software = isSoftware(gl);
     this.memory = new GpuMemory(gl);
     this.projection = new ProjectionPass(gl, this.memory);
-    this.splats = new SplatPass(gl, this.memory.target);
+    this.splats = new SplatPass(gl, this.memory.target, shaders);
     this.fade = new CrossFade(gl);
   }
 

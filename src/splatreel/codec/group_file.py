@@ -104,8 +104,8 @@ def encode_group_again(group: Group, precision: Precision | None, directional: b
         check_offsets(group.dx, group.dq)
         sections, order = points.sections | encode_offsets(group.dx, group.dq, points), points.order
         if group.shade is not None:
-            known = precision.bases.get("shade")
-            sections |= encode_shade(group.shade, order, points.predictor, precision.steps["shade"], known)
+            step, known = precision.steps["shade"], points.precision.bases.get("shade")
+            sections |= encode_shade(group.shade, order, points.predictor, step, known)
     return _pack_group(group, sections, order)
 
 

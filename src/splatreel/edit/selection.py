@@ -13,8 +13,8 @@ from splatreel.scene.volumes import Volume
 
 MARGIN = 0.25
 """Opacity below zero at frames where a point is removed, so that the quantization of changes does not show it."""
-VISIBLE = 0.05
-"""Opacity from which on a point counts as visible."""
+VISIBLE = 0.5
+"""Share of its highest opacity from which on a point counts as visible."""
 
 
 class Selection(Protocol):
@@ -129,7 +129,8 @@ class LastingEnough:
 
     def moving(self, clip: Clip, index: int, group: ClipGroup) -> np.ndarray:
         """Return which dynamic points last long enough."""
-        seen = group.opacities() >= VISIBLE
+        opacities = group.opacities()
+        seen = opacities >= VISIBLE * opacities.max(0)
         frames = self.seconds * clip.outline.header.fps
         return (seen[0] | seen[-1] | (seen.sum(0) >= frames))[None]
 

@@ -41,7 +41,7 @@ class Similarity:
 
     @property
     def turns(self) -> bool:
-        """Whether it rotates."""
+        """True if the map rotates."""
         return abs(float(self.quat[0])) < 1
 
     def position(self, points: np.ndarray) -> np.ndarray:

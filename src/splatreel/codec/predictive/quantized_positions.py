@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatreel.codec import morton
 from splatreel.codec.predictive.entropy import Stream, entropy_encode
 from splatreel.codec.quantize import Parameters, number, numbers
 from splatreel.errors import ReelError
+from splatreel.scene import morton
 
 MAX_BITS = 17
 """Bits per axis. A code then fits into a double, the number type of browsers."""
