@@ -1,4 +1,5 @@
 /** The custom element <splat-reel src="…/manifest.json" poster autoplay loop muted controls>, modeled on <video>. */
+import { ENGLISH } from "../base/words";
 import { parsePath, type PathFile } from "../camera/camera-path";
 import { linkTo, startOf } from "../camera/link";
 import type { Pose } from "../camera/pose";
@@ -14,6 +15,7 @@ import type { Camera } from "@splatreel/decoder/reel/manifest";
 import { Controls, LACKING } from "../ui/controls";
 import { CooperativeGestures } from "../ui/cooperative-gestures";
 import { FirstPrompt } from "../ui/first-prompt";
+import { languageOf, loadWords } from "../ui/language";
 import { OffCameraFade } from "../ui/off-camera-fade";
 import type { MediaTexts } from "../ui/media-controls";
 import { attachPointerControls } from "../ui/pointer-controls";
@@ -79,11 +81,11 @@ export class SplatReelElement extends MediaElement {
   connectedCallback(): void {
     if (this.connection) return; // the element was moved within the page
     const { canvas, player } = this;
-    const label = this.getAttribute("aria-label") ?? "Volumetric video";
-    canvas.setAttribute("aria-label", `${label}. Drag to look around, scroll to zoom, double-click to choose the middle.`);
     this.connection = new AbortController();
     const { signal } = this.connection;
-    const gestures = new CooperativeGestures(this, canvas, signal);
+    this.describe();
+    void this.useLanguage(signal);
+    const gestures = new CooperativeGestures(this, canvas, () => player.words, signal);
     this.picture.image.after(gestures.hint);
     signal.addEventListener("abort", () => gestures.hint.remove());
     attachPointerControls(canvas, player, gestures, (side) => this.skip(side), signal);
@@ -261,6 +263,22 @@ export class SplatReelElement extends MediaElement {
     if (this.end === null || this.paused || this.currentTime < this.end) return;
     this.end = null;
     this.pause();
+  }
+
+  private describe(): void {
+    const { words: t } = this.player;
+    const label = this.getAttribute("aria-label") ?? t("Volumetric video");
+    this.canvas.setAttribute("aria-label", `${label}. ${t("Drag to look around, scroll to zoom, double-click to choose the middle.")}`);
+  }
+
+  /** Show all texts in the language of the page. Until its file arrives, and if it does not, they are English. */
+  private async useLanguage(signal: AbortSignal): Promise<void> {
+    const language = languageOf(this);
+    const words = await loadWords(language).catch(() => null);
+    if (signal.aborted || language === this.player.language || (language !== "en" && !words)) return;
+    [this.player.words, this.player.language] = [words ?? ENGLISH, language];
+    this.describe();
+    this.showControls();
   }
 
   /** Step back or on after a double tap. */

@@ -1,6 +1,7 @@
 /** The player: its methods, state and events, for the element and the controls. */
 import type { View } from "../base/view";
 import { waitUntil } from "../base/wait-until";
+import { ENGLISH, type Words } from "../base/words";
 import type { OrbitCamera } from "../camera/orbit-camera";
 import type { Pose, Start } from "../camera/pose";
 import type { Picture, Stage } from "../draw/stage";
@@ -38,6 +39,10 @@ export class Player extends EventTarget {
   /** Played ranges. */
   readonly played = new PlayedRanges();
 
+  /** Texts for people, in the language of the element. */
+  words: Words = ENGLISH;
+  /** Language of the texts. */
+  language = "en";
   /** Captions and chapters; null for none. */
   tracks: TextTracks | null = null;
 

@@ -23,7 +23,7 @@ export class OffCameraFade {
     const color = (manifest?.background ?? [0, 0, 0]).map((part) => Math.round(255 * part));
     this.box.style.backgroundColor = transparent ? "" : `rgb(${color.join(" ")} / ${fade.toFixed(3)})`;
     canvas.style.opacity = transparent && fade > 0 ? (1 - fade).toFixed(3) : "";
-    const words = fade > WORDS ? "No camera looked from here" : "";
+    const words = fade > WORDS ? this.player.words("No camera looked from here") : "";
     const line = this.box.firstElementChild!;
     if (line.textContent !== words) line.textContent = words;
   }
