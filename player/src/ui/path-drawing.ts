@@ -91,6 +91,7 @@ export function lineOf(points: Vec3[], view: View): string {
   return shape;
 }
 
+/** Return a point of camera space in pixels, as text for a path. */
 export function pixel([x, y, z]: Vec3, { fx, fy, cx, cy }: View): string {
   const shown = (value: number): string => Math.min(Math.max(value, -1e5), 1e5).toFixed(1);
   return `${shown((fx * x) / z + cx)} ${shown((fy * y) / z + cy)}`;
