@@ -21,7 +21,16 @@ CAPTURES = {
     "juggle": "juggle, a dome",
     "basketball": "Panoptic basketball, a dome",
 }
-COLUMNS = ("capture", "cameras", "degrees to the nearest", "placed", "rotation", "position", "with `match`: rotation", "position")
+COLUMNS = (
+    "capture",
+    "cameras",
+    "degrees to the nearest",
+    "placed",
+    "rotation",
+    "position",
+    "with `match`: rotation",
+    "position",
+)
 MISSING = "*not measured*"
 
 Records = dict[tuple[str, int, bool], dict]
