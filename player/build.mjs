@@ -3,7 +3,6 @@ import { build, transform } from "esbuild";
 import { readFile, writeFile } from "node:fs/promises";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
-import { assembly } from "./assembly.mjs";
 import { common, leaveAddresses, license, notices, writeDecoders } from "./bundling.mjs";
 
 const here = dirname(fileURLToPath(import.meta.url));
@@ -20,6 +19,7 @@ const parts = {
   menu: "src/ui/menu.ts",
   "open-files": "src/files/open-files.ts",
   "path-panel": "src/ui/path-panel.ts",
+  "edit-panel": "src/ui/edit-panel.ts",
   screenshot: "src/ui/screenshot.ts",
   section: "src/ui/section.ts",
   share: "src/ui/share.ts",
@@ -42,16 +42,7 @@ const styles = {
   }),
 };
 
-// Shaders are embedded without comments and indentation, which a script's minifier keeps in strings.
-const shaders = {
-  name: "shaders",
-  setup: (build) => build.onLoad({ filter: /[/\\]shaders\.ts$/ }, async ({ path }) => {
-    const text = await readFile(path, "utf8");
-    return { contents: text.replace(/\/\*[^]*?\*\//g, "").replace(/(^|\s)\/\/ .*$/gm, "").replace(/^\s+/gm, "").replace(/ ([=*<>?:,(){}]+) /g, "$1"), loader: "ts" };
-  }),
-};
-
-const options = { ...common, plugins: [assembly, late, shaders, styles], loader: { ".svg": "text" } };
+const options = { ...common, plugins: [...common.plugins, late, styles], loader: { ".svg": "text" } };
 
 await writeDecoders(out);
 await build({ ...options, entryPoints: { player: "src/main.ts", "sort-worker": "src/draw/sort-worker.ts" }, outdir: out });

@@ -16,6 +16,15 @@ const decoders = {
   "hevc-decode.wasm": ["@hevcjs/core/wasm/hevc-decode.wasm"],
 };
 
+// Shaders are embedded without comments and indentation.
+const shaders = {
+  name: "shaders",
+  setup: (build) => build.onLoad({ filter: /shaders\.ts$/ }, async ({ path }) => {
+    const text = await readFile(path, "utf8");
+    return { contents: text.replace(/\/\*\*[^]*?\*\/|\/\/.*$/gm, "").replace(/^\s+/gm, ""), loader: "ts" };
+  }),
+};
+
 /** Options of esbuild. */
 export const common = {
   absWorkingDir: here,
@@ -24,7 +33,7 @@ export const common = {
   target: "es2022",
   charset: "utf8",
   legalComments: "none",
-  plugins: [assembly],
+  plugins: [assembly, shaders],
   format: "esm",
   logLevel: "warning",
 };

@@ -11,7 +11,9 @@ ROOT = Path(__file__).parent.parent
 PACKAGES = {
     "decoder": ROOT / "player" / "packages" / "decoder" / "src",
     "player": ROOT / "player" / "src",
+    "three": ROOT / "player" / "packages" / "three" / "src",
 }
+NAMES = {"@splatreel/decoder": "decoder", "splatreel-player": "player"}
 """Sources of the npm packages. A package imports only from those before it."""
 ROOMS_OF_PACKAGES = {
     "decoder": (
@@ -35,13 +37,19 @@ ROOMS_OF_PACKAGES = {
         ("element",),
         ("main.ts",),
     ),
+    "three": (
+        ("raw-gl.ts", "shaders.ts", "views.ts"),
+        ("three-renderer.ts", "reel-player.ts"),
+        ("splat-reel.ts",),
+        ("index.ts",),
+    ),
 }
 """The rooms of each package, from the lowest rung up; those of one rung do not import each other."""
 
 
 def typescript_imports(source: str) -> list[str]:
     """Return the local files that a TypeScript file imports, types and dynamic imports included."""
-    return re.findall(r"""(?:\bfrom|\bimport)\s*\(?\s*["']((?:\.{1,2}|@splatreel/\w+)/[^"']+)["']""", source)
+    return re.findall(r"""(?:\bfrom|\bimport)\s*\(?\s*["']((?:\.{1,2}|@splatreel/decoder|splatreel-player)/[^"']+)["']""", source)
 
 
 def imports_of_typescript() -> dict[str, set[str]]:
@@ -55,9 +63,9 @@ def imports_of_typescript() -> dict[str, set[str]]:
     for path, name in names.items():
         files = []
         for target in typescript_imports(path.read_text(encoding="utf-8")):
-            scope, _, rest = target.partition("/")
-            package, _, inside = rest.partition("/")
-            file = PACKAGES[package] / inside if scope == "@splatreel" else (path.parent / target).resolve()
+            package = next((name for name in NAMES if target.startswith(f"{name}/")), None)
+            inside = target.removeprefix(f"{package}/")
+            file = PACKAGES[NAMES[package]] / inside if package else (path.parent / target).resolve()
             files.append(file.with_name(file.name + ".ts"))
         found[name] = {names[file] for file in files if file in names}
     return found

@@ -26,11 +26,15 @@ def build(name: str, folder: Path) -> Path:
         pytest.skip("the web examples need node and npm")
     app = folder / name
     shutil.copytree(EXAMPLES / name, app, ignore=shutil.ignore_patterns("node_modules", "dist", "public"))
-    shutil.copytree(STATIC, app / "player" / "dist")
-    shutil.copy(ROOT / "player" / "package.json", app / "player")
-    shutil.copytree(GOLDEN, app / "public" / "reel")
     package = json.loads((app / "package.json").read_text(encoding="utf-8"))
-    package["dependencies"]["splatreel-player"] = "file:player"
+    name = next(name for name in package["dependencies"] if "splatreel" in name)
+    source = ROOT / "player" if name == "splatreel-player" else ROOT / "player" / "packages" / name.partition("/")[2]
+    if name != "splatreel-player":
+        subprocess.run(["node", source / "build.mjs"], cwd=ROOT / "player", check=True, timeout=600)
+    shutil.copytree(STATIC if name == "splatreel-player" else source / "dist", app / "package" / "dist")
+    shutil.copy(source / "package.json", app / "package")
+    shutil.copytree(GOLDEN, app / "public" / "reel")
+    package["dependencies"][name] = "file:package"
     (app / "package.json").write_text(json.dumps(package), encoding="utf-8")
     command = [npm, "install", "--no-audit", "--no-fund", "--ignore-scripts", "--install-links"]
     try:
@@ -46,9 +50,11 @@ def build(name: str, folder: Path) -> Path:
 
 def test_versions_of_the_player_are_the_packages() -> None:
     version = json.loads((ROOT / "player" / "package.json").read_text(encoding="utf-8"))["version"]
-    for name in ("vite", "react"):
-        package = json.loads((EXAMPLES / name / "package.json").read_text(encoding="utf-8"))
-        assert package["dependencies"]["splatreel-player"] == version
+    for path in (ROOT / "player" / "packages").glob("*/package.json"):
+        assert json.loads(path.read_text(encoding="utf-8"))["version"] == version
+    for path in EXAMPLES.glob("*/package.json"):
+        dependencies = json.loads(path.read_text(encoding="utf-8"))["dependencies"]
+        assert [needed for name, needed in dependencies.items() if "splatreel" in name] == [version]
 
 
 def test_plain_page_plays(page: Page, tmp_path: Path) -> None:
@@ -68,3 +74,11 @@ def test_built_page_plays(page: Page, tmp_path: Path, name: str) -> None:
         page.goto(site)
         wait_for_picture(page)
         page.wait_for_function("document.getElementById('status').textContent.includes('0.5 s')")
+
+
+@pytest.mark.parametrize("name", ["three", "react-three-fiber"])
+def test_built_scene_plays(page: Page, tmp_path: Path, name: str) -> None:
+    with host(build(name, tmp_path)) as site:
+        page.goto(site)
+        page.wait_for_function("document.getElementById('status').textContent.includes('0.5 s')")
+        page.goto("about:blank")  # ends its downloads before the host is gone

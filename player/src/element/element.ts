@@ -39,7 +39,7 @@ sheet.replaceSync(styles);
 
 /** `<splat-reel>`. */
 export class SplatReelElement extends MediaElement {
-  static readonly observedAttributes = ["src", "poster", "loop", "muted", "controls", "loading", "preload"];
+  static readonly observedAttributes = ["src", "poster", "loop", "muted", "controls", "loading", "preload", "transparent"];
 
   /** The player behind the element. */
   readonly player: Player;
@@ -69,6 +69,7 @@ export class SplatReelElement extends MediaElement {
     this.promises = new PlayPromises(this.player);
     this.frames = new FrameCallbacks(this.player);
     this.player.addEventListener("timeupdate", () => this.pauseAtEnd());
+    for (const name of ["loadedmetadata", "emptied"]) this.player.addEventListener(name, () => this.showPage());
     const root = this.attachShadow({ mode: "open" });
     root.adoptedStyleSheets = [sheet]; // a page's policy may forbid style elements
     root.append(this.canvas, new OffCameraFade(this.player).box, this.picture.image);
@@ -122,6 +123,10 @@ export class SplatReelElement extends MediaElement {
   attributeChangedCallback(name: string, before: string | null, now: string | null): void {
     if (name === "loop") this.player.loop = now !== null;
     if (name === "muted" && !this.connection && now !== null) this.muted = true;
+    if (name === "transparent") {
+      this.player.transparent = now !== null;
+      this.showPage();
+    }
     if (!this.connection) return;
     if (name === "src") this.load(); // setting the same address reloads
     if (before === now) return;
@@ -273,6 +278,11 @@ export class SplatReelElement extends MediaElement {
   /** Show a text for some seconds, if there are controls. */
   private say(words: string): void {
     this.controlsShown?.say(words);
+  }
+
+  /** Show the page behind a transparent reel. */
+  private showPage(): void {
+    this.classList.toggle("clear", this.player.transparent);
   }
 
   private watch(): void {

@@ -1,6 +1,5 @@
 /** The player's loop: in each display frame it advances the time, moves the camera, and sorts and draws the scene. */
 import type { View } from "../base/view";
-import type { OrbitCamera } from "../camera/orbit-camera";
 import type { Eye } from "../draw/eye";
 import type { Scene } from "../draw/scene";
 import type { Picture, Stage } from "../draw/stage";
@@ -21,7 +20,8 @@ const HEARTBEAT = 30;
 
 /** The part of the player that the loop needs. */
 export interface PlaybackHost {
-  readonly camera: OrbitCamera | null;
+  /** Camera that moves by itself. */
+  readonly camera: { step(seconds: number): boolean } | null;
   readonly clock: Clock;
   readonly resolution: Resolution;
   readonly soundtrack: Soundtrack;
@@ -95,12 +95,13 @@ export class Playback {
     if (view) this.drawPicture(stage, view, null, now);
   }
 
-  /** Draw a frame of a headset. head: view between the eyes, for which points are sorted. */
-  tickInHeadset(now: number, head: View, eyes: Eye[]): void {
+  /** Draw a frame of a headset, or of another loop. head: view between the eyes, for which points are sorted. moved: it has changed. */
+  tickInHeadset(now: number, head: View, eyes: Eye[], moved = true): void {
     const { stage, camera } = this.player;
     if (!stage || !camera || this.held) return;
     this.passTime(now, this.secondsSinceLast(now));
-    stage.invalidate();
+    if (moved) stage.invalidate();
+    else stage.redraw();
     this.drawPicture(stage, head, eyes, now);
   }
 
@@ -147,7 +148,7 @@ export class Playback {
   }
 
   /** Move the camera by input, inertia or a path. */
-  private moveCamera(camera: OrbitCamera, seconds: number): void {
+  private moveCamera(camera: { step(seconds: number): boolean }, seconds: number): void {
     if (camera.step(this.guide?.(seconds) ?? seconds)) this.player.invalidate();
   }
 

@@ -1,7 +1,7 @@
 /** Blends the image of the next group over that of the present one, since the points of both would hide each other. */
 import type { Eye } from "../draw/eye";
 import { Program } from "./program";
-import { fadeFragment, fadeVertex } from "./shaders";
+import { coverVertex, fadeFragment } from "./shaders";
 
 /** A second image, and the pass that blends it. */
 export class CrossFade {
@@ -12,9 +12,11 @@ export class CrossFade {
   private readonly empty: WebGLVertexArrayObject | null;
   private picture: WebGLTexture | null = null;
   private size = [0, 0];
+  /** True if the alpha of the image counts. Otherwise it stays 1, exactly. */
+  transparent = true;
 
   constructor(private readonly gl: WebGL2RenderingContext) {
-    this.program = new Program(gl, fadeVertex, fadeFragment);
+    this.program = new Program(gl, coverVertex, fadeFragment);
     this.framebuffer = gl.createFramebuffer();
     this.empty = gl.createVertexArray();
   }
@@ -51,7 +53,8 @@ export class CrossFade {
     gl.bindVertexArray(this.empty);
     gl.enable(gl.BLEND);
     gl.blendColor(0, 0, 0, weight);
-    gl.blendFunc(gl.CONSTANT_ALPHA, gl.ONE_MINUS_CONSTANT_ALPHA);
+    if (this.transparent) gl.blendFunc(gl.CONSTANT_ALPHA, gl.ONE_MINUS_CONSTANT_ALPHA);
+    else gl.blendFuncSeparate(gl.CONSTANT_ALPHA, gl.ONE_MINUS_CONSTANT_ALPHA, gl.ZERO, gl.ONE);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.disable(gl.BLEND);
   }

@@ -2,6 +2,7 @@
  * Shaders of the two passes. `project` runs once per point: it moves, projects and colors the point and writes its splat into integer
  * textures, which every WebGL 2 device can render to at full precision. `splat` draws the sorted quads.
  */
+import { MOST_REMOVED } from "../draw/cutaway";
 import { NO_POINT, TEXTURE_WIDTH } from "../draw/texture-layout";
 
 /** Texels per point in the `points` texture, and per codebook entry: one per coefficient. */
@@ -9,9 +10,9 @@ export const POINT_TEXELS = 3;
 export const ENTRY_TEXELS = 15;
 export const ENTRIES_PER_ROW = 128;
 
-export const projectVertex = `#version 300 es
+/** Vertex shader of a triangle that covers the viewport. */
+export const coverVertex = `#version 300 es
 void main() {
-  // A triangle that covers the viewport.
   gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0);
 }`;
 
@@ -41,6 +42,9 @@ uniform vec4 uRange;
 uniform vec2 uSize;
 uniform float uNear;
 uniform vec3 uLight;
+uniform vec3 uLow, uHigh;
+uniform vec4 uRemoved[${MOST_REMOVED}];
+uniform int uRemovals;
 layout(location = 0) out uvec4 outShape;
 layout(location = 1) out uvec4 outColor;
 
@@ -121,6 +125,8 @@ void main() {
     mean += movedBy(at);
     quat = uWorldly ? multiply(turnedBy(at), quat) : multiply(quat, turnedBy(at));
   }
+  if (any(lessThan(mean, uLow)) || any(greaterThan(mean, uHigh))) return;
+  for (int i = 0; i < uRemovals; i++) if (distance(mean, uRemoved[i].xyz) <= uRemoved[i].w) return;
   if (uHasAppearance) {
     vec4 gain = shadedBy(at);
     color += gain.rgb;
@@ -167,10 +173,11 @@ void main() {
   outColor = uvec4(packHalf2x16(color.rg), packHalf2x16(vec2(color.b, opacity)), floatBitsToUint(extent), floatBitsToUint(camera.z));
 }`;
 
-export const splatVertex = `#version 300 es
+/** Return the vertex shader of the second pass. depth: GLSL of the depth in clip space; declarations: of what it uses. */
+export const splatVertexOf = (depth: string, declarations = ""): string => `#version 300 es
 precision highp float;
 precision highp int;
-uniform highp usampler2D uShape;
+${declarations}uniform highp usampler2D uShape;
 uniform highp usampler2D uColor;
 uniform highp usampler2D uOrder;
 uniform vec2 uSize;
@@ -188,7 +195,7 @@ void main() {
   uvec4 shape = texelFetch(uShape, at, 0);
   vec2 corner = vec2(gl_VertexID & 1, (gl_VertexID >> 1) & 1) * 2.0 - 1.0;
   vec2 pixel = uintBitsToFloat(shape.xy) + corner.x * unpackHalf2x16(shape.z) + corner.y * unpackHalf2x16(shape.w);
-  gl_Position = vec4(pixel / uSize * vec2(2.0, -2.0) + vec2(-1.0, 1.0), 0.0, 1.0);
+  gl_Position = vec4(pixel / uSize * vec2(2.0, -2.0) + vec2(-1.0, 1.0), ${depth}, 1.0);
   vAt = corner;
   vColor = vec4(unpackHalf2x16(color.x), unpackHalf2x16(color.y));
   // exp(-r^2 / 2) at r standard deviations, as a power of two of the place in the quad.
@@ -206,12 +213,6 @@ void main() {
   if (square > 1.0) discard;
   float alpha = min(0.999, vColor.a * exp2(vFall * square));
   outColor = vec4(vColor.rgb * alpha, alpha);
-}`;
-
-/** Vertex shader of a triangle that covers the viewport. */
-export const fadeVertex = `#version 300 es
-void main() {
-  gl_Position = vec4(vec2(gl_VertexID & 1, gl_VertexID >> 1) * 4.0 - 1.0, 0.0, 1.0);
 }`;
 
 export const fadeFragment = `#version 300 es

@@ -1,10 +1,13 @@
 /** Second pass: draws the splats of the target as quads, far to near. */
 import type { Eye } from "../draw/eye";
 import { Program } from "./program";
-import { splatFragment, splatVertex } from "./shaders";
+import { splatFragment, splatVertexOf } from "./shaders";
 import { integerTexture, type SplatTarget } from "./splat-target";
 import { TEXTURE_WIDTH } from "../draw/texture-layout";
 import { rowsOf } from "./textures";
+
+/** Vertex and fragment shader of the pass. */
+export type SplatShaders = [vertex: string, fragment: string];
 
 /** Draws the splats in the present order. */
 export class SplatPass {
@@ -12,11 +15,13 @@ export class SplatPass {
   private readonly quads: WebGLVertexArrayObject;
   private readonly corners: WebGLBuffer;
   private order: WebGLTexture | null = null;
+  /** True if the alpha of the image counts. Otherwise it stays 1, exactly. */
+  transparent = true;
   private orderRows = 0;
   private points = 0;
 
-  constructor(private readonly gl: WebGL2RenderingContext, private readonly target: SplatTarget) {
-    this.program = new Program(gl, splatVertex, splatFragment);
+  constructor(private readonly gl: WebGL2RenderingContext, private readonly target: SplatTarget, shaders: SplatShaders = [splatVertexOf("0.0"), splatFragment]) {
+    this.program = new Program(gl, ...shaders);
     this.quads = gl.createVertexArray();
     this.corners = gl.createBuffer();
     gl.bindVertexArray(this.quads);
@@ -49,8 +54,8 @@ export class SplatPass {
     this.points = count;
   }
 
-  /** Draw into the place of an eye. */
-  run({ framebuffer, x, y, view }: Eye): void {
+  /** Draw into the place of an eye. prepare: sets further uniforms. */
+  run({ framebuffer, x, y, view }: Eye, prepare?: (program: Program) => void): void {
     const { gl, program } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
     gl.viewport(x, y, view.width, view.height);
@@ -59,9 +64,11 @@ export class SplatPass {
     program.texture("uColor", 1, gl.TEXTURE_2D, this.target.color);
     program.texture("uOrder", 2, gl.TEXTURE_2D, this.order);
     gl.uniform2f(program.at("uSize"), view.width, view.height);
+    prepare?.(program);
     gl.bindVertexArray(this.quads);
     gl.enable(gl.BLEND);
-    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    if (this.transparent) gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    else gl.blendFuncSeparate(gl.ONE, gl.ONE_MINUS_SRC_ALPHA, gl.ZERO, gl.ONE);
     // Each instance draws a row of the order, since instances of a single quad are slow on many devices.
     gl.drawElementsInstanced(gl.TRIANGLES, 6 * TEXTURE_WIDTH, gl.UNSIGNED_SHORT, 0, rowsOf(this.points));
     gl.disable(gl.BLEND);

@@ -1,4 +1,4 @@
-/** Entry point for browsers and Deno: files are decoded in web workers. */
+/** Entry point for browsers: files are decoded in web workers. */
 import { openWorker } from "./files/workers";
 import { openSource, type ReelFiles } from "./reader/open-source";
 import type { ReelOptions, ReelReader } from "./reader/reel-reader";

@@ -1,4 +1,4 @@
-/** Entry point for Node: files are decoded in threads, and reels may be folders. */
+/** Entry point for Node and Deno: files are decoded in threads, and reels may be folders. */
 import { readFileSync, statSync } from "node:fs";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";

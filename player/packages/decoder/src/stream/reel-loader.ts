@@ -128,7 +128,7 @@ export class ReelLoader {
   }
 
   private take(add: () => void): void {
-    if (this.abandoned) return;
+    if (this.abandoned || this.closed) return; // a worker may have answered before it ended
     try {
       add();
     } catch (error) {

@@ -1,0 +1,310 @@
+/** A reel as an object of a three.js scene. */
+import { ReelError } from "@splatreel/decoder/base/errors";
+import { waitUntil } from "splatreel-player/base/wait-until";
+import {
+  Box3,
+  BufferGeometry,
+  Matrix4,
+  Mesh,
+  MeshBasicMaterial,
+  Quaternion,
+  Ray,
+  Sphere,
+  Vector3,
+  Vector4,
+  type Camera,
+  type Intersection,
+  type PerspectiveCamera,
+  type Raycaster,
+  type WebGLRenderer,
+} from "three";
+import { ReelPlayer } from "./reel-player";
+import { ThreeRenderer, type Look } from "./three-renderer";
+import type { View } from "splatreel-player/base/view";
+import { isSameView, viewAlong, viewOf } from "./views";
+
+/** Options of a `SplatReel`. */
+export interface SplatReelOptions {
+  autoplay?: boolean;
+  loop?: boolean;
+  muted?: boolean;
+  /** Time at which the reel opens, in seconds. */
+  currentTime?: number;
+  /** Write the depth of splats, so that transparent objects drawn later are hidden behind them. */
+  depthWrite?: boolean;
+}
+
+/** Events of a `SplatReel`, as in HTMLMediaElement. */
+export const EVENTS = ["loadstart", "loadedmetadata", "durationchange", "loadeddata", "canplay", "play", "playing", "pause", "timeupdate", "progress", "waiting", "seeking", "seeked", "volumechange", "ended", "error", "notallowed"] as const;
+
+/**
+ * Plays a reel. It opens when it is drawn for the first time, since its files go to the graphics device of the renderer.
+ *
+ * The reel keeps the axes and units of its capture. `uprightRotation` and `viewFromStart` relate them to the scene.
+ */
+export class SplatReel extends Mesh<BufferGeometry, MeshBasicMaterial> {
+  readonly isSplatReel = true;
+  private readonly look: Look;
+  private readonly player: ReelPlayer;
+  private three: WebGLRenderer | null = null;
+  private renderer: ThreeRenderer | null = null;
+  private readonly drawn = new EventTarget();
+  private readonly onLost = (): void => this.close();
+  private disposed = false;
+
+  /** url: address of the reel's manifest.json. */
+  constructor(url: string, { autoplay = false, loop = false, muted = false, currentTime, depthWrite = false }: SplatReelOptions = {}) {
+    // three.js draws nothing itself: the object takes part in its order of transparent objects.
+    super(new BufferGeometry(), new MeshBasicMaterial({ transparent: true, colorWrite: false, depthWrite: false }));
+    this.geometry.setDrawRange(0, 0);
+    this.geometry.boundingSphere = new Sphere();
+    this.geometry.boundingBox = new Box3();
+    this.frustumCulled = false;
+    this.look = { depthWrite, opacity: 1 };
+    this.player = new ReelPlayer(url, (event) => this.emit(event));
+    this.player.startTime = currentTime ?? null;
+    [this.loop, this.muted] = [loop, muted];
+    this.onBeforeRender = (renderer, _scene, camera, _geometry, material) => void (material === this.material && this.draw(renderer, camera));
+    if (autoplay) this.play();
+  }
+
+  /** Start to play. Sound needs a prior interaction with the page; without it the reel plays muted. */
+  play(): void {
+    this.player.play();
+  }
+
+  pause(): void {
+    this.player.pause();
+  }
+
+  get paused(): boolean {
+    return this.player.paused;
+  }
+
+  get currentTime(): number {
+    return this.player.currentTime;
+  }
+
+  set currentTime(seconds: number) {
+    this.player.currentTime = seconds;
+  }
+
+  /** End of the reel, in seconds; 0 before its manifest arrives. */
+  get duration(): number {
+    return this.player.clock.duration;
+  }
+
+  get loop(): boolean {
+    return this.player.loop;
+  }
+
+  set loop(loop: boolean) {
+    this.player.clock.loop = loop;
+  }
+
+  get playbackRate(): number {
+    return this.player.clock.rate;
+  }
+
+  set playbackRate(rate: number) {
+    this.player.clock.rate = rate;
+  }
+
+  get muted(): boolean {
+    return this.player.soundtrack.muted;
+  }
+
+  set muted(muted: boolean) {
+    this.player.soundtrack.muted = muted;
+  }
+
+  /** 0 to 1. */
+  get volume(): number {
+    return this.player.soundtrack.volume;
+  }
+
+  set volume(volume: number) {
+    this.player.soundtrack.volume = volume;
+  }
+
+  /** True if the direction and distance of the sound follow the camera, for reels whose sound has a position. */
+  get positional(): boolean {
+    return this.player.soundtrack.spatial.on;
+  }
+
+  set positional(on: boolean) {
+    this.player.soundtrack.spatial.on = on;
+  }
+
+  /** Factor on all opacities, 0 to 1. */
+  get opacity(): number {
+    return this.look.opacity;
+  }
+
+  set opacity(opacity: number) {
+    this.look.opacity = opacity;
+  }
+
+  get depthWrite(): boolean {
+    return this.look.depthWrite;
+  }
+
+  set depthWrite(write: boolean) {
+    this.look.depthWrite = write;
+  }
+
+  get ended(): boolean {
+    return this.player.ended;
+  }
+
+  get seeking(): boolean {
+    return this.player.playback.seeking;
+  }
+
+  /** True while playback waits for data or sound. */
+  get waiting(): boolean {
+    return this.player.playback.stalled || this.player.playback.soundLate;
+  }
+
+  /** True once a complete frame has been drawn. */
+  get canPlay(): boolean {
+    return this.player.playback.ready;
+  }
+
+  get error(): Error | null {
+    return this.player.error;
+  }
+
+  /** Names of the renditions, best first. */
+  get renditions(): string[] {
+    return this.player.manifest?.renditions ?? [];
+  }
+
+  /** The chosen rendition; null to adapt to network and device. */
+  get rendition(): string | null {
+    return this.player.rendition;
+  }
+
+  set rendition(name: string | null) {
+    this.player.rendition = name;
+  }
+
+  /** Number of points drawn. */
+  get points(): number {
+    return this.renderer?.points ?? 0;
+  }
+
+  /** Color behind the points, sRGB, 0 to 1; null before the manifest arrives. The scene's background is drawn instead. */
+  get background(): [number, number, number] | null {
+    return this.player.manifest?.background ?? null;
+  }
+
+  /** Resolve once a complete frame has been drawn; reject on an error. */
+  async whenReady(): Promise<this> {
+    await waitUntil(Object.assign(this.drawn, { error: this.error }), "canplay", () => this.canPlay);
+    return this;
+  }
+
+  /** Return the rotation that makes the reel's up direction y. Requires the manifest. */
+  uprightRotation(): Quaternion {
+    const { manifest } = this.player;
+    if (!manifest) throw new Error("The manifest of the reel is not here yet. Wait for `loadedmetadata`.");
+    return new Quaternion().setFromUnitVectors(new Vector3(...manifest.up).normalize(), new Vector3(0, 1, 0));
+  }
+
+  /** Place a camera at the start view of the reel, with its vertical field of view. Requires the manifest. */
+  viewFromStart(camera: PerspectiveCamera): void {
+    const { manifest } = this.player;
+    if (!manifest) throw new Error("The manifest of the reel is not here yet. Wait for `loadedmetadata`.");
+    const { viewmat, K, height } = manifest.camera;
+    this.updateWorldMatrix(true, false);
+    const world = new Matrix4().set(...(viewmat as Parameters<Matrix4["set"]>)).invert().scale(new Vector3(1, -1, -1)).premultiply(this.matrixWorld);
+    world.decompose(camera.position, camera.quaternion, new Vector3());
+    camera.fov = (2 * Math.atan(height / 2 / K[4]) * 180) / Math.PI;
+    camera.updateProjectionMatrix();
+  }
+
+  /** Add the point where a ray meets the splats of the last frame: where half of its light is absorbed. */
+  override raycast(raycaster: Raycaster, intersects: Intersection[]): void {
+    const { renderer, player: { manifest, view } } = this;
+    if (!renderer || renderer.lost || !manifest || !view) return;
+    const inverse = new Matrix4().copy(this.matrixWorld).invert();
+    const ray = new Ray().copy(raycaster.ray).applyMatrix4(inverse);
+    ray.direction.normalize();
+    const depth = renderer.depthAlong(viewAlong(ray, view.fx, manifest.near));
+    if (depth === null) return;
+    const point = ray.at(depth, new Vector3()).applyMatrix4(this.matrixWorld);
+    const distance = raycaster.ray.origin.distanceTo(point);
+    if (distance >= raycaster.near && distance <= raycaster.far) intersects.push({ distance, point, object: this });
+  }
+
+  /** Free the memory of the reel, and end its workers and sound. */
+  override dispose(): void {
+    if (this.disposed) return;
+    this.disposed = true;
+    super.dispose?.(); // three.js before 0.187 has none
+    this.pause();
+    this.close();
+    this.player.soundtrack.release();
+    const canvas = this.three?.domElement;
+    canvas?.removeEventListener("webglcontextlost", this.onLost);
+    this.geometry.dispose();
+    this.material.dispose();
+  }
+
+  private draw(three: WebGLRenderer, camera: Camera): void {
+    if (this.disposed || this.error || !this.open(three)) return;
+    const { player, renderer } = this;
+    const { manifest } = player;
+    const size = three.getCurrentViewport(new Vector4());
+    if (!manifest || size.z < 1 || size.w < 1) return;
+    const scale = Math.cbrt(Math.abs(this.matrixWorld.determinant()));
+    const seenBy = (from: Camera): View => viewOf(from, this.matrixWorld, scale, size.z, size.w, manifest.near);
+    const view = seenBy(camera);
+    const P = camera.projectionMatrix.elements;
+    renderer!.depth = [P[10], P[14] / scale];
+    // The order serves both eyes of a headset.
+    player.draw(view, three.xr.isPresenting ? seenBy(three.xr.getCamera()) : view, !isSameView(player.view, view));
+  }
+
+  /** Open the reel on the first renderer that draws it. Returns false if it cannot be drawn. */
+  private open(three: WebGLRenderer): boolean {
+    if (this.renderer) return three === this.three;
+    const why = unsupported(three);
+    if (why) this.player.error = new ReelError(why);
+    if (why) this.emit("error");
+    if (why || three.getContext().isContextLost()) return false;
+    this.three = three;
+    three.domElement.addEventListener("webglcontextlost", this.onLost);
+    this.renderer = ThreeRenderer.create(three, this.look);
+    void this.player.open(this.renderer);
+    return true;
+  }
+
+  private close(): void {
+    this.player.close();
+    this.renderer = null;
+    this.three?.domElement.removeEventListener("webglcontextlost", this.onLost);
+  }
+
+  private emit(event: string): void {
+    if (event === "loadedmetadata") this.setBounds();
+    Object.assign(this.drawn, { error: this.error });
+    this.drawn.dispatchEvent(new Event(event));
+    (this.dispatchEvent as (event: { type: string }) => void).call(this, { type: event });
+  }
+
+  private setBounds(): void {
+    const [low, high] = this.player.manifest!.bounds;
+    const box = new Box3(new Vector3(...low), new Vector3(...high));
+    this.geometry.boundingBox = box;
+    this.geometry.boundingSphere = box.getBoundingSphere(new Sphere());
+  }
+}
+
+/** Return why a renderer or its settings cannot draw reels; null if it can. */
+function unsupported(three: WebGLRenderer): string | null {
+  if (!("isWebGLRenderer" in three) && !("resetState" in three)) return "SplatReel needs three's WebGLRenderer; it does not draw with WebGPURenderer.";
+  if (three.capabilities.logarithmicDepthBuffer) return "SplatReel does not draw with a logarithmic depth buffer. Use reversedDepthBuffer instead.";
+  return null;
+}
