@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { dragged, edgesOf, FACES, firstBox, marksAt, middleOf, operationsOf, pointAt, projected, type Box } from "../src/camera/crop-box";
+import { dragged, edgesOf, FACES, firstBox, marksAt, middleOf, operationsOf, pointAt, projected, type Box } from "../src/ui/crop-box";
 import type { View } from "../src/base/view";
 
 const box: Box = [[-1, -2, 3], [1, 2, 5]];

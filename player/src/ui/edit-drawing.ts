@@ -1,7 +1,7 @@
 /** Draws the box and the marks of an edit over the picture, with a handle on each face of the box. */
 import { add, cross, eyeOf, length, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
 import type { View } from "../base/view";
-import { edgesOf, FACES, middleOf, projected, type Box, type Face } from "../camera/crop-box";
+import { edgesOf, FACES, middleOf, projected, type Box, type Face } from "./crop-box";
 import type { Sphere } from "../draw/cutaway";
 import { lineOf } from "./path-drawing";
 

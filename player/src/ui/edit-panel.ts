@@ -2,7 +2,7 @@
 import { add, eyeOf, length, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
 import { groupAt, overlapOf } from "@splatreel/decoder/reel/timeline";
 import type { View } from "../base/view";
-import { dragged, FACES, firstBox, marksAt, operationsOf, pointAt, type Box, type Face, type Mark } from "../camera/crop-box";
+import { dragged, FACES, firstBox, marksAt, operationsOf, pointAt, type Box, type Face, type Mark } from "./crop-box";
 import { MOST_REMOVED } from "../draw/cutaway";
 import type { Player } from "../player/player";
 import { EditDrawing } from "./edit-drawing";
