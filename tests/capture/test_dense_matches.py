@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from splatreel.capture import dense_matches
-from splatreel.capture.dense_matches import refine_by_matches, refine_lenses
+from splatreel.capture.dense_matches import refine_by_matches, refine_by_moments, refine_lenses
 from splatreel.capture.learned_matches import Features
 from splatreel.progress import Silent
 
@@ -18,20 +18,22 @@ SPREAD = 2.0
 """Half the side of the cube of points, 5 units away; they fill most of each picture."""
 
 
-def rig(colmap: Any, noise: float = 0.0) -> Any:
+def rig(colmap: Any, noise: float = 0.0, seed: int = 0) -> Any:
     """Return eight cameras around points whose lenses have their middle off the picture's.
 
     Args:
         colmap: Module pycolmap.
         noise: Standard deviation of the places of its few points in the pictures, in pixels.
+        seed: Seed of the noise and the points; the cameras are always the same.
     """
     options, rng = colmap.SyntheticDatasetOptions(), np.random.default_rng(2)
     options.num_rigs, options.num_frames_per_rig, options.num_points3D = 8, 1, 60
     options.camera_width, options.camera_height = 640, 480
     options.camera_params, options.num_points2D_without_point3D = [380, 326, 235, -0.1], 0
     made = colmap.synthesize_dataset(options)
-    for point in made.points3D.values():
-        point.xyz = rng.uniform(-SPREAD, SPREAD, 3)
+    other = np.random.default_rng((2, seed))
+    for point, place in zip(made.points3D.values(), rng.uniform(-SPREAD, SPREAD, (60, 3)), strict=True):
+        point.xyz = place if seed == 0 else other.uniform(-SPREAD, SPREAD, 3)
     for number, image in enumerate(images(made)):
         angles = [22 * number, [-25, 5, 30][number % 3], 50 * number]  # a level ring would leave the lens's middle open
         turn = Rotation.from_euler("yxz", angles, degrees=True).as_matrix().T
@@ -40,7 +42,7 @@ def rig(colmap: Any, noise: float = 0.0) -> Any:
         made.frame(image.frame_id).set_cam_from_world(image.camera_id, pose)
         for point in image.points2D:
             place = image.camera.img_from_cam(image.cam_from_world() * made.point3D(point.point3D_id).xyz)
-            point.xy = place + rng.normal(0, noise, 2)
+            point.xy = place + other.normal(0, noise, 2)
     return made
 
 
@@ -111,6 +113,19 @@ def test_matches_make_poses_more_exact(tmp_path: Path) -> None:
     assert turned(refined, known) < 0.6 * before
     assert [image.name for image in images(refined)] == [image.name for image in images(model)]
     assert min(image.num_points3D for image in images(refined)) > 300
+
+
+def test_points_of_all_moments_make_poses_more_exact(tmp_path: Path) -> None:
+    colmap = pytest.importorskip("pycolmap")
+    (tmp_path / "images").mkdir()
+    moments = [rig(colmap, 1.5, seed) for seed in range(5)]
+    known = rotations(moments[0])
+    for moment in moments:
+        refine_lenses(colmap, moment)
+    before = [turned(moment, known) for moment in moments]
+    refined = refine_by_moments(colmap, moments[0], moments, tmp_path)
+    assert turned(refined, known) < 0.7 * before[0]
+    assert min(image.num_points3D for image in images(refined)) > 150
 
 
 def test_cameras_with_many_rough_matches_get_no_others(tmp_path: Path) -> None:

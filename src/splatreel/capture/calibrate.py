@@ -24,7 +24,7 @@ from splatreel.capture.board import Board
 from splatreel.capture.board_scale import board_scale
 from splatreel.capture.board_sightings import find_board
 from splatreel.capture.calibration_agreement import FIELD, CalibratedCamera, CalibratedRig, trusted
-from splatreel.capture.dense_matches import refine_by_matches, refine_lenses
+from splatreel.capture.dense_matches import refine_by_matches, refine_by_moments, refine_lenses
 from splatreel.capture.file_capture import FrameSource
 from splatreel.capture.learned_matches import Describer, Features
 from splatreel.capture.photographs import PHOTO_FOLDER, check_photos, write_photos, write_picture
@@ -157,6 +157,8 @@ def _place(
             return _explain_failure(list(files), rigs, kept, len(sure))
         refine_lenses(colmap, models[best])  # with the photographs, which may be all that connects the cameras
         model = _keep_cameras(models[best], kept)
+        if not photos:
+            model = refine_by_moments(colmap, model, models, folder)
         if describer is not None and not photos:
             model = refine_by_matches(colmap, model, solver.describe(videos, sorted(kept), describer), folder, progress)
         if isinstance(scale, Board):

@@ -67,8 +67,31 @@ def refine_by_matches(
             progress.update(count)
         model = _triangulate(colmap, model, rough, features, matches, folder / f"round{number}.db")
         refine_lenses(colmap, model)
-    before, after = ({image.name: image.num_points3D for image in _placed(made)} for made in (given, model))
-    return model if all(2 * after[name] >= count for name, count in before.items()) else given
+    return model if _keeps_points(given, model) else given
+
+
+def refine_by_moments(colmap: ModuleType, model: Any, models: list[Any], folder: Path) -> Any:
+    """Return a model with the same cameras, whose poses and lenses fit the points of the models of all moments.
+
+    The cameras stand still, so that points of several moments are points of one picture per camera.
+
+    Args:
+        colmap: Module pycolmap.
+        model: Model of the best moment, a pycolmap.Reconstruction.
+        models: Models of all moments.
+        folder: Folder for temporary files, with a folder `images`.
+    """
+    names = sorted(Path(image.name).stem for image in _placed(model))
+    tracks = _merge_tracks([_sift_tracks(moment) for moment in models], names)
+    found = _triangulate(colmap, model, tracks, {name: [] for name in names}, {}, folder / "moments.db")
+    refine_lenses(colmap, found)
+    return found if _keeps_points(model, found) else model
+
+
+def _keeps_points(before: Any, after: Any) -> bool:
+    """Return whether every camera still sees half of its points or more."""
+    counts = {image.name: image.num_points3D for image in _placed(after)}
+    return all(2 * counts[image.name] >= image.num_points3D for image in _placed(before))
 
 
 def refine_lenses(colmap: ModuleType, model: Any) -> None:
@@ -202,6 +225,21 @@ def _sift_tracks(model: Any) -> _Tracks:
             if one != other:
                 matches.setdefault((one, other), []).append((row, row2))
     return _Tracks(points, {pair: np.array(found) for pair, found in matches.items()})
+
+
+def _merge_tracks(moments: list[_Tracks], names: list[str]) -> _Tracks:
+    """Return the tracks of several moments between some cameras."""
+    points: dict[str, list[np.ndarray]] = {name: [np.zeros((0, 2), np.float32)] for name in names}
+    matches: dict[tuple[str, str], list[np.ndarray]] = {}
+    for tracks in moments:
+        before = {name: sum(map(len, points[name])) for name in names}
+        for (one, other), rows in tracks.matches.items():
+            if one in before and other in before:
+                matches.setdefault((one, other), []).append(rows + np.array([before[one], before[other]]))
+        for name in set(names) & set(tracks.points):
+            points[name].append(tracks.points[name])
+    joined = {pair: np.concatenate(rows) for pair, rows in matches.items()}
+    return _Tracks({name: np.concatenate(found) for name, found in points.items()}, joined)
 
 
 def _triangulate(

