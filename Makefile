@@ -6,11 +6,12 @@ BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 RECON := $(VENV)/.recon
 SETUP := $(VENV)/.dev
 DOCS := $(VENV)/.docs
+MODELS := $(VENV)/.models
 NPM := $(shell command -v npm 2>/dev/null)
 
 MINUTES ?= 8
 
-.PHONY: demo test test-all check bench gpu player golden screens docs wheel npm-package setup clean
+.PHONY: demo test test-all check bench gpu player golden screens docs wheel npm-package setup models clean
 
 demo: $(RECON)  ## capture, reconstruct, compress, evaluate and play the built-in scene
 	$(BIN)/splatreel demo --out out/demo
@@ -77,6 +78,8 @@ npm-package: player/node_modules/.package-lock.json  ## build the npm packages o
 
 setup: $(SETUP)
 
+models: $(MODELS)  ## install RAFT and SAM2, which come without weights; then their tests run with random ones
+
 # LOCKED=1, as the workflows set it, installs only files whose hashes are in constraints.lock. torch is the exception: its CPU and CUDA
 # builds are different files of one version.
 LOCKED ?=
@@ -102,6 +105,11 @@ $(DOCS): pyproject.toml constraints.txt
 	$(if $(LOCKED),$(HASHED))
 	$(BIN)/python -c 'import editables, hatchling' 2>/dev/null || $(INSTALL) editables hatchling
 	$(EDITABLE) '.[docs]'
+	touch $@
+
+# SAM2 has no wheel. Building it apart would download torch again, and its CUDA extension fills small holes only.
+$(MODELS): $(SETUP)
+	SAM2_BUILD_CUDA=0 $(INSTALL) --no-build-isolation --editable '.[models]'
 	touch $@
 
 player/node_modules/.package-lock.json: player/package-lock.json

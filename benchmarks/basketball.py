@@ -30,7 +30,7 @@ def main(
     Args:
         cameras: Names to evaluate on, separated by commas; by default the capture's test cameras.
     """
-    out = out or Path(f"out/basketball-{width}-{quality}")
+    out = out or Path(f"out/basketball-{width}-{quality}-{seed}")
     source = open_capture(capture, width=width, frames=parse_frames(frames))
     config = dataclasses.replace(preset(quality), seed=seed)
     run(f"basketball {width}", source, out, config, cameras.split(",") if cameras else None, note)

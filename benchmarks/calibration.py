@@ -1,12 +1,18 @@
 """Calibrate a capture with known cameras from a few of its frames, and record how far the poses are off.
 
-The known poses are the truth, after a similarity alignment of the camera centers. Thinned rigs are the cameras that are
-farthest from each other.
+The known poses are the truth. Positions are compared after a similarity alignment of the camera centers, and rotations
+after an alignment of the rotations: the centers of cameras on a narrow arc hardly tell how the rig is turned. The record
+also has the rotations after the alignment of centers (`by_centers_degrees`). Thinned rigs are the cameras that are
+farthest from each other. Each rig is calibrated with and without the extra `match`.
 
-python benchmarks/calibration.py CAPTURE --name basketball --frames 0 30 59 --cameras 31 8 6 4 --learned
+python benchmarks/calibration.py FILM                                            built-in, kitchen, yard, ...
+python benchmarks/calibration.py basketball --path CAPTURE --frames 0 30 59
+python benchmarks/calibration_page.py                                            writes the table of docs/calibration.md
 """
 
+import importlib
 import tempfile
+from contextlib import ExitStack, closing
 from pathlib import Path
 
 import av
@@ -15,12 +21,15 @@ import tyro
 
 from record import record
 from splatreel.capture.base import Capture
+from splatreel.capture.builtin.synthetic import make_capture
 from splatreel.capture.calibrate import calibrate
 from splatreel.capture.learned_matches import find_describer
 from splatreel.capture.opening import open_capture
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
 from splatreel.scene.camera import Camera
+
+BUILT_IN = "built-in"
 
 
 def thin(cameras: list[Camera], count: int) -> list[Camera]:
@@ -44,60 +53,103 @@ def write_videos(capture: Capture, cameras: list[Camera], frames: list[int], fol
             container.mux(stream.encode(None))
 
 
-def align(found: list[Camera], known: list[Camera]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the rotation errors in degrees and the position errors as shares of the rig's diameter.
+def align(found: list[Camera], known: list[Camera]) -> dict[str, np.ndarray]:
+    """Return rotation errors in degrees and position errors in percent of the rig's diameter.
 
     Source: Umeyama, Least-squares estimation of transformation parameters between two point patterns, 1991.
     """
     here, there = (np.stack([camera.center for camera in rig]).astype(np.float64) for rig in (found, known))
     a, b = here - here.mean(0), there - there.mean(0)
-    U, S, Vt = np.linalg.svd(b.T @ a)
-    signs = np.array([1, 1, np.sign(np.linalg.det(U @ Vt))])
-    turn = U @ np.diag(signs) @ Vt
-    moved = np.linalg.norm((S * signs).sum() / (a**2).sum() * a @ turn.T - b, axis=1)
+    turn, shrunk = nearest_rotation(b.T @ a)
+    moved = np.linalg.norm(shrunk / (a**2).sum() * a @ turn.T - b, axis=1)
     size = np.linalg.norm(there[:, None] - there[None], axis=2).max()
-    traces = [np.trace(f.viewmat[:3, :3] @ turn.T @ k.viewmat[:3, :3].T) for f, k in zip(found, known, strict=True)]
-    return np.degrees(np.arccos(np.clip((np.array(traces) - 1) / 2, -1, 1))), moved / size
+    turns, theirs = (np.stack([camera.viewmat[:3, :3] for camera in rig]).astype(np.float64) for rig in (found, known))
+    own, _ = nearest_rotation(np.einsum("nji,njk->ik", theirs, turns))
+    return {
+        "rotation_degrees": degrees(turns @ own.T, theirs),
+        "by_centers_degrees": degrees(turns @ turn.T, theirs),
+        "position_percent": 100 * moved / size,
+    }
 
 
-def measure(capture: Capture, count: int, frames: list[int], learned: bool) -> dict:
-    """Return the errors of a calibration of so many cameras, or why there is none."""
-    cameras = thin(list(capture.cameras), count)
-    describer = find_describer() if learned else None
-    if learned and describer is None:
-        raise SystemExit("Learned matches are not installed: pip install 'splatreel[match]'")
+def nearest_rotation(matrix: np.ndarray) -> tuple[np.ndarray, float]:
+    """Return the rotation R that makes the trace of R.T @ matrix the largest, and that trace."""
+    U, S, Vt = np.linalg.svd(matrix)
+    signs = np.array([1, 1, np.sign(np.linalg.det(U @ Vt))])
+    return U @ np.diag(signs) @ Vt, float((S * signs).sum())
+
+
+def degrees(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """Return the angles between rotations [N, 3, 3]."""
+    traces = np.einsum("nij,nij->n", one, other)
+    return np.degrees(np.arccos(np.clip((traces - 1) / 2, -1, 1)))
+
+
+def neighbor_angle(cameras: list[Camera]) -> float:
+    """Return the median angle in degrees between a camera and its nearest, seen from the point that all look at."""
+    centers = np.stack([camera.center for camera in cameras]).astype(np.float64)
+    axes = np.stack([camera.viewmat[2, :3] for camera in cameras]).astype(np.float64)
+    across = np.eye(3) - axes[:, :, None] * axes[:, None]
+    middle = np.linalg.solve(across.sum(0), np.einsum("nij,nj->i", across, centers))
+    sights = centers - middle
+    sights /= np.linalg.norm(sights, axis=1, keepdims=True)
+    angles = np.degrees(np.arccos(np.clip(sights @ sights.T, -1, 1))) + 360 * np.eye(len(sights))
+    return float(np.median(angles.min(1)))
+
+
+def measure(capture: Capture, cameras: list[Camera], frames: list[int], learned: bool) -> dict:
+    """Return the errors of a calibration of some cameras, or why there is none."""
+    about = {"cameras": len(cameras), "neighbor_degrees": round(neighbor_angle(cameras), 1)}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_videos(capture, cameras, frames, folder)
         try:
-            calibrate(folder, Silent(), describer=describer)
+            calibrate(folder, Silent(), describer=find_describer() if learned else None)
         except CaptureError as error:
-            return {"cameras": len(cameras), "placed": 0, "refused": str(error).split(": ", 2)[-1].split(". ")[0]}
-        placed = open_capture(folder, held_out=[])
-        known = [capture.camera(camera.name) for camera in placed.cameras]
-        turned, moved = align(list(placed.cameras), known)
-    errors = {"rotation_degrees": turned, "position_percent": 100 * moved}
+            return {**about, "placed": 0, "refused": str(error).split(": ", 2)[-1].split(". ")[0]}
+        with closing(open_capture(folder, held_out=[])) as placed:
+            known = [capture.camera(camera.name) for camera in placed.cameras]
+            errors = align(list(placed.cameras), known)
     found = {
         key: {"median": round(float(np.median(e)), 3), "max": round(float(e.max()), 3)} for key, e in errors.items()
     }
-    return {"cameras": len(cameras), "placed": len(known), **found}
+    return {**about, "placed": len(known), **found}
+
+
+def make(name: str, path: Path, frames: int) -> Path:
+    """Film the built-in capture, or a film of this folder, and return its folder."""
+    if name == BUILT_IN:
+        return make_capture(path / name, frames=frames)
+    importlib.import_module(name).film().write(path / name, frames)
+    return path / name
 
 
 def main(
-    capture: tyro.conf.Positional[Path],
+    name: tyro.conf.Positional[str],
     /,
-    name: str,
-    frames: tuple[int, ...] = (0, 30, 59),
-    cameras: tuple[int, ...] = (31, 8, 6, 4),
-    learned: bool = False,
+    path: Path | None = None,
+    frames: tuple[int, ...] = (0, 1, 2),
+    cameras: tuple[int, ...] = (99, 8, 6, 4),
     note: str = "",
 ) -> None:
-    """Measure and record. learned: with the extra `match`."""
-    source = open_capture(capture, held_out=[])
-    for count in cameras:
-        values = {"learned": learned, "frames": list(frames), **measure(source, count, list(frames), learned)}
-        print(values, flush=True)
-        record(f"calibration {name}", values, note)
+    """Measure and record.
+
+    name: built-in, a film of this folder, or any name with `path`. path: capture with known cameras.
+    cameras: sizes of the rig; rigs with fewer cameras are not thinned.
+    """
+    if find_describer() is None:
+        raise SystemExit("Learned matches are not installed: pip install 'splatreel[match]'")
+    with ExitStack() as stack:
+        folder = path or make(name, Path(stack.enter_context(tempfile.TemporaryDirectory())), max(frames) + 1)
+        source = stack.enter_context(closing(open_capture(folder, held_out=[])))
+        for count in cameras:
+            rig = thin(list(source.cameras), count)
+            for learned in (False, True):  # what SIFT cannot place, learned matches do not refine
+                values = {"learned": learned, "frames": list(frames), **measure(source, rig, list(frames), learned)}
+                print(values, flush=True)
+                record(f"calibration {name}", values, note)
+                if not values["placed"]:
+                    break
 
 
 if __name__ == "__main__":

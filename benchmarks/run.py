@@ -50,6 +50,7 @@ def run(
     finally:
         progress.close()
     values = summary(dataclasses.asdict(report))
+    values["seed"] = config.seed
     values["seconds_total"] = round(sum(seconds.values()), 1)
     values["seconds_wall"] = round(time.monotonic() - started, 1)
     values["share_of_float32"] = round(report.reel_bytes / reel_info(result.reel).float32_bytes, 4)

@@ -1,28 +1,38 @@
 """Compare a reel of an imported sequence with other formats: bytes per frame and PSNR against the files.
 
     python benchmarks/sequence.py FILM --cameras cameras.json --out OUT
+    python benchmarks/sequence.py CAPTURE --train 160 --frames 0:12 --fit draft --out OUT
 
-FILM is a folder of numbered PLY files. SPZ and SOG files are written and read again by splat-transform (npm
-@playcanvas/splat-transform, --splat-transform names its command), a .4dgs file by the package fourdgs. Formats without
-time take the bytes of the compared frames, times the number of frames.
+FILM is a folder of numbered PLY files. --train makes one: each frame of a capture is trained on its own. SPZ and SOG
+files are written and read again by splat-transform (npm @playcanvas/splat-transform, --splat-transform names its
+command), a .4dgs file by the package fourdgs. Formats without time take the bytes of the compared frames, times the
+number of frames. The last column is what the reel takes at the PSNR of the format, interpolated between its rates.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import shlex
 import shutil
 import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from record import record
+from splatreel.capture.opening import open_capture
 from splatreel.cli.import_frames import import_frames
+from splatreel.cli.options import parse_frames
+from splatreel.config import Quality, preset
+from splatreel.config.settings import changed
 from splatreel.evaluation.metrics import psnr
 from splatreel.play.renderers import draw_on_cpu
 from splatreel.play.timeline import open_reel
+from splatreel.recon.train.single_frame import reconstruct_single_frame
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.ply import read_ply, write_ply
@@ -86,26 +96,93 @@ def measure_fourdgs(given: argparse.Namespace, film: Frames, judge: Judge, profi
     return file.stat().st_size / len(film), judge.psnr(lambda frame: scene.read(min(frame, len(scene) - 1)))
 
 
+def measure_fit(given: argparse.Namespace, film: Frames, judge: Judge, quality: Quality) -> tuple[float, float]:
+    """Import the film with --fit and return bytes per frame and PSNR."""
+    out = given.out / f"fit-{quality}"
+    shutil.rmtree(out, ignore_errors=True)
+    import_frames(given.film, out=out, cameras=given.cameras, antialiased=given.antialiased, fit=quality)  # pyright: ignore[reportArgumentType]
+    reel = open_reel(out / "reel")
+    size = sum(entry.bytes for entry in reel.manifest.files)
+    return size / len(film), judge.psnr(lambda frame: reel.at(frame / reel.fps))
+
+
+def train_film(given: argparse.Namespace) -> None:
+    """Train each frame of a capture on its own, with its own seed, and write the film and its cameras."""
+    frames = parse_frames(given.frames)
+    capture = open_capture(given.film, width=given.train, frames=frames)
+    given.film, given.cameras, given.antialiased = given.out / "film", given.out / "cameras.json", True
+    given.film.mkdir(exist_ok=True)
+    cameras = capture.training_cameras
+    given.cameras.write_text(json.dumps([_entry(camera, index) for index, camera in enumerate(cameras)]))
+    for frame in range(capture.frames):
+        images = capture.read(frame, 1, [camera.name for camera in cameras])[0]
+        config = changed(preset("draft"), {"seed": frame, "background": False})
+        points, _ = reconstruct_single_frame(cameras, images, config)
+        write_ply(given.film / f"frame{frame:04}.ply", points)
+
+
+def _entry(camera: Camera, index: int) -> dict[str, Any]:
+    """Return a camera as 3DGS writes it into cameras.json."""
+    return {
+        "id": index,
+        "img_name": camera.name,
+        "width": camera.width,
+        "height": camera.height,
+        "position": camera.center.tolist(),
+        "rotation": camera.viewmat[:3, :3].T.tolist(),
+        "fx": float(camera.K[0, 0]),
+        "fy": float(camera.K[1, 1]),
+    }
+
+
+def at_psnr(reels: list[tuple[float, float]], decibels: float) -> float | None:
+    """Return the bytes of the reel at a PSNR, between its rates; None beyond them."""
+    sizes, qualities = np.array(sorted(reels, key=lambda rate: rate[1])).T
+    if not qualities[0] <= decibels <= qualities[-1]:
+        return None
+    return float(np.exp(np.interp(decibels, qualities, np.log(sizes))))
+
+
 def main() -> None:
-    """Measure all formats and print a table."""
+    """Measure all formats, print a table, and record it."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("film", type=Path)
-    parser.add_argument("--cameras", type=Path, required=True)
+    parser.add_argument("--cameras", type=Path)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--pictures", type=int, default=6)
     parser.add_argument("--antialiased", action="store_true")
+    parser.add_argument("--train", type=int, help="width that a film is trained at; FILM is then a capture")
+    parser.add_argument("--frames", help="frames of the capture, A:B")
+    parser.add_argument("--fit", choices=("draft", "standard"), help="also import with --fit")
+    parser.add_argument("--note", default="")
     parser.add_argument("--splat-transform", default="npx --yes @playcanvas/splat-transform")
     given = parser.parse_args()
     given.out.mkdir(parents=True, exist_ok=True)
+    if given.train is not None:
+        train_film(given)
     film = open_frames(given.film)
     judge = Judge(film, read_cameras(given.cameras), given.pictures, given.antialiased)
+    measures: list[tuple[str, Callable[..., tuple[float, float]], str]]
     measures = [(f"reel, {rate}", measure_reel, rate) for rate in ("high", "medium", "low")]
+    measures += [(f"reel, --fit {given.fit}", measure_fit, given.fit)] if given.fit else []
     measures += [(f".4dgs, {profile}", measure_fourdgs, profile) for profile in ("fine", "default", "coarse")]
     measures += [(suffix, measure_files, suffix) for suffix in (".spz", ".compressed.ply", ".sog")]
-    print("| format | KB per frame | PSNR, dB |\n|---|---|---|")
+    print("| format | KB per frame | PSNR, dB | reel at that PSNR, KB |\n|---|---|---|---|")
+    found: dict[str, tuple[float, float]] = {}
     for name, measure, how in measures:
-        size, decibels = measure(given, film, judge, how)
-        print(f"| {name} | {size / 1000:.1f} | {decibels:.2f} |", flush=True)
+        size, decibels = found[name] = measure(given, film, judge, how)
+        same = (
+            None
+            if measure is measure_reel
+            else at_psnr([found[f"reel, {r}"] for r in ("high", "medium", "low")], decibels)
+        )
+        print(
+            f"| {name} | {size / 1000:.1f} | {decibels:.2f} | {'' if same is None else f'{same / 1000:.1f}'} |",
+            flush=True,
+        )
+    kinds = {name: {"bytes_per_frame": round(size), "psnr": round(psnr, 2)} for name, (size, psnr) in found.items()}
+    values = {"frames": len(film), "points": len(film.read(0)), "film_bytes": film.size, "formats": kinds}
+    record(f"sequence {'independently trained' if given.train else given.film.name}", values, given.note)
 
 
 if __name__ == "__main__":

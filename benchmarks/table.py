@@ -1,16 +1,19 @@
-"""Write the tables of results, in README.md and docs/results.md, from the latest record of each benchmark.
+"""Write the tables in README.md, docs/results.md and docs/paper-tables.md from the latest record of each benchmark.
 
 python benchmarks/table.py
 """
 
 import json
+import statistics
 from collections.abc import Iterable
 from pathlib import Path
+from string import ascii_lowercase
 
 from record import RESULTS, ROOT
 
 README = ROOT / "README.md"
 PAGE = ROOT / "docs" / "results.md"
+PAPER_PAGE = ROOT / "docs" / "paper-tables.md"
 BEGIN, END = "<!-- results: written by benchmarks/table.py -->", "<!-- end of results -->"
 MISSING = "*not measured*"
 
@@ -28,6 +31,8 @@ ROWS = {
     "hearth": "hearth: fire, steam, poured water, a screen with cuts",
 }
 """Benchmarks that always have a row, measured or not. Those of single frames get one when they have been recorded."""
+PAPER = "paper"
+"""First word of the benchmarks of `benchmarks/paper.py`, which is followed by the number of a table."""
 ORACLE, ON_ITS_OWN = "oracle", "each frame on its own"
 """The benchmark of single frames: first word of its name, which is followed by a capture's and a width."""
 
@@ -49,10 +54,19 @@ SHORT_COLUMNS = ("held-out cameras of", "frames", "PSNR dB", "SSIM", "LPIPS", "r
 
 
 def latest(results: Path = RESULTS) -> dict[str, dict]:
-    """Return the last record of each benchmark by name; empty if nothing was recorded."""
+    """Return the last record of each benchmark by name; empty if nothing was recorded.
+
+    If the benchmark was run with several seeds at the revision of this record, `seeds` lists the last record of each seed.
+    """
     lines = results.read_text(encoding="utf-8").splitlines() if results.exists() else []
     records = [json.loads(line) for line in lines if line.strip()]
-    return {record["benchmark"]: record for record in records}
+    found = {record["benchmark"]: record for record in records}
+    for name, last in found.items():
+        same = [r for r in records if (r["benchmark"], r["revision"]) == (name, last["revision"])]
+        seeds = {record.get("seed", 0): record for record in same}
+        if len(seeds) > 1:
+            found[name] = last | {"seeds": [seeds[seed] for seed in sorted(seeds)]}
+    return found
 
 
 def table(records: dict[str, dict]) -> str:
@@ -64,12 +78,38 @@ def table(records: dict[str, dict]) -> str:
     machines = sorted({_machine(record)[0] for record in measured})
     if machines:
         lines += ["", f"Measured on {'; '.join(machines)}."]
-    return "\n".join(lines)
+    return "\n".join(lines + _seed_note(records[name] for name in rows if name in records))
 
 
 def short_table(records: dict[str, dict]) -> str:
     """Return the README's Markdown table: some rows and columns of the page's table."""
-    return "\n".join(_lines(records, {name: ROWS[name] for name in SHORT_ROWS}, SHORT_COLUMNS))
+    lines = _lines(records, {name: ROWS[name] for name in SHORT_ROWS}, SHORT_COLUMNS)
+    return "\n".join(lines + _seed_note(records[name] for name in SHORT_ROWS if name in records))
+
+
+def _seed_note(records: Iterable[dict]) -> list[str]:
+    """Return lines that explain `±`, if a record has several seeds."""
+    counts = sorted({len(record["seeds"]) for record in records if "seeds" in record})
+    if not counts:
+        return []
+    return [
+        "",
+        f"± is the standard deviation over {' or '.join(map(str, counts))} seeds. Rows without it are of one seed.",
+    ]
+
+
+def paper_tables(records: dict[str, dict]) -> str:
+    """Return the paper's tables in the order of their numbers, each with what it was measured on."""
+    found = {name.split()[1]: record for name, record in records.items() if name.split()[0] == PAPER}
+    parts = []
+    for name in sorted(found, key=lambda name: (not name.isdigit(), int(name.strip(ascii_lowercase) or 0))):
+        record = found[name]
+        title = f"Table {name}" if name.isdigit() else name.replace("figure", "Figure ").capitalize()
+        shapes = ", ".join(f"{name} ({shape})" for name, shape in record["captures"].items())
+        settings = "".join(f", `{setting}`" for setting in record.get("settings", []))
+        label = f"Measured at `{record['quality']}`{settings} on {shapes}; commit `{record['revision']}`."
+        parts += [f"## {title}", "", record["markdown"].strip(), "", label, ""]
+    return "\n".join(parts).strip()
 
 
 def _lines(records: dict[str, dict], rows: dict[str, str], columns: tuple[str, ...]) -> list[str]:
@@ -114,8 +154,18 @@ def _machine(record: dict) -> tuple[str, str]:
 
 
 def _number(record: dict, name: str, style: str, factor: float = 1, unit: str = "") -> str:
-    value = record.get(name)
-    return MISSING if value is None else f"{value * factor:{style}}{unit}"
+    """Return the number of a record, or the mean and the standard deviation of its seeds."""
+    values = [one.get(name) for one in record.get("seeds", [record])]
+    known = [value * factor for value in values if value is not None]
+    if len(known) < len(values):
+        return MISSING
+    spread = f" ± {statistics.stdev(known):{style}}" if len(known) > 1 else ""
+    return f"{statistics.fmean(known):{style}}{spread}{unit}"
+
+
+def documents(records: dict[str, dict]) -> dict[Path, str]:
+    """Return the text that belongs between the markers of each document."""
+    return {README: short_table(records), PAGE: table(records), PAPER_PAGE: paper_tables(records)}
 
 
 def replaced(text: str, inner: str) -> str:
@@ -133,6 +183,6 @@ def replaced(text: str, inner: str) -> str:
 
 if __name__ == "__main__":
     latest_records = latest()
-    for document, inner in ((README, short_table(latest_records)), (PAGE, table(latest_records))):
+    for document, inner in documents(latest_records).items():
         document.write_text(replaced(document.read_text(encoding="utf-8"), inner), encoding="utf-8")
     print(table(latest_records))

@@ -9,7 +9,21 @@ const here = dirname(fileURLToPath(import.meta.url));
 const out = resolve(process.argv[2] ?? join(here, "../src/splatreel/play/static"));
 
 // Parts loaded on demand, by a literal that other bundlers find: `import("./share.js")`.
-const parts = { "open-files": "src/files/open-files.ts", "path-panel": "src/ui/path-panel.ts", share: "src/ui/share.ts" };
+const parts = {
+  "context-menu": "src/ui/context-menu.ts",
+  "declared-camera": "src/ui/declared-camera.ts",
+  "file-drop": "src/ui/file-drop.ts",
+  headset: "src/player/headset.ts",
+  help: "src/ui/help.ts",
+  "media-controls": "src/ui/media-controls.ts",
+  menu: "src/ui/menu.ts",
+  "open-files": "src/files/open-files.ts",
+  "path-panel": "src/ui/path-panel.ts",
+  screenshot: "src/ui/screenshot.ts",
+  section: "src/ui/section.ts",
+  share: "src/ui/share.ts",
+  "text-tracks": "src/ui/text-tracks.ts",
+};
 const late = {
   name: "late",
   setup: (build) => build.onResolve({ filter: /^\.{1,2}\// }, ({ kind, path }) => {

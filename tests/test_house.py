@@ -22,7 +22,7 @@ RUNGS = {
     **dict.fromkeys(("codec", "kernels", "capture"), 3),
     "motion": 4,
     **dict.fromkeys(("recon", "play"), 5),
-    "evaluation": 6,
+    **dict.fromkeys(("evaluation", "edit"), 6),
     "sequence": 7,
     "cli": 8,
     "__main__": 9,
@@ -42,6 +42,7 @@ WITHOUT_TORCH = (
     "codec",
     "capture",
     "play",
+    "edit",
     "cli",
 )
 MAX_FILE_LINES = 400

@@ -30,6 +30,24 @@ test("time stops at the end, or repeats from the beginning", () => {
   assert.equal(clock.seconds, 0.5);
 });
 
+test("a section repeats once time has reached its end, and another reel forgets it", () => {
+  const clock = clockOf();
+  clock.section = [1, 1.5];
+  clock.advance(1.25);
+  assert.equal(clock.seconds, 1.25);
+  clock.advance(0.5);
+  assert.equal(clock.seconds, 1.25);
+  clock.seek(2);
+  clock.advance(0.5);
+  assert.equal(clock.seconds, 2.5, "time beyond the section goes on");
+  clock.section = [2, 9];
+  clock.advance(0.75);
+  assert.equal(clock.seconds, 2.25, "the end of the reel ends the section");
+  for (const section of [[1, 1], [2, 1], [-1, 1], [NaN, 1]] as const) assert.throws(() => (clock.section = section), TypeError);
+  clock.reset();
+  assert.equal(clock.section, null);
+});
+
 test("a live reel waits at its live edge, or repeats its last group", () => {
   const clock = clockOf(true);
   clock.seek(3);

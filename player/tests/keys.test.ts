@@ -29,7 +29,7 @@ async function keyboard(): Promise<Keyboard> {
   const fake = new FakePlayer({ groups: 60 });
   await fake.start();
   const [host, done] = [new EventTarget(), [] as string[]];
-  const actions = Object.fromEntries(["toggle", "fullscreen", "headset", "reset", "fly", "statistics", "picture", "help", "escape"].map((name) => [name, () => void done.push(name)]));
+  const actions = Object.fromEntries(["toggle", "fullscreen", "headset", "reset", "fly", "statistics", "picture", "help", "escape", "section", "volume", "context"].map((name) => [name, () => void done.push(name)]));
   const life = new AbortController();
   attachKeys(host as HTMLElement, fake.player, actions as unknown as Actions, life.signal);
   const send = (type: string, key: string, more: object, target: EventTarget): boolean => {
@@ -66,6 +66,18 @@ test("each action has a key, in lower and upper case", async () => {
   for (const key of [" ", "K", "f", "v", "r", "c", "i", "p", "?", "Escape"]) press(key);
   assert.deepEqual(done, ["toggle", "toggle", "fullscreen", "headset", "reset", "fly", "statistics", "picture", "help", "escape"]);
   assert.equal(press("x"), false, "it means nothing here");
+  done.length = 0;
+  press("o");
+  press("F10", { shiftKey: true });
+  assert.deepEqual(done, ["section", "context"]);
+});
+
+test("keys that do not apply to the reel are left to the page", async () => {
+  const { fake, press, done } = await keyboard();
+  for (const key of ["ArrowUp", "ArrowDown", "t", "n", "b"]) assert.equal(press(key), false, key);
+  Object.defineProperty(fake.player.soundtrack, "available", { value: true });
+  assert.equal(press("ArrowUp"), true);
+  assert.deepEqual(done, ["volume"]);
 });
 
 test("keys of the browser and of the focused control are ignored", async () => {

@@ -31,22 +31,37 @@ def moved(cameras: list[Camera]) -> list[Camera]:
 
 def test_the_world_of_a_calibration_does_not_count(calibration: ModuleType) -> None:
     known = folders.cameras(6)
-    turned, shifted = calibration.align(moved(known), known)
-    assert turned.max() < 0.05
-    assert shifted.max() < 1e-3
+    errors = calibration.align(moved(known), known)
+    assert errors["rotation_degrees"].max() < 0.05
+    assert errors["by_centers_degrees"].max() < 0.05
+    assert errors["position_percent"].max() < 0.1
 
 
 def test_a_turned_camera_counts(calibration: ModuleType) -> None:
     known = folders.cameras(6)
     found = moved(known)
-    wrong = found[2].viewmat.copy()
-    turn = Rotation.from_rotvec([0, np.radians(2), 0]).as_matrix()
-    wrong[:3] = turn @ wrong[:3]  # about its own center
-    found[2] = Camera(found[2].name, wrong, found[2].K, found[2].width, found[2].height)
-    turned, shifted = calibration.align(found, known)
-    assert turned[2] == pytest.approx(2, abs=0.05)
-    assert np.delete(turned, 2).max() < 0.05
-    assert shifted.max() < 1e-3
+    found[2] = turned(found[2])
+    errors = calibration.align(found, known)
+    assert errors["by_centers_degrees"][2] == pytest.approx(2, abs=0.05)
+    assert np.delete(errors["by_centers_degrees"], 2).max() < 0.05
+    assert errors["rotation_degrees"][2] == pytest.approx(2 * 5 / 6, abs=0.05)
+    assert np.delete(errors["rotation_degrees"], 2).max() == pytest.approx(2 / 6, abs=0.05)
+    assert errors["position_percent"].max() < 0.1
+
+
+def test_a_rotation_of_all_cameras_counts_only_against_their_centers(calibration: ModuleType) -> None:
+    known = folders.cameras(6)
+    errors = calibration.align([turned(camera) for camera in moved(known)], known)
+    assert errors["by_centers_degrees"].min() == pytest.approx(2, abs=0.05)
+    assert errors["rotation_degrees"].max() < 1
+    assert errors["position_percent"].max() < 0.1
+
+
+def turned(camera: Camera) -> Camera:
+    """Return a camera turned by two degrees about its own center."""
+    viewmat = camera.viewmat.copy()
+    viewmat[:3] = Rotation.from_rotvec([0, np.radians(2), 0]).as_matrix() @ viewmat[:3]
+    return Camera(camera.name, viewmat, camera.K, camera.width, camera.height)
 
 
 def test_thinned_rigs_are_spread(calibration: ModuleType) -> None:

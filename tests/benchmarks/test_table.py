@@ -78,6 +78,25 @@ def test_lpips_has_a_column_once_a_row_has_it(table: ModuleType) -> None:
         assert [row.split(" | ")[place] for row in rows if "29.50" in row] == ["0.1234", table.MISSING]
 
 
+def test_seeds_at_one_revision_give_a_mean_and_a_spread(table: ModuleType, tmp_path: Path) -> None:
+    older = RECORD | {"revision": "0000000", "psnr": 10.0, "seed": 5}
+    first, again = RECORD | {"psnr": 20.0}, RECORD | {"psnr": 29.0, "seed": 0}
+    others = [RECORD | {"psnr": 29.5, "seed": 1, "lpips": 0.1}, RECORD | {"psnr": 30.3, "seed": 2, "ssim": 0.94}]
+    yard = RECORD | {"benchmark": "yard"}
+    file = tmp_path / "results.jsonl"
+    file.write_text("".join(json.dumps(record) + "\n" for record in (older, first, again, *others, yard)))
+    records = table.latest(file)
+    for text in (table.table(records), table.short_table(records)):
+        row = next(line for line in text.splitlines() if "basketball, 320" in line)
+        assert "| 29.60 ± 0.66 | " in row  # 29, 29.5, 30.3
+        assert "| 0.9200 ± 0.0173 | " in row
+        assert "| 2.34 ± 0.00 MB |" in row
+        assert "±" not in next(line for line in text.splitlines() if line.startswith("| yard"))
+        assert text.endswith("± is the standard deviation over 3 seeds. Rows without it are of one seed.")
+    assert "seeds" not in records["yard"]
+    assert "±" not in table.short_table({"yard": records["yard"]})
+
+
 def test_only_what_stands_between_the_markers_is_replaced(table: ModuleType) -> None:
     text = f"before\n{table.BEGIN}\nold\n{table.END}\nafter\n"
     assert table.replaced(text, "new") == f"before\n{table.BEGIN}\nnew\n{table.END}\nafter\n"
@@ -85,11 +104,22 @@ def test_only_what_stands_between_the_markers_is_replaced(table: ModuleType) -> 
         table.replaced("nothing here", "new")
 
 
-def test_the_readme_and_the_page_show_the_recorded_results(table: ModuleType) -> None:
-    records = table.latest()
-    for document, inner in ((table.README, table.short_table(records)), (table.PAGE, table.table(records))):
+def test_documents_show_the_recorded_results(table: ModuleType) -> None:
+    for document, inner in table.documents(table.latest()).items():
         text = document.read_text(encoding="utf-8")
         assert text == table.replaced(text, inner), "run: python benchmarks/table.py"
+
+
+def test_the_papers_tables_are_in_order_and_name_what_they_were_measured_on(table: ModuleType) -> None:
+    made = {"captures": {"kitchen": "60 at 320x180"}, "quality": "draft", "revision": "abc1234"}
+    records = {f"paper {name}": made | {"markdown": f"| {name} |\n"} for name in ("figure10", "12", "4", "baselines")}
+    records["paper 12"] |= {"settings": ["group.length=12"]}
+    text = table.paper_tables(records | {"yard": RECORD})
+    heads = [line for line in text.splitlines() if line.startswith("## ")]
+    assert heads == ["## Table 4", "## Table 12", "## Baselines", "## Figure 10"]
+    assert text.count("Measured at `draft` on kitchen (60 at 320x180); commit `abc1234`.") == 3
+    assert "Measured at `draft`, `group.length=12` on kitchen" in text
+    assert "| 12 |" in text
 
 
 def test_the_readmes_table_is_a_part_of_the_pages(table: ModuleType) -> None:

@@ -6,17 +6,20 @@ import pytest
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
+from splatreel.capture.board import Board
 from splatreel.capture.builtin import toyroom
 from splatreel.capture.builtin.raytracer import trace_frame, trace_static
 from splatreel.capture.builtin.synthetic import TARGET, make_capture
-from splatreel.capture.calibrate import _rig, _Solver, calibrate, check_photos, scale_model
+from splatreel.capture.calibrate import _rig, _Solver, calibrate, set_distance
 from splatreel.capture.calibration_agreement import CalibratedCamera
 from splatreel.capture.opening import open_capture
+from splatreel.capture.photographs import check_photos
 from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
 from splatreel.scene.camera import facing
 from tests.capture import folders
+from tests.capture.boards import FilmedBoard
 
 
 @pytest.fixture(scope="module")
@@ -36,6 +39,7 @@ def test_calibration_recovers_poses(room: Path, tmp_path: Path) -> None:
     found = calibrate(videos, Silent())
     assert (sorted(found.placed), found.lost) == ([camera.name for camera in known.cameras], [])
     assert found.error < 1
+    assert found.notes == open_capture(videos).notes
     assert not list(videos.glob(".calibrate*"))
     capture = open_capture(videos)
     assert found.moments == 2
@@ -69,6 +73,25 @@ def test_videos_without_features_are_refused(tmp_path: Path) -> None:
         (tmp_path / f"phone{c}.mp4").rename(tmp_path / f"cam{c}.mp4")
     with pytest.raises(CaptureError, match="calibration failed"):  # and not that poses_bounds.npy is missing
         open_capture(tmp_path)
+
+
+@pytest.mark.slow
+def test_a_board_in_the_scene_gives_meters(room: Path, tmp_path: Path) -> None:
+    """The unit of the room is 1.5 m, by the size of the board's squares."""
+    colmap, known = pytest.importorskip("pycolmap"), open_capture(room, held_out=[])
+    names = ["cam01", "cam02", "cam03", "cam04", "cam05", "cam06"]
+    board = Board(5, 4, 0.15, "checkerboard")
+    film = FilmedBoard.seen_by(colmap, [known.camera(name) for name in names])
+    pose = np.array([[1.0, 0, 0, -0.4], [0, -1, 0, 1.1], [0, 0, -1, 1.3]])
+    for name in names:
+        pictures = known.read(0, 2, [name])[:, 0]
+        folders.write_video(
+            tmp_path / f"{name}.mp4", [film.picture(name, board, pose, scene=picture) for picture in pictures]
+        )
+    calibrate(tmp_path, Silent(), scale=Board(5, 4, 1.5 * 0.15, "checkerboard"))
+    found = open_capture(tmp_path, held_out=[])
+    here, there = (np.stack([rig.camera(name).center for name in names]) for rig in (found, known))
+    assert np.linalg.norm(here[0] - here[-1]) == pytest.approx(1.5 * np.linalg.norm(there[0] - there[-1]), rel=0.05)
 
 
 @pytest.mark.slow
@@ -151,7 +174,7 @@ def test_impossible_distances_are_refused(tmp_path: Path, distance: tuple[str, s
     for c in range(3):
         folders.write_video(tmp_path / f"phone{c}.mp4", [folders.frame(c, 0)])
     with pytest.raises(CaptureError, match=said):
-        calibrate(tmp_path, Silent(), distance=distance)
+        calibrate(tmp_path, Silent(), scale=distance)
 
 
 def test_a_known_distance_makes_the_unit_a_meter() -> None:
@@ -161,7 +184,7 @@ def test_a_known_distance_makes_the_unit_a_meter() -> None:
     model = colmap.synthesize_dataset(options)
     before = _rig(model)
     one, other, third = sorted(before)
-    scale_model(colmap, model, (one, other, 2.5))
+    set_distance(colmap, model, (one, other, 2.5))
     after = _rig(model)
     gaps = [[np.linalg.norm(rig[one].center - rig[name].center) for name in (other, third)] for rig in (before, after)]
     assert gaps[1][0] == pytest.approx(2.5)

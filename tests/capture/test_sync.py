@@ -6,6 +6,7 @@ import av
 import numpy as np
 import pytest
 
+from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sync import RATE, synchronize
 from splatreel.capture.visible_sync import compare_activity
 from splatreel.errors import CaptureError
@@ -40,7 +41,13 @@ def test_sync_starts_when_all_videos_run(folder: Path) -> None:
     (folder / "splatreel.json").write_text('{"fps": 10}')
     starts = synchronize(folder, Silent())
     assert starts == pytest.approx({name: 1.25 - began for name, began in BEGAN.items()}, abs=2 / RATE)
-    assert json.loads((folder / "splatreel.json").read_text()) == {"fps": 10, "starts": starts}
+    written = json.loads((folder / "splatreel.json").read_text())
+    sync = written.pop("sync")
+    assert written == {"fps": 10, "starts": starts}
+    assert sorted(sync) == ["b", "c"], "the others are aligned with the first"
+    for found in read_sidecar(folder).sync.values():
+        assert found.by == "sound"
+        assert (found.clear or 0) > (found.needed or 0) > 1
 
 
 def test_sync_names_a_silent_video_without_motion(folder: Path) -> None:
@@ -76,6 +83,9 @@ def test_silent_videos_are_synchronized_by_motion(tmp_path: Path) -> None:
     starts = synchronize(tmp_path, Silent())
     assert starts["b"] == 0
     assert starts["a"] == pytest.approx(1.2, abs=0.02)
+    found = read_sidecar(tmp_path).sync["b"]
+    assert (found.other, found.by) == ("a", "motion and light")
+    assert (found.clear or 0) > (found.needed or 0) > 1
 
 
 def test_a_flash_synchronizes_a_silent_video() -> None:

@@ -16,13 +16,14 @@ def test_calibrate_reports_placed_left_out_and_doubtful_cameras(
 
     def found(path: Path, progress: object, also: Path | None, *_: object) -> calibrate.Calibration:
         asked.append((path, also))
-        return calibrate.Calibration({"a": 900, "b": 12, "c": 400}, ["d"], 0.456, 3)
+        return calibrate.Calibration({"a": 900, "b": 12, "c": 400}, ["d"], 0.456, 3, ["HLG is converted"])
 
     monkeypatch.setattr(calibrate, "calibrate", found)
     assert main(["capture", "calibrate", "phones", "--also", "photos"]) == 0
     assert asked == [(Path("phones"), Path("photos"))]
     said = capsys.readouterr().out
     assert "phones/sparse/0: 3 cameras, placed alike at 3 moments; points are off by 0.46 pixels" in said
+    assert "  HLG is converted\n" in said
     assert "left out, since they overlap the others too little to be certain: d" in said
     assert "doubtful, since they see few points: b (12)" in said
 
@@ -52,6 +53,7 @@ def test_sync_of_one_video(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     ("note", "said"),
     [
         ('{"starts": {"cam00": -1}}', "starts is {'cam00': -1}, expected seconds of 0 or more by camera"),
+        ('{"sync": {"cam00": {"clear": 2}}}', "sync of cam00 is {'clear': 2}, expected what `capture sync` writes"),
         ('{"calibration_failed": 3}', "calibration_failed is 3, expected a sentence"),
     ],
 )

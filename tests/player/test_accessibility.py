@@ -55,6 +55,7 @@ def test_in_use(wide: Page, server: Server):
     assert_accessible(wide, "menu")
     wide.keyboard.press("Escape")
     wide.keyboard.press("?")
+    wide.locator("splat-reel").get_by_role("dialog").wait_for()
     assert_accessible(wide, "help")
     wide.keyboard.press("Escape")
     for entry in ("Share", "About this reel"):

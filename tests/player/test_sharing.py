@@ -80,6 +80,7 @@ def test_only_pages_that_take_links_share_them(page: Page, server: Server):
     open_player(page, server, "?autoplay=0&share=0")
     page.locator("splat-reel").get_by_role("button", name="Settings").click()
     menu = page.locator("splat-reel .menu")
+    menu.wait_for()
     assert menu.get_by_role("button", name="Share").is_hidden()
     assert menu.get_by_role("button", name="About this reel").is_hidden()  # it says nothing
 

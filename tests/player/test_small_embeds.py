@@ -124,6 +124,7 @@ def test_the_columns_of_the_help_begin_at_one_height(page: Page, server: Server)
     wait_for_picture(page)
     page.locator("splat-reel canvas").focus()
     page.keyboard.press("?")
+    reel.get_by_role("dialog").wait_for()
     tops = [heading.bounding_box() for heading in reel.locator(".dialog h3", has_text=re.compile("Time|View")).all()]
     assert len(tops) == 2
     assert tops[0]
@@ -206,7 +207,10 @@ def test_text_of_the_page_around_does_not_change_the_controls(page: Page, server
         wait_for_picture(page)
         page.locator("splat-reel canvas").focus()
         page.keyboard.press("?")
-        page.evaluate(f"{REEL}.shadowRoot.querySelector('[name=path]').click()")
+        reel.get_by_role("dialog").wait_for()
+        page.keyboard.press("Escape")
+        reel.get_by_role("button", name="Settings").click()
+        reel.locator(".menu").get_by_role("button", name="Camera path").click()
         reel.locator(".path-panel").wait_for()
         texts = reel.locator(
             ":is(.ui, .gestures, .beyond, .path-panel) :is(p, label, button, select, input, h2, h3, dt, dd, div)"

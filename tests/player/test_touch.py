@@ -78,8 +78,10 @@ def test_targets_are_as_large_as_fingers(phone: Page, server: Server):
     assert last is not None
     assert last["x"] + last["width"] <= 320
     reel.locator(".settings").tap()
+    reel.locator(".menu").wait_for()
     assert_thick(reel.locator(".menu label, .menu button, .menu select"))
     reel.get_by_role("button", name="Keys and gestures").tap()
+    reel.get_by_role("dialog").wait_for()
     assert_thick(reel.locator(".dialog button"))
 
 

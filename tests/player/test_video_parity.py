@@ -206,6 +206,7 @@ def test_the_focus_stays_in_a_dialog(page: Page, server: Server):
     inside = "(() => { const { activeElement } = document.querySelector('splat-reel').shadowRoot;"
     inside += " return activeElement?.closest('.dialog') !== null && activeElement?.className; })()"
     page.keyboard.press("?")
+    reel.get_by_role("dialog").wait_for()
     for key in ("Tab", "Tab", "Shift+Tab"):
         page.keyboard.press(key)
         assert page.evaluate(inside) == "close"

@@ -16,6 +16,7 @@ def test_help_begins_with_gestures_on_a_touch_screen_and_closes_by_a_tap_outside
     reel = phone.locator("splat-reel")
     reel.get_by_role("button", name="Settings").tap()
     reel.get_by_role("button", name="Keys and gestures").tap()
+    reel.get_by_role("dialog").wait_for()
     assert reel.locator(".dialog h3").all_inner_texts() == ["Touch", "Time", "View"]
     phone.evaluate(f"{REEL}.shadowRoot.querySelector('.dialog').style.height = '200px'")
     phone.touchscreen.tap(160, 20)
@@ -27,11 +28,12 @@ def test_help_closes_by_escape_and_by_a_click_outside(page: Page, server: Server
     open_player(page, server)
     help = page.locator("splat-reel").get_by_role("dialog")
     page.keyboard.press("?")
+    help.wait_for()
     assert page.locator("splat-reel .dialog h3").all_inner_texts() == ["Time", "Mouse", "View"]
     page.keyboard.press("Escape")
     assert help.is_hidden()
     page.keyboard.press("?")
-    assert help.is_visible()
+    help.wait_for()
     page.mouse.click(10, 300)
     assert help.is_hidden()
 

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.gltf import write_glb
 from tests.golden import random_gaussians
@@ -41,7 +40,7 @@ def read_glb(path: Path) -> tuple[dict, dict[str, np.ndarray]]:
 @pytest.mark.parametrize("degree", [0, 2, 3])
 def test_glb_round_trips(tmp_path: Path, degree: int) -> None:
     given = random_gaussians(np.random.default_rng(degree), 50, degree, (1, -2, 3))
-    write_glb(tmp_path / "f.glb", given, np.array([0.0, 1, 0, 0]))
+    write_glb(tmp_path / "f.glb", given)
     document, arrays = read_glb(tmp_path / "f.glb")
     splatting = {name.removeprefix("KHR_gaussian_splatting:"): array for name, array in arrays.items()}
     assert np.array_equal(splatting["POSITION"], given.means)
@@ -58,11 +57,9 @@ def test_glb_round_trips(tmp_path: Path, degree: int) -> None:
     assert positions["min"] == given.means.min(0).tolist()
 
 
-def test_glb_node_moves_and_turns(tmp_path: Path) -> None:
-    turn, origin = np.array([0.5, 0.5, -0.5, 0.5]), np.array([5.4e6, 1.25, -2])
-    write_glb(tmp_path / "f.glb", Gaussians.empty(0), turn, origin)
-    node = read_glb(tmp_path / "f.glb")[0]["nodes"][0]
-    assert node["rotation"] == [0.5, -0.5, 0.5, 0.5]
-    assert node["translation"] == (rotations.to_matrix(turn) @ origin).tolist()
-    write_glb(tmp_path / "f.glb", Gaussians.empty(0), turn)
-    assert "translation" not in read_glb(tmp_path / "f.glb")[0]["nodes"][0]
+def test_glb_node_moves_and_does_not_turn(tmp_path: Path) -> None:
+    shift = np.array([5.4e6, 1.25, -2])
+    write_glb(tmp_path / "f.glb", Gaussians.empty(0), shift)
+    assert read_glb(tmp_path / "f.glb")[0]["nodes"][0] == {"mesh": 0, "translation": shift.tolist()}
+    write_glb(tmp_path / "f.glb", Gaussians.empty(0))
+    assert read_glb(tmp_path / "f.glb")[0]["nodes"][0] == {"mesh": 0}

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from splatreel.scene import rotations
-from splatreel.scene.turning import turn_between, turned
+from splatreel.scene.turning import turn_between, turn_upright, turned
 from tests.golden import random_gaussians
 
 CENTER = (1.0, -2.0, 3.0)
@@ -56,3 +56,11 @@ def test_scene_looks_the_same_from_a_turned_viewpoint(degree: int, quat: tuple[f
     np.testing.assert_allclose(axes, matrix @ before, atol=1e-5)
     for direction in np.eye(3)[[0, 1, 2]]:
         np.testing.assert_allclose(color(found.sh, matrix @ direction), color(points.sh, direction), atol=1e-4)
+
+
+def test_slightly_tilted_scenes_keep_the_same_side_in_front() -> None:
+    up = np.array([0.01, -1, -0.008])
+    down, upward = (turn_upright(up, np.array([0.0, sign, 0])) for sign in (-1, 1))
+    half = rotations.multiply(np.array([0.0, 1, 0, 0]), down)
+    np.testing.assert_allclose(np.abs(half @ upward), 1, atol=1e-9)
+    np.testing.assert_allclose(rotations.to_matrix(upward) @ up / np.linalg.norm(up), [0, 1, 0], atol=1e-9)

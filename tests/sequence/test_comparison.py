@@ -69,7 +69,7 @@ def test_positions_far_from_the_origin_are_shifted_and_exported_again(
     back = read_ply(tmp_path / "f.ply", FAR).means
     np.testing.assert_allclose(np.sort(back, axis=0), np.sort(frame(0).means, axis=0), atol=0.01)
     assert main([*export, "--out", str(tmp_path / "f.spz")]) == 0
-    assert "which SPZ cannot hold" in capsys.readouterr().out
+    assert "which .spz files cannot hold" in capsys.readouterr().out
 
 
 def test_sequence_near_the_origin_has_no_warning(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

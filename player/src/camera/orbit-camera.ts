@@ -6,6 +6,7 @@ import type { Camera, Manifest } from "@splatreel/decoder/reel/manifest";
 import { CameraPath } from "./camera-path";
 import { Horizon, type Gaze } from "./horizon";
 import { Limits } from "./limits";
+import { AXES, STILL, type Motion } from "./motion";
 import type { CameraState } from "./pose";
 
 /** Rate at which a flick decays and a key accelerates, per second. */
@@ -22,18 +23,17 @@ const ASIDE = 0.2;
 /** Duration of a transition between poses, in seconds. */
 const GLIDE = 0.5;
 
-/** Velocities per second: rotation about the pivot (radians), translation (pivot distances), zoom (powers of e). */
-export interface Motion {
-  yaw: number;
-  pitch: number;
-  right: number;
-  down: number;
-  forward: number;
-  zoom: number;
+/** Bounds of orbits that a page declares. */
+export interface OrbitBounds {
+  gaze(gaze: Gaze): Gaze;
+  distance(distance: number): number;
 }
 
-const STILL: Motion = { yaw: 0, pitch: 0, right: 0, down: 0, forward: 0, zoom: 0 };
-const AXES = Object.keys(STILL) as (keyof Motion)[];
+/** Rotation about the pivot while nobody moves the camera: radians per second, after seconds of rest. */
+export interface Spin {
+  speed: number;
+  delay: number;
+}
 
 /** A state during a transition. */
 interface Sight {
@@ -50,6 +50,8 @@ export class OrbitCamera {
   readonly near: number;
   private readonly limits: Limits;
   private start: CameraState;
+  /** View of the reel's own camera. */
+  readonly ownState: CameraState;
   private readonly poses: CameraState[];
   private eye: Vec3 = [0, 0, 0];
   private gaze!: Gaze;
@@ -67,6 +69,13 @@ export class OrbitCamera {
   private moved = false;
   /** True once people have moved the camera. */
   touched = false;
+  /** Bounds that a page declares; null for none. */
+  bounds: OrbitBounds | null = null;
+  /** Vertical field of view that a page declares, in radians; null for that of the reel. */
+  fieldOfView: number | null = null;
+  private spin: Spin | null = null;
+  /** Seconds since people moved the camera. */
+  private rested = 0;
 
   /** screen: size of the canvas, in CSS pixels. calm: disable inertia and transitions, for people who prefer reduced motion. */
   constructor(manifest: Manifest, screen?: { clientWidth: number; clientHeight: number }, private readonly calm = false) {
@@ -80,6 +89,7 @@ export class OrbitCamera {
     this.poses = cameras.map((item) => this.level(this.stateOf(item)));
     this.state = this.start;
     if (screen) this.fit(screen.clientWidth, screen.clientHeight);
+    this.ownState = this.start;
   }
 
   get viewmat(): number[] {
@@ -99,6 +109,23 @@ export class OrbitCamera {
     [this.glide, this.followed, this.moved] = [null, null, false];
     this.velocity = { ...STILL };
     this.place(state);
+  }
+
+  /** True while the view is the one that the camera started with. */
+  get atStart(): boolean {
+    return !this.touched && !this.followed && !this.glide && length(subtract(this.eye, this.start.eye)) === 0;
+  }
+
+  /** Set the view of the start and of `reset`. The camera goes there if it is still at its start. */
+  startAt(state: CameraState): void {
+    const move = this.atStart;
+    this.start = state;
+    if (move) this.state = state;
+  }
+
+  /** Rotate while nobody moves the camera; null to stop. */
+  rotate(spin: Spin | null): void {
+    [this.spin, this.rested] = [spin, 0];
   }
 
   /** Center the first view on the focus if a portrait screen crops much of the image. */
@@ -160,8 +187,13 @@ export class OrbitCamera {
   /** Rotate about the pivot, in radians. Positive yaw moves the image to the right, positive pitch down. */
   orbit(yaw: number, pitch: number): void {
     this.touch();
-    const { pivot } = this;
-    this.gaze = this.horizon.turned(this.gaze, -yaw, -pitch);
+    this.turn(this.horizon.turned(this.gaze, -yaw, -pitch));
+  }
+
+  /** Look in another direction from around the pivot, within the declared bounds. */
+  private turn(gaze: Gaze): void {
+    const { pivot, bounds } = this;
+    this.gaze = bounds ? bounds.gaze(gaze) : gaze;
     this.eye = subtract(pivot, this.ahead);
   }
 
@@ -180,8 +212,9 @@ export class OrbitCamera {
   /** Multiply the distance to the pivot. */
   zoom(factor: number): void {
     this.touch();
-    const { pivot } = this;
-    this.distance = Math.max(this.distance * factor, 0.01 * this.limits.extent);
+    const { pivot, bounds } = this;
+    const distance = Math.max(this.distance * factor, 0.01 * this.limits.extent);
+    this.distance = bounds ? bounds.distance(distance) : distance;
     this.eye = subtract(pivot, this.ahead);
   }
 
@@ -222,7 +255,21 @@ export class OrbitCamera {
       if (by("zoom")) this.zoom(Math.exp(by("zoom")));
     }
     const upright = this.stepUpright(seconds);
-    return this.stepBack(seconds) || upright || moving;
+    return this.stepSpin(seconds) || this.stepBack(seconds) || upright || moving;
+  }
+
+  /** Rotate after a rest, to and fro between bounds. */
+  private stepSpin(seconds: number): boolean {
+    const { spin, calm, held, gaze, distance } = this;
+    if (!spin || calm || held || (this.rested += seconds) <= spin.delay) return false;
+    const next = this.horizon.turned(gaze, spin.speed * seconds, 0);
+    const allowed = this.bounds ? this.bounds.gaze(next) : next;
+    const eye = subtract(this.pivot, scale(this.horizon.forwardOf(allowed), distance));
+    const beyond = length(subtract(this.limits.eye(eye), eye)) > 1e-3 * this.limits.extent;
+    if (allowed !== next || (beyond && length(subtract(this.limits.eye(this.eye), this.eye)) <= 1e-3 * this.limits.extent)) spin.speed = -spin.speed;
+    else this.turn(next);
+    this.moved = true; // the horizon becomes level, and the limits hold
+    return true;
   }
 
   /** Return the view for an image of width x height pixels, with the field of view of the reel's camera. */
@@ -233,7 +280,8 @@ export class OrbitCamera {
     // Fill a screen of another aspect ratio if that crops little. On a portrait screen a wide image would be a thin strip, so that
     // it fills most of the height, at the cost of its sides.
     const most = height > width ? Math.max(CROP, Math.min((TALL * filled) / whole, TALL_CROP)) : CROP;
-    const zoom = Math.min(filled, most * whole);
+    const fill = Math.min(filled, most * whole);
+    const zoom = this.fieldOfView === null ? fill : height / 2 / Math.tan(this.fieldOfView / 2) / K[4];
     return {
       viewmat: this.viewmat,
       fx: K[0] * zoom,
@@ -262,7 +310,7 @@ export class OrbitCamera {
 
   /** Record that people move the camera, and stop all other motion. */
   private touch(): void {
-    [this.glide, this.followed, this.moved, this.touched] = [null, null, true, true];
+    [this.glide, this.followed, this.moved, this.touched, this.rested] = [null, null, true, true, 0];
   }
 
   private place({ eye, turn, distance }: CameraState): void {

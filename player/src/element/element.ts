@@ -11,18 +11,23 @@ import { PathPlayer } from "../player/path-player";
 import { Player } from "../player/player";
 import type { Stats } from "../player/stats";
 import type { Camera } from "@splatreel/decoder/reel/manifest";
-import { Controls } from "../ui/controls";
+import { Controls, LACKING } from "../ui/controls";
 import { CooperativeGestures } from "../ui/cooperative-gestures";
-import { FileDrop } from "../ui/file-drop";
 import { FirstPrompt } from "../ui/first-prompt";
 import { OffCameraFade } from "../ui/off-camera-fade";
+import type { MediaTexts } from "../ui/media-controls";
 import { attachPointerControls } from "../ui/pointer-controls";
+import { skip } from "../ui/skip";
 import styles from "../ui/ui.css";
+import { watchCamera } from "./camera-watch";
+import { watchDrops } from "./drop-watch";
 import { FrameCallbacks, type FrameCallback } from "./frame-callbacks";
 import { MediaElement } from "./media-element";
+import { watchMedia } from "./media-watch";
 import { timesOf } from "./media-fragment";
 import { PlayPromises } from "./play-promises";
 import { Poster } from "./poster";
+import { watchTracks } from "./track-watch";
 import { Visibility } from "./visibility";
 
 /** Events of the player that the element dispatches as well. */
@@ -80,7 +85,9 @@ export class SplatReelElement extends MediaElement {
     const gestures = new CooperativeGestures(this, canvas, signal);
     this.picture.image.after(gestures.hint);
     signal.addEventListener("abort", () => gestures.hint.remove());
-    attachPointerControls(canvas, player, gestures, signal);
+    attachPointerControls(canvas, player, gestures, (side) => this.skip(side), signal);
+    watchCamera(this, player, () => this.say(LACKING), signal);
+    watchMedia(player, () => this.mediaTexts, signal);
     new FirstPrompt(player, gestures, signal);
     const resize = new ResizeObserver(() => player.invalidate());
     resize.observe(canvas);
@@ -89,7 +96,9 @@ export class SplatReelElement extends MediaElement {
     this.addEventListener("click", () => this.visibility.ask(), { signal });
     for (const name of ["pointerdown", "focusin"]) this.addEventListener(name, () => this.visibility.interact(), { signal });
     this.showControls();
-    if (this.hasAttribute("drop")) new FileDrop(this, this.shadowRoot!, signal);
+    watchTracks(this, ({ Tracks }) => (player.tracks = new Tracks(this, this.shadowRoot!, player, (words) => this.say(words))), () => this.say(LACKING), signal);
+    signal.addEventListener("abort", () => (player.tracks = null));
+    if (this.hasAttribute("drop")) watchDrops(this, this.shadowRoot!, () => this.say(LACKING), signal);
     this.watch();
     if (!player.hasSource) this.load();
   }
@@ -247,6 +256,23 @@ export class SplatReelElement extends MediaElement {
     if (this.end === null || this.paused || this.currentTime < this.end) return;
     this.end = null;
     this.pause();
+  }
+
+  /** Step back or on after a double tap. */
+  private skip(side: -1 | 1): void {
+    skip(this.player, 0.2 * side, 10);
+    this.say(side < 0 ? "Back" : "On");
+  }
+
+  /** Texts of the reel for lock screens and media keys. */
+  private get mediaTexts(): MediaTexts {
+    const { title = "", author = "" } = this.player.manifest?.presentation ?? {};
+    return { title: title || (this.getAttribute("aria-label") ?? document.title), artist: author, artwork: this.picture.image.src };
+  }
+
+  /** Show a text for some seconds, if there are controls. */
+  private say(words: string): void {
+    this.controlsShown?.say(words);
   }
 
   private watch(): void {

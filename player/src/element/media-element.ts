@@ -116,6 +116,15 @@ export abstract class MediaElement extends HTMLElement {
     this.player.playbackRate = rate;
   }
 
+  /** Part of the reel that repeats, [start, end] in seconds; null for none. */
+  get section(): readonly [number, number] | null {
+    return this.player.section;
+  }
+
+  set section(section: readonly [number, number] | null) {
+    this.player.section = section;
+  }
+
   /** Volume, 0 to 1. */
   get volume(): number {
     return this.player.soundtrack.volume;

@@ -10,6 +10,7 @@ export class Clock {
   private running = false;
   private speed = 1;
   private loops = false;
+  private repeated: [number, number] | null = null;
 
   /** The open reel; null before its manifest arrives. */
   get reel(): Reel | null {
@@ -35,6 +36,17 @@ export class Clock {
 
   set loop(loop: boolean) {
     this.loops = loop;
+  }
+
+  /** Part of the reel that repeats, [start, end] in seconds; null for none. */
+  get section(): readonly [number, number] | null {
+    return this.repeated;
+  }
+
+  /** Throws `TypeError` if the end does not come after the start. */
+  set section(section: readonly [number, number] | null) {
+    if (section && !(section[0] >= 0 && section[1] > section[0])) throw new TypeError(`A section must end after it starts, not last from ${section[0]} to ${section[1]} s.`);
+    this.repeated = section && [section[0], section[1]];
   }
 
   get rate(): number {
@@ -93,7 +105,7 @@ export class Clock {
 
   /** Forget the reel, stop, and go to time 0. */
   reset(): void {
-    [this.current, this.running, this.now] = [null, false, 0];
+    [this.current, this.running, this.now, this.repeated] = [null, false, 0, null];
   }
 
   start(): void {
@@ -119,7 +131,12 @@ export class Clock {
   advance(seconds: number): boolean {
     const { earliest, duration, live, loops } = this;
     if (live && !loops && this.now >= duration) return false;
+    const before = this.now;
     this.now += seconds * this.speed;
+    if (this.repeated) {
+      const [start, end] = this.repeated.map((time) => Math.min(Math.max(time, earliest), duration));
+      if (before < end && this.now >= end && end > start) this.now = start + ((this.now - end) % (end - start));
+    }
     if (this.now >= duration) {
       // The last group of a live reel repeats until the next one arrives.
       if (loops) this.now = live ? this.edge : earliest + ((this.now - earliest) % (duration - earliest));

@@ -1,41 +1,9 @@
-/** Virtual reality by WebXR: two views per frame, on the headset's own clock. A pinch or trigger plays and pauses. */
+/** Virtual reality by WebXR: two views per frame, on the headset's own clock. A pinch or trigger plays and pauses. This part is loaded on demand. */
 import { ReelError } from "@splatreel/decoder/base/errors";
 import { HeadsetSpace } from "../camera/headset-space";
 import type { Eye } from "../draw/eye";
-import type { HeadsetLayer } from "../draw/renderer";
+import { headsetSystem, type XrFrame, type XrSession } from "./headset-support";
 import type { Player } from "./player";
-
-/** The part of WebXR used here, which TypeScript does not describe. */
-interface XrView {
-  projectionMatrix: Float32Array;
-  transform: { inverse: { matrix: Float32Array } };
-}
-
-interface XrFrame {
-  getViewerPose(space: object): { transform: { inverse: { matrix: Float32Array } }; views: XrView[] } | null;
-}
-
-interface XrSession extends EventTarget {
-  updateRenderState(state: { baseLayer: HeadsetLayer }): void;
-  requestReferenceSpace(type: string): Promise<object>;
-  requestAnimationFrame(draw: (now: number, frame: XrFrame) => void): number;
-  end(): Promise<void>;
-}
-
-interface XrSystem {
-  isSessionSupported(mode: string): Promise<boolean>;
-  requestSession(mode: string, options: object): Promise<XrSession>;
-}
-
-const system = (): XrSystem | undefined => (navigator as { xr?: XrSystem }).xr;
-
-/** Resolve to true if a headset is available. */
-export async function hasHeadset(): Promise<boolean> {
-  // Without this check, browsers log an error in frames that may not ask.
-  const { featurePolicy } = document as { featurePolicy?: { allowsFeature(name: string): boolean } };
-  if (featurePolicy?.allowsFeature("xr-spatial-tracking") === false) return false;
-  return (await system()?.isSessionSupported("immersive-vr").catch(() => false)) ?? false;
-}
 
 /** Intrinsics of a view so wide that its sort order contains all that the eyes see. */
 const WIDE = { fx: 0.05, fy: 0.05, cx: 0.5, cy: 0.5 };
@@ -48,7 +16,7 @@ export class Headset {
   static async enter(player: Player, ended: () => void): Promise<Headset> {
     const { camera, manifest, stage } = player;
     if (!camera || !manifest || !stage) throw new ReelError("There is no reel to show in the headset yet.");
-    const session = await system()!.requestSession("immersive-vr", { optionalFeatures: ["local-floor"] });
+    const session = await headsetSystem()!.requestSession("immersive-vr", { optionalFeatures: ["local-floor"] });
     session.addEventListener("end", () => {
       player.playback.leaveHeadset();
       ended();

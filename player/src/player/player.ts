@@ -18,6 +18,7 @@ import type { Prefetched } from "./prefetched";
 import { Resolution } from "./resolution";
 import type { Session } from "./session";
 import { measure, type Stats } from "./stats";
+import type { TextTracks } from "./text-tracks";
 
 /**
  * Plays a reel on a canvas.
@@ -25,7 +26,8 @@ import { measure, type Stats } from "./stats";
  * Events named as in HTMLMediaElement: emptied, loadstart, loadedmetadata, durationchange, loadeddata (something is drawn, even static
  * points alone), canplay (the first complete frame is drawn), play, playing (time advances), pause, timeupdate, progress, waiting,
  * seeking, seeked, ratechange, volumechange, ended, error. Others: deferred (downloads wait for an interaction, or no longer do),
- * notallowed (the browser requires an interaction before sound), drawn, pathchange (the camera path changed, began or ended).
+ * notallowed (the browser requires an interaction before sound), drawn, pathchange (the camera path changed, began or ended),
+ * trackchange (captions or chapters arrived, or others are shown), sectionchange (another part repeats).
  */
 export class Player extends EventTarget {
   readonly clock = new Clock();
@@ -35,6 +37,9 @@ export class Player extends EventTarget {
 
   /** Played ranges. */
   readonly played = new PlayedRanges();
+
+  /** Captions and chapters; null for none. */
+  tracks: TextTracks | null = null;
 
   private readonly lifecycle: Lifecycle;
   private choice: string | null = null;
@@ -190,6 +195,16 @@ export class Player extends EventTarget {
 
   set loop(loop: boolean) {
     this.clock.loop = loop;
+  }
+
+  /** Part of the reel that repeats, [start, end] in seconds; null for none. Another reel clears it. */
+  get section(): readonly [number, number] | null {
+    return this.clock.section;
+  }
+
+  set section(section: readonly [number, number] | null) {
+    this.clock.section = section && [finite(section[0], "section[0]"), finite(section[1], "section[1]")];
+    this.emit("sectionchange");
   }
 
   get playbackRate(): number {

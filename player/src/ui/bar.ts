@@ -1,6 +1,6 @@
 /** The bar at the bottom: seek bar and buttons, which form one tab stop. */
 import type { Player } from "../player/player";
-import { FULL, HEADSET, PAUSE, PLAY, RESET, SETTINGS, SMALL } from "./icons";
+import { CAPTIONS, FULL, HEADSET, PAUSE, PLAY, RESET, SETTINGS, SMALL } from "./icons";
 import { elementOf } from "./markup";
 import { SeekBar } from "./seekbar";
 import { timeText } from "./time-text";
@@ -12,6 +12,7 @@ const MARKUP = `<div class="bar" role="group" aria-label="Player controls" dir="
     <div class="time" aria-hidden="true">0:00 <span>/ 0:00</span></div>
     <button type="button" class="live" hidden>Live</button>
     <div class="gap"></div>
+    <button type="button" class="captions" aria-label="Captions" title="Captions (t)" aria-pressed="false" hidden>${CAPTIONS}</button>
     <button type="button" class="reset" aria-label="Reset view" title="Reset view (r)">${RESET}</button>
     <button type="button" class="settings" aria-label="Settings" title="Settings" aria-expanded="false">${SETTINGS}</button>
     <button type="button" class="headset" aria-label="Enter VR" title="Enter VR (v)" hidden>${HEADSET}</button>
@@ -22,6 +23,7 @@ const MARKUP = `<div class="bar" role="group" aria-label="Player controls" dir="
 /** Actions of the buttons, by their classes. */
 export interface BarActions {
   play(): void;
+  captions(): void;
   reset(): void;
   settings(): void;
   headset(): void;
@@ -66,7 +68,7 @@ export class Bar {
 
   /** Show the present state. */
   update({ full, fullLabel, presenting }: BarState): void {
-    const { duration, currentTime, paused, live, clock, manifest } = this.player;
+    const { duration, currentTime, paused, live, clock, manifest, tracks } = this.player;
     this.box.hidden = manifest === null;
     this.seek.update();
     this.volume.update();
@@ -74,6 +76,8 @@ export class Bar {
     this.button("time").innerHTML = `${timeText(currentTime, tenths)} <span>/ ${timeText(duration, tenths)}</span>`;
     this.button("live").hidden = !live;
     this.button("live").classList.toggle("on", currentTime >= clock.edge);
+    this.button("captions").hidden = !tracks || tracks.captions.length === 0;
+    this.button("captions").ariaPressed = String(tracks !== null && tracks.shown >= 0);
     this.set("play", paused ? PLAY : PAUSE, paused ? "Play" : "Pause", "k");
     this.button("full").hidden = fullLabel === "";
     this.set("full", full ? SMALL : FULL, fullLabel, "f");

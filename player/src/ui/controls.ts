@@ -1,7 +1,8 @@
 /** The controls over the picture: bar, menu, help, statistics and messages, and the actions of keys and buttons. */
 import { messageOf } from "@splatreel/decoder/base/errors";
 import { loadPart, playerAddress } from "../files/bundle";
-import { hasHeadset, Headset } from "../player/headset";
+import type { Headset } from "../player/headset";
+import { hasHeadset } from "../player/headset-support";
 import type { Player } from "../player/player";
 import { describe } from "../player/stats";
 import { aboutOf, hasTexts } from "./about";
@@ -9,19 +10,23 @@ import { AutoHide } from "./auto-hide";
 import { Bar } from "./bar";
 import { Dialog } from "./dialog";
 import { Fullscreen } from "./fullscreen";
-import { helpOf } from "./help";
+import { attachHoldSpeed } from "./hold-speed";
 import { attachKeys, type KeyTable } from "./keys";
 import { elementOf } from "./markup";
-import { Menu } from "./menu";
+import type { Menu, MenuState } from "./menu";
 import { Messages } from "./messages";
 import type { PathHost } from "./path-panel";
-import { saveScreenshot } from "./screenshot";
 
 /** Events of the player after which the controls are updated. */
 const EVENTS = ["emptied", "loadstart", "loadedmetadata", "durationchange", "canplay", "play", "pause", "timeupdate", "progress", "waiting", "playing"];
-EVENTS.push("seeking", "seeked", "ratechange", "volumechange", "ended", "deferred", "error");
+EVENTS.push("seeking", "seeked", "ratechange", "volumechange", "trackchange", "sectionchange", "ended", "deferred", "error");
 
 const HELP = "Keys and gestures";
+/** Step of the volume by a key, and pixels within which a right click stays. */
+const VOLUME = 0.05;
+const CLICK = 6;
+/** Message if a part of the player cannot be loaded. */
+export const LACKING = "This part of the player cannot be loaded";
 
 /** Creates the controls of one element. */
 export class Controls {
@@ -29,38 +34,43 @@ export class Controls {
   private readonly statistics = elementOf(`<dl class="sheet stats" aria-label="Statistics" hidden></dl>`);
   private readonly messages: Messages;
   private readonly bar: Bar;
-  private readonly menu: Menu;
   private readonly dialog: Dialog;
   private readonly full: Fullscreen;
   private readonly idle: AutoHide;
   private readonly keys: KeyTable;
   private readonly life = new AbortController();
   private headset: Headset | null = null;
+  private menu: Menu | null = null;
   private path: { close(): void } | null = null;
 
-  constructor(private readonly host: PathHost & { readonly link: string }, root: ShadowRoot, private readonly player: Player) {
+  constructor(private readonly host: PathHost & { readonly link: string }, private readonly root: ShadowRoot, private readonly player: Player) {
     const { signal } = this.life;
     const actions = this.actions();
     this.messages = new Messages(player);
     this.bar = new Bar(player, {
       play: actions.toggle,
       reset: actions.reset,
-      settings: () => this.openMenu(!this.menu.open),
+      captions: () => player.tracks?.toggle(),
+      settings: () => this.openMenu(!this.menu?.open),
       headset: actions.headset,
       full: actions.fullscreen,
     });
-    this.menu = new Menu(player, { ...actions, share: () => this.share(), about: () => this.about(), path: () => this.openPath(), loop: (on) => host.toggleAttribute("loop", on) });
     this.dialog = new Dialog(() => player.canvas.focus(), signal);
     this.full = new Fullscreen(host, () => this.update(), signal);
-    this.holder.append(this.messages.box, this.statistics, this.bar.box, this.menu.box, this.dialog.box);
+    this.holder.append(this.messages.box, this.statistics, this.bar.box, this.dialog.box);
     root.append(this.holder);
     // On the bundled page keys work wherever the focus is.
     const keyboard = host.closest("[data-splatreel-page]") ? document.documentElement : host;
     this.keys = attachKeys(keyboard, player, actions, signal);
-    this.idle = new AutoHide(host, this.holder, player, () => this.bar.seek.dragging || this.menu.open || this.dialog.open !== "", signal);
+    this.idle = new AutoHide(host, this.holder, player, () => this.bar.seek.dragging || this.menu?.open === true || this.dialog.open !== "", signal);
     keyboard.addEventListener("keydown", () => this.idle.wake(), { signal });
     this.listen();
     this.update();
+  }
+
+  /** Show a text for some seconds. */
+  say(words: string): void {
+    this.messages.say(words);
   }
 
   /** Remove the controls. */
@@ -80,9 +90,12 @@ export class Controls {
       headset: () => this.toggleHeadset(),
       reset: () => player.camera?.reset(),
       fly: () => this.fly(),
+      section: () => this.stepSection(),
+      volume: (steps: number) => this.changeVolume(steps),
+      context: () => this.openContext(null),
       statistics: () => this.toggleStatistics(),
-      picture: () => void saveScreenshot(player).catch((error) => this.messages.say(messageOf(error))),
-      help: () => (this.dialog.open === HELP ? this.dialog.close() : this.show(HELP, helpOf(this.keys))),
+      picture: () => void this.saveScreenshot(),
+      help: () => (this.dialog.open === HELP ? this.dialog.close() : void this.help()),
       escape: () => this.closeSheets(),
     };
   }
@@ -91,6 +104,8 @@ export class Controls {
     const { player, life: { signal } } = this;
     for (const name of EVENTS) player.addEventListener(name, () => this.update(), { signal });
     player.canvas.addEventListener("pointerdown", () => this.openMenu(false), { signal });
+    this.watchRightClicks();
+    attachHoldSpeed(player.canvas, player, (fast) => this.say(fast ? `${player.playbackRate} ×` : ""), signal);
     void hasHeadset().then((there) => (this.bar.button("headset").hidden = !there));
     const timer = setInterval(() => this.showStatistics(), 250);
     signal.addEventListener("abort", () => clearInterval(timer));
@@ -103,41 +118,98 @@ export class Controls {
       this.headset = null;
       this.update();
     };
-    Headset.enter(this.player, ended).then(
-      (headset) => {
-        this.headset = headset;
-        this.update();
-      },
-      (error) => this.messages.say(`The headset cannot be used: ${messageOf(error)}`),
-    );
+    const enter = async (): Promise<void> => {
+      const { Headset } = await loadPart("headset.js", () => import("../player/headset"));
+      this.headset = await Headset.enter(this.player, ended);
+      this.update();
+    };
+    enter().catch((error) => this.messages.say(`The headset cannot be used: ${messageOf(error)}`));
+  }
+
+  private async saveScreenshot(): Promise<void> {
+    try {
+      const { saveScreenshot } = await loadPart("screenshot.js", () => import("./screenshot"));
+      await saveScreenshot(this.player);
+    } catch (error) {
+      this.messages.say(messageOf(error));
+    }
+  }
+
+  /** Open the context menu at a right click. A right drag pans. */
+  private watchRightClicks(): void {
+    const { player: { canvas }, life: { signal } } = this;
+    let pressed = [0, 0];
+    canvas.addEventListener("pointerdown", ({ clientX, clientY }) => (pressed = [clientX, clientY]), { signal });
+    canvas.addEventListener("pointerup", ({ button, clientX, clientY, pointerType }) => {
+      if (button === 2 && pointerType === "mouse" && Math.hypot(clientX - pressed[0], clientY - pressed[1]) < CLICK) this.openContext([clientX, clientY]);
+    }, { signal });
+  }
+
+  /** Open the context menu at a position of the window; null for the middle of the picture. */
+  private openContext(at: [number, number] | null): void {
+    const { host, player } = this;
+    if (!player.manifest) return;
+    const { left, top, width, height } = player.canvas.getBoundingClientRect();
+    const place: [number, number] = at ? [at[0] - left, at[1] - top] : [width / 2, height / 2];
+    const actions = {
+      link: host.hasAttribute("share") && !player.manifest.files ? host.link : null,
+      say: (words: string) => this.say(words),
+      share: () => this.share(),
+      section: () => this.stepSection(),
+      statistics: () => this.toggleStatistics(),
+      about: hasTexts(player.manifest.presentation) ? () => this.about() : null,
+      help: () => void this.help(),
+    };
+    void this.withPart(loadPart("context-menu.js", () => import("./context-menu")), ({ ContextMenu }) => new ContextMenu(this.root, this.holder, place, player, actions));
+  }
+
+  private stepSection(): void {
+    void this.withPart(loadPart("section.js", () => import("./section")), ({ stepSection }) => stepSection(this.player, (words) => this.say(words)));
+  }
+
+  private changeVolume(steps: number): void {
+    const { soundtrack } = this.player;
+    soundtrack.volume = Math.min(Math.max((soundtrack.muted ? 0 : soundtrack.volume) + steps * VOLUME, 0), 1);
+    soundtrack.muted = false;
+    this.say(`Volume ${Math.round(100 * soundtrack.volume)} %`);
   }
 
   private fly(): void {
     const { camera } = this.player;
     camera?.fly(!camera.flying);
-    this.menu.update();
+    this.menu?.update();
   }
 
-  /** Open the panel of camera paths, which is loaded on demand. */
-  private async openPath(): Promise<void> {
+  /** Load a part of the player and use it, unless the controls are gone by then. */
+  private async withPart<T>(loading: Promise<T>, use: (part: T) => void): Promise<void> {
+    try {
+      const part = await loading;
+      if (!this.life.signal.aborted) use(part);
+    } catch {
+      this.say(LACKING);
+    }
+  }
+
+  private openPath(): void {
     this.openMenu(false);
     if (this.path) return this.path.close();
-    try {
-      const { PathPanel } = await loadPart("path-panel.js", () => import("./path-panel"));
-      if (this.path || this.life.signal.aborted || !this.player.camera) return;
-      this.path = new PathPanel(this.host, this.host.shadowRoot!, () => {
+    void this.withPart(loadPart("path-panel.js", () => import("./path-panel")), ({ PathPanel }) => {
+      if (this.path || !this.player.camera) return;
+      this.path = new PathPanel(this.host, this.root, () => {
         this.path = null;
         this.player.canvas.focus();
       });
-    } catch {
-      this.messages.say("This part of the player cannot be loaded");
-    }
+    });
+  }
+
+  private help(): Promise<void> {
+    return this.withPart(loadPart("help.js", () => import("./help")), ({ helpOf }) => this.show(HELP, helpOf(this.root, this.keys)));
   }
 
   private toggleStatistics(): void {
     this.statistics.hidden = !this.statistics.hidden;
     this.showStatistics();
-    this.menu.update({ statistics: !this.statistics.hidden });
+    this.menu?.update();
   }
 
   private showStatistics(): void {
@@ -155,39 +227,50 @@ export class Controls {
     this.show(presentation.title || "About this reel", aboutOf(presentation));
   }
 
-  /** Open the share dialog, which is loaded on demand. */
-  private async share(): Promise<void> {
+  private share(): void {
     const { host, player: { manifest } } = this;
-    const say = (words: string): void => this.messages.say(words);
     this.openMenu(false);
-    try {
-      const { shareOf } = await loadPart("share.js", () => import("./share"));
+    void this.withPart(loadPart("share.js", () => import("./share")), ({ shareOf }) => {
       const shared = { link: host.link, page: location.href.split("#")[0], reel: manifest!.url, player: playerAddress(), title: manifest!.presentation.title };
-      this.show("Share", shareOf(shared, say));
-    } catch {
-      say("This part of the player cannot be loaded");
-    }
+      this.show("Share", shareOf(this.root, shared, (words) => this.say(words)));
+    });
   }
 
   /** Close the open dialog or menu, or else leave fullscreen. */
   private closeSheets(): void {
     if (this.dialog.open) this.dialog.close();
-    else if (this.menu.open) {
+    else if (this.menu?.open) {
       this.openMenu(false);
       this.bar.button("settings").focus();
     } else this.full.leave();
   }
 
   private openMenu(open: boolean): void {
+    if (!this.menu) return void (open && this.createMenu());
     this.menu.open = open;
     this.bar.button("settings").setAttribute("aria-expanded", String(open));
   }
 
+  /** Load and open the menu. */
+  private createMenu(): void {
+    const { host, root, player, holder } = this;
+    const actions = { ...this.actions(), share: () => this.share(), about: () => this.about(), path: () => this.openPath(), loop: (on: boolean) => void host.toggleAttribute("loop", on) };
+    const state = (): MenuState => {
+      const { manifest } = player;
+      return { statistics: !this.statistics.hidden, shares: host.hasAttribute("share") && !!manifest && !manifest.files, describes: !!manifest && hasTexts(manifest.presentation) };
+    };
+    void this.withPart(loadPart("menu.js", () => import("./menu")), ({ Menu }) => {
+      if (this.menu) return;
+      this.menu = new Menu(root, player, actions, state);
+      holder.insertBefore(this.menu.box, this.dialog.box);
+      this.openMenu(true);
+    });
+  }
+
   private update(): void {
-    const { manifest } = this.player;
     this.bar.update({ full: this.full.on, fullLabel: this.full.offer, presenting: this.headset !== null });
     this.messages.update();
-    this.menu.update({ shares: this.host.hasAttribute("share") && !!manifest && !manifest.files, describes: !!manifest && hasTexts(manifest.presentation) });
+    this.menu?.update();
     this.idle.update();
   }
 }

@@ -1,9 +1,11 @@
-/** Opens local reels: a dropped folder or zip, or chosen files if the page has no reel. */
-import { messageOf, PLAIN, ReelError } from "@splatreel/decoder/base/errors";
+/** Opens local reels: a dropped folder or zip, or chosen files if the page has no reel. This part is loaded on demand. */
+import { messageOf, PLAIN } from "@splatreel/decoder/base/errors";
 import { loadPart } from "../files/bundle";
 import type { LocalFiles } from "@splatreel/decoder/files/local-files";
 import type { Player } from "../player/player";
+import styles from "./drop.css";
 import { elementOf } from "./markup";
+import { adoptStyles } from "./styles";
 
 const WORDS = "Drop its folder here, or a zip of it.";
 const MARKUP = `<div class="drop" hidden><div class="sheet choice">
@@ -29,16 +31,18 @@ export class FileDrop {
 
   /** Accept drops on the host until the signal. */
   constructor(private readonly host: FileDropHost, root: ShadowRoot, signal: AbortSignal) {
+    adoptStyles(root, styles);
+    if (signal.aborted) return;
     root.append(this.box);
     signal.addEventListener("abort", () => this.box.remove());
     host.addEventListener("dragover", (event) => this.hover(event), { signal });
     host.addEventListener("dragleave", (event) => void (host.contains(event.relatedTarget as Node | null) || this.settle()), { signal });
-    host.addEventListener("drop", (event) => this.take(event), { signal });
     this.box.addEventListener("click", (event) => event.target === this.box && this.settle());
     this.box.addEventListener("keydown", (event) => event.key === "Escape" && this.settle());
     for (const name of ["folder", "zip"]) this.listen(name);
     if (host.getAttribute("drop") !== "ask") return;
     host.player.addEventListener("error", () => this.ask(), { signal });
+    this.ask();
   }
 
   private listen(name: string): void {
@@ -55,7 +59,8 @@ export class FileDrop {
   private ask(): void {
     const { host } = this;
     const { error, manifest } = host.player;
-    if (manifest || host.srcObject || !(error instanceof ReelError && error.plain === PLAIN.missing)) return;
+    const { plain } = (error ?? {}) as { plain?: string }; // this part has a class ReelError of its own
+    if (manifest || host.srcObject || plain !== PLAIN.missing) return;
     host.removeAttribute("src");
     this.question = `There is none beside this page. ${WORDS}`;
     this.settle();
@@ -69,13 +74,8 @@ export class FileDrop {
     this.say(WORDS);
   }
 
-  private take(event: DragEvent): void {
-    const { dataTransfer } = event;
-    if (!dataTransfer?.types.includes("Files")) return;
-    event.preventDefault();
-    // Both are valid only during the event.
-    const entries = [...dataTransfer.items].flatMap((item) => item.webkitGetAsEntry?.() ?? []);
-    const files = [...dataTransfer.files];
+  /** Open the dropped entries or files. */
+  take(entries: FileSystemEntry[], files: File[]): void {
     void this.open((opener) => opener.openDropped({ entries, files }));
   }
 

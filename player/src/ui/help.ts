@@ -1,12 +1,16 @@
-/** The help: lists keys and gestures. */
+/** The help: lists keys and gestures. This part is loaded on demand. */
+import styles from "./help.css";
 import type { KeyTable } from "./keys";
 import { elementOf } from "./markup";
+import { adoptStyles } from "./styles";
 
 const TOUCH: [string, string][] = [
   ["Drag", "Turn"],
   ["Two fingers", "Move"],
   ["Pinch", "Nearer, farther"],
   ["Double tap", "Make that the middle"],
+  ["Double tap at a side", "Back or on, up to 10 s"],
+  ["Hold", "Twice as fast"],
   ["Tap", "Controls on, off"],
 ];
 const MOUSE: [string, string][] = [
@@ -14,12 +18,15 @@ const MOUSE: [string, string][] = [
   ["Right drag, Shift drag", "Move"],
   ["Scroll", "Nearer, farther"],
   ["Double click", "Make that the middle"],
+  ["Hold", "Twice as fast"],
+  ["Right click", "Menu"],
 ];
 
-/** Return the content of the help. Touch gestures come first on touch screens. */
-export function helpOf(table: KeyTable): HTMLElement {
+/** Return the content of the help. root: of the dialog. Touch gestures come first on touch screens. */
+export function helpOf(root: ShadowRoot, table: KeyTable): HTMLElement {
+  adoptStyles(root, styles);
   const touch = matchMedia("(pointer: coarse)").matches;
-  const [time, view] = table.map(([title, lines]) => section(title, lines.map(({ shown, what }) => [keycaps(shown), what])));
+  const [time, view] = table.map(([title, lines]) => section(title, lines.filter(({ applies }) => applies?.() ?? true).map(({ shown, what }) => [keycaps(shown), what])));
   const gestures = touch ? section("Touch", TOUCH) : section("Mouse", MOUSE);
   return elementOf(`<div class="columns">${(touch ? [gestures, time, view] : [time, gestures, view]).join("")}</div>`);
 }

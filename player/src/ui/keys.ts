@@ -1,6 +1,7 @@
 /** Keyboard control. One table defines the keys and their help. */
-import type { Motion } from "../camera/orbit-camera";
+import type { Motion } from "../camera/motion";
 import type { Player } from "../player/player";
+import { skip } from "./skip";
 
 /** Actions of the controls that keys trigger. */
 export interface Actions {
@@ -9,7 +10,10 @@ export interface Actions {
   headset(): void;
   reset(): void;
   fly(): void;
+  section(): void;
   statistics(): void;
+  volume(steps: number): void;
+  context(): void;
   picture(): void;
   help(): void;
   escape(): void;
@@ -26,6 +30,8 @@ interface Binding {
 interface Line {
   shown: string;
   what: string;
+  /** Returns true if the line applies to the reel; without it, it always does. */
+  applies?: () => boolean;
   bindings: Binding[];
 }
 
@@ -41,8 +47,8 @@ export type KeyTable = [string, Line[]][];
 /** Listen for keys until the signal. host: the element, or the whole bundled page. Returns the table for the help. */
 export function attachKeys(host: HTMLElement, player: Player, actions: Actions, signal: AbortSignal): KeyTable {
   const table: KeyTable = [["Time", timeLines(player, actions)], ["View", viewLines(player, actions)]];
-  const bindings = new Map<string, Binding>();
-  for (const [, lines] of table) for (const line of lines) for (const binding of line.bindings) for (const key of binding.keys) bindings.set(key, binding);
+  const bindings = new Map<string, Binding & { line: Line }>();
+  for (const [, lines] of table) for (const line of lines) for (const binding of line.bindings) for (const key of binding.keys) bindings.set(key, { ...binding, line });
   const down = new Map<string, Partial<Motion>>();
   const steer = (): void => {
     const thrust: Motion = { yaw: 0, pitch: 0, right: 0, down: 0, forward: 0, zoom: 0 };
@@ -53,7 +59,7 @@ export function attachKeys(host: HTMLElement, player: Player, actions: Actions, 
     if (event.ctrlKey || event.metaKey || event.altKey || takesKeys(event)) return;
     const key = nameOf(event);
     const binding = bindings.get(key);
-    if (!binding) return;
+    if (!binding || binding.line.applies?.() === false) return;
     event.preventDefault();
     if (binding.thrust) down.set(event.code, binding.thrust);
     binding.press?.(key);
@@ -77,11 +83,13 @@ function takesKeys(event: KeyboardEvent): boolean {
 }
 
 function nameOf({ key, shiftKey }: KeyboardEvent): string {
-  return key.startsWith("Arrow") && shiftKey ? `shift+${key.toLowerCase()}` : key.toLowerCase();
+  return (key.startsWith("Arrow") || key === "F10") && shiftKey ? `shift+${key.toLowerCase()}` : key.toLowerCase();
 }
 
 function timeLines(player: Player, actions: Actions): Line[] {
-  const move = (part: number, most: number) => (): void => void (player.currentTime += Math.sign(part) * Math.min(Math.abs(part) * (player.duration - player.earliest), most));
+  const move = (part: number, most: number) => (): void => skip(player, part, most);
+  const { soundtrack } = player;
+  const hasSound = (): boolean => soundtrack.available;
   const rate = (step: number) => (): void => {
     const nearest = RATES.findIndex((value) => value >= player.playbackRate);
     player.playbackRate = RATES[Math.min(Math.max(nearest + step, 0), RATES.length - 1)];
@@ -93,7 +101,11 @@ function timeLines(player: Player, actions: Actions): Line[] {
     { shown: ", .", what: "One frame", bindings: [{ keys: [","], press: () => player.step(-1) }, { keys: ["."], press: () => player.step(1) }] },
     { shown: "0 – 9", what: "To tenths of the reel", bindings: [{ keys: [..."0123456789"], press: (key) => void (player.currentTime = player.earliest + (Number(key) / 10) * (player.duration - player.earliest)) }] },
     { shown: "Home End", what: "To the ends", bindings: [{ keys: ["home"], press: () => void (player.currentTime = player.earliest) }, { keys: ["end"], press: () => void (player.currentTime = player.duration) }] },
+    { shown: "B N", what: "Chapter before, after", applies: () => (player.tracks?.chapters.length ?? 0) > 0, bindings: [{ keys: ["b"], press: () => player.tracks?.step(-1) }, { keys: ["n"], press: () => player.tracks?.step(1) }] },
+    { shown: "T", what: "Captions on or off", applies: () => (player.tracks?.captions.length ?? 0) > 0, bindings: [{ keys: ["t"], press: () => player.tracks?.toggle() }] },
     { shown: "< >", what: "Slower or faster", bindings: [{ keys: ["<"], press: rate(-1) }, { keys: [">"], press: rate(1) }] },
+    { shown: "O", what: "Repeat from here, to here, no more", bindings: [{ keys: ["o"], press: actions.section }] },
+    { shown: "↑ ↓", what: "Louder, softer", applies: hasSound, bindings: [{ keys: ["arrowup"], press: () => actions.volume(1) }, { keys: ["arrowdown"], press: () => actions.volume(-1) }] },
     { shown: "M", what: "Sound on or off", bindings: [{ keys: ["m"], press: () => player.soundtrack.toggle() }] },
   ];
 }
@@ -116,6 +128,7 @@ function viewLines(player: Player, actions: Actions): Line[] {
     { shown: "P", what: "Save a picture", bindings: [{ keys: ["p"], press: actions.picture }] },
     { shown: "I", what: "Statistics", bindings: [{ keys: ["i"], press: actions.statistics }] },
     { shown: "?", what: "These keys", bindings: [{ keys: ["?"], press: actions.help }] },
+    { shown: "Shift F10", what: "Menu of the picture", bindings: [{ keys: ["shift+f10", "contextmenu"], press: actions.context }] },
     { shown: "Esc", what: "Close", bindings: [{ keys: ["escape"], press: actions.escape }] },
   ];
 }

@@ -1,8 +1,10 @@
-/** The settings menu above the bar. */
+/** The settings menu above the bar. This part is loaded on demand. */
 import type { Player } from "../player/player";
 import type { Quality } from "../player/resolution";
 import { BACK, ON } from "./icons";
 import { elementOf } from "./markup";
+import styles from "./menu.css";
+import { adoptStyles } from "./styles";
 
 const RATES = [0.25, 0.5, 0.75, 1, 1.25, 1.5, 2];
 const QUALITIES: [Quality, string][] = [["auto", "Automatic"], ["full", "Full"], ["half", "Half"]];
@@ -14,6 +16,8 @@ const toggle = (name: string, text: string): string => `<label>${text}<input typ
 const MARKUP = [
   choice("rate", "Speed", RATES.map((rate) => option(rate, `${rate} ×`))),
   choice("rendition", "Quality", []),
+  choice("captions", "Captions", []),
+  choice("chapter", "Chapter", []),
   choice("quality", "Resolution", QUALITIES.map(([value, text]) => option(value, text))),
   toggle("loop", "Loop"),
   toggle("spatial", "Spatial sound"),
@@ -51,14 +55,20 @@ export interface MenuState {
 /** The menu of one player. */
 export class Menu {
   readonly box = elementOf(`<div class="sheet menu" role="group" aria-label="Settings" hidden>${MARKUP}</div>`);
-  private state: MenuState = { statistics: false, shares: false, describes: false };
 
-  constructor(private readonly player: Player, actions: MenuActions) {
+  /** state: returns the state that is not in the player. */
+  constructor(root: ShadowRoot, private readonly player: Player, actions: MenuActions, private readonly state: () => MenuState) {
+    adoptStyles(root, styles);
     this.input("rate").onchange = () => void (player.playbackRate = Number(this.input("rate").value));
-    this.input("rendition").onchange = () => void (player.rendition = this.input("rendition").value || null);
+    this.input("rendition").onchange = () => void (player.rendition = player.renditions[Number(this.input("rendition").value) - 1] ?? null);
     this.input("quality").onchange = () => {
       player.resolution.quality = this.input("quality").value as Quality;
       player.invalidate();
+    };
+    this.input("captions").onchange = () => void (player.tracks!.shown = Number(this.input("captions").value) - 1);
+    this.input("chapter").onchange = () => {
+      const chapter = player.tracks?.chapters[Number(this.input("chapter").value)];
+      if (chapter) player.currentTime = chapter.start;
     };
     this.input("loop").onchange = () => actions.loop(this.input("loop").checked);
     this.input("spatial").onchange = () => void (player.soundtrack.spatial.on = this.input("spatial").checked);
@@ -79,32 +89,45 @@ export class Menu {
   }
 
   /** Show the present state. */
-  update(state: Partial<MenuState> = {}): void {
-    this.state = { ...this.state, ...state };
+  update(): void {
     if (!this.open) return;
     const { player } = this;
+    const state = this.state();
     this.input("rate").value = String(player.playbackRate);
     this.updateRenditions();
+    this.updateTracks();
     this.input("quality").value = player.resolution.quality;
     this.input("loop").checked = player.loop;
     this.input("spatial").checked = player.soundtrack.spatial.on;
     this.input("spatial").parentElement!.hidden = !player.soundtrack.placed;
     this.input("fly").checked = player.camera?.flying === true;
-    this.input("statistics").checked = this.state.statistics;
-    this.input("share").hidden = !this.state.shares;
-    this.input("about").hidden = !this.state.describes;
+    this.input("statistics").checked = state.statistics;
+    this.input("share").hidden = !state.shares;
+    this.input("about").hidden = !state.describes;
   }
 
   /** Update the list of renditions. "Auto" names the rendition on screen. */
   private updateRenditions(): void {
     const { renditions, rendition, shownRendition } = this.player;
-    const select = this.box.querySelector<HTMLSelectElement>("[name=rendition]")!;
-    select.parentElement!.hidden = renditions.length === 0;
-    const texts = [shownRendition && rendition === null ? `Auto (${shownRendition})` : "Auto", ...renditions];
-    if (texts.join() !== [...select.options].map(({ text }) => text).join()) {
-      select.replaceChildren(...texts.map((text, index) => new Option(text, index === 0 ? "" : text)));
+    const auto = shownRendition && rendition === null ? `Auto (${shownRendition})` : "Auto";
+    this.offer("rendition", renditions.length > 0 ? [auto, ...renditions] : [], renditions.indexOf(rendition ?? "") + 1);
+  }
+
+  private updateTracks(): void {
+    const { tracks, currentTime } = this.player;
+    const [captions, chapters] = [tracks?.captions ?? [], tracks?.chapters ?? []];
+    this.offer("captions", captions.length > 0 ? ["Off", ...captions] : [], (tracks?.shown ?? -1) + 1);
+    this.offer("chapter", chapters.map(({ title }) => title), tracks?.chapterAt(currentTime) ?? -1);
+  }
+
+  /** Let people choose among texts; hidden without any. chosen: index of the present one, the option's value. */
+  private offer(name: string, texts: string[], chosen: number): void {
+    const select = this.box.querySelector<HTMLSelectElement>(`[name=${name}]`)!;
+    select.parentElement!.hidden = texts.length === 0;
+    if (texts.join("\n") !== [...select.options].map(({ text }) => text).join("\n")) {
+      select.replaceChildren(...texts.map((text, index) => new Option(text, String(index || ""))));
     }
-    select.value = rendition ?? "";
+    if (select.selectedIndex !== chosen) select.selectedIndex = chosen;
   }
 
   private input(name: string): HTMLInputElement {

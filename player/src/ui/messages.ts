@@ -54,11 +54,11 @@ export class Messages {
     this.reported = error;
   }
 
-  /** Show a toast. */
+  /** Show a toast; "" to hide it. */
   say(text: string): void {
     const box = this.find(".toast");
-    box.textContent = text;
-    box.classList.add("shown");
+    if (text) box.textContent = text;
+    box.classList.toggle("shown", text !== "");
     clearTimeout(this.toast);
     this.toast = window.setTimeout(() => box.classList.remove("shown"), TOAST);
   }

@@ -8,6 +8,7 @@ import { CLOSE, PAUSE, PLAY } from "./icons";
 import { elementOf } from "./markup";
 import { PathDrawing } from "./path-drawing";
 import styles from "./path-panel.css";
+import { adoptStyles } from "./styles";
 
 const MARKUP = `<section class="sheet path-panel" aria-label="Camera path">
   <header><h2>Camera path</h2><button type="button" class="close" aria-label="Close the camera path">${CLOSE}</button></header>
@@ -57,10 +58,7 @@ export class PathPanel {
   /** closed: called when the panel closes. */
   constructor(private readonly host: PathHost, root: ShadowRoot, private readonly closed: () => void) {
     const { signal } = this.life;
-    const sheet = new CSSStyleSheet();
-    sheet.replaceSync(styles);
-    root.adoptedStyleSheets = [...root.adoptedStyleSheets, sheet];
-    signal.addEventListener("abort", () => (root.adoptedStyleSheets = root.adoptedStyleSheets.filter((other) => other !== sheet)));
+    adoptStyles(root, styles);
     root.append(this.drawing.box, this.box);
     this.listen(signal);
     this.update();

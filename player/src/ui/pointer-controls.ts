@@ -17,8 +17,8 @@ interface Finger {
   touch: boolean;
 }
 
-/** Control the camera of a player from a surface, until the signal. */
-export function attachPointerControls(surface: HTMLElement, player: Player, gestures: CooperativeGestures, signal: AbortSignal): void {
+/** Control the camera of a player from a surface, until the signal. skip: called for a double tap at the left (-1) or right (1) side. */
+export function attachPointerControls(surface: HTMLElement, player: Player, gestures: CooperativeGestures, skip: (side: -1 | 1) => void, signal: AbortSignal): void {
   const fingers = new Map<number, Finger>();
   let velocity: [number, number] = [0, 0];
   let moved = 0;
@@ -67,8 +67,11 @@ export function attachPointerControls(surface: HTMLElement, player: Player, gest
   const tapped = (event: PointerEvent): void => {
     const double = event.timeStamp - tap.time < DOUBLE && Math.hypot(event.clientX - tap.x, event.clientY - tap.y) < 2 * NEAR;
     tap = { x: event.clientX, y: event.clientY, time: double ? -Infinity : event.timeStamp };
-    const { left, top } = surface.getBoundingClientRect();
-    if (double) focusAt(player, event.clientX - left, event.clientY - top);
+    if (!double) return;
+    const { left, top, width } = surface.getBoundingClientRect();
+    const across = (event.clientX - left) / width;
+    if (event.pointerType === "touch" && Math.abs(across - 0.5) > 1 / 6) skip(across < 0.5 ? -1 : 1);
+    else focusAt(player, event.clientX - left, event.clientY - top);
   };
   const wheel = (event: WheelEvent): void => {
     if (!gestures.takesWheel(event)) return;

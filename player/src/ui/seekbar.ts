@@ -6,7 +6,9 @@ import { timeText } from "./time-text";
 
 const MARKUP = `<div class="track">
   <input class="seek" type="range" min="0" max="0" step="0.001" value="0" aria-label="Seek" />
-  <span class="hint" aria-hidden="true"><span class="at"></span></span>
+  <span class="section" aria-hidden="true" hidden></span>
+  <span class="marks" aria-hidden="true"></span>
+  <span class="hint" aria-hidden="true"><span class="chapter"></span><span class="at"></span></span>
 </div>`;
 
 /** The seek bar of one player. */
@@ -18,6 +20,8 @@ export class SeekBar {
 
   private readonly hint = this.box.querySelector<HTMLElement>(".hint")!;
   private readonly thumbnails: Thumbnails;
+  /** Places of the chapter marks on the bar. */
+  private marked = "";
 
   constructor(private readonly player: Player) {
     const { input, box } = this;
@@ -45,7 +49,10 @@ export class SeekBar {
     const { currentTime, earliest, duration } = this.player;
     [input.min, input.max] = [String(earliest), String(duration)];
     if (!this.dragging) input.value = String(currentTime);
-    input.setAttribute("aria-valuetext", `${timeText(currentTime, duration < 60)} of ${timeText(duration, duration < 60)}`);
+    const chapter = this.titleAt(currentTime);
+    input.setAttribute("aria-valuetext", `${timeText(currentTime, duration < 60)} of ${timeText(duration, duration < 60)}${chapter && `, ${chapter}`}`);
+    this.updateMarks();
+    this.updateSection();
     input.style.setProperty("--played", `${this.percent(currentTime)}%`);
     input.style.setProperty("--ahead", this.bufferedTrack());
   }
@@ -55,11 +62,39 @@ export class SeekBar {
     const { hint, player: { earliest, duration } } = this;
     const part = Math.min(Math.max(place, 0), 1) || 0;
     const seconds = earliest + part * (duration - earliest);
+    hint.querySelector(".chapter")!.textContent = this.titleAt(seconds);
     hint.querySelector(".at")!.textContent = timeText(seconds, true);
     this.thumbnails.show(seconds);
     const width = this.box.clientWidth;
     const half = hint.offsetWidth / 2;
     hint.style.left = `${Math.min(Math.max(part * width, half), width - half)}px`;
+  }
+
+  /** Return the title of the chapter at a time; "" for none. */
+  private titleAt(seconds: number): string {
+    const { tracks } = this.player;
+    return tracks?.chapters[tracks.chapterAt(seconds)]?.title ?? "";
+  }
+
+  /** Show where chapters begin. */
+  private updateMarks(): void {
+    const { tracks, earliest, duration } = this.player;
+    const places = (tracks?.chapters ?? []).filter(({ start }) => start > earliest && start < duration).map(({ start }) => `${this.percent(start)}%`);
+    if (places.join() === this.marked) return;
+    this.marked = places.join();
+    this.box.querySelector(".marks")!.replaceChildren(...places.map((place) => {
+      const mark = document.createElement("i");
+      mark.style.left = place;
+      return mark;
+    }));
+  }
+
+  /** Show the part that repeats. */
+  private updateSection(): void {
+    const { section } = this.player;
+    const box = this.box.querySelector<HTMLElement>(".section")!;
+    box.hidden = !section;
+    if (section) Object.assign(box.style, { left: `${this.percent(section[0])}%`, right: `${100 - this.percent(section[1])}%` });
   }
 
   /** Return the buffered ranges as a background image. */

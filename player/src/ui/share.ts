@@ -1,6 +1,8 @@
 /** The share dialog: a link, its QR code, and code to embed the reel. This part is loaded on demand. */
 import { encode } from "uqr";
 import { elementOf } from "./markup";
+import styles from "./share.css";
+import { adoptStyles } from "./styles";
 
 /** Addresses and title to share. */
 export interface Shared {
@@ -31,8 +33,9 @@ const MARKUP = `<div class="share">
   <div class="code" role="img" aria-label="QR code of the link"></div>
 </div>`;
 
-/** Return the content of the dialog. say: shows whether a copy succeeded. */
-export function shareOf(shared: Shared, say: (words: string) => void): HTMLElement {
+/** Return the content of the dialog. root: of the dialog. say: shows whether a copy succeeded. */
+export function shareOf(root: ShadowRoot, shared: Shared, say: (words: string) => void): HTMLElement {
+  adoptStyles(root, styles);
   const box = elementOf(MARKUP);
   const area = (name: string): HTMLTextAreaElement => box.querySelector<HTMLTextAreaElement>(`[name=${name}]`)!;
   const { player } = shared;

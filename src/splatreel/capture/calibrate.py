@@ -18,14 +18,15 @@ from types import ModuleType
 from typing import Any
 
 import numpy as np
-from PIL import Image
 
 from splatreel.capture.base import MIN_CAMERAS, Request
+from splatreel.capture.board import Board
+from splatreel.capture.board_scale import board_scale
+from splatreel.capture.board_sightings import find_board, read_frame
 from splatreel.capture.calibration_agreement import FIELD, CalibratedCamera, CalibratedRig, trusted
 from splatreel.capture.dense_matches import refine_by_matches, refine_lenses
-from splatreel.capture.image_sequences import image_files
-from splatreel.capture.images import image_size, read_whole_image
 from splatreel.capture.learned_matches import Describer, Features
+from splatreel.capture.photographs import PHOTO_FOLDER, check_photos, write_photos, write_picture
 from splatreel.capture.readers.colmap import is_colmap, videos_but
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.readers.neu3dv import POSES
@@ -54,12 +55,14 @@ class Calibration:
         lost: Cameras that could not be placed, or not consistently.
         error: Mean reprojection error in pixels.
         moments: Number of solved moments.
+        notes: Sentences about what was chosen or converted in reading the videos.
     """
 
     placed: dict[str, int]
     lost: list[str]
     error: float
     moments: int
+    notes: list[str]
 
     @property
     def doubtful(self) -> list[str]:
@@ -73,7 +76,7 @@ def calibrate(
     also: Path | None = None,
     leave_out: Sequence[str] = (),
     describer: Describer | None = None,
-    distance: Distance | None = None,
+    scale: Distance | Board | None = None,
 ) -> Calibration:
     """Write the COLMAP model `sparse/0` of a folder of videos, one per camera, from frames spread over them.
 
@@ -85,26 +88,21 @@ def calibrate(
         also: Folder of photographs that connect the cameras' views.
         leave_out: Names of videos that are not used.
         describer: Network of `find_describer`, whose matches make poses more exact.
-        distance: Known distance of two cameras, which makes the world's unit a meter.
+        scale: Known distance of two cameras, or a board that the videos show, which makes the world's unit a meter.
 
     Raises:
-        CaptureError: The folder is calibrated already, has too few videos, lacks a camera of `distance`, or fewer than
+        CaptureError: The folder is calibrated already, has too few videos, lacks a camera of `scale`, or fewer than
             three cameras could be placed reliably. The last case is recorded in the folder's `splatreel.json`.
     """
-    if is_colmap(path) or (path / POSES).exists():
-        raise CaptureError(f"{path}: is calibrated already. Delete {MODEL.parent} or {POSES} to calibrate it again.")
-    files = videos_but(path, leave_out)
-    if len(files) < MIN_CAMERAS:
-        found = ", ".join(file.name for file in files.values()) or "none"
-        raise CaptureError(f"{path}: {len(files)} videos ({found}), at least {MIN_CAMERAS} are needed. Add the others.")
-    if distance is not None:
-        check_distance(distance, path, files)
+    files = uncalibrated_videos(path, leave_out)
+    if isinstance(scale, tuple):
+        check_distance(scale, path, files)
     photos = check_photos(also) if also is not None else []
     import_pycolmap()
     with scratch(path, "calibrate") as folder:
         try:
             found = run_in_child(
-                *(_place, path, files, photos, folder, describer, distance),
+                *(_place, path, files, photos, folder, describer, scale),
                 on_message=lambda message: _call_progress(progress, *message),
             )
         except ChildEndedError as error:
@@ -114,9 +112,35 @@ def calibrate(
         if isinstance(found, str):
             write_failure(path, found)
             raise CaptureError(f"{path}: the calibration failed, and nothing was kept of it: {found}")
-        _move_into_place(folder / "model", path / MODEL)
-    write_failure(path, None)
+        move_into_place(folder / "model", path)
     return found
+
+
+def uncalibrated_videos(path: Path, leave_out: Sequence[str]) -> dict[str, Path]:
+    """Return the videos of a folder without some. Raise `CaptureError` if it is calibrated already or has too few videos."""
+    if is_colmap(path) or (path / POSES).exists():
+        raise CaptureError(f"{path}: is calibrated already. Delete {MODEL.parent} or {POSES} to calibrate it again.")
+    files = videos_but(path, leave_out)
+    if len(files) < MIN_CAMERAS:
+        found = ", ".join(file.name for file in files.values()) or "none"
+        raise CaptureError(f"{path}: {len(files)} videos ({found}), at least {MIN_CAMERAS} are needed. Add the others.")
+    return files
+
+
+def open_videos(path: Path, files: dict[str, Path]) -> Videos:
+    """Return the synchronized videos of some cameras of a folder."""
+    sidecar = read_sidecar(path)
+    starts = {name: start for name, start in sidecar.starts.items() if name in files}
+    return Videos(path, files, replace(sidecar, starts=starts), Request(frames=(0, 1)))
+
+
+def move_into_place(made: Path, path: Path) -> None:
+    """Move a model into a capture, completely or not at all, and forget that a calibration failed."""
+    place = path / MODEL
+    place.parent.mkdir(exist_ok=True)
+    shutil.rmtree(place, ignore_errors=True)
+    os.replace(made, place)
+    write_failure(path, None)
 
 
 def _place(
@@ -126,7 +150,7 @@ def _place(
     photos: list[Path],
     folder: Path,
     describer: Describer | None,
-    distance: Distance | None,
+    scale: Distance | Board | None,
 ) -> Calibration | str:
     """Place the cameras in a child process, because COLMAP computes for minutes without handling signals.
 
@@ -137,9 +161,7 @@ def _place(
     """
     colmap, progress = import_pycolmap(), _ProgressSender(send)
     colmap.logging.minloglevel = colmap.logging.Level.FATAL.value
-    sidecar = read_sidecar(path)
-    starts = {name: start for name, start in sidecar.starts.items() if name in files}
-    videos = Videos(path, files, replace(sidecar, starts=starts), Request(frames=(0, 1)))
+    videos = open_videos(path, files)
     try:
         solver = _Solver(colmap, folder, photos, progress)
         models = solver.solve(videos, list(files))
@@ -152,16 +174,24 @@ def _place(
         model = _keep_cameras(models[best], kept)
         if describer is not None and not photos:
             model = refine_by_matches(colmap, model, solver.describe(videos, sorted(kept), describer), folder, progress)
+        if isinstance(scale, Board):
+            views = {Path(image.name).stem: image for image in map(model.image, model.reg_image_ids())}
+            found = board_scale(views, scale, find_board(videos, sorted(views), scale, progress))
+            if isinstance(found, str):
+                return found
+            _scale_model(colmap, model, found)
+        notes = [*videos.notes, *videos.conversions()]
     finally:
         videos.close()
-    if distance is not None and (unsure := {*distance[:2]} - kept):
+    if isinstance(scale, tuple) and (unsure := {*scale[:2]} - kept):
         return f"{' and '.join(sorted(unsure))} could not be placed, whose distance is given. Give that of two others."
-    if distance is not None:
-        scale_model(colmap, model, distance)
+    if isinstance(scale, tuple):
+        set_distance(colmap, model, scale)
     (folder / "model").mkdir()
     model.write_binary(str(folder / "model"))
     placed = {name: rigs[best][name].points for name in sorted(kept)}
-    return Calibration(placed, sorted(set(files) - kept), float(model.compute_mean_reprojection_error()), len(models))
+    error = float(model.compute_mean_reprojection_error())
+    return Calibration(placed, sorted(set(files) - kept), error, len(models), notes)
 
 
 class _ProgressSender:
@@ -216,7 +246,7 @@ class _Solver:
         self.progress.stage("finding learned features", len(names))
         found = {}
         for count, name in enumerate(names, 1):
-            found[name] = [describer.describe(_read_frame(videos, name, frame)) for frame in _moments(videos)]
+            found[name] = [describer.describe(read_frame(videos, name, frame)) for frame in _moments(videos)]
             self.progress.update(count)
         return found
 
@@ -225,7 +255,7 @@ class _Solver:
         colmap, database = self.colmap, self.folder / f"moment{moment}.db"
         images = []
         for name in names:
-            write_picture(self.pictures / f"{name}.png", _read_frame(videos, name, frame))
+            write_picture(self.pictures / f"{name}.png", read_frame(videos, name, frame))
             images.append(f"{name}.png")
         self.progress.update(4 * moment + 1)
         if self.known.exists():
@@ -262,13 +292,6 @@ class _Solver:
 def _moments(videos: Videos) -> list[int]:
     """Return the frames of the moments."""
     return np.unique(np.linspace(0, videos.frames - 1, MOMENTS).round().astype(int)).tolist()
-
-
-def _read_frame(videos: Videos, name: str, frame: int) -> np.ndarray:
-    """Return a frame of a camera, [H, W, 3] uint8."""
-    picture = np.empty((1, videos[name].height, videos[name].width, 3), np.uint8)
-    videos.read_camera(picture, frame, name)
-    return picture[0]
 
 
 def _rig(model: Any) -> CalibratedRig:
@@ -323,11 +346,15 @@ def check_distance(distance: Distance, path: Path, names: Iterable[str]) -> None
         )
 
 
-def scale_model(colmap: ModuleType, model: Any, distance: Distance) -> None:
+def set_distance(colmap: ModuleType, model: Any, distance: Distance) -> None:
     """Scale a model so that two of its cameras have a known distance."""
     rig, (one, other, meters) = _rig(model), distance
     found = float(np.linalg.norm(rig[one].center - rig[other].center))
-    model.transform(colmap.Sim3d(meters / found, colmap.Rotation3d(np.eye(3)), np.zeros(3)))
+    _scale_model(colmap, model, meters / found)
+
+
+def _scale_model(colmap: ModuleType, model: Any, factor: float) -> None:
+    model.transform(colmap.Sim3d(factor, colmap.Rotation3d(np.eye(3)), np.zeros(3)))
 
 
 def _keep_cameras(model: Any, kept: set[str]) -> Any:
@@ -338,48 +365,3 @@ def _keep_cameras(model: Any, kept: set[str]) -> Any:
             model.deregister_frame(image.frame_id)
     model.tear_down()
     return model
-
-
-def _move_into_place(made: Path, place: Path) -> None:
-    """Move a model into place completely or not at all."""
-    place.parent.mkdir(exist_ok=True)
-    shutil.rmtree(place, ignore_errors=True)
-    os.replace(made, place)
-
-
-PHOTO_FOLDER = "also/"
-"""Folder of the photographs among the cameras' images, which have no folder."""
-LONGEST = 2400
-"""Size in pixels to which photographs are reduced. More gives COLMAP little."""
-
-
-def check_photos(folder: Path) -> list[Path]:
-    """Return the photographs of a folder. Raise `CaptureError` if there are none or one cannot be read."""
-    if not folder.is_dir():
-        raise CaptureError(f"{folder}: is not a folder. Name a folder of photographs.")
-    files = image_files(folder)
-    if not files:
-        raise CaptureError(f"{folder}: holds no photographs (JPEG, PNG, WebP, TIFF or BMP). Copy them there.")
-    for file in files:
-        image_size(file)
-    return files
-
-
-def write_photos(files: list[Path], pictures: Path, progress: Progress) -> list[str]:
-    """Write upright copies of photographs, grouped by size, since equal sizes share a lens. Return their names."""
-    names = []
-    progress.stage("reading photographs", len(files))
-    for number, file in enumerate(files):
-        image = Image.fromarray(read_whole_image(file))
-        image.thumbnail((LONGEST, LONGEST), Image.Resampling.LANCZOS)
-        name = f"{PHOTO_FOLDER}{image.width}x{image.height}/{number:05d}.jpg"
-        (pictures / name).parent.mkdir(parents=True, exist_ok=True)
-        image.save(pictures / name, quality=95)
-        names.append(name)
-        progress.update(number + 1)
-    return names
-
-
-def write_picture(file: Path, picture: np.ndarray) -> None:
-    """Write a frame [H, W, 3] uint8 as a PNG file."""
-    Image.fromarray(picture).save(file, compress_level=1)

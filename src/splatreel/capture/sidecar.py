@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +19,23 @@ SIDECAR_BYTES = 1 << 20
 
 
 @dataclass(frozen=True)
+class SyncEvidence:
+    """Evidence of the start time of a video.
+
+    Attributes:
+        other: Camera whose video it was aligned with.
+        by: "sound", "motion and light" or "timecode".
+        clear: Ratio of the alignment to its best rival; None for a timecode.
+        needed: Smallest ratio that is accepted.
+    """
+
+    other: str
+    by: str
+    clear: float | None = None
+    needed: float | None = None
+
+
+@dataclass(frozen=True)
 class Sidecar:
     """Content of `splatreel.json`.
 
@@ -26,6 +43,7 @@ class Sidecar:
         held_out: Names of held-out cameras.
         fps: Frames per second.
         starts: Time in each video, in seconds, at which all cameras start; 0 for cameras without an entry.
+        sync: What `capture sync` found start times by, by camera. It only informs.
         transfer: Transfer function of videos that declare none: "sdr", "hlg" or "pq".
         failure: Reason why `capture calibrate` failed.
     """
@@ -33,6 +51,7 @@ class Sidecar:
     held_out: list[str] | None = None
     fps: float | None = None
     starts: dict[str, float] = field(default_factory=dict)
+    sync: dict[str, SyncEvidence] = field(default_factory=dict)
     transfer: str | None = None
     failure: str | None = None
 
@@ -55,12 +74,27 @@ def read_sidecar(folder: Path) -> Sidecar:
         failure = content.get("calibration_failed")
         if failure is not None and not isinstance(failure, str):
             raise ValueError(f"calibration_failed is {failure!r:.100}, expected a sentence")
-        return Sidecar(held_out, fps, starts, transfer, failure)
+        return Sidecar(held_out, fps, starts, _sync(content.get("sync", {})), transfer, failure)
 
 
-def write_starts(folder: Path, starts: dict[str, float]) -> None:
-    """Record the start time of each video and keep the other entries. Raise `CaptureError` if the file is not a JSON object."""
-    _change(folder, {"starts": starts})
+def _sync(content: Any) -> dict[str, SyncEvidence]:
+    """Return the evidence of start times. Raise `ValueError` for other content."""
+    if not isinstance(content, dict):
+        raise ValueError(f"sync is {content!r:.100}, expected the evidence by camera")
+    found = {}
+    for name, entry in content.items():
+        known = entry if isinstance(entry, dict) else {}
+        other, by, clear, needed = (known.get(key) for key in ("other", "by", "clear", "needed"))
+        numbers = all(number is None or is_number(number) for number in (clear, needed))
+        if not (isinstance(other, str) and isinstance(by, str) and numbers):
+            raise ValueError(f"sync of {name} is {entry!r:.100}, expected what `capture sync` writes")
+        found[name] = SyncEvidence(other, by, clear, needed)
+    return found
+
+
+def write_starts(folder: Path, starts: dict[str, float], evidence: dict[str, SyncEvidence]) -> None:
+    """Record the start time of each video, and keep the other entries. Raise `CaptureError` if the file is not a JSON object."""
+    _change(folder, {"starts": starts, "sync": {name: asdict(found) for name, found in evidence.items()} or None})
 
 
 def write_failure(folder: Path, why: str | None) -> None:

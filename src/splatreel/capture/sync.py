@@ -13,10 +13,11 @@ from splatreel.capture.growing.growing_sound import read_packets
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, segment_files
 from splatreel.capture.readers.colmap import videos_but
-from splatreel.capture.sidecar import write_starts
+from splatreel.capture.sidecar import SyncEvidence, write_starts
 from splatreel.capture.soundtrack import RATE as SOUND_RATE
 from splatreel.capture.soundtrack import channels, read_sound
 from splatreel.capture.timecode import read_timecode, timecode_difference
+from splatreel.capture.visible_sync import CLEAR as VISIBLY_CLEAR
 from splatreel.capture.visible_sync import VisibleAgreement, compare_activity, watch
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress
@@ -63,17 +64,23 @@ def synchronize(path: Path, progress: Progress, leave_out: Sequence[str] = ()) -
         if sound is not None:
             sounds[name] = sound
         progress.update(count)
-    began = align(path, sounds, progress) if sounds else {next(iter(files)): 0.0}
+    evidence: dict[str, SyncEvidence] = {}
+    began = align(path, sounds, evidence, progress) if sounds else {next(iter(files)): 0.0}
     if len(began) < len(files):
-        began = align_silent(path, files, began, progress)
+        began = align_silent(path, files, began, evidence, progress)
     last = max(began.values())
     starts = {name: round(last - time, 6) for name, time in began.items()}
-    write_starts(path, starts)
+    write_starts(path, starts, evidence)
     return starts
 
 
-def align(path: Path, sounds: dict[str, np.ndarray], progress: Progress) -> dict[str, float]:
-    """Return the start time of each sound [samples] relative to the first, in seconds. Sounds are joined in order of clarity."""
+def align(
+    path: Path, sounds: dict[str, np.ndarray], evidence: dict[str, SyncEvidence], progress: Progress
+) -> dict[str, float]:
+    """Return the start time of each sound [samples] relative to the first, in seconds. Sounds are joined in order of clarity.
+
+    `evidence` receives what each time but the first rests on.
+    """
     length = 1 << (2 * max(map(len, sounds.values())) - 1).bit_length()
     phases = {name: _phases(sound, length) for name, sound in sounds.items()}
     pairs = list(combinations(sounds, 2))
@@ -94,14 +101,21 @@ def align(path: Path, sounds: dict[str, np.ndarray], progress: Progress) -> dict
                 f'splatreel.json when each video starts: {{"starts": {{"{b}": seconds, ...}}}}.'
             )
         began[b] = began[a] + found[a, b].later
+        evidence[b] = SyncEvidence(a, "sound", round(found[a, b].clear, 2), CLEAR)
     return began
 
 
-def align_silent(path: Path, files: dict[str, Path], began: dict[str, float], progress: Progress) -> dict[str, float]:
+def align_silent(
+    path: Path,
+    files: dict[str, Path],
+    began: dict[str, float],
+    evidence: dict[str, SyncEvidence],
+    progress: Progress,
+) -> dict[str, float]:
     """Return the start times of all videos, given those of some.
 
     The others are joined in order of clarity. Timecodes count only where pictures tell nothing, because clocks of
-    cameras that were not synchronized differ by seconds.
+    cameras that were not synchronized differ by seconds. `evidence` receives what each time rests on.
     """
     progress.stage("watching the videos, since some have no sound", len(files))
     seen = {}
@@ -117,9 +131,10 @@ def align_silent(path: Path, files: dict[str, Path], began: dict[str, float], pr
                     found[a, b] = compare_activity(seen[a], seen[b])
         a, b = max(((a, b) for a in began for b in silent), key=lambda pair: found[pair].alike * found[pair].certain)
         if not found[a, b].certain:
-            timed = _by_timecode(files, began, silent)
+            timed, known = _by_timecode(files, began, silent)
             if timed:
                 began |= timed
+                evidence |= dict.fromkeys(timed, SyncEvidence(known, "timecode"))
                 continue
             raise CaptureError(
                 f"{path}: {', '.join(silent)} {'has' if len(silent) == 1 else 'have'} no sound, and no motion or flash that "
@@ -127,16 +142,17 @@ def align_silent(path: Path, files: dict[str, Path], began: dict[str, float], pr
                 f'starts: {{"starts": {{"{b}": seconds, ...}}}}.'
             )
         began[b] = began[a] + found[a, b].later
+        evidence[b] = SyncEvidence(a, "motion and light", round(found[a, b].clear, 2), VISIBLY_CLEAR)
     return began
 
 
-def _by_timecode(files: dict[str, Path], began: dict[str, float], silent: list[str]) -> dict[str, float]:
-    """Return the start times of silent videos by timecode; none if they or all others lack one."""
+def _by_timecode(files: dict[str, Path], began: dict[str, float], silent: list[str]) -> tuple[dict[str, float], str]:
+    """Return the start times of silent videos by timecode, and the video that they refer to; none if they or all others lack one."""
     codes = {name: code for name, file in files.items() if (code := read_timecode(_first_part(file))) is not None}
     known = next((name for name in began if name in codes), None)
     if known is None:
-        return {}
-    return {b: began[known] + timecode_difference(codes[known], codes[b]) for b in silent if b in codes}
+        return {}, ""
+    return {b: began[known] + timecode_difference(codes[known], codes[b]) for b in silent if b in codes}, known
 
 
 def _first_part(file: Path) -> Path:

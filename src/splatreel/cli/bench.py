@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json as json_format
+import math
 import sys
 from pathlib import Path
 
@@ -230,6 +231,7 @@ def paper(
     quality: Quality = "standard",
     settings: Set = (),
     every: int = 4,
+    minutes: float | None = None,
     estimate: bool = False,
     device: Device = "auto",
     seed: int = 0,
@@ -242,11 +244,12 @@ def paper(
     Args:
         captures: Folders of the captures.
         out: OUT/table-N.md gets the table, .csv and .tex the same for other programs; OUT/CAPTURE gets the reconstructions.
-        table: 4, 6, 7, 8, 9, 10, 12, 13, 14 (as Tables 1 and 14 to 17) or figure10.
+        table: 1 to 10, 12, 13, 14 (as Tables 14 to 17), baselines, or figure7 to figure12 and figure15.
         images: Size, frames and cameras to train on.
         quality: Preset of settings; it decides how long training takes.
         settings: Any setting that `splatreel config` lists, such as group.lambda_arap=0; may be repeated.
         every: Distance of the frames that encodings are compared at, for Tables 4, 8, 9 and 10.
+        minutes: Minutes that each baseline trains, our first keyframe included; by default as many as ours took.
         estimate: Only estimate time and memory. Nothing is written.
         device: Device that trains; auto uses a CUDA GPU if there is one.
         seed: Seed of all random numbers.
@@ -261,10 +264,12 @@ def paper(
     variants, names = variants_of(table), [capture.resolve().name for capture in captures]
     if every < 1 or len(set(names)) < len(names) or not names:
         raise UsageError("bench paper needs captures with different folder names, and --every 1 or more.")
+    if minutes is not None and not 0 < minutes < math.inf:
+        raise UsageError(f"--minutes {minutes:g} is out of range. Choose more than 0.")
     sources = {name: images.source(capture)() for name, capture in zip(names, captures, strict=True)}
     progress = console()
     try:
-        bench = PaperBench(sources, config, out, device, progress)
+        bench = PaperBench(sources, config, out, device, progress, minutes)
         plan = bench.plan(variants)
         if not estimate:
             progress.note(plan)

@@ -1,4 +1,4 @@
-"""`splatreel capture check | calibrate | sync | convert`."""
+"""`splatreel capture check | calibrate | board | sync | convert`."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from tyro.conf import Positional
 
 from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out, parse_left_out
 from splatreel.cli.printing import say
-from splatreel.errors import ReconstructionError
+from splatreel.errors import ReconstructionError, UsageError
 
 if TYPE_CHECKING:
     import numpy as np
@@ -168,8 +168,11 @@ def capture_calibrate(
     also: Path | None = None,
     leave_out: str | None = None,
     distance: tuple[str, str, float] | None = None,
+    scale_board: str | None = None,
+    board: str | None = None,
+    board_videos: Path | None = None,
 ) -> None:
-    """Find the poses and lenses of the cameras of a folder of videos by COLMAP, from some of the frames.
+    """Find the poses and lenses of the cameras of a folder of videos, by COLMAP from some of the frames, or by a board.
 
     Writes the model sparse/0 into the folder, unless the frames contradict each other. If the videos do not start together, run
     `capture sync` first.
@@ -179,22 +182,82 @@ def capture_calibrate(
         also: Folder of photographs by a camera that was carried from each camera's view to the next. They connect cameras far apart.
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
         distance: Names of two cameras and the distance of their lenses in meters, as cam00 cam05 2.5. Then the world's unit is a meter.
+        scale_board: Board that two cameras see at some time, as 5x7:0.035. Then the world's unit is a meter.
+        board: Board that is carried through the view of all cameras, as 5x7:0.035 (columns x rows of squares of that many meters).
+            Then only the board is used, for cameras that share no texture. `capture board` prints one.
+        board_videos: Folder of the videos that show the board, with the cameras' names; by default the videos of the capture.
     """
+    from splatreel.capture.board import parse_board
+
+    if board is None and board_videos is not None:
+        raise UsageError("--board-videos needs the board that they show, such as --board 5x7:0.035.")
+    if distance is not None and scale_board is not None:
+        raise UsageError("--distance and --scale-board both give the scale. Leave out one of them.")
+    if board is not None:
+        if also is not None or distance is not None or scale_board is not None:
+            raise UsageError(
+                "--board gives poses and meters by itself. Leave out --also, --distance and --scale-board."
+            )
+        _calibrate_by_board(capture, board, board_videos, leave_out)
+        return
     from splatreel.capture.calibrate import MODEL, calibrate
     from splatreel.capture.learned_matches import INSTALL, find_describer
     from splatreel.progress import console
 
-    describer = find_describer()
+    describer, scale = find_describer(), distance if scale_board is None else parse_board(scale_board)
     with closing(console()) as progress:
-        found = calibrate(capture, progress, also, parse_left_out(leave_out), describer, distance)
+        found = calibrate(capture, progress, also, parse_left_out(leave_out), describer, scale)
     agreed = f", placed alike at {found.moments} moments" if found.moments > 1 else ""
     say(f"{capture / MODEL}: {len(found.placed)} cameras{agreed}; points are off by {found.error:.2f} pixels")
+    _say_each(found.notes, [])
     if found.lost:
         say(f"  left out, since they overlap the others too little to be certain: {', '.join(found.lost)}")
     if found.doubtful:
         say(f"  doubtful, since they see few points: {', '.join(f'{n} ({found.placed[n]})' for n in found.doubtful)}")
     if describer is None:
         say(f"  {INSTALL}")
+
+
+def _calibrate_by_board(capture: Path, spec: str, videos: Path | None, leave_out: str | None) -> None:
+    """Calibrate by the sightings of a board, and report the result."""
+    from splatreel.capture.board import parse_board
+    from splatreel.capture.board_calibration import calibrate_by_board
+    from splatreel.capture.calibrate import MODEL
+    from splatreel.progress import console
+
+    with closing(console()) as progress:
+        found = calibrate_by_board(capture, parse_board(spec), progress, videos, parse_left_out(leave_out))
+    off = max(found.errors[name] for name in found.placed)
+    say(f"{capture / MODEL}: {len(found.placed)} cameras, up to {found.extent:.3g} m apart")
+    say(f"  corners of the board are off by {off:.2f} pixels at most, in the median of a camera")
+    say(
+        f"  either half of the frames gives the same poses within {found.degrees:.2g} degrees and {1000 * found.meters:.2g} mm"
+    )
+    say(f"  frames with the board: {', '.join(f'{name} {count}' for name, count in found.placed.items())}")
+    _say_each(found.notes, [])
+    if found.lost:
+        say(f"  left out, since either half of the frames places them elsewhere: {', '.join(found.lost)}")
+
+
+def capture_board(file: Positional[Path], /, board: str = "5x7:0.035") -> None:
+    """Write a ChArUco board or checkerboard to print, for `capture calibrate --board`.
+
+    Print it at 100 %, not fitted to the page, and glue it onto something flat. Larger squares are seen from further away.
+
+    Args:
+        file: File to write: .pdf, .svg or .png.
+        board: Columns x rows : meters of a square; 5x7:0.035 fits A4 and 5x7:0.14 A0. A third part names another dictionary of
+            OpenCV, as 5x7:0.035:5X5_100, or a board without markers, as 10x7:0.025:checkerboard.
+    """
+    from splatreel.capture.board import parse_board
+    from splatreel.capture.board_print import write_board
+
+    made = parse_board(board)
+    width, height = write_board(made, file)
+    squares = f"{made.columns} x {made.rows} squares of {1000 * made.square:g} mm"
+    say(f"{file}: {squares}, {1000 * width:.0f} x {1000 * height:.0f} mm with its margin")
+    say("  print it at 100 %, glue it onto something flat, measure a square, and use it with that size:")
+    say(f"  splatreel capture calibrate CAPTURE --board {made.spec}")
 
 
 def capture_sync(capture: Positional[Path], /, leave_out: str | None = None) -> None:

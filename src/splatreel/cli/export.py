@@ -2,22 +2,44 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_frames, reel_folder
-from splatreel.cli.printing import say
+from tyro.conf import OmitArgPrefixes
+
+from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_crop, parse_frames, reel_folder
+from splatreel.cli.printing import counted, say
 from splatreel.errors import UsageError
 from splatreel.scene.atomic import sweep
 
 if TYPE_CHECKING:
+    import numpy as np
+
+    from splatreel.play.gaussian_export import GaussianExport
     from splatreel.play.timeline import Timeline
 
 WIDEST = 8192
 """Largest side of a film in pixels, about what H.264 allows."""
-UP_OF_FORMAT = {".ply": "-y", ".spz": "y", ".glb": "y"}
-"""Axis that points up in the files of each format."""
-FORMATS = tuple(UP_OF_FORMAT)
+FILMS, FILM_UP = (".usdz", ".usdc", ".usda", ".4dgs"), "y"
+"""Suffixes of files of Gaussians that hold all frames, and the axis that points up in them."""
+FrameKind = Literal["ply", "compressed-ply", "splat", "sog", "spz", "spz2", "spz4", "glb"]
+
+
+@dataclass(frozen=True)
+class ChangeOptions:
+    """Changes of exported Gaussians."""
+
+    up: Literal["x", "-x", "y", "-y", "z", "-z", "capture"] | None = None
+    """Axis of the exported Gaussians that points up, or capture for the axes of the capture; by default that of the format, which is -y
+    for PLY, SOG and .splat, as in 3DGS, and y for SPZ, glTF, USD and .4dgs."""
+    crop: str | None = None
+    """Box of Gaussians to keep, as x,y,z,X,Y,Z: its low and its high corner in the coordinates of the capture."""
+
+    @property
+    def given(self) -> bool:
+        """True if there is any change."""
+        return self.up is not None or self.crop is not None
 
 
 def export(
@@ -25,77 +47,158 @@ def export(
     /,
     out: Path,
     frame: int | None = None,
+    at: float | None = None,
     frames: str | None = None,
+    every: int = 1,
     rendition: str | None = None,
     width: int | None = None,
     path: Path | None = None,
-    format: Literal["ply", "spz", "glb"] = "ply",
-    up: Literal["x", "-x", "y", "-y", "z", "-z", "capture"] | None = None,
+    format: FrameKind | None = None,
+    changes: OmitArgPrefixes[ChangeOptions] = ChangeOptions(),
     max_memory: int | None = None,
 ) -> None:
-    """Export a reel as one page that plays anywhere, as a film, or as PLY, SPZ or glTF files for other programs.
+    """Export a reel as one page that plays anywhere, as a film, or as Gaussians: PLY, SOG, SPZ, glTF, USD and others.
 
     Args:
         reel: Folder of the reel, or its URL: http(s), s3://BUCKET/REEL and the like (needs splatreel[cloud]).
-        out: F.html for one page with player and reel; F.ply, F.spz or F.glb for one frame; a folder for one file per frame; F.mp4 for a
-            film through the capture's cameras, with the reel's sound.
+        out: F.html for one page with player and reel; F.ply, F.compressed.ply, F.splat, F.sog, F.spz or F.glb for one frame; a folder
+            for one file per frame; F.usdz, F.usdc, F.usda or F.4dgs for all frames in one file; F.mp4 for a film through the capture's
+            cameras, with the reel's sound.
         frame: Frame to export, counted from 0; for one file.
-        frames: Frames A to B - 1, as A:B; by default all. For a folder or a film.
+        at: Time to export in seconds, also between two frames; for one file.
+        frames: Frames A to B - 1, as A:B; by default all. For a folder, a film, or a file of all frames.
+        every: Export every Nth frame only. The files of a folder are then numbered from 0 without gaps.
         rendition: Rendition to export, for a reel that has several; by default the best.
         width: Width of the film in pixels; by default that of the reel's own camera.
         path: Camera path of the film, a JSON file that the player saved; by default through the capture's cameras.
-        format: Format of the files in a folder: ply as 3DGS writes it, spz (small, 8 bits), glb (glTF with KHR_gaussian_splatting).
-        up: Axis of the exported Gaussians that points up, or capture for the axes of the capture; by default that of the format, which
-            is -y for PLY, as in 3DGS, and y for SPZ and glTF.
+        format: Format of the files in a folder, by default ply as 3DGS writes it. compressed-ply, sog, spz (version 3), spz2 and spz4
+            are small; splat has no view-dependent color; glb is glTF with KHR_gaussian_splatting. For one file, the version of .spz.
+        changes: Changes of exported Gaussians.
         max_memory: Megabytes that decoding a file may take; by default what a correct file of its length needs.
     """
-    if out.suffix not in (*FORMATS, ".html", ".mp4", ""):
-        raise UsageError(
-            f"--out {out}: {out.suffix} is not an export format. Name a .ply, .spz or .glb file, an .mp4 film, an .html "
-            "page or a folder."
-        )
+    kind = _kind(out, format)
     if out.suffix == ".html":
-        if any(value is not None for value in (frame, frames, width, path, up)):
-            raise UsageError("A page holds the whole reel. Leave out --frame, --frames, --width, --path and --up.")
+        if any(value is not None for value in (frame, at, frames, width, path)) or every > 1 or changes.given:
+            raise UsageError(
+                "A page holds the whole reel. Leave out --frame, --at, --frames, --every, --width, --path, --up, --crop."
+            )
         _write_page(reel, out, rendition)
         return
-    from splatreel.play.timeline import open_reel
-
-    source = open_reel(reel_folder(reel), rendition, megabytes(max_memory))
-    start, total = source.manifest.first_frame, source.manifest.frames
     if path is not None and (out.suffix != ".mp4" or frames is not None):
         raise UsageError("--path is for films (--out F.mp4), and holds the times that they show: leave out --frames.")
-    if up is not None and out.suffix == ".mp4":
-        raise UsageError("--up is for files of Gaussians. Leave it out for a film.")
-    if (out.suffix in FORMATS) != (frame is not None):
-        raise UsageError("One file takes --frame N; a folder of them, or a film (.mp4), takes --frames A:B or nothing.")
+    if (changes.given or every > 1) and out.suffix == ".mp4":
+        raise UsageError("--up, --crop and --every are for files of Gaussians. Leave them out for a film.")
+    if every < 1:
+        raise UsageError(f"--every {every}: give a whole number of frames, 1 or more.")
+    from splatreel.play.gaussian_export import GaussianExport
+    from splatreel.play.timeline import open_reel
+
+    crop = parse_crop(changes.crop)
+    source = open_reel(reel_folder(reel), rendition, megabytes(max_memory))
+    one = kind is not None and bool(out.suffix)
+    times = _times(source, reel, one, frame, at, frames, every)
+    place = out.parent if out.suffix else out
+    place.mkdir(parents=True, exist_ok=True)
+    sweep(place, out.name if out.suffix else "")
+    if out.suffix == ".mp4":
+        _write_film(source, times, out, width, path)
+        return
+    from splatreel.scene.frame_formats import FRAME_FORMATS
+
+    up = _up(changes.up, FRAME_FORMATS[kind].up if kind else FILM_UP)
+    film = GaussianExport(source, times, up, crop)
+    if kind is None:
+        _write_gaussian_film(film, out, every)
+    elif one:
+        count = film.write_file(out, kind, times[0])
+        say(f"{out}: {count:,} Gaussians {f'of frame {frame}' if frame is not None else f'at {at:g} s'}")
+    else:
+        first = round(times[0] * source.fps) if every == 1 else 0
+        for number, seconds in enumerate(times, first):
+            film.write_file(out / f"{number:06}{FRAME_FORMATS[kind].suffix}", kind, seconds)
+        say(f"{out}: {len(times)} {kind.upper()} files, {_span(source, times, every)}")
+    _say_origin(source, out.suffix or f".{kind}", FRAME_FORMATS[kind].keeps_origin if kind else out.suffix != ".4dgs")
+
+
+def _kind(out: Path, format: FrameKind | None) -> str | None:
+    """Return the format of files of one frame, or None for a file that holds all frames.
+
+    Raises:
+        UsageError: The name has no format, or another one than asked for.
+    """
+    from splatreel.scene.frame_formats import FRAME_FORMATS, format_of
+
+    known = format_of(out)
+    if out.suffix and known is None and out.suffix not in (*FILMS, ".html", ".mp4"):
+        raise UsageError(
+            f"--out {out}: {out.suffix} is not an export format. Name a .ply, .compressed.ply, .splat, .sog, .spz or .glb file for one "
+            "frame, a .usdz, .usdc, .usda or .4dgs file, an .mp4 film, an .html page or a folder."
+        )
+    if format is not None and out.suffix and not (known and out.name.endswith(FRAME_FORMATS[format].suffix)):
+        raise UsageError(f"--format {format}: --out {out} has another suffix. Leave out --format, or name a folder.")
+    return format or known or ("ply" if not out.suffix else None)
+
+
+def _times(
+    source: Timeline, reel: str, one: bool, frame: int | None, at: float | None, frames: str | None, every: int
+) -> list[float]:
+    """Return the times to export in seconds.
+
+    Raises:
+        UsageError: Options contradict each other, or the reel has no such time.
+    """
+    start, total = source.manifest.first_frame, source.manifest.frames
+    single = frame is not None or at is not None
+    if one and (not single or frames is not None or every > 1):
+        raise UsageError("A file of one frame takes --frame N or --at SECONDS, and neither --frames nor --every.")
+    if single and not one:
+        raise UsageError(
+            "--frame and --at are for a file of one frame, such as F.ply. Give --frames A:B, or nothing for all."
+        )
+    if frame is not None and at is not None:
+        raise UsageError("--frame and --at name the same thing. Leave out one of them.")
+    if at is not None:
+        if not start / source.fps <= at <= total / source.fps:
+            raise UsageError(
+                f"--at {at:g}: {reel} lasts from {start / source.fps:g} to {total / source.fps:g} seconds."
+            )
+        return [at]
     first, end = (frame, frame + 1) if frame is not None else parse_frames(frames) or (start, total)
     if not start <= first < end <= total:
         wrong = f"frame {frame}" if frame is not None else f"frame {first if first < start else end - 1}"
         raise UsageError(f"{reel}: there is no {wrong}; choose {start} to {total - 1}.")
-    place = out.parent if out.suffix else out
-    place.mkdir(parents=True, exist_ok=True)
-    sweep(place, out.name if out.suffix else "")
-    if out.suffix in FORMATS:
-        count = _write_frame(source, first, out, up)
-        say(f"{out}: {count:,} Gaussians of frame {first}")
-        _say_origin(source, out.suffix)
-    elif out.suffix == ".mp4":
-        _write_film(source, first, end, out, width, path)
-    else:
-        for index in range(first, end):
-            _write_frame(source, index, out / f"{index:06}.{format}", up)
-        say(f"{out}: {end - first} {format.upper()} files, frames {first} to {end - 1}")
-        _say_origin(source, f".{format}")
+    return [index / source.fps for index in range(first, end, every)]
 
 
-def _say_origin(source: Timeline, suffix: str) -> None:
-    """Report that SPZ files, which store small coordinates only, lack the reel's origin."""
+def _up(asked: str | None, usual: str) -> np.ndarray | None:
+    """Return the up direction of the files; None for that of the capture."""
+    import numpy as np
+
+    return None if asked == "capture" else np.array(AXES[asked or usual], float)
+
+
+def _span(source: Timeline, times: list[float], every: int) -> str:
+    first, last = (round(time * source.fps) for time in (times[0], times[-1]))
+    return f"frames {first} to {last}" + (f", every {every}" if every > 1 else "")
+
+
+def _write_gaussian_film(film: GaussianExport, out: Path, every: int) -> None:
+    """Write all frames into one file of Gaussians."""
+    from splatreel.play.fourdgs_film import write_fourdgs
+    from splatreel.play.usd_film import write_usd
+
+    write = write_fourdgs if out.suffix == ".4dgs" else write_usd
+    write(out, film, film.source.fps / every)
+    times = list(film.seconds)
+    say(f"{out}: {counted(len(times), 'frame')}, {_span(film.source, times, every)}, {out.stat().st_size / 1e6:.2f} MB")
+
+
+def _say_origin(source: Timeline, suffix: str, kept: bool) -> None:
+    """Report that a file lacks the reel's origin, because its format stores small coordinates only."""
     origin = source.manifest.origin
-    if origin.any() and suffix == ".spz":
-        say(
-            f"Positions are relative to {', '.join(f'{v:.10g}' for v in origin)}, which SPZ cannot hold. PLY and glTF can."
-        )
+    if origin.any() and not kept:
+        place = ", ".join(f"{v:.10g}" for v in origin)
+        say(f"Positions are relative to {place}, which {suffix} files cannot hold. PLY, glTF and USD can.")
 
 
 def _write_page(reel: str, out: Path, rendition: str | None) -> None:
@@ -106,30 +209,7 @@ def _write_page(reel: str, out: Path, rendition: str | None) -> None:
     say(f"{out}: player and reel, {size / 1e6:.2f} MB; open it in any browser")
 
 
-def _write_frame(source: Timeline, frame: int, path: Path, up: str | None) -> int:
-    """Write the Gaussians of a frame, rotated so that up is up in the format or as asked. Return their number."""
-    import numpy as np
-
-    from splatreel.scene import rotations
-    from splatreel.scene.gltf import write_glb
-    from splatreel.scene.ply import write_ply
-    from splatreel.scene.spz import write_spz
-    from splatreel.scene.turning import turn_between, turned
-
-    gaussians, manifest = source.at(frame / source.fps), source.manifest
-    end = manifest.up if up == "capture" else np.array(AXES[up or UP_OF_FORMAT[path.suffix]])
-    turn, origin = turn_between(manifest.up, end), manifest.origin if manifest.origin.any() else None
-    if path.suffix == ".glb":
-        write_glb(path, gaussians, turn, origin)
-    elif path.suffix == ".spz":
-        write_spz(path, turned(gaussians, turn), manifest.antialias)
-    else:
-        moved = None if origin is None else rotations.to_matrix(turn) @ np.asarray(origin, np.float64)
-        write_ply(path, turned(gaussians, turn), moved)
-    return len(gaussians)
-
-
-def _write_film(source: Timeline, first: int, end: int, out: Path, width: int | None, path: Path | None) -> None:
+def _write_film(source: Timeline, times: list[float], out: Path, width: int | None, path: Path | None) -> None:
     from splatreel.play.camera_path import read_path
     from splatreel.play.film import film_along_path, film_through_cameras, write_film
     from splatreel.progress import console
@@ -141,7 +221,8 @@ def _write_film(source: Timeline, first: int, end: int, out: Path, width: int | 
         asked = f"--width {width}" if width is not None else f"{start.width} x {start.height} pixels"
         raise UsageError(f"{asked}: films are 16 to {WIDEST} pixels wide and high. Choose another --width.")
     if path is None:
-        shots = film_through_cameras(start, source.manifest.cameras, end - first, source.fps, first)
+        first = round(times[0] * source.fps)
+        shots = film_through_cameras(start, source.manifest.cameras, len(times), source.fps, first)
     else:
         shots = film_along_path(read_path(path), start, source.fps)
     progress = console()

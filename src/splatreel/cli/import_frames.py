@@ -8,18 +8,24 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional
 
-from splatreel.cli.options import AXES, check_no_reel
+from splatreel.cli.options import AXES, check_no_reel, parse_crop
 from splatreel.cli.printing import playable, say
-from splatreel.config import COARSENESS, EncodeConfig, Rate
+from splatreel.config import COARSENESS, EncodeConfig, Quality, Rate
 from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
 
 if TYPE_CHECKING:
-    import numpy as np
-
+    from splatreel.codec.header import ReelHeader
+    from splatreel.codec.presentation import Limits
+    from splatreel.progress import Progress
+    from splatreel.recon.encode.group_writer import PresentationHook
     from splatreel.sequence.comparison import Comparison
     from splatreel.sequence.edits import Edit
     from splatreel.sequence.frames import Frames
+
+
+LONELY = 2
+"""Mean frames per group below which points are not followed."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +53,7 @@ class ChangeOptions:
 
         from splatreel.sequence.edits import Edit
 
-        return Edit(np.zeros(3), self.scale, _parse_crop(self.crop), self.min_opacity)
+        return Edit(np.zeros(3), self.scale, parse_crop(self.crop), self.min_opacity)
 
 
 def import_frames(
@@ -59,10 +65,11 @@ def import_frames(
     cameras: Path | None = None,
     up: str | None = None,
     changes: OmitArgPrefixes[ChangeOptions] = ChangeOptions(),
-    rate: Rate = "high",
+    rate: Rate | None = None,
     title: str | None = None,
     antialiased: bool = False,
     gaps: Literal["refuse", "hold"] = "refuse",
+    fit: Quality | None = None,
     threads: int | None = None,
 ) -> None:
     """Make a reel of Gaussians that another program trained: numbered PLY, SPZ, SOG or .splat files, or other formats.
@@ -81,64 +88,118 @@ def import_frames(
             around everything is assumed.
         up: Axis that points up: x, -x, y, -y, z or -z; by default that of the cameras, or -y without cameras.
         changes: Changes of all frames.
-        rate: high has hardly any loss; medium and low are smaller.
+        rate: high has hardly any loss; medium and low are smaller. By default high, and medium with --fit.
         title: Title of the reel in the player.
         antialiased: The points were trained to be drawn like Mip-Splatting does, blurred by 0.1 square pixels and fainter.
         gaps: Handling of missing file numbers. refuse: make nothing; hold: show the frame before for as long.
+        fit: For frames that were trained independently, so that no point can be followed: fit new points that move to images of the
+            frames, as reconstruct does with this quality. The reel is far smaller, but not exact, and takes as long as a
+            reconstruction. OUT/reel gets the reel, OUT/work the checkpoints, from which the same command continues.
         threads: Number of threads; by default one per core.
     """
     _check_options(fps, length, up)
+    if fit and cameras and up:
+        raise UsageError("--fit takes the up axis from --cameras. Leave out --up.")
     edit = changes.edit()
     use_threads(threads)
     import numpy as np
 
-    from splatreel.codec.writer import ReelWriter
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
-    from splatreel.recon.run.device import pick_device
-    from splatreel.recon.run.run_lock import lock_reel
     from splatreel.sequence.comparison import check_seen
     from splatreel.sequence.edits import edited, first_points
     from splatreel.sequence.opening import open_frames
-    from splatreel.sequence.reel import header_of, write_reel
+    from splatreel.sequence.reel import header_of
     from splatreel.sequence.viewpoints import read_cameras
 
     film, edit = edited(open_frames(frames, gaps, fps, length), edit)
-    views = None if cameras is None else [edit.camera(camera) for camera in read_cameras(cameras, edit.origin)]
+    views = cameras and [edit.camera(camera) for camera in read_cameras(cameras, edit.origin)]
     axis = None if up is None else np.array(AXES[up], float)
     header, limits = header_of(
         first_points(film), views, axis, fps or film.fps or 30.0, antialiased, edit.scale * edit.origin
     )
-    check_seen(
-        film, list(header.cameras), header.near, antialiased, f"the cameras of {cameras}" if cameras else "the cameras"
-    )
-    words = {"title": title} if title else {}
-    check_no_reel(out)
+    whose = f"the cameras of {cameras}" if cameras else "the cameras"
+    check_seen(film, list(header.cameras), header.near, antialiased, whose)
+    present = PresentationWriter({"title": title} if title else {}, {"title": frames.name})
     progress = console()
     try:
-        with lock_reel(out):
-            check_no_reel(out)  # another process may have finished it meanwhile
-            writer = ReelWriter(out, header, config=EncodeConfig(coarseness=COARSENESS[rate]))
-            found = write_reel(
-                film, writer, progress, pick_device("auto"), limits, PresentationWriter(words, {"title": frames.name})
-            )
+        if fit is None:
+            found, reel = _write(film, out, header, limits, rate or "high", progress, present), out
+        else:
+            found, reel = _fit(film, out, header, views is None, fit, rate or "medium", progress, present)
     finally:
         progress.close()
-    _say_result(film, found, sum(file.bytes for file in writer.manifest.files))
+    _say_result(film, found, reel)
     _say_changes(film, edit, fps)
-    _say_doubts(found, rate)
+    if fit is None:
+        _say_doubts(found, rate or "high", len(film), reel)
     if views is None:
         _say_ring(up)
-    say(playable(out))
+    say(playable(reel))
 
 
-def _say_result(film: Frames, found: Comparison, size: int) -> None:
+def _write(
+    film: Frames,
+    out: Path,
+    header: ReelHeader,
+    limits: Limits | None,
+    rate: Rate,
+    progress: Progress,
+    present: PresentationHook,
+) -> Comparison:
+    """Write the points of a sequence to a new reel."""
+    check_no_reel(out)
+    from splatreel.codec.writer import ReelWriter
+    from splatreel.recon.run.device import pick_device
+    from splatreel.recon.run.run_lock import lock_reel
+    from splatreel.sequence.reel import write_reel
+
+    with lock_reel(out):
+        check_no_reel(out)  # another process may have finished it meanwhile
+        writer = ReelWriter(out, header, config=EncodeConfig(coarseness=COARSENESS[rate]))
+        return write_reel(film, writer, progress, pick_device("auto"), limits, present)
+
+
+def _fit(
+    film: Frames,
+    out: Path,
+    header: ReelHeader,
+    everywhere: bool,
+    quality: Quality,
+    rate: Rate,
+    progress: Progress,
+    present: PresentationHook,
+) -> tuple[Comparison, Path]:
+    """Fit moving points to images of a sequence, seen by its cameras, or from everywhere. Return the comparison and the reel."""
+    from splatreel.sequence.edits import first_points
+    from splatreel.sequence.fit import fit_config, fit_reel
+    from splatreel.sequence.viewpoints import dome
+
+    cameras = dome(first_points(film), header.up) if everywhere else list(header.cameras)
+    reel, found = fit_reel(film, cameras, header, out, fit_config(quality, rate), progress, present)
+    return found, reel
+
+
+def _say_result(film: Frames, found: Comparison, reel: Path) -> None:
     from splatreel.evaluation.report import megabytes
+    from splatreel.play.timeline import open_reel
 
+    size = sum(file.bytes for file in open_reel(reel).manifest.files)
     say(
         f"{len(film)} frames in {megabytes(size)}, {film.size / size:,.1f} times smaller than the {megabytes(film.size)} of "
         f"{film.path}. Its images have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
     )
+
+
+def _say_unfollowed(frames: int, reel: Path) -> None:
+    """Suggest a fit if hardly any frame shares points with the next."""
+    from splatreel.play.timeline import open_reel
+
+    if 1 < frames < LONELY * len(open_reel(reel).manifest.groups):
+        say(
+            "No point could be followed from frame to frame, so each frame is stored alone. If the frames were trained "
+            "independently, --fit standard makes a far smaller reel."
+        )
 
 
 def _say_ring(up: str | None) -> None:
@@ -177,27 +238,8 @@ def _check_options(fps: float | None, length: int | None, up: str | None) -> Non
         raise UsageError(f"--up {up}: choose {', '.join(AXES)}.")
 
 
-def _parse_crop(text: str | None) -> np.ndarray | None:
-    """Return `x,y,z,X,Y,Z` as the corners [2, 3] of a box.
-
-    Raises:
-        UsageError: The text is something else, or the box is empty.
-    """
-    if text is None:
-        return None
-    import numpy as np
-
-    try:
-        corners = np.array([float(word) for word in text.split(",")]).reshape(2, 3)
-    except ValueError as error:
-        raise UsageError(f"--crop {text!r:.80}: write six numbers, x,y,z,X,Y,Z, as --crop=-1,-1,0,1,1,2.") from error
-    if not (corners[0] < corners[1]).all():
-        raise UsageError(f"--crop {text!r:.80}: its low corner is not below its high corner.")
-    return corners
-
-
-def _say_doubts(found: Comparison, rate: Rate) -> None:
-    """Name cameras that see nothing, and the cause of a visible loss."""
+def _say_doubts(found: Comparison, rate: Rate, frames: int, reel: Path) -> None:
+    """Name cameras that see nothing, and the cause of a visible loss or of many bytes."""
     from splatreel.sequence.comparison import CLOSE
 
     if found.blind:
@@ -205,3 +247,4 @@ def _say_doubts(found: Comparison, rate: Rate) -> None:
     if found.psnr < CLOSE:
         rated = f"the rate is {rate}, and --rate high loses less." if rate != "high" else "it was lost in encoding."
         say(f"Warning: below {CLOSE:.0f} dB the reel differs visibly from the film. The cause: {found.cause or rated}")
+    _say_unfollowed(frames, reel)

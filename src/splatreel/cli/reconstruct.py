@@ -70,6 +70,7 @@ def reconstruct(
     threads: int | None = None,
     estimate: bool = False,
     profile: bool = False,
+    tensorboard: bool = False,
     configuration: OmitArgPrefixes[ConfigOptions] = ConfigOptions(),
     publication: OmitArgPrefixes[PublishOptions] = PublishOptions(),
     machines: OmitArgPrefixes[MachineOptions] = MachineOptions(),  # noqa: B008 - it is frozen
@@ -88,6 +89,7 @@ def reconstruct(
         threads: Number of threads; by default one per core.
         estimate: Only estimate time and memory. Nothing is written.
         profile: Measure where the time goes, and write it to OUT/profile.md.
+        tensorboard: Write loss, PSNR, points, bytes and seconds of each group to OUT/tensorboard (needs splatreel[tensorboard]).
         configuration: Settings.
         publication: Copy of the reel.
         machines: Machines that make a long video.
@@ -100,11 +102,14 @@ def reconstruct(
     machines.check(out, follow=following.follow, estimate=estimate)
     from splatreel.evaluation.page.report_writer import ReportWriter
     from splatreel.evaluation.profile import profiled
+    from splatreel.evaluation.tensorboard import EventWriter, check_tensorboard
     from splatreel.kernels.warmup import background_warmup
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
     from splatreel.recon.pipeline import RunSpec
 
+    if tensorboard:
+        check_tensorboard(out)
     with machines.folder(out) as folder:
         spec = RunSpec(source, folder, config, sound, device)
         if estimate:
@@ -118,6 +123,7 @@ def reconstruct(
                 publishing(folder / "reel", url, publication.publish_keep, progress, presents) as present,
             ):
                 report = ReportWriter(folder, present, progress)
+                report = EventWriter(folder, report) if tensorboard else report
                 if following.follow:
                     done = following.reconstruct(source, spec, progress, report)
                 else:

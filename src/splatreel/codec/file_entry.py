@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from splatreel.codec.budget import MOST_FRAMES, most_points
@@ -33,6 +33,7 @@ class FileEntry:
         group: Number of the group; for a layer, of the group it was born at.
         renditions: The same group in the reel's other renditions, by name.
         until: Group at which a layer is retired, the first that does not show it; None if never.
+        overlap: Frames over which a group cross-fades with the one before, 0 for a hard cut; None for the reel's.
     """
 
     uri: str
@@ -44,6 +45,7 @@ class FileEntry:
     group: int
     renditions: Mapping[str, FileEntry] = field(default_factory=dict)
     until: int | None = None
+    overlap: int | None = None
 
     def lives_at(self, group: int) -> bool:
         """Return whether a group can show this layer's points."""
@@ -87,8 +89,9 @@ def parse_group(entry: object, index: int, number: int, names: tuple[str, ...]) 
         if not isinstance(others, dict) or not all(isinstance(others.get(name), dict) for name in names[1:]):
             raise ReelError(f"lacks one of the renditions {', '.join(names)}.")
         time = {"first_frame": common.get("first_frame")}
-        found = {name: _file(others[name] | time, frames, number) for name in names[1:]}
-        return _file(common, frames, number, None, found)
+        overlap = integer(common, "overlap", 0, BIG) if "overlap" in common else None
+        found = {name: replace(_file(others[name] | time, frames, number), overlap=overlap) for name in names[1:]}
+        return replace(_file(common, frames, number, None, found), overlap=overlap)
     except ReelError as error:
         raise ReelError(f"groups[{index}] {error}") from error
 
@@ -132,7 +135,8 @@ def group_to_json(entry: FileEntry) -> dict[str, Any]:
         name: {"uri": file.uri, "bytes": file.bytes, "sha256": file.sha256, "points": file.points}
         for name, file in entry.renditions.items()
     }
-    own = {"frames": entry.frames, "points": entry.points}
+    own = {"frames": entry.frames} | ({} if entry.overlap is None else {"overlap": entry.overlap})
+    own["points"] = entry.points
     return _common_fields(entry) | own | ({"renditions": others} if others else {})
 
 

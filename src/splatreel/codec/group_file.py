@@ -11,8 +11,8 @@ from splatreel.codec.light import decode_light, encode_light
 from splatreel.codec.paper import offsets as paper_offsets
 from splatreel.codec.paper.gaussians import decode_gaussians, encode_gaussians
 from splatreel.codec.predictive.offsets import decode_offsets, encode_offsets
-from splatreel.codec.predictive.points import decode_points, encode_points
-from splatreel.codec.predictive.precision import COLOR, STEPS, Steps
+from splatreel.codec.predictive.points import decode_points, encode_points, read_precision
+from splatreel.codec.predictive.precision import COLOR, STEPS, Precision, Steps, choose_precision
 from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.predictive.shade import decode_shade, encode_shade
 from splatreel.codec.section import MAX_POINTS, Section, Sections
@@ -49,11 +49,21 @@ def encode_layer(
         The file, and order [N]: the index of the input point of each point of the file.
     """
     if config.codec == "predictive" and len(gaussians):
-        points = encode_points(gaussians, importance, config, moving=False, steps=steps)
-        sections, order = points.sections, points.order
-    else:
-        sections, order = encode_gaussians(gaussians, config, weights=_colors(importance))
+        precision = choose_precision(gaussians.scales, importance, config.coarseness, False, steps)
+        return encode_layer_again(group, first_frame, gaussians, precision, bool(config.sh_entries))
+    sections, order = encode_gaussians(gaussians, config, weights=_colors(importance))
     return pack_file(FileHeader("layer", group, len(gaussians), first_frame), sections), order
+
+
+def encode_layer_again(
+    group: int, first_frame: int, gaussians: Gaussians, precision: Precision, directional: bool = True
+) -> tuple[bytes, np.ndarray]:
+    """Encode static points, N >= 1, with a given precision. Arguments and results are those of `encode_layer`.
+
+    `directional` False leaves out view-dependent color.
+    """
+    points = encode_points(gaussians, precision, directional)
+    return pack_file(FileHeader("layer", group, len(gaussians), first_frame), points.sections), points.order
 
 
 def encode_group(
@@ -71,19 +81,35 @@ def encode_group(
         The file, and order [N]: the index of the input point of each dynamic point of the file.
     """
     if config.codec == "predictive" and len(group.dynamic):
-        points = encode_points(group.dynamic, importance, config, steps=steps)
-        check_offsets(group.dx, group.dq)
-        sections = points.sections | encode_offsets(group.dx, group.dq, points, config, steps)
-        order, predictor = points.order, points.predictor
-    else:
-        predictor = None
-        sections, order = encode_gaussians(group.dynamic, config, config.h265.source != "ori", _colors(importance))
-        if len(order):
-            moving = group.dx[:, order], group.dq[:, order], group.dynamic[order]
-            sections["offsets"] = Section(*paper_offsets.encode(*moving, config.h265))
+        precision = choose_precision(group.dynamic.scales, importance, config.coarseness, True, steps)
+        return encode_group_again(group, precision, bool(config.sh_entries))
+    sections, order = encode_gaussians(group.dynamic, config, config.h265.source != "ori", _colors(importance))
+    if len(order):
+        moving = group.dx[:, order], group.dq[:, order], group.dynamic[order]
+        sections["offsets"] = Section(*paper_offsets.encode(*moving, config.h265))
     if group.shade is not None and len(order):
-        predictor = predictor or Predictor.in_file_order(len(order))
-        sections |= encode_shade(group.shade, order, predictor, config, steps)
+        predictor = Predictor.in_file_order(len(order))
+        sections |= encode_shade(group.shade, order, predictor, steps.shade * config.coarseness)
+    return _pack_group(group, sections, order)
+
+
+def encode_group_again(group: Group, precision: Precision | None, directional: bool = True) -> tuple[bytes, np.ndarray]:
+    """Encode a group with the predictive codec and a given precision, which a group without dynamic points does not need.
+
+    Arguments and results are those of `encode_layer_again`.
+    """
+    sections, order = dict[str, Section](), np.zeros(0, np.int64)
+    if len(group.dynamic) and precision is not None:
+        points = encode_points(group.dynamic, precision, directional)
+        check_offsets(group.dx, group.dq)
+        sections, order = points.sections | encode_offsets(group.dx, group.dq, points), points.order
+        if group.shade is not None:
+            step, known = precision.steps["shade"], points.precision.bases.get("shade")
+            sections |= encode_shade(group.shade, order, points.predictor, step, known)
+    return _pack_group(group, sections, order)
+
+
+def _pack_group(group: Group, sections: Sections, order: np.ndarray) -> tuple[bytes, np.ndarray]:
     if group.light is not None:
         sections |= encode_light(group.light)
     if len(group.alive):
@@ -107,17 +133,41 @@ def decode_layer(data: bytes, source: str, most: int | None = None) -> tuple[Fil
     Raises:
         ReelError: The file is damaged. The message names the file and the section.
     """
+    header, points, _, _ = _decode_layer(data, source, most)
+    return header, points
+
+
+def decode_layer_to_edit(data: bytes, source: str, most: int | None = None) -> tuple[Gaussians, Precision | None]:
+    """Decode the points of a layer file and their precision, which is None in the paper's coding."""
+    _, points, sections, predictor = _decode_layer(data, source, most)
+    return points, None if predictor is None else read_precision(sections, 0, predictor)
+
+
+def _decode_layer(
+    data: bytes, source: str, most: int | None
+) -> tuple[FileHeader, Gaussians, Sections, Predictor | None]:
     try:
         header, sections = unpack_file(data, most)
         if header.kind != "layer":
             raise ReelError(f"is a {header.kind} file, expected a layer.")
-        return header, _decode_points(sections, header.points)[0]
+        points, predictor = _decode_points(sections, header.points)
+        return header, points, sections, predictor
     except ReelError as error:
         raise ReelError(f"{source}: {error}") from error
 
 
 def decode_group(data: bytes, source: str, most: int | None = None) -> Group:
     """Decode a group file. Arguments and errors are those of `decode_layer`."""
+    return _decode_group(data, source, most)[0]
+
+
+def decode_group_to_edit(data: bytes, source: str, most: int | None = None) -> tuple[Group, Precision | None]:
+    """Decode a group file and the precision of its points, which is None in the paper's coding and without points."""
+    group, sections, predictor = _decode_group(data, source, most)
+    return group, None if predictor is None else read_precision(sections, group.frames, predictor)
+
+
+def _decode_group(data: bytes, source: str, most: int | None) -> tuple[Group, Sections, Predictor | None]:
     try:
         header, sections = unpack_file(data, most)
         if header.kind != "group":
@@ -125,13 +175,14 @@ def decode_group(data: bytes, source: str, most: int | None = None) -> Group:
         dynamic, dx, dq, predictor = _decode_moving(sections, header)
         shade = None
         if "shade" in sections and header.points:
-            predictor = predictor or Predictor.in_file_order(header.points)
-            shade = decode_shade(sections, header.frames, predictor)
+            of_shade = predictor or Predictor.in_file_order(header.points)
+            shade = decode_shade(sections, header.frames, of_shade)
         light = decode_light(sections, header.frames) if "light" in sections else None
         alive = np.zeros(0, bool)
         if "alive" in sections:
             alive = _decode_alive(sections["alive"])
-        return Group(header.index, header.first_frame, dynamic, dx, dq, alive, shade, light)
+        group = Group(header.index, header.first_frame, dynamic, dx, dq, alive, shade, light)
+        return group, sections, predictor
     except ReelError as error:
         raise ReelError(f"{source}: {error}") from error
 

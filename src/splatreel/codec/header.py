@@ -33,6 +33,7 @@ class ReelHeader:
         antialias: How splats are drawn, see `render_image`.
         background: Red, green and blue, 0..1, behind the points. The light of groups applies to it too.
         origin: Position of the reel's origin in the coordinates of its source, [3] float64. Exports add it.
+        transparent: The player shows the page behind the points. Images without transparency have the background.
     """
 
     fps: float
@@ -48,6 +49,7 @@ class ReelHeader:
     antialias: bool = False
     background: tuple[float, float, float] = BLACK
     origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    transparent: bool = False
 
     def __post_init__(self) -> None:
         kinds = {"fps": float, "group_length": int, "overlap": int, "sh_degree": int, "near": float, "antialias": bool}

@@ -181,6 +181,8 @@ class Manifest(ReelHeader):
         }
         if self.background != BLACK:
             document["background"] = list(self.background)
+        if self.transparent:
+            document["transparent"] = True
         if self.origin.any():
             document["origin"] = self.origin.tolist()
         if self.clearance.share:
@@ -321,6 +323,7 @@ def _parse_header(document: dict[str, Any]) -> Manifest:
         clearance=_parse_clearance(document["clearance"]) if "clearance" in document else NONE,
         antialias=boolean(document, "antialias", False),
         background=_parse_background(document),
+        transparent=boolean(document, "transparent", False),
         origin=numbers(document, "origin", 3) if "origin" in document else np.zeros(3),
         renditions=_parse_names(document),
         presentation=parse_presentation(document),

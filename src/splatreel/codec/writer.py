@@ -146,7 +146,11 @@ class ReelWriter:
         return decode_layer(data, uri)[1], order
 
     def add_group(
-        self, group: Group, importance: np.ndarray | None = None, encoded: dict[str, bytes] | None = None
+        self,
+        group: Group,
+        importance: np.ndarray | None = None,
+        encoded: dict[str, bytes] | None = None,
+        overlap: int | None = None,
     ) -> Group:
         """Encode a group and update the manifest. Return the decoded group, with dynamic points in reel order.
 
@@ -154,6 +158,7 @@ class ReelWriter:
             group: Group to write.
             importance: See `add_layer`.
             encoded: Result of `encoder.group` for the same group, if already computed.
+            overlap: Frames over which the group cross-fades with the one before; None for those of the header.
 
         Raises:
             ReelError: `alive` does not match the layers that live at the group.
@@ -170,7 +175,7 @@ class ReelWriter:
                 f"hold {static}. Add the layers of this group before it."
             )
         files = encoded or self.encoder.group(group, importance)
-        blank = FileEntry("", 0, "", group.first_frame, group.frames, len(group.dynamic), group.index)
+        blank = FileEntry("", 0, "", group.first_frame, group.frames, len(group.dynamic), group.index, overlap=overlap)
         entry, *others = (self._write(uri, data, replace(blank, uri=uri)) for uri, data in files.items())
         entry = replace(entry, renditions=dict(zip(self.encoder.others, others, strict=True)))
         self._write_manifest(self._manifest.with_files(layers, [*self._manifest.groups, entry]))

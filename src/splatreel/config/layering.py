@@ -15,6 +15,8 @@ PAPER_WIDTH = 1352
 class LayeringConfig:
     """Settings of motion layering (paper section 4.1): the separation of dynamic points from static points, which are stored once."""
 
+    enabled: bool = True
+    """Separate static from dynamic points; otherwise all points move, as in config. 1 of the paper's Table 8."""
     flow: Literal["dis", "raft"] = "dis"
     """Optical flow: dis is part of OpenCV; raft needs weights that you provide."""
     segment: Literal["grabcut", "sam2", "none"] = "none"

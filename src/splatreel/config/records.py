@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-ADDED_SETTINGS: dict[str, Any] = {}
-"""Settings added since 0.1.0, by name, with the value that turns them off. A file without such a setting gets this value."""
+ADDED_SETTINGS: dict[str, Any] = {"layering.enabled": True}
+"""Settings added since 0.1.0, by name, with the value that changes nothing. A file without such a setting gets this value."""
 
 
 def complete_settings(recorded: Any, added: Mapping[str, Any] = ADDED_SETTINGS) -> dict[str, Any]:

@@ -22,6 +22,7 @@ Box = tuple[slice, slice]
 RAFT = Pretrained(
     purpose="RAFT flow",
     package="torchvision",
+    module="torchvision.models.optical_flow",
     file="raft_large_C_T_SKHT_V2-ff5fadd5.pth",
     url="https://download.pytorch.org/models/raft_large_C_T_SKHT_V2-ff5fadd5.pth",
     variable="SPLATREEL_RAFT_WEIGHTS",
@@ -231,12 +232,7 @@ class RaftFlow:
 def _load_raft(weights: Path | None) -> Any:
     import torch
 
-    def load() -> Any:
-        from torchvision.models.optical_flow import raft_large
-
-        return raft_large
-
-    raft_large, path = RAFT.import_package(load), RAFT.find_weights(weights)
+    raft_large, path = RAFT.import_module().raft_large, RAFT.find_weights(weights)
     model = raft_large(weights=None)
     try:
         model.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))

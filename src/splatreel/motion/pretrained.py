@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
+import importlib
 import os
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from types import ModuleType
 
 from splatreel.errors import MissingDependencyError
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True)
@@ -20,6 +18,7 @@ class Pretrained:
     Attributes:
         purpose: First words of error messages: the feature that needs the network.
         package: Package, as named in messages.
+        module: Module that builds the network.
         file: File of its weights.
         url: Address of the weights.
         variable: Environment variable with the path of the weights.
@@ -29,20 +28,30 @@ class Pretrained:
 
     purpose: str
     package: str
+    module: str
     file: str
     url: str
     variable: str
     remedy: str
     install: str = ""
 
-    def import_package(self, load: Callable[[], T]) -> T:
-        """Call a function that imports the package, and return its result.
+    def check(self) -> None:
+        """Check that the package and the weights are on this machine, without loading the weights.
+
+        Raises:
+            MissingDependencyError: If one is missing.
+        """
+        self.import_module()
+        self.find_weights(None)
+
+    def import_module(self) -> ModuleType:
+        """Return the module that builds the network.
 
         Raises:
             MissingDependencyError: If the import fails.
         """
         try:
-            return load()
+            return importlib.import_module(self.module)
         except (ImportError, RuntimeError) as error:  # RuntimeError: built for another version of torch
             raise MissingDependencyError(
                 f"{self.purpose} needs {self.package}, which cannot be imported ({error}). "

@@ -2,19 +2,23 @@
 
 from __future__ import annotations
 
+import io
 import tempfile
 from collections.abc import Iterator
+from contextlib import redirect_stderr
 from pathlib import Path
 from typing import Any
 
 import cv2
 import numpy as np
 
+from splatreel.errors import MissingDependencyError
 from splatreel.motion.pretrained import Pretrained
 
 SAM2 = Pretrained(
     purpose="SAM2 completion",
     package="the package sam2",
+    module="sam2.build_sam",
     file="sam2.1_hiera_large.pt",
     url="https://dl.fbaipublicfiles.com/segment_anything_2/092824/sam2.1_hiera_large.pt",
     variable="SPLATREEL_SAM2_WEIGHTS",
@@ -54,7 +58,7 @@ class Sam2Segmenter:
             predictor: Video predictor to use instead.
 
         Raises:
-            MissingDependencyError: If the package or the weights are missing.
+            MissingDependencyError: If the package or the weights are missing, or the weights do not fit the configuration.
         """
         self.predictor = predictor if predictor is not None else _load_predictor(weights, config, device)
         self.objects = objects
@@ -68,7 +72,8 @@ class Sam2Segmenter:
         prompts = object_prompts(masks[start], self.objects, self.points, self.seed)
         if not prompts:
             return completed
-        with tempfile.TemporaryDirectory() as folder:
+        # SAM2 draws progress bars over the display of the run, and warns that its CUDA extension was not compiled.
+        with tempfile.TemporaryDirectory() as folder, redirect_stderr(io.StringIO()):
             for i, image in enumerate(images):  # the predictor reads a folder of numbered JPEG files
                 cv2.imwrite(str(Path(folder) / f"{i:05d}.jpg"), np.ascontiguousarray(image[..., ::-1]))
             state = self.predictor.init_state(video_path=folder)
@@ -123,10 +128,12 @@ def object_prompts(mask: np.ndarray, objects: int, points: int, seed: int) -> li
 def _load_predictor(weights: Path | None, config: str, device: str | None) -> Any:
     import torch
 
-    def load() -> Any:
-        from sam2.build_sam import build_sam2_video_predictor
-
-        return build_sam2_video_predictor
-
-    build, path = SAM2.import_package(load), SAM2.find_weights(weights)
-    return build(config, str(path), device=device or ("cuda" if torch.cuda.is_available() else "cpu"))
+    build, path = SAM2.import_module().build_sam2_video_predictor, SAM2.find_weights(weights)
+    try:
+        return build(config, str(path), device=device or ("cuda" if torch.cuda.is_available() else "cpu"))
+    except (
+        Exception
+    ) as error:  # torch and SAM2 raise a dozen types for a damaged file or one of another size of the network
+        raise MissingDependencyError(
+            f"{path}: not the weights of SAM2 for {config} ({type(error).__name__}). Download {SAM2.url} again."
+        ) from error

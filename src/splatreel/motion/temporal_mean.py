@@ -19,15 +19,20 @@ def temporal_mean(frames: np.ndarray) -> np.ndarray:
     Args:
         frames: [T, C, H, W, 3] uint8, the keyframe first.
     """
-    return per_camera(_temporal_mean, frames)
+    return per_camera(mean_of_alike, frames)
 
 
-def _temporal_mean(frames: np.ndarray) -> np.ndarray:
-    """Average the images of one camera, [T, H, W, 3] to [H, W, 3]."""
+def mean_of_alike(frames: np.ndarray, max_difference: float = MAX_DIFFERENCE) -> np.ndarray:
+    """Return the first image of one camera, averaged over images [T, H, W, 3] that look alike around each pixel.
+
+    Args:
+        frames: [T, H, W, 3] uint8.
+        max_difference: Mean absolute color difference, 0..1, from which on an image does not contribute.
+    """
     first = frames[0].astype(np.float32)
     total, weight = first.copy(), np.ones(first.shape[:2], np.float32)
     for frame in frames[1:]:
-        share = np.square(1 - np.square(np.minimum(difference(frame, first) / MAX_DIFFERENCE, 1)))
+        share = np.square(1 - np.square(np.minimum(difference(frame, first) / max_difference, 1)))
         total += share[..., None] * frame
         weight += share
     return np.rint(total / weight[..., None]).astype(np.uint8)

@@ -149,7 +149,8 @@ class Timeline:
         return red, green, blue
 
     def _weight(self, frame: float, group: Group) -> float:
-        overlap = self.manifest.overlap
+        own = self.manifest.group_entry(group.index).overlap
+        overlap = self.manifest.overlap if own is None else own
         share = min((frame - group.first_frame) / overlap, 1.0) if overlap else 1.0
         # Eased, since an opaque point in front of others shows half of its color at a tenth of its weight.
         return share * share * (3 - 2 * share)

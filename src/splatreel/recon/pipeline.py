@@ -19,7 +19,7 @@ from splatreel.recon.jobs import ChapteredRun, ChapterReelWriter, chapter_job, s
 from splatreel.recon.preparation import open_reel_writer, prepare, save_header
 from splatreel.recon.run.device import pick_device
 from splatreel.recon.run.memory import check_memory
-from splatreel.recon.run.requirements import check_capture
+from splatreel.recon.run.requirements import check_capture, check_networks
 from splatreel.recon.run.store import Store
 from splatreel.recon.stages.stage import FirstOfVideo
 from splatreel.scene.static_points import StaticPoints
@@ -68,6 +68,7 @@ def reconstruct(
     Raises:
         ReconstructionError: OUT belongs to another capture or configuration, OUT is in use, or a checkpoint is damaged.
         UsageError: The device does not exist.
+        MissingDependencyError: A package that the settings need, or its weights, are missing.
         ReelError: The disk is full or cannot be written.
         CaptureError: Frames or sound cannot be read.
     """
@@ -78,6 +79,7 @@ def reconstruct(
 def plan_run(capture: Capture, out: Path, config: Config, *, sound: str = "auto", device: str = "auto") -> ChapteredRun:
     """Return the run that `reconstruct` would make, without starting it. Arguments and errors are those of `reconstruct`."""
     check_capture(capture)
+    check_networks(config.layering)
     check_memory(capture, config)
     return ChapteredRun(capture, Path(out), config, sound, pick_device(device))
 

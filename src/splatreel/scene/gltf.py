@@ -1,7 +1,7 @@
 """Gaussians as binary glTF with the Khronos extension KHR_gaussian_splatting.
 
 A primitive of points stores the attributes as `Gaussians` has them, with quaternions as xyzw. COLOR_0 serves viewers
-that only support points. The node holds the rotation that turns the up axis to y, the up axis of glTF.
+that only support points. The node has no rotation, because some readers do not apply it to spherical harmonics.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.scene import rotations
 from splatreel.scene.atomic import write_bytes
 from splatreel.scene.gaussians import C0, Gaussians
 
@@ -27,14 +26,13 @@ _EXTENSION = {
 }
 
 
-def write_glb(path: str | Path, gaussians: Gaussians, turn: np.ndarray, origin: np.ndarray | None = None) -> None:
-    """Write a .glb file atomically.
+def write_glb(path: str | Path, gaussians: Gaussians, shift: np.ndarray | None = None) -> None:
+    """Write a .glb file atomically. The y axis of glTF is up.
 
     Args:
         path: Output file.
         gaussians: Gaussians to write.
-        turn: Rotation of the scene, [4] wxyz.
-        origin: Translation of the scene before it is rotated, [3] float64; None is 0, 0, 0.
+        shift: Translation of the scene, [3] float64; None is 0, 0, 0.
 
     Raises:
         GaussiansError: The file cannot be written.
@@ -51,15 +49,14 @@ def write_glb(path: str | Path, gaussians: Gaussians, turn: np.ndarray, origin: 
             accessor |= {"min": array.min(0).tolist(), "max": array.max(0).tolist()}
         accessors.append(accessor)
         offset += array.nbytes
-    shift = rotations.to_matrix(np.asarray(turn, np.float64)) @ (np.zeros(3) if origin is None else origin)
-    moved = {"translation": shift.tolist()} if shift.any() else {}
+    moved = {} if shift is None else {"translation": shift.tolist()}
     primitive = {"attributes": {name: i for i, name in enumerate(arrays)}, "mode": 0}
     document = {
         "asset": {"version": "2.0", "generator": "Splatreel"},
         "extensionsUsed": ["KHR_gaussian_splatting"],
         "scene": 0,
         "scenes": [{"nodes": [0]}],
-        "nodes": [{"mesh": 0, "rotation": np.roll(turn, -1).tolist()} | moved],
+        "nodes": [{"mesh": 0} | moved],
         "meshes": [{"primitives": [primitive | {"extensions": {"KHR_gaussian_splatting": _EXTENSION}}]}],
         "buffers": [{"byteLength": offset}],
         "bufferViews": views,

@@ -10,7 +10,7 @@ from splatreel.scene.ply_table import Columns
 
 CHUNK = 256
 PACKED = ("packed_position", "packed_rotation", "packed_scale", "packed_color")
-_SH_RANGE = 8.0
+SH_RANGE = 8.0
 """Width of the range of view-dependent color, whose middle is 0."""
 _SMALL = np.sqrt(2.0)
 
@@ -82,4 +82,4 @@ def _rotations(words: np.ndarray) -> Columns:
 def _harmonic(column: np.ndarray) -> np.ndarray:
     """Return coefficients of view-dependent color, stored as bytes whose ends are exact."""
     share = np.where(column == 255, 1, np.where(column == 0, 0, (column.astype(np.float64) + 0.5) / 256))
-    return (share - 0.5) * _SH_RANGE
+    return (share - 0.5) * SH_RANGE

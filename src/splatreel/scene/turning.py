@@ -25,6 +25,17 @@ def turn_between(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return quat / np.linalg.norm(quat)
 
 
+def turn_upright(up: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """Return the rotation, [4] wxyz, that takes an up direction [3] to an axis [3].
+
+    The direction first turns to the nearest axis, then from axis to axis. So scenes that are slightly tilted keep the same
+    side in front, whatever axis is up.
+    """
+    nearest = np.zeros(3)
+    nearest[np.abs(up).argmax()] = np.sign(up[np.abs(up).argmax()])
+    return rotations.multiply(turn_between(nearest, end), turn_between(up, nearest))
+
+
 def turned(points: Gaussians, quat: np.ndarray) -> Gaussians:
     """Return Gaussians rotated about the origin by a unit quaternion [4] wxyz, with their view-dependent colors."""
     quat = np.asarray(quat, np.float64)

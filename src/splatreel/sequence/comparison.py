@@ -25,6 +25,7 @@ CLOSE = 40.0
 """PSNR in dB above which reel and sequence look the same."""
 FAR = 1000.0
 """A point is an outlier beyond this many times the distance of nearly all points from their median."""
+BLACK = (0.0, 0.0, 0.0)
 MAGENTA, GRAY_LEVEL = (1.0, 0.0, 1.0), 1 / 255
 """Background that no sequence has, and maximum deviation of an empty image from it."""
 
@@ -68,8 +69,14 @@ def check_seen(frames: Frames, cameras: list[Camera], near: float, antialias: bo
     )
 
 
-def compare(frames: Frames, reel: Path, progress: Progress) -> Comparison:
+def compare(frames: Frames, reel: Path, progress: Progress, antialias: bool) -> Comparison:
     """Compare images of some frames of the sequence and the reel, cycling through the cameras.
+
+    Args:
+        frames: Source sequence.
+        reel: Folder of the reel.
+        progress: Progress display.
+        antialias: How splats of the sequence are drawn, see `render_image`.
 
     Raises:
         GaussiansError: All images are empty.
@@ -84,7 +91,7 @@ def compare(frames: Frames, reel: Path, progress: Progress) -> Comparison:
             continue
         first = number * len(cameras) // len(chosen)
         for camera in [*cameras[first:], *cameras[:first]][:GLANCES]:
-            pair = _pair(frames, timeline, frame, camera)
+            pair = _pair(frames, timeline, frame, camera, antialias)
             if pair is not None:
                 pairs.append((frame, *pair))
                 break
@@ -102,13 +109,15 @@ def compare(frames: Frames, reel: Path, progress: Progress) -> Comparison:
     return Comparison(mean, len(pairs), tuple(blind), cause)
 
 
-def _pair(frames: Frames, timeline: Timeline, frame: int, camera: Camera) -> tuple[np.ndarray, np.ndarray] | None:
+def _pair(
+    frames: Frames, timeline: Timeline, frame: int, camera: Camera, antialias: bool
+) -> tuple[np.ndarray, np.ndarray] | None:
     """Return images [H, W, 3] 0..1 of the sequence and of the reel, or None if the sequence shows nothing."""
     points, centered = _centered(frames, frame, camera)
     reel = timeline.manifest
-    if _is_blank(points, centered, reel.near, reel.antialias):
+    if _is_blank(points, centered, reel.near, antialias):
         return None
-    truth = timeline.render(points, centered)
+    truth = draw_on_cpu(points, centered, reel.near, antialias, BLACK)
     shown = timeline.render(timeline.at(frame / timeline.fps), camera)
     return np.clip(truth, 0, 1), np.clip(shown, 0, 1)
 

@@ -205,4 +205,4 @@ def write_reel(
     SequenceEncoder(writer, device).write(frames, progress)
     present(writer, None)
     writer.finish()
-    return compare(frames, writer.path, progress)
+    return compare(frames, writer.path, progress, writer.manifest.antialias)

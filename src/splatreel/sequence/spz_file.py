@@ -1,6 +1,4 @@
-"""Reader of SPZ, Niantic's compressed format, versions 1 to 4 (`scene/spz.py` describes version 3).
-
-Versions 1 to 3 are one gzip stream. Version 4 has a header of 32 bytes, a table of sizes, and a zstd stream per column.
+"""Reader of SPZ, Niantic's compressed format, versions 1 to 4 (`scene/spz.py` describes versions 2 to 4).
 
 Source:
     https://github.com/nianticlabs/spz

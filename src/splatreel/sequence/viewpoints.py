@@ -24,6 +24,8 @@ MOST_CAMERAS, MOST_PIXELS = 10_000, 1 << 20
 """Maximum number of cameras in a file, and of pixels across an image."""
 FIELD_OF_VIEW, ABOVE = 50.0, 15.0
 """Horizontal field of view of a ring camera, and its downward angle, in degrees."""
+DOME = (0.0, 25.0, 50.0)
+"""Downward angles of the rings of a dome, in degrees."""
 SHOWS = 0.1
 """Minimum opacity of points that locate the scene."""
 
@@ -96,7 +98,7 @@ def visible_positions(points: Gaussians) -> np.ndarray:
     return (points.means[seen] if seen.any() else points.means).astype(np.float64)
 
 
-def ring(points: Gaussians, up: np.ndarray) -> list[Camera]:
+def ring(points: Gaussians, up: np.ndarray, above: float = ABOVE, name: str = "view") -> list[Camera]:
     """Return cameras around the visible points, looking at their median from slightly above.
 
     The first camera looks along the world's z axis, or its x axis if z is up.
@@ -104,6 +106,8 @@ def ring(points: Gaussians, up: np.ndarray) -> list[Camera]:
     Args:
         points: Gaussians to look at.
         up: Unit up direction, [3].
+        above: Downward angle of the cameras, degrees.
+        name: Start of their names.
     """
     places = visible_positions(points)
     middle = np.median(places, axis=0)
@@ -116,8 +120,13 @@ def ring(points: Gaussians, up: np.ndarray) -> list[Camera]:
     focal = WIDTH / 2 / math.tan(math.radians(FIELD_OF_VIEW / 2))
     cameras = []
     for k in range(RING):
-        turn, down = 2 * math.pi * k / RING, math.radians(ABOVE)
+        turn, down = 2 * math.pi * k / RING, math.radians(above)
         level = math.cos(turn) * ahead + math.sin(turn) * aside
         forward = math.cos(down) * level - math.sin(down) * up
-        cameras.append(facing(f"view{k:02}", middle - distance * forward, forward, focal, WIDTH, HEIGHT, up))
+        cameras.append(facing(f"{name}{k:02}", middle - distance * forward, forward, focal, WIDTH, HEIGHT, up))
     return cameras
+
+
+def dome(points: Gaussians, up: np.ndarray) -> list[Camera]:
+    """Return rings of cameras around the visible points at several heights. Arguments are those of `ring`."""
+    return [camera for above in DOME for camera in ring(points, up, above, f"view{above:.0f}-")]

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from splatreel.codec import morton
 from splatreel.codec.paper import draco_points
 from splatreel.errors import ReelError
+from splatreel.scene import morton
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 1000])

@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from splatreel.codec import morton
 from splatreel.codec.predictive import lod_prediction
 from splatreel.errors import ReelError
+from splatreel.scene import morton
 
 
 def quantized(count, seed=0, bits=12):

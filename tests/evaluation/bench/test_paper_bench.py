@@ -7,10 +7,13 @@ from splatreel.cli.main import main
 from splatreel.config import Config
 from splatreel.errors import UsageError
 from splatreel.evaluation.bench import paper_bench
-from splatreel.evaluation.bench.paper_bench import FULL, PaperBench
+from splatreel.evaluation.bench.paper_bench import FULL, METHODS, PER_FRAME, PaperBench
 from splatreel.progress import Silent
 from splatreel.recon.pipeline import Result
+from splatreel.recon.run.store import StoredGroup, StoredLayer
 from tests.evaluation import scenes
+from tests.evaluation.baselines.starts import SECONDS, write_start
+from tests.evaluation.baselines.test_frame_by_frame import Clock, Sliding
 
 
 @pytest.fixture
@@ -51,6 +54,29 @@ def test_record_has_a_line_for_each_variant_with_its_changes(runs: list, tmp_pat
     assert (line["capture"], line["variant"], line["changes"]) == ("toy", "w/o Adp.", {"layering.adapt_every": 0})
     assert line["psnr"] > 30
     assert "per_frame" not in line
+
+
+def test_baselines_start_from_the_variant_full(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def reconstruct(capture, out: Path, config: Config, **_: object) -> Result:
+        start = write_start(capture, out)
+        start.store.group(0).save_layer(StoredLayer(scenes.static(), scenes.static()))
+        start.store.group(0).save_group(StoredGroup(scenes.group()))
+        return Result(out / "reel", out / "work", SECONDS, "cpu")
+
+    monkeypatch.setattr(paper_bench, "reconstruct", reconstruct)
+    monkeypatch.setitem(METHODS, PER_FRAME, method := Sliding(Clock()))
+    made = bench(tmp_path)
+    found = made.measure("toy", PER_FRAME)
+    assert method.trained == [1, 2, 3, 4]
+    assert found.run != made.measure("toy", FULL).run
+    assert found.report.seconds["first keyframe"] == 10
+    variants = [json.loads(line)["variant"] for line in made.record()]
+    assert (variants[0], variants[-1]) == (FULL, PER_FRAME)
+    assert bench(tmp_path).measure("toy", PER_FRAME).report == found.report
+    assert method.trained == [1, 2, 3, 4]
+    limited = PaperBench({"toy": scenes.capture(tmp_path)}, Config(), tmp_path, "cpu", Silent(), minutes=1)
+    assert limited.folder("toy", PER_FRAME) != made.folder("toy", PER_FRAME)
+    assert limited.folder("toy", FULL) == made.folder("toy", FULL)
 
 
 def test_plan_counts_what_is_finished(runs: list, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

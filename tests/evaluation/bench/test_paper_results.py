@@ -6,7 +6,9 @@ import pytest
 from splatreel.capture.base import Capture
 from splatreel.config import Config, preset
 from splatreel.errors import UsageError
-from splatreel.evaluation.bench.paper_bench import FULL, VARIANTS, Measured, PaperBench
+from splatreel.evaluation.bench.paper_bench import BASELINES, FULL, VARIANTS, Measured, PaperBench
+from splatreel.evaluation.bench.paper_comparisons import COMPARISONS
+from splatreel.evaluation.bench.paper_pictures import PICTURES
 from splatreel.evaluation.bench.paper_results import RESULTS
 from splatreel.evaluation.bench.paper_run import TITLES, variants_of, write_table
 from splatreel.progress import Silent
@@ -93,20 +95,21 @@ def test_figure_10_has_a_curve_a_variant(tmp_path: Path) -> None:
     ]
 
 
-@pytest.mark.parametrize("table", RESULTS)
+@pytest.mark.parametrize("table", [*RESULTS, *COMPARISONS])
 def test_a_result_needs_only_the_variants_that_its_plan_names(table: str, tmp_path: Path) -> None:
     bench = MadeUpBench(tmp_path)
+    scenes.write_reel(tmp_path / "reel")
     text = write_table(bench, table, 1)
-    assert bench.asked <= set(variants_of(table)) <= set(VARIANTS)
-    name = table if table == "figure10" else f"table-{table}"
+    assert bench.asked <= set(variants_of(table)) <= {*VARIANTS, *BASELINES}
+    name = f"table-{table}" if table[0].isdigit() else table
     assert text.startswith((tmp_path / f"{name}.md").read_text()[:40])
     assert {f"{name}.csv", f"{name}.md", f"{name}.tex"} <= {path.name for path in tmp_path.iterdir()}
 
 
 def test_unknown_tables_are_refused_with_the_known_ones() -> None:
     with pytest.raises(
-        UsageError, match=r"--table '99' is not one of: 4 \(V3's compression and ours\), 6 \(ablation on the GOG"
+        UsageError, match=r"--table '99' is not one of: 1 \(comparison with other methods\), 2 \(quality, size"
     ):
         variants_of("99")
     assert variants_of("10") == (FULL,)
-    assert set(TITLES) == {"4", "6", "7", "8", "9", "10", "12", "13", "14", "figure10"}
+    assert set(TITLES) == {*map(str, range(1, 11)), "12", "13", "14", "baselines", "figure10", "figure15", *PICTURES}

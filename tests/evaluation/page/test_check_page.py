@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from splatreel.capture.opening import open_capture
+from splatreel.capture.sidecar import SyncEvidence, write_starts
 from splatreel.cli.main import main
 from splatreel.evaluation.page.check_page import CheckFacts, check_page
 from splatreel.recon.coverage.coverage import Coverage
@@ -18,7 +19,8 @@ def facts(folder: Path, **changes: object) -> CheckFacts:
     with_held_out = open_capture(folders.neu3dv(folder / "a <b> capture"))
     images = with_held_out.read(0, 1, [camera.name for camera in with_held_out.cameras])[0]
     names = [camera.name for camera in with_held_out.training_cameras]
-    coverage = Coverage(names, [12.5 + c for c in range(len(names))], [900 + c for c in range(len(names))], 1234)
+    pairs = np.array([[1200, 300, 0], [300, 1200, 7], [0, 7, 1200]])
+    coverage = Coverage(names, [12.5 + c for c in range(3)], [900 + c for c in range(3)], 1234, pairs=pairs)
     given = {
         "capture": with_held_out,
         "images": images,
@@ -37,9 +39,13 @@ def test_page_shows_verdict_rig_table_and_all_pictures(tmp_path: Path) -> None:
     assert "a &lt;b&gt; capture" in page
     assert page.count("<svg") == 2
     assert page.count("data:image/jpeg") == len(found.capture.cameras)
-    assert "<td>12.5</td><td>900</td>" in page
+    assert "<td>12.5</td><td>900</td><td>cam02 300</td>" in page
+    assert "<td>cam01 300, cam03 7</td>" in page
+    assert page.count('class="link" opacity="1.00"') == 2, "in plan and elevation"
+    assert page.count('class="link" opacity="0.07"') == 2
+    assert "Synchronization" not in page
     held_out = found.capture.held_out[0]
-    assert re.search(rf"{held_out}</th><td>held out</td><td></td><td></td>", page)
+    assert re.search(rf"{held_out}</th><td>held out</td><td></td><td></td><td></td>", page)
 
 
 def test_cameras_of_other_brightness_are_named(tmp_path: Path) -> None:
@@ -47,6 +53,17 @@ def test_cameras_of_other_brightness_are_named(tmp_path: Path) -> None:
     images[2] = 150
     page = check_page(facts(tmp_path, images=images, coverage=None))
     assert "brighter or darker than most cameras by 25% or more: cam02<" in page
+
+
+def test_start_times_are_shown_with_their_evidence(tmp_path: Path) -> None:
+    found = facts(tmp_path)
+    starts = {"cam00": 0.0, "cam01": 0.4567, "cam02": 1.0, "cam03": 2.0}
+    evidence = {"cam01": SyncEvidence("cam00", "sound", 5.25, 2.0), "cam02": SyncEvidence("cam00", "timecode")}
+    write_starts(found.capture.path, starts, evidence)
+    page = check_page(found)
+    assert "cam01</th><td>0.457</td><td>cam00</td><td>sound</td><td>5.2 times (needs 2.0)</td>" in page
+    assert "cam02</th><td>1.000</td><td>cam00</td><td>timecode</td><td></td>" in page
+    assert "cam03</th><td>2.000</td><td></td><td></td><td></td>" in page
 
 
 def test_check_writes_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -2,8 +2,9 @@
 
 import numpy as np
 
+from splatreel.config import LayeringConfig
 from splatreel.kernels.image import render_image
-from splatreel.recon.layering.labels import RelitPoints, convertible, near_cameras, separate
+from splatreel.recon.layering.labels import RelitPoints, convertible, find_layers, near_cameras, separate
 from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.static_points import StaticPoints
@@ -34,6 +35,15 @@ def test_nothing_moves_and_everything_moves():
     assert (len(still.dynamic), len(still.settled), still.alive.sum()) == (0, 2, 3)
     moving = separate(static, dynamic, np.ones(5, bool), np.zeros((4, 5)))
     assert (len(moving.dynamic), len(moving.settled), moving.alive.sum()) == (5, 0, 0)
+
+
+def test_without_layering_everything_moves():
+    static, dynamic = StaticPoints(random_gaussians(3), np.ones(3, bool)), random_gaussians(2, seed=1)
+    cameras = ring(3, width=64, height=48)
+    data = group_input(np.zeros((2, 3, 48, 64, 3), np.uint8), cameras, near=0.1)
+    for config, moving in ((LayeringConfig(enabled=False), 5), (LayeringConfig(), 0)):
+        layers = find_layers(data, dynamic, static, config)
+        assert (len(layers.dynamic), len(layers.settled) + int(layers.alive.sum())) == (moving, 5 - moving)
 
 
 def test_near_cameras_finds_points_that_clearance_would_hide():

@@ -1,13 +1,18 @@
 """Requirements of a capture, the same for `capture check` and for reconstruction."""
 
+import sys
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 
-from splatreel.errors import ReconstructionError
+from splatreel.config import LayeringConfig
+from splatreel.config.settings import changed
+from splatreel.errors import MissingDependencyError, ReconstructionError
+from splatreel.motion.sam2 import SAM2
 from splatreel.recon.pipeline import reconstruct
-from splatreel.recon.run.requirements import check_capture, check_pictures
+from splatreel.recon.run.requirements import check_capture, check_networks, check_pictures
 from tests.recon.captures import WallCapture
 from tests.recon.test_pipeline import CONFIG
 
@@ -56,3 +61,24 @@ def test_three_cameras_of_which_one_is_held_out_are_too_few() -> None:
     capture.held_out = [capture.cameras[0].name]
     with pytest.raises(ReconstructionError, match=r"only 2 cameras are left .*--hold-out none"):
         check_capture(capture)
+
+
+@pytest.mark.parametrize(("setting", "name"), [("layering.flow", "raft"), ("layering.segment", "sam2")])
+def test_networks_that_are_missing_are_named_before_anything_is_trained(
+    setting: str, name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    for module in ("torchvision.models.optical_flow", "sam2.build_sam"):
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(MissingDependencyError, match=r"Run: pip install 'splatreel\[models\]'"):
+        reconstruct(WallCapture(4), tmp_path / "run", changed(CONFIG, {setting: name}), device="cpu")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_weights_that_are_missing_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setitem(sys.modules, SAM2.module, ModuleType(SAM2.module))
+    monkeypatch.setenv(SAM2.variable, str(tmp_path / "absent.pt"))
+    config = LayeringConfig(segment="sam2")
+    with pytest.raises(MissingDependencyError, match=r"absent\.pt does not exist\. Download https"):
+        check_networks(config)
+    (tmp_path / "absent.pt").touch()
+    check_networks(config)

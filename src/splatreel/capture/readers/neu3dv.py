@@ -142,8 +142,9 @@ def _camera(path: Path, name: str, size: tuple[int, int], row: np.ndarray) -> Ca
     check_rotation(rotation, f"{whose}: its pose (right, down, forward)")
     if min(height, width, focal) <= 0:
         raise CaptureError(
-            f"{whose} is no LLFF pose: its height, width and focal length {height:g}, {width:g}, {focal:g} are not positive. Estimate "
-            f"the poses again with LLFF's imgs2poses."
+            f"{whose} is no LLFF pose: its height, width and focal length {height:g}, {width:g}, {focal:g} are not positive, so that "
+            f"the lens is unknown. Write the camera's true numbers there, such as by LLFF's imgs2poses; or delete the file, and let "
+            f"`splatreel capture calibrate` find the cameras of videos."
         )
     viewmat = np.eye(4)
     viewmat[:3, :3] = rotation

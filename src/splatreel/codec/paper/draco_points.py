@@ -14,9 +14,9 @@ import struct
 import DracoPy
 import numpy as np
 
-from splatreel.codec import morton
 from splatreel.codec.quantize import Parameters, integer, number, numbers
 from splatreel.errors import ReelError
+from splatreel.scene import morton
 
 _KD_TREE_LEVEL = 10
 """From level 7 Draco encodes point clouds with a kd-tree, about 10 % smaller than sequentially."""

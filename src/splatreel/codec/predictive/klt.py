@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -12,6 +12,7 @@ from numba import njit
 
 from splatreel.codec.predictive.entropy import Stream, entropy_encode, unzigzag, zigzag
 from splatreel.codec.predictive.lod_prediction import decode_lod, encode_lod, ends_of
+from splatreel.codec.predictive.precision import Basis
 from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.quantize import Parameters, integer, number
 from splatreel.codec.section import Section
@@ -39,12 +40,12 @@ def analyze(samples: np.ndarray, step: float) -> tuple[np.ndarray, list[int]]:
     return np.rint(basis[:, :count] * 2.0**shifts).astype(np.int64), shifts.tolist()
 
 
-def coefficients(samples: np.ndarray, basis: np.ndarray, shifts: list[int]) -> np.ndarray:
+def coefficients(samples: np.ndarray, basis: np.ndarray, shifts: Sequence[int]) -> np.ndarray:
     """Return the coefficients [M, K] of samples [M, D] in the rounded basis."""
     return samples @ np.linalg.pinv(real(basis, shifts)).T
 
 
-def real(basis: np.ndarray, shifts: list[int]) -> np.ndarray:
+def real(basis: np.ndarray, shifts: Sequence[int]) -> np.ndarray:
     """Return the basis as float64."""
     return basis * 2.0 ** -np.array(shifts)
 
@@ -99,9 +100,14 @@ def expand(found: np.ndarray, ends: np.ndarray, basis: np.ndarray, columns: np.n
         channels: Number of channels C.
     """
     result = np.empty((len(basis), len(found), channels), np.float32)
-    vectors = np.array([(columns[:place] == channel).sum() for place, channel in enumerate(columns)], np.int64)
+    vectors = vectors_of(columns)
     _expand(found, ends, np.ascontiguousarray(basis.T), columns.astype(np.int64), vectors, result)
     return result
+
+
+def vectors_of(columns: np.ndarray) -> np.ndarray:
+    """Return the vector of the basis that each column belongs to, [L] int64, by the channels [L] of the columns."""
+    return np.array([(columns[:place] == channel).sum() for place, channel in enumerate(columns)], np.int64)
 
 
 @njit(**EXACT)
@@ -130,22 +136,33 @@ _BLOCK_VALUES = 1 << 18
 """Values processed at a time."""
 
 
-def encode_klt(kind: int, values: np.ndarray, step: float, predictor: Predictor) -> tuple[Section, np.ndarray]:
+def encode_klt(
+    kind: int, values: np.ndarray, step: float, predictor: Predictor, known: Basis | None = None
+) -> tuple[Section, np.ndarray]:
     """Encode values [N, D, C]. The transform is over D, and the C channels share its basis.
+
+    Args:
+        kind: Kind of the points' classes.
+        values: Values to encode.
+        step: Quantization step.
+        predictor: Predictor of the points.
+        known: Basis of the section from which the values were decoded; None finds a basis.
 
     Returns:
         The section, and the values as decoded, [D, N, C].
     """
     count, dimensions, channels = values.shape
     samples = values.transpose(0, 2, 1).reshape(-1, dimensions)
-    basis, shifts = analyze(samples, step)
+    basis, shifts = analyze(samples, step) if known is None else (known.vectors, known.shifts)
     found = coefficients(samples, basis, shifts).reshape(count, channels, -1).transpose(0, 2, 1) / step
     order, classes = columns_of(found), predictor.classes[:, kind]
+    if known is not None and known.columns is not None:
+        order = vectors_of(known.columns) * channels + known.columns
     wanted = found.reshape(count, -1)[:, order]
-    ends = ends_of(wanted, classes)
+    ends = ends_of(wanted, classes) if known is None or known.ends is None else known.ends
     order = order[: max(int(ends.max()), 1)]
     kinds = int((order // channels).max()) + 1  # vectors of the basis that some point uses
-    basis, shifts, columns = basis[:, :kinds], shifts[:kinds], order % channels
+    basis, shifts, columns = basis[:, :kinds], list(shifts[:kinds]), order % channels
     body, kept = encode_lod(wanted[:, : len(order)], predictor.levels, classes, ends)
     streams = (
         encode_basis(basis),
@@ -179,6 +196,13 @@ class Coefficients:
     def expand(self, some: slice) -> np.ndarray:
         """Return the values [D, n, C] float32 of a slice of the points, which limits the memory for large groups."""
         return expand(self.found[some], self.ends[some], self.basis, self.columns, self.channels)
+
+
+def read_basis(kind: int, section: Section, dimensions: int, channels: int, predictor: Predictor) -> Basis:
+    """Return the basis of a `klt` section. Arguments and errors are those of `decode_klt`."""
+    found, shifts = decode_klt(kind, section, dimensions, channels, predictor), section.parameters["shifts"]
+    vectors = np.rint(found.basis / section.parameters["step"] * 2.0 ** np.array(shifts)).astype(np.int64)
+    return Basis(vectors, tuple(shifts), found.columns, found.ends)
 
 
 def decode_klt(kind: int, section: Section, dimensions: int, channels: int, predictor: Predictor) -> Coefficients:

@@ -7,17 +7,14 @@ from numba import njit
 
 from splatreel.codec.predictive.klt import blocks, decode_klt, encode_klt
 from splatreel.codec.predictive.points import EncodedPoints
-from splatreel.codec.predictive.precision import MOTION, Steps
+from splatreel.codec.predictive.precision import MOTION
 from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.section import Section, Sections, named, section_of
-from splatreel.config import EncodeConfig
 from splatreel.jit import EXACT
 from splatreel.scene import rotations
 
 
-def encode_offsets(
-    dx: np.ndarray, dq: np.ndarray, points: EncodedPoints, config: EncodeConfig, steps: Steps
-) -> Sections:
+def encode_offsets(dx: np.ndarray, dq: np.ndarray, points: EncodedPoints) -> Sections:
     """Encode the sections `dx` and `dq`.
 
     Rotations are stored about the world's axes, because neighbors turn alike about them. Each section is decoded again,
@@ -27,17 +24,14 @@ def encode_offsets(
         dx: Position offsets, [T, N, 3], in the order of the input points.
         dq: Rotation offsets, [T, N, 4], in the order of the input points.
         points: Encoded points.
-        config: Encoding settings.
-        steps: Quantization steps at a coarseness of 1.
     """
-    predictor = points.predictor
+    predictor, precision = points.predictor, points.precision
     moves = np.asarray(dx, np.float64)[:, points.order].transpose(1, 0, 2)
     vectors = rotation_vectors(rotations.normalize(np.asarray(dq, np.float64))[:, points.order]).transpose(1, 0, 2)
     vectors = vectors @ rotations.to_matrix(rotations.normalize(points.quats.astype(np.float64))).transpose(0, 2, 1)
     sections: Sections = {}
-    offsets = {"dx": (moves, steps.motion * points.size), "dq": (vectors, steps.turn)}
-    for name, (values, step) in offsets.items():
-        section, decoded = encode_klt(MOTION, values, step * config.coarseness, predictor)
+    for name, values in {"dx": moves, "dq": vectors}.items():
+        section, decoded = encode_klt(MOTION, values, precision.steps[name], predictor, precision.bases.get(name))
         error = float(np.abs(decoded - values.transpose(1, 0, 2)).max())
         sections[name] = Section(section.data, section.parameters | {"error": error})
     return sections

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatreel.codec.predictive import covariance
-from splatreel.codec.predictive.klt import blocks, decode_klt, encode_klt
+from splatreel.codec.predictive.klt import blocks, decode_klt, encode_klt, read_basis
 from splatreel.codec.predictive.lod_prediction import MAX_CLASS, levels_of
 from splatreel.codec.predictive.precision import (
     COLOR,
@@ -15,9 +15,8 @@ from splatreel.codec.predictive.precision import (
     RELATIVE,
     SHAPE,
     STEPS,
-    Steps,
-    classes_of,
-    coarsest_class,
+    Precision,
+    choose_precision,
 )
 from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.predictive.quantized_positions import (
@@ -28,7 +27,6 @@ from splatreel.codec.predictive.quantized_positions import (
 )
 from splatreel.codec.quantize import integer
 from splatreel.codec.section import MAX_POINTS, Section, Sections, named, section_of
-from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
 from splatreel.scene.gaussians import Gaussians
 
@@ -44,46 +42,32 @@ class EncodedPoints:
         sections: Sections by name.
         order: Input point of each encoded point, [N].
         quats: Rotations of the encoded points, [N, 4].
-        size: Typical size of the points, world units.
+        precision: Precision of the encoded points.
         predictor: Predictor of further sections.
     """
 
     sections: Sections
     order: np.ndarray
     quats: np.ndarray
-    size: float
+    precision: Precision
     predictor: Predictor
 
 
-def encode_points(
-    gaussians: Gaussians,
-    importance: np.ndarray | None,
-    config: EncodeConfig,
-    moving: bool = True,
-    steps: Steps = STEPS,
-) -> EncodedPoints:
+def encode_points(gaussians: Gaussians, precision: Precision, directional: bool = True) -> EncodedPoints:
     """Encode finite points, N >= 1.
 
     Args:
         gaussians: Points to encode.
-        importance: Importance of shape, color and motion, [N, 3] >= 0, see `classes_of`; None makes all equal.
-        config: Encoding settings.
-        moving: Offsets are stored too, so motion has its own class.
-        steps: Quantization steps at a coarseness of 1.
+        precision: Their precision.
+        directional: Keep view-dependent color.
     """
     gaussians.check_finite("Gaussians to encode")
     if len(gaussians) > MAX_POINTS:
         raise ReelError(f"{len(gaussians)} points are more than a file holds ({MAX_POINTS}).")
-    coarse = config.coarseness
-    size = float(np.exp(np.median(np.log(np.maximum(gaussians.scales, 1e-30)))))
-    finer = coarsest_class(coarse)
-    step = steps.position * coarse * size
-    data, parameters, order, quantized = encode_quantized_positions(gaussians.means, step * 2**finer)
-    points = gaussians[order]
-    classes = classes_of(None if importance is None else importance[order], len(order), coarse)
-    if not moving:
-        classes[:, MOTION] = classes[:, SHAPE]
-    levels = levels_of(quantized)
+    finer, steps = precision.finer, precision.steps
+    data, parameters, order, quantized = encode_quantized_positions(gaussians.means, precision.cell, precision.low)
+    points, precision = gaussians[order], precision[order]
+    classes, levels = precision.classes, levels_of(quantized)
     predictor = Predictor(levels, classes)
     refinement = encode_refinement_bits(points.means, parameters, quantized, np.maximum(finer - classes[:, MOTION], 0))
     shapes = covariance.of_shapes(points.quats, points.scales)
@@ -91,15 +75,36 @@ def encode_points(
         "means": Section(data, parameters | {"finer": finer}),
         "classes": Predictor(levels, np.zeros_like(classes)).encode(SHAPE, classes - classes[:, :1] * RELATIVE, 1.0),
         "places": Section(refinement, {"codec": "plain"}),
-        "shapes": predictor.encode(SHAPE, shapes, steps.shape * coarse),
-        "opacities": predictor.encode(SHAPE, points.opacities[:, None], steps.opacity * coarse),
-        "sh_base": predictor.encode(COLOR, points.sh[:, 0] @ COLORS.T, steps.color * coarse),
+        "shapes": predictor.encode(SHAPE, shapes, steps["shapes"]),
+        "opacities": predictor.encode(SHAPE, points.opacities[:, None], steps["opacities"]),
+        "sh_base": predictor.encode(COLOR, points.sh[:, 0] @ COLORS.T, steps["sh_base"]),
     }
-    if points.sh_degree and config.sh_entries:
+    if points.sh_degree and directional:
         rest = points.sh[:, 1:].reshape(len(points), -1).astype(np.float64)
-        section, _ = encode_klt(COLOR, rest[:, :, None], steps.rest * coarse, predictor)
+        section, _ = encode_klt(COLOR, rest[:, :, None], steps["sh_rest"], predictor, precision.bases.get("sh_rest"))
         sections["sh_rest"] = Section(section.data, section.parameters | {"degree": points.sh_degree})
-    return EncodedPoints(sections, order, points.quats, size, predictor)
+    return EncodedPoints(sections, order, points.quats, precision, predictor)
+
+
+def read_precision(sections: Sections, frames: int, predictor: Predictor) -> Precision:
+    """Return the precision of a file whose sections were decoded without an error."""
+    means = sections["means"].parameters
+    steps = choose_precision(np.ones((1, 3)), None, 1.0, True, STEPS).steps
+    steps = {name: sections[name].parameters["step"] if name in sections else step for name, step in steps.items()}
+    degree = sections["sh_rest"].parameters["degree"] if "sh_rest" in sections else 0
+    rest = 3 * ((degree + 1) ** 2 - 1)
+    forms = {
+        "sh_rest": (COLOR, rest, 1),
+        "dx": (MOTION, frames, 3),
+        "dq": (MOTION, frames, 3),
+        "shade": (COLOR, frames, 4),
+    }
+    bases = {
+        name: read_basis(kind, sections[name], dimensions, channels, predictor)
+        for name, (kind, dimensions, channels) in forms.items()
+        if name in sections
+    }
+    return Precision(predictor.classes, steps, means["step"], means["finer"], np.array(means["min"]), bases)
 
 
 def decode_points(sections: Sections, count: int) -> tuple[Gaussians, Predictor]:

@@ -7,26 +7,30 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatreel.codec import morton
 from splatreel.codec.predictive.entropy import Stream, entropy_encode
 from splatreel.codec.quantize import Parameters, number, numbers
 from splatreel.errors import ReelError
+from splatreel.scene import morton
 
 MAX_BITS = 17
 """Bits per axis. A code then fits into a double, the number type of browsers."""
 
 
-def encode_quantized_positions(means: np.ndarray, step: float) -> tuple[bytes, Parameters, np.ndarray, np.ndarray]:
+def encode_quantized_positions(
+    means: np.ndarray, step: float, low: np.ndarray | None = None
+) -> tuple[bytes, Parameters, np.ndarray, np.ndarray]:
     """Encode positions means [N, 3], N >= 1, as multiples of a step, or of the smallest step that 17 bits per axis allow.
+
+    `low` is the origin [3] of the grid, at or below all positions; None uses their low corner.
 
     Returns:
         The bytes, the parameters, order [N] (the input point that is decoded as point i), and the quantized positions
         [N, 3] int64.
     """
     means = np.asarray(means, np.float64)
-    low = means.min(0)
+    low = np.asarray(means.min(0) if low is None else low, np.float64)
     step = max(step, float((means.max(0) - low).max()) / ((1 << MAX_BITS) - 1), 1e-30)
-    quantized = np.rint((means - low) / step).astype(np.int64)
+    quantized = np.maximum(np.rint((means - low) / step), 0).astype(np.int64)
     codes = morton.encode(quantized).astype(np.int64)
     order = np.argsort(codes, kind="stable")
     data = entropy_encode(np.diff(codes[order], prepend=0), np.zeros(len(order), np.int64), 1)

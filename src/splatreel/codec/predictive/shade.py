@@ -6,10 +6,9 @@ import numpy as np
 
 from splatreel.codec.predictive.klt import blocks, decode_klt, encode_klt
 from splatreel.codec.predictive.points import COLORS
-from splatreel.codec.predictive.precision import COLOR, Steps
+from splatreel.codec.predictive.precision import COLOR, Basis
 from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.section import Sections, named, section_of
-from splatreel.config import EncodeConfig
 
 SHADE = np.diag([1.0, 1.0, 1.0, 2.0])
 """Transform of c_base and opacity for encoding. Opacity counts twice as much as color, about its effect in an image."""
@@ -18,11 +17,11 @@ SHADE[:3, :3] = COLORS
 
 
 def encode_shade(
-    shade: np.ndarray, order: np.ndarray, predictor: Predictor, config: EncodeConfig, steps: Steps
+    shade: np.ndarray, order: np.ndarray, predictor: Predictor, step: float, known: Basis | None = None
 ) -> Sections:
-    """Encode changes of color and opacity [T, N, 4], given in the order of the input points."""
+    """Encode changes of color and opacity [T, N, 4], given in the order of the input points. `known`: see `encode_klt`."""
     values = np.asarray(shade, np.float64)[:, order].transpose(1, 0, 2) @ SHADE.T
-    return {"shade": encode_klt(COLOR, values, steps.shade * config.coarseness, predictor)[0]}
+    return {"shade": encode_klt(COLOR, values, step, predictor, known)[0]}
 
 
 def decode_shade(sections: Sections, frames: int, predictor: Predictor) -> np.ndarray:

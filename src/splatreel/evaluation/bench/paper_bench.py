@@ -14,6 +14,10 @@ from splatreel.codec.info import reel_info
 from splatreel.config import Config
 from splatreel.config.settings import changed
 from splatreel.errors import UsageError
+from splatreel.evaluation.baselines.frame_by_frame import FrameMethod, run_frame_by_frame
+from splatreel.evaluation.baselines.frame_methods import AttributeVideo, PerFrame, Streaming
+from splatreel.evaluation.baselines.independent_groups import run_independent_groups
+from splatreel.evaluation.baselines.shared_start import SharedStart
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.report import Report
 from splatreel.evaluation.uncompressed import uncompressed_frames
@@ -21,9 +25,11 @@ from splatreel.progress import Progress
 from splatreel.recon.machines.estimate import estimate
 from splatreel.recon.machines.local_processes import division_of
 from splatreel.recon.pipeline import plan_run, reconstruct
+from splatreel.recon.run.device import pick_device
 from splatreel.recon.run.machine_speed import measure_speed
 
 FULL = "Full"
+NO_LAYERS = "All points move"
 VARIANTS: dict[str, dict[str, Any]] = {
     FULL: {},
     "w/o Reg.": {"group.lambda_arap": 0.0, "group.lambda_temporal": 0.0},
@@ -31,8 +37,15 @@ VARIANTS: dict[str, dict[str, Any]] = {
     "w/o Adp.": {"layering.adapt_every": 0},
     "w/o Rfn.": {"keyframe.refine_iterations": 1},
     **{f"length {length}": {"group.length": length} for length in (10, 20, 30, 40, 50)},
+    NO_LAYERS: {"layering.enabled": False},
 }
 """Changes of settings of each variant (docs/paper-map.md)."""
+INDEPENDENT = "Independent groups"
+PER_FRAME, STREAMING, VIDEO = "3DGS per frame", "3DGStream-like", "V3-like"
+METHODS: dict[str, FrameMethod] = {PER_FRAME: PerFrame(), STREAMING: Streaming(), VIDEO: AttributeVideo()}
+"""Baselines that train frame by frame, as long as `Full` did."""
+BASELINES = (*METHODS, INDEPENDENT)
+"""Variants that are other methods than ours."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +64,7 @@ class Measured:
 
     @property
     def minutes(self) -> float:
-        """Minutes of the reconstruction, without evaluation."""
+        """Minutes of the reconstruction, without evaluation. Encoding does not count for baselines that train frame by frame."""
         return sum(value for name, value in self.report.seconds.items() if name != "evaluate") / 60
 
 
@@ -64,29 +77,39 @@ class PaperBench:
         out: Folder with OUT/CAPTURE/DIGEST, the digest being that of the settings. Variants with equal settings share it.
         device: auto, cpu or cuda.
         progress: Progress display.
+        minutes: Minutes that each baseline of `METHODS` may train, our first keyframe included; None allows as many as the
+            variant `Full` took.
 
     Raises:
         UsageError: A capture has no held-out camera.
     """
 
     def __init__(
-        self, captures: Mapping[str, Capture], config: Config, out: Path, device: str, progress: Progress
+        self,
+        captures: Mapping[str, Capture],
+        config: Config,
+        out: Path,
+        device: str,
+        progress: Progress,
+        minutes: float | None = None,
     ) -> None:
         for capture in captures.values():
             if not capture.held_out:
                 raise UsageError(f"{capture.path}: no camera is held out. Name some: --hold-out NAME,NAME.")
         self.captures, self.config, self.out = dict(captures), config, out
-        self.device, self.progress = device, progress
+        self.device, self.progress, self.minutes = device, progress, minutes
         self._measured: dict[Path, Measured] = {}
 
     def settings(self, variant: str) -> Config:
-        """Return the settings of a variant."""
-        return changed(self.config, VARIANTS[variant])
+        """Return the settings of a variant. Those of a baseline are those of `Full`."""
+        return changed(self.config, VARIANTS.get(variant, {}))
 
     def folder(self, capture: str, variant: str) -> Path:
         """Return the output folder of a reconstruction."""
-        digest = hashlib.sha256(self.settings(variant).to_json().encode()).hexdigest()[:12]
-        return self.out / capture / digest
+        text = self.settings(variant).to_json()
+        if variant in BASELINES:
+            text += variant + (f" {self.minutes:g}" if self.minutes and variant in METHODS else "")
+        return self.out / capture / hashlib.sha256(text.encode()).hexdigest()[:12]
 
     def plan(self, variants: Sequence[str]) -> str:
         """Return how long the missing reconstructions take, and how much memory, in lines."""
@@ -100,7 +123,8 @@ class PaperBench:
             return lines[0]
         seconds, memory, speed = 0.0, 0, None
         for folder, (name, variant) in missing.items():
-            run = plan_run(self.captures[name], folder, self.settings(variant), device=self.device)
+            like = NO_LAYERS if variant == INDEPENDENT else variant
+            run = plan_run(self.captures[name], folder, self.settings(like), device=self.device)
             speed = measure_speed(run.device) if speed is None else speed
             found = estimate(run, division_of(run), speed)
             seconds, memory = seconds + found.total, max(memory, found.memory)
@@ -111,8 +135,28 @@ class PaperBench:
         """Reconstruct and evaluate, unless that is finished."""
         folder = self.folder(capture, variant)
         if folder not in self._measured:
-            self._measured[folder] = self._measure(self.captures[capture], folder, self.settings(variant))
+            if variant in BASELINES:
+                self._measured[folder] = self._measure_baseline(capture, variant, folder)
+            else:
+                self._measured[folder] = self._measure(self.captures[capture], folder, self.settings(variant))
         return self._measured[folder]
+
+    def _measure_baseline(self, name: str, variant: str, folder: Path) -> Measured:
+        capture, device, reel, path = (
+            self.captures[name],
+            pick_device(self.device),
+            folder / "reel",
+            folder / "report.json",
+        )
+        if not path.exists():
+            if variant == INDEPENDENT:
+                seconds = run_independent_groups(capture, folder, self.config, self.device, self.progress)
+            else:
+                start = SharedStart(capture, self.measure(name, FULL).run, self.config, device)
+                allowed = start.seconds if self.minutes is None else 60 * self.minutes
+                seconds = run_frame_by_frame(METHODS[variant], start, folder, allowed, self.progress)
+            evaluate(reel, capture, out=folder, seconds=seconds, device=device.type, progress=self.progress)
+        return Measured(Report.read(path), reel_info(reel).float32_bytes, folder)
 
     def _measure(self, capture: Capture, folder: Path, config: Config) -> Measured:
         result = reconstruct(capture, folder, config, device=self.device, progress=self.progress)
@@ -133,7 +177,7 @@ class PaperBench:
         """Return one JSON line per finished reconstruction: capture, variant, its changes and the report without lists."""
         lines = []
         for name in self.captures:
-            for variant, changes in VARIANTS.items():
+            for variant, changes in {**VARIANTS, **{baseline: {} for baseline in BASELINES}}.items():
                 found = self._measured.get(self.folder(name, variant))
                 if found is not None:
                     report = json.loads(found.report.to_json())

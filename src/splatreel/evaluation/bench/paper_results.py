@@ -10,18 +10,9 @@ from statistics import fmean
 from splatreel.evaluation.bench.paper_bench import FULL, Measured, PaperBench
 from splatreel.evaluation.bench.paper_table import PaperTable
 from splatreel.evaluation.bench.paper_tables import paper_tables
+from splatreel.evaluation.bench.published import dataset_of
 from splatreel.evaluation.bench.rate_distortion import Sweep, sweep_of
 
-NEU3DV = {
-    "coffee_martini",
-    "cook_spinach",
-    "cut_roasted_beef",
-    "flame_salmon",
-    "flame_salmon_1",
-    "flame_steak",
-    "sear_steak",
-}
-"""Names of the captures whose averages the paper reports."""
 ABLATIONS = (FULL, "w/o Reg.", "w/o Prg.", "w/o Adp.", "w/o Rfn.")
 LENGTHS = tuple(f"length {length}" for length in (10, 20, 30, 40, 50))
 PAPER_6 = {
@@ -128,7 +119,7 @@ def per_scene_ablation(bench: PaperBench) -> PaperTable:
 
 
 def per_scene(bench: PaperBench) -> PaperTable:
-    """Return our rows of Tables 14 to 17, and of Table 1 for the averages.
+    """Return our rows of Tables 14 to 17.
 
     The mark * is before compression, where only PSNR is measured.
     """
@@ -140,7 +131,7 @@ def per_scene(bench: PaperBench) -> PaperTable:
         rows.append([name, "Ours", *_quality(_numbers(found))[:4]])
     rows.append(["Average", "Ours", *_quality(means(bench, FULL))[:4]])
     return PaperTable(
-        "Tables 1 and 14 to 17. Size in MB; LPIPS of every tenth frame. *: without compression, as float32 numbers.",
+        "Tables 14 to 17. Size in MB; LPIPS of every tenth frame. *: without compression, as float32 numbers.",
         ["Scene", "Method", *_heads()[:4]],
         rows,
     )
@@ -183,7 +174,7 @@ RESULTS: dict[str, PaperResult] = {
     "7": PaperResult("ablation on group length", LENGTHS, group_lengths),
     "12": PaperResult("time of each procedure", (FULL,), procedures),
     "13": PaperResult("per-scene ablation", (*ABLATIONS, *LENGTHS), per_scene_ablation),
-    "14": PaperResult("per-scene quality, as Tables 1 and 14 to 17", (FULL,), per_scene),
+    "14": PaperResult("per-scene quality, as Tables 14 to 17", (FULL,), per_scene),
     "figure10": PaperResult("error accumulation", (FULL, "w/o Rfn."), error_accumulation),
 }
 """Tables and figures by their number."""
@@ -206,7 +197,7 @@ def means(bench: PaperBench, variant: str) -> dict[str, float]:
 
 def same_dataset(bench: PaperBench) -> bool:
     """Return whether all captures are scenes of Neu3DV, so that the paper's averages can stand beside."""
-    return set(bench.captures) <= NEU3DV
+    return dataset_of(bench.captures) == "Neu3DV"
 
 
 def _numbers(measured: Measured) -> dict[str, float]:
@@ -218,7 +209,10 @@ def _numbers(measured: Measured) -> dict[str, float]:
         "share": report.reel_bytes / measured.float32_bytes,
         "minutes": measured.minutes,
     }
-    return numbers | ({} if report.lpips is None else {"lpips": report.lpips})
+    moving = report.moving and report.moving.get("psnr")
+    flicker = report.flicker_borders if report.flicker is None else report.flicker  # frames may be groups of their own
+    more = {"lpips": report.lpips, "moving": moving, "flicker": flicker, "fps": report.render_fps}
+    return numbers | {name: value for name, value in more.items() if value is not None}
 
 
 def _heads() -> list[str]:

@@ -1,4 +1,4 @@
-"""The page of `splatreel capture check`: verdict, cameras in plan and elevation, and a picture of each camera."""
+"""The page of `splatreel capture check`: verdict, cameras with their matches, synchronization, and a picture of each camera."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image
 
 from splatreel.capture.base import Capture
+from splatreel.capture.sidecar import read_sidecar
 from splatreel.evaluation.page.html import html_list, html_page, html_table, jpeg_url, rig_drawings, section
 from splatreel.evaluation.page.rig_plan import RigPlan
 from splatreel.recon.coverage.coverage import Coverage
@@ -19,6 +20,10 @@ THUMBNAIL = 320
 """Longer side of a camera's picture, in pixels."""
 BRIGHTNESS = 0.25
 """Difference from the median brightness of all cameras, as a share, from which on a camera is named."""
+MANY, FAINTEST = 100, 0.06
+"""Number of points in common from which on a line is fully visible, and the opacity of the faintest line."""
+PARTNERS = 3
+"""Number of cameras that a row names as those with the most points in common."""
 
 
 @dataclass(frozen=True)
@@ -51,6 +56,7 @@ def check_page(facts: CheckFacts) -> str:
         section("Notes", html_list([*facts.sentences, *_uneven_exposures(facts, levels)])),
         section("Cameras", _rig(facts)),
         section("Coverage and exposure", _table(facts, levels)),
+        section("Synchronization", _synchronization(capture)),
         section("Pictures", _contact_sheet(facts)),
     ]
     return html_page(f"Check: {capture.path.name}", capture.path.name, subtitle, sections)
@@ -65,7 +71,45 @@ def _rig(facts: CheckFacts) -> str:
     capture = facts.capture
     held_out = [camera for camera in capture.cameras if camera.name in capture.held_out]
     points = np.zeros((0, 3)) if capture.points is None else capture.points
-    return rig_drawings(RigPlan(capture.training_cameras, held_out, upright(capture.cameras), points))
+    return rig_drawings(RigPlan(capture.training_cameras, held_out, upright(capture.cameras), points, _links(facts)))
+
+
+def _links(facts: CheckFacts) -> list[tuple[int, int, float]]:
+    """Return lines between training cameras with points in common, up to `MANY` of them fully visible."""
+    if facts.coverage is None or facts.coverage.pairs is None:
+        return []
+    training = [camera.name for camera in facts.capture.training_cameras]
+    numbers = [training.index(name) for name in facts.coverage.names]
+    rows, columns = np.nonzero(np.triu(facts.coverage.pairs, 1))
+    counts = facts.coverage.pairs[rows, columns]
+    return [
+        (numbers[a], numbers[b], max(min(float(count) / MANY, 1.0), FAINTEST))
+        for a, b, count in zip(rows, columns, counts, strict=True)
+    ]
+
+
+def _partners(coverage: Coverage, camera: int) -> str:
+    """Return the cameras with which one has the most points in common."""
+    if coverage.pairs is None:
+        return ""
+    counts = np.array(coverage.pairs[camera])
+    counts[camera] = 0
+    best = [other for other in np.argsort(-counts, kind="stable")[:PARTNERS] if counts[other]]
+    return ", ".join(f"{coverage.names[other]} {counts[other]:,}" for other in best) or "none"
+
+
+def _synchronization(capture: Capture) -> str:
+    """Return a table of start times and how certain they are; nothing without start times."""
+    sidecar = read_sidecar(capture.path)
+    rows = []
+    for name, start in sorted(sidecar.starts.items()):
+        found = sidecar.sync.get(name)
+        certain = "" if found is None or found.clear is None else f"{found.clear:.1f} times (needs {found.needed:.1f})"
+        rows.append(
+            (name, f"{start:.3f}", "" if found is None else found.other, "" if found is None else found.by, certain)
+        )
+    heads = ("Camera", "Seconds at the start", "Aligned with", "By", "As clear as any other alignment")
+    return html_table(heads, rows, "counts") if rows else ""
 
 
 def _uneven_exposures(facts: CheckFacts, levels: np.ndarray) -> list[str]:
@@ -85,14 +129,14 @@ def _table(facts: CheckFacts, levels: np.ndarray) -> str:
     known = {}
     if (coverage := facts.coverage) is not None:
         known = {
-            name: (f"{angle:.1f}", f"{shared:,}")
-            for name, angle, shared in zip(coverage.names, coverage.angles, coverage.shared, strict=True)
+            name: (f"{coverage.angles[c]:.1f}", f"{coverage.shared[c]:,}", _partners(coverage, c))
+            for c, name in enumerate(coverage.names)
         }
     rows = []
     for camera, level in zip(facts.capture.cameras, levels, strict=True):
         use = "held out" if camera.name in facts.capture.held_out else "training"
-        rows.append((camera.name, use, *known.get(camera.name, ("", "")), f"{level:.0f}"))
-    heads = ("Camera", "Use", "Degrees to the nearest", "Points in common", "Mean gray level")
+        rows.append((camera.name, use, *known.get(camera.name, ("", "", "")), f"{level:.0f}"))
+    heads = ("Camera", "Use", "Degrees to the nearest", "Points in common", "Most in common with", "Mean gray level")
     return html_table(heads, rows, "counts")
 
 

@@ -27,12 +27,14 @@ class RigPlan:
         held_out: Cameras that were compared with.
         up: Up direction of the world, [3].
         points: Points of the scene, [N, 3].
+        links: Lines between two of `cameras`, by number, and their opacity, 0..1.
     """
 
     cameras: Sequence[Camera]
     held_out: Sequence[Camera]
     up: np.ndarray
     points: np.ndarray
+    links: Sequence[tuple[int, int, float]] = ()
 
     def axes(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return unit vectors to the right and to the back of the drawing, and up."""
@@ -71,18 +73,23 @@ class RigPlan:
         dots = place(self.points[:: max(len(self.points) // DOTS, 1)])
         inside = dots[((dots > 0) & (dots < SIDE)).all(1)]
         parts += [f'<circle class="dot" cx="{x}" cy="{y}" r="1"/>' for x, y in inside.tolist()]
+        ends = place(centers).tolist()
+        parts += [
+            f'<path class="link" opacity="{strength:.2f}" d="M{ends[a][0]} {ends[a][1]}L{ends[b][0]} {ends[b][1]}"/>'
+            for a, b, strength in self.links
+        ]
         x, y = place(focus[None])[0].tolist()
         parts.append(f'<path class="focus" d="M{x - 6} {y}h12M{x} {y - 6}v12"/>')
         forward = np.stack([camera.forward for camera in everything]) @ frame.T
-        for camera, (x, y), (dx, dy) in zip(everything, place(centers).tolist(), forward.tolist(), strict=True):
+        for camera, (x, y), (dx, dy) in zip(everything, ends, forward.tolist(), strict=True):
             kind = "held" if camera in self.held_out else "train"
-            ends = f"M{x} {y}l{round(ARROW * dx, 1)} {round(-ARROW * dy, 1)}"
+            arrow = f"M{x} {y}l{round(ARROW * dx, 1)} {round(-ARROW * dy, 1)}"
             mark = (
                 f'<rect x="{x - 4}" y="{y - 4}" width="8" height="8"/>'
                 if kind == "held"
                 else f'<circle cx="{x}" cy="{y}" r="4"/>'
             )
-            parts.append(f'<g class="{kind}"><title>{escape(camera.name)}</title><path d="{ends}"/>{mark}</g>')
+            parts.append(f'<g class="{kind}"><title>{escape(camera.name)}</title><path d="{arrow}"/>{mark}</g>')
             if kind == "held" or len(everything) <= 12:
                 parts.append(f'<text x="{x + 6}" y="{y - 6}">{escape(camera.name)}</text>')
         return "".join([*parts, "</svg>"])

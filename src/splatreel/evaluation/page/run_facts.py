@@ -53,6 +53,35 @@ class GroupFacts:
     psnr: float | None
 
 
+def group_facts(manifest: Manifest, seconds: Mapping[int, float], psnr: Mapping[int, float]) -> list[GroupFacts]:
+    """Return the numbers of each group of a manifest.
+
+    Args:
+        manifest: Manifest of a reel.
+        seconds: Seconds by group, as far as they are known.
+        psnr: PSNR by frame, dB; empty before an evaluation.
+    """
+    ends = [entry.first_frame for entry in manifest.groups[1:]] + [manifest.frames]
+    found = []
+    for entry, end in zip(manifest.groups, ends, strict=True):
+        born = [layer for layer in manifest.layers if layer.group == entry.group]
+        own = [value for frame, value in psnr.items() if entry.first_frame <= frame < end]
+        found.append(
+            GroupFacts(
+                index=entry.group,
+                first=entry.first_frame,
+                end=end,
+                static=manifest.static_points(entry.group),
+                born=sum(layer.points for layer in born),
+                dynamic=entry.points,
+                bytes=entry.bytes + sum(layer.bytes for layer in born),
+                seconds=seconds.get(entry.group),
+                psnr=sum(own) / len(own) if own else None,
+            )
+        )
+    return found
+
+
 @dataclass(frozen=True)
 class RunFacts:
     """A run, its reel and its evaluation.
@@ -123,27 +152,8 @@ class RunFacts:
 
     def groups(self) -> list[GroupFacts]:
         """Return the numbers of each group."""
-        seconds = self.history.group_seconds()
         psnr = {frame["frame"]: frame["psnr"] for frame in self.report.per_frame} if self.report else {}
-        ends = [entry.first_frame for entry in self.manifest.groups[1:]] + [self.manifest.frames]
-        found = []
-        for entry, end in zip(self.manifest.groups, ends, strict=True):
-            born = [layer for layer in self.manifest.layers if layer.group == entry.group]
-            own = [value for frame, value in psnr.items() if entry.first_frame <= frame < end]
-            found.append(
-                GroupFacts(
-                    index=entry.group,
-                    first=entry.first_frame,
-                    end=end,
-                    static=self.manifest.static_points(entry.group),
-                    born=sum(layer.points for layer in born),
-                    dynamic=entry.points,
-                    bytes=entry.bytes + sum(layer.bytes for layer in born),
-                    seconds=seconds.get(entry.group),
-                    psnr=sum(own) / len(own) if own else None,
-                )
-            )
-        return found
+        return group_facts(self.manifest, self.history.group_seconds(), psnr)
 
     def quality(self) -> str:
         """Return the preset of the run and the settings that differ from it; empty if unknown."""

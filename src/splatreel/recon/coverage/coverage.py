@@ -55,6 +55,7 @@ class Coverage:
         points: Number of points that at least three cameras show.
         trial: Result of the trial that left a camera out; None without a trial.
         twins: Pairs of names of cameras that have the same pose.
+        pairs: Number of points in common of each two cameras, [C, C] int; None if a run's record gave the coverage.
     """
 
     names: list[str]
@@ -63,6 +64,7 @@ class Coverage:
     points: int
     trial: Trial | None = None
     twins: list[list[str]] = field(default_factory=list)
+    pairs: np.ndarray | None = field(default=None, compare=False)
 
     @property
     def angle(self) -> float | None:
@@ -106,8 +108,8 @@ class Coverage:
         return [f"{found} {remedy}" if word == "poor" else found]
 
     def to_dict(self) -> dict[str, Any]:
-        """Return plain data for JSON."""
-        return asdict(self)
+        """Return plain data for JSON, without `pairs`."""
+        return {name: value for name, value in asdict(self).items() if name != "pairs"}
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> Coverage:
@@ -170,6 +172,7 @@ def cover(
         len(seen_by),
         trial,
         _twins(cameras, distance),
+        seen_by.T.astype(np.int64) @ seen_by,
     )
 
 

@@ -100,6 +100,8 @@ def label_points(data: GroupInput, points: Gaussians, config: LayeringConfig) ->
         points: N points at the keyframe.
         config: Layering settings.
     """
+    if not config.enabled:
+        return np.ones(len(points), bool)
     if data.span.count < 2 or len(points) == 0:
         return np.zeros(len(points), bool)
     masks = motion_masks(data.images, make_flow(config.flow), config)

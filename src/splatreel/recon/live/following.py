@@ -41,7 +41,7 @@ from splatreel.recon.preparation import prepare, save_header
 from splatreel.recon.run.device import pick_device
 from splatreel.recon.run.job import Job
 from splatreel.recon.run.memory import check_memory
-from splatreel.recon.run.requirements import check_capture
+from splatreel.recon.run.requirements import check_capture, check_networks
 from splatreel.recon.run.run_lock import RunLock
 from splatreel.recon.run.store import Store, StoredLayer
 from splatreel.recon.stages.stage import AfterGap, FirstOfVideo, Handover, NextGroup, RetiredStatic
@@ -93,6 +93,7 @@ def reconstruct_following(
     """
     capture = follower.capture
     check_capture(capture)
+    check_networks(config.layering)
     check_memory(capture, config)
     chosen, progress = pick_device(device), progress or Silent()
     with RunLock(Path(out), capture, config, sound) as lock:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from splatreel.capture.base import Capture
+from splatreel.config import LayeringConfig
 from splatreel.errors import ReconstructionError
+from splatreel.motion.flow import RAFT
+from splatreel.motion.sam2 import SAM2
 
 MIN_CAMERAS = 3
 """Smallest number of training cameras."""
@@ -32,6 +35,18 @@ def check_capture(capture: Capture) -> None:
             f"{capture.path}: images of {capture.width}x{capture.height} pixels are too small, each side needs at least "
             f"{MIN_SIDE}. Ask for a larger width or scale."
         )
+
+
+def check_networks(config: LayeringConfig) -> None:
+    """Check that the networks of layering are on this machine. They are loaded after the first keyframe only.
+
+    Raises:
+        MissingDependencyError: A package or its weights are missing.
+    """
+    if config.flow == "raft":
+        RAFT.check()
+    if config.segment == "sam2":
+        SAM2.check()
 
 
 def check_pictures(capture: Capture, names: list[str], frames: np.ndarray) -> None:

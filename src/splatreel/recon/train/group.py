@@ -177,7 +177,9 @@ class GroupTrainer:
             except GaussiansError as error:
                 done = self.recovery.restore(done + 1, error, progress)
         self.recovery.release_state()
-        progress.note(f"PSNR of the group's training images: {self.psnr():.1f} dB")
+        quality = self.psnr()
+        progress.update(self.iterations, moving=len(self.points), psnr=quality)
+        progress.note(f"PSNR of the group's training images: {quality:.1f} dB")
         return self.result()
 
     def _iterate(self, iteration: int, progress: Progress) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from splatreel.codec import morton
+from splatreel.scene import morton
 
 coordinate = st.integers(0, (1 << morton.MAX_BITS) - 1)
 

@@ -1,0 +1,1 @@
+"""Editing of finished reels without training: operations on clips, and their writer."""

@@ -1,0 +1,140 @@
+"""Writer of a clip as a reel. Points that no operation touched are encoded as they were."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.codec.group_file import encode_group_again, encode_layer_again
+from splatreel.codec.predictive.precision import STEPS, Precision, choose_precision
+from splatreel.codec.presentation import EMPTY
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import COARSENESS, EncodeConfig, Rate
+from splatreel.edit.clip import Clip, ClipGroup, LayerSpan
+from splatreel.edit.clip_sound import write_clip_sound
+from splatreel.errors import ReelError, UsageError
+from splatreel.play.presentation_writer import PresentationWriter
+from splatreel.scene.atomic import scratch
+from splatreel.scene.gaussians import Gaussians
+
+
+def write_clip(clip: Clip, out: Path, progress: Callable[[int], None] = lambda done: None) -> int:
+    """Write a clip into a new folder, which appears when it is complete.
+
+    Args:
+        clip: The clip.
+        out: Folder of the new reel.
+        progress: Receives the number of groups written.
+
+    Returns:
+        Bytes of the new reel's layers and groups.
+
+    Raises:
+        UsageError: `out` exists, or no point is left.
+        ReelError: A file of the reel is damaged, or the disk refuses.
+    """
+    if out.exists() and (not out.is_dir() or any(out.iterdir())):
+        raise UsageError(f"--out {out}: exists already. Choose another folder, or delete it.")
+    try:
+        out.parent.mkdir(parents=True, exist_ok=True)
+        with scratch(out.parent, out.name) as place:
+            size = _ClipWriter(clip, place).write(progress)
+            if out.is_dir():
+                out.rmdir()  # it is empty
+            os.replace(place, out)
+    except OSError as error:
+        raise ReelError(
+            f"{out}: cannot be written ({error.strerror or error}). Free space or name a folder."
+        ) from error
+    return size
+
+
+class _ClipWriter:
+    """Writer of one clip into a folder."""
+
+    def __init__(self, clip: Clip, place: Path) -> None:
+        outline = clip.outline
+        self.clip, self.outline = clip, outline
+        rates: tuple[Rate, ...] = tuple(rate for rate in COARSENESS if rate in outline.renditions)
+        self.writer = ReelWriter(place, outline.header, config=EncodeConfig(renditions=rates))
+        self.renditions: list[str | None] = list(rates) if len(rates) > 1 else [None]
+        self.orders: dict[int, np.ndarray] = {}
+        self.points = 0
+
+    def write(self, progress: Callable[[int], None]) -> int:
+        for index in range(len(self.outline.groups)):
+            for layer in sorted(self._born(index), key=lambda number: _longest_first(self.outline.layers[number])):
+                self._write_layer(layer, index)
+            self._write_group(index)
+            progress(index + 1)
+        if not self.points:
+            raise UsageError(
+                f"{self.outline.name}: no point is left after these operations. Choose a larger volume or less."
+            )
+        self.writer.present(replace(EMPTY, **self.outline.texts, limits=self.outline.limits))
+        write_clip_sound(self.writer, self.outline)
+        PresentationWriter()(self.writer, None)
+        self.writer.finish()
+        return sum(file.bytes for file in self.writer.manifest.files)
+
+    def _born(self, group: int) -> list[int]:
+        return [index for index, layer in enumerate(self.outline.layers) if layer.born == group]
+
+    def _write_layer(self, index: int, group: int) -> None:
+        layer, span = self.clip.layer(index), self.outline.groups[group]
+        until = self.outline.layers[index].until
+        self.orders[index] = np.zeros(0, np.int64)
+        if not len(layer.points):
+            return
+        precision = layer.precision or _fine(layer.points, moving=False)
+        data, order = encode_layer_again(group, span.first_frame, layer.points, precision)
+        self.writer.add_layer(group, span.first_frame, layer.points, encoded=(data, order), until=until)
+        self.orders[index] = order
+        self.points += len(order)
+
+    def _write_group(self, index: int) -> None:
+        span, files = self.outline.groups[index], {}
+        overlap = None if span.overlap == self.outline.header.overlap else span.overlap
+        group = None
+        for rendition in self.renditions:
+            best = rendition == self.renditions[0]
+            found = self.clip.group(index, rendition)
+            numbered = replace(found.group, index=index, first_frame=span.first_frame, alive=self._alive(index, found))
+            group = numbered if best else group
+            precision = found.precision
+            if precision is None and len(numbered.dynamic):
+                precision = _fine(numbered.dynamic, moving=True)
+            name = f"groups/{index:04d}" if best else f"groups/{index:04d}.{rendition}"
+            files[f"{name}.safetensors"] = encode_group_again(numbered, precision)[0]
+        assert group is not None
+        self.points += len(group.dynamic)
+        self.writer.add_group(group, encoded=files, overlap=overlap if index else None)
+        self._forget_retired(index)
+
+    def _alive(self, index: int, found: ClipGroup) -> np.ndarray:
+        """Return the alive flags of all living layers, in the order of the reel."""
+        living = sorted(self.outline.living(index), key=lambda number: _birth_order(self.outline.layers[number]))
+        flags = [found.alive[number][self.orders[number]] for number in living]
+        return np.concatenate([np.zeros(0, bool), *flags])
+
+    def _forget_retired(self, index: int) -> None:
+        for number, layer in enumerate(self.outline.layers):
+            if layer.until is not None and layer.until <= index + 1:
+                self.orders.pop(number, None)
+
+
+def _fine(points: Gaussians, moving: bool) -> Precision:
+    """Return the precision of points that were in the paper's coding, which the predictive one replaces."""
+    return choose_precision(points.scales, None, COARSENESS["high"], moving, STEPS)
+
+
+def _longest_first(layer: LayerSpan) -> float:
+    return -float("inf") if layer.until is None else -layer.until
+
+
+def _birth_order(layer: LayerSpan) -> tuple[int, float]:
+    return layer.born, _longest_first(layer)

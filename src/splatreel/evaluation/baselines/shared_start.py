@@ -1,0 +1,159 @@
+"""Finished run that all baselines start from: its cameras, its images, its first keyframe and its time."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from splatreel.capture.base import Capture
+from splatreel.codec.header import ReelHeader
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import Config, EncodeConfig
+from splatreel.errors import ReconstructionError, UsageError
+from splatreel.recon.cameras.color_gains import CameraGains
+from splatreel.recon.cameras.exposure import Exposure, remove_exposure
+from splatreel.recon.cameras.rig import Rig
+from splatreel.recon.init.layout import Layout
+from splatreel.recon.run.run_history import read_history
+from splatreel.recon.run.store import Store
+from splatreel.recon.stages.camera_stages import EvenExposures
+from splatreel.recon.stages.group_stages import restored_rig
+from splatreel.recon.stages.keyframe_stages import FirstKeyframe
+from splatreel.recon.train.pictures import Pictures
+from splatreel.recon.train.render import View
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.spans import GroupSpan, group_spans
+
+
+@dataclass(frozen=True)
+class SharedStart:
+    """Finished run of ours on a capture.
+
+    Every baseline has the cameras of this run with their corrected poses and color gains, its images without changes of
+    exposure, and its first keyframe.
+
+    Attributes:
+        capture: The capture.
+        run: Output folder of the run.
+        config: Settings of the run.
+        device: Device that trains.
+    """
+
+    capture: Capture
+    run: Path
+    config: Config
+    device: torch.device
+
+    @property
+    def store(self) -> Store:
+        """Checkpoints of the run."""
+        return Store(self.run / "work")
+
+    @cached_property
+    def spans(self) -> list[GroupSpan]:
+        """Groups of the run."""
+        group = self.config.group
+        return group_spans(self.capture.frames, group.length, group.overlap)
+
+    @cached_property
+    def rig(self) -> Rig:
+        """Training cameras as the first group of the run left them."""
+        return restored_rig(Rig.of(self.capture.training_cameras), self.store.group(0), self.spans[0].own)
+
+    @cached_property
+    def layout(self) -> Layout:
+        """Measures of the scene."""
+        layout = self.store.layout()
+        if layout is None:
+            raise ReconstructionError(f"{self.store.work}: holds no finished run. Reconstruct the capture first.")
+        return layout
+
+    @cached_property
+    def keyframe(self) -> Gaussians:
+        """Points of the first frame.
+
+        Raises:
+            UsageError: The run has several chapters, which have no common first keyframe.
+        """
+        found = FirstKeyframe().load(self.store.group(0))
+        if found is None:
+            raise UsageError(
+                f"{self.run}: has no first keyframe to start baselines from. Use fewer frames, or --set chapter_frames=0."
+            )
+        return found.points
+
+    @cached_property
+    def header(self) -> ReelHeader:
+        """Header of the run's reel."""
+        return self.store.header()[0]
+
+    @property
+    def max_points(self) -> int:
+        """Maximum number of points of a frame, as of our first keyframe."""
+        keyframe = self.config.keyframe
+        return min(keyframe.max_points, round(keyframe.points_per_pixel * self.capture.width * self.capture.height))
+
+    def gains(self) -> CameraGains:
+        """Return the color gains of the cameras, which may be refined."""
+        gains = CameraGains(len(self.rig.cameras), self.device, self.config.correct_colors)
+        gains.load(torch.from_numpy(self.rig.gains).to(self.device))
+        return gains
+
+    def pictures(self, frame: int) -> Pictures:
+        """Return the training images of one frame, without changes of exposure and light."""
+        images = self.capture.read(frame, 1, self.rig.names)
+        exposure, place = self._exposure(frame)
+        if exposure is not None:
+            one = Exposure(exposure.change[place : place + 1], exposure.light[place : place + 1])
+            remove_exposure(images, one)
+        absent = self.capture.missing(frame, 1, self.rig.names)[0]
+        unknown = None
+        if absent.any() and not absent.all():
+            unknown = torch.from_numpy(np.broadcast_to(absent[:, None, None], images.shape[1:4]).copy()).to(self.device)
+        views = [View.of(c, self.device, self.config.antialias, self.layout) for c in self.rig.cameras]
+        tensor = torch.from_numpy(images).to(self.device)
+        return Pictures(tensor, views, self.layout.near, self.layout.unit, unknown)
+
+    def light(self, first: int, count: int) -> np.ndarray | None:
+        """Return the factors [count, 3] of the light from frame `first` on, as in `Group.light`; None if it never changes."""
+        found = np.zeros((count, 3), np.float32)
+        for row in range(count):
+            exposure, place = self._exposure(first + row)
+            if exposure is not None:
+                found[row] = exposure.light[place]
+        return np.exp(found) if found.any() else None
+
+    @cached_property
+    def seconds(self) -> float:
+        """Seconds of all stages of the run."""
+        return sum(self.store.seconds().values())
+
+    @cached_property
+    def keyframe_seconds(self) -> float:
+        """Seconds of training the first keyframe; those of all keyframes if the run has no history."""
+        stages = read_history(self.store.work).stages
+        trained = sum(stage.seconds for stage in stages if stage.name == FirstKeyframe.text)
+        return trained or self.store.seconds().get("keyframe", 0.0)
+
+    @property
+    def shared_seconds(self) -> float:
+        """Seconds of the run up to its first keyframe, which the baselines share."""
+        return self.store.seconds().get("points", 0.0) + self.keyframe_seconds
+
+    def open_writer(self, reel: Path, length: int, encode: EncodeConfig, sh_degree: int | None = None) -> ReelWriter:
+        """Return the writer of a baseline's reel, whose groups have `length` frames and no overlap."""
+        _, limits = self.store.header()
+        degree = self.header.sh_degree if sh_degree is None else sh_degree
+        header = replace(self.header, group_length=length, overlap=0, sh_degree=degree)
+        writer = ReelWriter(reel, header, config=encode)
+        writer.present(replace(writer.manifest.presentation, limits=limits))
+        return writer
+
+    def _exposure(self, frame: int) -> tuple[Exposure | None, int]:
+        """Return the exposures of the group of a frame, and the frame's place in the group."""
+        span = next(span for span in self.spans if frame < span.first + span.own)
+        return EvenExposures().load(self.store.group(span.index)), frame - span.first

@@ -1,0 +1,65 @@
+"""Gaussians of a reel for other programs: rotated and cropped, as a file per frame or as one file of all frames."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.errors import ReelError
+from splatreel.play.timeline import Timeline
+from splatreel.scene.frame_formats import FRAME_FORMATS, Placement
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.turning import turn_upright
+
+
+@dataclass(frozen=True)
+class GaussianExport:
+    """Gaussians of a reel at some times.
+
+    Attributes:
+        source: The reel.
+        seconds: Times, in order.
+        up: Unit up direction of the files, [3]; None keeps the axes of the capture.
+        crop: Low and high corner of the box to keep, [2, 3], in the reel's coordinates; None keeps all.
+    """
+
+    source: Timeline
+    seconds: Sequence[float]
+    up: np.ndarray | None
+    crop: np.ndarray | None = None
+
+    @property
+    def placement(self) -> Placement:
+        """Place of the Gaussians in the axes of the files."""
+        manifest = self.source.manifest
+        turn = np.array([1.0, 0, 0, 0]) if self.up is None else turn_upright(manifest.up, self.up)
+        return Placement(turn, manifest.origin if manifest.origin.any() else None, manifest.antialias)
+
+    def at(self, seconds: float) -> Gaussians:
+        """Return the cropped Gaussians at a time, in the axes of the reel.
+
+        Raises:
+            ReelError: None is left.
+        """
+        points: Gaussians = self.source.at(seconds)
+        if self.crop is not None:
+            low, high = self.crop
+            points = points[((points.means >= low) & (points.means <= high)).all(1)]
+        if not len(points):
+            raise ReelError(
+                f"{self.source.reel.name}: no Gaussian at {seconds:.3f} s is within --crop. Choose another box."
+            )
+        return points
+
+    def __iter__(self) -> Iterator[Gaussians]:
+        """Yield the Gaussians at each time."""
+        return (self.at(seconds) for seconds in self.seconds)
+
+    def write_file(self, path: Path, kind: str, seconds: float) -> int:
+        """Write the Gaussians at a time in a format of `FRAME_FORMATS`. Return their number."""
+        points = self.at(seconds)
+        FRAME_FORMATS[kind].write(path, points, self.placement)
+        return len(points)

@@ -1,0 +1,45 @@
+import importlib
+import json
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+PLACED = {
+    "benchmark": "calibration kitchen",
+    "learned": False,
+    "cameras": 8,
+    "neighbor_degrees": 3.3,
+    "placed": 4,
+    "rotation_degrees": {"median": 0.254, "max": 0.5},
+    "position_percent": {"median": 0.64, "max": 0.86},
+}
+
+
+@pytest.fixture
+def page(benchmarks: Path) -> ModuleType:
+    return importlib.import_module("calibration_page")
+
+
+def test_the_latest_record_of_each_case_is_shown(page: ModuleType, tmp_path: Path) -> None:
+    refused = {"benchmark": "calibration yard", "learned": False, "cameras": 4, "neighbor_degrees": 38.8, "placed": 0}
+    learned = PLACED | {"learned": True, "rotation_degrees": {"median": 0.1, "max": 0.2}}
+    older = PLACED | {"placed": 8}
+    lines = [older, PLACED, learned, refused, {"benchmark": "kitchen", "psnr": 30.0}, {"benchmark": "calibration old"}]
+    file = tmp_path / "results.jsonl"
+    file.write_text("".join(json.dumps(line) + "\n" for line in lines))
+    rows = page.table(page.latest(file)).splitlines()[2:]
+    assert rows == [
+        "| kitchen, a wall of cameras | 8 | 3 | 4 | 0.25, 0.50° | 0.64, 0.86 % | 0.10, 0.20° | 0.64, 0.86 % |",
+        "| yard, an arc of 140 degrees | 4 | 39 | refused |  |  |  |  |",
+    ]
+
+
+def test_the_page_shows_what_is_recorded(page: ModuleType) -> None:
+    text = page.PAGE.read_text(encoding="utf-8")
+    assert text == page.replaced(text, page.table(page.latest())), "run: python benchmarks/calibration_page.py"
+
+
+def test_a_page_without_its_place_is_refused(page: ModuleType) -> None:
+    with pytest.raises(ValueError, match="no place for results"):
+        page.replaced("nothing", "table")

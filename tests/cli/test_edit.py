@@ -1,0 +1,99 @@
+"""`splatreel edit`, which makes a new reel of a finished one."""
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from splatreel.cli.main import main
+from splatreel.edit.operations import OPERATIONS
+from splatreel.play.timeline import open_reel
+from tests.edit.clips import write_reel
+from tests.files import contents
+from tests.golden import GOLDEN
+
+
+@pytest.fixture(scope="module")
+def reel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_reel(tmp_path_factory.mktemp("reel") / "reel", 2)
+
+
+def test_operations_make_a_new_reel(reel: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    before = contents(reel)
+    out = tmp_path / "out"
+    assert main(["edit", str(reel), "cut=0:6", "move=-1,0,0", "--title", "Part", "--out", str(out)]) == 0
+    said = capsys.readouterr().out
+    assert "12 frames, 1.20 s" in said
+    assert "6 frames, 0.60 s" in said
+    assert f"splatreel serve {out}" in said
+    assert open_reel(out).manifest.presentation.title == "Part"
+    assert main(["verify", str(out)]) == 0
+    assert contents(reel) == before
+
+
+def test_edit_list_comes_before_the_operations(reel: Path, tmp_path: Path) -> None:
+    file = tmp_path / "edits.json"
+    file.write_text(json.dumps({"format": "splatreel-edit", "version": 1, "operations": ["cut=6:12"]}))
+    assert main(["edit", str(reel), "cut=0:2", "--list", str(file), "--out", str(tmp_path / "a")]) == 0
+    assert main(["edit", str(reel), "cut=6:8", "--out", str(tmp_path / "b")]) == 0
+    assert contents(tmp_path / "a") == contents(tmp_path / "b")
+
+
+def test_wrong_use_is_explained(reel: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    taken = tmp_path / "taken"
+    shutil.copytree(reel, taken)
+    cases = [
+        (["edit", str(reel), "reverse"], 2, "Name its folder with --out"),
+        (["edit", str(reel)], 2, "Nothing to change"),
+        (["edit", str(reel), "--out", str(tmp_path / "x")], 2, "Nothing to change"),
+        (["edit", str(reel), "reverse", "--out", str(taken)], 2, "exists already"),
+        (["edit", str(tmp_path / "none"), "reverse", "--out", str(tmp_path / "x")], 1, "none"),
+        (["edit", str(reel), "crop=cone", "--out", str(tmp_path / "x")], 2, "crop=cone: Give box:"),
+        (["edit", "https://example.invalid/reel", "--title", "x"], 2, "is not on this machine"),
+        (["edit", str(reel), "--list", str(tmp_path / "no.json"), "--out", str(tmp_path / "x")], 2, "no.json"),
+    ]
+    for arguments, code, message in cases:
+        assert main(arguments) == code, arguments
+        assert message in capsys.readouterr().err, arguments
+    assert contents(taken) == contents(reel)
+
+
+def test_help_names_every_operation(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        main(["edit", "--help"])
+    text = capsys.readouterr().out
+    for name in OPERATIONS:
+        assert name in text
+
+
+def test_reels_of_the_papers_codec_are_edited(tmp_path: Path) -> None:
+    assert main(["edit", str(GOLDEN), "scale=2", "--out", str(tmp_path / "out")]) == 0
+    a, b = open_reel(tmp_path / "out"), open_reel(GOLDEN)
+    for seconds in (0.0, 0.25):
+        assert len(a.at(seconds)) == len(b.at(seconds))
+
+
+@pytest.mark.kill
+def test_killed_edit_leaves_nothing_and_starts_again(reel: Path, tmp_path: Path) -> None:
+    out = tmp_path / "place" / "out"
+    arguments = [sys.executable, "-m", "splatreel", "edit", str(reel), "reverse", "--out", str(out)]
+    for _ in range(3):
+        process = subprocess.Popen(arguments, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, env=os.environ)
+        until = time.monotonic() + 60
+        while time.monotonic() < until and process.poll() is None:
+            if any(out.parent.glob(".out.*/groups/*")) if out.parent.exists() else False:
+                break
+            time.sleep(0.01)
+        process.send_signal(signal.SIGKILL)
+        process.wait()
+        assert process.returncode == 0 or not out.exists()
+        shutil.rmtree(out, ignore_errors=True)
+    assert main(arguments[3:]) == 0
+    assert main(["verify", str(out)]) == 0
+    assert [path.name for path in out.parent.iterdir()] == ["out"]

@@ -1,0 +1,59 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.evaluation.baselines import frame_training
+from splatreel.evaluation.baselines.shared_start import SharedStart
+from splatreel.evaluation.metrics import psnr
+from splatreel.kernels.image import render_image
+from splatreel.scene.gaussians import Gaussians
+from tests.evaluation import scenes
+from tests.evaluation.baselines.starts import still, write_start
+
+SHIFT = np.array([0.06, 0.0, 0.0], np.float32)
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> SharedStart:
+    """A run whose keyframe is beside the truth: everything has moved since."""
+    truth = scenes.truth(0)
+    return write_start(still(tmp_path), tmp_path / "run", replace(truth, means=truth.means - SHIFT))
+
+
+def error(points: Gaussians, start: SharedStart, camera: str = "cam00") -> float:
+    """Return the PSNR in a view of the scene, by default a held-out one."""
+    view = start.capture.camera(camera)
+    truth = start.capture.read(1, 1, [camera])[0, 0].astype(np.float32) / 255
+    return psnr(np.clip(render_image(points, view, near=start.layout.near), 0, 1), truth)
+
+
+def test_moved_points_follow(start: SharedStart) -> None:
+    moved, _ = frame_training.move_points(start, start.keyframe, start.pictures(1), 40, 1)
+    assert error(moved, start) > error(start.keyframe, start) + 2
+    assert (moved.means - start.keyframe.means).mean(0) == pytest.approx(SHIFT, abs=0.03)
+    assert (moved.scales == start.keyframe.scales).all()
+
+
+def test_training_in_place_keeps_points_and_sizes(start: SharedStart) -> None:
+    trained = frame_training.train_in_place(start, start.keyframe, start.pictures(1), 30, 1)
+    assert len(trained) == len(start.keyframe)
+    np.testing.assert_allclose(trained.scales, start.keyframe.scales, rtol=1e-5)
+    assert error(trained, start) > error(start.keyframe, start) + 1
+
+
+def test_free_training_follows(start: SharedStart) -> None:
+    trained = frame_training.train_freely(start, start.keyframe, start.pictures(1), 30, 1)
+    assert error(trained, start) > error(start.keyframe, start) + 1
+
+
+def test_points_are_added_where_they_lack(start: SharedStart) -> None:
+    truth = scenes.truth(0)
+    half = truth[::2]
+    _, meter = frame_training.move_points(start, half, start.pictures(1), 4, 1)
+    added = frame_training.add_points(start, half, meter, start.pictures(1), 30, 1)
+    assert 0 < len(added) <= 0.02 * len(half) + 1
+    both = Gaussians.concatenate([half, added])
+    assert sum(error(both, start, name) - error(half, start, name) for name in start.rig.names) > 0
+    assert len(frame_training.add_points(start, half, meter, start.pictures(1), 2, 1)) == 0

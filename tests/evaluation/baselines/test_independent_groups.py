@@ -1,0 +1,33 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.codec.reader import ReelReader
+from splatreel.evaluation.baselines.independent_groups import Stretch, run_independent_groups
+from splatreel.progress import Silent
+from splatreel.scene.spans import GroupSpan
+from tests.evaluation import scenes
+from tests.recon.captures import WallCapture
+from tests.recon.small import small
+
+
+def test_stretch_reads_the_frames_of_its_span(tmp_path: Path) -> None:
+    source = scenes.capture(tmp_path)
+    stretch = Stretch(source, GroupSpan(1, 2, 2, 3))
+    assert stretch.frames == 3
+    np.testing.assert_array_equal(stretch.read(1, 2, ["cam01"]), source.read(3, 2, ["cam01"]))
+    assert stretch.fingerprint() != source.fingerprint()
+
+
+@pytest.mark.slow
+def test_groups_are_chained_without_layers(tmp_path: Path) -> None:
+    config, capture = small({"group.length": 3, "keyframe.first_iterations": 10}), WallCapture(6, speed=0.05)
+    seconds = run_independent_groups(capture, tmp_path, config, "cpu", Silent())
+    manifest = ReelReader(tmp_path / "reel").manifest
+    assert [(g.first_frame, g.frames) for g in manifest.groups] == [(0, 4), (3, 3)]
+    assert not manifest.layers
+    assert all(g.points > 50 for g in manifest.groups)
+    assert (manifest.group_length, manifest.overlap) == (3, 1)
+    assert seconds["keyframe"] > 0
+    assert run_independent_groups(capture, tmp_path, config, "cpu", Silent()) == seconds

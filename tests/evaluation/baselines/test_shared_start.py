@@ -1,0 +1,42 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.errors import UsageError
+from splatreel.recon.stages.camera_stages import EvenExposures
+from tests.evaluation import scenes
+from tests.evaluation.baselines.starts import SECONDS, write_start
+
+
+def test_baselines_start_from_the_cameras_images_and_points_of_our_run(tmp_path: Path) -> None:
+    start = write_start(capture := scenes.capture(tmp_path), tmp_path / "run")
+    assert start.rig.names == ["cam01", "cam02", "cam04"]
+    np.testing.assert_array_equal(start.keyframe.means, scenes.truth(0).means)
+    np.testing.assert_array_equal(start.pictures(2).images.numpy(), capture.read(2, 1, start.rig.names))
+    assert start.seconds == sum(SECONDS.values())
+    assert start.shared_seconds == SECONDS["points"] + SECONDS["keyframe"]
+    assert start.light(0, scenes.FRAMES) is None
+
+
+def test_changes_of_exposure_are_removed_as_in_our_run(tmp_path: Path) -> None:
+    start = write_start(capture := scenes.capture(tmp_path), tmp_path / "run")
+    change = np.zeros((scenes.FRAMES, 3, 3), np.float32)
+    change[1, 0] = np.log(0.5)
+    light = np.zeros((scenes.FRAMES, 3), np.float32)
+    light[2] = np.log(2.0)
+    start.store.group(0).save(EvenExposures.checkpoint, {"change": change, "light": light})
+    plain, evened = capture.read(1, 1, start.rig.names)[0], start.pictures(1).images[0].numpy()
+    dark = plain[0] < 120
+    np.testing.assert_allclose(evened[0][dark], 2.0 * plain[0][dark], atol=1.5)
+    np.testing.assert_array_equal(evened[1:], plain[1:])
+    found = start.light(1, 2)
+    assert found is not None
+    np.testing.assert_allclose(found, [[1, 1, 1], [2, 2, 2]], rtol=1e-5)
+
+
+def test_runs_without_a_first_keyframe_are_refused(tmp_path: Path) -> None:
+    start = write_start(scenes.capture(tmp_path), tmp_path / "run")
+    start.store.group(0).forget()
+    with pytest.raises(UsageError, match="no first keyframe to start baselines from"):
+        _ = start.keyframe

@@ -1,0 +1,73 @@
+"""All frames of a reel in one file: USD, and .4dgs."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from splatreel.play.fourdgs_film import write_fourdgs
+from splatreel.play.gaussian_export import GaussianExport
+from splatreel.play.timeline import open_reel
+from splatreel.play.usd_film import write_usd
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.turning import turned
+from splatreel.sequence.fourdgs_scene import FourdgsScene
+from tests.golden import PREDICTIVE
+
+
+@pytest.fixture
+def film() -> GaussianExport:
+    """Return all frames of a golden reel, with y up."""
+    source = open_reel(PREDICTIVE)
+    return GaussianExport(source, [frame / source.fps for frame in range(source.frames)], np.array([0.0, 1, 0]))
+
+
+def frame_of(film: GaussianExport, frame: int) -> Gaussians:
+    return turned(film.at(film.seconds[frame]), film.placement.turn)
+
+
+@pytest.mark.parametrize("suffix", [".usdc", ".usdz"])
+def test_usd_has_the_points_of_every_frame(tmp_path: Path, film: GaussianExport, suffix: str) -> None:
+    pytest.importorskip("pxr")
+    from pxr import Usd, UsdGeom, UsdVol  # pyright: ignore[reportMissingImports] - optional
+
+    path = tmp_path / f"f{suffix}"
+    write_usd(path, film, 30)
+    assert [entry.name for entry in tmp_path.iterdir()] == [path.name]
+    stage = Usd.Stage.Open(str(path))
+    assert (UsdGeom.GetStageUpAxis(stage), stage.GetTimeCodesPerSecond()) == ("Y", 30)
+    assert (stage.GetStartTimeCode(), stage.GetEndTimeCode()) == (0, len(film.seconds) - 1)
+    splats = UsdVol.ParticleField3DGaussianSplat(stage.GetDefaultPrim())
+    for frame in (0, 1, 5, 6, 7, len(film.seconds) - 1):
+        points = frame_of(film, frame)
+        np.testing.assert_allclose(splats.GetPositionsAttr().Get(frame), points.means, rtol=1e-6)
+        np.testing.assert_allclose(splats.GetScalesAttr().Get(frame), points.scales, rtol=1e-6)
+        np.testing.assert_allclose(splats.GetOpacitiesAttr().Get(frame), points.opacities, rtol=1e-6)
+        turn = splats.GetOrientationsAttr().Get(frame)[0]
+        np.testing.assert_allclose([turn.GetReal(), *turn.GetImaginary()], points.quats[0], rtol=1e-6)
+        harmonics = np.array(splats.GetRadianceSphericalHarmonicsCoefficientsAttr().Get(frame))
+        np.testing.assert_allclose(harmonics.reshape(points.sh.shape), points.sh, rtol=1e-5)
+    assert np.array_equal(np.array(splats.GetPositionsAttr().Get()), frame_of(film, 0).means)
+
+
+def test_fourdgs_shows_the_points_of_every_frame_and_stores_resting_points_once(
+    tmp_path: Path, film: GaussianExport
+) -> None:
+    pytest.importorskip("fourdgs")
+    path = tmp_path / "f.4dgs"
+    write_fourdgs(path, film, film.source.fps)
+    scene = FourdgsScene(path, film.source.fps)
+    assert len(scene) == len(film.seconds)
+    for frame in range(len(scene)):
+        points, back = frame_of(film, frame), scene.read(frame)
+        assert len(back) == len(points)
+        assert np.abs(np.sort(points.means[:, 0]) - np.sort(back.means[:, 0])).max() < 0.01
+    assert scene._scene.gaussians.count < 0.8 * sum(len(points) for points in film)
+
+
+def test_crop_keeps_what_is_in_the_box(film: GaussianExport) -> None:
+    points = film.source.at(0)
+    low, high = np.quantile(points.means, [0.2, 0.8], axis=0)
+    cropped = GaussianExport(film.source, [0.0], None, np.stack([low, high])).at(0)
+    inside = ((points.means >= low) & (points.means <= high)).all(1)
+    assert 0 < len(cropped) == inside.sum() < len(points)

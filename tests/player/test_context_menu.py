@@ -1,0 +1,103 @@
+"""The context menu, double taps at the sides, a hold, a part that repeats, and the media session."""
+
+import pytest
+from playwright.sync_api import CDPSession, Page
+
+from splatreel.play.server import Server
+from tests.player.pages import PLAYER, open_player
+from tests.player.screens import described
+
+pytestmark = pytest.mark.browser
+
+REEL = "document.querySelector('splat-reel')"
+
+
+def tap_twice(fingers: CDPSession, x: int, y: int) -> None:
+    for _ in range(2):
+        fingers.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]})
+        fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+
+
+def test_a_right_click_opens_the_menu_and_a_right_drag_pans(page: Page, server: Server):
+    described(page)
+    open_player(page, server)
+    menu = page.locator("splat-reel").get_by_role("menu")
+    page.mouse.move(470, 300)
+    page.mouse.down(button="right")
+    page.mouse.move(420, 280, steps=3)
+    page.mouse.up(button="right")
+    page.wait_for_timeout(300)
+    assert menu.count() == 0
+    page.mouse.click(475, 150, button="right")
+    menu.wait_for()
+    entries = menu.get_by_role("menuitem")
+    names = ["Copy a link to this time and view", "Repeat a part", "Statistics", "About this reel", "Keys and gestures"]
+    assert entries.all_inner_texts() == names
+    box = menu.bounding_box()
+    assert box is not None
+    assert box["x"] + box["width"] <= 480
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    page.locator("splat-reel .stats").get_by_text("Points").wait_for()
+    assert menu.count() == 0
+    assert page.evaluate(f"{REEL}.shadowRoot.activeElement === {PLAYER}.canvas")
+
+
+def test_the_menu_copies_a_link_or_shows_it(page: Page, server: Server):
+    copied = "navigator.clipboard.writeText = (text) => window.refuse ? Promise.reject() : Promise.resolve(window.copied = text)"
+    page.add_init_script(copied)
+    open_player(page, server)
+    page.evaluate(f"{PLAYER}.currentTime = 0.2")
+    for refuse in ("false", "true"):
+        page.evaluate(f"window.refuse = {refuse}")
+        page.locator("splat-reel canvas").focus()
+        page.keyboard.press("Shift+F10")
+        page.locator("splat-reel").get_by_role("menuitem", name="Copy a link").click()
+        if refuse == "false":
+            page.wait_for_function("window.copied?.includes('#t=0.2&view=')")
+    page.locator("splat-reel").get_by_role("dialog", name="Share").wait_for()
+
+
+def test_a_double_tap_at_a_side_steps_and_in_the_middle_focuses(phone: Page, server: Server, fingers: CDPSession):
+    open_player(phone, server)
+    phone.evaluate(f"{PLAYER}.currentTime = 0.2")
+    step = phone.evaluate(f"0.2 * {PLAYER}.duration")
+    for x, expected in ((300, 0.2 + step), (20, 0.2), (160, 0.2)):
+        phone.wait_for_timeout(400)
+        tap_twice(fingers, x, 240)
+        assert phone.evaluate(f"{PLAYER}.currentTime") == pytest.approx(expected)
+
+
+def test_a_part_repeats(page: Page, server: Server):
+    open_player(page, server, "?autoplay=0&loop=0")
+    page.evaluate(f"{PLAYER}.currentTime = 0.1")
+    page.keyboard.press("o")
+    page.locator("splat-reel .toast").get_by_text("Repeats from 0:00.1").wait_for()
+    page.evaluate(f"{PLAYER}.currentTime = 0.2")
+    page.keyboard.press("o")
+    page.wait_for_function(f"{REEL}.section?.length === 2 && {PLAYER}.currentTime === 0.1")
+    assert page.locator("splat-reel .section").is_visible()
+    page.evaluate(f"window.times = []; {PLAYER}.addEventListener('timeupdate', () => times.push({PLAYER}.currentTime))")
+    page.keyboard.press("k")
+    page.wait_for_function("times.filter((time, i) => time < times[i - 1]).length > 1")
+    assert page.evaluate("Math.max(...times)") < 0.2
+
+
+def test_the_media_session_shows_what_plays(page: Page, server: Server):
+    page.add_init_script(
+        "window.handlers = {}; navigator.mediaSession.setActionHandler = (name, handler) => (handlers[name] = handler)"
+    )
+    described(page)
+    open_player(page, server)
+    assert page.evaluate("navigator.mediaSession.metadata") is None
+    page.evaluate(f"{PLAYER}.play()")
+    page.wait_for_function("navigator.mediaSession.metadata !== null")
+    shown = page.evaluate("[navigator.mediaSession.metadata.title, navigator.mediaSession.metadata.artist]")
+    assert shown == ["A toy train on its round", "Ada Example"]
+    page.evaluate("handlers.pause()")
+    assert page.evaluate(f"[{PLAYER}.paused, navigator.mediaSession.playbackState]") == [True, "paused"]
+    page.evaluate("handlers.seekto({seekTime: 0.3})")
+    assert page.evaluate(f"{PLAYER}.currentTime") == pytest.approx(0.3)
+    page.evaluate(f"{REEL}.remove()")
+    page.wait_for_function("navigator.mediaSession.metadata === null && handlers.play === null")
