@@ -79,9 +79,9 @@ def bundle(folder: Path, players: list[str]) -> None:
             "--bundle",
             "--minify",
             "--format=esm",
-            f"--alias:@splatreel/three={OBJECT}",
-            f"--alias:three={HERE / 'node_modules/three'}",
         ]
+        if player == "three":  # one three.js for the page and the object
+            command += [f"--alias:@splatreel/three={OBJECT}", f"--alias:three={HERE / 'node_modules/three'}"]
         subprocess.run([*command, "--log-level=error", f"--outfile={folder / player}.page.js"], check=True)
         module = '<script type="module" src="player.js"></script>' if player == "splatreel" else ""
         page = f'<!doctype html><body style="margin: 0">{module}<script type="module" src="{player}.page.js"></script>'
