@@ -16,12 +16,12 @@ const decoders = {
   "hevc-decode.wasm": ["@hevcjs/core/wasm/hevc-decode.wasm"],
 };
 
-// Shaders are embedded without comments and indentation.
+// Shaders are embedded without comments and indentation, which a script's minifier keeps in strings.
 const shaders = {
   name: "shaders",
-  setup: (build) => build.onLoad({ filter: /shaders\.ts$/ }, async ({ path }) => {
+  setup: (build) => build.onLoad({ filter: /[/\\]shaders\.ts$/ }, async ({ path }) => {
     const text = await readFile(path, "utf8");
-    return { contents: text.replace(/\/\*\*[^]*?\*\/|\/\/.*$/gm, "").replace(/^\s+/gm, ""), loader: "ts" };
+    return { contents: text.replace(/\/\*[^]*?\*\//g, "").replace(/(^|\s)\/\/ .*$/gm, "").replace(/^\s+/gm, "").replace(/ ([=*<>?:,(){}]+) /g, "$1"), loader: "ts" };
   }),
 };
 

@@ -21,7 +21,9 @@ from record import record
 
 HERE = Path(__file__).parent
 STATIC = HERE.parents[1] / "src" / "splatreel" / "play" / "static"
-PLAYERS = ("splatreel", "playcanvas", "gaussian-splats-3d", "spark")
+PLAYERS = ("splatreel", "three", "playcanvas", "gaussian-splats-3d", "spark")
+OBJECT = HERE.parents[1] / "player" / "packages" / "three" / "dist" / "three.js"
+"""The reel as an object of three.js: npm run build --workspace @splatreel/three, in player/."""
 FLAGS = [
     "--no-sandbox",
     "--no-first-run",
@@ -78,6 +80,8 @@ def bundle(folder: Path, players: list[str]) -> None:
             "--minify",
             "--format=esm",
         ]
+        if player == "three":  # one three.js for the page and the object
+            command += [f"--alias:@splatreel/three={OBJECT}", f"--alias:three={HERE / 'node_modules/three'}"]
         subprocess.run([*command, "--log-level=error", f"--outfile={folder / player}.page.js"], check=True)
         module = '<script type="module" src="player.js"></script>' if player == "splatreel" else ""
         page = f'<!doctype html><body style="margin: 0">{module}<script type="module" src="{player}.page.js"></script>'

@@ -65,7 +65,7 @@ export class ReelPlayer implements PlaybackHost {
       if (isFirst) this.clock.seek(this.startTime ?? (reel.manifest.live ? this.clock.edge : 0));
       if (isFirst) this.emit("loadedmetadata");
       this.emit("durationchange");
-      if (!this.paused) this.soundtrack.ask();
+      if (!this.paused) this.soundtrack.ask(true);
       this.playback.askForFiles();
     } catch (error) {
       if (!session.closed) this.fail(error);
@@ -144,7 +144,7 @@ export class ReelPlayer implements PlaybackHost {
     if (this.clock.playing) return;
     if (this.ended) this.currentTime = this.clock.earliest;
     this.clock.start();
-    this.soundtrack.ask();
+    this.soundtrack.ask(true);
     this.emit("play");
   }
 

@@ -34,13 +34,13 @@ export interface SplatReelOptions {
   depthWrite?: boolean;
 }
 
-/** Events of a `SplatReel`, as in HTMLMediaElement. */
-export const EVENTS = ["loadstart", "loadedmetadata", "durationchange", "loadeddata", "canplay", "play", "playing", "pause", "timeupdate", "progress", "waiting", "seeking", "seeked", "volumechange", "ended", "error", "notallowed"] as const;
-
 /**
  * Plays a reel. It opens when it is drawn for the first time, since its files go to the graphics device of the renderer.
  *
  * The reel keeps the axes and units of its capture. `uprightRotation` and `viewFromStart` relate them to the scene.
+ *
+ * Events as in HTMLMediaElement: loadstart, loadedmetadata, durationchange, loadeddata, canplay, play, playing, pause, timeupdate,
+ * progress, waiting, seeking, seeked, volumechange, ended, error.
  */
 export class SplatReel extends Mesh<BufferGeometry, MeshBasicMaterial> {
   readonly isSplatReel = true;
@@ -68,7 +68,7 @@ export class SplatReel extends Mesh<BufferGeometry, MeshBasicMaterial> {
     if (autoplay) this.play();
   }
 
-  /** Start to play. Sound needs a prior interaction with the page; without it the reel plays muted. */
+  /** Start to play. Browsers require an interaction before sound; until then the reel is muted, and `muted` is true. */
   play(): void {
     this.player.play();
   }
