@@ -97,14 +97,14 @@ def neighbor_angle(cameras: list[Camera]) -> float:
     return float(np.median(angles.min(1)))
 
 
-def measure(capture: Capture, cameras: list[Camera], frames: list[int], learned: bool) -> dict:
+def measure(capture: Capture, cameras: list[Camera], frames: list[int], learned: bool, same_lens: bool = False) -> dict:
     """Return the errors of a calibration of some cameras, or why there is none."""
     about = {"cameras": len(cameras), "neighbor_degrees": round(neighbor_angle(cameras), 1)}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_videos(capture, cameras, frames, folder)
         try:
-            calibrate(folder, Silent(), describer=find_describer() if learned else None)
+            calibrate(folder, Silent(), describer=find_describer() if learned else None, same_lens=same_lens)
         except CaptureError as error:
             return {**about, "placed": 0, "refused": str(error).split(": ", 2)[-1].split(". ")[0]}
         with closing(open_capture(folder, held_out=[])) as placed:
@@ -130,22 +130,26 @@ def main(
     path: Path | None = None,
     frames: tuple[int, ...] = (0, 1, 2),
     cameras: tuple[int, ...] = (99, 8, 6, 4),
+    same_lens: bool = False,
+    learned: bool = True,
     note: str = "",
 ) -> None:
     """Measure and record.
 
     name: built-in, a film of this folder, or any name with `path`. path: capture with known cameras.
-    cameras: sizes of the rig; rigs with fewer cameras are not thinned.
+    cameras: sizes of the rig; rigs with fewer cameras are not thinned. same_lens: with the option --same-lens.
+    learned: also with learned matches.
     """
-    if find_describer() is None:
+    if learned and find_describer() is None:
         raise SystemExit("Learned matches are not installed: pip install 'splatreel[match]'")
     with ExitStack() as stack:
         folder = path or make(name, Path(stack.enter_context(tempfile.TemporaryDirectory())), max(frames) + 1)
         source = stack.enter_context(closing(open_capture(folder, held_out=[])))
         for count in cameras:
             rig = thin(list(source.cameras), count)
-            for learned in (False, True):  # what SIFT cannot place, learned matches do not refine
-                values = {"learned": learned, "frames": list(frames), **measure(source, rig, list(frames), learned)}
+            for matched in (False, True)[: 1 + learned]:  # what SIFT cannot place, learned matches do not refine
+                found = measure(source, rig, list(frames), matched, same_lens)
+                values = {"learned": matched, "same_lens": same_lens, "frames": list(frames), **found}
                 print(values, flush=True)
                 record(f"calibration {name}", values, note)
                 if not values["placed"]:

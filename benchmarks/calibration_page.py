@@ -21,30 +21,22 @@ CAPTURES = {
     "juggle": "juggle, a dome",
     "basketball": "Panoptic basketball, a dome",
 }
-COLUMNS = (
-    "capture",
-    "cameras",
-    "degrees to the nearest",
-    "placed",
-    "rotation",
-    "position",
-    "with `match`: rotation",
-    "position",
-)
-MISSING = "*not measured*"
+WAYS = {"": "by default", "match": "with `[match]`", "same lens": "`--same-lens`"}
+COLUMNS = ("capture", "cameras", "degrees to the nearest", *WAYS.values())
 
-Records = dict[tuple[str, int, bool], dict]
-"""Latest records by capture, number of cameras, and whether learned matches were used."""
+Records = dict[tuple[str, int], dict[str, dict]]
+"""Latest records by capture and number of cameras, and by the way of the calibration."""
 
 
 def latest(results: Path = RESULTS) -> Records:
-    """Return the last record of each case."""
+    """Return the last record of each case and way."""
     found: Records = {}
     for line in results.read_text(encoding="utf-8").splitlines() if results.exists() else []:
         value = json.loads(line)
         word, _, name = value["benchmark"].partition(" ")
         if word == "calibration" and "neighbor_degrees" in value:
-            found[name, value["cameras"], value["learned"]] = value
+            way = "same lens" if value.get("same_lens") else "match" if value["learned"] else ""
+            found.setdefault((name, value["cameras"]), {})[way] = value
     return found
 
 
@@ -52,26 +44,27 @@ def table(records: Records) -> str:
     """Return the Markdown table."""
     lines = [_row(COLUMNS), _row(["---"] * len(COLUMNS))]
     for name, label in CAPTURES.items():
-        counts = sorted({count for capture, count, _ in records if capture == name}, reverse=True)
-        for count in counts:
-            plain, learned = (records.get((name, count, with_match)) for with_match in (False, True))
-            if plain is not None:
-                lines.append(_row(_cells(label, count, plain, learned)))
+        for count in sorted({count for capture, count in records if capture == name}, reverse=True):
+            lines.append(_row(_cells(label, count, records[name, count])))
     return "\n".join(lines)
 
 
-def _cells(label: str, count: int, plain: dict, learned: dict | None) -> list[str]:
-    cells = [label, str(count), f"{plain['neighbor_degrees']:.0f}"]
-    if not plain["placed"]:
-        return [*cells, "refused", "", "", "", ""]
-    more = _errors(learned) if learned is not None and learned["placed"] else [MISSING, MISSING]
-    return [*cells, str(plain["placed"]), *_errors(plain), *more]
+def _cells(label: str, count: int, ways: dict[str, dict]) -> list[str]:
+    """Return the cells of a rig. Learned matches cannot place what is refused without them."""
+    degrees = next(iter(ways.values()))["neighbor_degrees"]
+    refused = "match" not in ways and "" in ways and not ways[""]["placed"]
+    known = {**ways, "match": ways[""]} if refused else ways
+    return [label, str(count), f"{degrees:.0f}", *(_result(known.get(way)) for way in WAYS)]
 
 
-def _errors(record: dict) -> list[str]:
-    """Return the cells of rotation and position: median and maximum."""
-    pairs = [(record["rotation_degrees"], "°"), (record["position_percent"], " %")]
-    return [f"{error['median']:.2f}, {error['max']:.2f}{unit}" for error, unit in pairs]
+def _result(record: dict | None) -> str:
+    """Return the number of placed cameras and the medians of their errors."""
+    if record is None:
+        return ""
+    if not record["placed"]:
+        return "refused"
+    turned, moved = (record[name]["median"] for name in ("rotation_degrees", "position_percent"))
+    return f"{record['placed']} placed, {turned:.2f}°, {moved:.2f} %"
 
 
 def _row(cells: list[str] | tuple[str, ...]) -> str:

@@ -10,6 +10,7 @@ const out = resolve(process.argv[2] ?? join(here, "../src/splatreel/play/static"
 
 // Parts loaded on demand, by a literal that other bundlers find: `import("./share.js")`.
 const parts = {
+  about: "src/ui/about.ts",
   "context-menu": "src/ui/context-menu.ts",
   "declared-camera": "src/ui/declared-camera.ts",
   "file-drop": "src/ui/file-drop.ts",
@@ -17,11 +18,14 @@ const parts = {
   help: "src/ui/help.ts",
   "media-controls": "src/ui/media-controls.ts",
   menu: "src/ui/menu.ts",
+  ...Object.fromEntries(["ar", "de", "es", "fr", "ja", "pt", "zh"].map((name) => [`language-${name}`, `src/languages/language-${name}.ts`])),
   "open-files": "src/files/open-files.ts",
   "path-panel": "src/ui/path-panel.ts",
+  "edit-panel": "src/ui/edit-panel.ts",
   screenshot: "src/ui/screenshot.ts",
   section: "src/ui/section.ts",
   share: "src/ui/share.ts",
+  statistics: "src/ui/statistics.ts",
   "text-tracks": "src/ui/text-tracks.ts",
 };
 const late = {

@@ -33,6 +33,7 @@ def write(
     degree: int = 1,
     change: str = "",
     importance: bool = False,
+    overlaps: tuple[int, ...] = (),
 ) -> None:
     """Write a reel of groups of 4 frames that overlap by 2.
 
@@ -43,6 +44,7 @@ def write(
         moving: Number of dynamic points of a group.
         degree: SH degree of all points.
         change: "shade" or "light", which change in the last group.
+        overlaps: Overlap of each group with the one before; that of the reel for those that are not given.
         importance: Give points different importance, so that they get different quantization steps.
     """
     rng = np.random.default_rng(5)
@@ -54,7 +56,8 @@ def write(
         alive = np.concatenate([alive & (rng.random(len(alive)) > 0.3), np.ones(count, bool)])
         last = index == len(born) - 1
         group = moving_group(rng, index, moving, degree, alive, change if last else "")
-        writer.add_group(group, weights(moving) if importance else None)
+        overlap = overlaps[index] if index < len(overlaps) else None
+        writer.add_group(group, weights(moving) if importance else None, overlap=overlap)
     writer.finish()
 
 
@@ -91,6 +94,10 @@ CASES: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "sh-2": ("spherical harmonics of degree 2", lambda path: write(path, born=(20,), degree=2)),
     "sh-3": ("spherical harmonics of degree 3", lambda path: write(path, born=(20,), degree=3)),
     "cross-fade": ("two groups that overlap", lambda path: write(path, born=(20, 0))),
+    "overlaps": (
+        "groups with an overlap of their own: a hard cut, and a shorter cross-fade",
+        lambda path: write(path, born=(20, 0, 0), overlaps=(0, 0, 1)),
+    ),
     "layers": (
         "layers born at several groups, and static points that are not alive",
         lambda path: write(path, born=(20, 8, 0, 6)),

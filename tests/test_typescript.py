@@ -32,7 +32,7 @@ ROOMS_OF_PACKAGES = {
         ("camera", "sound"),
         ("draw",),
         ("webgl",),
-        ("player",),
+        ("player", "languages"),
         ("ui",),
         ("element",),
         ("main.ts",),

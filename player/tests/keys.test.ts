@@ -1,5 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
+import type { Player } from "../src/player/player";
+import { LINES } from "../src/ui/help";
 import { attachKeys, type Actions } from "../src/ui/keys";
 import { page } from "./fakes/page";
 import { FakePlayer } from "./fakes/player";
@@ -70,6 +72,14 @@ test("each action has a key, in lower and upper case", async () => {
   press("o");
   press("F10", { shiftKey: true });
   assert.deepEqual(done, ["section", "context"]);
+});
+
+test("the help describes all keys and no others", () => {
+  const table = attachKeys(new EventTarget() as HTMLElement, {} as Player, {} as Actions, new AbortController().signal);
+  assert.deepEqual(table.flat().map(({ bindings }) => bindings[0].keys[0]), Object.keys(LINES).sort((a, b) => order(a) - order(b)));
+  function order(key: string): number {
+    return table.flat().findIndex(({ bindings }) => bindings[0].keys[0] === key);
+  }
 });
 
 test("keys that do not apply to the reel are left to the page", async () => {

@@ -24,14 +24,27 @@ def page(benchmarks: Path) -> ModuleType:
 def test_the_latest_record_of_each_case_is_shown(page: ModuleType, tmp_path: Path) -> None:
     refused = {"benchmark": "calibration yard", "learned": False, "cameras": 4, "neighbor_degrees": 38.8, "placed": 0}
     learned = PLACED | {"learned": True, "rotation_degrees": {"median": 0.1, "max": 0.2}}
+    same = (
+        refused
+        | {"same_lens": True, "placed": 4}
+        | {key: PLACED[key] for key in ("rotation_degrees", "position_percent")}
+    )
     older = PLACED | {"placed": 8}
-    lines = [older, PLACED, learned, refused, {"benchmark": "kitchen", "psnr": 30.0}, {"benchmark": "calibration old"}]
+    lines = [
+        older,
+        PLACED,
+        learned,
+        refused,
+        same,
+        {"benchmark": "kitchen", "psnr": 30.0},
+        {"benchmark": "calibration old"},
+    ]
     file = tmp_path / "results.jsonl"
     file.write_text("".join(json.dumps(line) + "\n" for line in lines))
     rows = page.table(page.latest(file)).splitlines()[2:]
     assert rows == [
-        "| kitchen, a wall of cameras | 8 | 3 | 4 | 0.25, 0.50° | 0.64, 0.86 % | 0.10, 0.20° | 0.64, 0.86 % |",
-        "| yard, an arc of 140 degrees | 4 | 39 | refused |  |  |  |  |",
+        "| kitchen, a wall of cameras | 8 | 3 | 4 placed, 0.25°, 0.64 % | 4 placed, 0.10°, 0.64 % |  |",
+        "| yard, an arc of 140 degrees | 4 | 39 | refused | refused | 4 placed, 0.25°, 0.64 % |",
     ]
 
 

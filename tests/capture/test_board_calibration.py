@@ -84,7 +84,7 @@ def test_videos_of_the_board_need_the_cameras_names(tmp_path: Path) -> None:
     ("options", "said"),
     [
         (["--board-videos", "x"], "--board-videos needs the board that they show"),
-        (["--board", "5x7:0.03", "--also", "x"], "--board gives poses and meters by itself"),
+        (["--board", "5x7:0.03", "--also", "x"], "--board gives lenses, poses and meters"),
         (["--distance", "a", "b", "2", "--scale-board", "5x7:0.03"], "Leave out one of them"),
         (["--board", "5x7"], "'5x7' is not understood"),
         (["--scale-board", "5x7"], "'5x7' is not understood"),

@@ -15,6 +15,7 @@ from splatreel.capture.calibration_agreement import CalibratedCamera
 from splatreel.capture.opening import open_capture
 from splatreel.capture.photographs import check_photos
 from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
+from splatreel.capture.uncalibrated import camera_files
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
 from splatreel.scene.camera import facing
@@ -73,6 +74,50 @@ def test_videos_without_features_are_refused(tmp_path: Path) -> None:
         (tmp_path / f"phone{c}.mp4").rename(tmp_path / f"cam{c}.mp4")
     with pytest.raises(CaptureError, match="calibration failed"):  # and not that poses_bounds.npy is missing
         open_capture(tmp_path)
+
+
+@pytest.mark.slow
+def test_cameras_of_one_lens_need_fewer_matches(room: Path, tmp_path: Path) -> None:
+    colmap, known = pytest.importorskip("pycolmap"), open_capture(room, held_out=[])
+    names = ["cam01", "cam04", "cam06", "cam11", "cam13"]
+    for name in names:
+        shutil.copy(room / f"{name}.mp4", tmp_path)
+    found = calibrate(tmp_path, Silent(), same_lens=True)
+    assert sorted(found.placed) == names
+    model = colmap.Reconstruction(str(tmp_path / "sparse" / "0"))
+    assert len({image.camera_id for image in model.images.values()}) == 1
+    capture = open_capture(tmp_path, held_out=[])
+    assert capture.cameras[0].K[0, 0] == pytest.approx(known.cameras[0].K[0, 0], rel=0.15)
+    here, there = (np.stack([rig.camera(name).center for name in names]) for rig in (capture, known))
+    assert np.linalg.norm(fitted(here, there) - there, axis=1).max() < 0.05 * np.ptp(there, axis=0).max()
+
+
+def test_one_lens_needs_one_size(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    for c, width in enumerate((128, 128, 96)):
+        folders.write_video(tmp_path / f"phone{c}.mp4", [folders.frame(c, 0, width, 96)])
+    with pytest.raises(
+        CaptureError, match=r"phone2 has frames of 96x96 pixels, phone0 of 128x96.*leave out --same-lens"
+    ):
+        calibrate(tmp_path, Silent(), same_lens=True)
+    assert not (tmp_path / "sparse").exists()
+
+
+@pytest.mark.slow
+def test_folders_of_pictures_are_calibrated(room: Path, tmp_path: Path) -> None:
+    """The model belongs to the pictures, which are read with it."""
+    pytest.importorskip("pycolmap")
+    known, names = open_capture(room, held_out=[]), ["cam01", "cam02", "cam03", "cam04", "cam05"]
+    for name in names:
+        (tmp_path / name / "images").mkdir(parents=True)
+        for number, picture in enumerate(known.read(0, 2, [name])[:, 0]):
+            Image.fromarray(picture).save(tmp_path / name / "images" / f"{number:04d}.png")
+    found = calibrate(tmp_path, Silent(), leave_out=["cam05"])
+    assert (sorted(found.placed), found.moments) == (names[:4], 2)
+    capture = open_capture(tmp_path, held_out=[])
+    assert ([camera.name for camera in capture.cameras], capture.frames) == (names[:4], 2)
+    with pytest.raises(CaptureError, match="there is no camera 'cam09' to leave out; there are cam01"):
+        camera_files(tmp_path, ["cam09"])
 
 
 @pytest.mark.slow
@@ -205,7 +250,7 @@ def test_success_removes_the_recorded_failure(tmp_path: Path) -> None:
 
 def test_too_few_videos_are_refused(tmp_path: Path) -> None:
     folders.write_video(tmp_path / "phone.mp4", [folders.frame(0, 0)])
-    with pytest.raises(CaptureError, match=r"1 videos \(phone\.mp4\), at least 3"):
+    with pytest.raises(CaptureError, match=r"of 1 cameras \(phone\), at least 3"):
         calibrate(tmp_path, Silent())
 
 

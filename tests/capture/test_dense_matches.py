@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from splatreel.capture import dense_matches
 from splatreel.capture.dense_matches import refine_by_matches, refine_lenses
 from splatreel.capture.learned_matches import Features
 from splatreel.progress import Silent
@@ -92,6 +93,13 @@ def turned(model: Any, known: list[np.ndarray]) -> float:
     return float(np.degrees(np.median(errors)))
 
 
+@pytest.fixture
+def few_rough_matches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take the points of the rig for too few to place its cameras exactly."""
+    monkeypatch.setattr(dense_matches, "ENOUGH", 1000)
+
+
+@pytest.mark.usefixtures("few_rough_matches")
 def test_matches_make_poses_more_exact(tmp_path: Path) -> None:
     colmap = pytest.importorskip("pycolmap")
     (tmp_path / "images").mkdir()
@@ -105,6 +113,14 @@ def test_matches_make_poses_more_exact(tmp_path: Path) -> None:
     assert min(image.num_points3D for image in images(refined)) > 300
 
 
+def test_cameras_with_many_rough_matches_get_no_others(tmp_path: Path) -> None:
+    """The rough matches are the more exact ones."""
+    colmap = pytest.importorskip("pycolmap")
+    rough = rig(colmap, 1.0)
+    assert refine_by_matches(colmap, rough, features(rig(colmap)), tmp_path, Silent()) is rough
+
+
+@pytest.mark.usefixtures("few_rough_matches")
 def test_cameras_without_matches_stay(tmp_path: Path) -> None:
     """The points of the rough model hold a camera whose pictures have no learned features."""
     colmap = pytest.importorskip("pycolmap")
@@ -118,6 +134,7 @@ def test_cameras_without_matches_stay(tmp_path: Path) -> None:
     assert images(refined)[3].num_points3D >= 30
 
 
+@pytest.mark.usefixtures("few_rough_matches")
 def test_matches_that_contradict_the_model_are_not_used(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     colmap = pytest.importorskip("pycolmap")
 

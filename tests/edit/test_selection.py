@@ -25,7 +25,7 @@ def fraction(volume: str, means: np.ndarray) -> np.ndarray:
     """Return which points are inside, to a tolerance for the quantization of motion."""
     slack = 0.05
     if volume.startswith("box"):
-        return ((means > np.array([-0.5, -1, -1]) - slack) & (means < np.array([1, 1, 0.6]) + slack)).all(1)
+        return np.asarray(((means > np.array([-0.5, -1, -1]) - slack) & (means < np.array([1, 1, 0.6]) + slack)).all(1))
     if volume.startswith("sphere"):
         return np.linalg.norm(means - (0.5, 0.2, 0), axis=1) < 0.9 + slack
     return (np.hypot(means[:, 0], means[:, 2]) < 0.9 + slack) & (np.abs(means[:, 1] - 0.4) < 0.6 + slack)
@@ -79,8 +79,9 @@ def room(path: Path, dynamic: Gaussians | None = None, shade: np.ndarray | None 
     writer.add_layer(0, 0, points)
     frames = 6 if shade is None else len(shade)
     moving = Gaussians.empty(0) if dynamic is None else dynamic
-    still = np.zeros((frames, len(moving), 3)), np.tile(np.array([1.0, 0, 0, 0]), (frames, len(moving), 1))
-    writer.add_group(Group(0, 0, moving, *(array.astype(np.float32) for array in still), np.ones(count, bool), shade))
+    dx = np.zeros((frames, len(moving), 3), np.float32)
+    dq = np.tile(np.array([1, 0, 0, 0], np.float32), (frames, len(moving), 1))
+    writer.add_group(Group(0, 0, moving, dx, dq, np.ones(count, bool), shade))
     writer.finish()
     return path
 

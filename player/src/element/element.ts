@@ -1,4 +1,5 @@
 /** The custom element <splat-reel src="…/manifest.json" poster autoplay loop muted controls>, modeled on <video>. */
+import { ENGLISH } from "../base/words";
 import { parsePath, type PathFile } from "../camera/camera-path";
 import { linkTo, startOf } from "../camera/link";
 import type { Pose } from "../camera/pose";
@@ -14,6 +15,7 @@ import type { Camera } from "@splatreel/decoder/reel/manifest";
 import { Controls, LACKING } from "../ui/controls";
 import { CooperativeGestures } from "../ui/cooperative-gestures";
 import { FirstPrompt } from "../ui/first-prompt";
+import { languageOf, loadWords } from "../ui/language";
 import { OffCameraFade } from "../ui/off-camera-fade";
 import type { MediaTexts } from "../ui/media-controls";
 import { attachPointerControls } from "../ui/pointer-controls";
@@ -39,7 +41,7 @@ sheet.replaceSync(styles);
 
 /** `<splat-reel>`. */
 export class SplatReelElement extends MediaElement {
-  static readonly observedAttributes = ["src", "poster", "loop", "muted", "controls", "loading", "preload"];
+  static readonly observedAttributes = ["src", "poster", "loop", "muted", "controls", "loading", "preload", "transparent"];
 
   /** The player behind the element. */
   readonly player: Player;
@@ -69,6 +71,7 @@ export class SplatReelElement extends MediaElement {
     this.promises = new PlayPromises(this.player);
     this.frames = new FrameCallbacks(this.player);
     this.player.addEventListener("timeupdate", () => this.pauseAtEnd());
+    for (const name of ["loadedmetadata", "emptied"]) this.player.addEventListener(name, () => this.showPage());
     const root = this.attachShadow({ mode: "open" });
     root.adoptedStyleSheets = [sheet]; // a page's policy may forbid style elements
     root.append(this.canvas, new OffCameraFade(this.player).box, this.picture.image);
@@ -78,11 +81,11 @@ export class SplatReelElement extends MediaElement {
   connectedCallback(): void {
     if (this.connection) return; // the element was moved within the page
     const { canvas, player } = this;
-    const label = this.getAttribute("aria-label") ?? "Volumetric video";
-    canvas.setAttribute("aria-label", `${label}. Drag to look around, scroll to zoom, double-click to choose the middle.`);
     this.connection = new AbortController();
     const { signal } = this.connection;
-    const gestures = new CooperativeGestures(this, canvas, signal);
+    this.describe();
+    void this.useLanguage(signal);
+    const gestures = new CooperativeGestures(this, canvas, () => player.words, signal);
     this.picture.image.after(gestures.hint);
     signal.addEventListener("abort", () => gestures.hint.remove());
     attachPointerControls(canvas, player, gestures, (side) => this.skip(side), signal);
@@ -122,6 +125,10 @@ export class SplatReelElement extends MediaElement {
   attributeChangedCallback(name: string, before: string | null, now: string | null): void {
     if (name === "loop") this.player.loop = now !== null;
     if (name === "muted" && !this.connection && now !== null) this.muted = true;
+    if (name === "transparent") {
+      this.player.transparent = now !== null;
+      this.showPage();
+    }
     if (!this.connection) return;
     if (name === "src") this.load(); // setting the same address reloads
     if (before === now) return;
@@ -258,6 +265,22 @@ export class SplatReelElement extends MediaElement {
     this.pause();
   }
 
+  private describe(): void {
+    const { words: t } = this.player;
+    const label = this.getAttribute("aria-label") ?? t("Volumetric video");
+    this.canvas.setAttribute("aria-label", `${label}. ${t("Drag to look around, scroll to zoom, double-click to choose the middle.")}`);
+  }
+
+  /** Show all texts in the language of the page. Until its file arrives, and if it does not, they are English. */
+  private async useLanguage(signal: AbortSignal): Promise<void> {
+    const language = languageOf(this);
+    const words = await loadWords(language).catch(() => null);
+    if (signal.aborted || language === this.player.language || (language !== "en" && !words)) return;
+    [this.player.words, this.player.language] = [words ?? ENGLISH, language];
+    this.describe();
+    this.showControls();
+  }
+
   /** Step back or on after a double tap. */
   private skip(side: -1 | 1): void {
     skip(this.player, 0.2 * side, 10);
@@ -273,6 +296,11 @@ export class SplatReelElement extends MediaElement {
   /** Show a text for some seconds, if there are controls. */
   private say(words: string): void {
     this.controlsShown?.say(words);
+  }
+
+  /** Show the page behind a transparent reel. */
+  private showPage(): void {
+    this.classList.toggle("clear", this.player.transparent);
   }
 
   private watch(): void {

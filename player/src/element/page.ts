@@ -1,5 +1,6 @@
 /** The bundled page: opens the reel of ?src=, by default the one beside the page, in the whole window. */
 import type { Prefetched } from "../player/prefetched";
+import { bestLanguage } from "../ui/language";
 import styles from "./page.css";
 
 /** Main element of the bundled page, with its early requests. */
@@ -10,6 +11,7 @@ export function openPage(root: PageRoot): void {
   const sheet = new CSSStyleSheet();
   sheet.replaceSync(styles);
   document.adoptedStyleSheets.push(sheet); // a host's policy may forbid style elements
+  document.documentElement.lang = bestLanguage(navigator.languages);
   const parameters = new URLSearchParams(location.search);
   const reel = document.createElement("splat-reel");
   for (const name of ["autoplay", "loop", "controls", "share"]) reel.toggleAttribute(name, parameters.get(name) !== "0");

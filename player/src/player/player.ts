@@ -1,6 +1,7 @@
 /** The player: its methods, state and events, for the element and the controls. */
 import type { View } from "../base/view";
 import { waitUntil } from "../base/wait-until";
+import { ENGLISH, type Words } from "../base/words";
 import type { OrbitCamera } from "../camera/orbit-camera";
 import type { Pose, Start } from "../camera/pose";
 import type { Picture, Stage } from "../draw/stage";
@@ -38,12 +39,17 @@ export class Player extends EventTarget {
   /** Played ranges. */
   readonly played = new PlayedRanges();
 
+  /** Texts for people, in the language of the element. */
+  words: Words = ENGLISH;
+  /** Language of the texts. */
+  language = "en";
   /** Captions and chapters; null for none. */
   tracks: TextTracks | null = null;
 
   private readonly lifecycle: Lifecycle;
   private choice: string | null = null;
   private isDeferred = false;
+  private showsPage = false;
 
   constructor(readonly canvas: HTMLCanvasElement) {
     super();
@@ -118,7 +124,18 @@ export class Player extends EventTarget {
     this.lifecycle.offer(prefetched);
   }
 
+  /** True if the page shows behind the points, because the reel or the page asks for it. */
+  get transparent(): boolean {
+    return this.showsPage || this.manifest?.transparent === true;
+  }
+
+  set transparent(on: boolean) {
+    this.showsPage = on;
+    if (this.stage) this.stage.transparent = this.transparent;
+  }
+
   private opened(reel: Reel): void {
+    this.session!.stage.transparent = this.showsPage || reel.manifest.transparent;
     this.rendition = this.choice;
     this.soundtrack.open(reel);
     if (!this.paused) this.soundtrack.ask();

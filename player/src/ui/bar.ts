@@ -40,13 +40,14 @@ export interface BarState {
 
 /** The bar of one player. */
 export class Bar {
-  readonly box = elementOf(MARKUP);
+  readonly box: HTMLElement;
   readonly seek: SeekBar;
   private readonly volume: VolumeControl;
   /** Seek bar and buttons, in order. */
   private readonly stops: HTMLElement[];
 
   constructor(private readonly player: Player, actions: BarActions) {
+    this.box = elementOf(MARKUP, player.words);
     this.seek = new SeekBar(player);
     this.box.prepend(this.seek.box);
     this.volume = new VolumeControl(player);
@@ -68,7 +69,7 @@ export class Bar {
 
   /** Show the present state. */
   update({ full, fullLabel, presenting }: BarState): void {
-    const { duration, currentTime, paused, live, clock, manifest, tracks } = this.player;
+    const { duration, currentTime, paused, live, clock, manifest, tracks, words: t } = this.player;
     this.box.hidden = manifest === null;
     this.seek.update();
     this.volume.update();
@@ -78,10 +79,10 @@ export class Bar {
     this.button("live").classList.toggle("on", currentTime >= clock.edge);
     this.button("captions").hidden = !tracks || tracks.captions.length === 0;
     this.button("captions").ariaPressed = String(tracks !== null && tracks.shown >= 0);
-    this.set("play", paused ? PLAY : PAUSE, paused ? "Play" : "Pause", "k");
+    this.set("play", paused ? PLAY : PAUSE, paused ? t("Play") : t("Pause"), "k");
     this.button("full").hidden = fullLabel === "";
-    this.set("full", full ? SMALL : FULL, fullLabel, "f");
-    this.set("headset", HEADSET, presenting ? "Leave VR" : "Enter VR", "v");
+    this.set("full", full ? SMALL : FULL, t(fullLabel), "f");
+    this.set("headset", HEADSET, presenting ? t("Leave VR") : t("Enter VR"), "v");
   }
 
   private set(name: string, markup: string, label: string, key: string): void {

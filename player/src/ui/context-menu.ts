@@ -30,7 +30,7 @@ export class ContextMenu {
   constructor(root: ShadowRoot, holder: HTMLElement, [x, y]: [number, number], private readonly player: Player, private readonly actions: ContextActions) {
     const { box, life: { signal } } = this;
     adoptStyles(root, styles);
-    box.ariaLabel = "Menu of the picture";
+    box.ariaLabel = player.words("Menu of the picture");
     this.fill();
     holder.append(box);
     box.style.left = `${Math.max(Math.min(x, holder.clientWidth - box.offsetWidth - EDGE), EDGE)}px`;
@@ -73,7 +73,7 @@ export class ContextMenu {
 
   private entryOf(text: string, act: () => void): HTMLElement {
     const entry = elementOf(`<button type="button" role="menuitem" tabindex="-1"></button>`);
-    entry.textContent = text;
+    entry.textContent = this.player.words(text);
     entry.onclick = () => {
       this.close();
       act();

@@ -1,11 +1,11 @@
 /** The controls over the picture: bar, menu, help, statistics and messages, and the actions of keys and buttons. */
 import { messageOf } from "@splatreel/decoder/base/errors";
+import { directionOf } from "../base/words";
 import { loadPart, playerAddress } from "../files/bundle";
 import type { Headset } from "../player/headset";
 import { hasHeadset } from "../player/headset-support";
 import type { Player } from "../player/player";
-import { describe } from "../player/stats";
-import { aboutOf, hasTexts } from "./about";
+import type { Presentation } from "@splatreel/decoder/reel/presentation";
 import { AutoHide } from "./auto-hide";
 import { Bar } from "./bar";
 import { Dialog } from "./dialog";
@@ -21,6 +21,7 @@ import type { PathHost } from "./path-panel";
 const EVENTS = ["emptied", "loadstart", "loadedmetadata", "durationchange", "canplay", "play", "pause", "timeupdate", "progress", "waiting", "playing"];
 EVENTS.push("seeking", "seeked", "ratechange", "volumechange", "trackchange", "sectionchange", "ended", "deferred", "error");
 
+/** English title of the help. */
 const HELP = "Keys and gestures";
 /** Step of the volume by a key, and pixels within which a right click stays. */
 const VOLUME = 0.05;
@@ -31,7 +32,7 @@ export const LACKING = "This part of the player cannot be loaded";
 /** Creates the controls of one element. */
 export class Controls {
   private readonly holder = elementOf(`<div class="ui"></div>`);
-  private readonly statistics = elementOf(`<dl class="sheet stats" aria-label="Statistics" hidden></dl>`);
+  private readonly statistics: HTMLElement;
   private readonly messages: Messages;
   private readonly bar: Bar;
   private readonly dialog: Dialog;
@@ -41,11 +42,14 @@ export class Controls {
   private readonly life = new AbortController();
   private headset: Headset | null = null;
   private menu: Menu | null = null;
+  private describe: typeof import("./statistics").describe | null = null;
   private path: { close(): void } | null = null;
+  private editing: { close(): void } | null = null;
 
   constructor(private readonly host: PathHost & { readonly link: string }, private readonly root: ShadowRoot, private readonly player: Player) {
     const { signal } = this.life;
     const actions = this.actions();
+    this.statistics = elementOf(`<dl class="sheet stats" aria-label="Statistics" hidden></dl>`, player.words);
     this.messages = new Messages(player);
     this.bar = new Bar(player, {
       play: actions.toggle,
@@ -55,9 +59,10 @@ export class Controls {
       headset: actions.headset,
       full: actions.fullscreen,
     });
-    this.dialog = new Dialog(() => player.canvas.focus(), signal);
+    this.dialog = new Dialog(() => player.canvas.focus(), player.words, signal);
     this.full = new Fullscreen(host, () => this.update(), signal);
     this.holder.append(this.messages.box, this.statistics, this.bar.box, this.dialog.box);
+    [this.holder.lang, this.holder.dir] = [player.language, directionOf(player.language)];
     root.append(this.holder);
     // On the bundled page keys work wherever the focus is.
     const keyboard = host.closest("[data-splatreel-page]") ? document.documentElement : host;
@@ -68,9 +73,9 @@ export class Controls {
     this.update();
   }
 
-  /** Show a text for some seconds. */
+  /** Show an English text for some seconds, in the language of the player. */
   say(words: string): void {
-    this.messages.say(words);
+    this.messages.say(this.player.words(words));
   }
 
   /** Remove the controls. */
@@ -78,6 +83,7 @@ export class Controls {
     this.life.abort();
     this.headset?.leave();
     this.path?.close();
+    this.editing?.close();
     this.holder.remove();
   }
 
@@ -86,7 +92,7 @@ export class Controls {
     const { player } = this;
     return {
       toggle: () => (player.paused ? player.play() : player.pause()),
-      fullscreen: () => void this.full.toggle().catch(() => this.messages.say("The browser does not allow fullscreen")),
+      fullscreen: () => void this.full.toggle().catch(() => this.say("The browser does not allow fullscreen")),
       headset: () => this.toggleHeadset(),
       reset: () => player.camera?.reset(),
       fly: () => this.fly(),
@@ -95,7 +101,7 @@ export class Controls {
       context: () => this.openContext(null),
       statistics: () => this.toggleStatistics(),
       picture: () => void this.saveScreenshot(),
-      help: () => (this.dialog.open === HELP ? this.dialog.close() : void this.help()),
+      help: () => (this.dialog.open === player.words(HELP) ? this.dialog.close() : void this.help()),
       escape: () => this.closeSheets(),
     };
   }
@@ -114,16 +120,17 @@ export class Controls {
   private toggleHeadset(): void {
     if (this.headset) return this.headset.leave();
     if (this.bar.button("headset").hidden) return;
+    const { player } = this;
     const ended = (): void => {
       this.headset = null;
       this.update();
     };
     const enter = async (): Promise<void> => {
       const { Headset } = await loadPart("headset.js", () => import("../player/headset"));
-      this.headset = await Headset.enter(this.player, ended);
+      this.headset = await Headset.enter(player, ended);
       this.update();
     };
-    enter().catch((error) => this.messages.say(`The headset cannot be used: ${messageOf(error)}`));
+    enter().catch((error) => this.messages.say(player.words("The headset cannot be used: {0}", messageOf(error))));
   }
 
   private async saveScreenshot(): Promise<void> {
@@ -164,14 +171,14 @@ export class Controls {
   }
 
   private stepSection(): void {
-    void this.withPart(loadPart("section.js", () => import("./section")), ({ stepSection }) => stepSection(this.player, (words) => this.say(words)));
+    void this.withPart(loadPart("section.js", () => import("./section")), ({ stepSection }) => stepSection(this.player, (words) => this.messages.say(words)));
   }
 
   private changeVolume(steps: number): void {
     const { soundtrack } = this.player;
     soundtrack.volume = Math.min(Math.max((soundtrack.muted ? 0 : soundtrack.volume) + steps * VOLUME, 0), 1);
     soundtrack.muted = false;
-    this.say(`Volume ${Math.round(100 * soundtrack.volume)} %`);
+    this.messages.say(this.player.words("Volume {0} %", Math.round(100 * soundtrack.volume)));
   }
 
   private fly(): void {
@@ -202,19 +209,36 @@ export class Controls {
     });
   }
 
+  /** Open the panel that makes an edit list, which is loaded on demand. */
+  private openEdit(): void {
+    this.openMenu(false);
+    if (this.editing) return this.editing.close();
+    void this.withPart(loadPart("edit-panel.js", () => import("./edit-panel")), ({ EditPanel }) => {
+      if (this.editing || !this.player.camera) return;
+      this.path?.close();
+      this.editing = new EditPanel(this.player, this.root, () => {
+        this.editing = null;
+        this.player.canvas.focus();
+      });
+    });
+  }
+
   private help(): Promise<void> {
-    return this.withPart(loadPart("help.js", () => import("./help")), ({ helpOf }) => this.show(HELP, helpOf(this.root, this.keys)));
+    return this.withPart(loadPart("help.js", () => import("./help")), ({ helpOf }) => this.show(this.player.words(HELP), helpOf(this.root, this.keys, this.player.words)));
   }
 
   private toggleStatistics(): void {
     this.statistics.hidden = !this.statistics.hidden;
-    this.showStatistics();
     this.menu?.update();
+    void this.withPart(loadPart("statistics.js", () => import("./statistics")), ({ describe }) => {
+      this.describe = describe;
+      this.showStatistics();
+    });
   }
 
   private showStatistics(): void {
-    const { statistics, player: { stats } } = this;
-    if (!statistics.hidden && stats) statistics.innerHTML = describe(stats).map(([name, value]) => `<dt>${name}</dt><dd>${value}</dd>`).join("");
+    const { statistics, player: { stats, words } } = this;
+    if (!statistics.hidden && stats && this.describe) statistics.innerHTML = this.describe(stats).map(([name, value]) => `<dt>${words(name)}</dt><dd>${value}</dd>`).join("");
   }
 
   private show(title: string, content: HTMLElement): void {
@@ -223,8 +247,9 @@ export class Controls {
   }
 
   private about(): void {
-    const { presentation } = this.player.manifest!;
-    this.show(presentation.title || "About this reel", aboutOf(presentation));
+    const { words, manifest } = this.player;
+    const { presentation } = manifest!;
+    void this.withPart(loadPart("about.js", () => import("./about")), ({ aboutOf }) => this.show(presentation.title || words("About this reel"), aboutOf(presentation, words)));
   }
 
   private share(): void {
@@ -232,7 +257,7 @@ export class Controls {
     this.openMenu(false);
     void this.withPart(loadPart("share.js", () => import("./share")), ({ shareOf }) => {
       const shared = { link: host.link, page: location.href.split("#")[0], reel: manifest!.url, player: playerAddress(), title: manifest!.presentation.title };
-      this.show("Share", shareOf(this.root, shared, (words) => this.say(words)));
+      this.show(this.player.words("Share"), shareOf(this.root, shared, this.player.words, (words) => this.say(words)));
     });
   }
 
@@ -254,7 +279,7 @@ export class Controls {
   /** Load and open the menu. */
   private createMenu(): void {
     const { host, root, player, holder } = this;
-    const actions = { ...this.actions(), share: () => this.share(), about: () => this.about(), path: () => this.openPath(), loop: (on: boolean) => void host.toggleAttribute("loop", on) };
+    const actions = { ...this.actions(), share: () => this.share(), about: () => this.about(), path: () => this.openPath(), edit: () => this.openEdit(), loop: (on: boolean) => void host.toggleAttribute("loop", on) };
     const state = (): MenuState => {
       const { manifest } = player;
       return { statistics: !this.statistics.hidden, shares: host.hasAttribute("share") && !!manifest && !manifest.files, describes: !!manifest && hasTexts(manifest.presentation) };
@@ -273,4 +298,9 @@ export class Controls {
     this.menu?.update();
     this.idle.update();
   }
+}
+
+/** Return true if the reel has any such text. */
+function hasTexts({ title, author, description, licence }: Presentation): boolean {
+  return [title, author, description, licence].some((words) => words !== "");
 }

@@ -1,4 +1,5 @@
 /** Cooperative gestures, as on maps: in a scrolling page, wheel and one finger scroll the page until people click the picture. */
+import type { Words } from "../base/words";
 import { elementOf } from "./markup";
 
 /** Milliseconds for which the hint is shown. */
@@ -13,8 +14,8 @@ export class CooperativeGestures {
   private chosen = false;
   private timer = 0;
 
-  /** canvas: canvas of the host element. */
-  constructor(private readonly host: HTMLElement, private readonly canvas: HTMLElement, signal: AbortSignal) {
+  /** canvas: canvas of the host element. words: returns the texts in its language. */
+  constructor(private readonly host: HTMLElement, private readonly canvas: HTMLElement, private readonly words: () => Words, signal: AbortSignal) {
     const release = (): void => this.choose(false);
     const outside = (event: Event): void => void (event.composedPath().includes(host) || release());
     canvas.addEventListener("click", () => this.choose(true), { signal });
@@ -35,7 +36,7 @@ export class CooperativeGestures {
   /** Return true if a wheel event belongs to the picture. Otherwise show a hint. */
   takesWheel({ ctrlKey, metaKey }: WheelEvent): boolean {
     if (ctrlKey || metaKey || this.active) return true;
-    this.explain(`Use ${/Mac|iP/.test(navigator.platform) ? "⌘" : "Ctrl"} + scroll to zoom`);
+    this.explain(this.words()("Use {0} + scroll to zoom", /Mac|iP/.test(navigator.platform) ? "⌘" : "Ctrl"));
     return false;
   }
 
@@ -64,7 +65,7 @@ export class CooperativeGestures {
     };
     for (const name of ["touchstart", "touchmove"] as const) canvas.addEventListener(name, keep, { passive: false, signal });
     canvas.addEventListener("pointercancel", ({ pointerType }) => {
-      if (pointerType === "touch" && !this.active) this.explain("Use two fingers to move the view");
+      if (pointerType === "touch" && !this.active) this.explain(this.words()("Use two fingers to move the view"));
     }, { signal });
   }
 

@@ -1,4 +1,5 @@
 /** A modal dialog, closed by its button, Esc, or a click outside. */
+import type { Words } from "../base/words";
 import { CLOSE } from "./icons";
 import { elementOf } from "./markup";
 
@@ -10,11 +11,13 @@ const MARKUP = `<div class="sheet dialog" role="dialog" aria-modal="true" hidden
 
 /** The dialog of one player. */
 export class Dialog {
-  readonly box = elementOf(MARKUP);
-  private readonly button = this.box.querySelector<HTMLElement>(".close")!;
+  readonly box: HTMLElement;
+  private readonly button: HTMLElement;
 
   /** closed: called when the dialog closes. */
-  constructor(private readonly closed: () => void, signal: AbortSignal) {
+  constructor(private readonly closed: () => void, t: Words, signal: AbortSignal) {
+    this.box = elementOf(MARKUP, t);
+    this.button = this.box.querySelector(".close")!;
     this.button.onclick = () => this.close();
     this.box.addEventListener("keydown", (event) => event.key === "Tab" && this.trapFocus(event));
     document.addEventListener("pointerdown", (event) => void (event.composedPath().includes(this.box) || this.close()), { signal });

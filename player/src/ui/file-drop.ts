@@ -4,6 +4,7 @@ import { loadPart } from "../files/bundle";
 import type { LocalFiles } from "@splatreel/decoder/files/local-files";
 import type { Player } from "../player/player";
 import styles from "./drop.css";
+import { directionOf } from "../base/words";
 import { elementOf } from "./markup";
 import { adoptStyles } from "./styles";
 
@@ -25,13 +26,15 @@ export interface FileDropHost extends HTMLElement {
 
 /** Drop target and dialog of one element. */
 export class FileDrop {
-  private readonly box = elementOf(MARKUP);
+  private readonly box: HTMLElement;
   /** Text shown while there is no reel; "" otherwise. */
   private question = "";
 
   /** Accept drops on the host until the signal. */
   constructor(private readonly host: FileDropHost, root: ShadowRoot, signal: AbortSignal) {
     adoptStyles(root, styles);
+    this.box = elementOf(MARKUP, host.player.words);
+    this.box.dir = directionOf(host.player.language);
     if (signal.aborted) return;
     root.append(this.box);
     signal.addEventListener("abort", () => this.box.remove());
@@ -62,7 +65,8 @@ export class FileDrop {
     const { plain } = (error ?? {}) as { plain?: string }; // this part has a class ReelError of its own
     if (manifest || host.srcObject || plain !== PLAIN.missing) return;
     host.removeAttribute("src");
-    this.question = `There is none beside this page. ${WORDS}`;
+    const t = host.player.words;
+    this.question = `${t("There is none beside this page.")} ${t(WORDS)}`;
     this.settle();
   }
 
@@ -71,7 +75,7 @@ export class FileDrop {
     event.preventDefault();
     this.box.hidden = false;
     this.box.classList.add("over");
-    this.say(WORDS);
+    this.say(this.host.player.words(WORDS));
   }
 
   /** Open the dropped entries or files. */

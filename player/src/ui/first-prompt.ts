@@ -13,11 +13,12 @@ export class FirstPrompt {
   constructor(private readonly player: Player, gestures: CooperativeGestures, signal: AbortSignal) {
     if (matchMedia("(prefers-reduced-motion: reduce)").matches || isKnown()) return;
     const finger = !gestures.active && matchMedia("(pointer: coarse)").matches;
-    const box = elementOf(`<div class="prompt" aria-hidden="true">${HAND}<p>${finger ? "Use two fingers to look around" : "Drag to look around"}</p></div>`);
+    const box = elementOf(`<div class="prompt" aria-hidden="true">${HAND}<p></p></div>`);
     const remove = (): void => box.remove();
     const show = (): void => {
       if (isKnown() || this.used) return;
       remember();
+      box.lastElementChild!.textContent = player.words(finger ? "Use two fingers to look around" : "Drag to look around");
       gestures.hint.after(box);
     };
     box.addEventListener("animationend", ({ target }) => target === box && remove());

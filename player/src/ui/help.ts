@@ -1,9 +1,39 @@
 /** The help: lists keys and gestures. This part is loaded on demand. */
+import type { Words } from "../base/words";
 import styles from "./help.css";
 import type { KeyTable } from "./keys";
 import { elementOf } from "./markup";
 import { adoptStyles } from "./styles";
 
+/** Keys and their effects, by the first key of a line. */
+export const LINES: Record<string, [shown: string, what: string]> = {
+  " ": ["Space K", "Play or pause"],
+  "arrowleft": ["← →", "Back or on, up to 5 s"],
+  "j": ["J L", "Back or on, up to 10 s"],
+  ",": [", .", "One frame"],
+  "0": ["0 – 9", "To tenths of the reel"],
+  "home": ["Home End", "To the ends"],
+  "b": ["B N", "Chapter before, after"],
+  "t": ["T", "Captions on or off"],
+  "<": ["< >", "Slower or faster"],
+  "o": ["O", "Repeat from here, to here, no more"],
+  "arrowup": ["↑ ↓", "Louder, softer"],
+  "m": ["M", "Sound on or off"],
+  "s": ["W A S D", "Walk"],
+  "e": ["Q E", "Down, up"],
+  "shift+arrowleft": ["Shift ← → ↑ ↓", "Turn about the middle"],
+  "+": ["+ −", "Nearer, farther"],
+  "[": ["[ ]", "Cameras of the capture"],
+  "c": ["C", "Fly through them"],
+  "r": ["R", "Reset the view"],
+  "f": ["F", "Fullscreen"],
+  "v": ["V", "Virtual reality, with a headset"],
+  "p": ["P", "Save a picture"],
+  "i": ["I", "Statistics"],
+  "?": ["?", "These keys"],
+  "shift+f10": ["Shift F10", "Menu of the picture"],
+  "escape": ["Esc", "Close"],
+};
 const TOUCH: [string, string][] = [
   ["Drag", "Turn"],
   ["Two fingers", "Move"],
@@ -23,11 +53,12 @@ const MOUSE: [string, string][] = [
 ];
 
 /** Return the content of the help. root: of the dialog. Touch gestures come first on touch screens. */
-export function helpOf(root: ShadowRoot, table: KeyTable): HTMLElement {
+export function helpOf(root: ShadowRoot, table: KeyTable, t: Words): HTMLElement {
   adoptStyles(root, styles);
   const touch = matchMedia("(pointer: coarse)").matches;
-  const [time, view] = table.map(([title, lines]) => section(title, lines.filter(({ applies }) => applies?.() ?? true).map(({ shown, what }) => [keycaps(shown), what])));
-  const gestures = touch ? section("Touch", TOUCH) : section("Mouse", MOUSE);
+  const keys = (lines: KeyTable[0]): [string, string][] => lines.filter(({ applies }) => applies?.() ?? true).map(({ bindings }) => LINES[bindings[0].keys[0]]).map(([shown, what]) => [keycaps(shown), t(what)]);
+  const [time, view] = [section(t("Time"), keys(table[0])), section(t("View"), keys(table[1]))];
+  const gestures = section(t(touch ? "Touch" : "Mouse"), (touch ? TOUCH : MOUSE).map(([gesture, what]) => [t(gesture), t(what)]));
   return elementOf(`<div class="columns">${(touch ? [gestures, time, view] : [time, gestures, view]).join("")}</div>`);
 }
 

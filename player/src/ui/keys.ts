@@ -1,4 +1,4 @@
-/** Keyboard control. One table defines the keys and their help. */
+/** Keyboard control. One table defines the keys. */
 import type { Motion } from "../camera/motion";
 import type { Player } from "../player/player";
 import { skip } from "./skip";
@@ -27,9 +27,8 @@ interface Binding {
   thrust?: Partial<Motion>;
 }
 
+/** Keys that belong together. help.ts describes them, by the first one. */
 interface Line {
-  shown: string;
-  what: string;
   /** Returns true if the line applies to the reel; without it, it always does. */
   applies?: () => boolean;
   bindings: Binding[];
@@ -41,14 +40,14 @@ const WALK = 0.6;
 const ZOOM = 1.2;
 const RATES = [0.25, 0.5, 0.75, 1, 1.25, 1.5, 2];
 
-/** Sections of the help: titles with their keys. */
-export type KeyTable = [string, Line[]][];
+/** Keys for time and for the view. */
+export type KeyTable = [time: Line[], view: Line[]];
 
 /** Listen for keys until the signal. host: the element, or the whole bundled page. Returns the table for the help. */
 export function attachKeys(host: HTMLElement, player: Player, actions: Actions, signal: AbortSignal): KeyTable {
-  const table: KeyTable = [["Time", timeLines(player, actions)], ["View", viewLines(player, actions)]];
+  const table: KeyTable = [timeLines(player, actions), viewLines(player, actions)];
   const bindings = new Map<string, Binding & { line: Line }>();
-  for (const [, lines] of table) for (const line of lines) for (const binding of line.bindings) for (const key of binding.keys) bindings.set(key, { ...binding, line });
+  for (const line of table.flat()) for (const binding of line.bindings) for (const key of binding.keys) bindings.set(key, { ...binding, line });
   const down = new Map<string, Partial<Motion>>();
   const steer = (): void => {
     const thrust: Motion = { yaw: 0, pitch: 0, right: 0, down: 0, forward: 0, zoom: 0 };
@@ -95,18 +94,18 @@ function timeLines(player: Player, actions: Actions): Line[] {
     player.playbackRate = RATES[Math.min(Math.max(nearest + step, 0), RATES.length - 1)];
   };
   return [
-    { shown: "Space K", what: "Play or pause", bindings: [{ keys: [" ", "k"], press: actions.toggle }] },
-    { shown: "← →", what: "Back or on, up to 5 s", bindings: [{ keys: ["arrowleft"], press: move(-0.1, 5) }, { keys: ["arrowright"], press: move(0.1, 5) }] },
-    { shown: "J L", what: "Back or on, up to 10 s", bindings: [{ keys: ["j"], press: move(-0.2, 10) }, { keys: ["l"], press: move(0.2, 10) }] },
-    { shown: ", .", what: "One frame", bindings: [{ keys: [","], press: () => player.step(-1) }, { keys: ["."], press: () => player.step(1) }] },
-    { shown: "0 – 9", what: "To tenths of the reel", bindings: [{ keys: [..."0123456789"], press: (key) => void (player.currentTime = player.earliest + (Number(key) / 10) * (player.duration - player.earliest)) }] },
-    { shown: "Home End", what: "To the ends", bindings: [{ keys: ["home"], press: () => void (player.currentTime = player.earliest) }, { keys: ["end"], press: () => void (player.currentTime = player.duration) }] },
-    { shown: "B N", what: "Chapter before, after", applies: () => (player.tracks?.chapters.length ?? 0) > 0, bindings: [{ keys: ["b"], press: () => player.tracks?.step(-1) }, { keys: ["n"], press: () => player.tracks?.step(1) }] },
-    { shown: "T", what: "Captions on or off", applies: () => (player.tracks?.captions.length ?? 0) > 0, bindings: [{ keys: ["t"], press: () => player.tracks?.toggle() }] },
-    { shown: "< >", what: "Slower or faster", bindings: [{ keys: ["<"], press: rate(-1) }, { keys: [">"], press: rate(1) }] },
-    { shown: "O", what: "Repeat from here, to here, no more", bindings: [{ keys: ["o"], press: actions.section }] },
-    { shown: "↑ ↓", what: "Louder, softer", applies: hasSound, bindings: [{ keys: ["arrowup"], press: () => actions.volume(1) }, { keys: ["arrowdown"], press: () => actions.volume(-1) }] },
-    { shown: "M", what: "Sound on or off", bindings: [{ keys: ["m"], press: () => player.soundtrack.toggle() }] },
+    { bindings: [{ keys: [" ", "k"], press: actions.toggle }] },
+    { bindings: [{ keys: ["arrowleft"], press: move(-0.1, 5) }, { keys: ["arrowright"], press: move(0.1, 5) }] },
+    { bindings: [{ keys: ["j"], press: move(-0.2, 10) }, { keys: ["l"], press: move(0.2, 10) }] },
+    { bindings: [{ keys: [","], press: () => player.step(-1) }, { keys: ["."], press: () => player.step(1) }] },
+    { bindings: [{ keys: [..."0123456789"], press: (key) => void (player.currentTime = player.earliest + (Number(key) / 10) * (player.duration - player.earliest)) }] },
+    { bindings: [{ keys: ["home"], press: () => void (player.currentTime = player.earliest) }, { keys: ["end"], press: () => void (player.currentTime = player.duration) }] },
+    { applies: () => (player.tracks?.chapters.length ?? 0) > 0, bindings: [{ keys: ["b"], press: () => player.tracks?.step(-1) }, { keys: ["n"], press: () => player.tracks?.step(1) }] },
+    { applies: () => (player.tracks?.captions.length ?? 0) > 0, bindings: [{ keys: ["t"], press: () => player.tracks?.toggle() }] },
+    { bindings: [{ keys: ["<"], press: rate(-1) }, { keys: [">"], press: rate(1) }] },
+    { bindings: [{ keys: ["o"], press: actions.section }] },
+    { applies: hasSound, bindings: [{ keys: ["arrowup"], press: () => actions.volume(1) }, { keys: ["arrowdown"], press: () => actions.volume(-1) }] },
+    { bindings: [{ keys: ["m"], press: () => player.soundtrack.toggle() }] },
   ];
 }
 
@@ -116,19 +115,19 @@ function viewLines(player: Player, actions: Actions): Line[] {
     { keys: [keys[1]], thrust: { [axis]: speed } },
   ];
   return [
-    { shown: "W A S D", what: "Walk", bindings: [...both(["s", "w"], "forward", WALK), ...both(["a", "d"], "right", WALK)] },
-    { shown: "Q E", what: "Down, up", bindings: both(["e", "q"], "down", WALK) },
-    { shown: "Shift ← → ↑ ↓", what: "Turn about the middle", bindings: [...both(["shift+arrowleft", "shift+arrowright"], "yaw", TURN), ...both(["shift+arrowup", "shift+arrowdown"], "pitch", TURN)] },
-    { shown: "+ −", what: "Nearer, farther", bindings: [...both(["+", "-"], "zoom", ZOOM), { keys: ["="], thrust: { zoom: -ZOOM } }] },
-    { shown: "[ ]", what: "Cameras of the capture", bindings: [{ keys: ["["], press: () => player.camera?.visit(-1) }, { keys: ["]"], press: () => player.camera?.visit(1) }] },
-    { shown: "C", what: "Fly through them", bindings: [{ keys: ["c"], press: actions.fly }] },
-    { shown: "R", what: "Reset the view", bindings: [{ keys: ["r"], press: actions.reset }] },
-    { shown: "F", what: "Fullscreen", bindings: [{ keys: ["f"], press: actions.fullscreen }] },
-    { shown: "V", what: "Virtual reality, with a headset", bindings: [{ keys: ["v"], press: actions.headset }] },
-    { shown: "P", what: "Save a picture", bindings: [{ keys: ["p"], press: actions.picture }] },
-    { shown: "I", what: "Statistics", bindings: [{ keys: ["i"], press: actions.statistics }] },
-    { shown: "?", what: "These keys", bindings: [{ keys: ["?"], press: actions.help }] },
-    { shown: "Shift F10", what: "Menu of the picture", bindings: [{ keys: ["shift+f10", "contextmenu"], press: actions.context }] },
-    { shown: "Esc", what: "Close", bindings: [{ keys: ["escape"], press: actions.escape }] },
+    { bindings: [...both(["s", "w"], "forward", WALK), ...both(["a", "d"], "right", WALK)] },
+    { bindings: both(["e", "q"], "down", WALK) },
+    { bindings: [...both(["shift+arrowleft", "shift+arrowright"], "yaw", TURN), ...both(["shift+arrowup", "shift+arrowdown"], "pitch", TURN)] },
+    { bindings: [...both(["+", "-"], "zoom", ZOOM), { keys: ["="], thrust: { zoom: -ZOOM } }] },
+    { bindings: [{ keys: ["["], press: () => player.camera?.visit(-1) }, { keys: ["]"], press: () => player.camera?.visit(1) }] },
+    { bindings: [{ keys: ["c"], press: actions.fly }] },
+    { bindings: [{ keys: ["r"], press: actions.reset }] },
+    { bindings: [{ keys: ["f"], press: actions.fullscreen }] },
+    { bindings: [{ keys: ["v"], press: actions.headset }] },
+    { bindings: [{ keys: ["p"], press: actions.picture }] },
+    { bindings: [{ keys: ["i"], press: actions.statistics }] },
+    { bindings: [{ keys: ["?"], press: actions.help }] },
+    { bindings: [{ keys: ["shift+f10", "contextmenu"], press: actions.context }] },
+    { bindings: [{ keys: ["escape"], press: actions.escape }] },
   ];
 }

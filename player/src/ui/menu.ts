@@ -24,6 +24,7 @@ const MARKUP = [
   toggle("fly", "Fly through the cameras"),
   toggle("statistics", "Statistics"),
   `<button type="button" name="path" class="wide">Camera path</button>`,
+  `<button type="button" name="edit" class="wide">Crop and clean</button>`,
   `<div class="frames">Frame<span><button type="button" name="back" aria-label="One frame back">${BACK}</button><button type="button" name="on" aria-label="One frame forward">${ON}</button></span></div>`,
   `<button type="button" name="share" class="wide">Share</button>`,
   `<button type="button" name="picture" class="wide">Save a picture</button>`,
@@ -40,6 +41,7 @@ export interface MenuActions {
   picture(): void;
   about(): void;
   path(): void;
+  edit(): void;
   loop(on: boolean): void;
 }
 
@@ -54,11 +56,12 @@ export interface MenuState {
 
 /** The menu of one player. */
 export class Menu {
-  readonly box = elementOf(`<div class="sheet menu" role="group" aria-label="Settings" hidden>${MARKUP}</div>`);
+  readonly box: HTMLElement;
 
   /** state: returns the state that is not in the player. */
   constructor(root: ShadowRoot, private readonly player: Player, actions: MenuActions, private readonly state: () => MenuState) {
     adoptStyles(root, styles);
+    this.box = elementOf(`<div class="sheet menu" role="group" aria-label="Settings" hidden>${MARKUP}</div>`, player.words);
     this.input("rate").onchange = () => void (player.playbackRate = Number(this.input("rate").value));
     this.input("rendition").onchange = () => void (player.rendition = player.renditions[Number(this.input("rendition").value) - 1] ?? null);
     this.input("quality").onchange = () => {
@@ -76,7 +79,7 @@ export class Menu {
     this.input("statistics").onchange = () => actions.statistics();
     this.input("back").onclick = () => player.step(-1);
     this.input("on").onclick = () => player.step(1);
-    for (const name of ["path", "share", "picture", "about", "help"] as const) this.input(name).onclick = () => actions[name]();
+    for (const name of ["path", "edit", "share", "picture", "about", "help"] as const) this.input(name).onclick = () => actions[name]();
   }
 
   get open(): boolean {
@@ -108,15 +111,15 @@ export class Menu {
 
   /** Update the list of renditions. "Auto" names the rendition on screen. */
   private updateRenditions(): void {
-    const { renditions, rendition, shownRendition } = this.player;
-    const auto = shownRendition && rendition === null ? `Auto (${shownRendition})` : "Auto";
+    const { renditions, rendition, shownRendition, words: t } = this.player;
+    const auto = shownRendition && rendition === null ? `${t("Auto")} (${shownRendition})` : t("Auto");
     this.offer("rendition", renditions.length > 0 ? [auto, ...renditions] : [], renditions.indexOf(rendition ?? "") + 1);
   }
 
   private updateTracks(): void {
     const { tracks, currentTime } = this.player;
     const [captions, chapters] = [tracks?.captions ?? [], tracks?.chapters ?? []];
-    this.offer("captions", captions.length > 0 ? ["Off", ...captions] : [], (tracks?.shown ?? -1) + 1);
+    this.offer("captions", captions.length > 0 ? [this.player.words("Off"), ...captions] : [], (tracks?.shown ?? -1) + 1);
     this.offer("chapter", chapters.map(({ title }) => title), tracks?.chapterAt(currentTime) ?? -1);
   }
 

@@ -25,13 +25,14 @@ const MARKUP = `<div class="center">
 
 /** The messages of one player. */
 export class Messages {
-  readonly box = elementOf(MARKUP);
+  readonly box: HTMLElement;
   private explain = 0;
   private toast = 0;
   /** Error of the sound that was shown last. */
   private reported: Error | null = null;
 
   constructor(private readonly player: Player) {
+    this.box = elementOf(MARKUP, player.words);
     for (const name of [".start", ".unmute"]) passGestures(this.find(name), player.canvas);
     this.find(".start").onclick = () => player.play();
     this.find(".retry").onclick = () => player.retry();
@@ -50,7 +51,7 @@ export class Messages {
 
   private updateSound({ blocked, error }: Soundtrack, paused: boolean): void {
     this.find(".unmute").hidden = !blocked || paused;
-    if (error && error !== this.reported) this.say("The sound cannot be played");
+    if (error && error !== this.reported) this.say(this.player.words("The sound cannot be played"));
     this.reported = error;
   }
 
@@ -67,8 +68,9 @@ export class Messages {
   private updatePanel(error: Error | null): void {
     const panel = this.find(".panel");
     if (error && panel.hidden) {
-      const plain = plainWords(error);
-      this.find(".panel h2").textContent = this.player.canPlay ? "Playback stopped" : "This reel cannot be played";
+      const t = this.player.words;
+      const plain = t(plainWords(error));
+      this.find(".panel h2").textContent = t(this.player.canPlay ? "Playback stopped" : "This reel cannot be played");
       this.find(".panel p").textContent = plain;
       const details = this.box.querySelector("details")!;
       [details.hidden, details.open] = [plain === error.message, false];
@@ -86,8 +88,8 @@ export class Messages {
     }
     if (!waiting) clearTimeout(this.explain);
     wait.hidden = !waiting;
-    const { notice, progress } = this.player;
-    const text = notice ?? (progress > 0 ? `Loading ${Math.floor(100 * progress)} %` : "Loading");
+    const { notice, progress, words: t } = this.player;
+    const text = notice !== null ? t(notice) : progress > 0 ? t("Loading {0} %", Math.floor(100 * progress)) : t("Loading");
     const words = wait.querySelector("p")!;
     if (words.textContent !== text) words.textContent = text;
   }

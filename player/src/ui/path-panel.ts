@@ -5,6 +5,7 @@ import { appended, lasting, moved, throughViews, without } from "../camera/edit-
 import type { PathPlayer } from "../player/path-player";
 import type { Player } from "../player/player";
 import { CLOSE, PAUSE, PLAY } from "./icons";
+import { directionOf } from "../base/words";
 import { elementOf } from "./markup";
 import { PathDrawing } from "./path-drawing";
 import styles from "./path-panel.css";
@@ -49,7 +50,7 @@ export interface PathHost extends HTMLElement {
 
 /** The panel of one element. */
 export class PathPanel {
-  readonly box = elementOf(MARKUP);
+  readonly box: HTMLElement;
   private readonly drawing = new PathDrawing();
   private readonly life = new AbortController();
   private drawn = "";
@@ -59,6 +60,8 @@ export class PathPanel {
   constructor(private readonly host: PathHost, root: ShadowRoot, private readonly closed: () => void) {
     const { signal } = this.life;
     adoptStyles(root, styles);
+    this.box = elementOf(MARKUP, host.player.words);
+    this.box.dir = directionOf(host.player.language);
     root.append(this.drawing.box, this.box);
     this.listen(signal);
     this.update();
@@ -138,9 +141,9 @@ export class PathPanel {
   private async load(file: File): Promise<void> {
     try {
       this.host.path = JSON.parse(await file.text()) as PathFile;
-      this.say(`${file.name} is loaded`);
+      this.say(this.player.words("{0} is loaded", file.name));
     } catch (error) {
-      this.say(`${file.name} cannot be loaded. ${messageOf(error)}`);
+      this.say(this.player.words("{0} cannot be loaded. {1}", file.name, messageOf(error)));
     }
   }
 
@@ -167,7 +170,7 @@ export class PathPanel {
     for (const name of [".whole", ".save"]) this.find(name).hidden = keyframes.length === 0;
     this.find(".play").hidden = keyframes.length < 2;
     this.find(".back").hidden = keyframes.length < 2;
-    this.find(".play").innerHTML = pathPlayer.playing ? `${PAUSE}Stop` : `${PLAY}Play`;
+    this.find(".play").innerHTML = pathPlayer.playing ? `${PAUSE}${this.player.words("Stop")}` : `${PLAY}${this.player.words("Play")}`;
     this.find<HTMLInputElement>(".seconds").value = String(Number((keyframes.at(-1)?.at ?? 0).toFixed(2)));
     this.find<HTMLInputElement>(".loop").checked = path?.loop ?? false;
     this.find("ol").replaceChildren(...keyframes.map((keyframe, i) => this.item(keyframe, i)));
@@ -175,22 +178,23 @@ export class PathPanel {
   }
 
   private item({ at, time, viewmat }: Keyframe, index: number): HTMLElement {
-    const item = elementOf(ITEM);
+    const t = this.player.words;
+    const item = elementOf(ITEM, t);
     const part = <T extends HTMLElement>(name: string, label: string): T => {
       const found = item.querySelector<T>(name)!;
       found.ariaLabel = label;
       return found;
     };
     const number = index + 1;
-    const go = part(".go", `Go to keyframe ${number}, ${time.toFixed(1)} s of the reel`);
+    const go = part(".go", t("Go to keyframe {0}, {1} s of the reel", number, time.toFixed(1)));
     go.textContent = `${number} · ${time.toFixed(1)} s`;
     go.onclick = () => this.goTo(time, viewmat);
-    const input = part<HTMLInputElement>("input", `Seconds of keyframe ${number}`);
+    const input = part<HTMLInputElement>("input", t("Seconds of keyframe {0}", number));
     [input.value, input.disabled] = [String(Number(at.toFixed(2))), index === 0];
     input.onchange = () => this.edit((keyframes) => moved(keyframes, index, Number(input.value)));
-    part(".set", `Set keyframe ${number} to this view and time`).onclick = () =>
+    part(".set", t("Set keyframe {0} to this view and time", number)).onclick = () =>
       this.edit((keyframes) => keyframes.map((keyframe, i) => (i === index ? { at, time: this.player.currentTime, viewmat: this.viewmat } : keyframe)));
-    part(".remove", `Delete keyframe ${number}`).onclick = () => this.edit((keyframes) => without(keyframes, index));
+    part(".remove", t("Delete keyframe {0}", number)).onclick = () => this.edit((keyframes) => without(keyframes, index));
     return item;
   }
 

@@ -7,18 +7,18 @@ const starts = new WeakMap<Player, number>();
 
 /** Take the next step. say: shows it to people. */
 export function stepSection(player: Player, say: (words: string) => void): void {
-  const { currentTime } = player;
+  const { currentTime, words: t } = player;
   const start = starts.get(player);
   starts.delete(player);
   if (player.section) {
     player.section = null;
-    say("Nothing repeats");
+    say(t("Nothing repeats"));
   } else if (start === undefined) {
     starts.set(player, currentTime);
-    say(`Repeats from ${timeText(currentTime, true)}. Choose the end the same way.`);
+    say(t("Repeats from {0}. Choose the end the same way.", timeText(currentTime, true)));
   } else if (currentTime > start) {
     player.section = [start, currentTime];
     player.currentTime = start;
-    say(`Repeats ${timeText(start, true)} to ${timeText(currentTime, true)}`);
-  } else say("The end must come after the start");
+    say(t("Repeats {0} to {1}", timeText(start, true), timeText(currentTime, true)));
+  } else say(t("The end must come after the start"));
 }

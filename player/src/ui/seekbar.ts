@@ -13,17 +13,20 @@ const MARKUP = `<div class="track">
 
 /** The seek bar of one player. */
 export class SeekBar {
-  readonly box = elementOf(MARKUP);
-  readonly input = this.box.querySelector<HTMLInputElement>(".seek")!;
+  readonly box: HTMLElement;
+  readonly input: HTMLInputElement;
   /** True during a drag. */
   dragging = false;
 
-  private readonly hint = this.box.querySelector<HTMLElement>(".hint")!;
+  private readonly hint: HTMLElement;
   private readonly thumbnails: Thumbnails;
   /** Places of the chapter marks on the bar. */
   private marked = "";
 
   constructor(private readonly player: Player) {
+    this.box = elementOf(MARKUP, player.words);
+    this.input = this.box.querySelector(".seek")!;
+    this.hint = this.box.querySelector(".hint")!;
     const { input, box } = this;
     this.thumbnails = new Thumbnails(player);
     this.hint.prepend(this.thumbnails.box);
@@ -50,7 +53,7 @@ export class SeekBar {
     [input.min, input.max] = [String(earliest), String(duration)];
     if (!this.dragging) input.value = String(currentTime);
     const chapter = this.titleAt(currentTime);
-    input.setAttribute("aria-valuetext", `${timeText(currentTime, duration < 60)} of ${timeText(duration, duration < 60)}${chapter && `, ${chapter}`}`);
+    input.setAttribute("aria-valuetext", this.player.words("{0} of {1}", timeText(currentTime, duration < 60), timeText(duration, duration < 60)) + (chapter && `, ${chapter}`));
     this.updateMarks();
     this.updateSection();
     input.style.setProperty("--played", `${this.percent(currentTime)}%`);

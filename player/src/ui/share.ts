@@ -1,5 +1,6 @@
 /** The share dialog: a link, its QR code, and code to embed the reel. This part is loaded on demand. */
 import { encode } from "uqr";
+import type { Words } from "../base/words";
 import { elementOf } from "./markup";
 import styles from "./share.css";
 import { adoptStyles } from "./styles";
@@ -19,7 +20,7 @@ const PERMISSIONS = "fullscreen; clipboard-write; xr-spatial-tracking; autoplay"
 
 const field = (name: string, label: string, lines: number): string => `<div class="field">
   <label for="share-${name}">${label}</label>
-  <button type="button" class="copy" aria-label="Copy: ${label}">Copy</button>
+  <button type="button" class="copy">Copy</button>
   <textarea id="share-${name}" name="${name}" rows="${lines}" readonly spellcheck="false"></textarea>
 </div>`;
 
@@ -34,9 +35,9 @@ const MARKUP = `<div class="share">
 </div>`;
 
 /** Return the content of the dialog. root: of the dialog. say: shows whether a copy succeeded. */
-export function shareOf(root: ShadowRoot, shared: Shared, say: (words: string) => void): HTMLElement {
+export function shareOf(root: ShadowRoot, shared: Shared, t: Words, say: (words: string) => void): HTMLElement {
   adoptStyles(root, styles);
-  const box = elementOf(MARKUP);
+  const box = elementOf(MARKUP, t);
   const area = (name: string): HTMLTextAreaElement => box.querySelector<HTMLTextAreaElement>(`[name=${name}]`)!;
   const { player } = shared;
   area("element").parentElement!.hidden = !player;
@@ -51,6 +52,7 @@ export function shareOf(root: ShadowRoot, shared: Shared, say: (words: string) =
   exact.onchange = update;
   for (const button of box.querySelectorAll<HTMLElement>(".copy")) {
     const text = button.parentElement!.querySelector("textarea")!;
+    button.ariaLabel = `${t("Copy")}: ${text.parentElement!.querySelector("label")!.textContent}`;
     button.onclick = async () => say((await copy(text)) ? "Copied" : "Selected: copy it with the keyboard or the browser's menu");
     text.onfocus = () => text.select();
   }

@@ -142,7 +142,7 @@ export class Tracks implements TextTracks {
     } catch (error) {
       if (this.life.signal.aborted) return [];
       console.warn(`${address} cannot be used: ${messageOf(error)}.`);
-      this.say(`${element.getAttribute("kind") === "chapters" ? "The chapters" : "These captions"} cannot be loaded`);
+      this.say(element.getAttribute("kind") === "chapters" ? "The chapters cannot be loaded" : "These captions cannot be loaded");
       element.dispatchEvent(new Event("error"));
       return [];
     }

@@ -13,11 +13,14 @@ const KEYS = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Home", "End", 
 
 /** The volume control of one player; hidden for a silent reel. */
 export class VolumeControl {
-  readonly box = elementOf(MARKUP);
-  private readonly button = this.box.querySelector<HTMLButtonElement>(".mute")!;
-  private readonly slider = this.box.querySelector<HTMLInputElement>(".level")!;
+  readonly box: HTMLElement;
+  private readonly button: HTMLButtonElement;
+  private readonly slider: HTMLInputElement;
 
   constructor(private readonly player: Player) {
+    this.box = elementOf(MARKUP, player.words);
+    this.button = this.box.querySelector(".mute")!;
+    this.slider = this.box.querySelector(".level")!;
     const { button, slider } = this;
     button.onclick = () => player.soundtrack.toggle();
     slider.addEventListener("input", () => {
@@ -33,7 +36,7 @@ export class VolumeControl {
     const { available, muted, volume } = this.player.soundtrack;
     this.box.hidden = button.hidden = !available;
     const silent = muted || volume === 0;
-    const label = silent ? "Unmute" : "Mute";
+    const label = this.player.words(silent ? "Unmute" : "Mute");
     if (button.title !== `${label} (m)`) {
       button.innerHTML = silent ? MUTED : SOUND;
       button.setAttribute("aria-label", label);

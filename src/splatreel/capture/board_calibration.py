@@ -20,10 +20,10 @@ from splatreel.capture.base import MIN_CAMERAS
 from splatreel.capture.board import Board
 from splatreel.capture.board_rig import BoardRig, Views, adjust_rig, connect, place_boards, solve_camera
 from splatreel.capture.board_sightings import Sightings, find_board
-from splatreel.capture.calibrate import move_into_place, open_videos, uncalibrated_videos
+from splatreel.capture.calibrate import move_into_place
 from splatreel.capture.calibration_agreement import CalibratedCamera, CalibratedRig, agreeing
-from splatreel.capture.readers.colmap import videos_but
 from splatreel.capture.readers.colmap_model import import_pycolmap
+from splatreel.capture.uncalibrated import camera_files, open_uncalibrated, uncalibrated_files
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress
 from splatreel.scene.atomic import scratch
@@ -79,9 +79,9 @@ def calibrate_by_board(
         CaptureError: The folder is calibrated already, a camera does not see the board often enough, frames do not connect
             all cameras, or the sightings contradict each other.
     """
-    names = list(uncalibrated_videos(path, leave_out))
+    names = list(uncalibrated_files(path, leave_out))
     folder = path if shown_in is None else shown_in
-    films = videos_but(folder, ())
+    films = camera_files(folder, ())
     if absent := [name for name in names if name not in films]:
         raise CaptureError(
             f"{folder}: shows the board in no video of {', '.join(absent)}; there are {', '.join(films) or 'none'}. Name each video as "
@@ -89,7 +89,7 @@ def calibrate_by_board(
         )
     colmap = import_pycolmap()
     colmap.logging.minloglevel = colmap.logging.Level.FATAL.value
-    videos = open_videos(folder, {name: films[name] for name in names})
+    videos = open_uncalibrated(folder, {name: films[name] for name in names})
     try:
         sightings = find_board(videos, names, board, progress)
         check_sightings(folder, board, names, sightings)

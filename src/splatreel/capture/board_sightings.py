@@ -11,7 +11,8 @@ from PIL import Image
 
 from splatreel import threads
 from splatreel.capture.board import CHECKERBOARD, Board, Look, Sighting, family_of_markers
-from splatreel.capture.videos import Videos
+from splatreel.capture.file_capture import FrameSource
+from splatreel.capture.uncalibrated import read_frame
 from splatreel.progress import Progress
 
 LOOKS = 240
@@ -62,7 +63,7 @@ class Sightings:
         return motion
 
 
-def find_board(videos: Videos, names: Sequence[str], board: Board, progress: Progress) -> Sightings:
+def find_board(videos: FrameSource, names: Sequence[str], board: Board, progress: Progress) -> Sightings:
     """Search the videos of some cameras for a board.
 
     If no camera shows it, `others` names the dictionary of other markers in some frames.
@@ -88,7 +89,7 @@ def find_board(videos: Videos, names: Sequence[str], board: Board, progress: Pro
     return sightings
 
 
-def _look(videos: Videos, name: str, frame: int, board: Board) -> Look:
+def _look(videos: FrameSource, name: str, frame: int, board: Board) -> Look:
     if videos.missing(frame, 1, name)[0]:
         return Look(None)
     picture, scale = _reduced(videos, name, frame)
@@ -98,7 +99,7 @@ def _look(videos: Videos, name: str, frame: int, board: Board) -> Look:
     return Look(Sighting(look.sighting.corners, look.sighting.places * scale))
 
 
-def _reduced(videos: Videos, name: str, frame: int) -> tuple[np.ndarray, float]:
+def _reduced(videos: FrameSource, name: str, frame: int) -> tuple[np.ndarray, float]:
     """Return a frame of a camera, reduced if it is large, and the factor to its own size."""
     picture = read_frame(videos, name, frame)
     scale = max(picture.shape[:2]) / LONGEST
@@ -106,13 +107,6 @@ def _reduced(videos: Videos, name: str, frame: int) -> tuple[np.ndarray, float]:
         return picture, 1.0
     size = round(picture.shape[1] / scale), round(picture.shape[0] / scale)
     return np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.BOX)), picture.shape[1] / size[0]
-
-
-def read_frame(videos: Videos, name: str, frame: int) -> np.ndarray:
-    """Return a frame of a camera, [H, W, 3] uint8."""
-    picture = np.empty((1, videos[name].height, videos[name].width, 3), np.uint8)
-    videos.read_camera(picture, frame, name)
-    return picture[0]
 
 
 def _stillest(frames: list[int], motion: dict[int, float], count: int) -> list[int]:

@@ -12,32 +12,30 @@ import math
 import os
 import shutil
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 
-from splatreel.capture.base import MIN_CAMERAS, Request
+from splatreel.capture.base import MIN_CAMERAS
 from splatreel.capture.board import Board
 from splatreel.capture.board_scale import board_scale
-from splatreel.capture.board_sightings import find_board, read_frame
+from splatreel.capture.board_sightings import find_board
 from splatreel.capture.calibration_agreement import FIELD, CalibratedCamera, CalibratedRig, trusted
 from splatreel.capture.dense_matches import refine_by_matches, refine_lenses
+from splatreel.capture.file_capture import FrameSource
 from splatreel.capture.learned_matches import Describer, Features
 from splatreel.capture.photographs import PHOTO_FOLDER, check_photos, write_photos, write_picture
-from splatreel.capture.readers.colmap import is_colmap, videos_but
 from splatreel.capture.readers.colmap_model import import_pycolmap
-from splatreel.capture.readers.neu3dv import POSES
-from splatreel.capture.sidecar import read_sidecar, write_failure
-from splatreel.capture.videos import Videos
+from splatreel.capture.sidecar import write_failure
+from splatreel.capture.uncalibrated import MODEL, CameraFiles, open_uncalibrated, read_frame, uncalibrated_files
 from splatreel.child_process import ChildEndedError, Send, run_in_child
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress, Span
 from splatreel.scene.atomic import scratch
 
-MODEL = Path("sparse/0")
 Distance = tuple[str, str, float]
 """Two cameras, and the distance of their lenses in meters."""
 FEW = 100
@@ -77,24 +75,26 @@ def calibrate(
     leave_out: Sequence[str] = (),
     describer: Describer | None = None,
     scale: Distance | Board | None = None,
+    same_lens: bool = False,
 ) -> Calibration:
-    """Write the COLMAP model `sparse/0` of a folder of videos, one per camera, from frames spread over them.
+    """Write the COLMAP model `sparse/0` of a folder of videos or folders of pictures, one per camera, from frames spread over them.
 
     Cameras with too few matches, or on which moments disagree, are left out.
 
     Args:
-        path: Folder of videos.
+        path: Folder of videos, or of folders of pictures.
         progress: Progress display.
         also: Folder of photographs that connect the cameras' views.
         leave_out: Names of videos that are not used.
         describer: Network of `find_describer`, whose matches make poses more exact.
         scale: Known distance of two cameras, or a board that the videos show, which makes the world's unit a meter.
+        same_lens: True if all cameras have the same lens and zoom. Then fewer matches place them.
 
     Raises:
-        CaptureError: The folder is calibrated already, has too few videos, lacks a camera of `scale`, or fewer than
+        CaptureError: The folder is calibrated already, has too few cameras, lacks a camera of `scale`, or fewer than
             three cameras could be placed reliably. The last case is recorded in the folder's `splatreel.json`.
     """
-    files = uncalibrated_videos(path, leave_out)
+    files = uncalibrated_files(path, leave_out)
     if isinstance(scale, tuple):
         check_distance(scale, path, files)
     photos = check_photos(also) if also is not None else []
@@ -102,7 +102,7 @@ def calibrate(
     with scratch(path, "calibrate") as folder:
         try:
             found = run_in_child(
-                *(_place, path, files, photos, folder, describer, scale),
+                *(_place, path, files, photos, folder, describer, scale, same_lens),
                 on_message=lambda message: _call_progress(progress, *message),
             )
         except ChildEndedError as error:
@@ -114,24 +114,6 @@ def calibrate(
             raise CaptureError(f"{path}: the calibration failed, and nothing was kept of it: {found}")
         move_into_place(folder / "model", path)
     return found
-
-
-def uncalibrated_videos(path: Path, leave_out: Sequence[str]) -> dict[str, Path]:
-    """Return the videos of a folder without some. Raise `CaptureError` if it is calibrated already or has too few videos."""
-    if is_colmap(path) or (path / POSES).exists():
-        raise CaptureError(f"{path}: is calibrated already. Delete {MODEL.parent} or {POSES} to calibrate it again.")
-    files = videos_but(path, leave_out)
-    if len(files) < MIN_CAMERAS:
-        found = ", ".join(file.name for file in files.values()) or "none"
-        raise CaptureError(f"{path}: {len(files)} videos ({found}), at least {MIN_CAMERAS} are needed. Add the others.")
-    return files
-
-
-def open_videos(path: Path, files: dict[str, Path]) -> Videos:
-    """Return the synchronized videos of some cameras of a folder."""
-    sidecar = read_sidecar(path)
-    starts = {name: start for name, start in sidecar.starts.items() if name in files}
-    return Videos(path, files, replace(sidecar, starts=starts), Request(frames=(0, 1)))
 
 
 def move_into_place(made: Path, path: Path) -> None:
@@ -146,11 +128,12 @@ def move_into_place(made: Path, path: Path) -> None:
 def _place(
     send: Send,
     path: Path,
-    files: dict[str, Path],
+    files: CameraFiles,
     photos: list[Path],
     folder: Path,
     describer: Describer | None,
     scale: Distance | Board | None,
+    same_lens: bool,
 ) -> Calibration | str:
     """Place the cameras in a child process, because COLMAP computes for minutes without handling signals.
 
@@ -161,9 +144,11 @@ def _place(
     """
     colmap, progress = import_pycolmap(), _ProgressSender(send)
     colmap.logging.minloglevel = colmap.logging.Level.FATAL.value
-    videos = open_videos(path, files)
+    videos = open_uncalibrated(path, files)
     try:
-        solver = _Solver(colmap, folder, photos, progress)
+        if same_lens:
+            check_same_size(videos, list(files))
+        solver = _Solver(colmap, folder, photos, progress, same_lens)
         models = solver.solve(videos, list(files))
         rigs = [_rig(model) for model in models]
         best, kept = trusted(rigs, FEW) if rigs else (0, set[str]())
@@ -218,13 +203,16 @@ def _call_progress(progress: Progress, method: str, arguments: tuple[Any, ...], 
 class _Solver:
     """Solver that places the cameras at one moment after the other."""
 
-    def __init__(self, colmap: ModuleType, folder: Path, photos: list[Path], progress: Progress) -> None:
+    def __init__(
+        self, colmap: ModuleType, folder: Path, photos: list[Path], progress: Progress, same_lens: bool = False
+    ) -> None:
         self.colmap, self.folder, self.progress = colmap, folder, progress
+        self.lenses = colmap.CameraMode.SINGLE if same_lens else colmap.CameraMode.PER_IMAGE
         self.pictures, self.known = folder / "images", folder / "photos.db"
         self.pictures.mkdir()
         self.photos = write_photos(photos, self.pictures, progress) if photos else []
 
-    def solve(self, videos: Videos, names: list[str]) -> list[Any]:
+    def solve(self, videos: FrameSource, names: list[str]) -> list[Any]:
         """Return the models of all moments that have one."""
         colmap, progress = self.colmap, self.progress
         if self.photos:
@@ -241,7 +229,7 @@ class _Solver:
                 models.append(model)
         return models
 
-    def describe(self, videos: Videos, names: list[str], describer: Describer) -> dict[str, list[Features]]:
+    def describe(self, videos: FrameSource, names: list[str], describer: Describer) -> dict[str, list[Features]]:
         """Return the learned features of the cameras at each moment."""
         self.progress.stage("finding learned features", len(names))
         found = {}
@@ -250,8 +238,8 @@ class _Solver:
             self.progress.update(count)
         return found
 
-    def _moment(self, videos: Videos, names: list[str], moment: int, frame: int) -> Any:
-        """Return the model with the most cameras, each with its own lens, or None."""
+    def _moment(self, videos: FrameSource, names: list[str], moment: int, frame: int) -> Any:
+        """Return the model with the most cameras, or None."""
         colmap, database = self.colmap, self.folder / f"moment{moment}.db"
         images = []
         for name in names:
@@ -260,7 +248,7 @@ class _Solver:
         self.progress.update(4 * moment + 1)
         if self.known.exists():
             shutil.copy(self.known, database)
-        self._extract(database, images, colmap.CameraMode.PER_IMAGE)
+        self._extract(database, images, self.lenses)
         self.progress.update(4 * moment + 2)
         seed = moment + 1  # random choices should differ between moments
         self._match(database, seed)
@@ -289,7 +277,7 @@ class _Solver:
         self.colmap.match_exhaustive(database, matching_options=matching, verification_options=verification)
 
 
-def _moments(videos: Videos) -> list[int]:
+def _moments(videos: FrameSource) -> list[int]:
     """Return the frames of the moments."""
     return np.unique(np.linspace(0, videos.frames - 1, MOMENTS).round().astype(int)).tolist()
 
@@ -326,9 +314,10 @@ def _explain_failure(names: list[str], rigs: list[CalibratedRig], kept: set[str]
     else:
         why = f"only {len(kept)} of {len(names)} cameras see enough to be sure of them, {FEW} points"
     return (
-        f"{why}. The cameras are too far apart, or see too little texture. Take some twenty photographs on a walk from each "
-        f"camera's view to the next, each of which shows much of what the one before does, and give their folder: splatreel "
-        f"capture calibrate --also PHOTOS; or film with cameras closer together."
+        f"{why}. The cameras are too far apart, or see too little texture. If all have the same lens and zoom, try --same-lens. "
+        f"Or take some twenty photographs on a walk from each camera's view to the next, each of which shows much of what the one "
+        f"before does, and give their folder: splatreel capture calibrate --also PHOTOS. Or carry a board through the view (--board "
+        f"5x7:0.035), or film with cameras closer together."
     )
 
 
@@ -344,6 +333,18 @@ def check_distance(distance: Distance, path: Path, names: Iterable[str]) -> None
         raise CaptureError(
             f"the distance {one} {other} {meters:g} is not one of two cameras in meters. Give it as: --distance {one} OTHER 2.5"
         )
+
+
+def check_same_size(source: FrameSource, names: Sequence[str]) -> None:
+    """Raise `CaptureError` if cameras that should have the same lens have frames of different sizes."""
+    sizes = {name: source.size(name) for name in names}
+    first = names[0]
+    for name, size in sizes.items():
+        if size != sizes[first]:
+            raise CaptureError(
+                f"{name} has frames of {size[0]}x{size[1]} pixels, {first} of {sizes[first][0]}x{sizes[first][1]}. Their lenses "
+                f"differ in pixels: leave out --same-lens, or make the sizes equal."
+            )
 
 
 def set_distance(colmap: ModuleType, model: Any, distance: Distance) -> None:

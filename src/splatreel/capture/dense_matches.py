@@ -22,6 +22,8 @@ ROUNDS = 4.0, 3.0, 2.0
 """Maximum distance from the epipolar line in each round, in pixels of a picture 640 pixels wide."""
 BEST = 200
 """Maximum number of matches of two cameras at a moment, the most similar first. The less similar ones are less exact."""
+ENOUGH = 30
+"""Number of SIFT matches of two cameras from which on learned matches are not added. They are less exact, and many more."""
 SURE_MIDDLE = 0.02
 """Maximum difference of the principal points that either half of the points gives, root mean square, as a share of the
 longer side. The error with all points is about half of it. Lenses are off by about 1 %."""
@@ -51,6 +53,9 @@ def refine_by_matches(
     for number, distance in enumerate(ROUNDS):
         views = {Path(image.name).stem: _view(image) for image in _placed(model)}
         near = _near_pairs(views, np.array([point.xyz for point in model.points3D.values()]))
+        near = [pair for pair in near if len(rough.matches.get(pair, ())) < ENOUGH]
+        if not near:
+            return given
         progress.stage(f"matching cameras, round {number + 1} of {len(ROUNDS)}", len(near))
         matches = {}
         for count, (one, other) in enumerate(near, 1):
@@ -106,7 +111,14 @@ def _adjust(colmap: ModuleType, model: Any, middle: bool) -> None:
     options.ceres.loss_function_scale = 0.5
     options.ceres.solver_options.num_threads = 1  # several threads sum in any order, which changes the result
     options.ceres.solver_options.function_tolerance = 1e-5
-    colmap.bundle_adjustment(model, options)
+    config = colmap.BundleAdjustmentConfig()
+    for number in model.reg_image_ids():
+        config.add_image(number)
+    config.fix_gauge(colmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
+    colmap.create_default_bundle_adjuster(
+        options, config, model
+    ).solve()  # `bundle_adjustment` would write to standard error
+    model.update_point_3d_errors()
 
 
 def _placed(model: Any) -> list[Any]:
@@ -229,11 +241,11 @@ def _write_database(
     database: Path,
 ) -> dict[str, int]:
     """Write cameras, points and matches, and return the numbers of the images by camera. Rough points come first."""
-    numbers = {}
+    numbers, rigs = {}, dict[int, tuple[int, int]]()
     with colmap.Database.open(database) as file:
         for image in _placed(model):
             name = Path(image.name).stem
-            numbers[name] = _write_image(colmap, file, image)
+            numbers[name] = _write_image(colmap, file, image, rigs)
             points = [rough.points[name], *(moment.points for moment in features[name])]
             file.write_keypoints(numbers[name], np.concatenate(points).astype(np.float32))
         for one, other in sorted(set(matches) | set(rough.matches)):
@@ -247,15 +259,21 @@ def _write_database(
     return numbers
 
 
-def _write_image(colmap: ModuleType, file: Any, image: Any) -> int:
-    """Write a placed camera and its image into a database, and return the number of the image."""
+def _write_image(colmap: ModuleType, file: Any, image: Any, rigs: dict[int, tuple[int, int]]) -> int:
+    """Write a placed camera and its image into a database, and return the number of the image.
+
+    `rigs` has the numbers of the lens and the rig in the database by the number of the lens in the model. Cameras may
+    share a lens.
+    """
     lens = image.camera
-    made = colmap.Camera(model=lens.model, width=lens.width, height=lens.height, params=lens.params)
-    camera = file.write_camera(made)
-    rig = colmap.Rig()
-    rig.add_ref_sensor(colmap.sensor_t(colmap.SensorType.CAMERA, camera))
+    if image.camera_id not in rigs:
+        made = colmap.Camera(model=lens.model, width=lens.width, height=lens.height, params=lens.params)
+        camera, rig = file.write_camera(made), colmap.Rig()
+        rig.add_ref_sensor(colmap.sensor_t(colmap.SensorType.CAMERA, camera))
+        rigs[image.camera_id] = camera, file.write_rig(rig)
+    camera, number_of_rig = rigs[image.camera_id]
     frame = colmap.Frame()
-    frame.rig_id = file.write_rig(rig)
+    frame.rig_id = number_of_rig
     number = file.write_image(colmap.Image(name=image.name, camera_id=camera))
     frame.add_data_id(file.read_image(number).data_id)
     file.write_frame(frame)

@@ -37,8 +37,8 @@ def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
         pictures = camera_folders(place)
         if len(pictures) >= MIN_CAMERAS:
             return (
-                f"{place} holds pictures of {len(pictures)} cameras ({_listed(list(pictures))}) without poses of these cameras. Put a "
-                f"COLMAP model of one picture of each into {place / 'sparse' / '0'}, made by `colmap automatic_reconstructor`."
+                f"{place} holds pictures of {len(pictures)} cameras ({_listed(list(pictures))}) without poses of these cameras. Run "
+                f"`splatreel capture calibrate {place}`."
             )
     return None
 

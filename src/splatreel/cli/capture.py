@@ -169,20 +169,22 @@ def capture_calibrate(
     leave_out: str | None = None,
     distance: tuple[str, str, float] | None = None,
     scale_board: str | None = None,
+    same_lens: bool = False,
     board: str | None = None,
     board_videos: Path | None = None,
 ) -> None:
-    """Find the poses and lenses of the cameras of a folder of videos, by COLMAP from some of the frames, or by a board.
+    """Find the poses and lenses of cameras by their videos or pictures: by COLMAP from some of the frames, or by a board.
 
     Writes the model sparse/0 into the folder, unless the frames contradict each other. If the videos do not start together, run
     `capture sync` first.
 
     Args:
-        capture: Folder of the videos, one per camera.
+        capture: Folder of the videos, one per camera, or of folders of pictures, one per camera.
         also: Folder of photographs by a camera that was carried from each camera's view to the next. They connect cameras far apart.
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
         distance: Names of two cameras and the distance of their lenses in meters, as cam00 cam05 2.5. Then the world's unit is a meter.
         scale_board: Board that two cameras see at some time, as 5x7:0.035. Then the world's unit is a meter.
+        same_lens: All cameras have the same lens and zoom. Then fewer cameras and less texture are enough.
         board: Board that is carried through the view of all cameras, as 5x7:0.035 (columns x rows of squares of that many meters).
             Then only the board is used, for cameras that share no texture. `capture board` prints one.
         board_videos: Folder of the videos that show the board, with the cameras' names; by default the videos of the capture.
@@ -194,19 +196,20 @@ def capture_calibrate(
     if distance is not None and scale_board is not None:
         raise UsageError("--distance and --scale-board both give the scale. Leave out one of them.")
     if board is not None:
-        if also is not None or distance is not None or scale_board is not None:
+        if also is not None or distance is not None or scale_board is not None or same_lens:
             raise UsageError(
-                "--board gives poses and meters by itself. Leave out --also, --distance and --scale-board."
+                "--board gives lenses, poses and meters. Leave out --also, --distance, --scale-board and --same-lens."
             )
         _calibrate_by_board(capture, board, board_videos, leave_out)
         return
-    from splatreel.capture.calibrate import MODEL, calibrate
+    from splatreel.capture.calibrate import calibrate
     from splatreel.capture.learned_matches import INSTALL, find_describer
+    from splatreel.capture.uncalibrated import MODEL
     from splatreel.progress import console
 
     describer, scale = find_describer(), distance if scale_board is None else parse_board(scale_board)
     with closing(console()) as progress:
-        found = calibrate(capture, progress, also, parse_left_out(leave_out), describer, scale)
+        found = calibrate(capture, progress, also, parse_left_out(leave_out), describer, scale, same_lens)
     agreed = f", placed alike at {found.moments} moments" if found.moments > 1 else ""
     say(f"{capture / MODEL}: {len(found.placed)} cameras{agreed}; points are off by {found.error:.2f} pixels")
     _say_each(found.notes, [])
@@ -222,7 +225,7 @@ def _calibrate_by_board(capture: Path, spec: str, videos: Path | None, leave_out
     """Calibrate by the sightings of a board, and report the result."""
     from splatreel.capture.board import parse_board
     from splatreel.capture.board_calibration import calibrate_by_board
-    from splatreel.capture.calibrate import MODEL
+    from splatreel.capture.uncalibrated import MODEL
     from splatreel.progress import console
 
     with closing(console()) as progress:

@@ -5,6 +5,8 @@ import pytest
 
 from splatreel.codec.reader import ReelReader
 from splatreel.evaluation.baselines.independent_groups import Stretch, run_independent_groups
+from splatreel.evaluation.uncompressed import uncompressed_frames
+from splatreel.play.timeline import Timeline
 from splatreel.progress import Silent
 from splatreel.scene.spans import GroupSpan
 from tests.evaluation import scenes
@@ -30,4 +32,9 @@ def test_groups_are_chained_without_layers(tmp_path: Path) -> None:
     assert all(g.points > 50 for g in manifest.groups)
     assert (manifest.group_length, manifest.overlap) == (3, 1)
     assert seconds["keyframe"] > 0
+    trained, decoded = (
+        uncompressed_frames(tmp_path / "work", tmp_path / "reel")(5),
+        Timeline(ReelReader(tmp_path / "reel")),
+    )
+    assert trained.means.mean(0) == pytest.approx(decoded.at(5 / decoded.fps).means.mean(0), abs=0.02)
     assert run_independent_groups(capture, tmp_path, config, "cpu", Silent()) == seconds

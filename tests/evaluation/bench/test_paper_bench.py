@@ -98,6 +98,12 @@ def test_command_refuses_captures_of_one_name(tmp_path: Path, capsys: pytest.Cap
     assert "captures with different folder names" in capsys.readouterr().err
 
 
+def test_command_refuses_baselines_without_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    command = ["bench", "paper", str(tmp_path), "--out", str(tmp_path / "out"), "--table", "baselines"]
+    assert main([*command, "--minutes", "0"]) == 2
+    assert "--minutes 0 is out of range" in capsys.readouterr().err
+
+
 @pytest.mark.slow
 def test_table_10_encodes_one_reconstruction_in_seven_ways(runs: list, tmp_path: Path) -> None:
     from splatreel.evaluation.bench.paper_run import write_table

@@ -6,10 +6,10 @@ import pytest
 from splatreel.capture.base import Capture
 from splatreel.config import Config, preset
 from splatreel.errors import UsageError
-from splatreel.evaluation.bench.paper_bench import BASELINES, FULL, VARIANTS, Measured, PaperBench
+from splatreel.evaluation.bench.paper_bench import BASELINES, FULL, INDEPENDENT, VARIANTS, Measured, PaperBench
 from splatreel.evaluation.bench.paper_comparisons import COMPARISONS
 from splatreel.evaluation.bench.paper_pictures import PICTURES
-from splatreel.evaluation.bench.paper_results import RESULTS
+from splatreel.evaluation.bench.paper_results import RESULTS, chained_groups
 from splatreel.evaluation.bench.paper_run import TITLES, variants_of, write_table
 from splatreel.progress import Silent
 from tests.evaluation import scenes
@@ -104,6 +104,15 @@ def test_a_result_needs_only_the_variants_that_its_plan_names(table: str, tmp_pa
     name = f"table-{table}" if table[0].isdigit() else table
     assert text.startswith((tmp_path / f"{name}.md").read_text()[:40])
     assert {f"{name}.csv", f"{name}.md", f"{name}.tex"} <= {path.name for path in tmp_path.iterdir()}
+
+
+def test_config_1_of_table_8_counts_points_and_offsets_of_all_groups(tmp_path: Path) -> None:
+    scenes.write_reel(tmp_path / "reel")
+    measured = replace(MadeUpBench(tmp_path).measure("a", FULL), run=tmp_path)
+    found = chained_groups(measured)
+    assert (found.points, found.offsets) == (200 * 59 * 4, 200 * 7 * 4 * scenes.FRAMES)
+    assert found.minutes == 2
+    assert set(variants_of("8")) == {FULL, INDEPENDENT}
 
 
 def test_unknown_tables_are_refused_with_the_known_ones() -> None:

@@ -80,7 +80,8 @@ class Losses(Silent):
         self.values: list[float] = []
 
     def update(self, done: int, **numbers: float) -> None:
-        self.values.append(numbers["loss"])
+        if "loss" in numbers:
+            self.values.append(numbers["loss"])
 
 
 def quality(filmed: Pictures, result: GroupResult, static: Gaussians = WALL) -> float:

@@ -143,8 +143,8 @@ def _camera(path: Path, name: str, size: tuple[int, int], row: np.ndarray) -> Ca
     if min(height, width, focal) <= 0:
         raise CaptureError(
             f"{whose} is no LLFF pose: its height, width and focal length {height:g}, {width:g}, {focal:g} are not positive, so that "
-            f"the lens is unknown. Write the camera's true numbers there, such as by LLFF's imgs2poses; or delete the file, and let "
-            f"`splatreel capture calibrate` find the cameras of videos."
+            f"the lens is unknown. Write the camera's true numbers there, such as by LLFF's imgs2poses; or delete the file and run "
+            f"`splatreel capture calibrate`."
         )
     viewmat = np.eye(4)
     viewmat[:3, :3] = rotation

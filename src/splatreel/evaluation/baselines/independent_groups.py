@@ -49,6 +49,8 @@ def run_independent_groups(
 ) -> dict[str, float]:
     """Reconstruct each group of a capture alone, with all points moving, and write OUT/reel. The same call continues.
 
+    OUT/work gets the groups as trained.
+
     What it is: config. 1 of the paper's Table 8, "directly chaining independent GOGs", and the division of the video as in
     STG. Cameras, losses, motion and codec are ours. Each group trains as many iterations as a first group of ours.
 
@@ -84,6 +86,7 @@ def run_independent_groups(
         stored = store.group(0).group()
         moved = replace(stored.group, index=span.index, first_frame=span.first)
         writer.add_group(moved, encoded=writer.encoder.group(moved, stored.importance, stored.steps))
+        chained.group(span.index).save_group(replace(stored, group=moved))
     writer.finish()
     chained.save_seconds(seconds)
     return seconds

@@ -20,7 +20,7 @@ class MotionField(nn.Module):
     RESOLUTIONS = (8, 256)
     """Coarsest and finest number of cells along an axis."""
     WIDTH = 32
-    GRID_PATH, NETWORK_PATH, MAX_RATE = 0.5, 0.4, 2e-2
+    GRID_PATH, NETWORK_PATH, MAX_RATE = 4.0, 2.0, 0.1
     """Learning rates times iterations, so that few iterations take large steps; and the largest rate."""
     REACH = 0.05
     """Unit of the network's output, in viewing distances."""

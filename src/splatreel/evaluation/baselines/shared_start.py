@@ -93,9 +93,10 @@ class SharedStart:
 
     @property
     def max_points(self) -> int:
-        """Maximum number of points of a frame, as of our first keyframe."""
+        """Maximum number of points of a frame: that of our first keyframe, but room for half as many as the keyframe has."""
         keyframe = self.config.keyframe
-        return min(keyframe.max_points, round(keyframe.points_per_pixel * self.capture.width * self.capture.height))
+        most = min(keyframe.max_points, round(keyframe.points_per_pixel * self.capture.width * self.capture.height))
+        return max(most, len(self.keyframe) * 3 // 2)
 
     def gains(self) -> CameraGains:
         """Return the color gains of the cameras, which may be refined."""

@@ -149,13 +149,16 @@ class PaperBench:
             folder / "report.json",
         )
         if not path.exists():
+            undecoded = None
             if variant == INDEPENDENT:
                 seconds = run_independent_groups(capture, folder, self.config, self.device, self.progress)
+                undecoded = uncompressed_frames(folder / "work", reel)
             else:
                 start = SharedStart(capture, self.measure(name, FULL).run, self.config, device)
                 allowed = start.seconds if self.minutes is None else 60 * self.minutes
                 seconds = run_frame_by_frame(METHODS[variant], start, folder, allowed, self.progress)
-            evaluate(reel, capture, out=folder, seconds=seconds, device=device.type, progress=self.progress)
+            shown = {"seconds": seconds, "device": device.type, "progress": self.progress}
+            evaluate(reel, capture, out=folder, undecoded=undecoded, **shown)
         return Measured(Report.read(path), reel_info(reel).float32_bytes, folder)
 
     def _measure(self, capture: Capture, folder: Path, config: Config) -> Measured:

@@ -31,8 +31,8 @@ ALL = (*BASELINES, NO_LAYERS, FULL)
 OTHERS = (INDEPENDENT, STREAMING, VIDEO, FULL)
 """Variants that stand for methods of Table 1."""
 LONG = (PER_FRAME, FULL)
-TIMES = " Baselines that train frame by frame train as long as ours; independent groups and all points moving train as many "
-TIMES += "iterations, and longer."
+TIMES = " Baselines that train frame by frame train as long as ours, if no --minutes are given. Independent groups and all points "
+TIMES += "moving train as many iterations as ours, whatever time that takes."
 
 
 def baselines(bench: PaperBench) -> PaperTable:

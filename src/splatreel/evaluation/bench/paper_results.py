@@ -7,9 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
-from splatreel.evaluation.bench.paper_bench import FULL, Measured, PaperBench
+from splatreel.codec.reader import ReelReader
+from splatreel.evaluation.bench.paper_bench import FULL, INDEPENDENT, Measured, PaperBench
 from splatreel.evaluation.bench.paper_table import PaperTable
-from splatreel.evaluation.bench.paper_tables import paper_tables
+from splatreel.evaluation.bench.paper_tables import ChainedGroups, paper_tables
 from splatreel.evaluation.bench.published import dataset_of
 from splatreel.evaluation.bench.rate_distortion import Sweep, sweep_of
 
@@ -161,10 +162,20 @@ def codec_table(bench: PaperBench, number: str, every: int) -> str:
         run = bench.measure(name, FULL).run
         record = run.parent / f"codec-{run.name}.jsonl"
         sweep = sweep_of(run, capture, every, bench.progress, record)
-        text = paper_tables(sweep, Sweep(run, capture, [0], bench.progress, record))
+        chained = chained_groups(bench.measure(name, INDEPENDENT)) if number == "8" else None
+        text = paper_tables(sweep, Sweep(run, capture, [0], bench.progress, record), chained)
         table = next(part for part in re.split(r"^(?=Table )", text, flags=re.M) if part.startswith(f"Table {number}."))
         parts.append(f"{name}. {table}")
     return "\n".join(parts)
+
+
+def chained_groups(measured: Measured) -> ChainedGroups:
+    """Return config. 1 of Table 8 for the reconstruction of independent groups."""
+    manifest, report = ReelReader(measured.run / "reel").manifest, measured.report
+    numbers = 3 + 4 + 3 + 1 + 3 * (manifest.sh_degree + 1) ** 2
+    points = sum(4 * numbers * group.points for group in manifest.groups)
+    offsets = sum(28 * group.points * group.frames for group in manifest.groups)
+    return ChainedGroups(points, offsets, report.psnr_undecoded or report.psnr, measured.minutes)
 
 
 CODEC_TABLES = ("4", "8", "9", "10")

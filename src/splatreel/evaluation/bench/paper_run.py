@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from splatreel.errors import MissingDependencyError, UsageError
-from splatreel.evaluation.bench.paper_bench import FULL, PaperBench
+from splatreel.evaluation.bench.paper_bench import FULL, INDEPENDENT, PaperBench
 from splatreel.evaluation.bench.paper_comparisons import COMPARISONS
 from splatreel.evaluation.bench.paper_pictures import PICTURES, write_figure
 from splatreel.evaluation.bench.paper_results import CODEC_TABLES, RESULTS, PaperResult, codec_table
@@ -36,7 +36,9 @@ def variants_of(table: str) -> tuple[str, ...]:
         raise UsageError(f"--table {table!r} is not one of: {known}.")
     if table in PICTURES:
         return tuple(PICTURES[table].variants)
-    return (FULL,) if table in CODEC_TABLES else tuple(TABLES[table].variants)
+    if table in CODEC_TABLES:
+        return (FULL, INDEPENDENT) if table == "8" else (FULL,)
+    return tuple(TABLES[table].variants)
 
 
 def write_table(bench: PaperBench, table: str, every: int) -> str:

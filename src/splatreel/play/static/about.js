@@ -1,0 +1,1 @@
+function i({author:o,description:a,licence:n},r){let e=document.createElement("div");e.className="about";let d=[o&&r("By {0}",o),a,n&&r("Licence: {0}",n)].filter(t=>t!=="");for(let t of d){let s=e.appendChild(document.createElement("p"));s.dir="auto",s.textContent=t}return e}export{i as aboutOf};
