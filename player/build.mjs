@@ -13,6 +13,7 @@ const parts = {
   about: "src/ui/about.ts",
   "context-menu": "src/ui/context-menu.ts",
   "declared-camera": "src/ui/declared-camera.ts",
+  dialog: "src/ui/dialog.ts",
   "file-drop": "src/ui/file-drop.ts",
   headset: "src/player/headset.ts",
   help: "src/ui/help.ts",

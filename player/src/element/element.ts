@@ -73,7 +73,9 @@ export class SplatReelElement extends MediaElement {
     this.player.addEventListener("timeupdate", () => this.pauseAtEnd());
     const root = this.attachShadow({ mode: "open" });
     root.adoptedStyleSheets = [sheet]; // a page's policy may forbid style elements
-    root.append(this.canvas, new OffCameraFade(this.player).box, this.picture.image);
+    const overlay = document.createElement("slot");
+    overlay.name = "overlay";
+    root.append(this.canvas, new OffCameraFade(this.player).box, this.picture.image, overlay);
     for (const name of EVENTS) this.player.addEventListener(name, () => this.dispatchEvent(new Event(name)));
   }
 
