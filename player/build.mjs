@@ -11,6 +11,7 @@ const out = resolve(process.argv[2] ?? join(here, "../src/splatreel/play/static"
 // Parts loaded on demand, by a literal that other bundlers find: `import("./share.js")`.
 const parts = {
   about: "src/ui/about.ts",
+  annotations: "src/ui/annotations.ts",
   "context-menu": "src/ui/context-menu.ts",
   "declared-camera": "src/ui/declared-camera.ts",
   dialog: "src/ui/dialog.ts",

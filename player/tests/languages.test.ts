@@ -17,7 +17,7 @@ const OTHERS = /^(Arrow\w*|Promise|Home|End|Escape|Tab|Enter|PageUp|PageDown|Esc
 
 /** Return the texts for people in the source: literals, and texts and labels of markup. */
 function texts(): Set<string> {
-  const files = [...readdirSync(`${source}ui`).filter((file) => file.endsWith(".ts") && !["webvtt.ts", "declared-camera.ts", "cue-display.ts"].includes(file)).map((file) => `ui/${file}`), "element/element.ts"];
+  const files = [...readdirSync(`${source}ui`).filter((file) => file.endsWith(".ts") && !["webvtt.ts", "declared-camera.ts", "annotations.ts", "cue-display.ts"].includes(file)).map((file) => `ui/${file}`), "element/element.ts"];
   const found = new Set<string>();
   const add = (text: string): void => void (!OTHERS.test(text) && found.add(text));
   for (const file of files) {

@@ -21,6 +21,7 @@ import type { MediaTexts } from "../ui/media-controls";
 import { attachPointerControls } from "../ui/pointer-controls";
 import { skip } from "../ui/skip";
 import styles from "../ui/ui.css";
+import { watchAnnotations } from "./annotation-watch";
 import { watchCamera } from "./camera-watch";
 import { watchDrops } from "./drop-watch";
 import { FrameCallbacks, type FrameCallback } from "./frame-callbacks";
@@ -90,6 +91,7 @@ export class SplatReelElement extends MediaElement {
     this.picture.image.after(gestures.hint);
     signal.addEventListener("abort", () => gestures.hint.remove());
     attachPointerControls(canvas, player, gestures, (side) => this.skip(side), signal);
+    watchAnnotations(this, player, () => this.say(LACKING), signal);
     watchCamera(this, player, () => this.say(LACKING), signal);
     watchMedia(player, () => this.mediaTexts, signal);
     new FirstPrompt(player, gestures, signal);
