@@ -40,8 +40,8 @@ from splatreel.sequence.frames import Frames
 from splatreel.sequence.opening import open_frames
 from splatreel.sequence.viewpoints import read_cameras
 
-SIDE, NEAR = 768, 0.05
-"""Pixels along the longer side of compared images at most, and the near plane in world units."""
+SIDE, NEAR = 768, 0.2
+"""Pixels along the longer side of compared images at most, and the near plane of 3DGS in world units."""
 
 
 class Judge:
@@ -57,7 +57,11 @@ class Judge:
 
     def psnr(self, read: Callable[[int], Gaussians]) -> float:
         """Return the mean PSNR of the images of what `read` returns for a frame."""
-        return float(np.mean([psnr(self._draw(read(frame), view), truth) for frame, view, truth in self._pairs]))
+        return self.psnr_of_images(lambda frame, view: self._draw(read(frame), view))
+
+    def psnr_of_images(self, draw: Callable[[int, Camera], np.ndarray]) -> float:
+        """Return the mean PSNR of the images that `draw` returns for a frame and a view."""
+        return float(np.mean([psnr(np.clip(draw(frame, view), 0, 1), truth) for frame, view, truth in self._pairs]))
 
     def _draw(self, points: Gaussians, view: Camera) -> np.ndarray:
         return np.clip(draw_on_cpu(points, view, NEAR, self.antialias, (0.0, 0.0, 0.0)), 0, 1)
@@ -103,7 +107,7 @@ def measure_fit(given: argparse.Namespace, film: Frames, judge: Judge, quality: 
     import_frames(given.film, out=out, cameras=given.cameras, antialiased=given.antialiased, fit=quality)  # pyright: ignore[reportArgumentType]
     reel = open_reel(out / "reel")
     size = sum(entry.bytes for entry in reel.manifest.files)
-    return size / len(film), judge.psnr(lambda frame: reel.at(frame / reel.fps))
+    return size / len(film), judge.psnr_of_images(lambda frame, view: reel.render(reel.at(frame / reel.fps), view))
 
 
 def train_film(given: argparse.Namespace) -> None:

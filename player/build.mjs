@@ -23,11 +23,13 @@ const parts = {
   ...Object.fromEntries(["ar", "de", "es", "fr", "ja", "pt", "zh"].map((name) => [`language-${name}`, `src/languages/language-${name}.ts`])),
   "open-files": "src/files/open-files.ts",
   "path-panel": "src/ui/path-panel.ts",
+  "edit-panel": "src/ui/edit-panel.ts",
   screenshot: "src/ui/screenshot.ts",
   section: "src/ui/section.ts",
   share: "src/ui/share.ts",
   statistics: "src/ui/statistics.ts",
   "text-tracks": "src/ui/text-tracks.ts",
+  thumbnails: "src/ui/thumbnails.ts",
 };
 const late = {
   name: "late",

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { float, hitsAt, middleDepth } from "../src/webgl/pick";
+import { depthOf, float, hitsAt } from "../src/webgl/pick";
 import { half } from "../src/webgl/textures";
 
 const pair = (low: number, high: number): number => (half(low) | (half(high) << 16)) >>> 0;
@@ -19,6 +19,7 @@ test("a splat is hit inside of its ellipse", () => {
 });
 
 test("the picked depth is where half of the light is absorbed", () => {
-  assert.equal(middleDepth([{ depth: 5, alpha: 0.9 }, { depth: 2, alpha: 0.3 }, { depth: 3, alpha: 0.4 }]), 3);
-  assert.equal(middleDepth([{ depth: 2, alpha: 0.3 }]), null);
+  assert.equal(depthOf([{ depth: 5, alpha: 0.9 }, { depth: 2, alpha: 0.3 }, { depth: 3, alpha: 0.4 }], 0.5), 3);
+  assert.equal(depthOf([{ depth: 2, alpha: 0.3 }], 0.5), null);
+  assert.equal(depthOf([{ depth: 2, alpha: 0.3 }], 0.2), 2);
 });

@@ -81,3 +81,11 @@ test("in a cross-fade of chapters, each group's bits refer to its own living lay
   const flags = staticFlags(counts, now, before);
   assert.deepEqual([...flags].map(([layer, own]) => [layer, ...own]), [["shared", 3, 2], ["old", 0, 2, 2], ["new", 1]]);
 });
+
+test("a group's own overlap replaces the schedule's, and 0 is a hard cut", () => {
+  const [a, b, c] = three.groups;
+  const joined = { ...three, groups: [a, { ...b, overlap: 0 }, { ...c, overlap: 10 }] };
+  assert.deepEqual(momentAt(joined, 30, 1), { current: { group: 1, frame: 0 }, previous: null, weight: 1 });
+  assert.equal(momentAt(joined, 65, 1)!.weight, 0.5);
+  assert.equal(momentAt(joined, 70, 1)!.previous, null);
+});

@@ -34,7 +34,7 @@ def test_crop(tmp_path: Path) -> None:
     points = open_reel(GOLDEN).at(0)
     low, high = np.quantile(points.means, [0.25, 0.75], axis=0)
     box = ",".join(f"{value:.6f}" for value in (*low, *high))
-    assert export(tmp_path / "f.splat", "--frame", "0", f"--crop={box}") == 0
+    assert export(tmp_path / "f.splat", "--frame", "0", "--crop", f"box:{box}") == 0
     found = read_splats(tmp_path / "f.splat", None, Remarks())
     assert 0 < len(found) < len(points)
     assert (found.means >= low - 1e-4).all()
@@ -51,8 +51,8 @@ def test_crop(tmp_path: Path) -> None:
         ("f.ply", ["--frame", "1", "--format", "sog"], "has another suffix"),
         ("f.usdz", ["--frame", "1"], "--frame and --at are for a file of one frame"),
         ("folder", ["--every", "0"], "--every 0"),
-        ("folder", ["--crop=9,9,9,10,10,10"], "no Gaussian at 0.000 s is within --crop"),
-        ("folder", ["--crop=1,2"], "write six numbers"),
+        ("folder", ["--crop", "sphere:9,9,9,0.1"], "no Gaussian at 0.000 s is within --crop"),
+        ("folder", ["--crop", "1,2"], "--crop=1,2: Give box:x,y,z"),
         ("f.mp4", ["--every", "2"], "Leave them out for a film"),
     ],
 )

@@ -11,6 +11,7 @@ from splatreel.play.timeline import open_reel
 from splatreel.play.usd_film import write_usd
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.turning import turned
+from splatreel.scene.volumes import Box
 from splatreel.sequence.fourdgs_scene import FourdgsScene
 from tests.golden import PREDICTIVE
 
@@ -68,6 +69,6 @@ def test_fourdgs_shows_the_points_of_every_frame_and_stores_resting_points_once(
 def test_crop_keeps_what_is_in_the_box(film: GaussianExport) -> None:
     points = film.source.at(0)
     low, high = np.quantile(points.means, [0.2, 0.8], axis=0)
-    cropped = GaussianExport(film.source, [0.0], None, np.stack([low, high])).at(0)
+    cropped = GaussianExport(film.source, [0.0], None, Box(low, high)).at(0)
     inside = ((points.means >= low) & (points.means <= high)).all(1)
     assert 0 < len(cropped) == inside.sum() < len(points)

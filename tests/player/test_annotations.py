@@ -13,7 +13,10 @@ REEL = """<splat-reel src="reel/manifest.json" style="width: 240px; height: 160p
   <button slot="annotation-middle" data-position="{}" data-time="0 0.2" onclick="window.clicked = true">Here</button>
   <b slot="annotation-wrong" data-position="1 2">Nowhere</b>
 </splat-reel>"""
-PIVOT = f"(() => {{ const {{ viewmat: m, state: {{ distance, eye }} }} = {PLAYER}.camera; return eye.map((x, a) => x + DEPTH * m[8 + a]); }})()"
+PIVOT = (
+    f"(() => {{ const {{ viewmat: m, state: {{ eye }} }} = {PLAYER}.camera; "
+    "return eye.map((x, a) => x + DEPTH * m[8 + a]); })()"
+)
 
 
 def test_an_annotation_stays_at_its_point_and_time(page: Page, server: Server):

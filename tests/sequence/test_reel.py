@@ -1,3 +1,4 @@
+import weakref
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,10 +13,11 @@ from splatreel.errors import GaussiansError
 from splatreel.play.timeline import open_reel
 from splatreel.progress import Silent
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.remarks import Remarks
 from splatreel.sequence import reel as module
 from splatreel.sequence.comparison import Comparison
 from splatreel.sequence.opening import open_frames
-from splatreel.sequence.reel import header_of, write_reel
+from splatreel.sequence.reel import SequenceEncoder, header_of, write_reel
 from tests.sequence.films import BALL, WALL, cameras, frame, scene, write_film
 
 CPU = torch.device("cpu")
@@ -105,3 +107,39 @@ def test_absent_points_leave_no_ghosts(tmp_path: Path) -> None:
         ghosts = shown.opacities[shown.opacities < 0.5]
         assert len(shown) - len(ghosts) == len(points)
         assert ghosts.max(initial=0.0) < 0.03
+
+
+class CountedFrames:
+    """Sequence whose frames exist only while somebody holds them. `most` is the largest number that existed at a time."""
+
+    def __init__(self, length: int) -> None:
+        self.path, self.size, self.fps, self.remarks = Path("film"), 1, 25.0, Remarks()
+        self.length, self.alive, self.most = length, 0, 0
+
+    def __len__(self) -> int:
+        return self.length
+
+    def read(self, number: int, origin: np.ndarray | None = None) -> Gaussians:
+        """Return a frame."""
+        points = frame(number)
+        self.alive += 1
+        self.most = max(self.most, self.alive)
+        weakref.finalize(points, self.release)
+        return points
+
+    def release(self) -> None:
+        """Count a frame that nobody holds any more."""
+        self.alive -= 1
+
+
+def test_memory_is_bounded_by_a_group(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "LENGTH", 4)
+    counts = []
+    for length in (12, 36):
+        film = CountedFrames(length)
+        header, _ = header_of(film.read(0), cameras(), None, 25)
+        writer = ReelWriter(tmp_path / str(length), header, config=EncodeConfig(coarseness=COARSENESS["low"]))
+        SequenceEncoder(writer, CPU).write(film, Silent())
+        counts.append(film.most)
+    assert counts[1] <= counts[0] + 1
+    assert counts[1] < 12

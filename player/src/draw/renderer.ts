@@ -2,6 +2,7 @@
 import type { Vec3 } from "@splatreel/decoder/base/matrix";
 import type { View } from "../base/view";
 import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
+import type { Cutaway } from "./cutaway";
 import type { Eye } from "./eye";
 import type { Scene } from "./scene";
 
@@ -11,6 +12,10 @@ export interface Renderer {
   readonly software: boolean;
   /** True after the graphics device was lost. */
   readonly lost: boolean;
+  /** True to leave the canvas transparent where nothing is drawn, instead of filling it with the background. */
+  transparent: boolean;
+  /** Points that are not drawn; null draws all. */
+  cutaway: Cutaway | null;
   /** Number of points in the draw order. */
   readonly points: number;
   /** Wait for the shaders. Throws `ReelError` if the device cannot draw. background: red, green and blue, 0 to 1. */
@@ -31,8 +36,8 @@ export interface Renderer {
   drawEyes(scene: Scene, weight: number, eyes: Eye[]): void;
   /** Read the last frame back as RGBA bytes, top row first. */
   readPixels(): Uint8Array;
-  /** Return the depth at a pixel of the last frame, in world units; null if less than half of the light is absorbed there. */
-  depthAt(x: number, y: number): number | null;
+  /** Return the depth at a pixel of the last frame at which a share of the light is absorbed, half by default, in world units; null if less is. */
+  depthAt(x: number, y: number, share?: number): number | null;
   /** Create the layer that a WebXR session shows. */
   createHeadsetLayer(session: object): Promise<HeadsetLayer>;
   /** Free the GPU memory. The device stays with the canvas. */

@@ -4,6 +4,7 @@ import type { View } from "../base/view";
 import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
 import type { Reel } from "@splatreel/decoder/reel/reel";
 import { clampFrame, groupAt, weightAt, type Schedule } from "@splatreel/decoder/reel/timeline";
+import type { Cutaway } from "./cutaway";
 import type { Eye } from "./eye";
 import { covers } from "./frustum";
 import type { HeadsetLayer, Renderer } from "./renderer";
@@ -50,6 +51,19 @@ export class Stage {
   open(reel: Reel): void {
     this.reel = reel;
     this.renderer.begin(reel.manifest.antialias === true, reel.manifest.background ?? [0, 0, 0]);
+  }
+
+  /** Show the page behind the points. */
+  set transparent(on: boolean) {
+    if (this.renderer.transparent === on) return;
+    this.renderer.transparent = on;
+    this.needsDraw = true;
+  }
+
+  /** Leave points out of the picture; null draws all. */
+  set cutaway(cutaway: Cutaway | null) {
+    this.renderer.cutaway = cutaway;
+    this.needsDraw = true;
   }
 
   addLayer(uri: string, file: DecodedLayer): void {
@@ -174,9 +188,9 @@ export class Stage {
     return { width: view.width, height: view.height, data: this.renderer.readPixels() };
   }
 
-  /** Return the depth at a pixel of the last frame, in world units; null if nothing is there. */
-  depthAt(x: number, y: number): number | null {
-    return this.renderer.depthAt(x, y);
+  /** Return the depth at a pixel of the last frame at which a share of the light is absorbed, in world units; null if less is. */
+  depthAt(x: number, y: number, share = 0.5): number | null {
+    return this.renderer.depthAt(x, y, share);
   }
 
   /** Create the layer that a WebXR session shows. */

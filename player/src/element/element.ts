@@ -17,7 +17,6 @@ import { CooperativeGestures } from "../ui/cooperative-gestures";
 import { FirstPrompt } from "../ui/first-prompt";
 import { languageOf, loadWords } from "../ui/language";
 import { OffCameraFade } from "../ui/off-camera-fade";
-import type { MediaTexts } from "../ui/media-controls";
 import { attachPointerControls } from "../ui/pointer-controls";
 import { skip } from "../ui/skip";
 import styles from "../ui/ui.css";
@@ -42,7 +41,7 @@ sheet.replaceSync(styles);
 
 /** `<splat-reel>`. */
 export class SplatReelElement extends MediaElement {
-  static readonly observedAttributes = ["src", "poster", "loop", "muted", "controls", "loading", "preload"];
+  static readonly observedAttributes = ["src", "poster", "loop", "muted", "controls", "loading", "preload", "transparent"];
 
   /** The player behind the element. */
   readonly player: Player;
@@ -72,6 +71,7 @@ export class SplatReelElement extends MediaElement {
     this.promises = new PlayPromises(this.player);
     this.frames = new FrameCallbacks(this.player);
     this.player.addEventListener("timeupdate", () => this.pauseAtEnd());
+    for (const name of ["loadedmetadata", "emptied"]) this.player.addEventListener(name, () => this.showPage());
     const root = this.attachShadow({ mode: "open" });
     root.adoptedStyleSheets = [sheet]; // a page's policy may forbid style elements
     const overlay = document.createElement("slot");
@@ -93,7 +93,7 @@ export class SplatReelElement extends MediaElement {
     attachPointerControls(canvas, player, gestures, (side) => this.skip(side), signal);
     watchAnnotations(this, player, () => this.say(LACKING), signal);
     watchCamera(this, player, () => this.say(LACKING), signal);
-    watchMedia(player, () => this.mediaTexts, signal);
+    watchMedia(this, player, this.picture.image, signal);
     new FirstPrompt(player, gestures, signal);
     const resize = new ResizeObserver(() => player.invalidate());
     resize.observe(canvas);
@@ -128,6 +128,10 @@ export class SplatReelElement extends MediaElement {
   attributeChangedCallback(name: string, before: string | null, now: string | null): void {
     if (name === "loop") this.player.loop = now !== null;
     if (name === "muted" && !this.connection && now !== null) this.muted = true;
+    if (name === "transparent") {
+      this.player.transparent = now !== null;
+      this.showPage();
+    }
     if (!this.connection) return;
     if (name === "src") this.load(); // setting the same address reloads
     if (before === now) return;
@@ -286,15 +290,14 @@ export class SplatReelElement extends MediaElement {
     this.say(side < 0 ? "Back" : "On");
   }
 
-  /** Texts of the reel for lock screens and media keys. */
-  private get mediaTexts(): MediaTexts {
-    const { title = "", author = "" } = this.player.manifest?.presentation ?? {};
-    return { title: title || (this.getAttribute("aria-label") ?? document.title), artist: author, artwork: this.picture.image.src };
-  }
-
   /** Show a text for some seconds, if there are controls. */
   private say(words: string): void {
     this.controlsShown?.say(words);
+  }
+
+  /** Show the page behind a transparent reel. */
+  private showPage(): void {
+    this.classList.toggle("clear", this.player.transparent);
   }
 
   private watch(): void {

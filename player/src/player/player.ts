@@ -49,6 +49,7 @@ export class Player extends EventTarget {
   private readonly lifecycle: Lifecycle;
   private choice: string | null = null;
   private isDeferred = false;
+  private showsPage = false;
 
   constructor(readonly canvas: HTMLCanvasElement) {
     super();
@@ -123,7 +124,18 @@ export class Player extends EventTarget {
     this.lifecycle.offer(prefetched);
   }
 
+  /** True if the page shows behind the points, because the reel or the page asks for it. */
+  get transparent(): boolean {
+    return this.showsPage || this.manifest?.transparent === true;
+  }
+
+  set transparent(on: boolean) {
+    this.showsPage = on;
+    if (this.stage) this.stage.transparent = this.transparent;
+  }
+
   private opened(reel: Reel): void {
+    this.session!.stage.transparent = this.showsPage || reel.manifest.transparent;
     this.rendition = this.choice;
     this.soundtrack.open(reel);
     if (!this.paused) this.soundtrack.ask();

@@ -44,6 +44,7 @@ export class Controls {
   private dialog: Dialog | null = null;
   private describe: typeof import("./statistics").describe | null = null;
   private path: { close(): void } | null = null;
+  private editing: { close(): void } | null = null;
 
   constructor(private readonly host: PathHost & { readonly link: string }, private readonly root: ShadowRoot, private readonly player: Player) {
     const { signal } = this.life;
@@ -81,6 +82,7 @@ export class Controls {
     this.life.abort();
     this.headset?.leave();
     this.path?.close();
+    this.editing?.close();
     this.holder.remove();
   }
 
@@ -206,6 +208,20 @@ export class Controls {
     });
   }
 
+  /** Open the panel that makes an edit list, which is loaded on demand. */
+  private openEdit(): void {
+    this.openMenu(false);
+    if (this.editing) return this.editing.close();
+    void this.withPart(loadPart("edit-panel.js", () => import("./edit-panel")), ({ EditPanel }) => {
+      if (this.editing || !this.player.camera) return;
+      this.path?.close();
+      this.editing = new EditPanel(this.player, this.root, () => {
+        this.editing = null;
+        this.player.canvas.focus();
+      });
+    });
+  }
+
   private help(): Promise<void> {
     return this.withPart(loadPart("help.js", () => import("./help")), ({ helpOf }) => this.show(this.player.words(HELP), helpOf(this.root, this.keys, this.player.words)));
   }
@@ -267,7 +283,7 @@ export class Controls {
   /** Load and open the menu. */
   private createMenu(): void {
     const { host, root, player, holder } = this;
-    const actions = { ...this.actions(), share: () => this.share(), about: () => this.about(), path: () => this.openPath(), loop: (on: boolean) => void host.toggleAttribute("loop", on) };
+    const actions = { ...this.actions(), share: () => this.share(), about: () => this.about(), path: () => this.openPath(), edit: () => this.openEdit(), loop: (on: boolean) => void host.toggleAttribute("loop", on) };
     const state = (): MenuState => {
       const { manifest } = player;
       return { statistics: !this.statistics.hidden, shares: host.hasAttribute("share") && !!manifest && !manifest.files, describes: !!manifest && hasTexts(manifest.presentation) };

@@ -24,6 +24,7 @@ const MARKUP = [
   toggle("fly", "Fly through the cameras"),
   toggle("statistics", "Statistics"),
   `<button type="button" name="path" class="wide">Camera path</button>`,
+  `<button type="button" name="edit" class="wide">Crop and clean</button>`,
   `<div class="frames">Frame<span><button type="button" name="back" aria-label="One frame back">${BACK}</button><button type="button" name="on" aria-label="One frame forward">${ON}</button></span></div>`,
   `<button type="button" name="share" class="wide">Share</button>`,
   `<button type="button" name="picture" class="wide">Save a picture</button>`,
@@ -40,6 +41,7 @@ export interface MenuActions {
   picture(): void;
   about(): void;
   path(): void;
+  edit(): void;
   loop(on: boolean): void;
 }
 
@@ -77,7 +79,7 @@ export class Menu {
     this.input("statistics").onchange = () => actions.statistics();
     this.input("back").onclick = () => player.step(-1);
     this.input("on").onclick = () => player.step(1);
-    for (const name of ["path", "share", "picture", "about", "help"] as const) this.input(name).onclick = () => actions[name]();
+    for (const name of ["path", "edit", "share", "picture", "about", "help"] as const) this.input(name).onclick = () => actions[name]();
   }
 
   get open(): boolean {

@@ -16,12 +16,13 @@ export class OffCameraFade {
   }
 
   private update(): void {
-    const { camera, manifest } = this.player;
+    const { camera, canvas, manifest, transparent } = this.player;
     const fade = camera?.offCameraFade ?? 0;
     if (fade === this.shown) return;
     this.shown = fade;
     const color = (manifest?.background ?? [0, 0, 0]).map((part) => Math.round(255 * part));
-    this.box.style.backgroundColor = `rgb(${color.join(" ")} / ${fade.toFixed(3)})`;
+    this.box.style.backgroundColor = transparent ? "" : `rgb(${color.join(" ")} / ${fade.toFixed(3)})`;
+    canvas.style.opacity = transparent && fade > 0 ? (1 - fade).toFixed(3) : "";
     const words = fade > WORDS ? this.player.words("No camera looked from here") : "";
     const line = this.box.firstElementChild!;
     if (line.textContent !== words) line.textContent = words;

@@ -70,7 +70,7 @@ function cameraAt(m: number[], size: number): Vec3[][] {
 }
 
 /** Return the part of a line in front of the viewer, as SVG path data. */
-function lineOf(points: Vec3[], view: View): string {
+export function lineOf(points: Vec3[], view: View): string {
   const { viewmat: m, near } = view;
   const seen = points.map((point) => [0, 4, 8].map((i) => dot(point, m.slice(i, i + 3) as Vec3) + m[i + 3]) as Vec3);
   let shape = "";
@@ -91,7 +91,8 @@ function lineOf(points: Vec3[], view: View): string {
   return shape;
 }
 
-function pixel([x, y, z]: Vec3, { fx, fy, cx, cy }: View): string {
+/** Return a point of camera space in pixels, as text for a path. */
+export function pixel([x, y, z]: Vec3, { fx, fy, cx, cy }: View): string {
   const shown = (value: number): string => Math.min(Math.max(value, -1e5), 1e5).toFixed(1);
   return `${shown((fx * x) / z + cx)} ${shown((fy * y) / z + cy)}`;
 }

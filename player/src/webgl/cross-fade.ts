@@ -12,6 +12,8 @@ export class CrossFade {
   private readonly empty: WebGLVertexArrayObject | null;
   private picture: WebGLTexture | null = null;
   private size = [0, 0];
+  /** True if the alpha of the image counts. Otherwise it stays 1, exactly. */
+  transparent = true;
 
   constructor(private readonly gl: WebGL2RenderingContext) {
     this.program = new Program(gl, coverVertex, fadeFragment);
@@ -51,7 +53,8 @@ export class CrossFade {
     gl.bindVertexArray(this.empty);
     gl.enable(gl.BLEND);
     gl.blendColor(0, 0, 0, weight);
-    gl.blendFunc(gl.CONSTANT_ALPHA, gl.ONE_MINUS_CONSTANT_ALPHA);
+    if (this.transparent) gl.blendFunc(gl.CONSTANT_ALPHA, gl.ONE_MINUS_CONSTANT_ALPHA);
+    else gl.blendFuncSeparate(gl.CONSTANT_ALPHA, gl.ONE_MINUS_CONSTANT_ALPHA, gl.ZERO, gl.ONE);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
     gl.disable(gl.BLEND);
   }

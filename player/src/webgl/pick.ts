@@ -25,12 +25,12 @@ export function hitsAt(shape: Uint32Array, color: Uint32Array, x: number, y: num
   return hits;
 }
 
-/** Return the depth of the hit at which half of the light is absorbed; null if less is. */
-export function middleDepth(hits: Hit[]): number | null {
+/** Return the depth of the hit at which a share of the light is absorbed, 0 to 1; null if less is. */
+export function depthOf(hits: Hit[], share: number): number | null {
   let light = 1;
   for (const { depth, alpha } of hits.sort((a, b) => a.depth - b.depth)) {
     light *= 1 - alpha;
-    if (light < 0.5) return depth;
+    if (light < 1 - share) return depth;
   }
   return null;
 }

@@ -4,10 +4,14 @@ import type { View } from "../base/view";
 import { staticWeights, type Shown } from "@splatreel/decoder/reel/timeline";
 import type { GpuMemory } from "./gpu-memory";
 import { Program } from "./program";
+import { MOST_REMOVED, type Cutaway } from "../draw/cutaway";
 import type { Scene } from "../draw/scene";
 import { coverVertex, projectFragment } from "./shaders";
 import { TEXTURE_WIDTH } from "../draw/texture-layout";
 import { rowsOf, type PointTextures } from "./textures";
+
+/** High corner of a box that holds every point. */
+const EVERYWHERE = [3e38, 3e38, 3e38];
 
 /** Runs the projection shader over the points of a scene. */
 export class ProjectionPass {
@@ -24,14 +28,15 @@ export class ProjectionPass {
     this.program.check();
   }
 
-  /** Project a scene. weight: of the current group in a cross-fade. antialias: draw splats thinner than a pixel fainter. */
-  run(scene: Scene, weight: number, view: View, antialias: boolean): void {
+  /** Project a scene. weight: of the current group in a cross-fade. antialias: draw splats thinner than a pixel fainter. cutaway: points left out. */
+  run(scene: Scene, weight: number, view: View, antialias: boolean, cutaway: Cutaway | null = null): void {
     const { gl, program, memory } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, memory.target.framebuffer);
     gl.bindVertexArray(this.empty);
     program.use();
     setView(gl, program, view);
     gl.uniform1i(program.at("uAntialias"), antialias ? 1 : 0);
+    setCutaway(gl, program, cutaway);
     gl.uniform3fv(program.at("uLight"), memory.lightOf(scene));
     gl.uniform1i(program.at("uMoving"), 0);
     gl.uniform4fv(program.at("uWeights"), staticWeights(weight));
@@ -82,6 +87,15 @@ export class ProjectionPass {
     gl.viewport(0, file.firstRow, TEXTURE_WIDTH, rowsOf(file.count));
     gl.drawArrays(gl.TRIANGLES, 0, 3);
   }
+}
+
+function setCutaway(gl: WebGL2RenderingContext, program: Program, cutaway: Cutaway | null): void {
+  const removed = cutaway?.removed.slice(0, MOST_REMOVED) ?? [];
+  const [low, high] = cutaway?.box ?? [EVERYWHERE.map((value) => -value), EVERYWHERE];
+  gl.uniform3fv(program.at("uLow"), low);
+  gl.uniform3fv(program.at("uHigh"), high);
+  gl.uniform1i(program.at("uRemovals"), removed.length);
+  if (removed.length > 0) gl.uniform4fv(program.at("uRemoved"), removed.flatMap(({ center, radius }) => [...center, radius]));
 }
 
 /** Set the camera uniforms. The Jacobian is evaluated within 1.3 times the field of view, as in 3DGS. */

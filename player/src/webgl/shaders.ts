@@ -2,6 +2,7 @@
  * Shaders of the two passes. `project` runs once per point: it moves, projects and colors the point and writes its splat into integer
  * textures, which every WebGL 2 device can render to at full precision. `splat` draws the sorted quads.
  */
+import { MOST_REMOVED } from "../draw/cutaway";
 import { NO_POINT, TEXTURE_WIDTH } from "../draw/texture-layout";
 
 /** Texels per point in the `points` texture, and per codebook entry: one per coefficient. */
@@ -41,6 +42,9 @@ uniform vec4 uRange;
 uniform vec2 uSize;
 uniform float uNear;
 uniform vec3 uLight;
+uniform vec3 uLow, uHigh;
+uniform vec4 uRemoved[${MOST_REMOVED}];
+uniform int uRemovals;
 layout(location = 0) out uvec4 outShape;
 layout(location = 1) out uvec4 outColor;
 
@@ -121,6 +125,8 @@ void main() {
     mean += movedBy(at);
     quat = uWorldly ? multiply(turnedBy(at), quat) : multiply(quat, turnedBy(at));
   }
+  if (any(lessThan(mean, uLow)) || any(greaterThan(mean, uHigh))) return;
+  for (int i = 0; i < uRemovals; i++) if (distance(mean, uRemoved[i].xyz) <= uRemoved[i].w) return;
   if (uHasAppearance) {
     vec4 gain = shadedBy(at);
     color += gain.rgb;

@@ -15,6 +15,8 @@ export class SplatPass {
   private readonly quads: WebGLVertexArrayObject;
   private readonly corners: WebGLBuffer;
   private order: WebGLTexture | null = null;
+  /** True if the alpha of the image counts. Otherwise it stays 1, exactly. */
+  transparent = true;
   private orderRows = 0;
   private points = 0;
 
@@ -65,7 +67,8 @@ export class SplatPass {
     prepare?.(program);
     gl.bindVertexArray(this.quads);
     gl.enable(gl.BLEND);
-    gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    if (this.transparent) gl.blendFunc(gl.ONE, gl.ONE_MINUS_SRC_ALPHA);
+    else gl.blendFuncSeparate(gl.ONE, gl.ONE_MINUS_SRC_ALPHA, gl.ZERO, gl.ONE);
     // Each instance draws a row of the order, since instances of a single quad are slow on many devices.
     gl.drawElementsInstanced(gl.TRIANGLES, 6 * TEXTURE_WIDTH, gl.UNSIGNED_SHORT, 0, rowsOf(this.points));
     gl.disable(gl.BLEND);

@@ -3,12 +3,13 @@ import { PLAIN, ReelError } from "@splatreel/decoder/base/errors";
 import type { Vec3 } from "@splatreel/decoder/base/matrix";
 import type { View } from "../base/view";
 import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
+import type { Cutaway } from "../draw/cutaway";
 import type { Eye } from "../draw/eye";
 import type { HeadsetLayer, Renderer } from "../draw/renderer";
 import type { Scene } from "../draw/scene";
 import { CrossFade } from "./cross-fade";
 import { GpuMemory } from "./gpu-memory";
-import { hitsAt, middleDepth, type Hit } from "./pick";
+import { depthOf, hitsAt, type Hit } from "./pick";
 import { ProjectionPass } from "./projection-pass";
 import { SplatPass, type SplatShaders } from "./splat-pass";
 import { rowsOf } from "./textures";
@@ -25,12 +26,14 @@ export class WebglRenderer implements Renderer {
   protected readonly splats: SplatPass;
   private readonly fade: CrossFade;
   protected last: { scene: Scene; weight: number; view: View } | null = null;
+  transparent = false;
+  cutaway: Cutaway | null = null;
   protected antialias = false;
   private background: Vec3 = [0, 0, 0];
 
   /** Throws `ReelError` if the browser has no WebGL 2. shaders: of the second pass. */
   constructor(private readonly canvas: HTMLCanvasElement, shaders?: SplatShaders) {
-    const gl = canvas.getContext("webgl2", { alpha: false, antialias: false, depth: false, powerPreference: "high-performance" });
+    const gl = canvas.getContext("webgl2", { alpha: true, antialias: false, depth: false, powerPreference: "high-performance" });
     if (!gl) throw new ReelError("This browser or device lacks WebGL 2, which the player needs to draw.", { plain: PLAIN.device });
     this.gl = gl;
     this.software = isSoftware(gl);
@@ -89,16 +92,17 @@ export class WebglRenderer implements Renderer {
   /** Draw all eyes into one framebuffer. In a cross-fade each group is drawn as an image of its own. */
   drawEyes(scene: Scene, weight: number, eyes: Eye[]): void {
     const { memory, projection, splats, fade, antialias } = this;
+    splats.transparent = fade.transparent = this.isClear(eyes[0].framebuffer);
     this.last = { scene, weight, view: eyes[eyes.length - 1].view };
     memory.flagStatics(scene);
     this.clear(eyes[0].framebuffer, memory.lightOf(scene));
     const fades = scene.previous !== null && weight > 0 && weight < 1;
     for (const eye of eyes) {
-      projection.run(scene, fades ? 0 : weight, eye.view, antialias);
+      projection.run(scene, fades ? 0 : weight, eye.view, antialias, this.cutaway);
       splats.run(eye);
       if (!fades) continue;
       fade.begin(eye.view.width, eye.view.height);
-      projection.run(scene, 1, eye.view, antialias);
+      projection.run(scene, 1, eye.view, antialias, this.cutaway);
       splats.run({ framebuffer: fade.framebuffer, x: 0, y: 0, view: eye.view });
       fade.blend(eye, weight);
     }
@@ -109,17 +113,18 @@ export class WebglRenderer implements Renderer {
     const { width, height } = canvas;
     const bottomUp = new Uint8Array(4 * width * height);
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, bottomUp);
+    if (this.transparent) unmultiply(bottomUp);
     const result = new Uint8Array(bottomUp.length);
     for (let y = 0; y < height; y++) result.set(bottomUp.subarray(4 * width * y, 4 * width * (y + 1)), 4 * width * (height - 1 - y));
     return result;
   }
 
-  /** Return the depth of the splat at which half of the light is absorbed. */
-  depthAt(x: number, y: number): number | null {
+  /** Return the depth of the splat at which a share of the light is absorbed. */
+  depthAt(x: number, y: number, share = 0.5): number | null {
     const { last, memory } = this;
     if (!last || !memory.holds(last.scene)) return null;
     const { current, previous } = last.scene;
-    this.projection.run(last.scene, last.weight, last.view, this.antialias); // the target may have been reallocated
+    this.projection.run(last.scene, last.weight, last.view, this.antialias, this.cutaway); // the target may have been reallocated
     const groups = [current, previous].map((shown) => shown && memory.group(shown.group));
     const hits: Hit[] = [];
     for (const file of [...memory.layersOf(last.scene), ...groups]) {
@@ -127,7 +132,7 @@ export class WebglRenderer implements Renderer {
       const [shape, color] = memory.target.read(file.firstRow, rowsOf(file.count));
       for (const hit of hitsAt(shape, color, x, y)) hits.push(hit);
     }
-    return middleDepth(hits);
+    return depthOf(hits, share);
   }
 
   async createHeadsetLayer(session: object): Promise<HeadsetLayer> {
@@ -142,13 +147,28 @@ export class WebglRenderer implements Renderer {
     this.fade.delete();
   }
 
-  /** Clear to the background, scaled by the light of the scene. */
+  /** Return true if the page shows through a framebuffer. Headsets always show the background. */
+  private isClear(framebuffer: WebGLFramebuffer | null): boolean {
+    return this.transparent && framebuffer === null;
+  }
+
+  /** Clear to the background, scaled by the light of the scene, or to nothing. */
   private clear(framebuffer: WebGLFramebuffer | null, light: Vec3): void {
     const { gl } = this;
     const [red, green, blue] = this.background;
     gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
-    gl.clearColor(red * light[0], green * light[1], blue * light[2], 1);
+    if (this.isClear(framebuffer)) gl.clearColor(0, 0, 0, 0);
+    else gl.clearColor(red * light[0], green * light[1], blue * light[2], 1);
     gl.clear(gl.COLOR_BUFFER_BIT);
+  }
+}
+
+/** Divide the colors of RGBA bytes by alpha, in place: canvases hold products, images do not. */
+function unmultiply(pixels: Uint8Array): void {
+  for (let i = 0; i < pixels.length; i += 4) {
+    const alpha = pixels[i + 3];
+    if (alpha === 0 || alpha === 255) continue;
+    for (let c = 0; c < 3; c++) pixels[i + c] = Math.min(Math.round((255 * pixels[i + c]) / alpha), 255);
   }
 }
 

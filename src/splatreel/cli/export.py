@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import OmitArgPrefixes
 
-from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_crop, parse_frames, reel_folder
+from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_frames, reel_folder
 from splatreel.cli.printing import counted, say
 from splatreel.errors import UsageError
 from splatreel.scene.atomic import sweep
@@ -34,7 +34,8 @@ class ChangeOptions:
     """Axis of the exported Gaussians that points up, or capture for the axes of the capture; by default that of the format, which is -y
     for PLY, SOG and .splat, as in 3DGS, and y for SPZ, glTF, USD and .4dgs."""
     crop: str | None = None
-    """Box of Gaussians to keep, as x,y,z,X,Y,Z: its low and its high corner in the coordinates of the capture."""
+    """Volume to keep, in the coordinates of the reel, as `splatreel edit` takes it: box:x,y,z,X,Y,Z, sphere:x,y,z,RADIUS,
+    cylinder:x,y,z,RADIUS,HEIGHT or capture."""
 
     @property
     def given(self) -> bool:
@@ -90,11 +91,12 @@ def export(
         raise UsageError("--up, --crop and --every are for files of Gaussians. Leave them out for a film.")
     if every < 1:
         raise UsageError(f"--every {every}: give a whole number of frames, 1 or more.")
+    from splatreel.edit.values import parse_volume
     from splatreel.play.gaussian_export import GaussianExport
     from splatreel.play.timeline import open_reel
 
-    crop = parse_crop(changes.crop)
     source = open_reel(reel_folder(reel), rendition, megabytes(max_memory))
+    crop = None if changes.crop is None else parse_volume("--crop", changes.crop, source.manifest)
     one = kind is not None and bool(out.suffix)
     times = _times(source, reel, one, frame, at, frames, every)
     place = out.parent if out.suffix else out

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional
 
-from splatreel.cli.options import AXES, check_no_reel, parse_crop
+from splatreel.cli.options import AXES, check_no_reel
 from splatreel.cli.printing import playable, say
 from splatreel.config import COARSENESS, EncodeConfig, Quality, Rate
 from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
 
 if TYPE_CHECKING:
+    import numpy as np
+
     from splatreel.codec.header import ReelHeader
     from splatreel.codec.presentation import Limits
     from splatreel.progress import Progress
@@ -53,7 +55,7 @@ class ChangeOptions:
 
         from splatreel.sequence.edits import Edit
 
-        return Edit(np.zeros(3), self.scale, parse_crop(self.crop), self.min_opacity)
+        return Edit(np.zeros(3), self.scale, _parse_crop(self.crop), self.min_opacity)
 
 
 def import_frames(
@@ -236,6 +238,25 @@ def _check_options(fps: float | None, length: int | None, up: str | None) -> Non
         raise UsageError(f"--length {length}: give a number of frames, 1 to 1,000,000.")
     if up is not None and up not in AXES:
         raise UsageError(f"--up {up}: choose {', '.join(AXES)}.")
+
+
+def _parse_crop(text: str | None) -> np.ndarray | None:
+    """Return `x,y,z,X,Y,Z` as the corners [2, 3] of a box.
+
+    Raises:
+        UsageError: The text is something else, or the box is empty.
+    """
+    if text is None:
+        return None
+    import numpy as np
+
+    try:
+        corners = np.array([float(word) for word in text.split(",")]).reshape(2, 3)
+    except ValueError as error:
+        raise UsageError(f"--crop {text!r:.80}: write six numbers, x,y,z,X,Y,Z, as --crop=-1,-1,0,1,1,2.") from error
+    if not (corners[0] < corners[1]).all():
+        raise UsageError(f"--crop {text!r:.80}: its low corner is not below its high corner.")
+    return corners
 
 
 def _say_doubts(found: Comparison, rate: Rate, frames: int, reel: Path) -> None:

@@ -16,8 +16,6 @@ from splatreel.config.settings import changed, parse_settings
 from splatreel.errors import UsageError
 
 if TYPE_CHECKING:
-    import numpy as np
-
     from splatreel.capture.opening import CaptureSource
 
 AXES = {"x": (1, 0, 0), "-x": (-1, 0, 0), "y": (0, 1, 0), "-y": (0, -1, 0), "z": (0, 0, 1), "-z": (0, 0, -1)}
@@ -227,22 +225,3 @@ def check_no_reel(out: Path) -> None:
     of_a_run = out.name == "reel" and (out.parent / "work").is_dir()
     if (out / "manifest.json").is_file() and (of_a_run or not ReelReader(out).manifest.live):
         raise UsageError(f"--out {out}: holds a reel already. Choose another folder, or delete that reel.")
-
-
-def parse_crop(text: str | None) -> np.ndarray | None:
-    """Return `x,y,z,X,Y,Z` as the corners [2, 3] of a box.
-
-    Raises:
-        UsageError: The text is something else, or the box is empty.
-    """
-    if text is None:
-        return None
-    import numpy as np
-
-    try:
-        corners = np.array([float(word) for word in text.split(",")]).reshape(2, 3)
-    except ValueError as error:
-        raise UsageError(f"--crop {text!r:.80}: write six numbers, x,y,z,X,Y,Z, as --crop=-1,-1,0,1,1,2.") from error
-    if not (corners[0] < corners[1]).all():
-        raise UsageError(f"--crop {text!r:.80}: its low corner is not below its high corner.")
-    return corners

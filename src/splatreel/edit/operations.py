@@ -141,7 +141,7 @@ def _fps(clip: Clip, value: str) -> Clip:
 
 
 def _crop(clip: Clip, value: str) -> Clip:
-    volume = parse_volume("crop", value, clip.outline)
+    volume = parse_volume("crop", value, clip.outline.header)
     found = Selected(clip, InVolume(volume))
     box, bounds = volume.bounds(), clip.outline.header.bounds
     if box is None:
@@ -154,7 +154,7 @@ def _crop(clip: Clip, value: str) -> Clip:
 
 def _remove(clip: Clip, value: str) -> Clip:
     text, _, when = value.partition("@")
-    volume = parse_volume("remove", text, clip.outline)
+    volume = parse_volume("remove", text, clip.outline.header)
     if not when:
         return Selected(clip, InVolume(Outside(volume)))
     return Erased(clip, volume, parse_range("remove", when, clip.outline))

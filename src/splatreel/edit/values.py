@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 
+from splatreel.codec.header import ReelHeader
 from splatreel.edit.clip import Outline
 from splatreel.errors import UsageError
 from splatreel.scene.volumes import Box, CaptureVolume, Cylinder, Sphere, Volume
@@ -84,10 +85,9 @@ def _frame(name: str, text: str, fps: float) -> int:
     return int(text)
 
 
-def parse_volume(name: str, value: str, outline: Outline) -> Volume:
+def parse_volume(name: str, value: str, header: ReelHeader) -> Volume:
     """Return a volume: a box, a sphere, an upright cylinder, or what a share of the cameras sees."""
     kind, _, numbers = value.partition(":")
-    header = outline.header
     if kind == "box":
         corners = parse_numbers(name, numbers, 6)
         if not (corners[:3] < corners[3:]).all():

@@ -13,6 +13,7 @@ from splatreel.play.timeline import Timeline
 from splatreel.scene.frame_formats import FRAME_FORMATS, Placement
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.turning import turn_upright
+from splatreel.scene.volumes import Volume
 
 
 @dataclass(frozen=True)
@@ -23,13 +24,13 @@ class GaussianExport:
         source: The reel.
         seconds: Times, in order.
         up: Unit up direction of the files, [3]; None keeps the axes of the capture.
-        crop: Low and high corner of the box to keep, [2, 3], in the reel's coordinates; None keeps all.
+        crop: Volume to keep, in the reel's coordinates; None keeps all.
     """
 
     source: Timeline
     seconds: Sequence[float]
     up: np.ndarray | None
-    crop: np.ndarray | None = None
+    crop: Volume | None = None
 
     @property
     def placement(self) -> Placement:
@@ -46,11 +47,10 @@ class GaussianExport:
         """
         points: Gaussians = self.source.at(seconds)
         if self.crop is not None:
-            low, high = self.crop
-            points = points[((points.means >= low) & (points.means <= high)).all(1)]
+            points = points[self.crop.contains(points.means)]
         if not len(points):
             raise ReelError(
-                f"{self.source.reel.name}: no Gaussian at {seconds:.3f} s is within --crop. Choose another box."
+                f"{self.source.reel.name}: no Gaussian at {seconds:.3f} s is within --crop. Choose another volume."
             )
         return points
 

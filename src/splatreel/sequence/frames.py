@@ -98,7 +98,7 @@ class ZipFrames:
             raise GaussiansError(f"{path}: is not a zip archive, or damaged ({error}). Copy it again.") from error
         members = find_members(path, self._archive)
         if not members:
-            raise GaussiansError(f"{path}: holds no files of Gaussians (.ply, .splat, .spz or .sog).")
+            raise GaussiansError(f"{path}: holds no files of Gaussians (.ply, .splat, .ksplat, .spz or .sog).")
         order = order_frames(list(members), str(path), gaps)
         self.fps = order.fps
         remark_step(order, self.remarks, path)

@@ -12,7 +12,8 @@ from splatreel.sequence.frames import Frames, ZipFrames, open_files
 from splatreel.sequence.spacetime import SpacetimeGaussians, is_spacetime
 
 LOOKED_FOR = """\
-  files of Gaussians:   frame0000.ply, frame0001.ply, ..., or .splat, .spz, .sog files; or a numbered folder a frame with one file in it
+  files of Gaussians:   frame0000.ply, frame0001.ply, ..., or .splat, .ksplat, .spz, .sog files;
+                        or a numbered folder a frame with one file in it
   one such file:        point_cloud.ply, scene.spz, ...
   zip archive:          of such files
   Dynamic 3D Gaussians: params.npz

@@ -1,4 +1,4 @@
-"""Reader of one file of Gaussians: PLY, compressed PLY, SPZ, SOG, .splat."""
+"""Reader of one file of Gaussians: PLY, compressed PLY, SPZ, SOG, .splat, .ksplat."""
 
 from __future__ import annotations
 
@@ -11,14 +11,16 @@ from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.packed_columns import is_packed, unpack_columns
 from splatreel.scene.ply_table import Columns, read_elements
 from splatreel.scene.remarks import Remarks
+from splatreel.scene.splat import SPLAT
 from splatreel.scene.splat_columns import Encoding, gaussians_of
 from splatreel.scene.turning import turned
 from splatreel.scene.untrusted import read_file
+from splatreel.sequence.ksplat_file import read_ksplat
 from splatreel.sequence.plausible import check_plausible
 from splatreel.sequence.sog_file import META, read_sog
 from splatreel.sequence.spz_file import read_spz
 
-SUFFIXES = (".ply", ".splat", ".spz", ".sog")
+SUFFIXES = (".ply", ".splat", ".ksplat", ".spz", ".sog")
 """Suffixes of files that hold one frame."""
 SOG_FOLDER = META
 """File that makes a folder an unpacked SOG file."""
@@ -27,7 +29,6 @@ CERTAIN = Encoding(certain=True)
 """Storage of formats that define it."""
 HALF_TURN, FLIP = np.array([0.0, 1, 0, 0]), np.array([1, -1, -1])
 """Half a turn about x, from up to down, wxyz, and the signs of positions after it."""
-_SPLAT = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("color", "u1", 4), ("turn", "u1", 4)])
 
 
 def read_splats(path: Path, origin: np.ndarray | None, remarks: Remarks, encoding: Encoding | None = None) -> Gaussians:
@@ -57,6 +58,8 @@ def read_splats(path: Path, origin: np.ndarray | None, remarks: Remarks, encodin
         points = turned(gaussians_of(read_spz(path, remarks), str(path), shift, remarks, CERTAIN), HALF_TURN)
     elif suffix == ".splat":
         points = gaussians_of(_read_splat(path), str(path), origin, remarks, CERTAIN)
+    elif suffix == ".ksplat":
+        points = gaussians_of(read_ksplat(path), str(path), origin, remarks, CERTAIN)
     else:
         points = gaussians_of(read_sog(path), str(path), origin, remarks, CERTAIN)
     return check_plausible(points, str(path))
@@ -83,9 +86,9 @@ def _check_not_deformed(path: Path) -> None:
 def _read_splat(path: Path) -> Columns:
     """Return the columns of a .splat file: 32 bytes per point, without view-dependent color."""
     data = read_file(path, MOST_BYTES, GaussiansError)
-    if len(data) % _SPLAT.itemsize:
-        raise GaussiansError(f"{path}: has {len(data)} bytes, no multiple of {_SPLAT.itemsize}. Copy it again.")
-    table = np.frombuffer(data, _SPLAT)
+    if len(data) % SPLAT.itemsize:
+        raise GaussiansError(f"{path}: has {len(data)} bytes, no multiple of {SPLAT.itemsize}. Copy it again.")
+    table = np.frombuffer(data, SPLAT)
     base = (table["color"][:, :3] / 255 - 0.5) / C0
     quats = (table["turn"].astype(np.float64) - 128) / 128
     found = {name: table["means"][:, i] for i, name in enumerate("xyz")} | {"opacity": table["color"][:, 3]}

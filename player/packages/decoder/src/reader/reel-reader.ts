@@ -5,7 +5,7 @@ import type { LocalFiles } from "../files/local-files";
 import type { Manifest } from "../reel/manifest";
 import { Reel } from "../reel/reel";
 import { layersAt } from "../reel/reel-file";
-import { momentAt, type Moment, type Shown } from "../reel/timeline";
+import { momentAt, overlapOf, type Moment, type Shown } from "../reel/timeline";
 import type { DecodeWorkers } from "../stream/decoder-pool";
 import { ReelLoader, type FileReceiver } from "../stream/reel-loader";
 import { pointsAt, type GroupAt, type GroupData, type Points } from "./points";
@@ -130,7 +130,7 @@ export class ReelReader {
     return this.enqueue(async () => {
       const known = this.reel.manifest.groups[number];
       if (!known) throw new RangeError(`There is no group ${number}, or its page is not loaded. Seek to its time first.`);
-      await this.load((known.firstFrame + Math.min(this.reel.manifest.overlap, known.frames - 1)) / this.reel.manifest.fps);
+      await this.load((known.firstFrame + Math.min(overlapOf(this.reel.manifest, number), known.frames - 1)) / this.reel.manifest.fps);
       return this.groupData(number);
     });
   }

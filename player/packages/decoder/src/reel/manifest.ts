@@ -41,6 +41,8 @@ export interface Manifest extends Listing {
   clearance: Clearance;
   /** Background color: red, green and blue, 0 to 1. The light of a group scales it. */
   background: Vec3;
+  /** True if the page is shown behind the points instead of the background. */
+  transparent: boolean;
   /** True if splats thinner than a pixel are drawn fainter. */
   antialias: boolean;
   camera: Camera;
@@ -105,6 +107,7 @@ export function parseManifest(value: unknown, url: string): Manifest {
     near: json.near === undefined ? 0.01 : positive(json.near, "near"),
     clearance: json.clearance === undefined ? { focus: [0, 0, 0], share: 0 } : parseClearance(record(json.clearance, "clearance")),
     background: json.background === undefined ? [0, 0, 0] : parseColor(json.background),
+    transparent: json.transparent === true,
     antialias: json.antialias === true,
     bounds: bounds as [Vec3, Vec3],
     up: numbers(json.up, 3, "up") as Vec3,

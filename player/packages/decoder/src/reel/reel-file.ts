@@ -21,6 +21,8 @@ export interface ReelFile extends Asset {
   layers: ReelFile[];
   /** For a group: its files in the other renditions, by name. */
   renditions: Map<string, ReelFile>;
+  /** For a group: frames over which it cross-fades with the one before, if not those of the reel. */
+  overlap?: number;
 }
 
 /** Return the file of a group in a rendition; the first rendition for an unknown name. */
@@ -57,7 +59,9 @@ export function parseRetiringLayers(value: unknown, first: number, end: number):
 
 /** Parse a group with its renditions. `value` is the first rendition. layers: must contain those that live at the group. */
 export function parseGroup(value: unknown, index: number, names: string[], layers: ReelFile[]): ReelFile {
-  const group = { ...parseFile(value, index), group: index, layers };
+  const group: ReelFile = { ...parseFile(value, index), group: index, layers };
+  const { overlap } = value as Json;
+  if (overlap !== undefined) group.overlap = whole(overlap, 0, 2 ** 40, `overlap of ${group.uri}`);
   const others = record((value as Json).renditions ?? {}, "a group's renditions");
   for (const name of names.slice(1)) {
     const { firstFrame, frames } = group;

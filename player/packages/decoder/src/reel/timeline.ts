@@ -4,6 +4,8 @@
 export interface Span {
   firstFrame: number;
   frames: number;
+  /** Frames over which a group cross-fades with the one before; the schedule's if absent. */
+  overlap?: number;
 }
 
 /** The `count` groups of a page, from number `group` on. */
@@ -61,6 +63,11 @@ export function firstFrameOf({ groups, pages }: Schedule, group: number): number
   return (groups[group] ?? pages.find((page) => page.group === group))?.firstFrame;
 }
 
+/** Return the frames over which a group cross-fades with the one before, 0 for a hard cut. */
+export function overlapOf({ groups, overlap }: Schedule, group: number): number {
+  return groups[group]?.overlap ?? overlap;
+}
+
 /** Return the moment at `seconds`; null if its page is not loaded. */
 export function momentAt(schedule: Schedule, fps: number, seconds: number): Moment | null {
   const { groups } = schedule;
@@ -78,7 +85,7 @@ export function momentAt(schedule: Schedule, fps: number, seconds: number): Mome
 /** Return the pages that must be loaded for a frame: that of its group, and that of the group that fades out. */
 export function missingPages<P extends PageSpan>(schedule: Schedule & { pages: P[] }, frame: number): P[] {
   const group = groupAt(schedule, frame);
-  const fading = group > schedule.first && frame - firstFrameOf(schedule, group)! < schedule.overlap;
+  const fading = group > schedule.first && frame - firstFrameOf(schedule, group)! < overlapOf(schedule, group);
   return (fading ? [group, group - 1] : [group]).filter((number) => !schedule.groups[number]).map((number) => pageOf(schedule.pages, number)!);
 }
 
@@ -88,7 +95,9 @@ export function pageOf<P extends PageSpan>(pages: P[], number: number): P | unde
 }
 
 /** Return the weight of a group at a frame, 0 to 1, if it were the current one. */
-export function weightAt({ first, groups, overlap }: Schedule, frame: number, group: number): number {
+export function weightAt(schedule: Schedule, frame: number, group: number): number {
+  const { first, groups } = schedule;
+  const overlap = overlapOf(schedule, group);
   const share = overlap > 0 && group > first ? Math.min(Math.max((frame - groups[group].firstFrame) / overlap, 0), 1) : 1;
   return share * share * (3 - 2 * share);
 }
