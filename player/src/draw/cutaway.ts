@@ -1,14 +1,9 @@
 /** Points that are left out of the picture, to preview an edit. */
 import type { Vec3 } from "@splatreel/decoder/base/matrix";
+import type { Sphere } from "../camera/crop-box";
 
 /** Maximum number of spheres whose points are left out. */
 export const MOST_REMOVED = 24;
-
-/** A sphere in world units. */
-export interface Sphere {
-  center: Vec3;
-  radius: number;
-}
 
 /** What an edit keeps: points inside of a box and outside of spheres. */
 export interface Cutaway {
