@@ -2,7 +2,7 @@
 import { add, cross, eyeOf, length, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
 import type { View } from "../base/view";
 import { edgesOf, FACES, middleOf, projected, type Box, type Face } from "../camera/crop-box";
-import type { Sphere } from "../draw/cutaway";
+import type { Sphere } from "../camera/crop-box";
 import { lineOf } from "./path-drawing";
 
 const SVG = "http://www.w3.org/2000/svg";
