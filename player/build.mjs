@@ -11,8 +11,10 @@ const out = resolve(process.argv[2] ?? join(here, "../src/splatreel/play/static"
 // Parts loaded on demand, by a literal that other bundlers find: `import("./share.js")`.
 const parts = {
   about: "src/ui/about.ts",
+  annotations: "src/ui/annotations.ts",
   "context-menu": "src/ui/context-menu.ts",
   "declared-camera": "src/ui/declared-camera.ts",
+  dialog: "src/ui/dialog.ts",
   "file-drop": "src/ui/file-drop.ts",
   headset: "src/player/headset.ts",
   help: "src/ui/help.ts",
@@ -27,6 +29,7 @@ const parts = {
   share: "src/ui/share.ts",
   statistics: "src/ui/statistics.ts",
   "text-tracks": "src/ui/text-tracks.ts",
+  thumbnails: "src/ui/thumbnails.ts",
 };
 const late = {
   name: "late",

@@ -49,7 +49,9 @@ ROOMS_OF_PACKAGES = {
 
 def typescript_imports(source: str) -> list[str]:
     """Return the local files that a TypeScript file imports, types and dynamic imports included."""
-    return re.findall(r"""(?:\bfrom|\bimport)\s*\(?\s*["']((?:\.{1,2}|@splatreel/decoder|splatreel-player)/[^"']+)["']""", source)
+    return re.findall(
+        r"""(?:\bfrom|\bimport)\s*\(?\s*["']((?:\.{1,2}|@splatreel/decoder|splatreel-player)/[^"']+)["']""", source
+    )
 
 
 def imports_of_typescript() -> dict[str, set[str]]:

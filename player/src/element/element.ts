@@ -17,10 +17,10 @@ import { CooperativeGestures } from "../ui/cooperative-gestures";
 import { FirstPrompt } from "../ui/first-prompt";
 import { languageOf, loadWords } from "../ui/language";
 import { OffCameraFade } from "../ui/off-camera-fade";
-import type { MediaTexts } from "../ui/media-controls";
 import { attachPointerControls } from "../ui/pointer-controls";
 import { skip } from "../ui/skip";
 import styles from "../ui/ui.css";
+import { watchAnnotations } from "./annotation-watch";
 import { watchCamera } from "./camera-watch";
 import { watchDrops } from "./drop-watch";
 import { FrameCallbacks, type FrameCallback } from "./frame-callbacks";
@@ -74,7 +74,9 @@ export class SplatReelElement extends MediaElement {
     for (const name of ["loadedmetadata", "emptied"]) this.player.addEventListener(name, () => this.showPage());
     const root = this.attachShadow({ mode: "open" });
     root.adoptedStyleSheets = [sheet]; // a page's policy may forbid style elements
-    root.append(this.canvas, new OffCameraFade(this.player).box, this.picture.image);
+    const overlay = document.createElement("slot");
+    overlay.name = "overlay";
+    root.append(this.canvas, new OffCameraFade(this.player).box, this.picture.image, overlay);
     for (const name of EVENTS) this.player.addEventListener(name, () => this.dispatchEvent(new Event(name)));
   }
 
@@ -89,8 +91,9 @@ export class SplatReelElement extends MediaElement {
     this.picture.image.after(gestures.hint);
     signal.addEventListener("abort", () => gestures.hint.remove());
     attachPointerControls(canvas, player, gestures, (side) => this.skip(side), signal);
+    watchAnnotations(this, player, () => this.say(LACKING), signal);
     watchCamera(this, player, () => this.say(LACKING), signal);
-    watchMedia(player, () => this.mediaTexts, signal);
+    watchMedia(this, player, this.picture.image, signal);
     new FirstPrompt(player, gestures, signal);
     const resize = new ResizeObserver(() => player.invalidate());
     resize.observe(canvas);
@@ -285,12 +288,6 @@ export class SplatReelElement extends MediaElement {
   private skip(side: -1 | 1): void {
     skip(this.player, 0.2 * side, 10);
     this.say(side < 0 ? "Back" : "On");
-  }
-
-  /** Texts of the reel for lock screens and media keys. */
-  private get mediaTexts(): MediaTexts {
-    const { title = "", author = "" } = this.player.manifest?.presentation ?? {};
-    return { title: title || (this.getAttribute("aria-label") ?? document.title), artist: author, artwork: this.picture.image.src };
   }
 
   /** Show a text for some seconds, if there are controls. */

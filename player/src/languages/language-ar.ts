@@ -25,6 +25,7 @@ const table: Record<string, string> = {
   "Copied": "تم النسخ",
   "Copy a link to this time and view": "نسخ رابط لهذا الوقت والمشهد",
   "Copy": "نسخ",
+  "Crop and clean": "قص وتنظيف",
   "Decode": "فك الترميز",
   "Delete keyframe {0}": "حذف الإطار المفتاحي {0}",
   "Details": "التفاصيل",

@@ -25,6 +25,7 @@ const table: Record<string, string> = {
   "Copied": "Kopiert",
   "Copy a link to this time and view": "Link zu Zeit und Ansicht kopieren",
   "Copy": "Kopieren",
+  "Crop and clean": "Zuschneiden und säubern",
   "Decode": "Dekodieren",
   "Delete keyframe {0}": "Schlüsselbild {0} löschen",
   "Details": "Einzelheiten",

@@ -25,6 +25,7 @@ const table: Record<string, string> = {
   "Copied": "Copiado",
   "Copy a link to this time and view": "Copiar enlace a este momento",
   "Copy": "Copiar",
+  "Crop and clean": "Recortar y limpiar",
   "Decode": "Decodificación",
   "Delete keyframe {0}": "Borrar fotograma clave {0}",
   "Details": "Detalles",

@@ -25,6 +25,7 @@ const table: Record<string, string> = {
   "Copied": "Copié",
   "Copy a link to this time and view": "Copier le lien vers cet instant",
   "Copy": "Copier",
+  "Crop and clean": "Rogner et nettoyer",
   "Decode": "Décodage",
   "Delete keyframe {0}": "Supprimer l’image clé {0}",
   "Details": "Détails",

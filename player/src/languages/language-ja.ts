@@ -25,6 +25,7 @@ const table: Record<string, string> = {
   "Copied": "コピーしました",
   "Copy a link to this time and view": "この時刻と視点のリンクをコピー",
   "Copy": "コピー",
+  "Crop and clean": "切り抜きと整理",
   "Decode": "デコード",
   "Delete keyframe {0}": "キーフレーム{0}を削除",
   "Details": "詳細",

@@ -25,6 +25,7 @@ const table: Record<string, string> = {
   "Copied": "Copiado",
   "Copy a link to this time and view": "Copiar link deste momento",
   "Copy": "Copiar",
+  "Crop and clean": "Cortar e limpar",
   "Decode": "Decodificação",
   "Delete keyframe {0}": "Excluir quadro-chave {0}",
   "Details": "Detalhes",

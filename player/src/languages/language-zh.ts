@@ -25,6 +25,7 @@ const table: Record<string, string> = {
   "Copied": "已复制",
   "Copy a link to this time and view": "复制此时间和视角的链接",
   "Copy": "复制",
+  "Crop and clean": "裁剪和清理",
   "Decode": "解码",
   "Delete keyframe {0}": "删除关键帧 {0}",
   "Details": "详情",

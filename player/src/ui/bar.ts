@@ -12,6 +12,7 @@ const MARKUP = `<div class="bar" role="group" aria-label="Player controls" dir="
     <div class="time" aria-hidden="true">0:00 <span>/ 0:00</span></div>
     <button type="button" class="live" hidden>Live</button>
     <div class="gap"></div>
+    <slot name="bar"></slot>
     <button type="button" class="captions" aria-label="Captions" title="Captions (t)" aria-pressed="false" hidden>${CAPTIONS}</button>
     <button type="button" class="reset" aria-label="Reset view" title="Reset view (r)">${RESET}</button>
     <button type="button" class="settings" aria-label="Settings" title="Settings" aria-expanded="false">${SETTINGS}</button>

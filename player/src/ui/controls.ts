@@ -8,7 +8,7 @@ import type { Player } from "../player/player";
 import type { Presentation } from "@splatreel/decoder/reel/presentation";
 import { AutoHide } from "./auto-hide";
 import { Bar } from "./bar";
-import { Dialog } from "./dialog";
+import type { Dialog } from "./dialog";
 import { Fullscreen } from "./fullscreen";
 import { attachHoldSpeed } from "./hold-speed";
 import { attachKeys, type KeyTable } from "./keys";
@@ -35,13 +35,13 @@ export class Controls {
   private readonly statistics: HTMLElement;
   private readonly messages: Messages;
   private readonly bar: Bar;
-  private readonly dialog: Dialog;
   private readonly full: Fullscreen;
   private readonly idle: AutoHide;
   private readonly keys: KeyTable;
   private readonly life = new AbortController();
   private headset: Headset | null = null;
   private menu: Menu | null = null;
+  private dialog: Dialog | null = null;
   private describe: typeof import("./statistics").describe | null = null;
   private path: { close(): void } | null = null;
   private editing: { close(): void } | null = null;
@@ -59,15 +59,14 @@ export class Controls {
       headset: actions.headset,
       full: actions.fullscreen,
     });
-    this.dialog = new Dialog(() => player.canvas.focus(), player.words, signal);
     this.full = new Fullscreen(host, () => this.update(), signal);
-    this.holder.append(this.messages.box, this.statistics, this.bar.box, this.dialog.box);
+    this.holder.append(this.messages.box, this.statistics, this.bar.box);
     [this.holder.lang, this.holder.dir] = [player.language, directionOf(player.language)];
     root.append(this.holder);
     // On the bundled page keys work wherever the focus is.
     const keyboard = host.closest("[data-splatreel-page]") ? document.documentElement : host;
     this.keys = attachKeys(keyboard, player, actions, signal);
-    this.idle = new AutoHide(host, this.holder, player, () => this.bar.seek.dragging || this.menu?.open === true || this.dialog.open !== "", signal);
+    this.idle = new AutoHide(host, this.holder, player, () => this.bar.seek.dragging || this.menu?.open === true || !!this.dialog?.open, signal);
     keyboard.addEventListener("keydown", () => this.idle.wake(), { signal });
     this.listen();
     this.update();
@@ -101,7 +100,7 @@ export class Controls {
       context: () => this.openContext(null),
       statistics: () => this.toggleStatistics(),
       picture: () => void this.saveScreenshot(),
-      help: () => (this.dialog.open === player.words(HELP) ? this.dialog.close() : void this.help()),
+      help: () => (this.dialog?.open === player.words(HELP) ? this.dialog.close() : void this.help()),
       escape: () => this.closeSheets(),
     };
   }
@@ -243,7 +242,12 @@ export class Controls {
 
   private show(title: string, content: HTMLElement): void {
     this.openMenu(false);
-    this.dialog.show(title, content);
+    void this.withPart(loadPart("dialog.js", () => import("./dialog")), ({ Dialog }) => {
+      const { root, player, holder, life: { signal } } = this;
+      this.dialog ??= new Dialog(root, () => player.canvas.focus(), player.words, signal);
+      holder.append(this.dialog.box);
+      this.dialog.show(title, content);
+    });
   }
 
   private about(): void {
@@ -263,7 +267,7 @@ export class Controls {
 
   /** Close the open dialog or menu, or else leave fullscreen. */
   private closeSheets(): void {
-    if (this.dialog.open) this.dialog.close();
+    if (this.dialog?.open) this.dialog.close();
     else if (this.menu?.open) {
       this.openMenu(false);
       this.bar.button("settings").focus();
@@ -287,7 +291,7 @@ export class Controls {
     void this.withPart(loadPart("menu.js", () => import("./menu")), ({ Menu }) => {
       if (this.menu) return;
       this.menu = new Menu(root, player, actions, state);
-      holder.insertBefore(this.menu.box, this.dialog.box);
+      holder.append(this.menu.box);
       this.openMenu(true);
     });
   }

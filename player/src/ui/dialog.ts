@@ -1,7 +1,9 @@
-/** A modal dialog, closed by its button, Esc, or a click outside. */
+/** A modal dialog, closed by its button, Esc, or a click outside. This part is loaded on demand. */
 import type { Words } from "../base/words";
+import styles from "./dialog.css";
 import { CLOSE } from "./icons";
 import { elementOf } from "./markup";
+import { adoptStyles } from "./styles";
 
 const MARKUP = `<div class="sheet dialog" role="dialog" aria-modal="true" hidden>
   <button type="button" class="close" aria-label="Close">${CLOSE}</button>
@@ -14,8 +16,9 @@ export class Dialog {
   readonly box: HTMLElement;
   private readonly button: HTMLElement;
 
-  /** closed: called when the dialog closes. */
-  constructor(private readonly closed: () => void, t: Words, signal: AbortSignal) {
+  /** root: of the element. closed: called when the dialog closes. */
+  constructor(root: ShadowRoot, private readonly closed: () => void, t: Words, signal: AbortSignal) {
+    adoptStyles(root, styles);
     this.box = elementOf(MARKUP, t);
     this.button = this.box.querySelector(".close")!;
     this.button.onclick = () => this.close();

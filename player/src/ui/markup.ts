@@ -6,6 +6,7 @@ export function elementOf<T extends HTMLElement>(markup: string, t: Words = ENGL
   const template = document.createElement("template");
   template.innerHTML = markup;
   if (t !== ENGLISH) for (const element of template.content.querySelectorAll("*")) translate(element, t);
+  for (const element of template.content.querySelectorAll("[class]")) element.part.value = element.className; // for styles of the page
   return template.content.firstElementChild as T;
 }
 

@@ -11,18 +11,10 @@ function setOwner(next: MediaControls | null): void {
   owner = next;
 }
 
-/** Texts and artwork of a reel. */
-export interface MediaTexts {
-  title: string;
-  artist: string;
-  /** Address of an image; "" for none. */
-  artwork: string;
-}
-
 /** The media session of one element. */
 export class MediaControls {
-  /** texts: returns those of the present reel. */
-  constructor(private readonly player: Player, private readonly texts: () => MediaTexts, private readonly session: MediaSession, signal: AbortSignal) {
+  /** poster: image of the present reel. */
+  constructor(private readonly host: HTMLElement, private readonly player: Player, private readonly poster: HTMLImageElement, private readonly session: MediaSession, signal: AbortSignal) {
     player.addEventListener("play", () => this.take(), { signal });
     for (const name of ["playing", "pause", "seeked", "ratechange", "durationchange"]) player.addEventListener(name, () => this.update(), { signal });
     player.addEventListener("loadedmetadata", () => owner === this && this.take(), { signal });
@@ -35,8 +27,9 @@ export class MediaControls {
   private take(): void {
     const { player, session } = this;
     setOwner(this);
-    const { title, artist, artwork } = this.texts();
-    session.metadata = new MediaMetadata({ title, artist, artwork: artwork ? [{ src: artwork }] : [] });
+    const { title = "", author: artist = "" } = player.manifest?.presentation ?? {};
+    const name = title || (this.host.getAttribute("aria-label") ?? document.title);
+    session.metadata = new MediaMetadata({ title: name, artist, artwork: this.poster.src ? [{ src: this.poster.src }] : [] });
     this.handle({
       play: () => player.play(),
       pause: () => player.pause(),

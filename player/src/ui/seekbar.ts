@@ -1,7 +1,8 @@
 /** The seek bar: present time, buffered ranges, and the time under the pointer. */
+import { loadPart } from "../files/bundle";
 import type { Player } from "../player/player";
 import { elementOf } from "./markup";
-import { Thumbnails } from "./thumbnails";
+import type { Thumbnails } from "./thumbnails";
 import { timeText } from "./time-text";
 
 const MARKUP = `<div class="track">
@@ -19,7 +20,7 @@ export class SeekBar {
   dragging = false;
 
   private readonly hint: HTMLElement;
-  private readonly thumbnails: Thumbnails;
+  private thumbnails: Promise<Thumbnails> | null = null;
   /** Places of the chapter marks on the bar. */
   private marked = "";
 
@@ -28,8 +29,6 @@ export class SeekBar {
     this.input = this.box.querySelector(".seek")!;
     this.hint = this.box.querySelector(".hint")!;
     const { input, box } = this;
-    this.thumbnails = new Thumbnails(player);
-    this.hint.prepend(this.thumbnails.box);
     const drag = (on: boolean): void => {
       this.dragging = on;
       box.classList.toggle("dragged", on);
@@ -67,10 +66,22 @@ export class SeekBar {
     const seconds = earliest + part * (duration - earliest);
     hint.querySelector(".chapter")!.textContent = this.titleAt(seconds);
     hint.querySelector(".at")!.textContent = timeText(seconds, true);
-    this.thumbnails.show(seconds);
+    this.showThumbnail(seconds);
     const width = this.box.clientWidth;
     const half = hint.offsetWidth / 2;
     hint.style.left = `${Math.min(Math.max(part * width, half), width - half)}px`;
+  }
+
+  /** Show the thumbnail of a time, if the reel has any. They are a part that is loaded on demand. */
+  private showThumbnail(seconds: number): void {
+    const { player, hint } = this;
+    if (!this.thumbnails && !player.manifest?.presentation.thumbnails) return;
+    this.thumbnails ??= loadPart("thumbnails.js", () => import("./thumbnails")).then(({ Thumbnails }) => {
+      const thumbnails = new Thumbnails(player);
+      hint.prepend(thumbnails.box);
+      return thumbnails;
+    });
+    this.thumbnails.then((thumbnails) => thumbnails.show(seconds), () => undefined);
   }
 
   /** Return the title of the chapter at a time; "" for none. */

@@ -1,4 +1,4 @@
-/** Thumbnails of the seek bar, from sheets that are loaded on demand. */
+/** Thumbnails of the seek bar, from sheets that are loaded on demand, as is this part. */
 import type { Player } from "../player/player";
 import { addressOf, type Manifest } from "@splatreel/decoder/reel/manifest";
 import type { Asset, Thumbnails as Sheets } from "@splatreel/decoder/reel/presentation";
