@@ -26,6 +26,7 @@ def rig(colmap: Any, noise: float = 0.0, seed: int = 0) -> Any:
         noise: Standard deviation of the places of its few points in the pictures, in pixels.
         seed: Seed of the noise and the points; the cameras are always the same.
     """
+    colmap.set_random_seed(seed)
     options, rng = colmap.SyntheticDatasetOptions(), np.random.default_rng(2)
     options.num_rigs, options.num_frames_per_rig, options.num_points3D = 8, 1, 60
     options.camera_width, options.camera_height = 640, 480
@@ -118,13 +119,14 @@ def test_matches_make_poses_more_exact(tmp_path: Path) -> None:
 def test_points_of_all_moments_make_poses_more_exact(tmp_path: Path) -> None:
     colmap = pytest.importorskip("pycolmap")
     (tmp_path / "images").mkdir()
-    moments = [rig(colmap, 1.5, seed) for seed in range(5)]
+    moments = [rig(colmap, 0.5, seed) for seed in range(5)]
     known = rotations(moments[0])
     for moment in moments:
+        disturb(colmap, moment)
         refine_lenses(colmap, moment)
     before = [turned(moment, known) for moment in moments]
     refined = refine_by_moments(colmap, moments[0], moments, tmp_path)
-    assert turned(refined, known) < 0.7 * before[0]
+    assert turned(refined, known) < 0.7 * np.median(before)
     assert min(image.num_points3D for image in images(refined)) > 150
 
 

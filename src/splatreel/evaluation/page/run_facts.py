@@ -157,9 +157,10 @@ class RunFacts:
 
     def quality(self) -> str:
         """Return the preset of the run and the settings that differ from it; empty if unknown."""
-        config = complete_settings(self.record.get("config"))
-        if not config:
+        recorded = self.record.get("config")
+        if not recorded:
             return ""
+        config = complete_settings(recorded)
         ignored = {"seed", "chapter_frames", "training_megapixels"}  # seed is shown, a record may clear the others
         mine = {name: value for name, value in config.items() if name not in ignored}
         found: dict[str, list[str]] = {}  # names of the settings that differ, by preset
