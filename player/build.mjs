@@ -54,7 +54,7 @@ await writeDecoders(out);
 await build({ ...options, entryPoints: { player: "src/main.ts", "sort-worker": "src/draw/sort-worker.ts" }, outdir: out });
 // Each part is self-contained, so that it can be embedded in a page.
 await build({ ...options, entryPoints: parts, outdir: out });
-await leaveAddresses(join(out, "player.js"));
+for (const name of ["player", ...Object.keys(parts)]) await leaveAddresses(join(out, `${name}.js`));
 await writeFile(join(out, "index.html"), await page());
 const uqr = ["share.js: holds the npm package uqr, which writes QR codes, under this licence:", "", await license("uqr")];
 await writeFile(join(out, "THIRD_PARTY.txt"), await notices("The player in this folder is part of Splatreel (Apache-2.0). It carries two decoders and an encoder of others:", uqr));

@@ -79,6 +79,7 @@ def menu(page: Page) -> None:
     begin(page)
     page.evaluate(f"{PLAYER}.rendition = 'medium'")
     page.locator("splat-reel").get_by_role("button", name="Settings").click()
+    page.locator("splat-reel .menu").wait_for()
     page.mouse.move(40, 40)
 
 

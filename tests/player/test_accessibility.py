@@ -52,6 +52,7 @@ def test_in_use(wide: Page, server: Server):
     assert_accessible(wide, "statistics")
     wide.keyboard.press("Shift")  # the controls have gone to sleep
     wide.locator("splat-reel").get_by_role("button", name="Settings").click()
+    wide.locator("splat-reel .menu").wait_for()
     assert_accessible(wide, "menu")
     wide.keyboard.press("Escape")
     wide.keyboard.press("?")

@@ -121,6 +121,7 @@ def test_a_rendition_can_be_chosen(page: Page, server: Server, line: Line):
     shown = page.evaluate(f"{PLAYER}.shownRendition")
     reel.get_by_role("button", name="Settings").click()
     quality = reel.get_by_label("Quality")
+    quality.locator("option").nth(2).wait_for(state="attached")  # the menu is loaded on demand
     assert quality.locator("option").all_inner_texts()[1:] == ["high", "low"]
     quality.select_option("low")
     # The group that the seek below goes to, too: what is here when it comes on screen stays as it is.

@@ -132,6 +132,8 @@ def test_time_passes_and_ends(opened: Page) -> None:
 def test_dispose_frees_all(opened: Page) -> None:
     counts = opened.evaluate(
         """async () => {
+          reel.dispose();  // it may still upload groups
+          scene.remove(reel);
           const gl = renderer.getContext();
           const held = new Set();
           for (const kind of ["Texture", "Buffer", "Framebuffer", "VertexArray", "Program"]) {

@@ -52,6 +52,7 @@ def test_button_menu_and_key_choose_captions(page: Page, server: Server):
     reel.locator(".cue").get_by_text("A ball rises").wait_for()
     reel.get_by_role("button", name="Settings").click()
     choice = reel.locator("[name=captions]")
+    choice.locator("option").nth(2).wait_for(state="attached")  # the menu is loaded on demand
     assert choice.locator("option").all_inner_texts() == ["Off", "English", "עברית"]
     choice.select_option("עברית")
     reel.locator(".cue").get_by_text("כדור").wait_for()
