@@ -18,7 +18,8 @@ from splatreel.sequence import reel as module
 from splatreel.sequence.comparison import Comparison
 from splatreel.sequence.opening import open_frames
 from splatreel.sequence.reel import SequenceEncoder, header_of, write_reel
-from tests.sequence.films import BALL, WALL, cameras, frame, scene, write_film
+from tests.sequence.films import BALL, WALL, cameras, scene, write_film
+from tests.sequence.films import frame as film_frame
 
 CPU = torch.device("cpu")
 
@@ -34,7 +35,7 @@ def test_sequence_of_the_same_points_becomes_a_layer_and_groups(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(module, "LENGTH", 6)
-    found = imported(tmp_path / "film", tmp_path / "reel", [frame(number) for number in range(16)])
+    found = imported(tmp_path / "film", tmp_path / "reel", [film_frame(number) for number in range(16)])
     timeline = open_reel(tmp_path / "reel")
     manifest = timeline.manifest
     assert verify_reel(tmp_path / "reel").groups == 3
@@ -46,7 +47,7 @@ def test_sequence_of_the_same_points_becomes_a_layer_and_groups(
     assert found.psnr > 40
     for number in (0, 7, 15):
         shown = np.sort(timeline.at(number / 25).means, axis=0)
-        np.testing.assert_allclose(shown, np.sort(frame(number).means, axis=0), atol=0.02)
+        np.testing.assert_allclose(shown, np.sort(film_frame(number).means, axis=0), atol=0.02)
 
 
 def test_sequence_of_new_points_becomes_short_groups(tmp_path: Path) -> None:
@@ -61,7 +62,7 @@ def test_sequence_of_new_points_becomes_short_groups(tmp_path: Path) -> None:
 
 def test_resting_points_in_other_rows_are_stored_once(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    frames = [frame(number)[rng.permutation(WALL + BALL)[: WALL + BALL - number]] for number in range(4)]
+    frames = [film_frame(number)[rng.permutation(WALL + BALL)[: WALL + BALL - number]] for number in range(4)]
     imported(tmp_path / "film", tmp_path / "reel", frames)
     manifest = open_reel(tmp_path / "reel").manifest
     assert sum(layer.points for layer in manifest.layers) > 0.9 * WALL
@@ -79,7 +80,9 @@ def test_invalid_frames_are_named(tmp_path: Path) -> None:
 
 
 def test_empty_frames_show_nothing(tmp_path: Path) -> None:
-    found = imported(tmp_path / "film", tmp_path / "reel", [frame(0), frame(0)[:0], frame(0)[:0], frame(3)])
+    found = imported(
+        tmp_path / "film", tmp_path / "reel", [film_frame(0), film_frame(0)[:0], film_frame(0)[:0], film_frame(3)]
+    )
     assert found.psnr > 40
     timeline = open_reel(tmp_path / "reel")
     assert [(timeline.at(number / 25).opacities > 0.01).any() for number in range(4)] == [True, False, False, True]
@@ -99,7 +102,7 @@ def test_reel_without_cameras_uses_a_ring_without_limits() -> None:
 
 def test_absent_points_leave_no_ghosts(tmp_path: Path) -> None:
     rng = np.random.default_rng(0)
-    frames = [frame(number)[rng.permutation(WALL + BALL)[: WALL + BALL - number]] for number in range(4)]
+    frames = [film_frame(number)[rng.permutation(WALL + BALL)[: WALL + BALL - number]] for number in range(4)]
     imported(tmp_path / "film", tmp_path / "reel", frames)
     timeline = open_reel(tmp_path / "reel")
     for number, points in enumerate(frames):
@@ -113,15 +116,16 @@ class CountedFrames:
     """Sequence whose frames exist only while somebody holds them. `most` is the largest number that existed at a time."""
 
     def __init__(self, length: int) -> None:
-        self.path, self.size, self.fps, self.remarks = Path("film"), 1, 25.0, Remarks()
+        self.path, self.size, self.remarks = Path("film"), 1, Remarks()
+        self.fps: float | None = 25.0
         self.length, self.alive, self.most = length, 0, 0
 
     def __len__(self) -> int:
         return self.length
 
-    def read(self, number: int, origin: np.ndarray | None = None) -> Gaussians:
+    def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
         """Return a frame."""
-        points = frame(number)
+        points = film_frame(frame)
         self.alive += 1
         self.most = max(self.most, self.alive)
         weakref.finalize(points, self.release)

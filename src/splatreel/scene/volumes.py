@@ -32,7 +32,7 @@ class Box:
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Return which points [..., 3] are inside, [...] bool."""
-        return ((points >= self.low) & (points <= self.high)).all(-1)
+        return np.all((points >= self.low) & (points <= self.high), axis=-1)
 
     def bounds(self) -> np.ndarray:
         """Return the corners, [2, 3]."""
