@@ -93,6 +93,7 @@ def test_a_built_page_plays(page: Page, tools: Path, bundler: str) -> None:
             assert_plays(page, site)
             # A page's own script cannot be embedded in other pages.
             assert page.locator("splat-reel textarea[name=element]").is_hidden()
+            page.goto("about:blank")  # ends its downloads before the host is gone
 
 
 def test_the_development_server_of_vite_plays(page: Page, tools: Path) -> None:
@@ -116,6 +117,7 @@ def test_a_page_without_a_bundler_plays(page: Page, tmp_path: Path) -> None:
             assert_plays(page, site)
             element = page.locator("splat-reel textarea[name=element]")
             assert f'src="{site}node_modules/splatreel-player/dist/player.js"' in element.input_value()
+            page.goto("about:blank")  # ends its downloads before the host is gone
 
 
 def test_the_lock_file_names_no_host() -> None:
