@@ -4,12 +4,16 @@ python benchmarks/calibration_page.py
 """
 
 import json
+from functools import partial
 from pathlib import Path
 
+from document import replaced_between
 from record import RESULTS, ROOT
 
 PAGE = ROOT / "docs" / "calibration.md"
 BEGIN, END = "<!-- results: written by benchmarks/calibration_page.py -->", "<!-- end of results -->"
+replaced = partial(replaced_between, BEGIN, END)
+"""Function from a document and a text to the document with the text between its markers."""
 CAPTURES = {
     "built-in": "built-in, an arc of 50 degrees",
     "kitchen": "kitchen, a wall of cameras",
@@ -69,19 +73,6 @@ def _result(record: dict | None) -> str:
 
 def _row(cells: list[str] | tuple[str, ...]) -> str:
     return f"| {' | '.join(cells)} |"
-
-
-def replaced(text: str, inner: str) -> str:
-    """Return a document with the text between its two markers replaced.
-
-    Raises:
-        ValueError: A marker is missing.
-    """
-    head, begin, rest = text.partition(BEGIN)
-    _, end, tail = rest.partition(END)
-    if not begin or not end:
-        raise ValueError(f"The document has no place for results: put {BEGIN} and {END} on lines of their own.")
-    return f"{head}{begin}\n{inner}\n{end}{tail}"
 
 
 if __name__ == "__main__":

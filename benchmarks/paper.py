@@ -4,6 +4,7 @@ python benchmarks/paper.py BUILTIN basketball kitchen --out OUT --quality draft,
 """
 
 import json
+from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
@@ -52,8 +53,8 @@ def main(
     keep_freed_memory()  # as the command line does
     sources = {}
     for path in captures:
-        source = open_capture(path)
-        wide, long = min(width or source.width, source.width), min(frames or source.frames, source.frames)
+        with closing(open_capture(path)) as source:
+            wide, long = min(width or source.width, source.width), min(frames or source.frames, source.frames)
         sources[path.name] = open_capture(path, width=wide, frames=(0, long))
     progress = console()
     try:

@@ -3,9 +3,11 @@
 import json
 import math
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+from document import replaced_between
 from loglog import Panel, charts
 from record import RESULTS, ROOT
 
@@ -13,6 +15,8 @@ Row = dict[str, Any]
 PAGE = ROOT / "docs" / "scaling.md"
 PLOT = ROOT / "docs" / "images" / "scaling.svg"
 BEGIN, END = "<!-- results: written by benchmarks/scaling.py --show -->", "<!-- end of results -->"
+replaced = partial(replaced_between, BEGIN, END)
+"""Function from a document and a text to the document with the text between its markers."""
 MISSING = "*not measured yet: `python benchmarks/scaling.py`, then with `--show`*"
 
 AXES = {
@@ -185,19 +189,6 @@ def write(by_axis: dict[str, list[Row]], document: Path = PAGE, image: Path = PL
     document.write_text(replaced(document.read_text(encoding="utf-8"), page(by_axis)), encoding="utf-8")
     if any(by_axis.values()):
         image.write_text(plot(by_axis), encoding="utf-8")
-
-
-def replaced(text: str, inner: str) -> str:
-    """Return a document with the text between its two markers replaced.
-
-    Raises:
-        ValueError: A marker is missing.
-    """
-    head, begin, rest = text.partition(BEGIN)
-    _, end, tail = rest.partition(END)
-    if not begin or not end:
-        raise ValueError(f"The document has no place for results: put {BEGIN} and {END} on lines of their own.")
-    return f"{head}{begin}\n{inner}\n{end}{tail}"
 
 
 def _line(cells: Sequence[str]) -> str:

@@ -6,15 +6,19 @@ python benchmarks/table.py
 import json
 import statistics
 from collections.abc import Iterable
+from functools import partial
 from pathlib import Path
 from string import ascii_lowercase
 
+from document import replaced_between
 from record import RESULTS, ROOT
 
 README = ROOT / "README.md"
 PAGE = ROOT / "docs" / "results.md"
 PAPER_PAGE = ROOT / "docs" / "paper-tables.md"
 BEGIN, END = "<!-- results: written by benchmarks/table.py -->", "<!-- end of results -->"
+replaced = partial(replaced_between, BEGIN, END)
+"""Function from a document and a text to the document with the text between its markers."""
 MISSING = "*not measured*"
 
 ROWS = {
@@ -166,19 +170,6 @@ def _number(record: dict, name: str, style: str, factor: float = 1, unit: str = 
 def documents(records: dict[str, dict]) -> dict[Path, str]:
     """Return the text that belongs between the markers of each document."""
     return {README: short_table(records), PAGE: table(records), PAPER_PAGE: paper_tables(records)}
-
-
-def replaced(text: str, inner: str) -> str:
-    """Return a document with the text between its two markers replaced.
-
-    Raises:
-        ValueError: A marker is missing.
-    """
-    head, begin, rest = text.partition(BEGIN)
-    _, end, tail = rest.partition(END)
-    if not begin or not end:
-        raise ValueError(f"The document has no place for results: put {BEGIN} and {END} on lines of their own.")
-    return f"{head}{begin}\n{inner}\n{end}{tail}"
 
 
 if __name__ == "__main__":

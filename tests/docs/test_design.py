@@ -27,7 +27,7 @@ def folders_of_the_tree() -> dict[str, str]:
 
 
 def folders_of_the_repository() -> set[str]:
-    """Those with Python files, the built player, and those of the packages' sources."""
+    """Return the folders with Python files, of the built player, and of the packages' sources."""
     python = {path.parent for path in SOURCE.rglob("*.py")}
     typescript = {path.parent for root in PACKAGES.values() for path in root.rglob("*.ts")}
     return {path.relative_to(ROOT).as_posix() for path in python | typescript | {SOURCE / "play" / "static"}}

@@ -10,3 +10,8 @@ export interface View {
   /** Near plane, in world units. */
   near: number;
 }
+
+/** Return the intrinsics of a projection matrix [16], column-major as in WebGL, in pixels. */
+export function intrinsicsOf(P: ArrayLike<number>, width: number, height: number): Pick<View, "fx" | "fy" | "cx" | "cy" | "width" | "height"> {
+  return { fx: (P[0] * width) / 2, fy: (P[5] * height) / 2, cx: ((1 - P[8]) * width) / 2, cy: ((1 + P[9]) * height) / 2, width, height };
+}

@@ -1,6 +1,6 @@
 /** Maps a reel into the space of a headset: meters, y up, floor at 0, forward along -z. */
 import { add, cross, dot, eyeOf, length, normalize, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
-import type { View } from "../base/view";
+import { intrinsicsOf, type View } from "../base/view";
 import type { Manifest } from "@splatreel/decoder/reel/manifest";
 
 /** Median distance in meters of the capture's cameras from the center of the scene. */
@@ -40,16 +40,6 @@ export class HeadsetSpace {
       const row = axes.reduce((sum, axis, a) => add(sum, scale(axis, sign * inverse[4 * a + i])), [0, 0, 0] as Vec3);
       return [...row, (sign * inverse[12 + i]) / meters - dot(row, origin)];
     });
-    const P = projection;
-    return {
-      viewmat: [...rows.flat(), 0, 0, 0, 1],
-      fx: (P[0] * width) / 2,
-      fy: (P[5] * height) / 2,
-      cx: ((1 - P[8]) * width) / 2,
-      cy: ((1 + P[9]) * height) / 2,
-      width,
-      height,
-      near,
-    };
+    return { viewmat: [...rows.flat(), 0, 0, 0, 1], ...intrinsicsOf(projection, width, height), near };
   }
 }

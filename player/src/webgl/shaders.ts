@@ -202,9 +202,10 @@ void main() {
   vFall = -0.7213475204444817 * extent * extent;
 }`;
 
-export const splatFragment = `#version 300 es
+/** Return the fragment shader of the second pass. end: GLSL from alpha to outColor; declarations: of what it uses. */
+export const splatFragmentOf = (end: string, declarations = ""): string => `#version 300 es
 precision highp float;
-in vec2 vAt;
+${declarations}in vec2 vAt;
 flat in vec4 vColor;
 flat in float vFall;
 out vec4 outColor;
@@ -212,8 +213,10 @@ void main() {
   float square = dot(vAt, vAt);
   if (square > 1.0) discard;
   float alpha = min(0.999, vColor.a * exp2(vFall * square));
-  outColor = vec4(vColor.rgb * alpha, alpha);
+  ${end}
 }`;
+
+export const splatFragment = splatFragmentOf("outColor = vec4(vColor.rgb * alpha, alpha);");
 
 export const fadeFragment = `#version 300 es
 precision highp float;

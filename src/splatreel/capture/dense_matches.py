@@ -138,9 +138,8 @@ def _adjust(colmap: ModuleType, model: Any, middle: bool) -> None:
     for number in model.reg_image_ids():
         config.add_image(number)
     config.fix_gauge(colmap.BundleAdjustmentGauge.TWO_CAMS_FROM_WORLD)
-    colmap.create_default_bundle_adjuster(
-        options, config, model
-    ).solve()  # `bundle_adjustment` would write to standard error
+    adjuster = colmap.create_default_bundle_adjuster(options, config, model)
+    adjuster.solve()  # `bundle_adjustment` would write to standard error
     model.update_point_3d_errors()
 
 

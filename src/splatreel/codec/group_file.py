@@ -206,7 +206,7 @@ def _decode_moving(sections: Sections, header: FileHeader) -> Moving:
     if count and "offsets" in sections and sections["offsets"].parameters.get("codec") == paper_offsets.ORIGINAL:
         means, quats = _decode_offsets(sections["offsets"], frames, count)
         dynamic = decode_gaussians(sections, count, (means[0], quats[0]))
-        back = quats[0] * np.array([1, -1, -1, -1], np.float32)
+        back = rotations.conjugate(quats[0])
         return dynamic, means - means[0], rotations.multiply(back, quats), None
     dynamic, predictor = _decode_points(sections, count)
     if predictor is not None:

@@ -29,7 +29,7 @@ class LayerSpan:
 
 
 @dataclass(frozen=True)
-class GroupSpan:
+class ClipSpan:
     """Frames of a group, and those over which it cross-fades with the group before (0 is a hard cut)."""
 
     first_frame: int
@@ -80,7 +80,7 @@ class Outline:
     texts: Mapping[str, str]
     renditions: tuple[str, ...]
     layers: tuple[LayerSpan, ...]
-    groups: tuple[GroupSpan, ...]
+    groups: tuple[ClipSpan, ...]
     sound: ClipSound | None
 
     @property

@@ -16,7 +16,7 @@ from splatreel.codec.manifest import Manifest
 from splatreel.codec.presentation import MAX_TEXT
 from splatreel.codec.reader import ReelReader
 from splatreel.config import COARSENESS
-from splatreel.edit.clip import ClipGroup, ClipLayer, ClipSound, GroupSpan, LayerSpan, Outline
+from splatreel.edit.clip import ClipGroup, ClipLayer, ClipSound, ClipSpan, LayerSpan, Outline
 from splatreel.errors import ReelError, UsageError
 from splatreel.play.reel_sound import ReelSound
 
@@ -76,9 +76,9 @@ class ReelClip:
         """Return a group, decoded; by default the best rendition."""
         return _cached(self._groups, (index, rendition), lambda: self._decode_group(index, rendition))
 
-    def _span(self, entry: FileEntry) -> GroupSpan:
+    def _span(self, entry: FileEntry) -> ClipSpan:
         overlap = self._manifest.overlap if entry.overlap is None else entry.overlap
-        return GroupSpan(entry.first_frame - self._manifest.first_frame, entry.frames, overlap)
+        return ClipSpan(entry.first_frame - self._manifest.first_frame, entry.frames, overlap)
 
     def _decode_layer(self, entry: FileEntry) -> ClipLayer:
         points, precision = decode_layer_to_edit(self._reader.read_file(entry), entry.uri)

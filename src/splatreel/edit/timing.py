@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatreel.edit.clip import Clip, ClipGroup, ClipLayer, ClipSound, GroupSpan, LayerSpan
+from splatreel.edit.clip import Clip, ClipGroup, ClipLayer, ClipSound, ClipSpan, LayerSpan
 from splatreel.scene import rotations
 
 
@@ -26,7 +26,7 @@ class Cut:
         chosen = spans[self._begin : last + 1]
         self._ranges = [(max(span.first_frame, first), min(span.end, end)) for span in chosen]
         groups = [
-            GroupSpan(begin - first, stop - begin, span.overlap)
+            ClipSpan(begin - first, stop - begin, span.overlap)
             for span, (begin, stop) in zip(chosen, self._ranges, strict=True)
         ]
         self._layers = [
@@ -69,7 +69,7 @@ class Reversed:
         groups, before = [], -1
         for index in range(count - 1, -1, -1):
             first = max(frames - 1 - self._newest(index), before + 1)
-            groups.append(GroupSpan(first, frames - source.groups[index].first_frame - first, self._overlap(index)))
+            groups.append(ClipSpan(first, frames - source.groups[index].first_frame - first, self._overlap(index)))
             before = first
         layers = tuple(
             LayerSpan(0 if x.until is None else count - min(x.until, count), count - x.born if x.born else None)
@@ -131,7 +131,7 @@ class Retimed:
                 else min(max(math.ceil(span.end * ratio - 1e-9), starts[self._chosen[place + 1]]), frames)
             )
             overlap = max(round(span.overlap * ratio), 1) if span.overlap else 0
-            groups.append(GroupSpan(starts[index], end - starts[index], overlap))
+            groups.append(ClipSpan(starts[index], end - starts[index], overlap))
         header = replace(
             source.header,
             fps=fps,

@@ -29,35 +29,46 @@ class SeenByCameras:
 
     def __init__(self, least: int) -> None:
         self.least = least
+        self._drawn: dict[tuple[int, float], list[np.ndarray]] = {}
 
     def static(self, clip: Clip, index: int, layer: ClipLayer) -> np.ndarray:
         """Return which points of a layer are seen, at the group of its birth."""
-        born = clip.outline.layers[index].born
-        shown, _, _ = shown_points(clip, born, 0.0)
-        return count_cameras(shown, layer.points, clip) >= self.least
+        return self._count(clip, clip.outline.layers[index].born, 0.0, layer.points) >= self.least
 
     def moving(self, clip: Clip, index: int, group: ClipGroup) -> np.ndarray:
         """Return which dynamic points are seen at one of several moments."""
         seen = np.zeros(len(group.group.dynamic), np.int64)
         for frame in np.unique(np.linspace(0, group.group.frames - 1, MOMENTS).round()).tolist():
-            shown, _, _ = shown_points(clip, index, frame)
-            seen = np.maximum(seen, count_cameras(shown, group.group.at(frame), clip))
+            seen = np.maximum(seen, self._count(clip, index, frame, group.group.at(frame)))
         return (seen >= self.least)[None]
 
+    def _count(self, clip: Clip, index: int, frame: float, points: Gaussians) -> np.ndarray:
+        """Return how many of the clip's cameras see each of N points at a frame of a group, [N] int64."""
+        near, count = clip.outline.header.near, np.zeros(len(points), np.int64)
+        reach = SIZES * points.scales.max(1, initial=0.0)
+        for camera, surface in zip(_small(clip), self._surfaces(clip, index, frame), strict=True):
+            inside, pixels, depths = in_picture(points.means, camera, near)
+            columns, rows = (
+                np.clip(pixels[:, axis].astype(int), 0, size - 1)
+                for axis, size in ((0, camera.width), (1, camera.height))
+            )
+            count += inside & (depths <= surface[rows, columns] * (1 + BEHIND) + reach)
+        return count
 
-def count_cameras(shown: Gaussians, points: Gaussians, clip: Clip) -> np.ndarray:
-    """Return how many of the clip's cameras see each of N points among all that is shown, [N] int64."""
-    header, count = clip.outline.header, np.zeros(len(points), np.int64)
-    reach = SIZES * points.scales.max(1, initial=0.0)
-    for camera in header.cameras:
-        drawn = camera.at_most(SIDE)
-        inside, pixels, depths = in_picture(points.means, drawn, header.near)
-        surface = surface_depth(shown, drawn, header.near, header.antialias)
-        columns, rows = (
-            np.clip(pixels[:, axis].astype(int), 0, size - 1) for axis, size in ((0, drawn.width), (1, drawn.height))
-        )
-        count += inside & (depths <= surface[rows, columns] * (1 + BEHIND) + reach)
-    return count
+    def _surfaces(self, clip: Clip, index: int, frame: float) -> list[np.ndarray]:
+        """Return the depth images of the cameras. Those of one group are kept: layers and renditions ask for the same."""
+        if (index, frame) not in self._drawn:
+            self._drawn = {key: images for key, images in self._drawn.items() if key[0] == index}
+            header = clip.outline.header
+            shown, _, _ = shown_points(clip, index, frame)
+            drawn = [surface_depth(shown, camera, header.near, header.antialias) for camera in _small(clip)]
+            self._drawn[index, frame] = drawn
+        return self._drawn[index, frame]
+
+
+def _small(clip: Clip) -> list[Camera]:
+    """Return the clip's cameras at the size of the depth images."""
+    return [camera.at_most(SIDE) for camera in clip.outline.header.cameras]
 
 
 def surface_depth(points: Gaussians, camera: Camera, near: float, antialias: bool) -> np.ndarray:

@@ -12,7 +12,7 @@ import numpy as np
 from splatreel.errors import GaussiansError
 from splatreel.play.gaussian_export import GaussianExport
 from splatreel.scene.atomic import write_bytes
-from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.turning import turned
 
 LOWEST, HIGHEST = -4.0, 4.0
@@ -76,7 +76,7 @@ def _gaussian_set(fourdgs: Any, points: Gaussians, begin: np.ndarray, end: np.nd
     """Return Gaussians with windows of time, in seconds, as fourdgs has them."""
     rest = points.sh[:, 1:].transpose(0, 2, 1).reshape(len(points), -1)
     stored = np.rint(np.clip((rest - LOWEST) / (HIGHEST - LOWEST), 0, 1) * 255).astype(np.uint8)
-    color = np.concatenate([np.clip(points.sh[:, 0] * C0 + 0.5, 0, 1), points.opacities[:, None]], 1)
+    color = np.concatenate([np.clip(points.base_colors, 0, 1), points.opacities[:, None]], 1)
     return fourdgs.GaussianSet(
         positions=points.means,
         scales=points.scales,

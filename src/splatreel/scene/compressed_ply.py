@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.scene.atomic import write_bytes
-from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.morton import neighbor_order
 from splatreel.scene.packed_columns import CHUNK, PACKED, SH_RANGE
 
@@ -35,8 +35,7 @@ def write_compressed_ply(path: str | Path, gaussians: Gaussians) -> None:
     """
     points = gaussians[neighbor_order(gaussians.means)]
     scales = np.clip(np.log(np.maximum(points.scales, 1e-30)), _LOWEST, _HIGHEST)
-    colors = 0.5 + C0 * points.sh[:, 0]
-    ranges, shares = zip(*(_share(values) for values in (points.means, scales, colors)), strict=True)
+    ranges, shares = zip(*(_share(values) for values in (points.means, scales, points.base_colors)), strict=True)
     place, size, color = shares
     words = np.stack(
         [

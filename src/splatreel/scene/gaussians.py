@@ -56,6 +56,11 @@ class Gaussians:
         """Degree of the spherical harmonics, 0..3."""
         return round(self.sh.shape[1] ** 0.5) - 1
 
+    @property
+    def base_colors(self) -> np.ndarray:
+        """Colors without their view-dependent part, [N, 3] float32, about 0..1 but not limited to it."""
+        return 0.5 + C0 * self.sh[:, 0]
+
     def check_finite(self, what: str = "Gaussians") -> None:
         """Raise `GaussiansError` if a value is NaN or infinite."""
         for field in fields(Gaussians):

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.scene.atomic import write_bytes
-from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.gaussians import Gaussians
 
 _FLOAT, _BYTE, _ARRAY_BUFFER = 5126, 5121, 34962
 _TYPES = {1: "SCALAR", 3: "VEC3", 4: "VEC4"}
@@ -71,7 +71,7 @@ def write_glb(path: str | Path, gaussians: Gaussians, shift: np.ndarray | None =
 
 def _attributes(gaussians: Gaussians) -> dict[str, np.ndarray]:
     """Return attributes by name, [N, 1], [N, 3] or [N, 4]: float32, except COLOR_0. All rows are multiples of four bytes."""
-    color = np.concatenate([gaussians.sh[:, 0] * C0 + 0.5, gaussians.opacities[:, None]], 1)
+    color = np.concatenate([gaussians.base_colors, gaussians.opacities[:, None]], 1)
     arrays = {
         "POSITION": gaussians.means,
         "COLOR_0": np.rint(np.clip(color, 0, 1) * 255).astype(np.uint8),

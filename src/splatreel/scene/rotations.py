@@ -28,6 +28,11 @@ def multiply(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     )
 
 
+def conjugate(quats: np.ndarray) -> np.ndarray:
+    """Return the inverses of unit quaternions [..., 4]."""
+    return quats * np.array([1, -1, -1, -1], quats.dtype)
+
+
 def to_matrix(quats: np.ndarray) -> np.ndarray:
     """Convert unit quaternions [..., 4] to rotation matrices [..., 3, 3]."""
     w, x, y, z = np.moveaxis(quats, -1, 0)

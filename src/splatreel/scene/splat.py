@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.scene.atomic import write_bytes
-from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.gaussians import Gaussians
 
 SPLAT = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("color", "u1", 4), ("turn", "u1", 4)])
 """One point of a file."""
@@ -33,7 +33,7 @@ def write_splat(path: str | Path, gaussians: Gaussians) -> None:
     points = gaussians[np.argsort(-gaussians.opacities * gaussians.scales.prod(1), kind="stable")]
     table = np.empty(len(points), SPLAT)
     table["means"], table["scales"] = points.means, points.scales
-    table["color"] = to_bytes(255 * np.concatenate([0.5 + C0 * points.sh[:, 0], points.opacities[:, None]], 1))
+    table["color"] = to_bytes(255 * np.concatenate([points.base_colors, points.opacities[:, None]], 1))
     table["turn"] = to_bytes(128 + 128 * points.quats)
     write_bytes(Path(path), table.tobytes())
 

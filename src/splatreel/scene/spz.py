@@ -23,6 +23,7 @@ import numpy as np
 from splatreel.errors import GaussiansError
 from splatreel.scene.atomic import write_bytes
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.splat import to_bytes
 
 MAGIC = 0x5053474E
 Version = Literal[2, 3, 4]
@@ -95,7 +96,7 @@ def _streams(path: Path, header: bytes, parts: list[bytes]) -> bytes:
 
 
 def _bytes(values: np.ndarray) -> bytes:
-    return np.rint(np.clip(values, 0, 255)).astype(np.uint8).tobytes()
+    return to_bytes(values).tobytes()
 
 
 def _fixed(means: np.ndarray, bits: int) -> bytes:

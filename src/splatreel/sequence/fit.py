@@ -20,7 +20,6 @@ from splatreel.progress import Progress
 from splatreel.recon.encode.group_writer import PresentationHook, no_presentation
 from splatreel.recon.pipeline import reconstruct
 from splatreel.scene.camera import Camera
-from splatreel.scene.gaussians import C0
 from splatreel.sequence.comparison import BLACK, Comparison, compare
 from splatreel.sequence.edits import first_points
 from splatreel.sequence.frames import Frames
@@ -66,7 +65,7 @@ class FilmCapture(Capture):
             frame_range=(0, len(film)),
             fps=header.fps,
             points=seen.means,
-            point_colors=np.clip(seen.sh[:, 0] * C0 + 0.5, 0, 1),
+            point_colors=np.clip(seen.base_colors, 0, 1),
         )
         self._columns = {camera.name: column for column, camera in enumerate(self.cameras)}
         self._drawn: dict[int, np.ndarray] = {}

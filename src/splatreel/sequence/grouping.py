@@ -115,7 +115,7 @@ def group_of(index: int, first_frame: int, frames: Sequence[Gaussians], rows: np
         looks[t, some] = np.concatenate([seen.sh[:, 0], seen.opacities[:, None]], 1)
     means, quats, looks = (array[nearest, columns] for array in (means, quats, looks))
     looks[..., 3] *= there
-    back = points.quats * np.array([1, -1, -1, -1], np.float32)
+    back = rotations.conjugate(points.quats)
     turns = rotations.multiply(np.broadcast_to(back, quats.shape), quats)
     turns *= np.where(turns[..., :1] < 0, -1, 1)
     shade = looks - np.concatenate([points.sh[:, 0], points.opacities[:, None]], 1)

@@ -1,8 +1,9 @@
 /** Views of a reel through cameras and rays of three.js. */
 import { cross, normalize, viewmatOf, type Vec3 } from "@splatreel/decoder/base/matrix";
-import type { View } from "splatreel-player/base/view";
+import { intrinsicsOf, type View } from "splatreel-player/base/view";
 import { Matrix4, type Camera, type Ray } from "three";
 
+const COMPARED = ["fx", "fy", "cx", "cy", "width", "height"] as const;
 const toCamera = new Matrix4();
 /** three's cameras look along -z with y up; views look along z with y down. */
 const turn = new Matrix4().makeScale(1, -1, -1);
@@ -10,23 +11,16 @@ const turn = new Matrix4().makeScale(1, -1, -1);
 /** Return the view of a reel in the units of the reel. scale: of the reel in the scene. near: in units of the reel. */
 export function viewOf(camera: Camera, matrixWorld: Matrix4, scale: number, width: number, height: number, near: number): View {
   toCamera.multiplyMatrices(camera.matrixWorldInverse, matrixWorld).premultiply(turn).transpose();
-  const P = camera.projectionMatrix.elements;
   return {
     viewmat: toCamera.elements.map((value, i) => (i < 12 ? value / scale : value)),
-    fx: (P[0] * width) / 2,
-    fy: (P[5] * height) / 2,
-    cx: ((1 - P[8]) * width) / 2,
-    cy: ((1 + P[9]) * height) / 2,
-    width,
-    height,
+    ...intrinsicsOf(camera.projectionMatrix.elements, width, height),
     near: Math.max(near, ((camera as { near?: number }).near ?? 0) / scale),
   };
 }
 
 /** Return true if two views show the same. */
 export function isSameView(a: View | null, b: View): boolean {
-  const numbers = ({ viewmat, fx, fy, cx, cy, width, height }: View): number[] => [fx, fy, cx, cy, width, height, ...viewmat];
-  return a !== null && String(numbers(a)) === String(numbers(b));
+  return a !== null && COMPARED.every((name) => a[name] === b[name]) && a.viewmat.every((value, i) => value === b.viewmat[i]);
 }
 
 /** Return a view along a ray in the reel's space, through the corner of four pixels. focal: pixels per unit of slope. */

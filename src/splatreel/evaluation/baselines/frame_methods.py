@@ -151,7 +151,7 @@ def chain(start: SharedStart, frames: Frames, first: int, count: int, index: int
     dq = np.zeros((count, total, 4), np.float32)
     dq[..., 0] = 1
     shade = np.zeros((count, total, 4), np.float32)
-    back = dynamic.quats * np.array([1, -1, -1, -1], np.float32)
+    back = rotations.conjugate(dynamic.quats)
     for t, points in enumerate(shown):
         own = len(points)
         dx[t, :own] = points.means - dynamic.means[:own]

@@ -23,6 +23,7 @@ from splatreel.evaluation.bench.published import (
     TABLE_3,
     TABLE_5,
     comparable,
+    has_own,
     published_rows,
 )
 
@@ -31,8 +32,10 @@ ALL = (*BASELINES, NO_LAYERS, FULL)
 OTHERS = (INDEPENDENT, STREAMING, VIDEO, FULL)
 """Variants that stand for methods of Table 1."""
 LONG = (PER_FRAME, FULL)
-TIMES = " Baselines that train frame by frame train as long as ours, if no --minutes are given. Independent groups and all points "
-TIMES += "moving train as many iterations as ours, whatever time that takes."
+TIMES = (
+    " Baselines that train frame by frame train as long as ours, if no --minutes are given. Independent groups and all points "
+    "moving train as many iterations as ours, whatever time that takes."
+)
 
 
 def baselines(bench: PaperBench) -> PaperTable:
@@ -130,7 +133,7 @@ def quality_and_size(bench: PaperBench) -> PaperTable:
     rows += [
         [method, size, psnr, source]
         for method, psnr, size, _, _, source in published_rows(TABLE_2, bench.captures)
-        if size != "N/A" and comparable(TABLE_2, bench.captures).endswith("length.")
+        if size != "N/A" and has_own(TABLE_2, bench.captures)
     ]
     return PaperTable(
         "Figure 15. Rendering quality and storage: size in MB and PSNR in dB, means over captures." + TIMES,

@@ -125,8 +125,13 @@ def published_rows(table: dict[str, dict[str, Numbers]], captures: Collection[st
     ]
 
 
+def has_own(table: dict[str, dict[str, Numbers]], captures: Collection[str]) -> bool:
+    """Return whether a table of other methods has the dataset of the captures."""
+    return dataset_of(captures) in table
+
+
 def comparable(table: dict[str, dict[str, Numbers]], captures: Collection[str]) -> str:
     """Return a sentence about rows that are published: whether they are of the same captures as the measured rows."""
-    if dataset_of(captures) in table:
+    if has_own(table, captures):
         return " Published rows are the paper's, of the whole dataset at its full size and length."
     return " Published rows are the paper's, of other captures: they cannot be compared with measured rows."

@@ -344,7 +344,7 @@ def with_decoded_at(attribute: str, trained: Group, decoded: Group, frame: float
 
 def _turns(moment: Gaussians, canonical: Gaussians) -> np.ndarray:
     """Return the rotations [N, 4] about the world's axes that took canonical points to a moment."""
-    return rotations.multiply(moment.quats, canonical.quats * np.array([1, -1, -1, -1], np.float32))
+    return rotations.multiply(moment.quats, rotations.conjugate(canonical.quats))
 
 
 def _recolored(points: Gaussians, base: np.ndarray, opacities: np.ndarray) -> Gaussians:

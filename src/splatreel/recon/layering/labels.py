@@ -52,7 +52,7 @@ class RelitPoints:
 
     def _shade(self, light: np.ndarray) -> np.ndarray:
         """Return the change of c_base, [..., M, 3] float32, for a change of light [..., M]."""
-        color = np.maximum(0.5 + C0 * self.points.sh[:, 0], 0)
+        color = np.maximum(self.points.base_colors, 0)
         return (np.expm1(light)[..., None] * (color / C0)).astype(np.float32)
 
 
