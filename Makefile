@@ -20,15 +20,23 @@ demo: $(RECON)  ## capture, reconstruct, compress, evaluate and play the built-i
 LONG := slow or kill or cluster or wheel or browser
 WORKERS ?= auto
 COVERAGE ?=
-PYTEST = $(BIN)/python -m $(if $(COVERAGE),coverage run -m )pytest -n $(WORKERS) --maxprocesses 8 --durations=15
+# RETRY=1, as .ci/run sets it, runs tests that failed once more, one at a time: a browser on a busy machine may be late. It says so.
+RETRY ?=
+PYTHON_RUN = $(BIN)/python -m $(if $(COVERAGE),coverage run -m )
+# $(call pytest,MARKS): exit status 1 means that tests failed, and not that they could not run.
+define pytest
+$(PYTHON_RUN)pytest -n $(WORKERS) --maxprocesses 8 --durations=15 -m $(1) $(if $(RETRY),|| { test $$? = 1 && \
+	echo 'FLAKY? The tests that failed run once more:' && \
+	$(PYTHON_RUN)pytest --verbose --last-failed --last-failed-no-failures none -m $(1); })
+endef
 
 test: $(SETUP) $(if $(NPM),player/node_modules/.package-lock.json)  ## the tests that answer in minutes, on all cores
 	$(if $(COVERAGE),$(BIN)/coverage erase)
-	$(PYTEST) -m 'smoke or not ($(LONG))'
+	$(call pytest,'smoke or not ($(LONG))')
 
 test-all: COVERAGE = 1
 test-all: test  ## those, then all others, and how much of the code they ran
-	$(PYTEST) -m '($(LONG)) and not smoke'
+	$(call pytest,'($(LONG)) and not smoke')
 	$(BIN)/coverage combine --quiet 2>out/coverage/combine.log || { cat out/coverage/combine.log; exit 1; }
 	rm -f out/coverage/data.*  # cut off: of processes that were killed
 	$(BIN)/coverage json --quiet -o out/coverage.json

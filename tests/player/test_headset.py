@@ -65,6 +65,24 @@ def eyes(page: Page) -> tuple[np.ndarray, np.ndarray]:
     return both[:, :SIDE], both[:, SIDE:]
 
 
+def wait_for_headset(page: Page) -> None:
+    """Wait until the headset shows its third image; the page has drawn some of its own before."""
+    page.wait_for_function(f"{PLAYER}.presented")
+    drawn = page.evaluate(f"{PLAYER}.stage.pictures")
+    page.wait_for_function(f"{PLAYER}.stage.pictures > {drawn} + 3 && !{PLAYER}.seeking")
+
+
+def expect_eyes(page: Page, *wanted: np.ndarray) -> None:
+    """Wait until the left and the right eye see these images, which a busy machine sorts and draws late."""
+    error = np.inf
+    for _ in range(100):
+        error = max(float(np.mean((got - want) ** 2)) for got, want in zip(eyes(page), wanted, strict=True))
+        if -10 * np.log10(error) > 40:
+            return
+        page.wait_for_timeout(100)
+    pytest.fail(f"an eye differs: mean squared error {error:.3g}")
+
+
 def expected(side: int, seconds: float = 0.0) -> np.ndarray:
     """Return the CPU's image of an eye beside the reel's camera, whose median distance to the center is two meters."""
     reel = open_reel(GOLDEN)
@@ -83,14 +101,14 @@ def test_each_eye_sees_its_own_picture(page: Page, server: Server, space: str):
     open_player(page, server)
     page.evaluate(f"window.space = '{space}'")
     page.locator("splat-reel").get_by_role("button", name="Enter VR").click()
-    page.wait_for_function(f"{PLAYER}.presented && {PLAYER}.stage.pictures > 3")
+    wait_for_headset(page)
     if space == "local":  # its origin is where the eyes are: the pretended head stands 1.6 m above that
         assert eyes(page)[0].mean() < expected(-1).mean() / 2
         return
-    for got, want in zip(eyes(page), (expected(-1), expected(1)), strict=True):
-        assert want.std() > 0.05
-        assert -10 * np.log10(np.mean((got - want) ** 2)) > 40
-    assert np.abs(expected(-1) - expected(1)).mean() > 0.003, "the eyes see the same"
+    left, right = expected(-1), expected(1)
+    assert min(left.std(), right.std()) > 0.05
+    assert np.abs(left - right).mean() > 0.003, "the eyes see the same"
+    expect_eyes(page, left, right)
 
 
 def test_where_groups_meet_either_eye_sees_their_pictures_fade(page: Page, server: Server):
@@ -98,12 +116,10 @@ def test_where_groups_meet_either_eye_sees_their_pictures_fade(page: Page, serve
     open_player(page, server)
     page.evaluate(f"window.space = 'local-floor'; {PLAYER}.currentTime = 0.225")
     page.locator("splat-reel").get_by_role("button", name="Enter VR").click()
-    page.wait_for_function(f"{PLAYER}.presented && {PLAYER}.stage.pictures > 3 && !{PLAYER}.seeking")
-    page.wait_for_timeout(500)
+    wait_for_headset(page)
+    expect_eyes(page, expected(-1, 0.225), expected(1, 0.225))
     for side, got in zip((-1, 1), eyes(page), strict=True):
-        want, before = expected(side, 0.225), expected(side)
-        assert -10 * np.log10(np.mean((got - want) ** 2)) > 40
-        assert -10 * np.log10(np.mean((got - before) ** 2)) < 35
+        assert -10 * np.log10(np.mean((got - expected(side)) ** 2)) < 35
 
 
 def test_a_pinch_plays_and_leaving_goes_back_to_the_page(page: Page, server: Server):
@@ -111,7 +127,7 @@ def test_a_pinch_plays_and_leaving_goes_back_to_the_page(page: Page, server: Ser
     open_player(page, server)
     page.locator("splat-reel canvas").focus()
     page.keyboard.press("v")
-    page.wait_for_function(f"{PLAYER}.presented && {PLAYER}.stage.pictures > 3")
+    wait_for_headset(page)
     page.evaluate("session.dispatchEvent(new Event('select'))")
     page.wait_for_function(f"{PLAYER}.currentTime > 0.05 && !{PLAYER}.paused")
     page.evaluate("session.dispatchEvent(new Event('select'))")
