@@ -14,7 +14,7 @@ PROMPT = "splat-reel .prompt"
 def test_it_shows_once_and_goes_with_the_first_gesture(page: Page, server: Server) -> None:
     open_player(page, server)
     prompt = page.locator(PROMPT)
-    prompt.wait_for()
+    prompt.evaluate("(prompt) => prompt.getAnimations().forEach((animation) => animation.pause())")
     assert prompt.inner_text() == "Drag to look around"
     assert prompt.evaluate("(prompt) => getComputedStyle(prompt).pointerEvents") == "none"
     page.evaluate(f"{PLAYER}.currentTime = 0.1")

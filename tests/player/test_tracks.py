@@ -39,6 +39,17 @@ def test_captions_follow_the_time_without_controls(page: Page, server: Server):
     assert box["y"] < 100, "the cue names a line near the top"
 
 
+def test_the_first_prompt_leaves_captions_free(page: Page, server: Server):
+    reel = open_tracks(page, server)
+    prompt, cue = reel.locator(".prompt"), reel.locator(".cue")
+    prompt.evaluate("(prompt) => prompt.getAnimations().forEach((animation) => animation.pause())")
+    cue.get_by_text("A ball rises").wait_for()
+    high, low = prompt.bounding_box(), cue.bounding_box()
+    assert high is not None
+    assert low is not None
+    assert high["y"] + high["height"] < low["y"]
+
+
 def test_button_menu_and_key_choose_captions(page: Page, server: Server):
     reel = open_tracks(page, server)
     button = reel.get_by_role("button", name="Captions")
