@@ -8,9 +8,10 @@ import pytest
 
 from splatreel.codec.info import reel_info
 from splatreel.codec.reader import ReelReader
-from splatreel.evaluation.baselines.frame_by_frame import FrameMethod, Frames, run_frame_by_frame
 from splatreel.evaluation.baselines.frame_methods import AttributeVideo, PerFrame, Streaming, chain
+from splatreel.evaluation.baselines.part_by_part import Frames, PartMethod, run_in_parts
 from splatreel.evaluation.baselines.shared_start import SharedStart
+from splatreel.evaluation.baselines.temporal_slices import TemporalSlices
 from splatreel.evaluation.metrics import psnr
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline
@@ -25,7 +26,7 @@ def start(tmp_path: Path) -> SharedStart:
     return write_start(scenes.capture(tmp_path), tmp_path / "run")
 
 
-def moving(folder: Path, method: FrameMethod, count: int = scenes.FRAMES) -> Frames:
+def moving(folder: Path, method: PartMethod, count: int = scenes.FRAMES) -> Frames:
     """Save the moving points of the scene, as a method would have trained them."""
     frames = Frames(folder, count)
     for frame in range(count):
@@ -37,8 +38,10 @@ def image(points: Gaussians, start: SharedStart) -> np.ndarray:
     return np.clip(render_image(points, start.capture.cameras[1], near=start.layout.near), 0, 1)
 
 
-@pytest.mark.parametrize("method", [PerFrame(), Streaming(), AttributeVideo()], ids=lambda m: type(m).__name__)
-def test_decoded_frames_show_what_was_encoded(method: FrameMethod, start: SharedStart, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "method", [PerFrame(), Streaming(), AttributeVideo(), TemporalSlices()], ids=lambda m: type(m).__name__
+)
+def test_decoded_frames_show_what_was_encoded(method: PartMethod, start: SharedStart, tmp_path: Path) -> None:
     frames = moving(tmp_path / "frames", method)
     method.write(start, frames, tmp_path / "method")
     timeline = Timeline(ReelReader(tmp_path / "method"))
@@ -82,6 +85,6 @@ def test_a_static_scene_costs_a_stream_little_and_frames_much(tmp_path: Path) ->
     start = write_start(still(tmp_path), tmp_path / "run")
     for method in (PerFrame(), Streaming()):
         out = tmp_path / type(method).__name__
-        run_frame_by_frame(method, start, out, 12.0, Silent())
+        run_in_parts(method, start, out, 12.0, Silent())
         sizes[type(method)] = reel_info(out / "reel").bytes
     assert 2 * sizes[Streaming] < sizes[PerFrame]

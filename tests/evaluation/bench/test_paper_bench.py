@@ -13,7 +13,7 @@ from splatreel.recon.pipeline import Result
 from splatreel.recon.run.store import StoredGroup, StoredLayer
 from tests.evaluation import scenes
 from tests.evaluation.baselines.starts import SECONDS, write_start
-from tests.evaluation.baselines.test_frame_by_frame import Clock, Sliding
+from tests.evaluation.baselines.test_part_by_part import Clock, Sliding
 
 
 @pytest.fixture

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from splatreel.config import EncodeConfig
-from splatreel.evaluation.baselines.frame_by_frame import Frames
 from splatreel.evaluation.baselines.frame_training import add_points, move_points, train_freely, train_in_place
+from splatreel.evaluation.baselines.part_by_part import Frames
 from splatreel.evaluation.baselines.shared_start import SharedStart
 from splatreel.recon.encode.group_writer import group_importance
 from splatreel.recon.encode.importance import weigh
@@ -31,7 +32,15 @@ VIDEO = EncodeConfig(codec="h265", sh_entries=0).with_h265(
 """V3's coding: positions in 16 bits, all else in 8 bits, as maps in H.265."""
 
 
-class PerFrame:
+class FrameByFrame:
+    """Method whose parts are single frames."""
+
+    def parts(self, start: SharedStart) -> list[range]:
+        """Return every frame after the keyframe."""
+        return [range(frame, frame + 1) for frame in range(1, start.capture.frames)]
+
+
+class PerFrame(FrameByFrame):
     """3DGS per frame.
 
     What it is: every frame trains all attributes with 3DGS's density control, and is stored whole. It starts from the frame
@@ -46,10 +55,10 @@ class PerFrame:
         return keyframe
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Pictures, iterations: int, frame: int
-    ) -> Gaussians:
+        self, start: SharedStart, before: Gaussians, pictures: Sequence[Pictures], iterations: int, first: int
+    ) -> list[Gaussians]:
         """Train all attributes."""
-        return train_freely(start, before, pictures, iterations, frame)
+        return [train_freely(start, before, pictures[0], iterations, first)]
 
     def write(self, start: SharedStart, frames: Frames, reel: Path) -> None:
         """Write each frame as a layer that lives for one frame."""
@@ -67,7 +76,7 @@ class PerFrame:
         writer.finish()
 
 
-class Streaming:
+class Streaming(FrameByFrame):
     """3DGStream-like: the motion of all points since the frame before, and added points.
 
     What it is: a hash grid with a small network moves and turns all points from one frame to the next, and points are added
@@ -83,24 +92,20 @@ class Streaming:
         return keyframe
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Pictures, iterations: int, frame: int
-    ) -> Gaussians:
+        self, start: SharedStart, before: Gaussians, pictures: Sequence[Pictures], iterations: int, first: int
+    ) -> list[Gaussians]:
         """Move all points, then add some."""
         adding = int(ADDING * iterations)
-        moved, meter = move_points(start, before, pictures, iterations - adding, frame)
-        added = add_points(start, moved, meter, pictures, adding, frame)
-        return Gaussians.concatenate([moved, added])
+        moved, meter = move_points(start, before, pictures[0], iterations - adding, first)
+        added = add_points(start, moved, meter, pictures[0], adding, first)
+        return [Gaussians.concatenate([moved, added])]
 
     def write(self, start: SharedStart, frames: Frames, reel: Path) -> None:
         """Write one group of all frames. Points are transparent before the frame that added them."""
-        writer = start.open_writer(reel, frames.count, start.config.encode)
-        group = chain(start, frames, 0, frames.count, 0)
-        nothing = Gaussians.empty(writer.manifest.sh_degree)
-        writer.add_group(group, group_importance(writer.manifest, writer.config, nothing, group, start.device)[0])
-        writer.finish()
+        write_groups(start, frames, reel, [range(frames.count)], start.config.encode)
 
 
-class AttributeVideo:
+class AttributeVideo(FrameByFrame):
     """V3-like: attributes of points over time as video.
 
     What it is: a fixed number of points, moved from frame to frame by a hash grid, then trained in place. Each group of frames
@@ -115,20 +120,45 @@ class AttributeVideo:
         return replace(keyframe, sh=keyframe.sh[:, :1])
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Pictures, iterations: int, frame: int
-    ) -> Gaussians:
+        self, start: SharedStart, before: Gaussians, pictures: Sequence[Pictures], iterations: int, first: int
+    ) -> list[Gaussians]:
         """Move all points, then train them in place."""
         moving = int(MOVING * iterations)
-        moved = move_points(start, before, pictures, moving, frame)[0] if moving else before
-        return train_in_place(start, moved, pictures, max(iterations - moving, 1), frame)
+        moved = move_points(start, before, pictures[0], moving, first)[0] if moving else before
+        return [train_in_place(start, moved, pictures[0], max(iterations - moving, 1), first)]
 
     def write(self, start: SharedStart, frames: Frames, reel: Path) -> None:
         """Write groups of all points without layers."""
-        length = start.config.group.length
-        writer = start.open_writer(reel, length, VIDEO, sh_degree=0)
-        for span in group_spans(frames.count, length, 0):
-            writer.add_group(chain(start, frames, span.first, span.count, span.index))
-        writer.finish()
+        spans = group_spans(frames.count, start.config.group.length, 0)
+        write_groups(start, frames, reel, [range(span.first, span.first + span.count) for span in spans], VIDEO, 0)
+
+
+def write_groups(
+    start: SharedStart,
+    frames: Frames,
+    reel: Path,
+    parts: list[range],
+    encode: EncodeConfig,
+    sh_degree: int | None = None,
+) -> None:
+    """Write groups of all points without layers.
+
+    Args:
+        start: Run that the baseline starts from.
+        frames: Points of all frames.
+        reel: The reel.
+        parts: Frames of each group.
+        encode: Settings of the codec. Points in H.265 are not weighed by their effect on the images, as in V3.
+        sh_degree: Degree of the colors; None for that of the run.
+    """
+    writer = start.open_writer(reel, len(parts[0]), encode, sh_degree)
+    nothing = Gaussians.empty(writer.manifest.sh_degree)
+    for index, part in enumerate(parts):
+        group, importance = chain(start, frames, part[0], len(part), index), None
+        if encode.codec != "h265":
+            importance = group_importance(writer.manifest, writer.config, nothing, group, start.device)[0]
+        writer.add_group(group, importance)
+    writer.finish()
 
 
 def chain(start: SharedStart, frames: Frames, first: int, count: int, index: int) -> Group:

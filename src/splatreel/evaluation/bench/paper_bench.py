@@ -14,10 +14,11 @@ from splatreel.codec.info import reel_info
 from splatreel.config import Config
 from splatreel.config.settings import changed
 from splatreel.errors import UsageError
-from splatreel.evaluation.baselines.frame_by_frame import FrameMethod, run_frame_by_frame
 from splatreel.evaluation.baselines.frame_methods import AttributeVideo, PerFrame, Streaming
 from splatreel.evaluation.baselines.independent_groups import run_independent_groups
+from splatreel.evaluation.baselines.part_by_part import PartMethod, run_in_parts
 from splatreel.evaluation.baselines.shared_start import SharedStart
+from splatreel.evaluation.baselines.temporal_slices import TemporalSlices
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.report import Report
 from splatreel.evaluation.uncompressed import uncompressed_frames
@@ -41,9 +42,14 @@ VARIANTS: dict[str, dict[str, Any]] = {
 }
 """Changes of settings of each variant (docs/paper-map.md)."""
 INDEPENDENT = "Independent groups"
-PER_FRAME, STREAMING, VIDEO = "3DGS per frame", "3DGStream-like", "V3-like"
-METHODS: dict[str, FrameMethod] = {PER_FRAME: PerFrame(), STREAMING: Streaming(), VIDEO: AttributeVideo()}
-"""Baselines that train frame by frame, as long as `Full` did."""
+PER_FRAME, STREAMING, VIDEO, SLICES = "3DGS per frame", "3DGStream-like", "V3-like", "4DGS-like"
+METHODS: dict[str, PartMethod] = {
+    PER_FRAME: PerFrame(),
+    STREAMING: Streaming(),
+    VIDEO: AttributeVideo(),
+    SLICES: TemporalSlices(),
+}
+"""Baselines that train as long as `Full` did."""
 BASELINES = (*METHODS, INDEPENDENT)
 """Variants that are other methods than ours."""
 
@@ -64,7 +70,7 @@ class Measured:
 
     @property
     def minutes(self) -> float:
-        """Minutes of the reconstruction, without evaluation. Encoding does not count for baselines that train frame by frame."""
+        """Minutes of the reconstruction, without evaluation. The encoding of `METHODS` does not count."""
         return sum(value for name, value in self.report.seconds.items() if name != "evaluate") / 60
 
 
@@ -156,7 +162,7 @@ class PaperBench:
             else:
                 start = SharedStart(capture, self.measure(name, FULL).run, self.config, device)
                 allowed = start.seconds if self.minutes is None else 60 * self.minutes
-                seconds = run_frame_by_frame(METHODS[variant], start, folder, allowed, self.progress)
+                seconds = run_in_parts(METHODS[variant], start, folder, allowed, self.progress)
             shown = {"seconds": seconds, "device": device.type, "progress": self.progress}
             evaluate(reel, capture, out=folder, undecoded=undecoded, **shown)
         return Measured(Report.read(path), reel_info(reel).float32_bytes, folder)

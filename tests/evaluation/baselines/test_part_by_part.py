@@ -1,3 +1,4 @@
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -5,8 +6,8 @@ import pytest
 
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import UsageError
-from splatreel.evaluation.baselines.frame_by_frame import Frames, run_frame_by_frame
 from splatreel.evaluation.baselines.frame_methods import PerFrame
+from splatreel.evaluation.baselines.part_by_part import Frames, run_in_parts
 from splatreel.evaluation.baselines.shared_start import SharedStart
 from splatreel.progress import Silent
 from splatreel.recon.train.pictures import Pictures
@@ -35,14 +36,14 @@ class Sliding(PerFrame):
         self.trained: list[int] = []
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Pictures, iterations: int, frame: int
-    ) -> Gaussians:
-        if frame == self.fails_at:
+        self, start: SharedStart, before: Gaussians, pictures: Sequence[Pictures], iterations: int, first: int
+    ) -> list[Gaussians]:
+        if first == self.fails_at:
             raise KeyboardInterrupt
-        assert pictures.images.shape[:2] == (1, 3)
-        self.trained.append(frame)
+        assert [shown.images.shape[:2] for shown in pictures] == [(1, 3)]
+        self.trained.append(first)
         self.clock.now += 0.2 * iterations
-        return replace(before, means=before.means + 0.01)
+        return [replace(before, means=before.means + 0.01)]
 
 
 @pytest.fixture
@@ -52,14 +53,14 @@ def start(tmp_path: Path) -> SharedStart:
 
 def test_training_takes_the_time_that_is_left_of_ours(start: SharedStart, tmp_path: Path) -> None:
     method = Sliding(clock := Clock())
-    seconds = run_frame_by_frame(method, start, tmp_path / "out", TOTAL, Silent(), clock)
+    seconds = run_in_parts(method, start, tmp_path / "out", TOTAL, Silent(), clock)
     assert method.trained == [1, 2, 3, 4]
     assert seconds == {"first keyframe": 10.0, "training": pytest.approx(90, abs=0.3)}
     assert sum(seconds.values()) <= TOTAL
 
 
 def test_reel_has_every_frame(start: SharedStart, tmp_path: Path) -> None:
-    run_frame_by_frame(Sliding(clock := Clock()), start, out := tmp_path / "out", TOTAL, Silent(), clock)
+    run_in_parts(Sliding(clock := Clock()), start, out := tmp_path / "out", TOTAL, Silent(), clock)
     reader = ReelReader(out / "reel")
     assert reader.frames == scenes.FRAMES
     assert not (out / "frames").exists()
@@ -69,26 +70,26 @@ def test_reel_has_every_frame(start: SharedStart, tmp_path: Path) -> None:
 
 def test_interrupted_training_continues(start: SharedStart, tmp_path: Path) -> None:
     with pytest.raises(KeyboardInterrupt):
-        run_frame_by_frame(Sliding(Clock(), 3), start, tmp_path / "a", TOTAL, Silent(), Clock())
+        run_in_parts(Sliding(Clock(), 3), start, tmp_path / "a", TOTAL, Silent(), Clock())
     method = Sliding(Clock())
-    run_frame_by_frame(method, start, tmp_path / "a", TOTAL, Silent(), Clock())
+    run_in_parts(method, start, tmp_path / "a", TOTAL, Silent(), Clock())
     assert method.trained == [3, 4]
-    run_frame_by_frame(Sliding(Clock()), start, tmp_path / "b", TOTAL, Silent(), Clock())
+    run_in_parts(Sliding(Clock()), start, tmp_path / "b", TOTAL, Silent(), Clock())
     files = [sorted(p.relative_to(tmp_path / k) for p in (tmp_path / k / "reel").rglob("*.safe*")) for k in "ab"]
     assert files[0] == files[1]
     assert all((tmp_path / "a" / f).read_bytes() == (tmp_path / "b" / f).read_bytes() for f in files[0])
 
 
 def test_a_finished_baseline_is_not_trained_again(start: SharedStart, tmp_path: Path) -> None:
-    first = run_frame_by_frame(Sliding(clock := Clock()), start, tmp_path / "out", TOTAL, Silent(), clock)
+    first = run_in_parts(Sliding(clock := Clock()), start, tmp_path / "out", TOTAL, Silent(), clock)
     method = Sliding(Clock())
-    assert run_frame_by_frame(method, start, tmp_path / "out", TOTAL, Silent(), Clock()) == first
+    assert run_in_parts(method, start, tmp_path / "out", TOTAL, Silent(), Clock()) == first
     assert method.trained == []
 
 
 def test_too_little_time_is_refused(start: SharedStart, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"0\.0 minutes do not suffice: our first keyframe"):
-        run_frame_by_frame(Sliding(Clock()), start, tmp_path / "out", 1.0, Silent(), Clock())
+        run_in_parts(Sliding(Clock()), start, tmp_path / "out", 1.0, Silent(), Clock())
 
 
 def test_frames_keep_their_points(tmp_path: Path) -> None:

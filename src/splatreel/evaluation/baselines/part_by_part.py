@@ -1,10 +1,10 @@
-"""Baselines that train one frame after the other: the loop, its time, its checkpoints, and the reel at its end."""
+"""Baselines that train one part of the video after the other: the loop, its time, its checkpoints, and the reel at its end."""
 
 from __future__ import annotations
 
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Protocol
@@ -17,28 +17,32 @@ from splatreel.recon.run import checkpoint
 from splatreel.recon.train.pictures import Pictures
 from splatreel.scene.gaussians import Gaussians
 
-RECORD = "frames.json"
-"""File with the cost of each finished frame."""
+RECORD = "parts.json"
+"""File with the cost of each finished part."""
 
 
-class FrameMethod(Protocol):
-    """Method that trains a frame from the frame before and writes all frames as a reel."""
+class PartMethod(Protocol):
+    """Method that trains parts of a video, each from the frame before it, and writes all frames as a reel."""
 
     def first(self, keyframe: Gaussians) -> Gaussians:
         """Return the points of the first frame, given those of our first keyframe."""
         ...
 
+    def parts(self, start: SharedStart) -> list[range]:
+        """Return the frames of each part, in order. The first frame is the keyframe if no part has it."""
+        ...
+
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Pictures, iterations: int, frame: int
-    ) -> Gaussians:
-        """Return the points of a frame.
+        self, start: SharedStart, before: Gaussians, pictures: Sequence[Pictures], iterations: int, first: int
+    ) -> list[Gaussians]:
+        """Return the points of each frame of a part.
 
         Args:
             start: Run that the baseline starts from.
-            before: Points of the frame before.
-            pictures: Training images of the frame.
+            before: Points of the frame before; for the first frame those of `first`.
+            pictures: Training images of each frame.
             iterations: Iterations of training.
-            frame: Number of the frame.
+            first: Number of the first frame.
         """
         ...
 
@@ -71,15 +75,15 @@ class Frames:
         return self.folder / f"{frame:06d}.safetensors"
 
 
-def run_frame_by_frame(
-    method: FrameMethod,
+def run_in_parts(
+    method: PartMethod,
     start: SharedStart,
     out: Path,
     seconds: float,
     progress: Progress,
     clock: Callable[[], float] = time.monotonic,
 ) -> dict[str, float]:
-    """Train all frames and write OUT/reel. The same call continues an interrupted run.
+    """Train all parts and write OUT/reel. The same call continues an interrupted run.
 
     The points of all frames are deleted when the reel is complete.
 
@@ -102,13 +106,13 @@ def run_frame_by_frame(
             f"{seconds / 60:.1f} minutes do not suffice: our first keyframe, which baselines start from, took "
             f"{start.shared_seconds / 60:.1f}. Allow more --minutes."
         )
-    record, count = out / RECORD, start.capture.frames
-    frames = Frames(out / "frames", count)
+    record, parts = out / RECORD, method.parts(start)
+    frames = Frames(out / "frames", start.capture.frames)
     spent = [Spent(**frame) for frame in checkpoint.load_json(record)] if record.exists() else []
     pace = start.keyframe_seconds / start.config.keyframe.first_iterations
-    budget = Budget(seconds - start.shared_seconds, count - 1, pace, spent)
+    budget = Budget(seconds - start.shared_seconds, len(parts), pace, spent)
     if not (out / "reel" / "manifest.json").exists():
-        _train_all(method, start, frames, budget, progress, record, clock)
+        _train_all(method, start, frames, parts, budget, progress, record, clock)
         progress.stage("encoding", 1)
         unfinished = out / "unfinished"
         shutil.rmtree(unfinished, ignore_errors=True)
@@ -120,26 +124,28 @@ def run_frame_by_frame(
 
 
 def _train_all(
-    method: FrameMethod,
+    method: PartMethod,
     start: SharedStart,
     frames: Frames,
+    parts: list[range],
     budget: Budget,
     progress: Progress,
     record: Path,
     clock: Callable[[], float],
 ) -> None:
-    """Train the frames that are not finished."""
+    """Train the parts that are not finished."""
     done = len(budget.spent)
     if not done:
         frames.save(0, method.first(start.keyframe))
-    points = frames.load(done)
-    progress.stage("training frame by frame", frames.count - 1)
-    for frame in range(done + 1, frames.count):
-        pictures, iterations = start.pictures(frame), budget.iterations()
+    points = frames.load(parts[done - 1][-1] if done else 0)
+    progress.stage("training frames", len(parts))
+    for number, part in enumerate(parts[done:], done + 1):
+        pictures, iterations = [start.pictures(frame) for frame in part], budget.iterations()
         begun = clock()
-        points = method.train(start, points, pictures, iterations, frame)
+        trained = method.train(start, points, pictures, iterations, part[0])
         budget.spend(clock() - begun, iterations)
-        points.check_finite(f"Frame {frame}")
-        frames.save(frame, points)
+        for frame, points in zip(part, trained, strict=True):
+            points.check_finite(f"Frame {frame}")
+            frames.save(frame, points)
         checkpoint.save_json(record, [asdict(cost) for cost in budget.spent])
-        progress.update(frame, iterations=iterations, points=len(points))
+        progress.update(number, iterations=iterations, points=len(points))

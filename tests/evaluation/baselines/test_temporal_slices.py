@@ -1,0 +1,104 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from splatreel.evaluation.baselines.part_by_part import Frames
+from splatreel.evaluation.baselines.shared_start import SharedStart
+from splatreel.evaluation.baselines.temporal_slices import SpaceTimePoints, TemporalSlices, train_slices
+from splatreel.evaluation.metrics import psnr
+from splatreel.kernels.image import render_image
+from splatreel.recon.train.points import default_rates
+from splatreel.scene.gaussians import Gaussians
+from tests.evaluation import scenes
+from tests.evaluation.baselines.starts import write_start
+
+UNIT = 3.0
+
+
+@pytest.fixture
+def start(tmp_path: Path) -> SharedStart:
+    return write_start(scenes.capture(tmp_path), tmp_path / "run")
+
+
+def points() -> SpaceTimePoints:
+    return SpaceTimePoints(scenes.truth(0), UNIT, default_rates(UNIT, 1.0), torch.device("cpu"))
+
+
+def set_time(made: SpaceTimePoints, name: str, value: float | list[float]) -> None:
+    with torch.no_grad():
+        made.time[name].tensor[:] = torch.tensor(value)
+
+
+def test_points_begin_where_they_are_and_rest() -> None:
+    made, truth = points(), scenes.truth(0)
+    for moment in (0.0, 0.5, 1.0):
+        shown = made.at(moment)
+        np.testing.assert_allclose(shown.means, truth.means, atol=1e-6)
+        np.testing.assert_allclose(shown.opacities, truth.opacities * np.exp(-0.5 * (moment - 0.5) ** 2), rtol=1e-3)
+
+
+def test_points_move_and_fade_about_their_moment() -> None:
+    made, truth = points(), scenes.truth(0)
+    set_time(made, "centers", 0.25)
+    set_time(made, "log_durations", float(np.log(0.1)))
+    set_time(made, "velocities", [1.0, 0.0, 0.0])
+    shown = made.at(0.35)
+    np.testing.assert_allclose(shown.means[:, 0] - truth.means[:, 0], UNIT * 0.1, atol=1e-5)
+    np.testing.assert_allclose(shown.opacities, truth.opacities * np.exp(-0.5), rtol=1e-3)
+    late = made.at(1.0)
+    assert (late.opacities == 0).all()
+    assert (late.means[:, 0] - truth.means[:, 0]).max() < UNIT * 0.1 * 2.5, "hidden points wait where they were visible"
+
+
+def test_hidden_points_are_not_drawn() -> None:
+    made = points()
+    set_time(made, "log_durations", float(np.log(0.1)))
+    assert len(made.slice(0.5)[1]) == len(made)
+    assert len(made.slice(0.0)[1]) == 0
+
+
+def test_children_share_the_path_and_the_life_of_their_parent() -> None:
+    made = points()
+    set_time(made, "velocities", [0.5, 0.0, 0.0])
+    chosen = torch.arange(len(made)) < 10
+    with torch.no_grad():
+        made.space.params["log_scales"][:10] = -20.0  # small: children stay on the path
+    before = made.at(0.5).means[:10]
+    count = len(made)
+    made.split(chosen, torch.Generator().manual_seed(0))
+    assert len(made) == count + 10
+    assert made.time["log_durations"].tensor[-20:].exp().detach().numpy() == pytest.approx(1 / 1.6)
+    assert made.time["centers"].tensor[-20:].std() > 0.3
+    away = 0.5 - made.time["centers"].tensor[-20:].detach().numpy()
+    own = made.space.means[-20:].detach().numpy() + UNIT * np.array([0.5, 0, 0]) * away
+    np.testing.assert_allclose(own, np.concatenate([before, before]), atol=1e-5)
+
+
+def test_parts_are_the_groups(start: SharedStart) -> None:
+    assert TemporalSlices().parts(start) == [range(3), range(3, 5)]
+
+
+@pytest.mark.slow
+def test_training_follows_the_moving_points(start: SharedStart, tmp_path: Path) -> None:
+    pictures = [start.pictures(frame) for frame in range(5)]
+    trained = train_slices(start, start.keyframe, pictures, 300, 0)
+    resting, followed = (
+        [_error(points, start, frame) for frame, points in enumerate(each)]
+        for each in ([start.keyframe] * 5, [trained.at(frame / 4) for frame in range(5)])
+    )
+    assert np.mean(followed) > np.mean(resting) + 1
+    assert followed[4] > resting[4] + 2
+    method, frames = TemporalSlices(), Frames(tmp_path / "frames", 5)
+    for part in method.parts(start):
+        for frame in part:
+            frames.save(frame, trained.at(frame / 4))
+    method.write(start, frames, tmp_path / "reel")
+
+
+def _error(points: Gaussians, start: SharedStart, frame: int) -> float:
+    """Return the PSNR in a training view."""
+    view = start.capture.camera("cam02")
+    truth = start.capture.read(frame, 1, ["cam02"])[0, 0].astype(np.float32) / 255
+    return psnr(np.clip(render_image(points, view, near=start.layout.near), 0, 1), truth)
