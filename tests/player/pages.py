@@ -17,6 +17,19 @@ def wait_for_picture(page: Page) -> None:
     page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.canPlay")
 
 
+def wait_until_near(page: Page, expression: str, expected: float | list[float], margin: float) -> None:
+    """Wait until a number, or each of a list, is within a margin of what is expected."""
+    values = expected if isinstance(expected, list) else [expected]
+    near = f"{values}.every((value, i) => Math.abs(value - [{expression}].flat()[i]) <= {margin})"
+    page.wait_for_function(near)
+
+
+def wait_for_style(page: Page, selector: str, name: str, value: str) -> None:
+    """Wait until a part of the player has a computed style."""
+    part = f"document.querySelector('splat-reel').shadowRoot.querySelector({selector!r})"
+    page.wait_for_function(f"getComputedStyle({part})[{name!r}] === {value!r}")
+
+
 def expect_problems(page: Page, *parts: str) -> None:
     """Let the page report problems whose text contains one of these parts."""
     page.expected_problems = parts  # pyright: ignore[reportAttributeAccessIssue]

@@ -7,7 +7,7 @@ from playwright.sync_api import Page
 from splatreel.play.server import Server
 from splatreel.play.timeline import open_reel
 from tests.golden import GOLDEN
-from tests.player.pages import PLAYER, open_body
+from tests.player.pages import PLAYER, open_body, wait_until_near
 
 pytestmark = pytest.mark.browser
 
@@ -47,8 +47,7 @@ def test_a_link_takes_precedence(page: Page, server: Server):
     page.goto("about:blank")
     page.goto(link)
     page.wait_for_function(f"{REEL}?.readyState >= 2")
-    page.wait_for_timeout(300)
-    assert np.allclose(eye(page), there, atol=1e-3)
+    wait_until_near(page, f"{PLAYER}.camera.state.eye", there.tolist(), 1e-3)
 
 
 def test_a_wrong_attribute_is_named(page: Page, server: Server):

@@ -1,7 +1,7 @@
 """The player's panel for crops and marks: what it previews, prints and saves is what `splatreel edit` does."""
 
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -46,23 +46,32 @@ def operations(panel: Locator) -> list[str]:
     return words[3:-2]
 
 
+def wait_for_pixels(page: Page, reel: Path, met: Callable[[np.ndarray], bool]) -> np.ndarray:
+    """Return the pixels of frame 3 once they meet a condition."""
+    for _ in range(100):
+        if met(seen := pixels(page, open_reel(reel), 3)):
+            return seen
+        page.wait_for_timeout(100)
+    raise AssertionError("the picture never met the condition")
+
+
+def composed(pixels: np.ndarray) -> np.ndarray:
+    """Return colors [H, W, 3], 0..1, before black."""
+    return pixels[..., :3] / 255 * pixels[..., 3:] / 255
+
+
 def test_preview_is_what_the_command_makes(panel: Locator, page: Page, reel: Path, tmp_path: Path) -> None:
     panel.get_by_role("spinbutton", name="High x of the box").fill("0.4")
     panel.get_by_role("spinbutton", name="Low y of the box").fill("-0.6")
     panel.get_by_role("switch", name="Transparent").check()
     wanted = operations(panel)
     assert [text.partition("=")[0] for text in wanted] == ["crop", "background"]
-    page.wait_for_timeout(300)
-    shown = pixels(page, open_reel(reel), 3)
     made = edit(reel, tmp_path / "made", *wanted)
     truth = made.render(made.at(3 / made.fps), made.manifest.camera.resized(*SIZE)).clip(0, 1)
-    whole = shown[..., :3] / 255 * shown[..., 3:] / 255
-    assert -10 * np.log10(np.square(whole - truth).mean()) > 30
+    whole = wait_for_pixels(page, reel, lambda seen: -10 * np.log10(np.square(composed(seen) - truth).mean()) > 30)
     panel.get_by_role("button", name="Before").click()
-    page.wait_for_timeout(300)
-    before = pixels(page, open_reel(reel), 3)
-    assert (before[..., 3] == 255).all()
-    assert np.abs(before[..., :3] / 255 - whole).mean() > 0.02
+    before = wait_for_pixels(page, reel, lambda seen: (seen[..., 3] == 255).all())
+    assert np.abs(composed(before) - composed(whole)).mean() > 0.02
 
 
 def test_a_dragged_handle_moves_a_face(panel: Locator, page: Page) -> None:

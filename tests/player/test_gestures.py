@@ -151,8 +151,7 @@ def test_the_reels_own_page_gives_it_everything_and_a_frame_does_not(page: Page,
     before = distance(page)
     page.mouse.move(160, 100)
     page.mouse.wheel(0, 60)
-    page.wait_for_timeout(100)
-    assert distance(page) > before
+    page.wait_for_function(f"{PLAYER}.camera.state.distance > {before}")
     body = '<body style="height: 3000px; margin: 0"><iframe src="./?autoplay=0" width="320" height="240"></iframe>'
     page.route("**/framed.html", lambda route: route.fulfill(content_type="text/html", body=body))
     page.goto(server.url + "framed.html")

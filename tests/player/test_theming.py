@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import Page
 
 from splatreel.play.server import Server
-from tests.player.pages import PLAYER, open_body
+from tests.player.pages import PLAYER, open_body, wait_for_style
 
 pytestmark = pytest.mark.browser
 
@@ -34,8 +34,7 @@ def test_parts_and_properties_change_the_controls(page: Page, server: Server):
     assert style(page, ".menu", "backgroundColor") == "rgb(0, 60, 0)"
     assert style(page, ".menu [name=loop]", "backgroundColor") != "rgb(200, 0, 100)"
     page.locator("splat-reel").get_by_label("Loop").check()
-    page.wait_for_timeout(300)
-    assert style(page, ".menu [name=loop]", "backgroundColor") == "rgb(200, 0, 100)"
+    wait_for_style(page, ".menu [name=loop]", "backgroundColor", "rgb(200, 0, 100)")
 
 
 def test_slots_hold_elements_over_the_picture_and_in_the_bar(page: Page, server: Server):

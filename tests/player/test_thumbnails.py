@@ -10,7 +10,7 @@ from playwright.sync_api import CDPSession, Page, Route
 
 from splatreel.play.server import Server
 from tests.golden import GOLDEN
-from tests.player.pages import open_player
+from tests.player.pages import open_player, wait_for_style
 
 pytestmark = pytest.mark.browser
 
@@ -89,7 +89,6 @@ def test_a_finger_on_the_seek_bar_sees_it_too(phone: Page, server: Server, finge
         fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
         phone.wait_for_timeout(50)
     assert np.abs(shown(phone).astype(int) - color(5)).max() < 6
-    assert phone.locator("splat-reel .hint").evaluate("(hint) => getComputedStyle(hint).opacity") == "1"
+    wait_for_style(phone, ".hint", "opacity", "1")
     fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-    phone.wait_for_timeout(300)
-    assert phone.locator("splat-reel .hint").evaluate("(hint) => getComputedStyle(hint).opacity") == "0"
+    wait_for_style(phone, ".hint", "opacity", "0")
