@@ -156,14 +156,19 @@ def find_place(colmap: ModuleType, model: Any, sighting: Sighting) -> tuple[Plac
 
 
 def _resect(colmap: ModuleType, lenses: list[Any], sighting: Sighting) -> Place | None:
-    """Return the place that most features fit, or None for too few. A rig of one lens has that one, others any focal length."""
+    """Return the place that most features fit, or None for too few.
+
+    A rig of one lens has that one. Otherwise the focal length is found, and the distortion is the median of the others'.
+    """
     if len(sighting) < FEWEST:
         return None
     lens, is_known = lenses[0], len(lenses) == 1
     width, height = sighting.size
     if not is_known:
-        focal = float(np.median([lens.mean_focal_length() / max(lens.width, lens.height) for lens in lenses]))
-        parameters = [focal * max(width, height), width / 2, height / 2, 0]
+        focal, radial = np.median(
+            [[lens.params[0] / max(lens.width, lens.height), lens.params[3]] for lens in lenses], 0
+        )
+        parameters = [focal * max(width, height), width / 2, height / 2, radial]
         lens = colmap.Camera(model="SIMPLE_RADIAL", width=width, height=height, params=parameters)
     estimation, refinement = colmap.AbsolutePoseEstimationOptions(), colmap.AbsolutePoseRefinementOptions()
     estimation.estimate_focal_length = refinement.refine_focal_length = not is_known
