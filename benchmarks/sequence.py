@@ -27,19 +27,26 @@ from record import record
 from splatreel.capture.opening import open_capture
 from splatreel.cli.import_frames import import_frames
 from splatreel.cli.options import parse_frames
-from splatreel.config import Quality, preset
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import COARSENESS, EncodeConfig, Quality, preset
 from splatreel.config.settings import changed
 from splatreel.evaluation.metrics import psnr
 from splatreel.play.renderers import draw_on_cpu
 from splatreel.play.timeline import open_reel
+from splatreel.progress import Silent
+from splatreel.recon.run.device import pick_device
 from splatreel.recon.train.single_frame import reconstruct_single_frame
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.ply import read_ply, write_ply
+from splatreel.sequence.edits import first_points
 from splatreel.sequence.frames import Frames
 from splatreel.sequence.opening import open_frames
+from splatreel.sequence.reel import header_of, write_reel
 from splatreel.sequence.viewpoints import read_cameras
 
+COARSER = (6.0, 12.0)
+"""Coarseness of further reels, whose PSNR may be that of formats with a lower one than the rate low."""
 SIDE, NEAR = 768, 0.2
 """Pixels along the longer side of compared images at most, and the near plane of 3DGS in world units."""
 
@@ -67,11 +74,13 @@ class Judge:
         return np.clip(draw_on_cpu(points, view, NEAR, self.antialias, (0.0, 0.0, 0.0)), 0, 1)
 
 
-def measure_reel(given: argparse.Namespace, film: Frames, judge: Judge, rate: str) -> tuple[float, float]:
+def measure_reel(given: argparse.Namespace, film: Frames, judge: Judge, coarseness: float) -> tuple[float, float]:
     """Import the film and return bytes per frame and PSNR."""
-    out = given.out / f"reel-{rate}"
+    out = given.out / f"reel-{coarseness:g}"
     shutil.rmtree(out, ignore_errors=True)
-    import_frames(given.film, out=out, cameras=given.cameras, rate=rate, antialiased=given.antialiased)  # pyright: ignore[reportArgumentType]
+    header, limits = header_of(first_points(film), read_cameras(given.cameras), None, 30.0, given.antialiased)
+    writer = ReelWriter(out, header, config=EncodeConfig(coarseness=coarseness))
+    write_reel(film, writer, Silent(), pick_device("auto"), limits)
     reel = open_reel(out)
     size = sum(entry.bytes for entry in reel.manifest.files)
     return size / len(film), judge.psnr(lambda frame: reel.at(frame / reel.fps))
@@ -166,25 +175,23 @@ def main() -> None:
         train_film(given)
     film = open_frames(given.film)
     judge = Judge(film, read_cameras(given.cameras), given.pictures, given.antialiased)
-    measures: list[tuple[str, Callable[..., tuple[float, float]], str]]
-    measures = [(f"reel, {rate}", measure_reel, rate) for rate in ("high", "medium", "low")]
+    measures: list[tuple[str, Callable[..., tuple[float, float]], Any]]
+    steps = {f"reel, {rate}": step for rate, step in COARSENESS.items()} | {f"reel, {step}": step for step in COARSER}
+    measures = [(name, measure_reel, step) for name, step in steps.items()]
     measures += [(f"reel, --fit {given.fit}", measure_fit, given.fit)] if given.fit else []
     measures += [(f".4dgs, {profile}", measure_fourdgs, profile) for profile in ("fine", "default", "coarse")]
     measures += [(suffix, measure_files, suffix) for suffix in (".spz", ".compressed.ply", ".sog")]
     print("| format | KB per frame | PSNR, dB | reel at that PSNR, KB |\n|---|---|---|---|")
     found: dict[str, tuple[float, float]] = {}
+    kinds: dict[str, dict[str, float]] = {}
     for name, measure, how in measures:
         size, decibels = found[name] = measure(given, film, judge, how)
-        same = (
-            None
-            if measure is measure_reel
-            else at_psnr([found[f"reel, {r}"] for r in ("high", "medium", "low")], decibels)
-        )
-        print(
-            f"| {name} | {size / 1000:.1f} | {decibels:.2f} | {'' if same is None else f'{same / 1000:.1f}'} |",
-            flush=True,
-        )
-    kinds = {name: {"bytes_per_frame": round(size), "psnr": round(psnr, 2)} for name, (size, psnr) in found.items()}
+        same = None if measure in (measure_reel, measure_fit) else at_psnr([found[name] for name in steps], decibels)
+        cells = [name, f"{size / 1000:.1f}", f"{decibels:.2f}", "" if same is None else f"{same / 1000:.1f}"]
+        print(f"| {' | '.join(cells)} |", flush=True)
+        kinds[name] = {"bytes_per_frame": round(size), "psnr": round(decibels, 2)}
+        if same is not None:
+            kinds[name]["reel_at_that_psnr"] = round(same)
     values = {"frames": len(film), "points": len(film.read(0)), "film_bytes": film.size, "formats": kinds}
     record(f"sequence {'independently trained' if given.train else given.film.name}", values, given.note)
 

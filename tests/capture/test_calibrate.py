@@ -10,8 +10,8 @@ from splatreel.capture.board import Board
 from splatreel.capture.builtin import toyroom
 from splatreel.capture.builtin.raytracer import trace_frame, trace_static
 from splatreel.capture.builtin.synthetic import TARGET, make_capture
-from splatreel.capture.calibrate import _rig, _Solver, calibrate, set_distance
-from splatreel.capture.calibration_agreement import CalibratedCamera
+from splatreel.capture.calibrate import _Solver, calibrate, set_distance
+from splatreel.capture.calibration_agreement import CalibratedCamera, rig_of
 from splatreel.capture.opening import open_capture
 from splatreel.capture.photographs import check_photos
 from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
@@ -227,10 +227,10 @@ def test_a_known_distance_makes_the_unit_a_meter() -> None:
     options = colmap.SyntheticDatasetOptions()
     options.num_rigs, options.num_frames_per_rig = 3, 1
     model = colmap.synthesize_dataset(options)
-    before = _rig(model)
+    before = rig_of(model)
     one, other, third = sorted(before)
     set_distance(colmap, model, (one, other, 2.5))
-    after = _rig(model)
+    after = rig_of(model)
     gaps = [[np.linalg.norm(rig[one].center - rig[name].center) for name in (other, third)] for rig in (before, after)]
     assert gaps[1][0] == pytest.approx(2.5)
     assert gaps[1][1] / gaps[1][0] == pytest.approx(gaps[0][1] / gaps[0][0]), "all distances change alike"

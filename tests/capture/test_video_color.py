@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import av
 import numpy as np
 import pytest
 
@@ -107,3 +108,15 @@ def test_guesses_are_said() -> None:
     assert VideoColor("gbrp").conversions(1080) == VideoColor("gray").conversions(1080) == []
     assert "10 bits without a declared transfer function" in VideoColor("yuv420p10le", 1).conversions(1080)[0]
     assert VideoColor("yuva444p", 1).conversions(1080) == ["transparent pixels are composed over black"]
+
+
+@pytest.mark.parametrize("interlaced", [True, False])
+def test_interlaced_video_is_named(tmp_path: Path, interlaced: bool) -> None:
+    path = tmp_path / "a.mp4"
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25, options={"x264-params": f"interlaced={int(interlaced)}"})
+        stream.width, stream.height, stream.pix_fmt = 64, 64, "yuv420p"
+        container.mux(stream.encode(av.VideoFrame(64, 64, "yuv420p")))
+        container.mux(stream.encode(None))
+    said = VideoFile(path).color.conversions(64)
+    assert any("interlaced" in phrase for phrase in said) == interlaced

@@ -23,12 +23,13 @@ from splatreel.capture.base import MIN_CAMERAS
 from splatreel.capture.board import Board
 from splatreel.capture.board_scale import board_scale
 from splatreel.capture.board_sightings import find_board
-from splatreel.capture.calibration_agreement import FIELD, CalibratedCamera, CalibratedRig, trusted
+from splatreel.capture.calibration_agreement import FIELD, CalibratedRig, rig_of, trusted
 from splatreel.capture.dense_matches import refine_by_matches, refine_by_moments, refine_lenses
 from splatreel.capture.file_capture import FrameSource
 from splatreel.capture.learned_matches import Describer, Features
 from splatreel.capture.photographs import PHOTO_FOLDER, check_photos, write_photos, write_picture
 from splatreel.capture.readers.colmap_model import import_pycolmap
+from splatreel.capture.resection import MatchedFeatures, place_lost
 from splatreel.capture.sidecar import write_failure
 from splatreel.capture.uncalibrated import MODEL, CameraFiles, open_uncalibrated, read_frame, uncalibrated_files
 from splatreel.child_process import ChildEndedError, Send, run_in_child
@@ -150,15 +151,23 @@ def _place(
             check_same_size(videos, list(files))
         solver = _Solver(colmap, folder, photos, progress, same_lens)
         models = solver.solve(videos, list(files))
-        rigs = [_rig(model) for model in models]
+        rigs = [rig_of(model) for model in models]
         best, kept = trusted(rigs, FEW) if rigs else (0, set[str]())
         sure = [name for name in kept if rigs[best][name].points >= FEW]
-        if len(sure) < MIN_CAMERAS or 2 * len(kept) < len(rigs[best]):
+        if len(sure) < MIN_CAMERAS or (photos and 2 * len(kept) < len(rigs[best])):
             return _explain_failure(list(files), rigs, kept, len(sure))
         refine_lenses(colmap, models[best])  # with the photographs, which may be all that connects the cameras
         model = _keep_cameras(models[best], kept)
+        points = {name: rigs[best][name].points for name in kept}
         if not photos:
             model = refine_by_moments(colmap, model, models, folder)
+            added = place_lost(colmap, model, rigs, MatchedFeatures(colmap, solver.databases), FEW)
+            if added:
+                refine_lenses(colmap, model)
+            points |= added
+            kept = set(points)
+            if 2 * len(kept) < len(rigs[best]):
+                return _explain_failure(list(files), rigs, kept, len(sure))
         if describer is not None and not photos:
             model = refine_by_matches(colmap, model, solver.describe(videos, sorted(kept), describer), folder, progress)
         if isinstance(scale, Board):
@@ -176,7 +185,7 @@ def _place(
         set_distance(colmap, model, scale)
     (folder / "model").mkdir()
     model.write_binary(str(folder / "model"))
-    placed = {name: rigs[best][name].points for name in sorted(kept)}
+    placed = {name: points[name] for name in sorted(kept)}
     error = float(model.compute_mean_reprojection_error())
     return Calibration(placed, sorted(set(files) - kept), error, len(models), notes)
 
@@ -211,6 +220,7 @@ class _Solver:
         self.colmap, self.folder, self.progress = colmap, folder, progress
         self.lenses = colmap.CameraMode.SINGLE if same_lens else colmap.CameraMode.PER_IMAGE
         self.pictures, self.known = folder / "images", folder / "photos.db"
+        self.databases: list[Path] = []
         self.pictures.mkdir()
         self.photos = write_photos(photos, self.pictures, progress) if photos else []
 
@@ -243,6 +253,7 @@ class _Solver:
     def _moment(self, videos: FrameSource, names: list[str], moment: int, frame: int) -> Any:
         """Return the model with the most cameras, or None."""
         colmap, database = self.colmap, self.folder / f"moment{moment}.db"
+        self.databases.append(database)
         images = []
         for name in names:
             write_picture(self.pictures / f"{name}.png", read_frame(videos, name, frame))
@@ -262,8 +273,8 @@ class _Solver:
         out.mkdir()
         models = colmap.incremental_mapping(database, self.pictures, out, options=options)
         self.progress.update(4 * moment + 4)
-        found = [model for model in models.values() if _rig(model)]
-        return max(found, key=lambda model: (len(_rig(model)), len(model.points3D)), default=None)
+        found = [model for model in models.values() if rig_of(model)]
+        return max(found, key=lambda model: (len(rig_of(model)), len(model.points3D)), default=None)
 
     def _extract(self, database: Path, images: list[str], mode: Any) -> None:
         """Extract the features of images. Images are numbered first, because threads finish in any order."""
@@ -282,20 +293,6 @@ class _Solver:
 def _moments(videos: FrameSource) -> list[int]:
     """Return the frames of the moments."""
     return np.unique(np.linspace(0, videos.frames - 1, MOMENTS).round().astype(int)).tolist()
-
-
-def _rig(model: Any) -> CalibratedRig:
-    """Return the cameras of a model, without photographs."""
-    rig = {}
-    for number in model.reg_image_ids():
-        image = model.image(number)
-        if image.name.startswith(PHOTO_FOLDER):
-            continue
-        matrix, lens = np.asarray(image.cam_from_world().matrix()), image.camera
-        focal = float(lens.calibration_matrix()[0, 0]) / max(lens.width, lens.height)
-        center = -matrix[:, :3].T @ matrix[:, 3]
-        rig[Path(image.name).stem] = CalibratedCamera(matrix[:, :3], center, focal, int(image.num_points3D))
-    return rig
 
 
 def _explain_failure(names: list[str], rigs: list[CalibratedRig], kept: set[str], sure: int) -> str:
@@ -351,7 +348,7 @@ def check_same_size(source: FrameSource, names: Sequence[str]) -> None:
 
 def set_distance(colmap: ModuleType, model: Any, distance: Distance) -> None:
     """Scale a model so that two of its cameras have a known distance."""
-    rig, (one, other, meters) = _rig(model), distance
+    rig, (one, other, meters) = rig_of(model), distance
     found = float(np.linalg.norm(rig[one].center - rig[other].center))
     _scale_model(colmap, model, meters / found)
 

@@ -7,8 +7,12 @@ different each time.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+
+from splatreel.capture.photographs import PHOTO_FOLDER
 
 FIELD = 5.0, 170.0
 """Plausible fields of view of video cameras along the longer side, degrees."""
@@ -46,6 +50,24 @@ class CalibratedCamera:
 
 
 CalibratedRig = dict[str, CalibratedCamera]
+
+
+def placed_images(model: Any) -> list[Any]:
+    """Return the images of a model (pycolmap.Reconstruction) whose poses are known."""
+    return [model.image(number) for number in model.reg_image_ids()]
+
+
+def rig_of(model: Any) -> CalibratedRig:
+    """Return the cameras of a model (pycolmap.Reconstruction), without photographs."""
+    rig = {}
+    for image in placed_images(model):
+        if image.name.startswith(PHOTO_FOLDER):
+            continue
+        matrix, lens = np.asarray(image.cam_from_world().matrix()), image.camera
+        focal = float(lens.calibration_matrix()[0, 0]) / max(lens.width, lens.height)
+        center = -matrix[:, :3].T @ matrix[:, 3]
+        rig[Path(image.name).stem] = CalibratedCamera(matrix[:, :3], center, focal, int(image.num_points3D))
+    return rig
 
 
 def agreeing(one: CalibratedRig, other: CalibratedRig) -> set[str]:

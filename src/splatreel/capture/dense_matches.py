@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.capture.calibration_agreement import placed_images
 from splatreel.capture.learned_matches import Features, nearest
 from splatreel.progress import Progress
 
@@ -51,7 +52,7 @@ def refine_by_matches(
     given = model
     rough, known = _sift_tracks(model), dict[tuple[str, str], list[np.ndarray]]()
     for number, distance in enumerate(ROUNDS):
-        views = {Path(image.name).stem: _view(image) for image in _placed(model)}
+        views = {Path(image.name).stem: _view(image) for image in placed_images(model)}
         near = _near_pairs(views, np.array([point.xyz for point in model.points3D.values()]))
         near = [pair for pair in near if len(rough.matches.get(pair, ())) < ENOUGH]
         if not near:
@@ -81,7 +82,7 @@ def refine_by_moments(colmap: ModuleType, model: Any, models: list[Any], folder:
         models: Models of all moments.
         folder: Folder for temporary files, with a folder `images`.
     """
-    names = sorted(Path(image.name).stem for image in _placed(model))
+    names = sorted(Path(image.name).stem for image in placed_images(model))
     tracks = _merge_tracks([_sift_tracks(moment) for moment in models], names)
     found = _triangulate(colmap, model, tracks, {name: [] for name in names}, {}, folder / "moments.db")
     refine_lenses(colmap, found)
@@ -90,8 +91,8 @@ def refine_by_moments(colmap: ModuleType, model: Any, models: list[Any], folder:
 
 def _keeps_points(before: Any, after: Any) -> bool:
     """Return whether every camera still sees half of its points or more."""
-    counts = {image.name: image.num_points3D for image in _placed(after)}
-    return all(2 * counts[image.name] >= image.num_points3D for image in _placed(before))
+    counts = {image.name: image.num_points3D for image in placed_images(after)}
+    return all(2 * counts[image.name] >= image.num_points3D for image in placed_images(before))
 
 
 def refine_lenses(colmap: ModuleType, model: Any) -> None:
@@ -119,7 +120,7 @@ def _half(colmap: ModuleType, model: Any, remainder: int) -> Any:
 
 def _principal_points(model: Any) -> np.ndarray:
     """Return the principal points of the placed cameras as shares of the longer side, [N, 2]."""
-    lenses = [image.camera for image in sorted(_placed(model), key=lambda image: image.name)]
+    lenses = [image.camera for image in sorted(placed_images(model), key=lambda image: image.name)]
     return np.array([[lens.principal_point_x, lens.principal_point_y] for lens in lenses]) / [
         [max(lens.width, lens.height)] for lens in lenses
     ]
@@ -141,10 +142,6 @@ def _adjust(colmap: ModuleType, model: Any, middle: bool) -> None:
     adjuster = colmap.create_default_bundle_adjuster(options, config, model)
     adjuster.solve()  # `bundle_adjustment` would write to standard error
     model.update_point_3d_errors()
-
-
-def _placed(model: Any) -> list[Any]:
-    return [model.image(number) for number in model.reg_image_ids()]
 
 
 def _view(image: Any) -> View:
@@ -212,8 +209,8 @@ class _Tracks:
 def _sift_tracks(model: Any) -> _Tracks:
     """Return the tracks of a model. They hold cameras in place that have few learned matches."""
     rows: dict[tuple[int, int], int] = {}
-    points, names = {}, {image.image_id: Path(image.name).stem for image in _placed(model)}
-    for image in _placed(model):
+    points, names = {}, {image.image_id: Path(image.name).stem for image in placed_images(model)}
+    for image in placed_images(model):
         seen = [(number, point.xy) for number, point in enumerate(image.points2D) if point.has_point3D()]
         rows |= {(image.image_id, number): row for row, (number, _) in enumerate(seen)}
         points[names[image.image_id]] = np.array([place for _, place in seen], np.float32).reshape(-1, 2)
@@ -257,7 +254,7 @@ def _triangulate(
         cache = colmap.DatabaseCache.create(file, options)
     made = colmap.Reconstruction()
     made.load(cache)
-    for image in _placed(model):
+    for image in placed_images(model):
         written = made.image(numbers[Path(image.name).stem])
         made.frame(written.frame_id).set_cam_from_world(written.camera_id, image.cam_from_world())
         made.register_frame(written.frame_id)
@@ -280,7 +277,7 @@ def _write_database(
     """Write cameras, points and matches, and return the numbers of the images by camera. Rough points come first."""
     numbers, rigs = {}, dict[int, tuple[int, int]]()
     with colmap.Database.open(database) as file:
-        for image in _placed(model):
+        for image in placed_images(model):
             name = Path(image.name).stem
             numbers[name] = _write_image(colmap, file, image, rigs)
             points = [rough.points[name], *(moment.points for moment in features[name])]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from dataclasses import dataclass, fields
+from dataclasses import astuple, dataclass, fields
 from pathlib import Path
 from typing import Any, cast
 
@@ -55,7 +55,7 @@ class FrameTable:
     height: int
     turns: int
     mirrored: bool
-    color: tuple[str, int, int, int]
+    color: tuple[str, int, int, int, bool]
     fps: float
     time_base: float
     pts: np.ndarray
@@ -123,7 +123,7 @@ def scan(
     first = _first_frame(container, stream)
     reorders = first is not None and bool(stream.codec_context.has_b_frames)
     orientation = STORED if first is None else frame_orientation(first, container.name)
-    color = declared_color(stream.codec_context)
+    color = declared_color(stream.codec_context, first)
     counted = container.format.name == "avi" and reorders and bool((np.diff(pts) > 0).all())
     keys = np.flatnonzero(key)[np.argsort(pts[key != 0], kind="stable")]
     shown = np.unique(pts[(hidden == 0) & _decodable(pts, key)])
@@ -133,7 +133,7 @@ def scan(
         height=(first or stream.codec_context).height,
         turns=orientation.turns,
         mirrored=orientation.mirrored,
-        color=(color.pixels, color.matrix, color.primaries, color.transfer),
+        color=astuple(color),
         fps=fps,
         time_base=float(stream.time_base or 0),
         pts=shown,

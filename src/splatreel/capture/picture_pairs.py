@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-import re
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,9 +12,9 @@ import numpy as np
 
 from splatreel.capture.files import natural_key
 from splatreel.capture.gaps import used_steps
+from splatreel.capture.picture_times import NUMBER, TICK, moments
 from splatreel.errors import CaptureError
 
-NUMBER = re.compile("([0-9]+)")
 MOST_STRAY = 0.25
 """Maximum share of the pictures of a folder whose names may differ from the others' by more than numbers. They are skipped."""
 
@@ -56,7 +55,7 @@ def pair_pictures(path: Path, files: Mapping[str, list[Path]], all_have: bool = 
         return PicturePairs({name: list(found) for name, found in files.items()}, [])
     notes: list[str] = []
     kept = {name: _of_one_kind(name, found, notes) for name, found in files.items()}
-    keyed = _keyed(kept)
+    keyed = _keyed(path, kept, notes)
     steps = sorted({key for found in keyed.values() for key in found})
     exists = {name: np.array([key in found for key in steps]) for name, found in keyed.items()}
     first, end = used_steps(exists)
@@ -92,37 +91,13 @@ def _of_one_kind(camera: str, files: list[Path], notes: list[str]) -> list[Path]
     return most
 
 
-def _keyed(files: Mapping[str, list[Path]]) -> dict[str, dict[Key, Path]]:
-    """Return the pictures of each camera by the numbers that differ between them, or by their whole names."""
-    numbers = {name: [tuple(map(int, NUMBER.findall(own))) for own in _names(found)] for name, found in files.items()}
-    places = _varying(numbers)
-    if places is None:
-        return {
-            name: _unique([(natural_key(own), file) for own, file in zip(_names(found), found, strict=True)])
-            for name, found in files.items()
-        }
-    return {
-        name: _unique([(tuple(row[at] for at in places[name]), f) for row, f in zip(rows, files[name], strict=True)])
-        for name, rows in numbers.items()
-    }
-
-
-def _varying(numbers: Mapping[str, list[tuple[int, ...]]]) -> dict[str, list[int]] | None:
-    """Return by camera the places of the numbers that differ between its pictures; None where names cannot be compared so.
-
-    Args:
-        numbers: By camera, the numbers in the name of each picture.
-    """
-    if any(len({len(row) for row in rows}) > 1 for rows in numbers.values()):
-        return None
-    own = {
-        name: [at for at, column in enumerate(zip(*rows, strict=True)) if len(set(column)) > 1]
-        for name, rows in numbers.items()
-    }
-    if len({len(rows[0]) for rows in numbers.values()}) == 1:
-        together = sorted({at for places in own.values() for at in places})
-        own = dict.fromkeys(own, together)
-    return own if len({len(places) for places in own.values()}) == 1 and all(own.values()) else None
+def _keyed(path: Path, files: Mapping[str, list[Path]], notes: list[str]) -> dict[str, dict[Key, Path]]:
+    """Return the pictures of each camera by their moments, or by their whole names."""
+    names = {name: _names(found) for name, found in files.items()}
+    keys: Mapping[str, Sequence[Key]] | None = moments(str(path), names, notes)
+    if keys is None:
+        keys = {name: [natural_key(own) for own in found] for name, found in names.items()}
+    return {name: _unique(list(zip(keys[name], found, strict=True))) for name, found in files.items()}
 
 
 def _names(files: list[Path]) -> list[str]:
@@ -162,9 +137,12 @@ def _in_order(path: Path, files: Mapping[str, list[Path]], notes: list[str]) -> 
 def _skipped_numbers(labels: list[int]) -> list[str]:
     """Return a sentence about numbers that no camera has."""
     apart = np.diff(labels)
-    if len(apart) == 0 or (apart == apart[0]).all():
+    usual = (
+        apart.min(initial=1) if len(apart) == 0 or apart.min() < TICK else 1.5 * np.median(apart)
+    )  # times are rounded
+    wide = np.flatnonzero(apart > usual)
+    if not len(wide):
         return []
-    at = int(np.flatnonzero(apart > apart.min())[0])
-    count = int((apart > apart.min()).sum())
+    at, count = int(wide[0]), len(wide)
     more = f", and {count - 1} more gaps" if count > 1 else ""
     return [f"no camera has pictures between {labels[at]} and {labels[at + 1]}{more}: the video jumps there"]

@@ -39,12 +39,14 @@ class VideoColor:
         matrix: Matrix between Y'CbCr and R'G'B'.
         primaries: Colors of the primaries.
         transfer: Transfer function.
+        is_interlaced: True if the lines of an image are declared to be of two moments.
     """
 
     pixels: str
     matrix: int = UNDECLARED
     primaries: int = UNDECLARED
     transfer: int = UNDECLARED
+    is_interlaced: bool = False
 
     @property
     def bits(self) -> int:
@@ -115,6 +117,10 @@ class VideoColor:
             found.append(f"{self.bits} bits without a declared transfer function are read as SDR")
         if self.matrix == UNDECLARED and height > SD_LINES and self._is_yuv:
             found.append("no color matrix is declared, BT.601 is assumed as in FFmpeg and OpenCV")
+        if self.is_interlaced:
+            found.append(
+                "marked as interlaced, read as stored; if moving edges look like combs, deinterlace with ffmpeg -vf bwdif"
+            )
         return [*found, "transparent pixels are composed over black"] if self.has_alpha else found
 
     def to_rgb(self, frame: av.VideoFrame, width: int, height: int, orientation: Orientation) -> np.ndarray:
@@ -133,11 +139,12 @@ class VideoColor:
         return orientation.apply(srgb_conversion(self.primaries, self.transfer)(image))
 
 
-def declared_color(context: av.VideoCodecContext) -> VideoColor:
-    """Return the declaration of a stream from its decoder, after the first image."""
+def declared_color(context: av.VideoCodecContext, first: av.VideoFrame | None) -> VideoColor:
+    """Return the declaration of a stream from its decoder and its first image, if it could be decoded."""
     pixels = context.pix_fmt or "yuv420p"  # no image could be decoded
     numbers = int(context.colorspace), int(context.color_primaries) or 3, int(context.color_trc) or 3
-    return VideoColor(pixels, *(UNDECLARED if number == 3 else number for number in numbers))  # 3 is reserved
+    matrix, primaries, transfer = (UNDECLARED if number == 3 else number for number in numbers)  # 3 is reserved
+    return VideoColor(pixels, matrix, primaries, transfer, first is not None and bool(first.interlaced_frame))
 
 
 class ColoredVideo(Protocol):

@@ -307,7 +307,7 @@ def _frames(tail: Tail, start: int) -> Iterator[tuple[av.VideoFrame, VideoColor]
             begun = begun or packet.pts == start
             if begun:
                 for frame in packet.decode():
-                    yield frame, declared_color(stream.codec_context)
+                    yield frame, declared_color(stream.codec_context, frame)
 
 
 def _check_form(tail: Tail) -> None:
