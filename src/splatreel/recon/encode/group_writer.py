@@ -194,6 +194,7 @@ def header_of(cameras: list[Camera], fps: float, config: Config, layout: Layout)
         clearance=layout.clearance,
         antialias=config.antialias,
         background=layout.background,
+        transparent=bool(layout.backgrounds),
     )
 
 

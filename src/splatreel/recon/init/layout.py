@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -39,6 +39,8 @@ class Layout:
         bounds: Low and high corner of the scene.
         clearance: Space in front of a viewer in which no static point is drawn.
         background: Color behind all points, 0..1.
+        backgrounds: Color behind the subject in the images of each camera, for a capture with masks. It does not change with the
+            camera's color gain.
     """
 
     near: float
@@ -47,6 +49,14 @@ class Layout:
     bounds: list[list[float]]
     clearance: Clearance = NONE
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    backgrounds: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+
+    def background_of(self, camera: Camera, gain: np.ndarray) -> tuple[float, float, float]:
+        """Return the color behind all points in an image before the camera's color gain [3], 0..1."""
+        if camera.name not in self.backgrounds:
+            return self.background
+        red, green, blue = (np.array(self.backgrounds[camera.name]) / gain).tolist()
+        return red, green, blue
 
     def to_dict(self) -> dict[str, Any]:
         """Return the layout as JSON values."""
@@ -65,10 +75,16 @@ class Layout:
         numbers(value["bounds"], 2, 3)
         if not (is_number(value["near"]) and is_number(value["unit"])):
             raise TypeError("near or unit is not a number")
-        plain = {name: value[name] for name in value if name not in ("clearance", "background")}
-        red, green, blue = numbers(value.get("background", [0.0, 0.0, 0.0]), 3).tolist()
+        plain = {name: value[name] for name in value if name not in ("clearance", "background", "backgrounds")}
         clearance = Clearance.from_dict(value.get("clearance"))
-        return replace(Layout(**plain), clearance=clearance, background=(red, green, blue))
+        behind = {name: _color(color) for name, color in dict(value.get("backgrounds", {})).items()}
+        background = _color(value.get("background", [0.0, 0.0, 0.0]))
+        return replace(Layout(**plain), clearance=clearance, background=background, backgrounds=behind)
+
+
+def _color(value: Any) -> tuple[float, float, float]:
+    red, green, blue = numbers(value, 3).tolist()
+    return red, green, blue
 
 
 def measure(cameras: list[Camera], points: np.ndarray, near: float) -> Layout:
