@@ -57,6 +57,9 @@ class SubjectOptions:
     masks: Annotated[str | None, arg(metavar="PATH")] = None
     """Folder of masks, white where the images show the subject. It has a folder of pictures or a video for each camera, of the
     camera's name. Pictures are named or numbered as the camera's frames."""
+    region: str | None = None
+    """Volume to keep, in the coordinates of the capture, as `splatreel edit crop=` takes it: box:x,y,z,X,Y,Z, sphere:x,y,z,RADIUS,
+    cylinder:x,y,z,RADIUS,HEIGHT or capture. Its surroundings are trained coarsely and left out."""
 
 
 @dataclass(frozen=True)
@@ -110,8 +113,10 @@ def reconstruct(
     use_threads(threads)
     source, config = frames_and_size.source(capture, subject.masks), configuration.config()
     following.check()
-    if following.follow and subject.masks is not None:
-        raise UsageError("--masks are of captures that are complete. Leave out --follow, or the masks.")
+    if subject.region is not None:
+        config = changed(config, {"region": subject.region})
+    if following.follow and (subject.masks is not None or config.region):
+        raise UsageError("--masks and --region are for captures that are complete. Leave them out, or --follow.")
     machines.check(out, follow=following.follow, estimate=estimate)
     from splatreel.evaluation.page.report_writer import ReportWriter
     from splatreel.evaluation.profile import profiled

@@ -7,6 +7,7 @@ import numpy as np
 from splatreel.capture.base import Capture
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
+from splatreel.errors import ReconstructionError
 from splatreel.recon.cameras.rig import Rig, check_first_poses
 from splatreel.recon.coverage.coverage import Coverage, cover
 from splatreel.recon.encode.group_writer import header_of, open_writer
@@ -61,6 +62,7 @@ def prepare(job: Job, capture: Capture, middle: int, lock: RunLock) -> tuple[Rig
         known = capture.points, capture.point_colors, capture.near
         images, subject = first_images(capture, rig, frames[0])
         seeds, layout = lay_out(rig.cameras, images, job.config, *known, subject)
+        check_region_holds(layout, rig, seeds.points)
         job.progress.update(1, points=len(seeds.points))
     lock.save_record()
     if coverage is not None:
@@ -82,6 +84,16 @@ def first_images(capture: Capture, rig: Rig, images: np.ndarray) -> tuple[np.nda
         return images, None
     hull = VisualHull(rig.cameras, alpha[0], capture.near or 0.0)
     return capture.read(0, 1, rig.names)[0], Subject(hull, capture.backgrounds)
+
+
+def check_region_holds(layout: Layout, rig: Rig, points: np.ndarray) -> None:
+    """Raise `ReconstructionError` if no initial point [P, 3] is within the region."""
+    volume = layout.volume(rig.cameras)
+    if volume is not None and not volume.contains(points).any():
+        low, high = (", ".join(f"{value:.3g}" for value in corner) for corner in layout.bounds)
+        raise ReconstructionError(
+            f"region={layout.region}: nothing of the scene is there in the first frame. Most of the scene is between {low} and {high}."
+        )
 
 
 def save_header(job: Job, capture: Capture, rig: Rig, layout: Layout, sound: Soundtrack | None) -> None:

@@ -73,7 +73,7 @@ def partial_reel(work: Path) -> str | None:
         return None
     if "masks" in dict(record.get("capture", {})):
         return "--masks"
-    return None
+    return "--region" if dict(record.get("config", {})).get("region") else None
 
 
 def differences(theirs: dict[str, Any], mine: dict[str, Any], prefix: str = "") -> list[str]:

@@ -23,6 +23,7 @@ from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.recovery import Recovery
 from splatreel.recon.train.render import Comparable, Splats, StaticCache, View, deformed, draw, moving_tiles
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.volumes import Volume
 
 SHOW_EVERY = 25
 """Iterations between two progress updates."""
@@ -142,6 +143,7 @@ class KeyframeTrainer:
         max_points: int,
         losses: Sequence[Loss[KeyframeStep]] = KEYFRAME,
         seed: int = 0,
+        region: Volume | None = None,
     ) -> None:
         """Prepare the training of a keyframe.
 
@@ -153,9 +155,10 @@ class KeyframeTrainer:
             max_points: Maximum number of points.
             losses: List of losses.
             seed: Seed of all random choices.
+            region: Volume in which points are densified; None is everywhere.
         """
         self.points, self.gains, self.config, self.static, self.losses = points, gains, config, static, losses
-        self.density = KeyframeDensity(points, config, max_points, seed)
+        self.density = KeyframeDensity(points, config, max_points, seed, region)
         self.rng = np.random.default_rng(seed)
         self.done = 0
         self.recovery = Recovery()

@@ -89,7 +89,7 @@ def lay_out(
     """
     within = None if subject is None else subject.hull
     seeds = initial_points(cameras, images, points, point_colors, near, config.seed, within)
-    layout = measure(cameras, seeds.points, near_plane(cameras, seeds.points))
+    layout = replace(measure(cameras, seeds.points, near_plane(cameras, seeds.points)), region=config.region)
     if subject is not None:
         return seeds, replace(layout, backgrounds=subject.backgrounds)
     return seeds, replace(layout, background=border_color(images)) if config.background else layout
@@ -117,7 +117,7 @@ def first_keyframe_trainer(
     points = starting_points(positions, colors, keyframe, layout.unit, gains.values.device)
     pixels = cameras[0].width * cameras[0].height
     most = min(keyframe.max_points, round(keyframe.points_per_pixel * pixels))
-    return KeyframeTrainer(points, gains, keyframe, max_points=most, seed=config.seed)
+    return KeyframeTrainer(points, gains, keyframe, max_points=most, seed=config.seed, region=layout.volume(cameras))
 
 
 def train_frame(

@@ -63,6 +63,7 @@ def train_keyframe(
         max_points=most,
         losses=KEYFRAME_BEFORE_STATIC if len(behind) else KEYFRAME,
         seed=data.seed,
+        region=data.layout.volume(data.cameras),
     )
     return _trained(data, trainer, keyframe.refine_iterations, 0.0, config, progress)
 
@@ -105,6 +106,7 @@ def group_trainer(
         may_move=may_move,
         seed=data.seed + data.span.index,
         missing=data.missing,
+        region=data.layout.volume(data.cameras),
     )
 
 
