@@ -116,7 +116,8 @@ def test_subject_is_opaque_and_everything_else_is_clear(masked: Path) -> None:
     timeline, camera = open_reel(masked), subject().camera(HELD_OUT)
     points, near = timeline.at(0), timeline.manifest.near
     black, white = (
-        render_image(points, camera, near=near, antialias=True, background=(level,) * 3) for level in (0.0, 1.0)
+        render_image(points, camera, near=near, antialias=True, background=(level, level, level))
+        for level in (0.0, 1.0)
     )
     alpha = 1 - (white - black).mean(-1)
     truth = ClusterMasks().read(0, 1, HELD_OUT)[0] / 255

@@ -109,6 +109,7 @@ def export(
 
     up = _up(changes.up, FRAME_FORMATS[kind].up if kind else FILM_UP)
     film = GaussianExport(source, times, up, crop)
+    film.check_content()
     if kind is None:
         _write_gaussian_film(film, out, every)
     elif one:
