@@ -16,7 +16,9 @@ def defaults() -> dict[str, str]:
     for name, value in json.loads(Config().to_json()).items():
         parts = {f"{name}.{key}": inner for key, inner in value.items()} if isinstance(value, dict) else {name: value}
         found |= {key: str(inner) for key, inner in parts.items()}
-    return {key: value for key, value in found.items() if key not in ("seed", "encode.renditions", "encode.h265")}
+    return {
+        key: value for key, value in found.items() if key not in ("region", "seed", "encode.renditions", "encode.h265")
+    }
 
 
 def test_every_setting_is_listed_once_with_its_default() -> None:

@@ -59,7 +59,20 @@ def test_glb_round_trips(tmp_path: Path, degree: int) -> None:
 
 def test_glb_node_moves_and_does_not_turn(tmp_path: Path) -> None:
     shift = np.array([5.4e6, 1.25, -2])
-    write_glb(tmp_path / "f.glb", Gaussians.empty(0), shift)
+    points = random_gaussians(np.random.default_rng(0), 2, 0, (0.0, 0.0, 0.0))
+    write_glb(tmp_path / "f.glb", points, shift)
     assert read_glb(tmp_path / "f.glb")[0]["nodes"][0] == {"mesh": 0, "translation": shift.tolist()}
-    write_glb(tmp_path / "f.glb", Gaussians.empty(0))
+    write_glb(tmp_path / "f.glb", points)
     assert read_glb(tmp_path / "f.glb")[0]["nodes"][0] == {"mesh": 0}
+
+
+def test_file_without_gaussians_has_a_scene_without_meshes(tmp_path: Path) -> None:
+    """glTF has no accessors without elements."""
+    write_glb(tmp_path / "f.glb", Gaussians.empty(1))
+    data = (tmp_path / "f.glb").read_bytes()
+    length, kind = struct.unpack_from("<II", data, 12)
+    document = json.loads(data[20 : 20 + length])
+    assert struct.unpack_from("<4sII", data) == (b"glTF", 2, len(data))
+    assert (kind, len(data)) == (0x4E4F534A, 20 + length)
+    assert document["nodes"] == [{"name": "empty"}]
+    assert not {"meshes", "accessors", "bufferViews", "buffers"} & document.keys()

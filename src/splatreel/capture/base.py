@@ -22,6 +22,8 @@ from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 
+Color = tuple[float, float, float]
+"""Red, green and blue, 0..1."""
 SLOWEST, FASTEST = 1e-3, 1e5
 """Supported frame rates of a reel."""
 WIDEST = 16384
@@ -247,6 +249,20 @@ class Capture(ABC):
     def _missing(self, first: int, count: int, name: str) -> np.ndarray:
         """Return [count] bool for one camera. `first` includes the start of the range."""
         return np.zeros(count, bool)
+
+    @property
+    def scene(self) -> Capture:
+        """Capture of the whole scene, for a capture that shows a subject only."""
+        return self
+
+    @property
+    def backgrounds(self) -> dict[str, Color]:
+        """Color behind the subject by camera, 0..1; empty for a capture of the whole scene."""
+        return {}
+
+    def alpha(self, first: int, count: int, cameras: list[str]) -> np.ndarray | None:
+        """Return the opacity of the subject, [count, len(cameras), H, W] uint8; None for a capture of the whole scene."""
+        return None
 
     def close(self) -> None:  # noqa: B027 - most formats hold nothing open
         """Close open files. A later read opens them again."""

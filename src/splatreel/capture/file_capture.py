@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol, runtime_checkable
 
@@ -170,12 +170,25 @@ class FileCapture(Capture):
         read_cameras(self._read_camera, out, first, cameras)
 
     def _read_camera(self, out: np.ndarray, first: int, name: str) -> None:
+        self.read_undistorted(self._source.read_camera, out, first, name)
+
+    def read_undistorted(
+        self, read: Callable[[np.ndarray, int, str], None], out: np.ndarray, first: int, name: str
+    ) -> None:
+        """Read images of a camera and remove its lens distortion.
+
+        Args:
+            read: Function like `FrameSource.read_camera`.
+            out: Receives the images [count, H, W, 3] uint8.
+            first: First time step, counted from the first one of the files.
+            name: Name of the camera.
+        """
         lens = self._lenses.get(name)
         if lens is None:
-            self._source.read_camera(out, first, name)
+            read(out, first, name)
             return
         bent = np.empty((len(out), lens.height, lens.width, 3), np.uint8)
-        self._source.read_camera(bent, first, name)
+        read(bent, first, name)
         for t, picture in enumerate(bent):
             out[t] = lens.undistort(picture)
 

@@ -12,6 +12,7 @@ from splatreel.capture.camera_images import CameraImages
 from splatreel.capture.files import list_folder
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.gaps import describe_gaps, nearest
+from splatreel.capture.own_frames import OwnFrames
 from splatreel.capture.sidecar import SIDECAR, Sidecar
 from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
@@ -93,6 +94,13 @@ class ImageSequences:
     def missing(self, first: int, count: int, name: str) -> np.ndarray:
         """Return [count] bool, the time steps for which a camera has no image. The nearest image stands in for it."""
         return ~self._exists[name][first : first + count]
+
+    def own_frames(self, name: str) -> OwnFrames:
+        """Return the pictures that a camera has."""
+        there = self._exists[name]
+        shown = np.asarray(nearest(there))
+        stems = [self._files[name][at].stem for at in np.flatnonzero(there)]
+        return OwnFrames((np.cumsum(there) - 1)[shown], len(stems), stems)
 
     def sources(self, first: int, count: int) -> list[Path]:
         """Return the files that are read."""

@@ -78,6 +78,7 @@ def read_image(
     *,
     upright: bool = True,
     size: tuple[int, int] | None = None,
+    mask: bool = False,
 ) -> np.ndarray:
     """Return an image resized by area to width x height, uint8 [height, width, 3] sRGB.
 
@@ -88,11 +89,12 @@ def read_image(
         files: Access to the file.
         upright: True obeys EXIF, False returns the image as it is stored.
         size: Required width and height of the file's image, or None.
+        mask: True reads a mask: the opacity of an image that has one, the gray level of another.
 
     Raises:
         CaptureError: The file cannot be read or has another size.
     """
-    pixels, orientation = _decoded(path, files, upright)
+    pixels, orientation = _decoded(path, files, upright, mask)
     found = orientation.size(pixels.shape[1], pixels.shape[0])
     if size is not None and found != size:
         raise CaptureError(
@@ -108,11 +110,11 @@ def read_image(
 
 def read_whole_image(path: Path, files: Files = LOCAL) -> np.ndarray:
     """Return an upright image at its own size, uint8 [H, W, 3] sRGB."""
-    pixels, orientation = _decoded(path, files, True)
+    pixels, orientation = _decoded(path, files, True, False)
     return orientation.apply(pixels)
 
 
-def _decoded(path: Path, files: Files, upright: bool) -> tuple[np.ndarray, Orientation]:
+def _decoded(path: Path, files: Files, upright: bool, mask: bool) -> tuple[np.ndarray, Orientation]:
     """Return an image as it is stored, [H, W, 3] uint8 sRGB, and its orientation."""
     try:
         with Image.open(files.source(path)) as image:
@@ -122,7 +124,7 @@ def _decoded(path: Path, files: Files, upright: bool) -> tuple[np.ndarray, Orien
                 raise ValueError(
                     f"its pixels are of kind {image.mode}, whose white is unknown; convert it to 8 or 16 bits"
                 )
-            return _rgb(image), orientation
+            return (_opacity(image) if mask and _has_alpha(image) else _rgb(image)), orientation
     except FAILURES as error:
         raise _unreadable(path, error) from error
 
@@ -151,6 +153,11 @@ def _rgb(image: Image.Image) -> np.ndarray:
         opaque = Image.fromarray(np.ascontiguousarray(pixels[..., :3])).convert("L" if image.mode == "LA" else "RGB")
         return over_black(np.concatenate([_converted(opaque, profile), pixels[..., 3:]], 2))
     return _converted(image, profile)
+
+
+def _opacity(image: Image.Image) -> np.ndarray:
+    """Return the opacity of a loaded image as gray levels, [H, W, 3] uint8."""
+    return np.repeat(np.asarray(image.convert("RGBA"))[..., 3:], 3, 2)
 
 
 def _converted(image: Image.Image, profile: bytes | None) -> np.ndarray:

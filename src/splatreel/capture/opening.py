@@ -8,11 +8,14 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from splatreel.capture.base import Capture, Request
+from splatreel.capture.base import Capture, Color, Request
+from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import LOCAL, Files, RemoteCaptureFiles
 from splatreel.capture.frame_table import load_tables
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.hints import advise
+from splatreel.capture.mask_files import MaskFiles
+from splatreel.capture.masked_capture import MaskedCapture
 from splatreel.capture.readers.calibrated import CalibratedCapture, is_calibrated
 from splatreel.capture.readers.colmap import ColmapCapture, is_colmap
 from splatreel.capture.readers.easyvolcap import EasyVolcapCapture, is_easyvolcap
@@ -57,6 +60,8 @@ def open_capture(
     growth: Growth | None = None,
     tables: Path | None = None,
     leave_out: Sequence[str] = (),
+    masks: str | Path | None = None,
+    background: Color | None = None,
 ) -> Capture:
     """Open a capture folder of any supported format.
 
@@ -70,6 +75,8 @@ def open_capture(
         growth: State of a capture that is still being written (`open_growing`).
         tables: File of `pack_tables`, whose videos are not scanned again. It may be missing.
         leave_out: Names of cameras that are not read at all.
+        masks: Folder of masks, white where an image shows the subject; None reads the whole scene.
+        background: Color outside of the masks, 0..1; None gives each camera another one, for training.
 
     Raises:
         CaptureError: The format is unknown, or the content cannot be used.
@@ -81,13 +88,21 @@ def open_capture(
     for fits, reader in READERS:
         if fits(folder):
             check_files(folder)
-            return reader(folder, request)
+            return _masked(reader(folder, request), masks, background)
     if folder.is_dir() and (failure := calibration_error(folder)) is not None:
         raise failure
     if advice := advise(folder, _is_capture):
         raise CaptureError(f"{folder}: is not a capture of a known layout. {advice}")
     state = "holds none of these" if folder.is_dir() else "is not a folder; one of these was looked for"
     raise CaptureError(f"{folder}: {state}:\n{LOOKED_FOR}")
+
+
+def _masked(capture: Capture, masks: str | Path | None, background: Color | None) -> Capture:
+    """Return a capture of the subject only, if there are masks."""
+    if masks is None:
+        return capture
+    assert isinstance(capture, FileCapture)  # as all readers return it
+    return MaskedCapture(capture, MaskFiles(masks, capture), background)
 
 
 def _is_capture(folder: Path) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -93,8 +94,21 @@ def pq_light(signal: np.ndarray) -> np.ndarray:
 
 
 def over_black(image: np.ndarray) -> np.ndarray:
-    """Return straight alpha [H, W, 4] uint8 or uint16 composed over black, [H, W, 3]. It blends sRGB, as 3DGS does."""
-    alpha = image[..., 3:].astype(np.uint32)
-    if (full := np.iinfo(image.dtype).max) == alpha.min(initial=full):
-        return image[..., :3]
-    return ((image[..., :3] * alpha + full // 2) // full).astype(image.dtype)
+    """Return straight alpha [H, W, 4] uint8 or uint16 composed over black, [H, W, 3]."""
+    return over_color(image[..., :3], image[..., 3], (0, 0, 0))
+
+
+def over_color(image: np.ndarray, alpha: np.ndarray, color: Sequence[int] | np.ndarray) -> np.ndarray:
+    """Compose an image over a color. sRGB values are blended, as in 3DGS.
+
+    Args:
+        image: [H, W, 3] uint8 or uint16, straight.
+        alpha: [H, W] of the same type.
+        color: Red, green and blue of the same range.
+    """
+    full = np.iinfo(image.dtype).max
+    if alpha.min(initial=full) == full:
+        return image
+    alpha = alpha[..., None].astype(np.uint32)
+    behind = (full - alpha) * np.asarray(color, np.uint32)
+    return ((image * alpha + behind + full // 2) // full).astype(image.dtype)

@@ -15,6 +15,7 @@ from splatreel.capture.growing.growing_sound import read_packets
 from splatreel.capture.growing.growing_video import JUMP
 from splatreel.capture.growing.growth import Growth, is_recorded
 from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, segment_files
+from splatreel.capture.own_frames import OwnFrames
 from splatreel.capture.sidecar import SIDECAR, Sidecar
 from splatreel.capture.soundtrack import Track
 from splatreel.capture.video import VideoFile
@@ -183,6 +184,10 @@ class Videos:
     def missing(self, first: int, count: int, name: str) -> np.ndarray:
         """Return [count] bool, the time steps for which a camera has no frame. The nearest frame stands in for it."""
         return self._lacks[name][first : first + count]
+
+    def own_frames(self, name: str) -> OwnFrames:
+        """Return the frames that a camera's video has."""
+        return OwnFrames(self._numbers[name], self._files[name].frames)
 
     def tracks(self, first: int) -> dict[str, Track]:
         """Return by camera the sound from time step `first` on, to the precision of the sidecar, not of a frame."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from tyro.conf import Positional
 
@@ -22,6 +23,7 @@ def evaluate(
     scale: float | None = None,
     frames: str | None = None,
     leave_out: str | None = None,
+    masks: Path | None = None,
     rendition: str | None = None,
     threads: int | None = None,
     json: bool = False,
@@ -41,6 +43,7 @@ def evaluate(
         scale: Size to compare at, as a share of the capture's, instead of the width.
         frames: Frames of the capture that the reel was made of, as A:B; by default all.
         leave_out: Names of cameras that are not read at all, as `reconstruct` took them.
+        masks: Folder of the masks of a reel that `reconstruct --masks` made. Only pixels within the masks are compared.
         rendition: Rendition to compare, for a reel that has several; by default the best.
         threads: Number of threads; by default one per core.
         json: Print report.json instead of the summary.
@@ -53,9 +56,10 @@ def evaluate(
     span, names, most = parse_frames(frames), parse_names(cameras, "--cameras"), megabytes(max_memory)
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.evaluate import evaluate as compare
-    from splatreel.evaluation.evaluate import reel_width
+    from splatreel.evaluation.evaluate import reel_background, reel_width
     from splatreel.evaluation.uncompressed import uncompressed_frames
     from splatreel.progress import console
+    from splatreel.recon.run.run_record import partial_reel
     from splatreel.recon.run.store import Store
 
     reel = reel_folder(reel)
@@ -64,7 +68,12 @@ def evaluate(
     work = reel.parent / "work"
     undecoded = uncompressed_frames(work, reel) if work.is_dir() else None
     known = Store(work).coverage()
-    source = open_capture(capture, width=width, scale=scale, frames=span, leave_out=parse_left_out(leave_out))
+    if masks is None and (partial := partial_reel(work)):
+        raise UsageError(f"{reel}: was reconstructed with {partial}, so whole images cannot be compared. Give --masks.")
+    options: dict[str, Any] = {"leave_out": parse_left_out(leave_out)}
+    if masks is not None:
+        options |= {"masks": masks, "background": reel_background(reel)}
+    source = open_capture(capture, width=width, scale=scale, frames=span, **options)
     progress = console()
     try:
         report = compare(

@@ -91,9 +91,9 @@ def export(
         raise UsageError("--up, --crop and --every are for files of Gaussians. Leave them out for a film.")
     if every < 1:
         raise UsageError(f"--every {every}: give a whole number of frames, 1 or more.")
-    from splatreel.edit.values import parse_volume
     from splatreel.play.gaussian_export import GaussianExport
     from splatreel.play.timeline import open_reel
+    from splatreel.scene.volume_text import parse_volume
 
     source = open_reel(reel_folder(reel), rendition, megabytes(max_memory))
     crop = None if changes.crop is None else parse_volume("--crop", changes.crop, source.manifest)
@@ -109,6 +109,7 @@ def export(
 
     up = _up(changes.up, FRAME_FORMATS[kind].up if kind else FILM_UP)
     film = GaussianExport(source, times, up, crop)
+    film.check_content()
     if kind is None:
         _write_gaussian_film(film, out, every)
     elif one:

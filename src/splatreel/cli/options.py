@@ -47,8 +47,8 @@ class CaptureOptions:
     leave_out: str | None = None
     """Names of cameras that are not read at all, as NAME,NAME."""
 
-    def source(self, path: str | Path) -> CaptureSource:
-        """Return how to open a capture.
+    def source(self, path: str | Path, masks: str | None = None) -> CaptureSource:
+        """Return how to open a capture, or the subject of it that a folder of masks shows.
 
         Raises:
             UsageError: Frames or names are not written correctly.
@@ -59,6 +59,8 @@ class CaptureOptions:
         request = {"width": self.width, "scale": self.scale, "frames": frames, "held_out": held_out}
         if left_out := parse_left_out(self.leave_out):
             request["leave_out"] = left_out
+        if masks is not None:
+            request["masks"] = masks
         return CaptureSource(path, request)
 
 

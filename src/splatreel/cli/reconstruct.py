@@ -51,6 +51,18 @@ class ConfigOptions:
 
 
 @dataclass(frozen=True)
+class SubjectOptions:
+    """Part of the scene to make a reel of. Players show the page behind it."""
+
+    masks: Annotated[str | None, arg(metavar="PATH")] = None
+    """Folder of masks, white where the images show the subject. It has a folder of pictures or a video for each camera, of the
+    camera's name. Pictures are named or numbered as the camera's frames."""
+    region: str | None = None
+    """Volume to keep, in the coordinates of the capture, as `splatreel edit crop=` takes it: box:x,y,z,X,Y,Z, sphere:x,y,z,RADIUS,
+    cylinder:x,y,z,RADIUS,HEIGHT or capture. Its surroundings are trained coarsely and left out."""
+
+
+@dataclass(frozen=True)
 class PublishOptions:
     """Copy of the reel in a bucket or another folder."""
 
@@ -65,6 +77,7 @@ def reconstruct(
     /,
     out: Annotated[str, arg(metavar="PATH")],
     frames_and_size: OmitArgPrefixes[CaptureOptions] = CaptureOptions(),  # noqa: B008 - it is frozen
+    subject: OmitArgPrefixes[SubjectOptions] = SubjectOptions(),
     sound: str = "auto",
     device: Device = "auto",
     threads: int | None = None,
@@ -83,6 +96,7 @@ def reconstruct(
         capture: Folder of the videos or images and their cameras, or an address of it, such as s3://BUCKET/CAPTURE.
         out: OUT/reel gets the reel, playable while it grows; OUT/work gets the checkpoints. With --cluster also s3:// and others.
         frames_and_size: Size, frames and cameras to train on.
+        subject: Part of the scene.
         sound: Soundtrack: auto, the loudest camera without distortion; the name of a camera; a sound or video file that starts with
             the capture; or none.
         device: Device that trains; auto uses a CUDA GPU if there is one.
@@ -97,8 +111,12 @@ def reconstruct(
         texts: Texts of the reel.
     """
     use_threads(threads)
-    source, config = frames_and_size.source(capture), configuration.config()
+    source, config = frames_and_size.source(capture, subject.masks), configuration.config()
     following.check()
+    if subject.region is not None:
+        config = changed(config, {"region": subject.region})
+    if following.follow and (subject.masks is not None or config.region):
+        raise UsageError("--masks and --region are for captures that are complete. Leave them out, or --follow.")
     machines.check(out, follow=following.follow, estimate=estimate)
     from splatreel.evaluation.page.report_writer import ReportWriter
     from splatreel.evaluation.profile import profiled

@@ -74,7 +74,9 @@ class ReelHeader:
             "clearance": self.clearance.to_dict(),
             "antialias": self.antialias,
             "background": list(self.background),
-        } | ({"origin": self.origin.tolist()} if self.origin.any() else {})
+            **({"origin": self.origin.tolist()} if self.origin.any() else {}),
+            **({"transparent": True} if self.transparent else {}),
+        }
 
     @staticmethod
     def from_dict(value: dict[str, Any]) -> ReelHeader:
@@ -107,4 +109,5 @@ class ReelHeader:
             antialias=value.get("antialias", False),
             background=(red, green, blue),
             origin=origin,
+            transparent=value.get("transparent", False) is True,
         )

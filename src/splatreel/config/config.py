@@ -49,6 +49,9 @@ class Config:
     chapter_frames: Annotated[int, Range(0)] = 300
     """Frames of a chapter. A video longer than one and a half chapters gets static points that all chapters share; its chapters
     then train independently, on several machines if there are any. 0 makes one chapter."""
+    region: str = ""
+    """Volume to make a reel of, as `splatreel edit` takes it: box:x,y,z,X,Y,Z, sphere:x,y,z,RADIUS, cylinder:x,y,z,RADIUS,HEIGHT or
+    capture. Its surroundings are trained coarsely and left out of the reel. Empty for everything."""
     seed: Annotated[int, Range(0)] = 0
     """Seed of all random numbers."""
 

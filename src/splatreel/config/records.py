@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-ADDED_SETTINGS: dict[str, Any] = {"layering.enabled": True}
+ADDED_SETTINGS: dict[str, Any] = {"layering.enabled": True, "region": ""}
 """Settings added since 0.1.0, by name, with the value that changes nothing. A file without such a setting gets this value."""
 
 

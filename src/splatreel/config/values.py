@@ -60,7 +60,7 @@ class Kind:
         elif self.base is bool:
             text = "true or false"
         else:
-            text = "a whole number" if self.base is int else "a number"
+            text = {int: "a whole number", str: "a text"}.get(self.base, "a number")
             text += f" from {self.limits}" if self.limits and self.limits.high is not None else ""
             text += f", {self.limits}" if self.limits and self.limits.high is None else ""
         return f"{text}, or none" if self.optional or self.several else text

@@ -26,19 +26,12 @@ from splatreel.edit.selection import (
 )
 from splatreel.edit.similarity import Moved, Similarity
 from splatreel.edit.timing import Cut, Retimed, Reversed
-from splatreel.edit.values import (
-    fail,
-    parse_axis,
-    parse_color,
-    parse_number,
-    parse_numbers,
-    parse_range,
-    parse_volume,
-)
+from splatreel.edit.values import parse_axis, parse_color, parse_range
 from splatreel.edit.visibility import SeenByCameras
 from splatreel.errors import UsageError
 from splatreel.scene.turning import turn_between
 from splatreel.scene.untrusted import read_json
+from splatreel.scene.volume_text import fail, parse_number, parse_numbers, parse_volume
 from splatreel.scene.volumes import Outside, Sphere
 
 FORMAT = "splatreel-edit"

@@ -11,8 +11,6 @@ import numpy as np
 from splatreel.edit.clip import Clip, ClipGroup, ClipLayer
 from splatreel.scene.volumes import Volume
 
-MARGIN = 0.25
-"""Opacity below zero at frames where a point is removed, so that the quantization of changes does not show it."""
 VISIBLE = 0.5
 """Share of its highest opacity from which on a point counts as visible."""
 
@@ -62,10 +60,8 @@ def keep_at(found: ClipGroup, kept: np.ndarray) -> ClipGroup:
     if kept.all():
         return found
     group = found.group
-    shade = np.zeros((*group.dx.shape[:2], 4), np.float32) if group.shade is None else group.shade.copy()
-    shade[..., 3] = np.where(kept, shade[..., 3], -group.dynamic.opacities - MARGIN)
     precision = found.precision and found.precision.without_bases("shade")
-    return replace(found, group=replace(group, shade=shade), precision=precision)
+    return replace(found, group=replace(group, shade=group.shade_where(kept)), precision=precision)
 
 
 class InVolume:

@@ -1,44 +1,13 @@
-"""Values of operations: numbers, axes, colors, volumes and ranges of frames."""
+"""Values of operations: axes, colors and ranges of frames."""
 
 from __future__ import annotations
 
-import math
 import re
 
 import numpy as np
 
-from splatreel.codec.header import ReelHeader
 from splatreel.edit.clip import Outline
-from splatreel.errors import UsageError
-from splatreel.scene.volumes import Box, CaptureVolume, Cylinder, Sphere, Volume
-
-VOLUMES = (
-    "box:x,y,z,X,Y,Z, sphere:x,y,z,RADIUS, cylinder:x,y,z,RADIUS,HEIGHT (x,y,z is the middle of its base) or capture"
-)
-
-
-def fail(name: str, value: str, remedy: str) -> UsageError:
-    """Return the error for a value of an operation."""
-    return UsageError(f"{name}={value:.100}: {remedy}.")
-
-
-def parse_number(name: str, value: str, low: float, high: float) -> float:
-    """Return a number from `low` to `high`."""
-    try:
-        number = float(value)
-    except ValueError:
-        number = math.nan
-    if not low <= number <= high:
-        raise fail(name, value, f"Give a number from {low:g} to {high:g}")
-    return number
-
-
-def parse_numbers(name: str, value: str, count: int) -> np.ndarray:
-    """Return `count` numbers with commas between them, [count] float64."""
-    parts = value.split(",")
-    if len(parts) != count:
-        raise fail(name, value, f"Give {count} numbers with commas between them")
-    return np.array([parse_number(name, part, -1e30, 1e30) for part in parts])
+from splatreel.scene.volume_text import fail, parse_number, parse_numbers
 
 
 def parse_axis(name: str, value: str) -> np.ndarray:
@@ -83,32 +52,3 @@ def _frame(name: str, text: str, fps: float) -> int:
     if not text.isdigit():
         raise fail(name, text, "Give a whole number of frames, or seconds like 1.5s")
     return int(text)
-
-
-def parse_volume(name: str, value: str, header: ReelHeader) -> Volume:
-    """Return a volume: a box, a sphere, an upright cylinder, or what a share of the cameras sees."""
-    kind, _, numbers = value.partition(":")
-    if kind == "box":
-        corners = parse_numbers(name, numbers, 6)
-        if not (corners[:3] < corners[3:]).all():
-            raise fail(name, value, "Give the low corner of the box first, then the high one")
-        return Box(corners[:3], corners[3:])
-    if kind == "sphere":
-        found = parse_numbers(name, numbers, 4)
-        _check_positive(name, value, found[3:])
-        return Sphere(found[:3], float(found[3]))
-    if kind == "cylinder":
-        found = parse_numbers(name, numbers, 5)
-        _check_positive(name, value, found[3:])
-        return Cylinder(found[:3], header.up / np.linalg.norm(header.up), float(found[3]), float(found[4]))
-    if kind == "capture":
-        share = parse_number(name, numbers, 0, 1) if numbers else 0.5
-        if not header.cameras:
-            raise fail(name, value, "This reel has no cameras. Give a box, sphere or cylinder")
-        return CaptureVolume(header.cameras, header.near, share)
-    raise fail(name, value, f"Give {VOLUMES}")
-
-
-def _check_positive(name: str, value: str, sizes: np.ndarray) -> None:
-    if not (sizes > 0).all():
-        raise fail(name, value, "Give sizes above 0")

@@ -95,7 +95,7 @@ def evaluate(
         progress.update(done, psnr=float(np.mean([quality.psnr for quality in scores.whole.values()] or [0.0])))
     if not scores.whole:
         raise UsageError(
-            f"{capture.path}: {', '.join(names)} have none of these frames. Evaluate other frames or cameras."
+            f"{capture.path}: {', '.join(names)} have none of these frames, or their masks are black. Evaluate other frames or cameras."
         )
     decoding = decode_ms_per_frame(reel, rendition, most)
     spent = {**(seconds or {}), "evaluate": round(time.monotonic() - started, 3)}
@@ -125,6 +125,7 @@ class Scores:
         whole: Quality of whole images, by frame and camera.
         moving: Quality of the pixels with motion, by frame and camera; images without motion are left out.
         moving_share: Share of pixels with motion in each image.
+        masked_share: Share of pixels within the masks in each image, if there are masks. Only these are measured.
         before: PSNR of each image before encoding.
         render_seconds: Seconds to render each image.
         flicker: Flicker of the images.
@@ -136,6 +137,7 @@ class Scores:
         self.whole: dict[tuple[int, str], Quality] = {}
         self.moving: dict[tuple[int, str], Quality] = {}
         self.moving_share: list[float] = []
+        self.masked_share: list[float] = []
         self.before: list[float] = []
         self.render_seconds: list[float] = []
         self.flicker = Flicker(borders)
@@ -151,21 +153,28 @@ class Scores:
         gaussians = self.timeline.at(frame / self.timeline.fps)
         raw = undecoded(frame) if undecoded is not None else None
         images = {}
+        alpha = self.capture.alpha(frame, 1, [view.name for view in self.views])
         missing = self.capture.missing(frame, 1, [view.name for view in self.views])[0]
-        for view, truth, median, absent in zip(self.views, truths, self.medians, missing, strict=True):
-            if absent:
+        for number, (view, truth, median, absent) in enumerate(
+            zip(self.views, truths, self.medians, missing, strict=True)
+        ):
+            within = None if alpha is None else alpha[0, number] > 0
+            if absent or (within is not None and not within.any()):
                 continue
             begun = time.perf_counter()
             image = np.clip(self.timeline.render(gaussians, view), 0, 1)
             self.render_seconds.append(time.perf_counter() - begun)
-            self.whole[frame, view.name] = measure(image, truth, lpips)
+            self.whole[frame, view.name] = measure(image, truth, lpips, within)
             moves = moving_pixels(truth, median)
+            if within is not None:
+                moves &= within
+                self.masked_share.append(float(within.mean()))
             self.moving_share.append(float(moves.mean()))
             if moves.any():
                 self.moving[frame, view.name] = measure(image, truth, lpips, moves)
             self.flicker.add(frame, view.name, image, truth)
             if raw is not None:
-                self.before.append(psnr(np.clip(self.timeline.render(raw, view), 0, 1), truth))
+                self.before.append(psnr(np.clip(self.timeline.render(raw, view), 0, 1), truth, within))
             images[view.name] = image
         return images
 
@@ -189,6 +198,7 @@ def summarize(scores: Scores, info: ReelInfo, seconds: dict[str, float], device:
         **asdict(Quality.mean(list(whole.values()))),
         moving=asdict(Quality.mean(list(scores.moving.values()))) if scores.moving else None,
         moving_share=float(np.mean(scores.moving_share)),
+        masked_share=float(np.mean(scores.masked_share)) if scores.masked_share else None,
         psnr_undecoded=float(np.mean(scores.before)) if scores.before else None,
         flicker=scores.flicker.mean(at_borders=False),
         flicker_borders=scores.flicker.mean(at_borders=True),
@@ -332,3 +342,8 @@ def check_unseen(manifest: Manifest, views: Sequence[Camera], reel: str) -> None
 def reel_width(reel: str | Path) -> int:
     """Return the width in pixels of the images that the reel was made from."""
     return ReelReader(reel).manifest.camera.width
+
+
+def reel_background(reel: str | Path) -> tuple[float, float, float]:
+    """Return the color behind the points of a reel, 0..1."""
+    return ReelReader(reel).manifest.background

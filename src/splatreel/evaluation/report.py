@@ -72,6 +72,7 @@ class Report:
         dssim2: The same with a data range of 2.
         moving: All metrics of `Quality` over the pixels with motion; None without motion.
         moving_share: Share of pixels with motion, 0..1.
+        masked_share: Share of pixels within the masks of a subject, 0..1, the only ones that were measured; None without masks.
         bytes_by_kind: Bytes of the reel by what they hold.
         decode_ms_per_frame: Milliseconds to read and decode one frame of video.
         render_fps: Images per second that the CPU renderer draws at this size.
@@ -107,6 +108,7 @@ class Report:
     dssim2: float | None = None
     moving: dict[str, float | None] | None = None
     moving_share: float | None = None
+    masked_share: float | None = None
     bytes_by_kind: dict[str, int] = field(default_factory=dict)
     decode_ms_per_frame: float | None = None
     render_fps: float | None = None
@@ -134,11 +136,14 @@ class Report:
 
     def views(self) -> str:
         """Describe the evaluated views."""
+        within = ""
+        if self.masked_share is not None:
+            within = f" Only pixels within the masks were measured, {self.masked_share:.1%} of the images."
         if self.held_out or not self.trained_on:
-            return "Held-out cameras, rendered from the decoded reel."
+            return f"Held-out cameras, rendered from the decoded reel.{within}"
         return (
             "Training views, rendered from the decoded reel: it was trained on these cameras, so how good new views are was not "
-            "measured. For that keep cameras: `splatreel reconstruct --hold-out NAME,NAME`."
+            f"measured. For that keep cameras: `splatreel reconstruct --hold-out NAME,NAME`.{within}"
         )
 
     def write(self, folder: Path) -> None:

@@ -40,19 +40,19 @@ class GaussianExport:
         return Placement(turn, manifest.origin if manifest.origin.any() else None, manifest.antialias)
 
     def at(self, seconds: float) -> Gaussians:
-        """Return the cropped Gaussians at a time, in the axes of the reel.
-
-        Raises:
-            ReelError: None is left.
-        """
+        """Return the cropped Gaussians at a time, in the axes of the reel. There may be none, before something appears."""
         points: Gaussians = self.source.at(seconds)
-        if self.crop is not None:
-            points = points[self.crop.contains(points.means)]
-        if not len(points):
-            raise ReelError(
-                f"{self.source.reel.name}: no Gaussian at {seconds:.3f} s is within --crop. Choose another volume."
-            )
-        return points
+        return points if self.crop is None else points[self.crop.contains(points.means)]
+
+    def check_content(self) -> None:
+        """Raise `ReelError` if there are no Gaussians at any of the times."""
+        if any(len(points) for points in self):
+            return
+        first, last = self.seconds[0], self.seconds[-1]
+        when = f"at {first:.3f} s" if first == last else f"from {first:.3f} to {last:.3f} s"
+        if self.crop is not None and any(len(self.source.at(seconds)) for seconds in self.seconds):
+            raise ReelError(f"{self.source.reel.name}: no Gaussian {when} is within --crop. Choose another volume.")
+        raise ReelError(f"{self.source.reel.name}: shows no Gaussian {when}. Choose another time.")
 
     def __iter__(self) -> Iterator[Gaussians]:
         """Yield the Gaussians at each time."""

@@ -96,7 +96,9 @@ def _set_frame(splats: Any, frame: int, before: Gaussians | None, points: Gaussi
             attribute.Set(kind.FromNumpy(_stored(name, old)), frame - 1)
         attribute.Set(kind.FromNumpy(_stored(name, new)), frame)
     spread = _SHOWN * points.scales.max(1, keepdims=True)
-    ends = [tuple(end.tolist()) for end in ((points.means - spread).min(0), (points.means + spread).max(0))]
+    around = points.means - spread, points.means + spread
+    low, high = (around[0].min(0), around[1].max(0)) if len(points) else (np.zeros(3), np.zeros(3))
+    ends = [tuple(end.tolist()) for end in (low, high)]
     extent = _attribute(splats, "Extent")
     if before is None:
         _attribute(splats, "RadianceSphericalHarmonicsDegree").Set(points.sh_degree)

@@ -75,7 +75,8 @@ class ChapteredRun:
     @cached_property
     def chapters(self) -> list[ChapterSpan]:
         """All chapters of the video, at least one."""
-        return chapter_spans(self.groups, self.config.chapter_frames)
+        subject_only = bool(self.capture.backgrounds)  # chapters share what always rests, and a subject moves
+        return chapter_spans(self.groups, 0 if subject_only else self.config.chapter_frames)
 
     def lock(self) -> RunLock:
         """Return the lock on the reel. For a video of one chapter it is the lock on the whole output folder."""

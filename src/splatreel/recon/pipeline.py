@@ -11,10 +11,11 @@ from splatreel.capture.base import Capture
 from splatreel.capture.opening import CaptureSource
 from splatreel.config import Config
 from splatreel.progress import Progress, Silent, parts_of
-from splatreel.recon.encode.group_output import ReelOutput
+from splatreel.recon.encode.group_output import ReelOutput, RegionOutput
 from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook, no_presentation
 from splatreel.recon.encode.soundtrack import select_soundtrack
 from splatreel.recon.groups import reconstruct_groups
+from splatreel.recon.init.layout import check_region
 from splatreel.recon.jobs import ChapteredRun, ChapterReelWriter, chapter_job, scene_job
 from splatreel.recon.preparation import open_reel_writer, prepare, save_header
 from splatreel.recon.run.device import pick_device
@@ -79,6 +80,7 @@ def reconstruct(
 def plan_run(capture: Capture, out: Path, config: Config, *, sound: str = "auto", device: str = "auto") -> ChapteredRun:
     """Return the run that `reconstruct` would make, without starting it. Arguments and errors are those of `reconstruct`."""
     check_capture(capture)
+    check_region(config.region, capture.training_cameras)
     check_networks(config.layering)
     check_memory(capture, config)
     return ChapteredRun(capture, Path(out), config, sound, pick_device(device))
@@ -107,7 +109,8 @@ def reconstruct_sequence(run: ChapteredRun, progress: Progress, present: Present
         save_header(job, run.capture, rig, layout, soundtrack)
         writer = open_reel_writer(job, lock)
         before = FirstOfVideo(rig, StaticPoints.none(run.config.keyframe.sh_degree))
-        output = ReelOutput(writer, GroupWriter(writer, job.store, job.device), present)
+        make_output = RegionOutput if layout.region else ReelOutput
+        output = make_output(writer, GroupWriter(writer, job.store, job.device), present)
         reconstruct_groups(job, run.groups, run.capture, layout, before, output)
         present(writer, None)
         writer.finish()

@@ -7,19 +7,21 @@ import numpy as np
 from splatreel.capture.base import Capture
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
+from splatreel.errors import ReconstructionError
 from splatreel.recon.cameras.rig import Rig, check_first_poses
 from splatreel.recon.coverage.coverage import Coverage, cover
 from splatreel.recon.encode.group_writer import header_of, open_writer
 from splatreel.recon.encode.soundtrack import Soundtrack, save_soundtrack
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.init.limits import limits
+from splatreel.recon.init.visual_hull import VisualHull
 from splatreel.recon.run.job import POINTS, Job
 from splatreel.recon.run.requirements import check_pictures
 from splatreel.recon.run.run_lock import RunLock
 from splatreel.recon.run.store import GroupStore
 from splatreel.recon.run.workload import Workload
 from splatreel.recon.stages.camera_stages import load_poses, save_poses
-from splatreel.recon.train.single_frame import lay_out
+from splatreel.recon.train.single_frame import Subject, lay_out
 
 POINTS_TEXT = "placing the initial points"
 
@@ -52,19 +54,46 @@ def prepare(job: Job, capture: Capture, middle: int, lock: RunLock) -> tuple[Rig
         return (rig if poses is None else rig.with_poses(poses)), layout
     with job.timed(POINTS):
         job.progress.stage("reading the first frame, checking the cameras", 1, (0.0, 0.0))
-        frames = np.concatenate([capture.read(frame, 1, rig.names) for frame in (0, middle)])
+        frames = np.concatenate([capture.scene.read(frame, 1, rig.names) for frame in (0, middle)])
         rig, frames = check_cameras(job, capture, rig, frames, store.group(0))
         job.progress.update(1)
         coverage = report_coverage(job, capture, rig, frames[0]) if job.config.check_coverage else None
         job.show(POINTS_TEXT, 1)
         known = capture.points, capture.point_colors, capture.near
-        seeds, layout = lay_out(rig.cameras, frames[0], job.config, *known)
+        images, subject = first_images(capture, rig, frames[0])
+        seeds, layout = lay_out(rig.cameras, images, job.config, *known, subject)
+        check_region_holds(layout, rig, seeds.points)
         job.progress.update(1, points=len(seeds.points))
     lock.save_record()
     if coverage is not None:
         store.save_coverage(coverage)
     store.save_layout(layout, seeds.points, seeds.colors)
     return rig, layout
+
+
+def first_images(capture: Capture, rig: Rig, images: np.ndarray) -> tuple[np.ndarray, Subject | None]:
+    """Return the images that initial points are found in, and the subject that masks show.
+
+    Args:
+        capture: The capture.
+        rig: The cameras that are trained on.
+        images: Their images [C, H, W, 3] uint8 of the first frame, which show the whole scene.
+    """
+    alpha = capture.alpha(0, 1, rig.names)
+    if alpha is None:
+        return images, None
+    hull = VisualHull(rig.cameras, alpha[0], capture.near or 0.0)
+    return capture.read(0, 1, rig.names)[0], Subject(hull, capture.backgrounds)
+
+
+def check_region_holds(layout: Layout, rig: Rig, points: np.ndarray) -> None:
+    """Raise `ReconstructionError` if no initial point [P, 3] is within the region."""
+    volume = layout.volume(rig.cameras)
+    if volume is not None and not volume.contains(points).any():
+        low, high = (", ".join(f"{value:.3g}" for value in corner) for corner in layout.bounds)
+        raise ReconstructionError(
+            f"region={layout.region}: nothing of the scene is there in the first frame. Most of the scene is between {low} and {high}."
+        )
 
 
 def save_header(job: Job, capture: Capture, rig: Rig, layout: Layout, sound: Soundtrack | None) -> None:

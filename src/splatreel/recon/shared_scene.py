@@ -19,7 +19,7 @@ from splatreel.recon.encode.soundtrack import Soundtrack
 from splatreel.recon.encode.step_choice import encode_layer_by_slope
 from splatreel.recon.init.initial_points import initial_points, near_plane
 from splatreel.recon.init.layout import Layout, border_color, measure
-from splatreel.recon.preparation import POINTS_TEXT, check_cameras, report_coverage, save_header
+from splatreel.recon.preparation import POINTS_TEXT, check_cameras, check_region_holds, report_coverage, save_header
 from splatreel.recon.run.job import POINTS, Job
 from splatreel.recon.run.run_lock import RunLock
 from splatreel.recon.run.store import GroupStore, StoredLayer
@@ -114,7 +114,8 @@ def _lay_out(job: Job, rig: Rig, plates: CleanPlates, frames: np.ndarray) -> tup
         seen.append(initial_points(rig.cameras, frames[place], seed=job.config.seed).points)
         job.progress.update(number + 2)
     everything = np.concatenate(seen)
-    layout = measure(rig.cameras, everything, near_plane(rig.cameras, everything))
+    layout = replace(measure(rig.cameras, everything, near_plane(rig.cameras, everything)), region=job.config.region)
+    check_region_holds(layout, rig, everything)
     if job.config.background:
         layout = replace(layout, background=border_color(plates.images))
     return layout, seeds.points, seeds.colors

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import struct
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -50,6 +51,10 @@ def write_glb(path: str | Path, gaussians: Gaussians, shift: np.ndarray | None =
         accessors.append(accessor)
         offset += array.nbytes
     moved = {} if shift is None else {"translation": shift.tolist()}
+    if not len(gaussians):  # glTF has no accessors without elements
+        asset = {"version": "2.0", "generator": "Splatreel"}
+        empty = {"asset": asset, "scene": 0, "scenes": [{"nodes": [0]}], "nodes": [moved or {"name": "empty"}]}
+        return _write_document(path, empty, b"")
     primitive = {"attributes": {name: i for i, name in enumerate(arrays)}, "mode": 0}
     document = {
         "asset": {"version": "2.0", "generator": "Splatreel"},
@@ -62,10 +67,16 @@ def write_glb(path: str | Path, gaussians: Gaussians, shift: np.ndarray | None =
         "bufferViews": views,
         "accessors": accessors,
     }
+    return _write_document(path, document, b"".join(array.tobytes() for array in arrays.values()))
+
+
+def _write_document(path: str | Path, document: dict[str, Any], body: bytes) -> None:
+    """Write a document and its buffer, if it has one."""
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
-    body = b"".join(array.tobytes() for array in arrays.values())
-    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text + struct.pack("<II", len(body), 0x004E4942) + body
+    chunks = struct.pack("<II", len(text), 0x4E4F534A) + text
+    if body:
+        chunks += struct.pack("<II", len(body), 0x004E4942) + body
     write_bytes(Path(path), struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
 
 

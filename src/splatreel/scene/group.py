@@ -13,6 +13,9 @@ import numpy as np
 from splatreel.errors import GaussiansError
 from splatreel.scene.gaussians import Gaussians
 
+MARGIN = 0.25
+"""Opacity below zero at frames where a point is hidden, so that the quantization of changes does not show it."""
+
 
 @dataclass(frozen=True)
 class Group:
@@ -78,6 +81,19 @@ class Group:
             return None
         low, high, u = self._between(frame)
         return (1 - u) * self.light[low] + u * self.light[high]
+
+    def shade_where(self, shown: np.ndarray) -> np.ndarray:
+        """Return the shade with which points show only at some frames.
+
+        Args:
+            shown: [T, N] or [1, N] bool.
+
+        Returns:
+            [T, N, 4] float32, transparent elsewhere.
+        """
+        shade = np.zeros((*self.dx.shape[:2], 4), np.float32) if self.shade is None else self.shade.copy()
+        shade[..., 3] = np.where(shown, shade[..., 3], -self.dynamic.opacities - MARGIN)
+        return shade
 
     def _between(self, frame: float) -> tuple[int, int, np.float32]:
         """Return the frames before and after a time, and the interpolation weight of the second."""

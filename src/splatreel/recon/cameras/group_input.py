@@ -97,10 +97,14 @@ class GroupInput:
 
     def draw(self, points: Gaussians, camera: Camera) -> np.ndarray:
         """Return an image [H, W, 3] float32 of points, before the camera's color gain. It is drawn on the CPU, without gradients."""
-        layout = self.layout
-        return render_image(points, camera, near=layout.near, antialias=self.antialias, background=layout.background)
+        background = self.background_of(camera)
+        return render_image(points, camera, near=self.near, antialias=self.antialias, background=background)
 
     def backdrop(self, points: Gaussians, camera: Camera) -> Backdrop:
         """Return a backdrop of points, which other points can be drawn in front of."""
-        layout = self.layout
-        return Backdrop(points, camera, near=layout.near, antialias=self.antialias, background=layout.background)
+        background = self.background_of(camera)
+        return Backdrop(points, camera, near=self.near, antialias=self.antialias, background=background)
+
+    def background_of(self, camera: Camera) -> tuple[float, float, float]:
+        """Return the color behind all points in an image before the camera's color gain, 0..1."""
+        return self.layout.background_of(camera, self.gains[self.rig.names.index(camera.name)])

@@ -101,6 +101,19 @@ class ReelOutput:
             self.present(self.writer, index)
 
 
+class RegionOutput(ReelOutput):
+    """Output to a reel that holds a region only. It writes finished groups from their checkpoints."""
+
+    def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
+        """See `Output`. The layer is written with its group."""
+        return decode_layer(encoded[0], f"The layer of group {group}")[1]
+
+    def add_group(self, group: Group, encoded: dict[str, bytes]) -> None:
+        """See `Output`."""
+        self.group_writer.write(group.index)
+        self.present(self.writer, group.index)
+
+
 def ignore_group(group: int) -> None:
     """Ignore a finished group."""
 

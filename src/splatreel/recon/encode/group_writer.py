@@ -7,7 +7,7 @@ import os
 from collections import deque
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +18,7 @@ from splatreel.codec.predictive.precision import Steps
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config, EncodeConfig
 from splatreel.recon.encode.importance import Importance, group_importance
+from splatreel.recon.encode.region import Region, kept_layer
 from splatreel.recon.encode.soundtrack import write_soundtrack
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
@@ -65,7 +66,7 @@ class GroupWriter:
         store: Checkpoints.
         device: Device on which missing importance is measured.
         measured: Importance measured here, by group. Another writer of the same store can reuse it.
-        encoded: Write the files that chapters encoded, instead of encoding again.
+        encoded: Write the files that chapters encoded, instead of encoding again. The files of a region are encoded again.
     """
 
     def __init__(
@@ -77,10 +78,13 @@ class GroupWriter:
         encoded: bool = False,
     ) -> None:
         """Create a writer, see the attributes. No group is written or skipped yet."""
-        self.writer, self.store, self.device, self.encoded = writer, store, device, encoded
+        self.writer, self.store, self.device = writer, store, device
         self.measured = {} if measured is None else measured
         self._firsts = store.chapter_firsts()
         self._shared = self._order = np.zeros(0, np.int64)
+        self._shared_count = self._count = 0
+        self._region = region_of(store, writer.manifest)
+        self.encoded = encoded and self._region.volume is None
 
     def write(self, index: int) -> None:
         """Write a group."""
@@ -109,20 +113,26 @@ class GroupWriter:
     def skip(self, index: int) -> None:
         """Pass over a group that the reel contains already."""
         for shared, layer in self._layers_born_at(index):
-            self._extend(np.arange(len(layer.trained)), shared)
+            self._extend(np.flatnonzero(self._region.of_layer(layer)), len(layer.trained), shared)
 
     def _prepare(self, index: int) -> PreparedGroup:
         stored = self.store.group(index).group()
-        group = stored.group
         born = self._layers_born_at(index)
         moving, resting = self._importance(stored, [layer for _, layer in born])
         layers = []
         for shared, layer in born:
             known = layer.importance
             if known is None and resting is not None:
-                known = resting[len(self._order) : len(self._order) + len(layer.trained)]
-            layers.append(self._prepare_layer(index, group.first_frame, layer, known, shared))
-            self._extend(layers[-1].order, shared)
+                known = resting[self._count : self._count + len(layer.trained)]
+            kept = self._region.of_layer(layer)
+            order = np.zeros(0, np.int64)
+            if kept.any():
+                part = kept_layer(replace(layer, importance=known), kept)
+                layers.append(self._prepare_layer(index, stored.group.first_frame, part, shared))
+                order = np.flatnonzero(kept)[layers[-1].order]
+            self._extend(order, len(kept), shared)
+        stored = self._region.group(replace(stored, importance=moving))
+        group, moving = stored.group, stored.importance
         # The alive bits are in the order of training; another encoder may order the points differently.
         group = dataclasses.replace(group, alive=group.alive[self._order])
         return PreparedGroup(group, moving, stored.steps, layers)
@@ -131,24 +141,24 @@ class GroupWriter:
         """Return the layers born at a group, each with a flag: shared by all chapters."""
         own, shared = self.store.group(index).layer(), None
         if self._firsts is not None and index in self._firsts:
-            self._order = self._shared  # the layers of the previous chapter retire here
+            self._order, self._count = self._shared, self._shared_count  # the previous chapter's layers retire here
             shared = self.store.scene.layer() if index == 0 else None
         return [(s, layer) for s, layer in ((True, shared), (False, own)) if layer is not None and len(layer.trained)]
 
-    def _extend(self, order: np.ndarray, shared: bool) -> None:
-        self._order = np.concatenate([self._order, len(self._order) + order])
+    def _extend(self, order: np.ndarray, count: int, shared: bool) -> None:
+        """Add a layer of `count` trained points, of which the reel has those in `order`."""
+        self._order = np.concatenate([self._order, self._count + order])
+        self._count += count
         if shared:
-            self._shared = self._order
+            self._shared, self._shared_count = self._order, self._count
 
-    def _prepare_layer(
-        self, index: int, first_frame: int, layer: StoredLayer, importance: np.ndarray | None, shared: bool
-    ) -> PreparedLayer:
+    def _prepare_layer(self, index: int, first_frame: int, layer: StoredLayer, shared: bool) -> PreparedLayer:
         until = None if shared or self._firsts is None else min((f for f in self._firsts if f > index), default=None)
         store = self.store.scene if shared else self.store.group(index)
         data = store.encoded_layer() if self.encoded else None
         if data is not None:
             return PreparedLayer(layer.trained, data, np.arange(len(layer.trained)), until)
-        encoded = self.writer.encoder.layer(index, first_frame, layer.trained, importance, layer.steps)
+        encoded = self.writer.encoder.layer(index, first_frame, layer.trained, layer.importance, layer.steps)
         return PreparedLayer(layer.trained, *encoded, until)
 
     def _importance(self, stored: StoredGroup, born: list[StoredLayer]) -> Importance:
@@ -172,6 +182,23 @@ class GroupWriter:
         )
 
 
+def region_of(store: Store, header: ReelHeader) -> Region:
+    """Return the part of a run that its reel holds."""
+    layout = store.layout()
+    return Region(None if layout is None else layout.volume(header.cameras))
+
+
+def bounds_of(layout: Layout, cameras: list[Camera]) -> np.ndarray:
+    """Return the box of the reel's content, [2, 3]: that of the scene, within the region."""
+    bounds = np.array(layout.bounds)
+    volume = layout.volume(cameras)
+    box = None if volume is None else volume.bounds()
+    if box is None:
+        return bounds
+    inner = np.stack([np.maximum(bounds[0], box[0]), np.minimum(bounds[1], box[1])])
+    return inner if (inner[0] < inner[1]).all() else box
+
+
 def header_of(cameras: list[Camera], fps: float, config: Config, layout: Layout) -> ReelHeader:
     """Create the header of a reel.
 
@@ -186,7 +213,7 @@ def header_of(cameras: list[Camera], fps: float, config: Config, layout: Layout)
         group_length=config.group.length,
         overlap=config.group.overlap,
         sh_degree=config.keyframe.sh_degree,
-        bounds=np.array(layout.bounds),
+        bounds=bounds_of(layout, cameras),
         up=np.array(layout.up),
         camera=cameras[len(cameras) // 2],
         cameras=cameras,
@@ -194,6 +221,7 @@ def header_of(cameras: list[Camera], fps: float, config: Config, layout: Layout)
         clearance=layout.clearance,
         antialias=config.antialias,
         background=layout.background,
+        transparent=layout.is_partial,
     )
 
 

@@ -293,7 +293,7 @@ def _draw(data: GroupInput, points: Gaussians, view: int) -> np.ndarray:
     means, quats, scales, opacities, sh = (torch.from_numpy(array).to(data.device) for array in arrays)
     size = camera.viewmat, camera.K, camera.width, camera.height
     found = splat.render(means, quats, scales, opacities, sh, *size, near=data.near, antialias=data.antialias)
-    background = torch.tensor(data.layout.background, dtype=torch.float32, device=data.device)
+    background = torch.tensor(data.background_of(camera), dtype=torch.float32, device=data.device)
     image = (found.image + (1 - found.alpha[..., None]) * background).cpu().numpy()
     return np.clip(image * data.gains[view], 0, 1)
 

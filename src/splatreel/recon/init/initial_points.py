@@ -18,6 +18,7 @@ from splatreel.recon.init import planesweep
 from splatreel.recon.init.planesweep import DepthMap, inside, narrow_ranges, project, seen_depths, unproject
 from splatreel.recon.init.triangulate import triangulate
 from splatreel.scene.camera import Camera, focus_point
+from splatreel.scene.volumes import Volume
 
 MAX_POINTS = 25_000
 ENOUGH_POINTS = 20
@@ -76,6 +77,7 @@ def initial_points(
     point_colors: np.ndarray | None = None,
     near: float | None = None,
     seed: int = 0,
+    within: Volume | None = None,
 ) -> InitialPoints:
     """Find the points from which reconstruction starts.
 
@@ -86,9 +88,10 @@ def initial_points(
         point_colors: [P, 3] 0..1, colors of `points`.
         near: Minimum distance of content from a camera, world units.
         seed: Seed of all random choices.
+        within: Volume that all points are in; None is all of space.
 
     Raises:
-        ReconstructionError: If images and cameras do not match, or points are not finite.
+        ReconstructionError: If images and cameras do not match, points are not finite, or none is in the volume.
     """
     _check(cameras, images, points)
     rng = np.random.default_rng(seed)
@@ -100,6 +103,9 @@ def initial_points(
     else:
         tracks = triangulate(cameras, images)
         source, sparse, colors = "triangulated", tracks.points, tracks.colors
+    if within is not None:
+        kept = within.contains(sparse)
+        sparse, colors = sparse[kept], colors[kept]
     ranges = depth_ranges(cameras, sparse, near)
     maps: list[DepthMap] = []
     if len(cameras) > 1:
@@ -109,12 +115,18 @@ def initial_points(
         source += "+swept"
     needed = min(2, len(cameras) - 1)
     surfaces = [_seen_surface(m, needed, r) for m, r in zip(maps, ranges[: len(maps)], strict=True)]
-    found = _Cloud.concatenate([_Cloud(sparse, colors, _finest_grain(cameras, sparse)), *surfaces])
+    found = _within(_Cloud.concatenate([_Cloud(sparse, colors, _finest_grain(cameras, sparse)), *surfaces]), within)
     if len(found.points) < ENOUGH_POINTS:
-        found, source = _random_points(cameras, images, ranges, rng), "random"
+        found, source = _within(_random_points(cameras, images, ranges, rng), within), "random"
     else:
-        found = _Cloud.concatenate([_thin(found, MAX_POINTS), *(_filled(m, needed, sparse) for m in maps)])
+        filled = [_within(_filled(m, needed, sparse), within) for m in maps]
+        found = _Cloud.concatenate([_thin(found, MAX_POINTS), *filled])
         found = found[~_refuted(found.points, maps, needed)]
+    if not len(found.points):
+        raise ReconstructionError(
+            "The masks of the first frame have no place in common. Check that they belong to these cameras and frames, and start at a "
+            "frame that shows the subject: --frames A:B."
+        )
     return InitialPoints(found.points.astype(np.float32), np.clip(found.colors, 0, 1).astype(np.float32), source)
 
 
@@ -166,6 +178,11 @@ def _check(cameras: list[Camera], images: np.ndarray, points: np.ndarray | None)
             )
     if points is not None and not np.isfinite(points).all():
         raise ReconstructionError("Initial points: the capture's points contain NaN or infinity. Remove these points.")
+
+
+def _within(cloud: _Cloud, volume: Volume | None) -> _Cloud:
+    """Return the points of a cloud that are in a volume."""
+    return cloud if volume is None else cloud[volume.contains(cloud.points)]
 
 
 def _focus_distance(cameras: list[Camera]) -> float:

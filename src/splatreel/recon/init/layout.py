@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,8 @@ from splatreel.recon.init.planesweep import seen_depths
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
 from splatreel.scene.untrusted import is_number, numbers
+from splatreel.scene.volume_text import parse_volume
+from splatreel.scene.volumes import Volume
 
 BORDER_PARTS = 8
 """Each side of an image's border is one part in this many of its width or height."""
@@ -39,6 +41,9 @@ class Layout:
         bounds: Low and high corner of the scene.
         clearance: Space in front of a viewer in which no static point is drawn.
         background: Color behind all points, 0..1.
+        backgrounds: Color behind the subject in the images of each camera, for a capture with masks. It does not change with the
+            camera's color gain.
+        region: Volume that the reel holds, as users write it; empty for everything.
     """
 
     near: float
@@ -47,6 +52,28 @@ class Layout:
     bounds: list[list[float]]
     clearance: Clearance = NONE
     background: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    backgrounds: dict[str, tuple[float, float, float]] = field(default_factory=dict)
+    region: str = ""
+
+    @property
+    def is_partial(self) -> bool:
+        """True if the reel leaves a part of the scene out."""
+        return bool(self.backgrounds or self.region)
+
+    def background_of(self, camera: Camera, gain: np.ndarray) -> tuple[float, float, float]:
+        """Return the color behind all points in an image before the camera's color gain [3], 0..1."""
+        if camera.name not in self.backgrounds:
+            return self.background
+        red, green, blue = (np.array(self.backgrounds[camera.name]) / gain).tolist()
+        return red, green, blue
+
+    def volume(self, cameras: Sequence[Camera]) -> Volume | None:
+        """Return the volume that the reel of these training cameras holds; None for everything."""
+        return (
+            parse_volume("region", self.region, _VolumeRig(np.array(self.up), cameras, self.near))
+            if self.region
+            else None
+        )
 
     def to_dict(self) -> dict[str, Any]:
         """Return the layout as JSON values."""
@@ -63,12 +90,37 @@ class Layout:
         """
         numbers(value["up"], 3)
         numbers(value["bounds"], 2, 3)
-        if not (is_number(value["near"]) and is_number(value["unit"])):
-            raise TypeError("near or unit is not a number")
-        plain = {name: value[name] for name in value if name not in ("clearance", "background")}
-        red, green, blue = numbers(value.get("background", [0.0, 0.0, 0.0]), 3).tolist()
+        if not (is_number(value["near"]) and is_number(value["unit"]) and isinstance(value.get("region", ""), str)):
+            raise TypeError("near or unit is not a number, or region is no text")
+        plain = {name: value[name] for name in value if name not in ("clearance", "background", "backgrounds")}
         clearance = Clearance.from_dict(value.get("clearance"))
-        return replace(Layout(**plain), clearance=clearance, background=(red, green, blue))
+        behind = {name: _color(color) for name, color in dict(value.get("backgrounds", {})).items()}
+        background = _color(value.get("background", [0.0, 0.0, 0.0]))
+        return replace(Layout(**plain), clearance=clearance, background=background, backgrounds=behind)
+
+
+def _color(value: Any) -> tuple[float, float, float]:
+    red, green, blue = numbers(value, 3).tolist()
+    return red, green, blue
+
+
+@dataclass(frozen=True)
+class _VolumeRig:
+    """See `VolumeRig`."""
+
+    up: np.ndarray
+    cameras: Sequence[Camera]
+    near: float
+
+
+def check_region(text: str, cameras: Sequence[Camera]) -> None:
+    """Check the text of a region.
+
+    Raises:
+        UsageError: It is no volume.
+    """
+    if text:
+        parse_volume("region", text, _VolumeRig(upright(cameras), cameras, 0.0))
 
 
 def measure(cameras: list[Camera], points: np.ndarray, near: float) -> Layout:

@@ -66,6 +66,16 @@ def check_record(work: Path, record: dict[str, Any]) -> None:
         )
 
 
+def partial_reel(work: Path) -> str | None:
+    """Return the option that leaves a part of the scene out of a run's reel; None if the reel shows all, or without a run."""
+    record = checkpoint.load_json(work / FILE) if has_record(work) else None
+    if not isinstance(record, dict):
+        return None
+    if "masks" in dict(record.get("capture", {})):
+        return "--masks"
+    return "--region" if dict(record.get("config", {})).get("region") else None
+
+
 def differences(theirs: dict[str, Any], mine: dict[str, Any], prefix: str = "") -> list[str]:
     """Return the differences of two nested records, such as `config.seed is 1 there, 0 now`.
 

@@ -44,7 +44,7 @@ class EvenExposures(Stage[Exposure]):
     def apply(self, state: GroupState, found: Exposure) -> None:
         """Even the images out, and move the exposures of the rig on to the next keyframe."""
         report_exposure(state.rig, found, state.job.progress)
-        remove_exposure(state.data.images, found)
+        remove_exposure(state.data.images, found, keep_white=bool(state.data.layout.backgrounds))
         state.rig = at_next_keyframe(state.rig, found, state.span.own)
         state.data = replace(state.data, light=found.light_factors)
 
@@ -70,8 +70,8 @@ class CheckPoses(Stage[Poses]):
     checkpoint = "poses"
 
     def is_needed(self, state: GroupState) -> bool:
-        """Return True if poses are checked at all."""
-        return state.job.config.check_poses
+        """Return True if poses are checked at all. A subject alone has too few features for it."""
+        return state.job.config.check_poses and not (state.data.layout.backgrounds and state.span.index)
 
     def seconds(self, work: Workload, frames: int, config: Config) -> float:
         """Return seconds that grow with the number of cameras."""

@@ -74,6 +74,7 @@ def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progre
         max_points=most,
         losses=CHAPTER_KEYFRAME,
         seed=data.seed,
+        region=data.layout.volume(data.cameras),
     )
     images = temporal_mean(data.images) if keyframe.temporal_mean else data.images[0]
     train_frame(

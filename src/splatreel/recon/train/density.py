@@ -17,6 +17,7 @@ from splatreel.recon.train.moving import MovingPoints
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints
 from splatreel.recon.train.render import Comparable, StaticCache, View, contributions, relative_distances
+from splatreel.scene.volumes import Volume
 
 CULL_OPACITY = 0.05
 """Opacity below which points are pruned (paper section 5.1). Fainter points hardly show, and cost bytes and time."""
@@ -68,6 +69,11 @@ def select_growth(meter: GradientMeter, threshold: float, budget: int) -> Tensor
     return grow
 
 
+def inside(region: Volume, means: Tensor) -> Tensor:
+    """Return [N] bool, the points [N, 3] that are within a volume."""
+    return torch.from_numpy(region.contains(means.detach().cpu().numpy())).to(means.device)
+
+
 def too_large(scales: Tensor, distances: Tensor, unit: float) -> Tensor:
     """Return the mask [N] of points that are too large for their distance.
 
@@ -111,7 +117,9 @@ class KeyframeDensity:
         distances: [N], see `relative_distances`; ones before `restart` was called.
     """
 
-    def __init__(self, points: TrainablePoints, config: KeyframeConfig, max_points: int, seed: int) -> None:
+    def __init__(
+        self, points: TrainablePoints, config: KeyframeConfig, max_points: int, seed: int, region: Volume | None = None
+    ) -> None:
         """Create the density control of a keyframe.
 
         Args:
@@ -119,8 +127,9 @@ class KeyframeDensity:
             config: Keyframe settings.
             max_points: Maximum number of points.
             seed: Seed of the positions of split points.
+            region: Volume in which points are densified; None is everywhere.
         """
-        self.points, self.config, self.max_points = points, config, max_points
+        self.points, self.config, self.max_points, self.region = points, config, max_points, region
         self.generator = torch.Generator().manual_seed(seed)
         self.distances = torch.ones(len(points), device=points.means.device)
 
@@ -159,6 +168,8 @@ class KeyframeDensity:
         """Clone small points with large gradients, split large ones, and prune."""
         points = self.points
         points.check()
+        if self.region is not None:
+            self.meter.sum *= inside(self.region, points.means)
         grow = select_growth(self.meter, GROWTH_GRADIENT, self.max_points - len(points))
         dropped = self._dropped(unit, share)
         large = points.scales.detach().amax(1) > SPLIT_FROM * unit
@@ -223,6 +234,7 @@ class GroupDensity:
         config: Config,
         iterations: int,
         rng: np.random.Generator,
+        region: Volume | None = None,
     ) -> None:
         """Create the density control of a group.
 
@@ -233,7 +245,9 @@ class GroupDensity:
             config: Settings.
             iterations: Iterations of training.
             rng: Source of the cameras by which faint points are found.
+            region: Volume in which points are cloned; None is everywhere.
         """
+        self.region = region
         self.points, self.static, self.convertible, self.config, self.rng = points, static, convertible, config, rng
         self.every, self.iterations = config.layering.adapt_every, iterations
         self.faint_at = {round(share * iterations) for share in FAINT_AT} if config.group.faint_share else set()
@@ -283,7 +297,10 @@ class GroupDensity:
         pull_static, pull_moving = self.static_meter.mean(), self.moving_meter.mean()
         convert = alive & (pull_static > threshold) | alive & self._surrounded(alive)
         converted = self._within_budget(convert & self.convertible, pull_static)
-        clones = self._within_budget(pull_moving > threshold, pull_moving)
+        growing = pull_moving > threshold
+        if self.region is not None:
+            growing &= inside(self.region, self.points.means)
+        clones = self._within_budget(growing, pull_moving)
         self.points.clone(clones)
         self.convert(converted)
 

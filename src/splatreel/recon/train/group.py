@@ -27,6 +27,7 @@ from splatreel.recon.train.render import StaticCache, draw, moving_tiles
 from splatreel.recon.train.schedule import FrameSchedule
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.volumes import Volume
 
 GIVE_BACK_EVERY = 50
 """Iterations between two releases of image pages. Every iteration reads one image, so all of them accumulate in memory."""
@@ -131,6 +132,7 @@ class GroupTrainer:
         may_move: np.ndarray | None = None,
         seed: int = 0,
         missing: np.ndarray | None = None,
+        region: Volume | None = None,
     ) -> None:
         """Prepare the training of a group.
 
@@ -144,6 +146,7 @@ class GroupTrainer:
             may_move: [S] bool, static points that density control may make dynamic; None allows all living points.
             seed: Seed of all random choices.
             missing: [T, C] bool, images that are not trained on; None trains on all.
+            region: Volume in which points are cloned; None is everywhere.
         """
         device, group = pictures.images.device, config.group
         self.config, self.gains = config, gains
@@ -159,7 +162,7 @@ class GroupTrainer:
         self.schedule = FrameSchedule(available, self.iterations, group.progressive_share, seed)
         self.rng = np.random.default_rng(seed)
         movable = torch.from_numpy(static.alive if may_move is None else may_move).to(device)
-        self.density = GroupDensity(self.points, self.static, movable, config, self.iterations, self.rng)
+        self.density = GroupDensity(self.points, self.static, movable, config, self.iterations, self.rng, region)
         self.find_neighbors()
         self.recovery = Recovery()
 

@@ -21,8 +21,9 @@ from splatreel.recon.train.losses import KEYFRAME, KeyframeStep, Loss, backward,
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.recovery import Recovery
-from splatreel.recon.train.render import Comparable, StaticCache, deformed, draw, moving_tiles
+from splatreel.recon.train.render import Comparable, Splats, StaticCache, View, deformed, draw, moving_tiles
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.volumes import Volume
 
 SHOW_EVERY = 25
 """Iterations between two progress updates."""
@@ -142,6 +143,7 @@ class KeyframeTrainer:
         max_points: int,
         losses: Sequence[Loss[KeyframeStep]] = KEYFRAME,
         seed: int = 0,
+        region: Volume | None = None,
     ) -> None:
         """Prepare the training of a keyframe.
 
@@ -153,9 +155,10 @@ class KeyframeTrainer:
             max_points: Maximum number of points.
             losses: List of losses.
             seed: Seed of all random choices.
+            region: Volume in which points are densified; None is everywhere.
         """
         self.points, self.gains, self.config, self.static, self.losses = points, gains, config, static, losses
-        self.density = KeyframeDensity(points, config, max_points, seed)
+        self.density = KeyframeDensity(points, config, max_points, seed, region)
         self.rng = np.random.default_rng(seed)
         self.done = 0
         self.recovery = Recovery()
@@ -221,11 +224,11 @@ class KeyframeTrainer:
         view = pictures.views[camera]
         splats = deformed(self.points.params, None, None, view, pictures.near)
         if static is None or self._compares_all(pictures):
-            gain = self.gains.of(camera)
+            splats, gain = _with_gain(splats, view, self.gains.of(camera))
             drawing = draw(splats, view, static.view(camera) if static else None)
             target = pictures.target(camera, drawing.image, gain)
         else:
-            gain = self.gains.values[camera]
+            splats, gain = _with_gain(splats, view, self.gains.values[camera])
             drawing, target = moving_tiles(splats, view, static.view(camera)), pictures.images[0, camera]
         drawn = KeyframeStep(
             iteration=self.done,
@@ -250,8 +253,9 @@ class KeyframeTrainer:
         """Return the mean PSNR, dB, over the training images, without static points."""
         values = []
         for view, image, gain in zip(pictures.views, pictures.images[0], self.gains.values, strict=True):
-            shown = draw(deformed(self.points.params, None, None, view, pictures.near), view).image
-            values.append(psnr(shown * gain, image))
+            splats, factor = _with_gain(deformed(self.points.params, None, None, view, pictures.near), view, gain)
+            shown = draw(splats, view).image
+            values.append(psnr(shown if factor is None else shown * factor, image))
         return float(np.mean(values))
 
     def _static_cache(self, pictures: Pictures) -> StaticCache | None:
@@ -268,3 +272,14 @@ class KeyframeTrainer:
         late, pace = 0.3 if share > 0.8 else 1.0, self.recovery.pace
         factors = {"means": 0.02**share, "quats": 1.0, "log_scales": 0.2 if share > 0.8 else 1.0}
         self.points.scale_rates({name: pace * factor for name, factor in factors.items()}, default=pace * late)
+
+
+def _with_gain(splats: Splats, view: View, gain: Tensor | None) -> tuple[Splats, Tensor | None]:
+    """Return the splats to draw, and the factor [3] on the drawing, for a camera's color gain [3]; None is 1.
+
+    A background without a gain was divided by the gain that was known when the view was made. The splats then carry the rest of
+    the gain, so that the gain is learned from them alone.
+    """
+    if view.gain is None or gain is None:
+        return splats, gain
+    return splats.with_gain(gain / view.gain, view.background), view.gain

@@ -28,6 +28,7 @@ class View:
         antialias: Draw as `splat.antialiased` describes.
         clear: Depth up to which no static point is drawn (`Clearance`), world units.
         background: [3] color behind all points, 0..1; None is black.
+        gain: [3] color gain of the camera that the background is divided by; None if the gain changes the background too.
     """
 
     viewmat: Tensor
@@ -38,17 +39,27 @@ class View:
     antialias: bool = False
     clear: float = 0.0
     background: Tensor | None = None
+    gain: Tensor | None = None
 
     @staticmethod
-    def of(camera: Camera, device: torch.device, antialias: bool = False, layout: Layout | None = None) -> View:
-        """Convert a camera. A layout adds clearance and background."""
+    def of(
+        camera: Camera,
+        device: torch.device,
+        antialias: bool = False,
+        layout: Layout | None = None,
+        gain: Tensor | None = None,
+    ) -> View:
+        """Convert a camera. A layout adds clearance and background. `gain` is the camera's color gain [3]; None is 1."""
         arrays = camera.viewmat, camera.K, camera.center
         viewmat, K, center = (torch.from_numpy(array.copy()).to(device) for array in arrays)
         plain = View(viewmat, K, center, camera.width, camera.height, antialias)
         if layout is None:
             return plain
-        background = torch.tensor(layout.background, device=device) if any(layout.background) else None
-        return replace(plain, clear=layout.clearance.depth(camera), background=background)
+        gain = torch.ones(3, device=device) if gain is None else gain.clone()
+        color = layout.background_of(camera, gain.cpu().numpy())
+        background = torch.tensor(color, dtype=torch.float32, device=device) if any(color) else None
+        plain = replace(plain, clear=layout.clearance.depth(camera), background=background)
+        return replace(plain, gain=gain) if layout.backgrounds else plain
 
     def halved(self) -> View:
         """Return the view of images at half size (`halved`)."""
@@ -84,6 +95,12 @@ class Splats:
         sum w) b = sum w (c - b) + b.
         """
         return self if background is None else replace(self, colors=self.colors - background)
+
+    def with_gain(self, factor: Tensor, background: Tensor | None) -> Splats:
+        """Return the splats with colors multiplied by a factor [3]. They stay relative to the background [3], which keeps its color."""
+        if background is None:
+            return replace(self, colors=self.colors * factor)
+        return replace(self, colors=(self.colors + background) * factor - background)
 
     @staticmethod
     def join(a: Splats, b: Splats) -> Splats:

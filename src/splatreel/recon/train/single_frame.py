@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import torch
@@ -17,9 +17,23 @@ from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.render import View
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.volumes import Volume
 
 LOW_PSNR = 20.0
 """PSNR of training images, dB, below which the user is warned. Noise and short training alone give more."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The subject that masks show.
+
+    Attributes:
+        hull: Space within the masks of the first frame.
+        backgrounds: Color behind the subject in the images of each camera, 0..1.
+    """
+
+    hull: Volume
+    backgrounds: dict[str, tuple[float, float, float]]
 
 
 def reconstruct_single_frame(
@@ -67,10 +81,17 @@ def lay_out(
     points: np.ndarray | None = None,
     point_colors: np.ndarray | None = None,
     near: float | None = None,
+    subject: Subject | None = None,
 ) -> tuple[InitialPoints, Layout]:
-    """Find the initial points of a frame and the measures of the scene. Arguments and errors are those of `initial_points`."""
-    seeds = initial_points(cameras, images, points, point_colors, near, config.seed)
-    layout = measure(cameras, seeds.points, near_plane(cameras, seeds.points))
+    """Find the initial points of a frame and the measures of the scene.
+
+    `subject` is what masks show, if there are any. The other arguments and errors are those of `initial_points`.
+    """
+    within = None if subject is None else subject.hull
+    seeds = initial_points(cameras, images, points, point_colors, near, config.seed, within)
+    layout = replace(measure(cameras, seeds.points, near_plane(cameras, seeds.points)), region=config.region)
+    if subject is not None:
+        return seeds, replace(layout, backgrounds=subject.backgrounds)
     return seeds, replace(layout, background=border_color(images)) if config.background else layout
 
 
@@ -96,7 +117,7 @@ def first_keyframe_trainer(
     points = starting_points(positions, colors, keyframe, layout.unit, gains.values.device)
     pixels = cameras[0].width * cameras[0].height
     most = min(keyframe.max_points, round(keyframe.points_per_pixel * pixels))
-    return KeyframeTrainer(points, gains, keyframe, max_points=most, seed=config.seed)
+    return KeyframeTrainer(points, gains, keyframe, max_points=most, seed=config.seed, region=layout.volume(cameras))
 
 
 def train_frame(
@@ -124,7 +145,10 @@ def train_frame(
         unknown: [C, H, W] bool, pixels without a valid value; None if all are valid.
     """
     device = trainer.points.means.device
-    views = [View.of(camera, device, config.antialias, layout) for camera in cameras]
+    views = [
+        View.of(camera, device, config.antialias, layout, gain)
+        for camera, gain in zip(cameras, trainer.gains.values, strict=True)
+    ]
     mask = None if unknown is None else torch.from_numpy(unknown).to(device)
     pictures = Pictures(torch.from_numpy(images).to(device)[None], views, layout.near, layout.unit, mask)
     begin = 0

@@ -63,6 +63,7 @@ def train_keyframe(
         max_points=most,
         losses=KEYFRAME_BEFORE_STATIC if len(behind) else KEYFRAME,
         seed=data.seed,
+        region=data.layout.volume(data.cameras),
     )
     return _trained(data, trainer, keyframe.refine_iterations, 0.0, config, progress)
 
@@ -88,7 +89,11 @@ def group_trainer(
         may_move: [S] bool, static points that may be converted; None allows all living points.
     """
     images = torch.from_numpy(data.images).to(data.device)
-    views = [View.of(camera, data.device, data.antialias, data.layout) for camera in data.cameras]
+    gains = known_gains(data, config)
+    views = [
+        View.of(camera, data.device, data.antialias, data.layout, gain)
+        for camera, gain in zip(data.cameras, gains.values, strict=True)
+    ]
     time_offsets = TimeOffsets(len(data.cameras), config.group.time_offsets)
     time_offsets.load(data.time_offsets)
     return GroupTrainer(
@@ -96,11 +101,12 @@ def group_trainer(
         start,
         static,
         config,
-        gains=known_gains(data, config),
+        gains=gains,
         time_offsets=time_offsets,
         may_move=may_move,
         seed=data.seed + data.span.index,
         missing=data.missing,
+        region=data.layout.volume(data.cameras),
     )
 
 

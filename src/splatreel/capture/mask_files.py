@@ -1,0 +1,188 @@
+"""Files of masks: for each camera a folder of pictures, a video or a single picture."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from splatreel.capture.camera_images import same_shape
+from splatreel.capture.file_capture import FileCapture
+from splatreel.capture.files import list_folder
+from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
+from splatreel.capture.images import image_size, read_image
+from splatreel.capture.own_frames import CountedSource, OwnFrames
+from splatreel.capture.video import VideoFile
+from splatreel.errors import CaptureError
+
+VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi")
+DARKEST_WHITE = 128
+"""Gray level that the brightest pixel of a mask must have, unless the mask is black. Masks with the labels 0 and 1 have less."""
+MOST_COLOR = 48
+"""Maximum difference between the channels of a mask. Compression changes gray by less."""
+
+
+@dataclass(frozen=True)
+class _CameraMasks:
+    """Masks of a camera: a video, or a picture for each number of its frames. numbers: [T] number for each time step."""
+
+    numbers: np.ndarray
+    pictures: Sequence[Path]
+    video: VideoFile | None
+
+
+class MaskFiles:
+    """Masks of a capture in a folder. Names are those of the cameras, pictures are named or numbered as the camera's frames.
+
+    Args:
+        folder: Folder of the masks.
+        capture: Capture that they belong to.
+
+    Raises:
+        CaptureError: The masks of a camera are missing, or do not fit its frames or their size.
+    """
+
+    def __init__(self, folder: str | Path, capture: FileCapture) -> None:
+        self.folder, self._capture = Path(folder), capture
+        source = capture.source
+        if capture.growing or not isinstance(source, CountedSource):
+            raise CaptureError(
+                f"{capture.path}: is still being written. Masks need a finished capture: leave out --masks or --follow."
+            )
+        if not self.folder.is_dir():
+            raise CaptureError(f"{folder}: is no folder of masks. Give the folder that holds masks for each camera.")
+        self._masks = {
+            camera.name: self._of_camera(camera.name, source.own_frames(camera.name)) for camera in capture.cameras
+        }
+
+    def read(self, first: int, count: int, name: str) -> np.ndarray:
+        """Return the masks of a camera as the images are read, [count, H, W] uint8.
+
+        Args:
+            first: First time step, counted from the first one of the files.
+            count: Number of time steps.
+            name: Name of the camera.
+
+        Raises:
+            CaptureError: A mask cannot be read, or is none.
+        """
+        capture = self._capture
+        out = np.empty((count, capture.height, capture.width, 3), np.uint8)
+        capture.read_undistorted(self._read_camera, out, first, name)
+        return out[..., 1].copy()
+
+    def sources(self, first: int, count: int) -> list[Path]:
+        """Return the files that hold the masks of `count` time steps from `first` on."""
+        found: list[Path] = []
+        for masks in self._masks.values():
+            used = masks.numbers[first : first + count]
+            found += [masks.video.path] if masks.video else [masks.pictures[number] for number in used]
+        return list(dict.fromkeys(found))
+
+    def digest(self, first: int, count: int) -> str:
+        """Return a short string that changes with the content of the masks of `count` time steps from `first` on."""
+        digest = hashlib.sha256()
+        for file in self.sources(first, count):
+            digest.update(file.relative_to(self.folder).as_posix().encode())
+            with open(file, "rb") as data:
+                digest.update(hashlib.file_digest(data, "sha256").digest())
+        return digest.hexdigest()[:16]
+
+    def close(self) -> None:
+        """Close open files."""
+        for masks in self._masks.values():
+            if masks.video is not None:
+                masks.video.close()
+
+    def _of_camera(self, name: str, own: OwnFrames) -> _CameraMasks:
+        place = self._place(name)
+        if place.suffix.lower() in VIDEO_SUFFIXES and place.is_file():
+            video = VideoFile(place)
+            self._check_size(place, name, (video.width, video.height))
+            self._check_count(place, name, video.frames, own)
+            return _CameraMasks(own.numbers, (), video)
+        pictures = [place] if place.is_file() else image_files(place)
+        if not pictures:
+            raise CaptureError(f"{place}: holds no pictures. Copy the masks of camera {name} there.")
+        self._check_size(pictures[0], name, image_size(pictures[0]))
+        if own.stems is not None and {file.stem for file in pictures} & set(own.stems):
+            pictures = self._by_name(place, name, pictures, own)
+        else:
+            self._check_count(place, name, len(pictures), own)
+        return _CameraMasks(own.numbers, pictures, None)
+
+    def _place(self, name: str) -> Path:
+        """Return the folder or file of a camera's masks."""
+        folder = self.folder / name
+        if folder.is_dir():
+            return folder / "images" if not image_files(folder) and (folder / "images").is_dir() else folder
+        names = {folder.name, folder.stem if folder.suffix.lower() in IMAGE_SUFFIXES else folder.name}
+        kinds = (*VIDEO_SUFFIXES, *IMAGE_SUFFIXES)
+        found = [file for file in list_folder(folder.parent) if file.stem in names and file.suffix.lower() in kinds]
+        if len(found) > 1:
+            raise CaptureError(
+                f"{self.folder}: both {found[0].name} and {found[1].name} are masks of camera {name}. Remove one."
+            )
+        if not found:
+            raise CaptureError(
+                f"{self.folder}: there are no masks of camera {name}. Add a folder {name} with a picture for each frame, or a video "
+                f"{name}.mp4, or leave the camera out with --leave-out {name}."
+            )
+        return found[0]
+
+    def _by_name(self, place: Path, name: str, pictures: list[Path], own: OwnFrames) -> list[Path]:
+        """Return the mask of each picture of the camera: the file of the same name."""
+        assert own.stems is not None
+        by_stem = {file.stem: file for file in pictures}
+        capture = self._capture
+        used = own.numbers[capture.first_frame : capture.first_frame + capture.frames]
+        for number in used:
+            if own.stems[number] not in by_stem:
+                raise CaptureError(
+                    f"{place}: there is no mask {own.stems[number]} for the picture of this name of camera {name}. Add the mask, or "
+                    f"choose other frames with --frames."
+                )
+        return [by_stem.get(stem, pictures[0]) for stem in own.stems]
+
+    def _check_count(self, place: Path, name: str, found: int, own: OwnFrames) -> None:
+        if found != own.count:
+            raise CaptureError(
+                f"{place}: holds {found} masks, but camera {name} has {own.count} frames. Give a mask for each frame"
+                + (", or name the masks as the pictures." if own.stems is not None else ".")
+            )
+
+    def _check_size(self, file: Path, name: str, found: tuple[int, int]) -> None:
+        expected = self._capture.source.size(name)
+        if not same_shape(found, expected):
+            raise CaptureError(
+                f"{file}: is {found[0]}x{found[1]}, but the images of camera {name} are {expected[0]}x{expected[1]}. Make the mask at "
+                f"the size of the images."
+            )
+
+    def _read_camera(self, out: np.ndarray, first: int, name: str) -> None:
+        """Read masks into out [count, H, W, 3], gray."""
+        masks = self._masks[name]
+        numbers = masks.numbers[first : first + len(out)]
+        if masks.video is not None:
+            masks.video.read_into(out, numbers)
+        size = None
+        for place, number in enumerate(numbers):
+            file = masks.video.path if masks.video else masks.pictures[number]
+            if masks.video is None:
+                size = size or image_size(masks.pictures[0])
+                out[place] = read_image(file, out.shape[2], out.shape[1], size=size, mask=True)
+            _check_levels(file, int(number), out[place])
+
+
+def _check_levels(file: Path, number: int, mask: np.ndarray) -> None:
+    """Raise `CaptureError` for a picture that is no mask."""
+    if int((mask.max(2) - mask.min(2)).max()) > MOST_COLOR:
+        raise CaptureError(f"{file}: frame {number} is colored. Masks are gray: white is the subject, black is not.")
+    brightest = int(mask.max())
+    if 0 < brightest < DARKEST_WHITE:
+        raise CaptureError(
+            f"{file}: the brightest pixel of frame {number} is {brightest} of 255. Write the subject as white, 255."
+        )

@@ -1,0 +1,46 @@
+"""Visual hull of a subject: the places that all cameras show within its masks."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from splatreel.scene.camera import Camera
+from splatreel.scene.volumes import in_picture
+
+AGREEING = 0.9
+"""Share of the cameras that see a place, rounded up, whose masks must contain it. One bad mask among ten removes nothing."""
+MARGIN = 1 / 120
+"""Width by which masks are dilated, as a share of the image width. Edges of masks are uncertain by a pixel or two."""
+DARKEST = 64
+"""Gray level from which on a pixel of a mask belongs to the subject."""
+
+
+class VisualHull:
+    """Places within the masks of the cameras that see them. Places that no camera sees are outside.
+
+    Args:
+        cameras: C cameras.
+        masks: [C, H, W] uint8.
+        near: Least depth of content, world units.
+    """
+
+    def __init__(self, cameras: list[Camera], masks: np.ndarray, near: float = 0.0) -> None:
+        self.cameras, self.near = cameras, near
+        size = 2 * max(1, round(MARGIN * masks.shape[2])) + 1
+        kernel = np.ones((size, size), np.uint8)
+        self._masks = [cv2.dilate((mask >= DARKEST).astype(np.uint8), kernel) > 0 for mask in masks]
+
+    def contains(self, points: np.ndarray) -> np.ndarray:
+        """Return which points [..., 3] are inside, [...] bool."""
+        seen, within = np.zeros(points.shape[:-1], np.int64), np.zeros(points.shape[:-1], np.int64)
+        for camera, mask in zip(self.cameras, self._masks, strict=True):
+            inside, pixels, _ = in_picture(points, camera, self.near)
+            column, row = np.where(inside[..., None], pixels, 0).astype(np.int64).reshape(-1, 2).T
+            seen += inside
+            within += inside & mask[row, column].reshape(inside.shape)
+        return (seen > 0) & (within >= np.ceil(AGREEING * seen))
+
+    def bounds(self) -> None:
+        """Return None: the hull has no simple box."""
+        return

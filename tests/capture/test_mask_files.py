@@ -1,0 +1,212 @@
+"""Masks of a capture in folders, videos and single pictures, and what is wrong with them."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from splatreel.capture.base import Capture
+from splatreel.capture.opening import open_capture
+from splatreel.errors import CaptureError
+from tests.capture import folders
+from tests.capture.folders import HEIGHT, WIDTH
+
+CAMERAS = ("1", "2", "10", "12")
+FRAMES = 5
+
+
+def mask(number: int, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
+    """A mask that encodes its frame: a bar, one sixteenth of the picture wide for each frame, half of it gray."""
+    image = np.zeros((height, width), np.uint8)
+    image[: height // 2, : (number + 1) * width // 16] = 255
+    image[height // 2 :, : (number + 1) * width // 16] = 128
+    return image
+
+
+def bar(alpha: np.ndarray) -> int:
+    """The frame that a mask encodes."""
+    return round(16 * (alpha[0] > 127).mean()) - 1
+
+
+def write_masks(folder: Path, name: Callable[[int], str] = "{:06d}.png".format) -> Path:
+    for camera in CAMERAS:
+        (folder / camera).mkdir(parents=True)
+        for frame in range(FRAMES):
+            Image.fromarray(mask(frame)).save(folder / camera / name(frame))
+    return folder
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    return folders.panoptic(tmp_path / "scene", FRAMES)
+
+
+def masked(scene: Path, masks: Path, **options: object) -> Capture:
+    return open_capture(scene, masks=masks, **options)  # type: ignore[arg-type]
+
+
+def frames_of(capture: Capture, camera: str) -> list[int]:
+    alpha = capture.alpha(0, capture.frames, [camera])
+    assert alpha is not None
+    return [bar(image) for image in alpha[:, 0]]
+
+
+@pytest.mark.parametrize("name", ["{:06d}.png", "mask_{}.png", "{:06d}.jpg"])
+def test_masks_are_of_the_frame_that_their_name_or_place_says(scene: Path, tmp_path: Path, name: str) -> None:
+    masks = write_masks(tmp_path / "masks", name.format)
+    assert frames_of(masked(scene, masks), "12") == [0, 1, 2, 3, 4]
+    assert frames_of(masked(scene, masks, frames=(2, 4)), "2") == [2, 3]
+
+
+def test_masks_of_the_same_names_are_needed_for_the_chosen_frames_only(scene: Path, tmp_path: Path) -> None:
+    masks = write_masks(tmp_path / "masks")
+    (masks / "2" / "000004.png").unlink()
+    assert frames_of(masked(scene, masks, frames=(1, 4)), "2") == [1, 2, 3]
+    with pytest.raises(CaptureError, match=r"masks/2: there is no mask 000004 .* camera 2.*--frames"):
+        masked(scene, masks)
+
+
+def test_mask_videos_follow_the_frames_of_the_cameras(tmp_path: Path) -> None:
+    scene = folders.neu3dv(tmp_path / "scene")
+    (tmp_path / "masks").mkdir()
+    for c in range(4):
+        images = [np.repeat(mask(t)[..., None], 3, 2) for t in range(folders.FRAMES)]
+        folders.write_video(tmp_path / "masks" / f"cam{c:02d}.mp4", images)
+    capture = masked(scene, tmp_path / "masks", frames=(3, 7))
+    assert frames_of(capture, "cam02") == [3, 4, 5, 6]
+    capture.close()
+    folders.write_video(tmp_path / "masks" / "cam01.mp4", images[:-1])
+    with pytest.raises(CaptureError, match=r"cam01\.mp4: holds 11 masks, but camera cam01 has 12 frames"):
+        masked(scene, tmp_path / "masks")
+
+
+def test_masks_of_video_cameras_may_be_pictures(tmp_path: Path) -> None:
+    scene, masks = folders.neu3dv(tmp_path / "scene"), tmp_path / "masks"
+    for camera in ("cam00", "cam01", "cam02", "cam03"):
+        (masks / camera / "images").mkdir(parents=True)
+        for t in range(folders.FRAMES):
+            Image.fromarray(mask(t)).save(masks / camera / "images" / f"{t}.png")
+    assert frames_of(masked(scene, masks), "cam03") == list(range(folders.FRAMES))  # 2.png comes before 10.png
+
+
+def test_single_pictures_have_a_mask_each(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    scene, masks = folders.colmap(tmp_path / "scene"), tmp_path / "masks"
+    (masks / "view").mkdir(parents=True)
+    for camera in open_capture(scene).cameras:
+        Image.fromarray(mask(7)).save(masks / f"{camera.name}.png")
+    assert frames_of(masked(scene, masks), "view/cam02") == [7]
+
+
+def test_masks_are_undistorted_as_the_images(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    scene = folders.easyvolcap(tmp_path / "scene", bends=(-0.15, 0.02, 0.004, -0.003, 0.01), size=1)
+    for file in (scene / "images").rglob("*.png"):
+        target = tmp_path / "masks" / file.relative_to(scene / "images")
+        target.parent.mkdir(parents=True, exist_ok=True)
+        picture = np.repeat(mask(6)[..., None], 3, 2)
+        Image.fromarray(picture).save(file)
+        Image.fromarray(picture).save(target)
+    capture = masked(scene, tmp_path / "masks")
+    alpha = capture.alpha(0, 1, ["02"])
+    assert alpha is not None
+    np.testing.assert_array_equal(alpha[0, 0], capture.scene.read(0, 1, ["02"])[0, 0, ..., 0])
+
+
+def test_opacity_of_a_picture_is_its_mask(scene: Path, tmp_path: Path) -> None:
+    """The color of a cut-out does not count."""
+    masks = write_masks(tmp_path / "masks")
+    for file in (masks / "1").iterdir():
+        with Image.open(file) as image:
+            alpha = image.convert("L")
+        cutout = Image.merge("RGBA", [*Image.new("RGB", alpha.size, (10, 200, 30)).split(), alpha])
+        cutout.save(file)
+    assert frames_of(masked(scene, masks), "1") == [0, 1, 2, 3, 4]
+
+
+def test_smaller_masks_of_the_same_shape_are_enlarged(scene: Path, tmp_path: Path) -> None:
+    masks = write_masks(tmp_path / "masks")
+    for frame in range(FRAMES):
+        Image.fromarray(mask(frame, WIDTH // 2, HEIGHT // 2)).save(masks / "1" / f"{frame:06d}.png")
+    assert frames_of(masked(scene, masks), "1") == [0, 1, 2, 3, 4]
+
+
+def remove_camera(masks: Path) -> None:
+    for file in (masks / "12").iterdir():
+        file.unlink()
+    (masks / "12").rmdir()
+
+
+def empty_camera(masks: Path) -> None:
+    for file in (masks / "12").iterdir():
+        file.unlink()
+
+
+def one_too_few(masks: Path) -> None:
+    for number, file in enumerate(sorted((masks / "12").iterdir())):
+        file.rename(file.with_name(f"m{number}.png")) if number else file.unlink()
+
+
+def wrong_size(masks: Path) -> None:
+    Image.fromarray(mask(0, 24, 24)).save(masks / "12" / "000000.png")
+
+
+def add_video(masks: Path) -> None:
+    remove_camera(masks)
+    for suffix in (".mp4", ".webm"):
+        (masks / f"12{suffix}").touch()
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (remove_camera, r"masks: there are no masks of camera 12\. Add a folder 12 .*--leave-out 12"),
+        (empty_camera, r"masks/12: holds no pictures.*camera 12"),
+        (one_too_few, r"masks/12: holds 4 masks, but camera 12 has 5 frames\. .*or name the masks as the pictures"),
+        (wrong_size, r"12/000000\.png: is 24x24, but the images of camera 12 are 32x24"),
+        (add_video, r"both 12\.mp4 and 12\.webm are masks of camera 12"),
+    ],
+)
+def test_masks_that_do_not_fit_are_refused(
+    scene: Path, tmp_path: Path, spoil: Callable[[Path], None], message: str
+) -> None:
+    masks = write_masks(tmp_path / "masks")
+    spoil(masks)
+    with pytest.raises(CaptureError, match=message):
+        masked(scene, masks)
+
+
+@pytest.mark.parametrize(
+    ("image", "message"),
+    [
+        ((mask(1) > 0).astype(np.uint8), r"brightest pixel of frame 1 is 1 of 255\. Write the subject as white"),
+        (np.stack([mask(1), 0 * mask(1), mask(1)], 2), r"000001\.png: frame 1 is colored"),
+        (mask(1, 24, 24), r"000001\.png: is 24x24, the first image of its camera is 32x24"),
+    ],
+)
+def test_pictures_that_are_no_masks_are_refused(scene: Path, tmp_path: Path, image: np.ndarray, message: str) -> None:
+    masks = write_masks(tmp_path / "masks")
+    Image.fromarray(image).save(masks / "2" / "000001.png")
+    with pytest.raises(CaptureError, match=message):
+        masked(scene, masks).read(0, 2, ["2"])
+
+
+def test_folder_is_needed(scene: Path, tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match=r"none: is no folder of masks"):
+        masked(scene, tmp_path / "none")
+
+
+def test_identity_changes_with_the_content_of_the_masks(scene: Path, tmp_path: Path) -> None:
+    masks = write_masks(tmp_path / "masks")
+    before = masked(scene, masks).describe()
+    assert masked(scene, masks).describe() == before
+    Image.fromarray(mask(6)).save(masks / "2" / "000001.png")
+    after = masked(scene, masks).describe()
+    assert after != before
+    assert {**after, "masks": before["masks"]} == before
+    assert "masks" not in open_capture(scene).describe()
+    chosen = masked(scene, masks, frames=(2, 4)).describe()
+    Image.fromarray(mask(7)).save(masks / "2" / "000001.png")
+    assert masked(scene, masks, frames=(2, 4)).describe() == chosen  # another frame
