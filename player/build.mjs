@@ -30,6 +30,7 @@ const parts = {
   statistics: "src/ui/statistics.ts",
   "text-tracks": "src/ui/text-tracks.ts",
   thumbnails: "src/ui/thumbnails.ts",
+  "walk-mode": "src/ui/walk-mode.ts",
 };
 const late = {
   name: "late",
