@@ -1,6 +1,6 @@
 // Bundles the player into one folder of static files: node build.mjs [output folder].
 import { build, transform } from "esbuild";
-import { readFile, writeFile } from "node:fs/promises";
+import { copyFile, readFile, writeFile } from "node:fs/promises";
 import { dirname, join, resolve } from "node:path";
 import { fileURLToPath } from "node:url";
 import { common, leaveAddresses, license, notices, writeDecoders } from "./bundling.mjs";
@@ -30,6 +30,7 @@ const parts = {
   statistics: "src/ui/statistics.ts",
   "text-tracks": "src/ui/text-tracks.ts",
   thumbnails: "src/ui/thumbnails.ts",
+  "walk-mode": "src/ui/walk-mode.ts",
 };
 const late = {
   name: "late",
@@ -52,6 +53,9 @@ const options = { ...common, plugins: [...common.plugins, late, styles], loader:
 
 await writeDecoders(out);
 await build({ ...options, entryPoints: { player: "src/main.ts", "sort-worker": "src/draw/sort-worker.ts" }, outdir: out });
+// The page that tests the player on a phone loads the player beside it.
+await build({ ...options, entryPoints: { "self-test": "src/self-test/self-test.ts" }, outdir: out });
+await copyFile(join(here, "src/self-test/self-test.html"), join(out, "self-test.html"));
 // Each part is self-contained, so that it can be embedded in a page.
 await build({ ...options, entryPoints: parts, outdir: out });
 for (const name of ["player", ...Object.keys(parts)]) await leaveAddresses(join(out, `${name}.js`));

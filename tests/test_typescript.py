@@ -35,7 +35,7 @@ ROOMS_OF_PACKAGES = {
         ("player", "languages"),
         ("ui",),
         ("element",),
-        ("main.ts",),
+        ("main.ts", "self-test"),
     ),
     "three": (
         ("raw-gl.ts", "shaders.ts", "views.ts"),

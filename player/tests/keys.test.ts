@@ -31,7 +31,7 @@ async function keyboard(): Promise<Keyboard> {
   const fake = new FakePlayer({ groups: 60 });
   await fake.start();
   const [host, done] = [new EventTarget(), [] as string[]];
-  const actions = Object.fromEntries(["toggle", "fullscreen", "headset", "reset", "fly", "statistics", "picture", "help", "escape", "section", "volume", "context"].map((name) => [name, () => void done.push(name)]));
+  const actions = Object.fromEntries(["toggle", "fullscreen", "headset", "reset", "fly", "walk", "statistics", "picture", "help", "escape", "section", "volume", "context"].map((name) => [name, () => void done.push(name)]));
   const life = new AbortController();
   attachKeys(host as HTMLElement, fake.player, actions as unknown as Actions, life.signal);
   const send = (type: string, key: string, more: object, target: EventTarget): boolean => {
@@ -65,8 +65,8 @@ test("faster and slower step through the rates, also from another rate", async (
 
 test("each action has a key, in lower and upper case", async () => {
   const { press, done } = await keyboard();
-  for (const key of [" ", "K", "f", "v", "r", "c", "i", "p", "?", "Escape"]) press(key);
-  assert.deepEqual(done, ["toggle", "toggle", "fullscreen", "headset", "reset", "fly", "statistics", "picture", "help", "escape"]);
+  for (const key of [" ", "K", "f", "v", "r", "c", "g", "i", "p", "?", "Escape"]) press(key);
+  assert.deepEqual(done, ["toggle", "toggle", "fullscreen", "headset", "reset", "fly", "walk", "statistics", "picture", "help", "escape"]);
   assert.equal(press("x"), false, "it means nothing here");
   done.length = 0;
   press("o");

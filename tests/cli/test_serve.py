@@ -75,3 +75,14 @@ def test_drawing_on_cuda_needs_a_device(monkeypatch: pytest.MonkeyPatch, capsys:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
     assert main(["view", str(GOLDEN), "--renderer", "cuda", "--no-open"]) == 2
     assert "--renderer cpu" in capsys.readouterr().err
+
+
+def test_serve_shows_phones_the_self_test(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    monkeypatch.setattr("splatreel.play.server.Server.wait", lambda self: None)
+    monkeypatch.setattr("splatreel.play.server._network_address", lambda everywhere: "192.0.2.7")
+    assert main(["serve", str(GOLDEN), "--port", "0", "--host", "0.0.0.0"]) == 0
+    printed = capsys.readouterr().out
+    assert re.search(r"Test a phone in this network: http://192\.0\.2\.7:\d+/self-test\.html", printed)
+    assert "█" not in printed, "this is no terminal"
+    assert main(["serve", str(GOLDEN), "--port", "0"]) == 0
+    assert "phone" not in capsys.readouterr().out, "no phone is let in"

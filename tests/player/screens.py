@@ -166,6 +166,15 @@ def path(page: Page) -> None:
     page.mouse.move(4, 4)
 
 
+def walk(page: Page) -> None:
+    """Walk, and let the hint go."""
+    begin(page)
+    page.locator("splat-reel canvas").focus()
+    page.keyboard.press("g")
+    page.locator("splat-reel .walk").wait_for()
+    page.wait_for_function(f"!{REEL}.shadowRoot.querySelector('.toast').matches('.shown')")
+
+
 def thumbnail(page: Page) -> None:
     begin(page)
     track = page.locator("splat-reel .seek").bounding_box()
@@ -289,6 +298,7 @@ STATES = {
     "ask": Screen(ask, no_reel, scheme="light"),
     "path": Screen(path, size=(640, 480)),
     "phone-path": Screen(path, size=PORTRAIT, scheme="light", touch=True),
+    "phone-walk": Screen(walk, size=PORTRAIT, touch=True),
     "phone": Screen(begin, live_reel, size=PORTRAIT, touch=True),
     "phone-menu": Screen(menu, described, size=PORTRAIT, touch=True),
     "phone-help": Screen(press("?"), size=PORTRAIT, touch=True),

@@ -65,6 +65,11 @@ def test_in_use(wide: Page, server: Server):
         wide.keyboard.press("Escape")
     screens.thumbnail(wide)
     assert_accessible(wide, "thumbnail")
+    wide.evaluate("document.querySelector('splat-reel').player.canvas.focus()")
+    wide.keyboard.press("g")
+    wide.locator("splat-reel .walk").wait_for()
+    assert_accessible(wide, "walk")
+    wide.keyboard.press("g")
     screens.path(wide)
     assert_accessible(wide, "camera path")
 

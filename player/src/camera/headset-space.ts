@@ -2,9 +2,8 @@
 import { add, cross, dot, eyeOf, length, normalize, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
 import { intrinsicsOf, type View } from "../base/view";
 import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { metersPerUnit } from "./scene-size";
 
-/** Median distance in meters of the capture's cameras from the center of the scene. */
-const DISTANCE = 2;
 /** Height of the eyes above the floor, in meters. */
 const EYES = 1.6;
 
@@ -18,11 +17,9 @@ export class HeadsetSpace {
   private readonly origin: Vec3;
 
   /** viewmat [16]: the first view, made upright. floor: whether the origin is on the floor, or at the eyes. */
-  constructor({ bounds, up, camera, cameras }: Manifest, viewmat: number[], floor: boolean) {
-    const middle = scale(add(...bounds), 0.5);
-    const distances = (cameras.length > 0 ? cameras : [camera]).map(({ viewmat: m }) => length(subtract(eyeOf(m), middle))).sort((a, b) => a - b);
-    this.meters = DISTANCE / Math.max(distances[distances.length >> 1], 1e-6);
-    const y = normalize(up);
+  constructor(manifest: Manifest, viewmat: number[], floor: boolean) {
+    this.meters = metersPerUnit(manifest);
+    const y = normalize(manifest.up);
     const level = (v: Vec3): Vec3 => subtract(v, scale(y, dot(v, y)));
     const [ahead, above]: Vec3[] = [[viewmat[8], viewmat[9], viewmat[10]], [-viewmat[4], -viewmat[5], -viewmat[6]]];
     // A view straight down faces the direction of the top of the image.

@@ -1,13 +1,14 @@
 /** Interactive camera that orbits a pivot, with inertia and soft limits. It starts exactly at a camera of the reel. */
 import { add, dot, eyeOf, length, normalize, scale, subtract, viewmatOf, type Vec3 } from "@splatreel/decoder/base/matrix";
-import { axesOf, quatOf, type Quat } from "../base/quaternion";
+import { axesOf } from "../base/quaternion";
 import type { View } from "../base/view";
 import type { Camera, Manifest } from "@splatreel/decoder/reel/manifest";
 import { CameraPath } from "./camera-path";
+import type { CameraDriver, Sight } from "./driver";
 import { Horizon, type Gaze } from "./horizon";
 import { Limits } from "./limits";
 import { AXES, STILL, type Motion } from "./motion";
-import type { CameraState } from "./pose";
+import { turnOf, viewmatOfState, type CameraState } from "./pose";
 
 /** Rate at which a flick decays and a key accelerates, per second. */
 const FRICTION = 6;
@@ -33,13 +34,6 @@ export interface OrbitBounds {
 export interface Spin {
   speed: number;
   delay: number;
-}
-
-/** A state during a transition. */
-interface Sight {
-  eye: Vec3;
-  gaze: Gaze;
-  distance: number;
 }
 
 /** The camera that people steer. */
@@ -69,6 +63,8 @@ export class OrbitCamera {
   private moved = false;
   /** True once people have moved the camera. */
   touched = false;
+  /** What moves the camera in place of orbits; null for orbits. */
+  driver: CameraDriver | null = null;
   /** Bounds that a page declares; null for none. */
   bounds: OrbitBounds | null = null;
   /** Vertical field of view that a page declares, in radians; null for that of the reel. */
@@ -241,8 +237,11 @@ export class OrbitCamera {
 
   /** Advance all motion. Returns true while the camera moves. */
   step(seconds: number): boolean {
+    const driven = this.driver?.step({ eye: this.eye, gaze: this.gaze, distance: this.distance }, this.thrust, seconds);
+    if (driven) return this.drive(driven);
     if (this.followed) return this.stepAlong(this.followed, seconds);
     if (this.glide) return this.stepGlide(seconds);
+    if (this.driver) return false;
     const { velocity, thrust } = this;
     const gain = this.calm ? 1 : 1 - Math.exp(-FRICTION * seconds);
     for (const axis of AXES) velocity[axis] += (thrust[axis] - velocity[axis]) * gain;
@@ -256,6 +255,12 @@ export class OrbitCamera {
     }
     const upright = this.stepUpright(seconds);
     return this.stepSpin(seconds) || this.stepBack(seconds) || upright || moving;
+  }
+
+  private drive({ eye, gaze, distance }: Sight): boolean {
+    this.touch();
+    [this.eye, this.gaze, this.distance] = [eye, gaze, distance];
+    return true;
   }
 
   /** Rotate after a rest, to and fro between bounds. */
@@ -388,12 +393,4 @@ export class OrbitCamera {
   private righted(gaze: Gaze, seconds: number): Gaze {
     return this.horizon.righted(gaze, this.calm ? 1 : 1 - Math.exp(-PULL * seconds));
   }
-}
-
-function turnOf(m: number[]): Quat {
-  return quatOf([[m[0], m[1], m[2]], [m[4], m[5], m[6]], [m[8], m[9], m[10]]]);
-}
-
-function viewmatOfState({ eye, turn }: CameraState): number[] {
-  return viewmatOf(eye, ...axesOf(turn));
 }

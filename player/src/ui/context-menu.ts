@@ -12,6 +12,7 @@ export interface ContextActions {
   say(words: string): void;
   share(): void;
   section(): void;
+  walk(): void;
   statistics(): void;
   /** Null if the reel has no texts. */
   about: (() => void) | null;
@@ -59,6 +60,7 @@ export class ContextMenu {
     const add = (text: string, act: (() => void) | null): void => void (act && this.box.append(this.entryOf(text, act)));
     add("Copy a link to this time and view", actions.link === null ? null : () => void this.copyLink(actions.link!));
     add(player.section ? "Stop repeating" : "Repeat a part", () => actions.section());
+    add("Walk mode", () => actions.walk());
     add("Statistics", () => actions.statistics());
     add("About this reel", actions.about);
     add("Keys and gestures", () => actions.help());

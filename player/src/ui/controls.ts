@@ -44,6 +44,7 @@ export class Controls {
   private dialog: Dialog | null = null;
   private describe: typeof import("./statistics").describe | null = null;
   private path: { close(): void } | null = null;
+  private walk: { close(): void } | null = null;
   private editing: { close(): void } | null = null;
 
   constructor(private readonly host: PathHost & { readonly link: string }, private readonly root: ShadowRoot, private readonly player: Player) {
@@ -81,6 +82,7 @@ export class Controls {
   remove(): void {
     this.life.abort();
     this.headset?.leave();
+    this.walk?.close();
     this.path?.close();
     this.editing?.close();
     this.holder.remove();
@@ -95,6 +97,7 @@ export class Controls {
       headset: () => this.toggleHeadset(),
       reset: () => player.camera?.reset(),
       fly: () => this.fly(),
+      walk: () => this.toggleWalk(),
       section: () => this.stepSection(),
       volume: (steps: number) => this.changeVolume(steps),
       context: () => this.openContext(null),
@@ -120,6 +123,7 @@ export class Controls {
     if (this.headset) return this.headset.leave();
     if (this.bar.button("headset").hidden) return;
     const { player } = this;
+    this.walk?.close();
     const ended = (): void => {
       this.headset = null;
       this.update();
@@ -162,6 +166,7 @@ export class Controls {
       say: (words: string) => this.say(words),
       share: () => this.share(),
       section: () => this.stepSection(),
+      walk: () => this.toggleWalk(),
       statistics: () => this.toggleStatistics(),
       about: hasTexts(player.manifest.presentation) ? () => this.about() : null,
       help: () => void this.help(),
@@ -194,6 +199,17 @@ export class Controls {
     } catch {
       this.say(LACKING);
     }
+  }
+
+  /** Begin or end a walk, whose part is loaded on demand. */
+  private toggleWalk(): void {
+    this.openMenu(false);
+    if (this.walk) return this.walk.close();
+    const { root, holder, player } = this;
+    void this.withPart(loadPart("walk-mode.js", () => import("./walk-mode")), ({ WalkMode }) => {
+      if (this.walk || !player.camera || player.presented) return;
+      this.walk = new WalkMode(root, holder, player, (words) => this.say(words), () => (this.walk = null));
+    });
   }
 
   private openPath(): void {
@@ -271,7 +287,8 @@ export class Controls {
     else if (this.menu?.open) {
       this.openMenu(false);
       this.bar.button("settings").focus();
-    } else this.full.leave();
+    } else if (this.walk) this.walk.close();
+    else this.full.leave();
   }
 
   private openMenu(open: boolean): void {

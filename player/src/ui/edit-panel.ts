@@ -3,6 +3,7 @@ import { add, eyeOf, length, scale, subtract, type Vec3 } from "@splatreel/decod
 import { groupAt, overlapOf } from "@splatreel/decoder/reel/timeline";
 import type { View } from "../base/view";
 import { dragged, FACES, firstBox, marksAt, operationsOf, pointAt, type Box, type Face, type Mark } from "./crop-box";
+import { copyText } from "./copy-text";
 import { MOST_REMOVED } from "../draw/cutaway";
 import type { Player } from "../player/player";
 import { EditDrawing } from "./edit-drawing";
@@ -176,9 +177,7 @@ export class EditPanel {
   }
 
   private async copy(): Promise<void> {
-    const text = this.find<HTMLTextAreaElement>(".command");
-    const done = await navigator.clipboard?.writeText(text.value).then(() => true, () => false);
-    if (!done) text.select();
+    const done = await copyText(this.find<HTMLTextAreaElement>(".command"));
     this.say(done ? "Copied. Replace REEL by its folder" : "Selected: copy it with the keyboard or the browser's menu");
   }
 

@@ -25,6 +25,7 @@ export const LINES: Record<string, [shown: string, what: string]> = {
   "+": ["+ −", "Nearer, farther"],
   "[": ["[ ]", "Cameras of the capture"],
   "c": ["C", "Fly through them"],
+  "g": ["G", "Walk mode"],
   "r": ["R", "Reset the view"],
   "f": ["F", "Fullscreen"],
   "v": ["V", "Virtual reality, with a headset"],

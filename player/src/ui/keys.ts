@@ -10,6 +10,7 @@ export interface Actions {
   headset(): void;
   reset(): void;
   fly(): void;
+  walk(): void;
   section(): void;
   statistics(): void;
   volume(steps: number): void;
@@ -121,6 +122,7 @@ function viewLines(player: Player, actions: Actions): Line[] {
     { bindings: [...both(["+", "-"], "zoom", ZOOM), { keys: ["="], thrust: { zoom: -ZOOM } }] },
     { bindings: [{ keys: ["["], press: () => player.camera?.visit(-1) }, { keys: ["]"], press: () => player.camera?.visit(1) }] },
     { bindings: [{ keys: ["c"], press: actions.fly }] },
+    { bindings: [{ keys: ["g"], press: actions.walk }] },
     { bindings: [{ keys: ["r"], press: actions.reset }] },
     { bindings: [{ keys: ["f"], press: actions.fullscreen }] },
     { bindings: [{ keys: ["v"], press: actions.headset }] },

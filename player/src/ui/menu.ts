@@ -23,6 +23,7 @@ const MARKUP = [
   toggle("spatial", "Spatial sound"),
   toggle("fly", "Fly through the cameras"),
   toggle("statistics", "Statistics"),
+  `<button type="button" name="walk" class="wide">Walk mode</button>`,
   `<button type="button" name="path" class="wide">Camera path</button>`,
   `<button type="button" name="edit" class="wide">Crop and clean</button>`,
   `<div class="frames">Frame<span><button type="button" name="back" aria-label="One frame back">${BACK}</button><button type="button" name="on" aria-label="One frame forward">${ON}</button></span></div>`,
@@ -40,6 +41,7 @@ export interface MenuActions {
   share(): void;
   picture(): void;
   about(): void;
+  walk(): void;
   path(): void;
   edit(): void;
   loop(on: boolean): void;
@@ -79,7 +81,7 @@ export class Menu {
     this.input("statistics").onchange = () => actions.statistics();
     this.input("back").onclick = () => player.step(-1);
     this.input("on").onclick = () => player.step(1);
-    for (const name of ["path", "edit", "share", "picture", "about", "help"] as const) this.input(name).onclick = () => actions[name]();
+    for (const name of ["walk", "path", "edit", "share", "picture", "about", "help"] as const) this.input(name).onclick = () => actions[name]();
   }
 
   get open(): boolean {

@@ -1,6 +1,7 @@
 /** The share dialog: a link, its QR code, and code to embed the reel. This part is loaded on demand. */
 import { encode } from "uqr";
 import type { Words } from "../base/words";
+import { copyText } from "./copy-text";
 import { elementOf } from "./markup";
 import styles from "./share.css";
 import { adoptStyles } from "./styles";
@@ -53,19 +54,11 @@ export function shareOf(root: ShadowRoot, shared: Shared, t: Words, say: (words:
   for (const button of box.querySelectorAll<HTMLElement>(".copy")) {
     const text = button.parentElement!.querySelector("textarea")!;
     button.ariaLabel = `${t("Copy")}: ${text.parentElement!.querySelector("label")!.textContent}`;
-    button.onclick = async () => say((await copy(text)) ? "Copied" : "Selected: copy it with the keyboard or the browser's menu");
+    button.onclick = async () => say((await copyText(text)) ? "Copied" : "Selected: copy it with the keyboard or the browser's menu");
     text.onfocus = () => text.select();
   }
   update();
   return box;
-}
-
-/** Copy a text. Frames may lack clipboard permission, which the older method does not need. If both fail, the text stays selected. */
-async function copy(text: HTMLTextAreaElement): Promise<boolean> {
-  if (await navigator.clipboard?.writeText(text.value).then(() => true, () => false)) return true;
-  text.focus();
-  text.select();
-  return document.execCommand("copy");
 }
 
 function frameOf(link: string, title: string): string {

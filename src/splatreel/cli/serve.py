@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 from splatreel.cli.options import ReelAddress, megabytes, parse_names, reel_folder
 from splatreel.cli.printing import say
+from splatreel.cli.qr_code import print_qr_code
 
 if TYPE_CHECKING:
     from splatreel.evaluation.page.served_report import ServedReport
@@ -27,6 +28,8 @@ def serve(
 ) -> None:
     """Serve a reel and its web player until Ctrl-C, and the report of its run as report.html.
 
+    If other machines are let in, a QR code opens a page on a phone that tests the player there.
+
     Args:
         reel: Folder of the reel, or of the reconstruction that holds it, or a URL: http(s), s3://BUCKET/REEL and the like.
         host: Address to listen on; 0.0.0.0 lets other machines in.
@@ -39,7 +42,15 @@ def serve(
     allowed = parse_names(allow_host, "--allow-host") or ()
     folder = reel_folder(reel)
     pages = run_report(folder)
-    run(Server(folder, host, port, cors, allowed, pages), browser=False, pages=pages)
+    server = Server(folder, host, port, cors, allowed, pages)
+    run(server, browser=False, pages=pages, phones=server.network_url)
+
+
+def show_self_test(url: str) -> None:
+    """Print the address of the self-test page of a player, and its QR code."""
+    page = f"{url}self-test.html"
+    print_qr_code(page)
+    say(f"Test a phone in this network: {page}")
 
 
 def run_report(reel: str | Path) -> dict[str, ServedReport]:
@@ -90,9 +101,18 @@ def view(
         )
 
 
-def run(player: Server | Viewer, browser: bool, pages: Iterable[str] = ()) -> None:
-    """Serve until Ctrl-C, which is the normal end here. `pages` are names of further pages."""
+def run(player: Server | Viewer, browser: bool, pages: Iterable[str] = (), phones: str | None = None) -> None:
+    """Serve until Ctrl-C, which is the normal end here.
+
+    Args:
+        player: The server.
+        browser: Whether to open a browser.
+        pages: Names of further pages.
+        phones: URL of the player for phones; None if they are not let in.
+    """
     with player:
+        if phones:
+            show_self_test(phones)
         for page in pages:
             say(f"Report at {player.url}{page}")
         say(f"Playing at {player.url} - stop with Ctrl-C", flush=True)

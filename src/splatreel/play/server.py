@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import ipaddress
 import logging
 import os
 import socket
@@ -24,6 +25,8 @@ from splatreel.play.served_files import ReelFiles, ServedFiles
 from splatreel.play.web_app import ServedPage, WebApp
 from splatreel.storage.addresses import local_path
 
+_EVERYWHERE = ("0.0.0.0", "::")
+"""Addresses to listen on that stand for all of this machine."""
 _MAX_CONNECTIONS = 256
 _BACKLOG = 128
 _RECEIVE_BYTES = 32 << 10
@@ -65,9 +68,16 @@ class Server:
     def url(self) -> str:
         """URL of the player."""
         host, port = self._address
-        if host in ("0.0.0.0", "::"):
-            host = "localhost"
-        return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+        return _url("localhost" if host in _EVERYWHERE else host, port)
+
+    @property
+    def network_url(self) -> str | None:
+        """URL of the player for other machines of the network; None if it admits none, or this machine has no network."""
+        host, port = self._address
+        if host in _EVERYWHERE:
+            found = _network_address(host)
+            return _url(found, port) if found else None
+        return None if ipaddress.ip_address(host.split("%")[0]).is_loopback else _url(host, port)
 
     def start(self) -> Server:
         """Begin to answer requests, and return at once."""
@@ -151,6 +161,23 @@ def _listen(host: str, port: int) -> socket.socket:
         reason = error.strerror if isinstance(error, OSError) else error
         raise UsageError(f"Cannot listen on {host}:{port} ({reason}). Choose another host or port.") from error
     return listener
+
+
+def _url(host: str, port: int) -> str:
+    return f"http://[{host}]:{port}/" if ":" in host else f"http://{host}:{port}/"
+
+
+def _network_address(everywhere: str) -> str | None:
+    """Return the address by which this machine reaches other networks; None without a network."""
+    family, test_network = (
+        (socket.AF_INET, "192.0.2.1") if everywhere == "0.0.0.0" else (socket.AF_INET6, "2001:db8::1")
+    )
+    try:
+        with socket.socket(family, socket.SOCK_DGRAM) as probe:
+            probe.connect((test_network, 9))  # this chooses a route and sends nothing
+            return str(probe.getsockname()[0])
+    except OSError:
+        return None
 
 
 def _config(site: WebApp) -> uvicorn.Config:

@@ -1,0 +1,45 @@
+"""QR codes at the terminal."""
+
+import io
+import sys
+
+import cv2
+import numpy as np
+import pytest
+
+from splatreel.cli.qr_code import print_qr_code, qr_code
+
+LINK = "http://192.168.178.123:8080/self-test.html"
+LIGHT = {" ": (0, 0), "▀": (1, 0), "▄": (0, 1), "█": (1, 1)}
+
+
+def test_a_reader_finds_the_text() -> None:
+    lines = qr_code(LINK).splitlines()
+    halves = np.array([[LIGHT[block] for block in line] for line in lines])
+    modules = halves.transpose(0, 2, 1).reshape(2 * len(lines), -1)
+    picture = np.kron(modules, np.full((8, 8), 255)).astype(np.uint8)
+    assert cv2.QRCodeDetector().detectAndDecode(picture)[0] == LINK
+
+
+class Terminal(io.TextIOWrapper):
+    """A terminal of an encoding."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize(("encoding", "shown"), [("utf-8", True), ("cp1252", False)])
+def test_a_terminal_shows_the_code_if_it_has_block_characters(
+    monkeypatch: pytest.MonkeyPatch, encoding: str, shown: bool
+) -> None:
+    terminal = Terminal(io.BytesIO(), encoding)
+    monkeypatch.setattr(sys, "stdout", terminal)
+    print_qr_code(LINK)
+    terminal.flush()
+    written = terminal.buffer.getvalue().decode(encoding)  # pyright: ignore[reportAttributeAccessIssue]
+    assert ("█" in written) is shown
+
+
+def test_nothing_is_printed_into_a_file(capsys: pytest.CaptureFixture[str]) -> None:
+    print_qr_code(LINK)
+    assert capsys.readouterr().out == ""
