@@ -19,7 +19,7 @@ const decoders = {
 // Shaders are embedded without comments and indentation, which a script's minifier keeps in strings.
 const shaders = {
   name: "shaders",
-  setup: (build) => build.onLoad({ filter: /[/\\]shaders\.ts$/ }, async ({ path }) => {
+  setup: (build) => build.onLoad({ filter: /shaders\.ts$/ }, async ({ path }) => {
     const text = await readFile(path, "utf8");
     return { contents: text.replace(/\/\*[^]*?\*\//g, "").replace(/(^|\s)\/\/ .*$/gm, "").replace(/^\s+/gm, "").replace(/ ([=*<>?:,(){}]+) /g, "$1"), loader: "ts" };
   }),

@@ -12,6 +12,7 @@ PACKAGES = {
     "decoder": ROOT / "player" / "packages" / "decoder" / "src",
     "player": ROOT / "player" / "src",
     "three": ROOT / "player" / "packages" / "three" / "src",
+    "playcanvas": ROOT / "player" / "packages" / "playcanvas" / "src",
 }
 NAMES = {"@splatreel/decoder": "decoder", "splatreel-player": "player"}
 """Sources of the npm packages. A package imports only from those before it."""
@@ -39,7 +40,16 @@ ROOMS_OF_PACKAGES = {
     ),
     "three": (
         ("raw-gl.ts", "shaders.ts", "views.ts"),
-        ("three-renderer.ts", "reel-player.ts"),
+        ("three-renderer.ts",),
+        ("splat-reel.ts",),
+        ("index.ts",),
+    ),
+    "playcanvas": (
+        ("shaders.ts", "file-textures.ts"),
+        ("engine.ts",),
+        ("file-splats.ts",),
+        ("playcanvas-renderer.ts",),
+        ("engine-sorter.ts",),
         ("splat-reel.ts",),
         ("index.ts",),
     ),

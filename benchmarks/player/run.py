@@ -21,9 +21,17 @@ from record import record
 
 HERE = Path(__file__).parent
 STATIC = HERE.parents[1] / "src" / "splatreel" / "play" / "static"
-PLAYERS = ("splatreel", "three", "playcanvas", "gaussian-splats-3d", "spark")
-OBJECT = HERE.parents[1] / "player" / "packages" / "three" / "dist" / "three.js"
-"""The reel as an object of three.js: npm run build --workspace @splatreel/three, in player/."""
+PLAYERS = ("splatreel", "three", "playcanvas-reel", "spark", "playcanvas", "gaussian-splats-3d")
+"""Ours first: the element, the object of three.js and the script of PlayCanvas. The others draw static splats."""
+PACKAGES = HERE.parents[1] / "player" / "packages"
+OURS = {"three": "three", "playcanvas-reel": "playcanvas"}
+"""Pages of our objects in other engines, each with the package and the engine: npm run build --workspaces, in player/."""
+PATIENCE = 900_000
+"""Milliseconds for a page to load or to draw, since other programs may use the machine."""
+WATCH = """<script>
+for (const name of ["error", "unhandledrejection"]) addEventListener(name, (e) => (window.failure = String(e.message ?? e.reason)));
+</script>"""
+"""Script that keeps the failure of a page, so that nobody waits for it."""
 FLAGS = [
     "--no-sandbox",
     "--no-first-run",
@@ -58,8 +66,9 @@ def main() -> None:
         for count in arguments.counts:
             truth = write_scene(read_points(arguments.points), count, folder, arguments.size, arguments.pictures)
             with serve_folder(folder) as url:
-                for player, results in turns(browser, url, arguments, truth).items():
-                    values = {"points": count, "player": player} | summary(results)
+                results = turns(browser, url, arguments, truth)
+                for player in results:
+                    values = {"points": count, "player": player, "size": arguments.size} | summary(results, player)
                     print(json.dumps(values), flush=True)
                     if arguments.record is not None:
                         record("player", values, arguments.record)
@@ -80,11 +89,13 @@ def bundle(folder: Path, players: list[str]) -> None:
             "--minify",
             "--format=esm",
         ]
-        if player == "three":  # one three.js for the page and the object
-            command += [f"--alias:@splatreel/three={OBJECT}", f"--alias:three={HERE / 'node_modules/three'}"]
+        if engine := OURS.get(player):  # one engine for the page and the object
+            package = PACKAGES / engine / "dist" / f"{engine}.js"
+            command += [f"--alias:@splatreel/{engine}={package}", f"--alias:{engine}={HERE / 'node_modules' / engine}"]
         subprocess.run([*command, "--log-level=error", f"--outfile={folder / player}.page.js"], check=True)
         module = '<script type="module" src="player.js"></script>' if player == "splatreel" else ""
-        page = f'<!doctype html><body style="margin: 0">{module}<script type="module" src="{player}.page.js"></script>'
+        page = f'<!doctype html><body style="margin: 0">{WATCH}{module}'
+        page += f'<script type="module" src="{player}.page.js"></script>'
         (folder / f"{player}.html").write_text(page)
 
 
@@ -97,10 +108,13 @@ def turns(browser: Browser, url: str, arguments: argparse.Namespace, truth: Path
     return results
 
 
-def summary(results: list[dict]) -> dict:
-    """Return the round with the smallest median: it was disturbed least."""
-    best = min(results, key=lambda result: result["frame_ms"])
-    return best | {"frame_ms_of_rounds": [result["frame_ms"] for result in results]}
+def summary(results: dict[str, list[dict]], player: str) -> dict:
+    """Return the round with the smallest median, which was disturbed least, and the ratio to the first player by rounds."""
+    rounds = [result["frame_ms"] for result in results[player]]
+    first = [result["frame_ms"] for result in next(iter(results.values()))]
+    ratio = statistics.median(own / other for own, other in zip(rounds, first, strict=True))
+    best = min(results[player], key=lambda result: result["frame_ms"])
+    return best | {"frame_ms_of_rounds": rounds, "ratio": round(ratio, 2)}
 
 
 def measure(browser: Browser, url: str, player: str, size: list[int], truth: Path) -> dict:
@@ -109,12 +123,15 @@ def measure(browser: Browser, url: str, player: str, size: list[int], truth: Pat
     from PIL import Image
 
     page = browser.new_page(viewport={"width": size[0], "height": size[1]})
+    page.set_default_timeout(PATIENCE)
     page.goto(f"{url}{player}.html?width={size[0]}&height={size[1]}")
-    page.wait_for_function("window.bench", timeout=120_000)
+    page.wait_for_function("window.bench || window.failure")
+    if failure := page.evaluate("window.failure"):
+        raise SystemExit(f"The page of {player} failed: {failure}")
     poses = json.loads((truth.parent / "scene.json").read_text())["poses"]
     page.evaluate("pose => window.bench.settle(pose)", poses[0])
     shot = truth.parent / f"{player}.png"
-    page.screenshot(path=shot, timeout=180_000)
+    page.screenshot(path=shot)
     difference = np.asarray(Image.open(shot).convert("RGB"), np.float32) / 255 - np.load(truth)
     times = page.evaluate("window.bench.measure()")
     sorts = page.evaluate("window.bench.sorts()")

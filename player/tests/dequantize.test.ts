@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { deflateSync } from "node:zlib";
 import { flags, inflate, linear, packedSize, unpack } from "@splatreel/decoder/decode/dequantize";
-import { half } from "../src/webgl/textures";
+import { half } from "../src/draw/point-words";
 import type { Container } from "@splatreel/decoder/reel/container";
 
 /** The low bytes of all, then the bits above, lowest bit first. */

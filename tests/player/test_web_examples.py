@@ -78,7 +78,7 @@ def test_built_page_plays(page: Page, tmp_path: Path, name: str) -> None:
         page.goto("about:blank")  # ends its downloads before the host is gone
 
 
-@pytest.mark.parametrize("name", ["three", "react-three-fiber"])
+@pytest.mark.parametrize("name", ["three", "react-three-fiber", "playcanvas"])
 def test_built_scene_plays(page: Page, tmp_path: Path, name: str) -> None:
     with host(build(name, tmp_path)) as site:
         page.goto(site)

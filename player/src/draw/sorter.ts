@@ -7,10 +7,11 @@ import { failureOf } from "@splatreel/decoder/files/workers";
 import type { Clearance } from "@splatreel/decoder/reel/manifest";
 import { EXTENT, frustumOf } from "./frustum";
 import type { Scene } from "./scene";
+import type { PointSorter } from "./point-sorter";
 import type { SortMessage, SortReply } from "./sort-worker";
 
 /** Sends positions and sort requests to the worker. */
-export class Sorter {
+export class Sorter implements PointSorter {
   private readonly worker = startSortWorker();
   private waiting: ((reply: SortReply) => void) | null = null;
   private spare: Uint32Array | null = null;

@@ -7,9 +7,9 @@ import { clampFrame, groupAt, weightAt, type Schedule } from "@splatreel/decoder
 import type { Cutaway } from "./cutaway";
 import type { Eye } from "./eye";
 import { covers } from "./frustum";
+import type { PointSorter } from "./point-sorter";
 import type { HeadsetLayer, Renderer } from "./renderer";
 import type { Scene } from "./scene";
-import { Sorter } from "./sorter";
 
 /** A rendered image: RGBA bytes, top row first. */
 export interface Picture {
@@ -29,7 +29,6 @@ export class Stage {
   /** View of the last frame. */
   view: View | null = null;
 
-  private readonly sorter: Sorter;
   private drawnFrame = 0;
   private sortedFor: View | null = null;
   private needsSort = true;
@@ -42,10 +41,7 @@ export class Stage {
   /** Schedule for which the order was sorted. A live reel may drop its groups from the next manifest. */
   private schedule: Schedule | null = null;
 
-  /** onError: called if the sort worker fails. */
-  constructor(private readonly renderer: Renderer, onError: (error: Error) => void) {
-    this.sorter = new Sorter((message) => onError(new Error(message)));
-  }
+  constructor(private readonly renderer: Renderer, private readonly sorter: PointSorter) {}
 
   /** Begin to draw a reel. Throws `ReelError` if the device cannot draw. */
   open(reel: Reel): void {
@@ -138,7 +134,9 @@ export class Stage {
     this.needsSort = false;
     this.sorting = scene;
     const { manifest } = this.reel!;
-    const reply = await this.sorter.sort(scene, view, manifest.clearance);
+    const { current, previous } = scene;
+    const weight = current && previous ? weightAt(manifest, manifest.groups[current.group].firstFrame + current.frame, current.group) : 1;
+    const reply = await this.sorter.sort(scene, view, manifest.clearance, weight);
     this.sorting = null;
     if (this.closed || !this.renderer.holds(scene)) return false;
     this.sortMilliseconds = reply.milliseconds;

@@ -5,6 +5,7 @@ import type { CameraState, Start } from "../camera/pose";
 import { reachable } from "../camera/reachable";
 import type { LocalFiles } from "@splatreel/decoder/files/local-files";
 import type { GraphicsDevice } from "../draw/renderer";
+import { Sorter } from "../draw/sorter";
 import type { Manifest } from "@splatreel/decoder/reel/manifest";
 import { Reel } from "@splatreel/decoder/reel/reel";
 import type { Clock } from "./clock";
@@ -159,7 +160,7 @@ export class Lifecycle {
       if (device.released) await device.acquire();
       if (opening !== this.openings) return void (!this.isAwake && device.release());
       const prefetched = this.takePrefetched();
-      session = this.current = Session.start(device.createRenderer(), this.sessionEvents(), prefetched?.worker);
+      session = this.current = Session.start(device.createRenderer(), (failed) => new Sorter(failed), this.sessionEvents(), prefetched?.worker);
       if (session.stage.software) host.drawsInSoftware();
       // The manifest of a reel that was put to rest is still valid, unless the reel is live.
       const known = host.clock.live ? null : host.clock.reel;

@@ -3,6 +3,7 @@ import type { LocalFiles } from "@splatreel/decoder/files/local-files";
 import type { Manifest } from "@splatreel/decoder/reel/manifest";
 import type { Reel } from "@splatreel/decoder/reel/reel";
 import { ReelLoader, type LoaderEvents } from "@splatreel/decoder/stream/reel-loader";
+import type { PointSorter } from "../draw/point-sorter";
 import type { Renderer } from "../draw/renderer";
 import { Stage } from "../draw/stage";
 import { decodeWorkers } from "../files/bundle";
@@ -13,9 +14,9 @@ export type SessionEvents = LoaderEvents;
 
 /** Opens one reel, draws it on a stage, and closes it again. */
 export class Session extends ReelLoader {
-  /** Start the workers at once, while the manifest downloads. worker: a decode worker that is already running. */
-  static start(renderer: Renderer, events: SessionEvents, worker?: Worker | null): Session {
-    return new Session(new Stage(renderer, (error) => events.failed(error)), events, worker);
+  /** Start the workers at once, while the manifest downloads. sorterOf: creates the sorter. worker: a decode worker that is already running. */
+  static start(renderer: Renderer, sorterOf: (failed: (message: string) => void) => PointSorter, events: SessionEvents, worker?: Worker | null): Session {
+    return new Session(new Stage(renderer, sorterOf((message) => events.failed(new Error(message)))), events, worker);
   }
 
   private constructor(readonly stage: Stage, events: SessionEvents, worker?: Worker | null) {

@@ -8,7 +8,8 @@ import { MOST_REMOVED, type Cutaway } from "../draw/cutaway";
 import type { Scene } from "../draw/scene";
 import { coverVertex, projectFragment } from "./shaders";
 import { TEXTURE_WIDTH } from "../draw/texture-layout";
-import { rowsOf, type PointTextures } from "./textures";
+import { rowsOf } from "../draw/point-words";
+import type { PointTextures } from "./textures";
 
 /** High corner of a box that holds every point. */
 const EVERYWHERE = [3e38, 3e38, 3e38];

@@ -4,11 +4,7 @@
  */
 import { MOST_REMOVED } from "../draw/cutaway";
 import { NO_POINT, TEXTURE_WIDTH } from "../draw/texture-layout";
-
-/** Texels per point in the `points` texture, and per codebook entry: one per coefficient. */
-export const POINT_TEXELS = 3;
-export const ENTRY_TEXELS = 15;
-export const ENTRIES_PER_ROW = 128;
+import { pointGlsl } from "./point-shaders";
 
 /** Vertex shader of a triangle that covers the viewport. */
 export const coverVertex = `#version 300 es
@@ -19,22 +15,10 @@ void main() {
 export const projectFragment = `#version 300 es
 precision highp float;
 precision highp int;
-uniform highp usampler2DArray uPoints;
-uniform highp sampler2D uCodebook;
-uniform highp usampler2D uFlags;
-uniform highp usampler2DArray uDx;
-uniform highp usampler2DArray uDq;
-uniform highp usampler2DArray uAppearance;
+${pointGlsl}
 uniform int uFirstRow;
 uniform int uCount;
-uniform int uShDegree;
-uniform bool uMoving, uWorldly, uHasAppearance, uAntialias;
-uniform ivec2 uFrames;
-uniform float uBetween;
-uniform vec3 uDxMin, uDxStep;
-uniform vec4 uDqMin, uDqStep;
-uniform vec4 uAppearanceMin, uAppearanceStep;
-uniform vec4 uWeights;
+uniform bool uAntialias;
 uniform mat4 uView;
 uniform vec3 uEye;
 uniform vec4 uLens;
@@ -48,109 +32,30 @@ uniform int uRemovals;
 layout(location = 0) out uvec4 outShape;
 layout(location = 1) out uvec4 outColor;
 
-/** Square pixels that are added to the covariance in the image; antialiased, about a pixel's own area. */
-const float BLUR = 0.3, FINE_BLUR = 0.1;
 /** Splats end where their alpha is less than this. Training draws to 1/255: a quarter more pixels for two decibels above 48. */
 const float LEAST_ALPHA = 0.01;
-
-mat3 rotationOf(vec4 q) {
-  float w = q.x, x = q.y, y = q.z, z = q.w;
-  return mat3(
-    1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y + w * z), 2.0 * (x * z - w * y),
-    2.0 * (x * y - w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z + w * x),
-    2.0 * (x * z + w * y), 2.0 * (y * z - w * x), 1.0 - 2.0 * (x * x + y * y));
-}
-
-vec4 multiply(vec4 a, vec4 b) {
-  return vec4(a.x * b.x - dot(a.yzw, b.yzw), a.x * b.yzw + b.x * a.yzw + cross(a.yzw, b.yzw));
-}
-
-vec3 movedBy(ivec2 at) {
-  vec3 low = vec3(texelFetch(uDx, ivec3(at, uFrames.x), 0).xyz);
-  vec3 high = vec3(texelFetch(uDx, ivec3(at, uFrames.y), 0).xyz);
-  return uDxMin + uDxStep * mix(low, high, uBetween);
-}
-
-vec4 turnedBy(ivec2 at) {
-  vec4 low = normalize(uDqMin + uDqStep * vec4(texelFetch(uDq, ivec3(at, uFrames.x), 0)));
-  vec4 high = normalize(uDqMin + uDqStep * vec4(texelFetch(uDq, ivec3(at, uFrames.y), 0)));
-  return normalize(mix(low, dot(low, high) < 0.0 ? -high : high, uBetween));
-}
-
-/** What the DC term and the opacity gain. */
-vec4 shadedBy(ivec2 at) {
-  vec4 low = vec4(texelFetch(uAppearance, ivec3(at, uFrames.x), 0));
-  vec4 high = vec4(texelFetch(uAppearance, ivec3(at, uFrames.y), 0));
-  return uAppearanceMin + uAppearanceStep * mix(low, high, uBetween);
-}
-
-/** The view-dependent part of a color: coefficients 1..15 in the 3DGS order, one texel each. */
-vec3 viewDependent(int index, vec3 d) {
-  ivec2 at = ivec2((index % ${ENTRIES_PER_ROW}) * ${ENTRY_TEXELS}, index / ${ENTRIES_PER_ROW});
-  #define REST(i) texelFetch(uCodebook, at + ivec2(i, 0), 0).rgb
-  float x = d.x, y = d.y, z = d.z;
-  vec3 color = 0.4886025119029199 * (z * REST(1) - y * REST(0) - x * REST(2));
-  if (uShDegree < 2) return color;
-  float xx = x * x, yy = y * y, zz = z * z;
-  color += 1.0925484305920792 * (x * y * REST(3) - y * z * REST(4) - x * z * REST(6))
-    + 0.31539156525252005 * (2.0 * zz - xx - yy) * REST(5)
-    + 0.5462742152960396 * (xx - yy) * REST(7);
-  if (uShDegree < 3) return color;
-  return color - 0.5900435899266435 * y * (3.0 * xx - yy) * REST(8)
-    + 2.890611442640554 * x * y * z * REST(9)
-    - 0.4570457994644658 * y * (4.0 * zz - xx - yy) * REST(10)
-    + 0.3731763325901154 * z * (2.0 * zz - 3.0 * xx - 3.0 * yy) * REST(11)
-    - 0.4570457994644658 * x * (4.0 * zz - xx - yy) * REST(12)
-    + 1.445305721320277 * z * (xx - yy) * REST(13)
-    - 0.5900435899266435 * x * (xx - 3.0 * yy) * REST(14);
-}
 
 void main() {
   outShape = uvec4(0u);
   outColor = uvec4(0u);
   ivec2 at = ivec2(gl_FragCoord.xy) - ivec2(0, uFirstRow);
   if (at.y * ${TEXTURE_WIDTH} + at.x >= uCount) return;
-  float weight = uMoving ? uWeights.x : uWeights[texelFetch(uFlags, at, 0).x];
+  float weight = weightOf(at);
   if (weight <= 0.0) return;
-
-  uvec4 p0 = texelFetch(uPoints, ivec3(at, 0), 0);
-  uvec4 p1 = texelFetch(uPoints, ivec3(at, 1), 0);
-  uvec4 p2 = texelFetch(uPoints, ivec3(at, 2), 0);
-  vec3 mean = uintBitsToFloat(p0.xyz);
-  vec3 scale = uintBitsToFloat(p1.xyz);
-  vec2 opacityAndRed = unpackHalf2x16(p1.w);
-  vec4 quat = vec4(unpackHalf2x16(p2.x), unpackHalf2x16(p2.y));
-  vec3 color = vec3(opacityAndRed.y, unpackHalf2x16(p2.z));
-  if (uMoving) {
-    mean += movedBy(at);
-    quat = uWorldly ? multiply(turnedBy(at), quat) : multiply(quat, turnedBy(at));
-  }
+  Point point = pointAt(at);
+  vec3 mean = point.mean;
   if (any(lessThan(mean, uLow)) || any(greaterThan(mean, uHigh))) return;
   for (int i = 0; i < uRemovals; i++) if (distance(mean, uRemoved[i].xyz) <= uRemoved[i].w) return;
-  if (uHasAppearance) {
-    vec4 gain = shadedBy(at);
-    color += gain.rgb;
-    opacityAndRed.x = clamp(opacityAndRed.x + gain.a, 0.0, 1.0);
-  }
-  // Faded in optical depth: two coinciding points of weights w and 1 - w absorb what one does.
-  float opacity = 1.0 - pow(1.0 - min(opacityAndRed.x, 0.9999), weight);
+  float opacity = faded(point.opacity, weight);
 
   vec3 camera = (uView * vec4(mean, 1.0)).xyz;
   if (camera.z < uNear) return;
   vec2 slope = clamp(camera.xy / camera.z, uRange.xz, uRange.yw);
   vec2 focal = uLens.xy / camera.z;
-  // Rows of the projection's Jacobian times the world-to-camera rotation, then times rotation and scales.
-  mat3 view = transpose(mat3(uView));
-  mat3 turn = rotationOf(normalize(quat));
-  vec3 a = (focal.x * (view[0] - slope.x * view[2])) * turn * scale;
-  vec3 b = (focal.y * (view[1] - slope.y * view[2])) * turn * scale;
   float blur = uAntialias ? FINE_BLUR : BLUR;
-  float xx = dot(a, a) + blur;
-  float yy = dot(b, b) + blur;
-  float xy = dot(a, b);
-
-  // A splat that the blur has made larger is fainter by as much.
-  if (uAntialias) opacity *= sqrt(max(1.0 - blur * (xx + yy - blur) / (xx * yy - xy * xy), 0.0));
+  vec3 covariance = covarianceOf(point, transpose(mat3(uView)), slope, focal) + vec3(blur, blur, 0.0);
+  float xx = covariance.x, yy = covariance.y, xy = covariance.z;
+  if (uAntialias) opacity *= thinned(covariance);
   if (opacity <= LEAST_ALPHA) return;
 
   // Axes of the ellipse where alpha falls to the least.
@@ -166,9 +71,7 @@ void main() {
   vec2 center = focal * camera.xy + uLens.zw;
   vec2 reach = abs(axis) + abs(other);
   if (any(lessThan(center + reach, vec2(0.0))) || any(greaterThan(center - reach, uSize))) return;
-  color *= 0.28209479177387814;
-  if (uShDegree > 0) color += viewDependent(int(p0.w), normalize(mean - uEye));
-  color = max(color + 0.5, 0.0) * uLight;
+  vec3 color = colorOf(point, normalize(mean - uEye)) * uLight;
   outShape = uvec4(floatBitsToUint(center), packHalf2x16(axis), packHalf2x16(other));
   outColor = uvec4(packHalf2x16(color.rg), packHalf2x16(vec2(color.b, opacity)), floatBitsToUint(extent), floatBitsToUint(camera.z));
 }`;

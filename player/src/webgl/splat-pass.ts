@@ -4,7 +4,7 @@ import { Program } from "./program";
 import { splatFragment, splatVertexOf } from "./shaders";
 import { integerTexture, type SplatTarget } from "./splat-target";
 import { TEXTURE_WIDTH } from "../draw/texture-layout";
-import { rowsOf } from "./textures";
+import { rowsOf } from "../draw/point-words";
 
 /** Vertex and fragment shader of the pass. */
 export type SplatShaders = [vertex: string, fragment: string];

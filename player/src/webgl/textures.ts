@@ -2,13 +2,8 @@
 import { PLAIN, ReelError } from "@splatreel/decoder/base/errors";
 import type { Gaussians } from "@splatreel/decoder/decode/gaussians";
 import type { Offsets } from "@splatreel/decoder/decode/offsets";
-import { ENTRIES_PER_ROW, ENTRY_TEXELS, POINT_TEXELS } from "./shaders";
+import { ENTRIES_PER_ROW, ENTRY_TEXELS, POINT_TEXELS, packCodebook, packFlags, packPoints, rowsOf } from "../draw/point-words";
 import { TEXTURE_WIDTH } from "../draw/texture-layout";
-
-/** Return the number of texture rows of `count` points. */
-export function rowsOf(count: number): number {
-  return Math.ceil(count / TEXTURE_WIDTH);
-}
 
 /** The part of a group's offsets that stays on the CPU. */
 export type OffsetRange = Pick<Offsets, "frames" | "dxMin" | "dxStep" | "dqMin" | "dqStep" | "worldly" | "appearance">;
@@ -31,7 +26,7 @@ export class PointTextures {
     this.shDegree = points.shDegree;
     if (points.count === 0) return;
     this.points = this.uploadPoints(points);
-    if (points.shDegree > 0) this.codebook = this.uploadCodebook(points.codebook, 3 * ((points.shDegree + 1) ** 2 - 1));
+    if (points.shDegree > 0) this.codebook = this.uploadCodebook(points);
     if (offsets) {
       this.range = offsets;
       this.dx = this.uploadFrames(offsets.dx, offsets.frames, gl.RGBA16UI, gl.UNSIGNED_SHORT);
@@ -45,15 +40,13 @@ export class PointTextures {
     if (this.count === 0) return;
     const { gl } = this;
     const rows = rowsOf(this.count);
-    const padded = new Uint8Array(rows * TEXTURE_WIDTH);
-    padded.set(flags);
     if (this.flags === null) {
       this.flags = this.create(gl.TEXTURE_2D);
       gl.texStorage2D(gl.TEXTURE_2D, 1, gl.R8UI, TEXTURE_WIDTH, rows);
     }
     gl.bindTexture(gl.TEXTURE_2D, this.flags);
     gl.pixelStorei(gl.UNPACK_ALIGNMENT, 1);
-    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, TEXTURE_WIDTH, rows, gl.RED_INTEGER, gl.UNSIGNED_BYTE, padded);
+    gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, TEXTURE_WIDTH, rows, gl.RED_INTEGER, gl.UNSIGNED_BYTE, packFlags(flags));
   }
 
   delete(): void {
@@ -63,41 +56,19 @@ export class PointTextures {
   private uploadPoints(points: Gaussians): WebGLTexture {
     const { gl } = this;
     const rows = rowsOf(points.count);
-    const layer = rows * TEXTURE_WIDTH * 4;
-    const words = new Uint32Array(POINT_TEXELS * layer);
-    const floats = new Float32Array(words.buffer);
-    const { means, quats, scales, opacities, shBase, shRest } = points;
-    for (let i = 0; i < points.count; i++) {
-      let at = 4 * i;
-      for (let a = 0; a < 3; a++) floats[at + a] = means[3 * i + a];
-      words[at + 3] = shRest[i];
-      at += layer;
-      for (let a = 0; a < 3; a++) floats[at + a] = scales[3 * i + a];
-      words[at + 3] = halves(opacities[i], shBase[3 * i]);
-      at += layer;
-      words[at] = halves(quats[4 * i], quats[4 * i + 1]);
-      words[at + 1] = halves(quats[4 * i + 2], quats[4 * i + 3]);
-      words[at + 2] = halves(shBase[3 * i + 1], shBase[3 * i + 2]);
-    }
+    const words = packPoints(points);
     const texture = this.create(gl.TEXTURE_2D_ARRAY);
     gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGBA32UI, TEXTURE_WIDTH, rows, POINT_TEXELS);
     gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, 0, TEXTURE_WIDTH, rows, POINT_TEXELS, gl.RGBA_INTEGER, gl.UNSIGNED_INT, words);
     return texture;
   }
 
-  private uploadCodebook(codebook: Float32Array, numbers: number): WebGLTexture {
+  private uploadCodebook(points: Gaussians): WebGLTexture {
     const { gl } = this;
-    const entries = codebook.length / numbers;
-    const rows = Math.ceil(entries / ENTRIES_PER_ROW);
+    const { values, rows, entries } = packCodebook(points);
     const most = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
     if (rows > most) throw new ReelError(`A file of the reel has more view-dependent colors than this device holds (${entries} of ${most * ENTRIES_PER_ROW}).`, { plain: PLAIN.device });
     const width = ENTRIES_PER_ROW * ENTRY_TEXELS;
-    const values = new Float32Array(rows * width * 4);
-    for (let e = 0; e < entries; e++) {
-      for (let i = 0; i < numbers; i++) {
-        values[4 * (e * ENTRY_TEXELS + Math.floor(i / 3)) + (i % 3)] = codebook[e * numbers + i];
-      }
-    }
     const texture = this.create(gl.TEXTURE_2D);
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA16F, width, rows);
     gl.texSubImage2D(gl.TEXTURE_2D, 0, 0, 0, width, rows, gl.RGBA, gl.FLOAT, values);
@@ -132,25 +103,4 @@ export class PointTextures {
     for (const name of [gl.TEXTURE_WRAP_S, gl.TEXTURE_WRAP_T]) gl.texParameteri(target, name, gl.CLAMP_TO_EDGE);
     return texture;
   }
-}
-
-const float = new Float32Array(1);
-const bits = new Uint32Array(float.buffer);
-
-/** Return the bits of the nearest half-precision number. */
-export function half(value: number): number {
-  float[0] = value;
-  const x = bits[0];
-  const sign = (x >>> 16) & 0x8000;
-  const magnitude = x & 0x7fffffff;
-  if (magnitude >= 0x47800000) return sign | 0x7bff; // clamp to the largest half
-  if (magnitude < 0x38800000) {
-    // Subnormal: a multiple of 2^-24.
-    return sign | Math.round(Math.abs(value) * 2 ** 24);
-  }
-  return Math.min((sign | ((magnitude - 0x38000000 + 0x1000) >>> 13)) & 0xffff, sign | 0x7bff);
-}
-
-function halves(low: number, high: number): number {
-  return (half(low) | (half(high) << 16)) >>> 0;
 }

@@ -7,12 +7,13 @@ import type { Cutaway } from "../draw/cutaway";
 import type { Eye } from "../draw/eye";
 import type { HeadsetLayer, Renderer } from "../draw/renderer";
 import type { Scene } from "../draw/scene";
+import { TEXTURE_WIDTH } from "../draw/texture-layout";
 import { CrossFade } from "./cross-fade";
 import { GpuMemory } from "./gpu-memory";
 import { depthOf, hitsAt, type Hit } from "./pick";
 import { ProjectionPass } from "./projection-pass";
 import { SplatPass, type SplatShaders } from "./splat-pass";
-import { rowsOf } from "./textures";
+import { rowsOf } from "../draw/point-words";
 
 /** Part of WebXR that TypeScript does not describe. */
 declare const XRWebGLLayer: new (session: object, gl: WebGL2RenderingContext) => HeadsetLayer;
@@ -60,11 +61,11 @@ export class WebglRenderer implements Renderer {
   }
 
   addLayer(uri: string, file: DecodedLayer): number {
-    return this.memory.addLayer(uri, file);
+    return this.memory.addLayer(uri, file).firstRow * TEXTURE_WIDTH;
   }
 
   addGroup(index: number, file: DecodedGroup, layers: string[]): number {
-    return this.memory.addGroup(index, file, layers);
+    return this.memory.addGroup(index, file, layers).firstRow * TEXTURE_WIDTH;
   }
 
   dropLayer(uri: string): void {

@@ -1,6 +1,8 @@
 /** A reel as an object of a three.js scene. */
 import { ReelError } from "@splatreel/decoder/base/errors";
-import { waitUntil } from "splatreel-player/base/wait-until";
+import { withMediaProperties } from "splatreel-player/player/media-properties";
+import { ReelPlayer } from "splatreel-player/player/reel-player";
+import { Sorter } from "splatreel-player/draw/sorter";
 import {
   Box3,
   BufferGeometry,
@@ -18,10 +20,9 @@ import {
   type Raycaster,
   type WebGLRenderer,
 } from "three";
-import { ReelPlayer } from "./reel-player";
 import { ThreeRenderer, type Look } from "./three-renderer";
-import type { View } from "splatreel-player/base/view";
-import { isSameView, viewAlong, viewOf } from "./views";
+import { isSameView, type View } from "splatreel-player/base/view";
+import { viewAlong, viewOf } from "./views";
 
 /** Options of a `SplatReel`. */
 export interface SplatReelOptions {
@@ -42,13 +43,12 @@ export interface SplatReelOptions {
  * Events as in HTMLMediaElement: loadstart, loadedmetadata, durationchange, loadeddata, canplay, play, playing, pause, timeupdate,
  * progress, waiting, seeking, seeked, volumechange, ended, error.
  */
-export class SplatReel extends Mesh<BufferGeometry, MeshBasicMaterial> {
+export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasicMaterial>) {
   readonly isSplatReel = true;
   private readonly look: Look;
-  private readonly player: ReelPlayer;
+  readonly player: ReelPlayer;
   private three: WebGLRenderer | null = null;
   private renderer: ThreeRenderer | null = null;
-  private readonly drawn = new EventTarget();
   private readonly onLost = (): void => this.close();
   private disposed = false;
 
@@ -68,74 +68,6 @@ export class SplatReel extends Mesh<BufferGeometry, MeshBasicMaterial> {
     if (autoplay) this.play();
   }
 
-  /** Start to play. Browsers require an interaction before sound; until then the reel is muted, and `muted` is true. */
-  play(): void {
-    this.player.play();
-  }
-
-  pause(): void {
-    this.player.pause();
-  }
-
-  get paused(): boolean {
-    return this.player.paused;
-  }
-
-  get currentTime(): number {
-    return this.player.currentTime;
-  }
-
-  set currentTime(seconds: number) {
-    this.player.currentTime = seconds;
-  }
-
-  /** End of the reel, in seconds; 0 before its manifest arrives. */
-  get duration(): number {
-    return this.player.clock.duration;
-  }
-
-  get loop(): boolean {
-    return this.player.loop;
-  }
-
-  set loop(loop: boolean) {
-    this.player.clock.loop = loop;
-  }
-
-  get playbackRate(): number {
-    return this.player.clock.rate;
-  }
-
-  set playbackRate(rate: number) {
-    this.player.clock.rate = rate;
-  }
-
-  get muted(): boolean {
-    return this.player.soundtrack.muted;
-  }
-
-  set muted(muted: boolean) {
-    this.player.soundtrack.muted = muted;
-  }
-
-  /** 0 to 1. */
-  get volume(): number {
-    return this.player.soundtrack.volume;
-  }
-
-  set volume(volume: number) {
-    this.player.soundtrack.volume = volume;
-  }
-
-  /** True if the direction and distance of the sound follow the camera, for reels whose sound has a position. */
-  get positional(): boolean {
-    return this.player.soundtrack.spatial.on;
-  }
-
-  set positional(on: boolean) {
-    this.player.soundtrack.spatial.on = on;
-  }
-
   /** Factor on all opacities, 0 to 1. */
   get opacity(): number {
     return this.look.opacity;
@@ -151,58 +83,6 @@ export class SplatReel extends Mesh<BufferGeometry, MeshBasicMaterial> {
 
   set depthWrite(write: boolean) {
     this.look.depthWrite = write;
-  }
-
-  get ended(): boolean {
-    return this.player.ended;
-  }
-
-  get seeking(): boolean {
-    return this.player.playback.seeking;
-  }
-
-  /** True while playback waits for data or sound. */
-  get waiting(): boolean {
-    return this.player.playback.stalled || this.player.playback.soundLate;
-  }
-
-  /** True once a complete frame has been drawn. */
-  get canPlay(): boolean {
-    return this.player.playback.ready;
-  }
-
-  get error(): Error | null {
-    return this.player.error;
-  }
-
-  /** Names of the renditions, best first. */
-  get renditions(): string[] {
-    return this.player.manifest?.renditions ?? [];
-  }
-
-  /** The chosen rendition; null to adapt to network and device. */
-  get rendition(): string | null {
-    return this.player.rendition;
-  }
-
-  set rendition(name: string | null) {
-    this.player.rendition = name;
-  }
-
-  /** Number of points drawn. */
-  get points(): number {
-    return this.renderer?.points ?? 0;
-  }
-
-  /** Color behind the points, sRGB, 0 to 1; null before the manifest arrives. The scene's background is drawn instead. */
-  get background(): [number, number, number] | null {
-    return this.player.manifest?.background ?? null;
-  }
-
-  /** Resolve once a complete frame has been drawn; reject on an error. */
-  async whenReady(): Promise<this> {
-    await waitUntil(Object.assign(this.drawn, { error: this.error }), "canplay", () => this.canPlay);
-    return this;
   }
 
   /** Return the rotation that makes the reel's up direction y. Requires the manifest. */
@@ -277,7 +157,7 @@ export class SplatReel extends Mesh<BufferGeometry, MeshBasicMaterial> {
     this.three = three;
     three.domElement.addEventListener("webglcontextlost", this.onLost);
     this.renderer = ThreeRenderer.create(three, this.look);
-    void this.player.open(this.renderer);
+    void this.player.open(this.renderer, (failed) => new Sorter(failed));
     return true;
   }
 
@@ -289,8 +169,6 @@ export class SplatReel extends Mesh<BufferGeometry, MeshBasicMaterial> {
 
   private emit(event: string): void {
     if (event === "loadedmetadata") this.setBounds();
-    Object.assign(this.drawn, { error: this.error });
-    this.drawn.dispatchEvent(new Event(event));
     (this.dispatchEvent as (event: { type: string }) => void).call(this, { type: event });
   }
 

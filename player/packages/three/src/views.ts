@@ -1,26 +1,14 @@
 /** Views of a reel through cameras and rays of three.js. */
 import { cross, normalize, viewmatOf, type Vec3 } from "@splatreel/decoder/base/matrix";
-import { intrinsicsOf, type View } from "splatreel-player/base/view";
+import { viewOfModel, type View } from "splatreel-player/base/view";
 import { Matrix4, type Camera, type Ray } from "three";
 
-const COMPARED = ["fx", "fy", "cx", "cy", "width", "height"] as const;
 const toCamera = new Matrix4();
-/** three's cameras look along -z with y up; views look along z with y down. */
-const turn = new Matrix4().makeScale(1, -1, -1);
 
 /** Return the view of a reel in the units of the reel. scale: of the reel in the scene. near: in units of the reel. */
 export function viewOf(camera: Camera, matrixWorld: Matrix4, scale: number, width: number, height: number, near: number): View {
-  toCamera.multiplyMatrices(camera.matrixWorldInverse, matrixWorld).premultiply(turn).transpose();
-  return {
-    viewmat: toCamera.elements.map((value, i) => (i < 12 ? value / scale : value)),
-    ...intrinsicsOf(camera.projectionMatrix.elements, width, height),
-    near: Math.max(near, ((camera as { near?: number }).near ?? 0) / scale),
-  };
-}
-
-/** Return true if two views show the same. */
-export function isSameView(a: View | null, b: View): boolean {
-  return a !== null && COMPARED.every((name) => a[name] === b[name]) && a.viewmat.every((value, i) => value === b.viewmat[i]);
+  toCamera.multiplyMatrices(camera.matrixWorldInverse, matrixWorld);
+  return viewOfModel(toCamera.elements, scale, camera.projectionMatrix.elements, width, height, near, (camera as { near?: number }).near ?? 0);
 }
 
 /** Return a view along a ray in the reel's space, through the corner of four pixels. focal: pixels per unit of slope. */

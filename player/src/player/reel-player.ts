@@ -3,21 +3,23 @@ import { messageOf } from "@splatreel/decoder/base/errors";
 import type { Manifest } from "@splatreel/decoder/reel/manifest";
 import { Reel } from "@splatreel/decoder/reel/reel";
 import type { Stream } from "@splatreel/decoder/stream/stream";
-import type { View } from "splatreel-player/base/view";
-import type { Renderer } from "splatreel-player/draw/renderer";
-import type { Stage } from "splatreel-player/draw/stage";
-import { Clock } from "splatreel-player/player/clock";
-import { PlayedRanges } from "splatreel-player/player/played-ranges";
-import { Playback, type PlaybackHost } from "splatreel-player/player/playback";
-import { Resolution } from "splatreel-player/player/resolution";
-import { Session } from "splatreel-player/player/session";
-import { Soundtrack } from "splatreel-player/sound/soundtrack";
+import type { View } from "../base/view";
+import { waitUntil } from "../base/wait-until";
+import type { PointSorter } from "../draw/point-sorter";
+import type { Renderer } from "../draw/renderer";
+import type { Stage } from "../draw/stage";
+import { Clock } from "./clock";
+import { PlayedRanges } from "./played-ranges";
+import { Playback, type PlaybackHost } from "./playback";
+import { Resolution } from "./resolution";
+import { Session } from "./session";
+import { Soundtrack } from "../sound/soundtrack";
 
 /** Milliseconds without a frame after which the sound pauses. */
 const HIDDEN = 500;
 
 /** The player of a reel without a canvas, a camera or controls of its own. */
-export class ReelPlayer implements PlaybackHost {
+export class ReelPlayer extends EventTarget implements PlaybackHost {
   readonly clock = new Clock();
   readonly resolution = new Resolution();
   readonly played = new PlayedRanges();
@@ -33,16 +35,28 @@ export class ReelPlayer implements PlaybackHost {
   private hidden: ReturnType<typeof setTimeout> | undefined;
   private last: View | null = null;
 
-  /** emit: receives the names of events, as in HTMLMediaElement. */
-  constructor(private readonly url: string, readonly emit: (event: string) => void) {
-    this.soundtrack = new Soundtrack(emit, () => this.pause());
+
+  /** url: address of the manifest. listen: receives the names of events, as in HTMLMediaElement. */
+  constructor(public url: string, private readonly listen: (event: string) => void) {
+    super();
+    this.soundtrack = new Soundtrack((event) => this.emit(event), () => this.pause());
     this.playback.enterHeadset(); // the loop is not ours
   }
 
-  /** Open the reel. Errors are reported by the `error` event. */
-  async open(renderer: Renderer): Promise<void> {
+  emit(event: string): void {
+    this.listen(event);
+    this.dispatchEvent(new Event(event));
+  }
+
+  /** Resolve once a complete frame has been drawn; reject on an error. */
+  whenReady(): Promise<void> {
+    return waitUntil(this, "canplay", () => this.playback.ready);
+  }
+
+  /** Open the reel. Errors are reported by the `error` event. sorterOf: creates what sorts the points; its argument reports failures. */
+  async open(renderer: Renderer, sorterOf: (failed: (message: string) => void) => PointSorter): Promise<void> {
     this.emit("loadstart");
-    const session = Session.start(renderer, {
+    const session = Session.start(renderer, sorterOf, {
       arrived: () => (this.emit("progress"), this.playback.askForFiles()),
       grown: () => {
         this.soundtrack.refresh();
