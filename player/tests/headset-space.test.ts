@@ -51,3 +51,30 @@ test("eyes with asymmetric frusta have principal points off the image center", (
   const { cx, cy } = new HeadsetSpace(MANIFEST, VIEWMAT, true).view(eyeAt(0, 1.6, 0), skewed, 200, 100, 0.01);
   close([cx, cy], [90, 40]);
 });
+
+test("points go to the world and back", () => {
+  const room = new HeadsetSpace(MANIFEST, VIEWMAT, true);
+  close(room.worldOf([0, 1.6, 0]), [0, 0, -4]);
+  close(room.worldOf([1, 0.6, -2]), [2, 2, 0]);
+  close(room.pointOf([2, 2, 0]), [1, 0.6, -2]);
+});
+
+test("the reel turns and scales about a point, which moves to another", () => {
+  const room = new HeadsetSpace(MANIFEST, VIEWMAT, true);
+  const [held, ahead] = [[0, 1.6, -2], [0.5, 1, -1]] as [number, number, number][];
+  const middle = room.worldOf(held);
+  const right = room.worldOf([1, 1.6, -2]); // a meter beside it
+  room.transform(2, Math.PI / 2, held, ahead);
+  assert.equal(room.meters, 1);
+  close(room.pointOf(middle), ahead);
+  close(room.pointOf(right), [0.5, 1, -3]); // counterclockwise, as seen from above, and two meters away
+  close(room.worldOf(room.pointOf(right)), right);
+});
+
+test("a reel grows and shrinks by a factor of 50 at most", () => {
+  const room = new HeadsetSpace(MANIFEST, VIEWMAT, true);
+  room.transform(1e6, 0, [0, 0, 0], [0, 0, 0]);
+  assert.equal(room.meters, 25);
+  room.transform(1e-9, 0, [0, 0, 0], [0, 0, 0]);
+  assert.equal(room.meters, 0.01);
+});

@@ -229,6 +229,11 @@ def renditions(page: Page) -> None:
 
 
 def headset(page: Page) -> None:
+    there = "{value: {isSessionSupported: async (mode) => mode === 'immersive-vr'}}"
+    page.add_init_script(f"Object.defineProperty(navigator, 'xr', {there})")
+
+
+def augmented(page: Page) -> None:
     there = "{value: {isSessionSupported: async () => true}}"
     page.add_init_script(f"Object.defineProperty(navigator, 'xr', {there})")
 
@@ -298,6 +303,7 @@ STATES = {
     "ask": Screen(ask, no_reel, scheme="light"),
     "path": Screen(path, size=(640, 480)),
     "phone-path": Screen(path, size=PORTRAIT, scheme="light", touch=True),
+    "phone-augmented": Screen(begin, augmented, size=PORTRAIT, touch=True),
     "phone-walk": Screen(walk, size=PORTRAIT, touch=True),
     "phone": Screen(begin, live_reel, size=PORTRAIT, touch=True),
     "phone-menu": Screen(menu, described, size=PORTRAIT, touch=True),

@@ -19,7 +19,8 @@ APART = 0.064
 HEADSET = """
 (() => {
   const side = SIDE, apart = APART;
-  const shift = (x, y, z) => ({inverse: {matrix: new Float32Array([1,0,0,0, 0,1,0,0, 0,0,1,0, -x,-y,-z,1])}});
+  const move = (x, y, z) => new Float32Array([1,0,0,0, 0,1,0,0, 0,0,1,0, x,y,z,1]);
+  const shift = (x, y, z) => ({matrix: move(x, y, z), inverse: {matrix: move(-x, -y, -z)}});
   const projectionMatrix = new Float32Array([1.5,0,0,0, 0,1.5,0,0, 0,0,-1,-1, 0,0,-0.02,0]);
   const views = [-1, 1].map((eye) => ({eye, projectionMatrix, transform: shift(eye * apart / 2, 1.6, 0)}));
   class Session extends EventTarget {

@@ -70,7 +70,7 @@ def test_targets_are_as_large_as_fingers(phone: Page, server: Server):
     open_player(phone, server)
     reel = phone.locator("splat-reel")
     phone.evaluate(
-        f"{REEL}.shadowRoot.querySelectorAll('.live, .headset').forEach((button) => (button.hidden = false))"
+        f"{REEL}.shadowRoot.querySelectorAll('.live, .headset, .ar').forEach((button) => (button.hidden = false))"
     )
     assert_thick(reel.locator(".row button, .seek"))
     assert phone.evaluate("document.documentElement.scrollWidth") <= 320

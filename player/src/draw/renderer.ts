@@ -14,6 +14,8 @@ export interface Renderer {
   readonly lost: boolean;
   /** True to leave the canvas transparent where nothing is drawn, instead of filling it with the background. */
   transparent: boolean;
+  /** True to leave the eyes of a headset transparent likewise, so that the room shows. */
+  passthrough: boolean;
   /** Points that are not drawn; null draws all. */
   cutaway: Cutaway | null;
   /** Number of points in the draw order. */

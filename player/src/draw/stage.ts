@@ -56,6 +56,11 @@ export class Stage {
     this.needsDraw = true;
   }
 
+  /** Show the room behind the points in a headset. */
+  set passthrough(on: boolean) {
+    this.renderer.passthrough = on;
+  }
+
   /** Leave points out of the picture; null draws all. */
   set cutaway(cutaway: Cutaway | null) {
     this.renderer.cutaway = cutaway;

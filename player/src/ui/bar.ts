@@ -1,6 +1,7 @@
 /** The bar at the bottom: seek bar and buttons, which form one tab stop. */
+import type { HeadsetMode } from "../player/headset-support";
 import type { Player } from "../player/player";
-import { CAPTIONS, FULL, HEADSET, PAUSE, PLAY, RESET, SETTINGS, SMALL } from "./icons";
+import { CAPTIONS, CUBE, FULL, HEADSET, PAUSE, PLAY, RESET, SETTINGS, SMALL } from "./icons";
 import { elementOf } from "./markup";
 import { SeekBar } from "./seekbar";
 import { timeText } from "./time-text";
@@ -17,6 +18,7 @@ const MARKUP = `<div class="bar" role="group" aria-label="Player controls" dir="
     <button type="button" class="reset" aria-label="Reset view" title="Reset view (r)">${RESET}</button>
     <button type="button" class="settings" aria-label="Settings" title="Settings" aria-expanded="false">${SETTINGS}</button>
     <button type="button" class="headset" aria-label="Enter VR" title="Enter VR (v)" hidden>${HEADSET}</button>
+    <button type="button" class="ar" aria-label="Enter AR" hidden>${CUBE}</button>
     <button type="button" class="full" aria-label="Fullscreen" title="Fullscreen (f)">${FULL}</button>
   </div>
 </div>`;
@@ -28,6 +30,7 @@ export interface BarActions {
   reset(): void;
   settings(): void;
   headset(): void;
+  ar(): void;
   full(): void;
 }
 
@@ -36,7 +39,8 @@ export interface BarState {
   full: boolean;
   /** Label of the fullscreen button; "" to hide it. */
   fullLabel: string;
-  presenting: boolean;
+  /** What the headset shows; null for nothing. */
+  presenting: HeadsetMode | null;
 }
 
 /** The bar of one player. */
@@ -83,15 +87,17 @@ export class Bar {
     this.set("play", paused ? PLAY : PAUSE, paused ? t("Play") : t("Pause"), "k");
     this.button("full").hidden = fullLabel === "";
     this.set("full", full ? SMALL : FULL, t(fullLabel), "f");
-    this.set("headset", HEADSET, presenting ? t("Leave VR") : t("Enter VR"), "v");
+    this.set("headset", HEADSET, presenting === "vr" ? t("Leave VR") : t("Enter VR"), "v");
+    this.set("ar", CUBE, presenting === "ar" ? t("Leave AR") : t("Enter AR"), "");
   }
 
+  /** key: "" for none. */
   private set(name: string, markup: string, label: string, key: string): void {
     const button = this.button(name);
     if (button.getAttribute("aria-label") === label && button.title) return;
     button.innerHTML = markup;
     button.setAttribute("aria-label", label);
-    button.title = `${label} (${key})`;
+    button.title = key ? `${label} (${key})` : label;
   }
 
   /** Move the focus by arrow keys: left and right between buttons, up and down between seek bar and buttons. */

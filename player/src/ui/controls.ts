@@ -3,7 +3,7 @@ import { messageOf } from "@splatreel/decoder/base/errors";
 import { directionOf } from "../base/words";
 import { loadPart, playerAddress } from "../files/bundle";
 import type { Headset } from "../player/headset";
-import { hasHeadset } from "../player/headset-support";
+import { supportsHeadset, type HeadsetMode } from "../player/headset-support";
 import type { Player } from "../player/player";
 import type { Presentation } from "@splatreel/decoder/reel/presentation";
 import { AutoHide } from "./auto-hide";
@@ -40,6 +40,7 @@ export class Controls {
   private readonly keys: KeyTable;
   private readonly life = new AbortController();
   private headset: Headset | null = null;
+  private presenting: HeadsetMode | null = null;
   private menu: Menu | null = null;
   private dialog: Dialog | null = null;
   private describe: typeof import("./statistics").describe | null = null;
@@ -58,6 +59,7 @@ export class Controls {
       captions: () => player.tracks?.toggle(),
       settings: () => this.openMenu(!this.menu?.open),
       headset: actions.headset,
+      ar: () => this.toggleHeadset("ar"),
       full: actions.fullscreen,
     });
     this.full = new Fullscreen(host, () => this.update(), signal);
@@ -94,7 +96,7 @@ export class Controls {
     return {
       toggle: () => (player.paused ? player.play() : player.pause()),
       fullscreen: () => void this.full.toggle().catch(() => this.say("The browser does not allow fullscreen")),
-      headset: () => this.toggleHeadset(),
+      headset: () => this.toggleHeadset("vr"),
       reset: () => player.camera?.reset(),
       fly: () => this.fly(),
       walk: () => this.toggleWalk(),
@@ -114,23 +116,29 @@ export class Controls {
     player.canvas.addEventListener("pointerdown", () => this.openMenu(false), { signal });
     this.watchRightClicks();
     attachHoldSpeed(player.canvas, player, (fast) => this.say(fast ? `${player.playbackRate} ×` : ""), signal);
-    void hasHeadset().then((there) => (this.bar.button("headset").hidden = !there));
+    for (const mode of ["vr", "ar"] as const) void supportsHeadset(mode).then((there) => (this.headsetButton(mode).hidden = !there));
     const timer = setInterval(() => this.showStatistics(), 250);
     signal.addEventListener("abort", () => clearInterval(timer));
   }
 
-  private toggleHeadset(): void {
+  private headsetButton(mode: HeadsetMode): HTMLElement {
+    return this.bar.button(mode === "vr" ? "headset" : "ar");
+  }
+
+  private toggleHeadset(mode: HeadsetMode): void {
     if (this.headset) return this.headset.leave();
-    if (this.bar.button("headset").hidden) return;
+    if (this.headsetButton(mode).hidden) return;
     const { player } = this;
     this.walk?.close();
     const ended = (): void => {
-      this.headset = null;
+      this.headset = this.presenting = null;
       this.update();
     };
     const enter = async (): Promise<void> => {
       const { Headset } = await loadPart("headset.js", () => import("../player/headset"));
-      this.headset = await Headset.enter(player, ended);
+      if (mode === "ar") this.say("Look at the floor and tap to place the reel");
+      this.headset = await Headset.enter(player, mode, ended);
+      this.presenting = mode;
       this.update();
     };
     enter().catch((error) => this.messages.say(player.words("The headset cannot be used: {0}", messageOf(error))));
@@ -314,7 +322,7 @@ export class Controls {
   }
 
   private update(): void {
-    this.bar.update({ full: this.full.on, fullLabel: this.full.offer, presenting: this.headset !== null });
+    this.bar.update({ full: this.full.on, fullLabel: this.full.offer, presenting: this.presenting });
     this.messages.update();
     this.menu?.update();
     this.idle.update();

@@ -9,6 +9,7 @@ export const CAPTIONS = icon('<rect x="3.5" y="5.5" width="17" height="13" rx="2
 export const FULL = icon('<path d="M9 4H4v5M15 4h5v5M9 20H4v-5M15 20h5v-5"/>');
 export const SMALL = icon('<path d="M4 9h5V4M20 9h-5V4M4 15h5v5M20 15h-5v5"/>');
 export const HEADSET = icon('<path d="M3 8.5A2.5 2.5 0 0 1 5.5 6h13A2.5 2.5 0 0 1 21 8.5v7a2.5 2.5 0 0 1-2.5 2.5h-2.6a2 2 0 0 1-1.6-.8l-1.1-1.5a1.5 1.5 0 0 0-2.4 0l-1.1 1.5a2 2 0 0 1-1.6.8H5.5A2.5 2.5 0 0 1 3 15.5z"/>');
+export const CUBE = icon('<path d="M12 3.5 19.5 7.8v8.4L12 20.5l-7.5-4.3V7.8zM12 12l7.5-4.2M12 12v8.5M12 12 4.5 7.8"/>');
 export const BACK = icon('<path d="M14.5 6.5 9 12l5.5 5.5"/>');
 export const ON = icon('<path d="M9.5 6.5 15 12l-5.5 5.5"/>');
 export const CLOSE = icon('<path d="M6.5 6.5l11 11M17.5 6.5l-11 11"/>');

@@ -33,6 +33,10 @@ export class Program {
     return location;
   }
 
+  attribute(name: string): number {
+    return this.gl.getAttribLocation(this.program, name);
+  }
+
   texture(name: string, unit: number, target: number, texture: WebGLTexture | null): void {
     const { gl } = this;
     gl.activeTexture(gl.TEXTURE0 + unit);

@@ -28,6 +28,7 @@ export class WebglRenderer implements Renderer {
   private readonly fade: CrossFade;
   protected last: { scene: Scene; weight: number; view: View } | null = null;
   transparent = false;
+  passthrough = false;
   cutaway: Cutaway | null = null;
   protected antialias = false;
   private background: Vec3 = [0, 0, 0];
@@ -148,9 +149,9 @@ export class WebglRenderer implements Renderer {
     this.fade.delete();
   }
 
-  /** Return true if the page shows through a framebuffer. Headsets always show the background. */
+  /** Return true if the page, or in a headset the room, shows through a framebuffer. */
   private isClear(framebuffer: WebGLFramebuffer | null): boolean {
-    return this.transparent && framebuffer === null;
+    return framebuffer ? this.passthrough : this.transparent;
   }
 
   /** Clear to the background, scaled by the light of the scene, or to nothing. */
