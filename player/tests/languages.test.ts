@@ -15,9 +15,9 @@ for (const language of languages) tables.set(language, ((await import(`../src/la
 /** Literals that are no texts: names of keys and events of the browser, and messages to authors of pages. */
 const OTHERS = /^(Arrow\w*|Promise|Home|End|Escape|Tab|Enter|PageUp|PageDown|Esc|Space K|Home End|Shift .*|Files|Not\w+Error|AbortError|Ctrl|Mac.*|Event|Element|Segoe UI|Roboto|[A-Z]( [A-Z])*)$/;
 
-/** Return the texts for people in the source, without the editor, which authors use with the English command line: literals, and texts and labels of markup. */
+/** Return the texts for people in the source: literals, and texts and labels of markup. */
 function texts(): Set<string> {
-  const files = [...readdirSync(`${source}ui`).filter((file) => file.endsWith(".ts") && !["webvtt.ts", "declared-camera.ts", "annotations.ts", "edit-panel.ts", "cue-display.ts"].includes(file)).map((file) => `ui/${file}`), "element/element.ts"];
+  const files = [...readdirSync(`${source}ui`).filter((file) => file.endsWith(".ts") && !["webvtt.ts", "declared-camera.ts", "annotations.ts", "cue-display.ts"].includes(file)).map((file) => `ui/${file}`), "element/element.ts"];
   const found = new Set<string>();
   const add = (text: string): void => void (!OTHERS.test(text) && found.add(text));
   for (const file of files) {

@@ -62,3 +62,23 @@ def test_without_its_file_the_texts_are_english(page: Page, server: Server):
     open_body(page, server, REEL, 'lang="de"')
     page.wait_for_timeout(300)
     assert page.locator("splat-reel .play").get_attribute("aria-label") == "Play"
+
+
+@pytest.mark.parametrize("language", PLAY)
+def test_the_editor_has_the_language_of_the_page(page: Page, server: Server, language: str):
+    open_body(page, server, REEL.replace("220px", "700px"), f'lang="{language}"')
+    reel = page.locator("splat-reel")
+    reel.locator(f'.play[aria-label="{PLAY[language]}"]').wait_for()
+    reel.locator(".settings").click()
+    reel.locator(".menu [name=edit]").click()
+    panel = reel.locator(".path-panel")
+    panel.wait_for()
+    assert panel.locator("label, legend, h2, button").evaluate_all(CUT) == []
+    assert not {"Crop", "Box", "Mark", "Before", "Command", "Save", "Drag"} & set(panel.inner_text().split())
+    labels = reel.locator(".corners input, .edit-drawing circle").evaluate_all(
+        "(all) => all.map((one) => one.getAttribute('aria-label'))"
+    )
+    assert len(set(labels)) == 12
+    assert not [label for label in labels if "box" in label]
+    assert panel.evaluate("(one) => getComputedStyle(one).direction") == ("rtl" if language == "ar" else "ltr")
+    assert panel.locator(".command").evaluate("(one) => getComputedStyle(one).direction") == "ltr"

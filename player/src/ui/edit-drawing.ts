@@ -1,6 +1,7 @@
 /** Draws the box and the marks of an edit over the picture, with a handle on each face of the box. */
 import { add, cross, eyeOf, length, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
 import type { View } from "../base/view";
+import type { Words } from "../base/words";
 import { edgesOf, FACES, middleOf, projected, type Box, type Face } from "./crop-box";
 import type { Sphere } from "../draw/cutaway";
 import { lineOf } from "./path-drawing";
@@ -9,7 +10,6 @@ const SVG = "http://www.w3.org/2000/svg";
 /** Radius of a handle in pixels, and points of a circle. */
 const HANDLE = 9;
 const CIRCLE = 32;
-const NAMES = [["low x", "high x"], ["low y", "high y"], ["low z", "high z"]];
 
 /** SVG overlay of an edit. */
 export class EditDrawing {
@@ -17,8 +17,8 @@ export class EditDrawing {
   private readonly lines: SVGPathElement[];
   private readonly handles: SVGCircleElement[];
 
-  /** drag: called with a face and the pixels by which its handle was dragged. */
-  constructor(drag: (face: Face, by: [number, number]) => void) {
+  /** t: texts. drag: called with a face and the pixels by which its handle was dragged. */
+  constructor(private readonly t: Words, drag: (face: Face, by: [number, number]) => void) {
     this.box.classList.add("path-drawing", "edit-drawing");
     this.lines = ["under", "curve", "under", "marks"].map((name) => {
       const path = document.createElementNS(SVG, "path");
@@ -48,7 +48,7 @@ export class EditDrawing {
     circle.setAttribute("r", String(HANDLE));
     circle.setAttribute("role", "slider");
     circle.setAttribute("tabindex", "0");
-    circle.setAttribute("aria-label", `Face of the box: ${NAMES[face.axis][face.side]}`);
+    circle.setAttribute("aria-label", this.t(face.side === 0 ? "Face of the box: low {0}" : "Face of the box: high {0}", "xyz"[face.axis]));
     let last: [number, number] | null = null;
     circle.onpointerdown = (event) => {
       circle.setPointerCapture(event.pointerId);

@@ -2,6 +2,7 @@
 import { add, eyeOf, length, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
 import { groupAt, overlapOf } from "@splatreel/decoder/reel/timeline";
 import type { View } from "../base/view";
+import { directionOf } from "../base/words";
 import { dragged, FACES, firstBox, marksAt, operationsOf, pointAt, type Box, type Face, type Mark } from "./crop-box";
 import { copyText } from "./copy-text";
 import { MOST_REMOVED } from "../draw/cutaway";
@@ -32,7 +33,7 @@ const MARKUP = `<section class="sheet path-panel" aria-label="Crop and clean">
   <p class="empty">Drag the handles of the box. Mark floaters by clicks or strokes on the picture.</p>
   <ol></ol>
   <label for="edit-command">Command</label>
-  <textarea id="edit-command" class="command" rows="3" readonly spellcheck="false"></textarea>
+  <textarea id="edit-command" class="command" dir="ltr" rows="3" readonly spellcheck="false"></textarea>
   <div class="row">
     <button type="button" class="copy">Copy</button>
     <button type="button" class="save">Save the list</button>
@@ -48,7 +49,7 @@ const ITEM = `<li>
 
 /** The panel of one element. */
 export class EditPanel {
-  readonly box = elementOf(MARKUP);
+  readonly box: HTMLElement;
   private readonly drawing: EditDrawing;
   private readonly life = new AbortController();
   private crop: Box;
@@ -67,7 +68,9 @@ export class EditPanel {
     const focus = presentation.limits?.focus ?? scale(add(bounds[0], bounds[1]), 0.5);
     this.crop = firstBox(bounds, focus, eyeOf(camera.viewmat));
     this.wasTransparent = player.transparent && !transparent;
-    this.drawing = new EditDrawing((face, by) => this.drag(face, by));
+    this.box = elementOf(MARKUP, player.words);
+    this.box.dir = directionOf(player.language);
+    this.drawing = new EditDrawing(player.words, (face, by) => this.drag(face, by));
     adoptStyles(root, panelStyles);
     adoptStyles(root, styles);
     root.append(this.drawing.box, this.box);
@@ -151,12 +154,12 @@ export class EditPanel {
     const pixel: [number, number] = [event.clientX - box.left, event.clientY - box.top];
     const ratio = stage.view.width / canvas.clientWidth;
     const depth = stage.depthAt(pixel[0] * ratio, pixel[1] * ratio, FAINT);
-    if (depth === null) return this.say("Nothing is drawn there");
+    if (depth === null) return this.say(this.player.words("Nothing is drawn there"));
     const center = pointAt(pixel, depth, this.view);
     const radius = this.marks.at(-1)?.radius ?? Number((SIZE * depth).toPrecision(2));
     if (this.stroke && length(subtract(center, this.stroke)) < radius) return;
     this.stroke = center;
-    if (this.marks.length >= MOST_REMOVED) return this.say(`An edit has at most ${MOST_REMOVED} marks here; add more in the list`);
+    if (this.marks.length >= MOST_REMOVED) return this.say(this.player.words("An edit has at most {0} marks here; add more in the list", MOST_REMOVED));
     this.marks.push({ center, radius, range: null });
     this.say("");
     this.update();
@@ -178,7 +181,7 @@ export class EditPanel {
 
   private async copy(): Promise<void> {
     const done = await copyText(this.find<HTMLTextAreaElement>(".command"));
-    this.say(done ? "Copied. Replace REEL by its folder" : "Selected: copy it with the keyboard or the browser's menu");
+    this.say(this.player.words(done ? "Copied. Replace REEL by its folder" : "Selected: copy it with the keyboard or the browser's menu"));
   }
 
   private save(): void {
@@ -188,7 +191,7 @@ export class EditPanel {
     anchor.download = "edits.json";
     anchor.click();
     setTimeout(() => URL.revokeObjectURL(anchor.href), 10_000);
-    this.say("Saved. Use it with splatreel edit REEL --list edits.json --out EDITED");
+    this.say(this.player.words("Saved. Use it with {0}", "splatreel edit REEL --list edits.json --out EDITED"));
   }
 
   private key(event: KeyboardEvent): void {
@@ -210,12 +213,13 @@ export class EditPanel {
 
   /** Return the input of a face of the box. */
   private corner({ axis, side }: Face): HTMLElement {
-    const input = elementOf<HTMLInputElement>(`<input type="number" step="any" aria-label="${side === 0 ? "Low" : "High"} ${"xyz"[axis]} of the box" />`);
+    const input = elementOf<HTMLInputElement>(`<input type="number" step="any" dir="ltr" />`);
+    input.ariaLabel = this.player.words(side === 0 ? "Low {0} of the box" : "High {0} of the box", "xyz"[axis]);
     input.onchange = () => {
       const value = Number(input.value);
       const fits = side === 0 ? value < this.crop[1][axis] : value > this.crop[0][axis];
       if (input.value !== "" && fits) this.crop[side][axis] = value;
-      else this.say("The low side of the box must be below the high side");
+      else this.say(this.player.words("The low side of the box must be below the high side"));
       this.update();
     };
     return input;
@@ -226,16 +230,17 @@ export class EditPanel {
   }
 
   private item(mark: Mark, number: number): HTMLElement {
-    const item = elementOf(ITEM);
+    const t = this.player.words;
+    const item = elementOf(ITEM, t);
     const input = item.querySelector("input")!;
-    input.ariaLabel = `Radius of mark ${number}`;
+    input.ariaLabel = t("Radius of mark {0}", number);
     input.value = String(Number(mark.radius.toPrecision(4)));
     input.onchange = () => {
       if (Number(input.value) > 0) mark.radius = Number(input.value);
       this.update();
     };
     const here = item.querySelector<HTMLElement>(".here")!;
-    here.title = "Remove it only in the group of frames that is shown now";
+    here.title = t("Remove it only in the group of frames that is shown now");
     here.onclick = () => {
       mark.range = mark.range ? null : this.range;
       here.setAttribute("aria-pressed", String(mark.range !== null));
@@ -243,7 +248,7 @@ export class EditPanel {
       this.update();
     };
     const remove = item.querySelector<HTMLElement>(".remove")!;
-    remove.ariaLabel = `Delete mark ${number}`;
+    remove.ariaLabel = t("Delete mark {0}", number);
     remove.onclick = () => {
       this.marks = this.marks.filter((other) => other !== mark);
       this.update();

@@ -9,11 +9,12 @@ import torch
 from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.cameras.color_gains import CameraGains
-from splatreel.recon.train.keyframe import AVERAGE_EVERY, Average, KeyframeTrainer, starting_points
+from splatreel.recon.init.layout import Layout
+from splatreel.recon.train.keyframe import AVERAGE_EVERY, Average, KeyframeTrainer, _with_gain, starting_points
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.regularizers import Depths, spread
-from splatreel.recon.train.render import View, deformed
+from splatreel.recon.train.render import View, deformed, draw
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
 from tests.recon.captures import blots
@@ -280,3 +281,21 @@ def test_average_restarts_when_rows_are_removed() -> None:
     torch.testing.assert_close(kept, torch.full((2,), 1.5))
     average.write_to([gone])
     torch.testing.assert_close(gone, torch.zeros(5))
+
+
+def test_color_gain_does_not_change_the_background_behind_masks() -> None:
+    """The gain is learned from the points alone, whatever gain was known when the view was made."""
+    colors, known = {CAMERAS[0].name: (1.0, 0.0, 1.0)}, torch.tensor([0.8, 1.1, 1.25])
+    layout = Layout(NEAR, UNIT, [0.0, -1, 0], [[-1.0] * 3, [1.0] * 3], backgrounds=colors)
+    view = View.of(CAMERAS[0], CPU, layout=layout, gain=known)
+    gain = torch.tensor([0.9, 1.0, 1.1], requires_grad=True)
+    points = TrainablePoints.from_gaussians(THING, default_rates(UNIT, 1.0), CPU)
+    splats, factor = _with_gain(deformed(points.params, None, None, view, NEAR), view, gain)
+    assert factor is not None
+    shown = draw(splats, view).image * factor
+    black, white = (render_image(THING, CAMERAS[0], near=NEAR, background=(v, v, v)) for v in (0.0, 1.0))
+    expected = black * gain.detach().numpy() + (white - black) * np.array(colors[CAMERAS[0].name])
+    np.testing.assert_allclose(shown.detach().numpy(), expected, atol=1e-5)
+    shown.sum().backward()
+    assert gain.grad is not None
+    np.testing.assert_allclose(gain.grad.numpy(), black.sum((0, 1)), rtol=1e-4)
