@@ -199,7 +199,7 @@ def _solve(colmap: ModuleType, solver: MomentSolver, videos: FrameSource, names:
     rigs = [rig_of(model) for model in models]
     best, kept = trusted(rigs, FEW) if rigs else (0, set[str]())
     sure = [name for name in kept if rigs[best][name].points >= FEW]
-    if len(sure) < MIN_CAMERAS or (solver.photos and 2 * len(kept) < len(rigs[best])):
+    if len(sure) < MIN_CAMERAS or 2 * len(kept) < len(rigs[best]):
         return _explain_failure(names, rigs, kept, len(sure))
     refine_lenses(colmap, models[best])  # with the photographs, which may be all that connects the cameras
     model = _keep_cameras(models[best], kept)
@@ -210,8 +210,6 @@ def _solve(colmap: ModuleType, solver: MomentSolver, videos: FrameSource, names:
         if added:
             refine_lenses(colmap, model)
         points |= added
-        if 2 * len(points) < len(rigs[best]):
-            return _explain_failure(names, rigs, set(points), len(sure))
     return _Placed(model, points, len(models))
 
 
