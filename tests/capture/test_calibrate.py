@@ -263,8 +263,8 @@ def test_unreliable_model_is_refused(
     pytest.importorskip("pycolmap")
     for c in range(3):
         folders.write_video(tmp_path / f"phone{c}.mp4", [folders.frame(c, 0)])
-    monkeypatch.setattr("splatreel.capture.calibrate._Solver.solve", lambda *_: moments)
-    monkeypatch.setattr("splatreel.capture.calibrate._rig", lambda model: model)
+    monkeypatch.setattr("splatreel.capture.calibrate.MomentSolver.solve", lambda *_: moments)
+    monkeypatch.setattr("splatreel.capture.calibrate.rig_of", lambda model: model)
     here = "splatreel.capture.calibrate.run_in_child"  # where what is patched is not patched
     monkeypatch.setattr(here, lambda function, *arguments, on_message: function(on_message, *arguments))
     with pytest.raises(CaptureError, match=said):
