@@ -198,7 +198,7 @@ def _check_logits(values: np.ndarray, encoding: Encoding, source: str) -> None:
     finite = _finite(values)
     if encoding.certain or len(finite) < MANY or finite.min() < 0:
         return
-    if np.quantile(finite, 0.1) < OPAQUE < np.quantile(finite, 0.9):
+    if np.quantile(finite, 0.02) < OPAQUE < np.quantile(finite, 0.9):
         raise GaussiansError(
             f"{source}: has opacities from {finite.min():.3g} to {finite.max():.3g}, which are neither logits nor 0 to 1. Export it "
             "again with one of them."
