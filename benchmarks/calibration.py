@@ -3,7 +3,8 @@
 The known poses are the truth. Positions are compared after a similarity alignment of the camera centers, and rotations
 after an alignment of the rotations: the centers of cameras on a narrow arc hardly tell how the rig is turned. The record
 also has the rotations after the alignment of centers (`by_centers_degrees`). Thinned rigs are the cameras that are
-farthest from each other. Each rig is calibrated with and without the extra `match`.
+farthest from each other. Each rig that is refused is calibrated with the
+extra `match` too.
 
 python benchmarks/calibration.py FILM                                            built-in, kitchen, yard, ...
 python benchmarks/calibration.py basketball --path CAPTURE --frames 0 30 59
@@ -23,7 +24,7 @@ from record import record
 from splatreel.capture.base import Capture
 from splatreel.capture.builtin.synthetic import make_capture
 from splatreel.capture.calibrate import calibrate
-from splatreel.capture.learned_matches import find_describer
+from splatreel.capture.learned_matches import find_matcher
 from splatreel.capture.opening import open_capture
 from splatreel.errors import CaptureError
 from splatreel.progress import Silent
@@ -104,7 +105,7 @@ def measure(capture: Capture, cameras: list[Camera], frames: list[int], learned:
         folder = Path(name)
         write_videos(capture, cameras, frames, folder)
         try:
-            calibrate(folder, Silent(), describer=find_describer() if learned else None, same_lens=same_lens)
+            calibrate(folder, Silent(), matcher=find_matcher() if learned else None, same_lens=same_lens)
         except CaptureError as error:
             return {**about, "placed": 0, "refused": str(error).split(": ", 2)[-1].split(". ")[0]}
         with closing(open_capture(folder, held_out=[])) as placed:
@@ -138,21 +139,21 @@ def main(
 
     name: built-in, a film of this folder, or any name with `path`. path: capture with known cameras.
     cameras: sizes of the rig; rigs with fewer cameras are not thinned. same_lens: with the option --same-lens.
-    learned: also with learned matches.
+    learned: also with learned matches, where the rig is refused without them.
     """
-    if learned and find_describer() is None:
+    if learned and find_matcher() is None:
         raise SystemExit("Learned matches are not installed: pip install 'splatreel[match]'")
     with ExitStack() as stack:
         folder = path or make(name, Path(stack.enter_context(tempfile.TemporaryDirectory())), max(frames) + 1)
         source = stack.enter_context(closing(open_capture(folder, held_out=[])))
         for count in cameras:
             rig = thin(list(source.cameras), count)
-            for matched in (False, True)[: 1 + learned]:  # what SIFT cannot place, learned matches do not refine
+            for matched in (False, True)[: 1 + learned]:
                 found = measure(source, rig, list(frames), matched, same_lens)
                 values = {"learned": matched, "same_lens": same_lens, "frames": list(frames), **found}
                 print(values, flush=True)
                 record(f"calibration {name}", values, note)
-                if not values["placed"]:
+                if values["placed"]:  # then learned matches are not used
                     break
 
 

@@ -54,10 +54,10 @@ def table(records: Records) -> str:
 
 
 def _cells(label: str, count: int, ways: dict[str, dict]) -> list[str]:
-    """Return the cells of a rig. Learned matches cannot place what is refused without them."""
+    """Return the cells of a rig. Learned matches are not used for what is placed without them."""
     degrees = next(iter(ways.values()))["neighbor_degrees"]
-    refused = "match" not in ways and "" in ways and not ways[""]["placed"]
-    known = {**ways, "match": ways[""]} if refused else ways
+    is_placed = "" in ways and ways[""]["placed"]
+    known = {**ways, "match": ways[""]} if is_placed else ways
     return [label, str(count), f"{degrees:.0f}", *(_result(known.get(way)) for way in WAYS)]
 
 

@@ -1,4 +1,4 @@
-"""Write the tables in README.md, docs/results.md and docs/paper-tables.md from the latest record of each benchmark.
+"""Write the tables in README.md, docs/results.md, docs/inputs.md and docs/paper-tables.md from the latest record of each benchmark.
 
 python benchmarks/table.py
 """
@@ -16,6 +16,7 @@ from record import RESULTS, ROOT
 README = ROOT / "README.md"
 PAGE = ROOT / "docs" / "results.md"
 PAPER_PAGE = ROOT / "docs" / "paper-tables.md"
+INPUTS_PAGE = ROOT / "docs" / "inputs.md"
 BEGIN, END = "<!-- results: written by benchmarks/table.py -->", "<!-- end of results -->"
 replaced = partial(replaced_between, BEGIN, END)
 """Function from a document and a text to the document with the text between its markers."""
@@ -35,6 +36,8 @@ ROWS = {
     "hearth": "hearth: fire, steam, poured water, a screen with cuts",
 }
 """Benchmarks that always have a row, measured or not. Those of single frames get one when they have been recorded."""
+SEQUENCE = "sequence independently trained"
+"""Benchmark of `benchmarks/sequence.py --train`, an imported film beside other formats."""
 PAPER = "paper"
 """First word of the benchmarks of `benchmarks/paper.py`, which is followed by the number of a table."""
 ORACLE, ON_ITS_OWN = "oracle", "each frame on its own"
@@ -116,6 +119,21 @@ def paper_tables(records: dict[str, dict]) -> str:
     return "\n".join(parts).strip()
 
 
+def sequence_table(records: dict[str, dict]) -> str:
+    """Return the Markdown table of an imported film beside other formats."""
+    record = records.get(SEQUENCE)
+    if record is None:
+        return MISSING
+    columns = ("format", "KB per frame", "PSNR, dB", "reel at that PSNR, KB", "share")
+    lines = [_row(columns), _row(["---"] * len(columns))]
+    for name, found in record["formats"].items():
+        size, same = found["bytes_per_frame"], found.get("reel_at_that_psnr")
+        beside = ("", "") if same is None else (f"{same / 1000:.0f}", f"{100 * same / size:.0f} %")
+        lines.append(_row((name, f"{size / 1000:.0f}", f"{found['psnr']:.1f}", *beside)))
+    measured = f"{record['frames']} frames of {record['points']:,} points; commit `{record['revision']}`."
+    return "\n".join([*lines, "", measured])
+
+
 def _lines(records: dict[str, dict], rows: dict[str, str], columns: tuple[str, ...]) -> list[str]:
     """Return the lines of a table. LPIPS, which needs weights, has a column as soon as a row has it."""
     if not any(record.get("lpips") is not None for record in records.values()):
@@ -169,7 +187,12 @@ def _number(record: dict, name: str, style: str, factor: float = 1, unit: str = 
 
 def documents(records: dict[str, dict]) -> dict[Path, str]:
     """Return the text that belongs between the markers of each document."""
-    return {README: short_table(records), PAGE: table(records), PAPER_PAGE: paper_tables(records)}
+    return {
+        README: short_table(records),
+        PAGE: table(records),
+        INPUTS_PAGE: sequence_table(records),
+        PAPER_PAGE: paper_tables(records),
+    }
 
 
 if __name__ == "__main__":

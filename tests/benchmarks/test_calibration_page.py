@@ -23,7 +23,11 @@ def page(benchmarks: Path) -> ModuleType:
 
 def test_the_latest_record_of_each_case_is_shown(page: ModuleType, tmp_path: Path) -> None:
     refused = {"benchmark": "calibration yard", "learned": False, "cameras": 4, "neighbor_degrees": 38.8, "placed": 0}
-    learned = PLACED | {"learned": True, "rotation_degrees": {"median": 0.1, "max": 0.2}}
+    learned = (
+        refused
+        | {"learned": True, "placed": 3}
+        | {key: PLACED[key] for key in ("rotation_degrees", "position_percent")}
+    )
     same = (
         refused
         | {"same_lens": True, "placed": 4}
@@ -33,8 +37,8 @@ def test_the_latest_record_of_each_case_is_shown(page: ModuleType, tmp_path: Pat
     lines = [
         older,
         PLACED,
-        learned,
         refused,
+        learned,
         same,
         {"benchmark": "kitchen", "psnr": 30.0},
         {"benchmark": "calibration old"},
@@ -43,8 +47,8 @@ def test_the_latest_record_of_each_case_is_shown(page: ModuleType, tmp_path: Pat
     file.write_text("".join(json.dumps(line) + "\n" for line in lines))
     rows = page.table(page.latest(file)).splitlines()[2:]
     assert rows == [
-        "| kitchen, a wall of cameras | 8 | 3 | 4 placed, 0.25°, 0.64 % | 4 placed, 0.10°, 0.64 % |  |",
-        "| yard, an arc of 140 degrees | 4 | 39 | refused | refused | 4 placed, 0.25°, 0.64 % |",
+        "| kitchen, a wall of cameras | 8 | 3 | 4 placed, 0.25°, 0.64 % | 4 placed, 0.25°, 0.64 % |  |",
+        "| yard, an arc of 140 degrees | 4 | 39 | refused | 3 placed, 0.25°, 0.64 % | 4 placed, 0.25°, 0.64 % |",
     ]
 
 

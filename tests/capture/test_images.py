@@ -161,6 +161,14 @@ def test_cmyk_is_converted(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize("suffix", ["tif", "png", "webp"])
+def test_further_images_of_a_file_are_named(tmp_path: Path, suffix: str) -> None:
+    pages = [Image.fromarray(NOISE), Image.fromarray(255 - NOISE)]
+    pages[0].save(tmp_path / f"a.{suffix}", save_all=True, append_images=pages[1:], lossless=True)
+    assert read_header(tmp_path / f"a.{suffix}").conversions == ["only the first image of a file with several is read"]
+    assert np.array_equal(read_image(tmp_path / f"a.{suffix}", 32, 24), NOISE)
+
+
 def test_image_of_another_size_is_refused(tmp_path: Path) -> None:
     Image.fromarray(NOISE).save(tmp_path / "0001.png")
     with pytest.raises(CaptureError, match=r"0001\.png: is 32x24, the first image of its camera is 64x24"):

@@ -88,3 +88,11 @@ def test_numbers_without_anything_in_common_are_paired_in_order() -> None:
 def test_ambiguous_pictures_are_refused(names: Names, message: str) -> None:
     with pytest.raises(CaptureError, match=message):
         paired(names)
+
+
+@pytest.mark.parametrize(("shift", "said"), [(500, "no number of c in common"), (16, "59 different numbers")])
+def test_numbers_with_little_in_common_are_refused(shift: int, said: str) -> None:
+    names: Names = {camera: numbers(*range(0, 990, 33)) for camera in "ab"}
+    names["c"] = numbers(*(33 * step + shift * (1 if shift < 33 else 1000) for step in range(30)))
+    with pytest.raises(CaptureError, match=said):
+        paired(names)

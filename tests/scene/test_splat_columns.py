@@ -176,3 +176,22 @@ def test_missing_columns_are_named(missing: str, said: str) -> None:
 def test_harmless_columns_are_ignored_with_a_remark() -> None:
     _, said = convert(columns() | {"nx": np.zeros(N), "label": np.zeros(N), "red": np.zeros(N)})
     assert said.startswith("Columns without an effect were ignored: label (a.ply)")
+
+
+@pytest.mark.parametrize("most", [100, 255])
+def test_opacities_that_are_no_logits_are_refused(most: float) -> None:
+    given = columns()
+    given["opacity"] = np.random.default_rng(1).uniform(0, most, N)
+    with pytest.raises(GaussiansError, match="neither logits nor 0 to 1"):
+        convert(given)
+    given["opacity"] = np.full(N, 100.0)
+    assert np.all(convert(given)[0].opacities == 1), "logits of opaque points"
+
+
+def test_rotations_of_zeros_are_counted() -> None:
+    given = columns()
+    for name in ("rot_0", "rot_1", "rot_2", "rot_3"):
+        given[name][:7] = 0
+    points, said = convert(given)
+    assert "7 points with a rotation of zeros" in said
+    assert points.quats[:7].tolist() == [[1, 0, 0, 0]] * 7

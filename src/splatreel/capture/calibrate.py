@@ -2,8 +2,9 @@
 
 Moments are solved independently, and only poses on which they agree are kept: with too few matches COLMAP returns wrong
 poses without an error. Photographs of a camera that is walked between the views connect distant cameras. They are
-solved with every moment and left out of the result. Then all moments together refine the poses and lenses, by learned
-matches if the extra `match` is installed (`dense_matches.py`).
+solved with every moment and left out of the result. Then all moments together refine the poses and lenses
+(`rig_refinement.py`) and place further cameras (`resection.py`). If all this fails, the moments are solved by learned matches, if the
+extra `match` is installed.
 """
 
 from __future__ import annotations
@@ -24,14 +25,15 @@ from splatreel.capture.board import Board
 from splatreel.capture.board_scale import board_scale
 from splatreel.capture.board_sightings import find_board
 from splatreel.capture.calibration_agreement import FIELD, CalibratedRig, rig_of, trusted
-from splatreel.capture.dense_matches import refine_by_matches, refine_by_moments, refine_lenses
 from splatreel.capture.file_capture import FrameSource
-from splatreel.capture.learned_matches import Describer, Features
-from splatreel.capture.photographs import PHOTO_FOLDER, check_photos, write_photos, write_picture
+from splatreel.capture.learned_matches import INSTALL, Matcher
+from splatreel.capture.moment_solver import MomentSolver
+from splatreel.capture.photographs import PHOTO_FOLDER, check_photos
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.resection import MatchedFeatures, place_lost
+from splatreel.capture.rig_refinement import refine_by_moments, refine_lenses
 from splatreel.capture.sidecar import write_failure
-from splatreel.capture.uncalibrated import MODEL, CameraFiles, open_uncalibrated, read_frame, uncalibrated_files
+from splatreel.capture.uncalibrated import MODEL, CameraFiles, open_uncalibrated, uncalibrated_files
 from splatreel.child_process import ChildEndedError, Send, run_in_child
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress, Span
@@ -41,8 +43,6 @@ Distance = tuple[str, str, float]
 """Two cameras, and the distance of their lenses in meters."""
 FEW = 100
 """Number of visible points below which a camera's pose and lens are doubtful."""
-MOMENTS = 3
-"""Number of moments at which the cameras are placed, spread over the videos."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +74,7 @@ def calibrate(
     progress: Progress,
     also: Path | None = None,
     leave_out: Sequence[str] = (),
-    describer: Describer | None = None,
+    matcher: Matcher | None = None,
     scale: Distance | Board | None = None,
     same_lens: bool = False,
 ) -> Calibration:
@@ -87,7 +87,7 @@ def calibrate(
         progress: Progress display.
         also: Folder of photographs that connect the cameras' views.
         leave_out: Names of videos that are not used.
-        describer: Network of `find_describer`, whose matches make poses more exact.
+        matcher: Network of `find_matcher`, which is asked if COLMAP's own features place no cameras.
         scale: Known distance of two cameras, or a board that the videos show, which makes the world's unit a meter.
         same_lens: True if all cameras have the same lens and zoom. Then fewer matches place them.
 
@@ -103,7 +103,7 @@ def calibrate(
     with scratch(path, "calibrate") as folder:
         try:
             found = run_in_child(
-                *(_place, path, files, photos, folder, describer, scale, same_lens),
+                *(_place, path, files, photos, folder, matcher, scale, same_lens),
                 on_message=lambda message: _call_progress(progress, *message),
             )
         except ChildEndedError as error:
@@ -132,7 +132,7 @@ def _place(
     files: CameraFiles,
     photos: list[Path],
     folder: Path,
-    describer: Describer | None,
+    matcher: Matcher | None,
     scale: Distance | Board | None,
     same_lens: bool,
 ) -> Calibration | str:
@@ -149,27 +149,15 @@ def _place(
     try:
         if same_lens:
             check_same_size(videos, list(files))
-        solver = _Solver(colmap, folder, photos, progress, same_lens)
-        models = solver.solve(videos, list(files))
-        rigs = [rig_of(model) for model in models]
-        best, kept = trusted(rigs, FEW) if rigs else (0, set[str]())
-        sure = [name for name in kept if rigs[best][name].points >= FEW]
-        if len(sure) < MIN_CAMERAS or (photos and 2 * len(kept) < len(rigs[best])):
-            return _explain_failure(list(files), rigs, kept, len(sure))
-        refine_lenses(colmap, models[best])  # with the photographs, which may be all that connects the cameras
-        model = _keep_cameras(models[best], kept)
-        points = {name: rigs[best][name].points for name in kept}
-        if not photos:
-            model = refine_by_moments(colmap, model, models, folder)
-            added = place_lost(colmap, model, rigs, MatchedFeatures(colmap, solver.databases), FEW)
-            if added:
-                refine_lenses(colmap, model)
-            points |= added
-            kept = set(points)
-            if 2 * len(kept) < len(rigs[best]):
-                return _explain_failure(list(files), rigs, kept, len(sure))
-        if describer is not None and not photos:
-            model = refine_by_matches(colmap, model, solver.describe(videos, sorted(kept), describer), folder, progress)
+        placed: _Placed | str = ""
+        for number, way in enumerate([None] if matcher is None or photos else [None, matcher]):
+            solver = MomentSolver(colmap, folder / f"way{number}", progress, same_lens, photos, way)
+            placed = _solve(colmap, solver, videos, list(files))
+            if not isinstance(placed, str):
+                break
+        if isinstance(placed, str):
+            return placed if matcher is not None or photos else f"{placed} {INSTALL}"
+        model, kept = placed.model, set(placed.points)
         if isinstance(scale, Board):
             views = {Path(image.name).stem: image for image in map(model.image, model.reg_image_ids())}
             found = board_scale(views, scale, find_board(videos, sorted(views), scale, progress))
@@ -185,9 +173,44 @@ def _place(
         set_distance(colmap, model, scale)
     (folder / "model").mkdir()
     model.write_binary(str(folder / "model"))
-    placed = {name: points[name] for name in sorted(kept)}
+    points = {name: placed.points[name] for name in sorted(kept)}
     error = float(model.compute_mean_reprojection_error())
-    return Calibration(placed, sorted(set(files) - kept), error, len(models), notes)
+    return Calibration(points, sorted(set(files) - kept), error, placed.moments, notes)
+
+
+@dataclass(frozen=True)
+class _Placed:
+    """Model of the cameras that could be placed.
+
+    Attributes:
+        model: The model, a pycolmap.Reconstruction, without photographs.
+        points: Number of points by camera.
+        moments: Number of solved moments.
+    """
+
+    model: Any
+    points: dict[str, int]
+    moments: int
+
+
+def _solve(colmap: ModuleType, solver: MomentSolver, videos: FrameSource, names: list[str]) -> _Placed | str:
+    """Return the refined model of the cameras on which moments agree, or the reason why there is none."""
+    models = solver.solve(videos, names)
+    rigs = [rig_of(model) for model in models]
+    best, kept = trusted(rigs, FEW) if rigs else (0, set[str]())
+    sure = [name for name in kept if rigs[best][name].points >= FEW]
+    if len(sure) < MIN_CAMERAS or 2 * len(kept) < len(rigs[best]):
+        return _explain_failure(names, rigs, kept, len(sure))
+    refine_lenses(colmap, models[best])  # with the photographs, which may be all that connects the cameras
+    model = _keep_cameras(models[best], kept)
+    points = {name: rigs[best][name].points for name in kept}
+    if not solver.photos:
+        model = refine_by_moments(colmap, model, models, solver.folder)
+        added = place_lost(colmap, model, rigs, MatchedFeatures(colmap, solver.databases), FEW)
+        if added:
+            refine_lenses(colmap, model)
+        points |= added
+    return _Placed(model, points, len(models))
 
 
 class _ProgressSender:
@@ -209,90 +232,6 @@ class _ProgressSender:
 def _call_progress(progress: Progress, method: str, arguments: tuple[Any, ...], numbers: dict[str, float]) -> None:
     """Call the progress method that `_Sent` received in the child process."""
     getattr(progress, method)(*arguments, **numbers)
-
-
-class _Solver:
-    """Solver that places the cameras at one moment after the other."""
-
-    def __init__(
-        self, colmap: ModuleType, folder: Path, photos: list[Path], progress: Progress, same_lens: bool = False
-    ) -> None:
-        self.colmap, self.folder, self.progress = colmap, folder, progress
-        self.lenses = colmap.CameraMode.SINGLE if same_lens else colmap.CameraMode.PER_IMAGE
-        self.pictures, self.known = folder / "images", folder / "photos.db"
-        self.databases: list[Path] = []
-        self.pictures.mkdir()
-        self.photos = write_photos(photos, self.pictures, progress) if photos else []
-
-    def solve(self, videos: FrameSource, names: list[str]) -> list[Any]:
-        """Return the models of all moments that have one."""
-        colmap, progress = self.colmap, self.progress
-        if self.photos:
-            progress.stage(f"comparing {len(self.photos)} photographs", 1)
-            self._extract(self.known, self.photos, colmap.CameraMode.PER_FOLDER)
-            self._match(self.known, 0)
-            progress.update(1)
-        frames = _moments(videos)
-        progress.stage(f"placing {len(names)} cameras at {len(frames)} moments", 4 * len(frames))
-        models = []
-        for moment, frame in enumerate(frames):
-            model = self._moment(videos, names, moment, frame)
-            if model is not None:
-                models.append(model)
-        return models
-
-    def describe(self, videos: FrameSource, names: list[str], describer: Describer) -> dict[str, list[Features]]:
-        """Return the learned features of the cameras at each moment."""
-        self.progress.stage("finding learned features", len(names))
-        found = {}
-        for count, name in enumerate(names, 1):
-            found[name] = [describer.describe(read_frame(videos, name, frame)) for frame in _moments(videos)]
-            self.progress.update(count)
-        return found
-
-    def _moment(self, videos: FrameSource, names: list[str], moment: int, frame: int) -> Any:
-        """Return the model with the most cameras, or None."""
-        colmap, database = self.colmap, self.folder / f"moment{moment}.db"
-        self.databases.append(database)
-        images = []
-        for name in names:
-            write_picture(self.pictures / f"{name}.png", read_frame(videos, name, frame))
-            images.append(f"{name}.png")
-        self.progress.update(4 * moment + 1)
-        if self.known.exists():
-            shutil.copy(self.known, database)
-        self._extract(database, images, self.lenses)
-        self.progress.update(4 * moment + 2)
-        seed = moment + 1  # random choices should differ between moments
-        self._match(database, seed)
-        self.progress.update(4 * moment + 3)
-        options = colmap.IncrementalPipelineOptions()
-        options.random_seed = seed
-        options.num_threads = 1  # several threads sum in any order, which changes the result
-        out = self.folder / f"models{moment}"
-        out.mkdir()
-        models = colmap.incremental_mapping(database, self.pictures, out, options=options)
-        self.progress.update(4 * moment + 4)
-        found = [model for model in models.values() if rig_of(model)]
-        return max(found, key=lambda model: (len(rig_of(model)), len(model.points3D)), default=None)
-
-    def _extract(self, database: Path, images: list[str], mode: Any) -> None:
-        """Extract the features of images. Images are numbered first, because threads finish in any order."""
-        self.colmap.Database.open(database).close()
-        self.colmap.import_images(database, self.pictures, camera_mode=mode, image_names=images)
-        self.colmap.extract_features(database, self.pictures, image_names=images, camera_mode=mode)
-
-    def _match(self, database: Path, seed: int) -> None:
-        """Match features, reproducibly for the same seed. Without a seed each thread draws its own random numbers."""
-        matching, verification = self.colmap.FeatureMatchingOptions(), self.colmap.TwoViewGeometryOptions()
-        matching.guided_matching = True  # epipolar lines of roughly known cameras guide further matches
-        verification.ransac.random_seed = seed
-        self.colmap.match_exhaustive(database, matching_options=matching, verification_options=verification)
-
-
-def _moments(videos: FrameSource) -> list[int]:
-    """Return the frames of the moments."""
-    return np.unique(np.linspace(0, videos.frames - 1, MOMENTS).round().astype(int)).tolist()
 
 
 def _explain_failure(names: list[str], rigs: list[CalibratedRig], kept: set[str], sure: int) -> str:

@@ -136,6 +136,8 @@ def _conversions(image: Image.Image) -> list[str]:
         found.append("colors are converted from the ICC profile to sRGB")
     elif image.mode == "CMYK":
         found.append("CMYK without a usable ICC profile is converted by its inverse")
+    if image.format != "MPO" and getattr(image, "n_frames", 1) > 1:  # an MPO is a JPEG whose other images are previews
+        found.append("only the first image of a file with several is read")
     return [*found, "transparent pixels are composed over black"] if _has_alpha(image) else found
 
 

@@ -17,6 +17,8 @@ from splatreel.errors import CaptureError
 
 MOST_STRAY = 0.25
 """Maximum share of the pictures of a folder whose names may differ from the others' by more than numbers. They are skipped."""
+MOST_STEPS = 1.5
+"""Maximum number of time steps, as a multiple of the pictures of the camera that has most."""
 
 Key = tuple[int | str, ...]
 
@@ -64,11 +66,32 @@ def pair_pictures(path: Path, files: Mapping[str, list[Path]], all_have: bool = 
     if end <= first:
         return _in_order(path, kept, notes)
     chosen = steps[first:end]
+    _check_common(path, kept, {name: int(there[first:end].sum()) for name, there in exists.items()}, len(chosen))
     labels = [key[0] if len(key) == 1 and isinstance(key[0], int) else step for step, key in enumerate(chosen)]
     notes += _skipped_numbers(labels)
     if left := len(steps) - len(chosen):
         notes.append(f"{left} time steps at the ends, for which most cameras have no picture, are not used")
     return PicturePairs({name: [found.get(key) for key in chosen] for name, found in keyed.items()}, notes, labels)
+
+
+def _check_common(path: Path, files: Mapping[str, list[Path]], used: Mapping[str, int], steps: int) -> None:
+    """Refuse cameras whose pictures have few numbers in common.
+
+    Args:
+        path: Folder of the capture, for messages.
+        files: Pictures by camera.
+        used: Number of pictures in the time steps by camera.
+        steps: Number of time steps.
+    """
+    low, high = min(used, key=lambda name: used[name]), max(used, key=lambda name: used[name])
+    if used[low] and steps <= MOST_STEPS * used[high]:
+        return
+    other = high if low != high else next(name for name in used if name != low)
+    why = f"{steps} different numbers" if used[low] else f"no number of {low} in common with most cameras"
+    raise CaptureError(
+        f"{path}: pictures of the cameras do not belong together by their numbers, with {why}: {files[low][0].name} is the first of "
+        f"{low}, {files[other][0].name} of {other}. Give pictures of the same moment the same number."
+    )
 
 
 def _of_one_kind(camera: str, files: list[Path], notes: list[str]) -> list[Path]:

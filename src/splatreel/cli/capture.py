@@ -203,13 +203,13 @@ def capture_calibrate(
         _calibrate_by_board(capture, board, board_videos, leave_out)
         return
     from splatreel.capture.calibrate import calibrate
-    from splatreel.capture.learned_matches import INSTALL, find_describer
+    from splatreel.capture.learned_matches import find_matcher
     from splatreel.capture.uncalibrated import MODEL
     from splatreel.progress import console
 
-    describer, scale = find_describer(), distance if scale_board is None else parse_board(scale_board)
+    matcher, scale = find_matcher(), distance if scale_board is None else parse_board(scale_board)
     with closing(console()) as progress:
-        found = calibrate(capture, progress, also, parse_left_out(leave_out), describer, scale, same_lens)
+        found = calibrate(capture, progress, also, parse_left_out(leave_out), matcher, scale, same_lens)
     agreed = f", placed alike at {found.moments} moments" if found.moments > 1 else ""
     say(f"{capture / MODEL}: {len(found.placed)} cameras{agreed}; points are off by {found.error:.2f} pixels")
     _say_each(found.notes, [])
@@ -217,8 +217,6 @@ def capture_calibrate(
         say(f"  left out, since they overlap the others too little to be certain: {', '.join(found.lost)}")
     if found.doubtful:
         say(f"  doubtful, since they see few points: {', '.join(f'{n} ({found.placed[n]})' for n in found.doubtful)}")
-    if describer is None:
-        say(f"  {INSTALL}")
 
 
 def _calibrate_by_board(capture: Path, spec: str, videos: Path | None, leave_out: str | None) -> None:

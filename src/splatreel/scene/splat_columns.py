@@ -18,6 +18,8 @@ MANY = 16
 THIN = 0.01
 """Third scale of flat splats (2DGS), as a share of the smaller one."""
 LARGEST_LOGARITHM = 80
+OPAQUE = 20.0
+"""Logit of an opacity that is 1 in float32. No training tells larger ones apart."""
 BANDS = {0: 0, 9: 1, 24: 2, 45: 3, 72: 4}
 """SH degree by number of f_rest columns."""
 COLORS = (("red", "green", "blue"), ("r", "g", "b"), ("diffuse_red", "diffuse_green", "diffuse_blue"))
@@ -183,11 +185,24 @@ def _opacities(columns: Columns, encoding: Encoding, source: str, remarks: Remar
     if not encoding.logit or name != "opacity":
         remarks.add("Opacities are stored as they are, not as logits", source)
         return np.clip(values, 0, 1)
+    _check_logits(values, encoding, source)
     if not encoding.certain and len(values) >= MANY and 0 < values.min() == values.max() < 1:
         remarks.add(
             f"All opacities are {values[0]:.3g}, read as the logit of {1 / (1 + np.exp(-values[0])):.3g}", source
         )
     return 1 / (1 + np.exp(-np.clip(values, -LARGEST_LOGARITHM, LARGEST_LOGARITHM)))
+
+
+def _check_logits(values: np.ndarray, encoding: Encoding, source: str) -> None:
+    """Refuse opacities like percents or bytes, of which many as logits would be 1, and none below a half."""
+    finite = _finite(values)
+    if encoding.certain or len(finite) < MANY or finite.min() < 0:
+        return
+    if np.quantile(finite, 0.02) < OPAQUE < np.quantile(finite, 0.9):
+        raise GaussiansError(
+            f"{source}: has opacities from {finite.min():.3g} to {finite.max():.3g}, which are neither logits nor 0 to 1. Export it "
+            "again with one of them."
+        )
 
 
 def _filtered(scales: np.ndarray, opacities: np.ndarray, width: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -204,7 +219,10 @@ def _quats(columns: Columns, sizes: tuple[str, ...], source: str, remarks: Remar
     """Return unit quaternions [N, 4] wxyz."""
     names = _first_of(TURNS, columns)
     if names is not None:
-        return rotations.normalize(_stack(columns, *names))
+        quats = _stack(columns, *names)
+        if empty := int((quats == 0).all(1).sum()):
+            remarks.add("{} points with a rotation of zeros were read as aligned with the axes", source, empty)
+        return rotations.normalize(quats)
     partial = [name for names in TURNS for name in names if name in columns]
     if partial:
         raise GaussiansError(f"{source}: has {', '.join(partial)} of the four numbers of a rotation. Export it again.")

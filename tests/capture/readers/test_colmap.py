@@ -8,6 +8,7 @@ import pytest
 from PIL import Image
 
 from splatreel.capture.opening import open_capture
+from splatreel.capture.uncalibrated import camera_files
 from splatreel.errors import CaptureError, MissingDependencyError
 from tests.capture import folders
 
@@ -378,3 +379,11 @@ def test_chapters_of_a_camera_are_one_video(tmp_path: Path) -> None:
     shutil.copy(scene / "videos" / "cam03.mp4", scene / "videos" / "cam00" / "GX010043.MP4")
     with pytest.raises(CaptureError, match=r"cam00: holds chapters of 2 GoPro recordings \(0042, 0043\)"):
         open_capture(scene)
+
+
+def test_a_folder_of_copies_is_no_camera(tmp_path: Path) -> None:
+    """Chapters, however, may lie beside the videos of other cameras."""
+    for name in ("cam0", "cam1", "cam2", "proxy/cam0", "proxy/cam1", "proxy/cam2", "cam3/GX010007", "cam3/GX020007"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        folders.write_video(tmp_path / f"{name}.mp4", [folders.frame(0, 0)])
+    assert list(camera_files(tmp_path, ())) == ["cam0", "cam1", "cam2", "cam3"]

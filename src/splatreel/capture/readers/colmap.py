@@ -155,12 +155,19 @@ def videos_but(path: Path, left_out: Sequence[str]) -> dict[str, Path]:
 
 
 def videos_in(folder: Path, segmented: bool = False) -> dict[str, Path]:
-    """Return the videos of exactly one folder by name. Arguments and errors are those of `video_files`."""
+    """Return the videos of exactly one folder by name. Arguments and errors are those of `video_files`.
+
+    A folder with videos that are named as those beside it holds copies of all cameras, and not the parts of one.
+    """
     files: dict[str, Path] = {}
-    for entry in list_folder(folder):
+    entries = list_folder(folder)
+    beside = {entry.stem for entry in entries if entry.suffix.lower() in VIDEO_SUFFIXES and not entry.is_dir()}
+    for entry in entries:
         if entry.suffix.lower() in VIDEO_SUFFIXES and not entry.is_dir():
             name = entry.stem
-        elif segmented and entry.is_dir() and segment_files(entry):
+        elif segmented and entry.is_dir() and (parts := segment_files(entry)):
+            if beside & {part.stem for part in parts}:
+                continue
             name = entry.name
         else:
             continue

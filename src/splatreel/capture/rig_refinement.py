@@ -1,9 +1,4 @@
-"""Refinement of a rig by learned matches of several moments.
-
-COLMAP's SIFT features tell which cameras are neighbors and roughly where they stand, from few but distinctive matches.
-Learned features match many more points of cameras far apart, but confuse repeated patterns. The rough poses remove
-these matches: a match counts only near the epipolar line of its point.
-"""
+"""Refinement of the poses and lenses of a rig by the points of several moments."""
 
 from __future__ import annotations
 
@@ -16,59 +11,10 @@ from typing import Any
 import numpy as np
 
 from splatreel.capture.calibration_agreement import placed_images
-from splatreel.capture.learned_matches import Features, nearest
-from splatreel.progress import Progress
 
-ROUNDS = 4.0, 3.0, 2.0
-"""Maximum distance from the epipolar line in each round, in pixels of a picture 640 pixels wide."""
-BEST = 200
-"""Maximum number of matches of two cameras at a moment, the most similar first. The less similar ones are less exact."""
-ENOUGH = 30
-"""Number of SIFT matches of two cameras from which on learned matches are not added. They are less exact, and many more."""
 SURE_MIDDLE = 0.02
 """Maximum difference of the principal points that either half of the points gives, root mean square, as a share of the
 longer side. The error with all points is about half of it. Lenses are off by about 1 %."""
-WIDEST = 75.0
-"""Maximum angle in degrees between the directions from which two cameras look at the scene; wider pairs do not match."""
-
-View = tuple[np.ndarray, Any]
-"""World to camera [3, 4] and lens (pycolmap.Camera) of a placed camera."""
-
-
-def refine_by_matches(
-    colmap: ModuleType, model: Any, features: dict[str, list[Features]], folder: Path, progress: Progress
-) -> Any:
-    """Return a model with the same cameras, whose poses and lenses fit learned matches of all moments.
-
-    If a camera loses half of its points, the matches contradict the model, and the given model is returned.
-
-    Args:
-        colmap: Module pycolmap.
-        model: The rough model, a pycolmap.Reconstruction.
-        features: Features of the cameras at each moment, by name. Other cameras are ignored.
-        folder: Folder for temporary files.
-        progress: Progress display.
-    """
-    given = model
-    rough, known = _sift_tracks(model), dict[tuple[str, str], list[np.ndarray]]()
-    for number, distance in enumerate(ROUNDS):
-        views = {Path(image.name).stem: _view(image) for image in placed_images(model)}
-        near = _near_pairs(views, np.array([point.xyz for point in model.points3D.values()]))
-        near = [pair for pair in near if len(rough.matches.get(pair, ())) < ENOUGH]
-        if not near:
-            return given
-        progress.stage(f"matching cameras, round {number + 1} of {len(ROUNDS)}", len(near))
-        matches = {}
-        for count, (one, other) in enumerate(near, 1):
-            if (one, other) not in known:
-                known[one, other] = [nearest(*both) for both in zip(features[one], features[other], strict=True)]
-            found = _filter(features[one], features[other], known[one, other], views[one], views[other], distance)
-            if len(found):
-                matches[one, other] = found
-            progress.update(count)
-        model = _triangulate(colmap, model, rough, features, matches, folder / f"round{number}.db")
-        refine_lenses(colmap, model)
-    return model if _keeps_points(given, model) else given
 
 
 def refine_by_moments(colmap: ModuleType, model: Any, models: list[Any], folder: Path) -> Any:
@@ -83,8 +29,8 @@ def refine_by_moments(colmap: ModuleType, model: Any, models: list[Any], folder:
         folder: Folder for temporary files, with a folder `images`.
     """
     names = sorted(Path(image.name).stem for image in placed_images(model))
-    tracks = _merge_tracks([_sift_tracks(moment) for moment in models], names)
-    found = _triangulate(colmap, model, tracks, {name: [] for name in names}, {}, folder / "moments.db")
+    tracks = _merge_tracks([_tracks(moment) for moment in models], names)
+    found = _triangulate(colmap, model, tracks, folder / "moments.db")
     refine_lenses(colmap, found)
     return found if _keeps_points(model, found) else model
 
@@ -144,55 +90,6 @@ def _adjust(colmap: ModuleType, model: Any, middle: bool) -> None:
     model.update_point_3d_errors()
 
 
-def _view(image: Any) -> View:
-    return np.asarray(image.cam_from_world().matrix()), image.camera
-
-
-def _near_pairs(views: dict[str, View], points: np.ndarray) -> list[tuple[str, str]]:
-    """Return the pairs of cameras that look at the middle of the points from similar directions."""
-    middle = np.median(points, 0)
-    sights = {name: -pose[:, :3].T @ pose[:, 3] - middle for name, (pose, _) in views.items()}
-    units = {name: sight / max(float(np.linalg.norm(sight)), 1e-12) for name, sight in sights.items()}
-    pairs = combinations(sorted(views), 2)
-    return [pair for pair in pairs if units[pair[0]] @ units[pair[1]] >= np.cos(np.radians(WIDEST))]
-
-
-def _filter(
-    one: list[Features], other: list[Features], found: list[np.ndarray], here: View, there: View, distance: float
-) -> np.ndarray:
-    """Return the matches of all moments near their epipolar lines, as rows of the concatenated features, [M, 2]."""
-    rows, first, second = [], 0, 0
-    for a, b, pairs in zip(one, other, found, strict=True):
-        away = _epipolar_distances(here, there, a.points[pairs[:, 0]], b.points[pairs[:, 1]])
-        rows.append(pairs[away < distance / 640][:BEST] + np.array([first, second]))
-        first, second = first + len(a.points), second + len(b.points)
-    return np.concatenate(rows)
-
-
-def _epipolar_distances(one: View, other: View, points: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Return the distances of matching points [M, 2] from their epipolar lines, as shares of the longer side of the pictures."""
-    (pose, _), (pose2, _) = one, other
-    turn = pose2[:, :3] @ pose[:, :3].T
-    x, y, z = pose2[:, 3] - turn @ pose[:, 3]
-    essential = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]]) @ turn
-    rays, rays2 = (_rays(lens, places) for (_, lens), places in ((one, points), (other, others)))
-    lines, back = rays @ essential.T, rays2 @ essential
-    product = np.abs((rays2 * lines).sum(1))
-    shares = [
-        product
-        / np.maximum(np.linalg.norm(line[:, :2], axis=1), 1e-12)
-        * lens.mean_focal_length()
-        / max(lens.width, lens.height)
-        for line, (_, lens) in ((lines, other), (back, one))
-    ]
-    return np.maximum(*shares)
-
-
-def _rays(lens: Any, points: np.ndarray) -> np.ndarray:
-    """Return the directions of pixels [M, 2] without the lens's distortion, [M, 3]."""
-    return np.column_stack([lens.cam_from_img(points.astype(np.float64)), np.ones(len(points))])
-
-
 @dataclass(frozen=True)
 class _Tracks:
     """Points of a model in its images.
@@ -206,8 +103,8 @@ class _Tracks:
     matches: dict[tuple[str, str], np.ndarray]
 
 
-def _sift_tracks(model: Any) -> _Tracks:
-    """Return the tracks of a model. They hold cameras in place that have few learned matches."""
+def _tracks(model: Any) -> _Tracks:
+    """Return the tracks of a model."""
     rows: dict[tuple[int, int], int] = {}
     points, names = {}, {image.image_id: Path(image.name).stem for image in placed_images(model)}
     for image in placed_images(model):
@@ -238,16 +135,9 @@ def _merge_tracks(moments: list[_Tracks], names: list[str]) -> _Tracks:
     return _Tracks({name: np.concatenate(found) for name, found in points.items()}, joined)
 
 
-def _triangulate(
-    colmap: ModuleType,
-    model: Any,
-    rough: _Tracks,
-    features: dict[str, list[Features]],
-    matches: dict[tuple[str, str], np.ndarray],
-    database: Path,
-) -> Any:
-    """Return a model with the cameras of another and points from learned matches and rough tracks."""
-    numbers = _write_database(colmap, model, rough, features, matches, database)
+def _triangulate(colmap: ModuleType, model: Any, tracks: _Tracks, database: Path) -> Any:
+    """Return a model with the cameras of another, and the points of tracks."""
+    numbers = _write_database(colmap, model, tracks, database)
     with colmap.Database.open(database) as file:
         options = colmap.DatabaseCacheOptions()
         options.min_num_matches = 1
@@ -266,26 +156,15 @@ def _triangulate(
     return colmap.triangulate_points(made, database, database.parent / "images", out, True, options, False)
 
 
-def _write_database(
-    colmap: ModuleType,
-    model: Any,
-    rough: _Tracks,
-    features: dict[str, list[Features]],
-    matches: dict[tuple[str, str], np.ndarray],
-    database: Path,
-) -> dict[str, int]:
-    """Write cameras, points and matches, and return the numbers of the images by camera. Rough points come first."""
+def _write_database(colmap: ModuleType, model: Any, tracks: _Tracks, database: Path) -> dict[str, int]:
+    """Write cameras, points and matches, and return the numbers of the images by camera."""
     numbers, rigs = {}, dict[int, tuple[int, int]]()
     with colmap.Database.open(database) as file:
         for image in placed_images(model):
             name = Path(image.name).stem
             numbers[name] = _write_image(colmap, file, image, rigs)
-            points = [rough.points[name], *(moment.points for moment in features[name])]
-            file.write_keypoints(numbers[name], np.concatenate(points).astype(np.float32))
-        for one, other in sorted(set(matches) | set(rough.matches)):
-            offsets = len(rough.points[one]), len(rough.points[other])
-            learned = matches.get((one, other), np.zeros((0, 2), int)) + np.array(offsets)
-            rows = np.concatenate([rough.matches.get((one, other), np.zeros((0, 2), int)), learned])
+            file.write_keypoints(numbers[name], tracks.points[name].astype(np.float32))
+        for (one, other), rows in sorted(tracks.matches.items()):
             geometry = colmap.TwoViewGeometry()
             geometry.config = colmap.TwoViewGeometryConfiguration.UNCALIBRATED
             geometry.inlier_matches = rows.astype(np.uint32)
