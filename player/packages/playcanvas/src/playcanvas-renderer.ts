@@ -46,6 +46,7 @@ export class PlaycanvasRenderer implements Renderer {
   readonly software = false;
   readonly lost = false;
   transparent = false;
+  passthrough = false;
   cutaway = null;
   points = 0;
   /** Factor on all opacities, 0 to 1. */
