@@ -1,4 +1,4 @@
-"""Write the tables in README.md, docs/results.md, docs/inputs.md and docs/paper-tables.md from the latest record of each benchmark.
+"""Write the tables in README.md and docs (results, inputs, paper-tables, player, decoder) from the latest record of each benchmark.
 
 python benchmarks/table.py
 """
@@ -11,12 +11,15 @@ from pathlib import Path
 from string import ascii_lowercase
 
 from document import replaced_between
+from player_tables import decoder_table, frame_table, loop_table
 from record import RESULTS, ROOT
 
 README = ROOT / "README.md"
 PAGE = ROOT / "docs" / "results.md"
 PAPER_PAGE = ROOT / "docs" / "paper-tables.md"
 INPUTS_PAGE = ROOT / "docs" / "inputs.md"
+PLAYER_PAGE = ROOT / "docs" / "player.md"
+DECODER_PAGE = ROOT / "docs" / "decoder.md"
 BEGIN, END = "<!-- results: written by benchmarks/table.py -->", "<!-- end of results -->"
 replaced = partial(replaced_between, BEGIN, END)
 """Function from a document and a text to the document with the text between its markers."""
@@ -192,6 +195,8 @@ def documents(records: dict[str, dict]) -> dict[Path, str]:
         PAGE: table(records),
         INPUTS_PAGE: sequence_table(records),
         PAPER_PAGE: paper_tables(records),
+        PLAYER_PAGE: f"{frame_table(records)}\n\n{loop_table(records)}",
+        DECODER_PAGE: decoder_table(records),
     }
 
 

@@ -71,7 +71,7 @@ def main() -> None:
                     values = {"points": count, "player": player, "size": arguments.size} | summary(results, player)
                     print(json.dumps(values), flush=True)
                     if arguments.record is not None:
-                        record("player", values, arguments.record)
+                        record(f"frame times {player}", values, arguments.record)
 
 
 def chromium() -> str | None:

@@ -1,5 +1,6 @@
 import { height, measure, settle, width } from "./orbit.js";
 
+localStorage.setItem("splatreel-knows-gestures", "1"); // no prompt over the picture
 const reel = document.createElement("splat-reel");
 reel.style.cssText = `display: block; width: ${width}px; height: ${height}px`;
 reel.setAttribute("src", "reel/manifest.json");
@@ -11,4 +12,4 @@ const pose = (viewmat) => {
   reel.camera = { viewmat };
   sorts.push(reel.stats.sortMilliseconds);
 };
-window.bench = { measure: () => measure(pose), settle: (viewmat) => settle(pose, viewmat), sorts: () => sorts, canvas: reel.player.canvas };
+window.bench = { reel, measure: () => measure(pose), settle: (viewmat) => settle(pose, viewmat), sorts: () => sorts, canvas: reel.player.canvas };
