@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -112,3 +113,16 @@ def test_impossible_imports_are_refused_and_leave_no_files(
     assert main(["import", *arguments, "--out", "reel"]) != 0
     assert said in capsys.readouterr().err
     assert not Path("reel").exists()
+
+
+@pytest.mark.parametrize("empty", [True, False])
+def test_only_frames_with_points_can_share_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], empty: bool
+) -> None:
+    """A film that begins before something appears was not trained frame by frame."""
+    monkeypatch.chdir(tmp_path)
+    first = frame(0)
+    unrelated = replace(first, means=first.means[::-1] + 0.3, scales=first.scales * 1.7, sh=-first.sh)
+    write_film(tmp_path / "film", [first[:0] if empty else unrelated, first])
+    assert main(["import", "film", "--out", "reel"]) == 0
+    assert ("No point could be followed" in capsys.readouterr().out) != empty

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 from tyro.conf import Positional
 
 from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out, parse_left_out
-from splatreel.cli.printing import say
+from splatreel.cli.printing import counted, say
 from splatreel.errors import ReconstructionError, UsageError
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ def capture_check(
     points = "no sparse points" if source.points is None else f"{len(source.points):,} sparse points"
     say(f"{capture}: a capture in the layout of {source.layout}; every frame can be read")
     say(f"  {len(names)} cameras and {points}; kept for evaluation, not trained on: {held_out}")
-    say(f"  {source.frames} frames at {source.fps:g} a second, {source.width} x {source.height} pixels")
+    say(f"  {counted(source.frames, 'frame')} at {source.fps:g} a second, {source.width} x {source.height} pixels")
     say(f"  sound: {sound or 'none'}")
     said: list[str] = []
     _say_each(source.notes, said)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -194,10 +195,14 @@ def _say_result(film: Frames, found: Comparison, reel: Path) -> None:
 
 
 def _say_unfollowed(frames: int, reel: Path) -> None:
-    """Suggest a fit if hardly any frame shares points with the next."""
+    """Suggest a fit if hardly any frame shares points with the next. A frame without points has none to share."""
     from splatreel.play.timeline import open_reel
 
-    if 1 < frames < LONELY * len(open_reel(reel).manifest.groups):
+    made = open_reel(reel)
+    if 1 < frames < LONELY * len(made.manifest.groups):
+        shows = (len(made.at(frame / made.fps)) > 0 for frame in range(frames))
+        if not any(one and next_one for one, next_one in pairwise(shows)):
+            return
         say(
             "No point could be followed from frame to frame, so each frame is stored alone. If the frames were trained "
             "independently, --fit standard makes a far smaller reel."

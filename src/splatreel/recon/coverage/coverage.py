@@ -234,8 +234,9 @@ def judge_capture(coverage: Coverage, misfits: list[str]) -> CaptureVerdict:
             if count < UNCONFIRMED
         ]
     elif not _trial_confirms_poses(coverage):
+        few = f"{typical:.0f} points or fewer" if typical >= 1 else "no points"
         faults.append(
-            f"the images do not confirm the poses: half of the cameras have {typical:.0f} points or fewer in common with two others. "
+            f"the images do not confirm the poses: half of the cameras have {few} in common with two others. "
             f"The poses are wrong, or the cameras show too little in common: check the calibration, or add cameras in between"
         )
     return CaptureVerdict(faults, "" if faults else _expectation(coverage))
