@@ -43,8 +43,8 @@ export async function writeDecoders(out) {
   await rm(out, { recursive: true, force: true });
   await mkdir(out, { recursive: true });
   const sources = "packages/decoder/src/decode";
-  await build({ ...common, entryPoints: { "decode-worker": `${sources}/decode-worker.ts`, "hevc-worker": `${sources}/hevc-worker.ts` }, outdir: out });
-  for (const name of ["decode-worker", "hevc-worker"]) await leaveAddresses(join(out, `${name}.js`));
+  await build({ ...common, entryPoints: { "decode-worker": `${sources}/decode-worker.ts`, "hevc-worker": `${sources}/hevc-worker.ts`, "paper-decode": `${sources}/paper-decode.ts` }, outdir: out });
+  for (const name of ["decode-worker", "hevc-worker", "paper-decode"]) await leaveAddresses(join(out, `${name}.js`));
   for (const [name, [source, exported]] of Object.entries(decoders)) {
     if (exported) await writeFile(join(out, name), `${await readFile(join(packages, source), "utf8")}\nexport default ${exported};\n`);
     else await copyFile(join(packages, source), join(out, name));

@@ -5,6 +5,7 @@ import { pathToFileURL } from "node:url";
 import { deflateSync, inflateSync } from "node:zlib";
 import { ReelError } from "@splatreel/decoder/base/errors";
 import { decodeFile } from "@splatreel/decoder/decode/decode-file";
+import { decodePaper } from "@splatreel/decoder/decode/paper";
 import { decodeDraco } from "@splatreel/decoder/decode/draco";
 import type { Track } from "@splatreel/decoder/decode/mp4";
 import { parseManifest } from "@splatreel/decoder/reel/manifest";
@@ -95,7 +96,7 @@ export async function fuzz(data: Buffer): Promise<void> {
       parseManifest(seed.manifest, NAME);
     } else {
       for (let i = 0; i < MAX_EDITS && program.left; i++) edit(seed, program);
-      await decodeFile(new Uint8Array(damaged(pack(seed), program)), NAME, decodeCloud, decodeTrack);
+      await decodeFile(new Uint8Array(damaged(pack(seed), program)), NAME, (file, kernels) => decodePaper(file, decodeCloud, decodeTrack, kernels));
     }
   } catch (error) {
     check(error, "manifest" in seed);

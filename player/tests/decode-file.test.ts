@@ -2,6 +2,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
 import { decodeFile } from "@splatreel/decoder/decode/decode-file";
+import { decodePaper } from "@splatreel/decoder/decode/paper";
 
 const golden = new URL("../tests/data/golden/groups/0000.safetensors", `file://${process.cwd()}/`);
 
@@ -16,7 +17,7 @@ const never = (): never => assert.fail("nothing may be decoded");
 
 test("a motion codec of the paper's tables is rejected by name", async () => {
   const file = forged('\\"codec\\":\\"h265\\",', '\\"codec\\":\\"ori\\" ,');
-  await assert.rejects(decodeFile(file, "groups/0000.safetensors", never, never), (error: Error) => {
+  await assert.rejects(decodeFile(file, "groups/0000.safetensors", (paper, kernels) => decodePaper(paper, never, never, kernels)), (error: Error) => {
     assert.match(error.message, /^groups\/0000.safetensors cannot be played: its motion has the codec ori, and this player knows h265/);
     return true;
   });

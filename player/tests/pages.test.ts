@@ -128,7 +128,7 @@ for (const name of ["golden-long", "golden-window"]) {
     for (const group of Object.values(whole.groups)) {
       const layers = layersAt(group);
       assert.deepEqual(layers.map(({ uri }) => uri), living[group.group]);
-      const { alive } = await decodeFile(new Uint8Array(golden(`${name}/${group.uri}`)), group.uri, never, never);
+      const { alive } = await decodeFile(new Uint8Array(golden(`${name}/${group.uri}`)), group.uri, never);
       assert.equal(alive.length, layers.reduce((sum, { points }) => sum + points, 0));
     }
   });

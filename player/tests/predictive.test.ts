@@ -12,7 +12,7 @@ const none = (): never => {
   throw new Error("a predictive reel needs neither Draco nor a video decoder");
 };
 const read = (uri: string): Uint8Array => new Uint8Array(readFileSync(join(GOLDEN, uri)));
-const decode = (bytes: Uint8Array): Promise<DecodedFile> => decodeFile(bytes, "a file", none, none);
+const decode = (bytes: Uint8Array): Promise<DecodedFile> => decodeFile(bytes, "a file", none);
 
 function compare(name: string, found: ArrayLike<number>, tolerance: (i: number) => number = () => 0): void {
   const sample = expected.arrays[name] as { shape: number[]; index: number[]; value: number[] };

@@ -9,6 +9,7 @@ import type { DecodeWorkers } from "@splatreel/decoder/stream/decoder-pool";
 /** Workers that download and decode files. */
 export const decodeWorkers: DecodeWorkers = {
   files: () => ({
+    "paper-decode.js": new URL("./paper-decode.js", import.meta.url).href,
     "draco-decode.js": new URL("./draco-decode.js", import.meta.url).href,
     "draco_decoder.wasm": new URL("./draco_decoder.wasm", import.meta.url).href,
     "hevc-worker.js": new URL("./hevc-worker.js", import.meta.url).href,

@@ -17,8 +17,8 @@ from splatreel.play.player_page import STATIC, with_metadata
 LOADER = re.compile(r'<script type="module" data-early>.*?</script>', re.S)
 PAGE = "<main data-splatreel-page>"
 """Main element of the built page."""
-EXCLUDED = ("player", "hevc", "draco", "self-test")
-"""Name prefixes of scripts that are not embedded as files: the player itself, the decoders of the paper's codec, and the self-test."""
+EXCLUDED = ("player", "paper", "hevc", "draco", "self-test")
+"""Name prefixes of scripts that are not embedded as files: the player itself, the paper's codec, and the self-test."""
 
 
 def write_standalone(path: Path, location: str | Path, rendition: str | None = None) -> int:

@@ -10,7 +10,7 @@ import { ThreadWorker } from "./thread-worker";
 export { ReelError } from "./base/errors";
 export type * from "./reader/types";
 
-const FILES = ["draco-decode.js", "draco_decoder.wasm", "hevc-worker.js", "hevc-decode.js", "hevc-decode.wasm"];
+const FILES = ["paper-decode.js", "draco-decode.js", "draco_decoder.wasm", "hevc-worker.js", "hevc-decode.js", "hevc-decode.wasm"];
 const beside = (name: string): string => new URL(name, import.meta.url).href;
 const workers: DecodeWorkers = {
   files: () => Object.fromEntries(FILES.map((name) => [name, beside(name)])),

@@ -1,10 +1,9 @@
 /** Decoding of one file of a reel. */
-import { ReelError, inSection, messageOf } from "../base/errors";
+import { ReelError, messageOf } from "../base/errors";
 import { parseContainer, type Container } from "../reel/container";
-import { decodeAppearance, neighborsInOrder } from "./appearance";
-import { flags, tensor } from "./dequantize";
-import { decodeGaussians, type DecodePoints, type Gaussians } from "./gaussians";
-import { decodeOffsets, type DecodeTrack } from "./h265-offsets";
+import { decodeAppearance } from "./appearance";
+import { flags } from "./dequantize";
+import type { Gaussians } from "./gaussians";
 import { plain, type Kernels } from "./kernels";
 import { decodeLight } from "./light";
 import type { Offsets } from "./offsets";
@@ -31,12 +30,18 @@ export interface DecodedGroup {
 /** A decoded file of a reel. */
 export type DecodedFile = DecodedLayer | DecodedGroup;
 
+/** Points of a file, and the motion of a group. */
+export type PointsAndOffsets = Pick<DecodedGroup, "points" | "offsets">;
+
+/** Decodes a file of the paper's codec, which is loaded on demand. */
+export type DecodePaper = (file: Container, kernels: Kernels) => Promise<PointsAndOffsets>;
+
 /** Decode a layer or group file. Throws `ReelError` that names the file. */
-export async function decodeFile(bytes: Uint8Array, name: string, decodePoints: DecodePoints, decodeTrack: DecodeTrack, kernels: Kernels = plain): Promise<DecodedFile> {
+export async function decodeFile(bytes: Uint8Array, name: string, decodePaper: DecodePaper, kernels: Kernels = plain): Promise<DecodedFile> {
   const file = parseContainer(bytes, name);
   try {
     const [{ points, offsets }, alive, light] = await Promise.all([
-      file.sections.means?.codec === "lattice" ? decodePredicted(file, kernels) : decodePaper(file, decodePoints, decodeTrack, kernels),
+      file.sections.means?.codec === "lattice" ? decodePredicted(file, kernels) : decodePaper(file, kernels),
       file.sections.alive ? flags(file, "alive") : new Uint8Array(),
       file.kind === "group" && file.sections.light ? decodeLight(file) : null,
     ]);
@@ -46,26 +51,11 @@ export async function decodeFile(bytes: Uint8Array, name: string, decodePoints: 
   }
 }
 
-type PointsAndOffsets = Pick<DecodedGroup, "points" | "offsets">;
-
 async function decodePredicted(file: Container, kernels: Kernels): Promise<PointsAndOffsets> {
   const { points, here } = await decodePredictive(file, kernels);
   if (file.kind !== "group") return { points, offsets: null };
   const motion = await decodeMotion(file, here);
   return { points, offsets: { ...motion, appearance: await decodeAppearance(file, motion.frames, here) } };
-}
-
-async function decodePaper(file: Container, decodePoints: DecodePoints, decodeTrack: DecodeTrack, kernels: Kernels): Promise<PointsAndOffsets> {
-  const section = file.sections.offsets;
-  if (file.kind === "group" && file.points > 0 && !section) throw new ReelError("it has no section offsets");
-  if (section && section.codec !== "h265") {
-    throw new ReelError(`its motion has the codec ${section.codec}, and this player knows h265: encode it again with --source ofs, or with the predictive codec`);
-  }
-  const [points, offsets] = await Promise.all([
-    decodeGaussians(file, decodePoints),
-    section && file.points > 0 ? inSection("offsets", () => decodeOffsets(tensor(file, "offsets"), section, file, decodeTrack)) : null,
-  ]);
-  return { points, offsets: offsets && { ...offsets, appearance: file.sections.shade ? await decodeAppearance(file, offsets.frames, neighborsInOrder(file.points, kernels)) : null } };
 }
 
 /** Return the buffers of a decoded file, to transfer it to another thread without a copy. */

@@ -1,13 +1,11 @@
-/** Worker that downloads and decodes the files of a reel, one message per file. Each video track is decoded in a worker of its own. */
+/** Worker that downloads and decodes the files of a reel, one message per file. It loads the paper's codec only for files of it. */
 import code from "../../wasm/kernels.wasm";
 import { ReelError, messageOf } from "../base/errors";
 import { download } from "../files/download";
 import type { Source } from "../files/source";
-import { failureOf, fileAddress, openWorker, type FileAddresses } from "../files/workers";
-import { buffersOf, decodeFile, type DecodedFile } from "./decode-file";
-import { decodeDraco } from "./draco";
+import { fileAddress, type FileAddresses } from "../files/workers";
+import { buffersOf, decodeFile, type DecodedFile, type DecodePaper } from "./decode-file";
 import { plain, type Kernels } from "./kernels";
-import type { Track } from "./mp4";
 import { wasmKernels } from "./wasm";
 
 /** Request to the worker: first the addresses of the player's files; then download and decode a file, read a page, or cancel one of these. */
@@ -42,13 +40,19 @@ scope.onmessage = async ({ data }) => {
     const bytes = await download(source, watcher, controller.signal);
     const began = performance.now();
     if (page) return scope.postMessage({ id, page: parseJson(bytes, source.url) });
-    const file = await decodeFile(bytes, source.url, (cloud) => decodeDraco(cloud, files), decodeInWorker, await kernels);
+    const file = await decodeFile(bytes, source.url, decodePaper, await kernels);
     scope.postMessage({ id, file, milliseconds: performance.now() - began }, buffersOf(file));
   } catch (error) {
     scope.postMessage({ id, error: messageOf(error), plain: error instanceof ReelError ? error.plain : undefined });
   } finally {
     running.delete(id);
   }
+};
+
+/** Decode a file of the paper's codec. */
+const decodePaper: DecodePaper = async (file, kernels) => {
+  const part = (await import(fileAddress(files, "paper-decode.js"))) as typeof import("./paper-decode");
+  return part.decodePaperFile(file, files, kernels);
 };
 
 function parseJson(bytes: Uint8Array, name: string): unknown {
@@ -66,28 +70,4 @@ async function loadKernels(): Promise<Kernels> {
   } catch {
     return plain;
   }
-}
-
-const idle: Worker[] = [];
-
-function openHevcWorker(): Worker {
-  const worker = openWorker(fileAddress(files, "hevc-worker.js"));
-  worker.postMessage({ files });
-  return worker;
-}
-
-function decodeInWorker(track: Track): Promise<Uint8Array> {
-  const worker = idle.pop() ?? openHevcWorker();
-  return new Promise((resolve, reject) => {
-    worker.onmessage = ({ data }: MessageEvent<{ planes?: Uint8Array; error?: string }>) => {
-      idle.push(worker);
-      if (data.planes) resolve(data.planes);
-      else reject(new ReelError(data.error ?? "the video decoder failed"));
-    };
-    worker.onerror = (event) => {
-      worker.terminate();
-      reject(new ReelError(`the video decoder failed (${failureOf(event)})`));
-    };
-    worker.postMessage(track, [track.hvcC.buffer as ArrayBuffer, ...track.samples.map((sample) => sample.buffer as ArrayBuffer)]);
-  });
 }
