@@ -89,28 +89,34 @@ test("a canceled file ends, and another continues", async () => {
   fileOf(6);
 });
 
+/** Video tracks of the group below. */
+const TRACKS = 3;
+
 test("video tracks are decoded in parallel; a failed decoder fails the file, and a dead one is not used again", async () => {
   const bytes = golden("golden/groups/0000.safetensors");
   host.answer(whole(bytes));
   const tracks = (id: number): FakeWorker[] => FakeWorker.all.filter(({ posted }) => posted.some((track) => track.samples && track.asked === undefined && ((track.asked = id), true)));
-  const started = async (): Promise<void> => {
-    for (let i = 0; i < 40; i++) await time.pass(25); // the codec is imported, which takes several turns
+  /** Wait until workers have received so many tracks; the codec is imported first, which takes an unknown time. */
+  const started = async (count: number): Promise<void> => {
+    const received = (): number => FakeWorker.all.flatMap(({ posted }) => posted.filter(({ samples }) => samples)).length;
+    for (let i = 0; i < 100_000 && received() < count; i++) await time.pass(0);
+    assert.equal(received(), count);
   };
   const ended = ask(7, bytes.length);
-  await started();
+  await started(TRACKS);
   const first = tracks(7);
-  assert.ok(first.length > 1, "each track has a worker of its own");
+  assert.equal(first.length, TRACKS, "each track has a worker of its own");
   for (const worker of first) worker.say({ error: "a picture is damaged" });
   await time.until(ended);
   assert.match((replies(7)[1][0] as { error: string }).error, /cannot be played: .*a picture is damaged/);
   const again = ask(8, bytes.length);
-  await started();
+  await started(2 * TRACKS);
   assert.equal(FakeWorker.all.length, first.length, "those that failed serve again");
   for (const worker of FakeWorker.all) worker.die("out of memory");
   await time.until(again);
   assert.match((replies(8)[1][0] as { error: string }).error, /the video decoder failed \(out of memory\)/);
   assert.ok(first.every(({ terminated }) => terminated));
   void ask(9, bytes.length);
-  await started();
+  await started(3 * TRACKS);
   assert.equal(FakeWorker.all.length, 2 * first.length);
 });
