@@ -199,8 +199,9 @@ def _solve(colmap: ModuleType, solver: MomentSolver, videos: FrameSource, names:
     rigs = [rig_of(model) for model in models]
     best, kept = trusted(rigs, FEW) if rigs else (0, set[str]())
     sure = [name for name in kept if rigs[best][name].points >= FEW]
-    is_doubtful = solver.matcher is not None and not unanimous(rigs)  # repeated patterns mislead learned matches
-    if is_doubtful or len(sure) < MIN_CAMERAS or 2 * len(kept) < len(rigs[best]):
+    if solver.matcher is not None and len(kept := unanimous(rigs)) < max(map(len, rigs), default=0):
+        return _explain_failure(names, rigs, kept, MIN_CAMERAS)  # repeated patterns mislead learned matches
+    if len(sure) < MIN_CAMERAS or 2 * len(kept) < len(rigs[best]):
         return _explain_failure(names, rigs, kept, len(sure))
     refine_lenses(colmap, models[best])  # with the photographs, which may be all that connects the cameras
     model = _keep_cameras(models[best], kept)

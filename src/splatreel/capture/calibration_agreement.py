@@ -92,10 +92,10 @@ def agreeing(one: CalibratedRig, other: CalibratedRig) -> set[str]:
     return {name for name, fit in zip(names, fits, strict=True) if fit}
 
 
-def unanimous(rigs: list[CalibratedRig]) -> bool:
-    """Return whether two or more calibrations have the same cameras, and each two agree on all of them."""
-    others = ((rig, other) for number, rig in enumerate(rigs) for other in rigs[:number])
-    return len(rigs) > 1 and all(agreeing(rig, other) == set(rig) == set(other) for rig, other in others)
+def unanimous(rigs: list[CalibratedRig]) -> set[str]:
+    """Return the cameras on which each two calibrations agree; none for a single calibration."""
+    pairs = [agreeing(rig, other) for number, rig in enumerate(rigs) for other in rigs[:number]]
+    return set.intersection(*pairs) if pairs else set()
 
 
 def trusted(rigs: list[CalibratedRig], few: int) -> tuple[int, set[str]]:
