@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from splatreel.capture.calibration_agreement import CalibratedCamera, CalibratedRig, agreeing, trusted
+from splatreel.capture.calibration_agreement import CalibratedCamera, CalibratedRig, agreeing, trusted, unanimous
 
 RNG = np.random.default_rng(0)
 
@@ -76,3 +76,12 @@ def test_single_moment_needs_enough_points() -> None:
     one = rig()
     one["cam3"] = replace(one["cam3"], points=12)
     assert trusted([one], 100) == (0, set(one) - {"cam3"})
+
+
+def test_unanimous_calibrations_agree_on_a_camera() -> None:
+    one = rig()
+    assert unanimous([one, elsewhere(one), one]) == set(one)
+    assert unanimous([one]) == set()
+    other = elsewhere({name: placed for name, placed in one.items() if name != "cam3"})
+    other["cam2"] = turned(other["cam2"], 17)
+    assert unanimous([one, elsewhere(one), other]) == set(one) - {"cam2", "cam3"}

@@ -24,7 +24,7 @@ from splatreel.capture.base import MIN_CAMERAS
 from splatreel.capture.board import Board
 from splatreel.capture.board_scale import board_scale
 from splatreel.capture.board_sightings import find_board
-from splatreel.capture.calibration_agreement import FIELD, CalibratedRig, rig_of, trusted
+from splatreel.capture.calibration_agreement import FIELD, CalibratedRig, rig_of, trusted, unanimous
 from splatreel.capture.file_capture import FrameSource
 from splatreel.capture.learned_matches import INSTALL, Matcher
 from splatreel.capture.moment_solver import MomentSolver
@@ -199,6 +199,8 @@ def _solve(colmap: ModuleType, solver: MomentSolver, videos: FrameSource, names:
     rigs = [rig_of(model) for model in models]
     best, kept = trusted(rigs, FEW) if rigs else (0, set[str]())
     sure = [name for name in kept if rigs[best][name].points >= FEW]
+    if solver.matcher is not None and len(kept := unanimous(rigs)) < max(map(len, rigs), default=0):
+        return _explain_failure(names, rigs, kept, MIN_CAMERAS)  # repeated patterns mislead learned matches
     if len(sure) < MIN_CAMERAS or 2 * len(kept) < len(rigs[best]):
         return _explain_failure(names, rigs, kept, len(sure))
     refine_lenses(colmap, models[best])  # with the photographs, which may be all that connects the cameras
@@ -206,6 +208,7 @@ def _solve(colmap: ModuleType, solver: MomentSolver, videos: FrameSource, names:
     points = {name: rigs[best][name].points for name in kept}
     if not solver.photos:
         model = refine_by_moments(colmap, model, models, solver.folder)
+    if not solver.photos and solver.matcher is None:
         added = place_lost(colmap, model, rigs, MatchedFeatures(colmap, solver.databases), FEW)
         if added:
             refine_lenses(colmap, model)

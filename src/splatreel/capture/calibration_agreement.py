@@ -92,6 +92,12 @@ def agreeing(one: CalibratedRig, other: CalibratedRig) -> set[str]:
     return {name for name, fit in zip(names, fits, strict=True) if fit}
 
 
+def unanimous(rigs: list[CalibratedRig]) -> set[str]:
+    """Return the cameras on which each two calibrations agree; none for a single calibration."""
+    pairs = [agreeing(rig, other) for number, rig in enumerate(rigs) for other in rigs[:number]]
+    return set.intersection(*pairs) if pairs else set()
+
+
 def trusted(rigs: list[CalibratedRig], few: int) -> tuple[int, set[str]]:
     """Return the index of the best calibration and its trusted cameras: plausible lenses, confirmed by another calibration.
 
