@@ -1,5 +1,6 @@
 """Videos of known colors in every matrix, range, gamut and transfer function."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import av
@@ -98,7 +99,7 @@ def test_display_p3_video_is_converted(tmp_path: Path) -> None:
 )
 def test_colors_that_cannot_be_converted_are_named(declared: dict[str, int]) -> None:
     with pytest.raises(CaptureError, match=r"cam00\.mp4: its .* \(number \d+ of ITU-T H\.273\) cannot be converted"):
-        VideoColor("yuv420p", **declared).interpreted(Path("cam00.mp4"), None)
+        replace(VideoColor("yuv420p"), **declared).interpreted(Path("cam00.mp4"), None)
 
 
 def test_guesses_are_said() -> None:
