@@ -1,9 +1,7 @@
 """@splatreel/three in a real Chromium: the element's picture, depth against meshes, transforms, rays, and freed memory."""
 
 import shutil
-import subprocess
 from collections.abc import Iterator
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,51 +9,33 @@ from playwright.sync_api import Page
 
 from splatreel.play.timeline import open_reel
 from tests.golden import PREDICTIVE
+from tests.player.engines import (
+    GREEN,
+    expect_errors_as_events,
+    expect_meshes_to_hide_splats,
+    expect_time_to_end,
+    open_reel_in,
+    pixels_of,
+    write_site,
+)
 from tests.player.hosts import host
-from tests.player.pages import expect_problems
 from tests.player.test_browser import psnr
 
 pytestmark = pytest.mark.browser
-
-PLAYER = Path(__file__).parents[2] / "player"
-HEIGHT, WIDTH = 120, 160
-GREEN = np.array([0.0, 1.0, 0.0])
 
 
 @pytest.fixture(scope="module")
 def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Address of a folder with the page, the built package, three.js and a reel."""
-    if shutil.which("npm") is None or not (PLAYER / "node_modules" / "three").is_dir():
-        pytest.skip("needs node, and npm ci in player/")
-    package = PLAYER / "packages" / "three"
-    result = subprocess.run(["node", package / "build.mjs"], cwd=PLAYER, capture_output=True, text=True, timeout=600)
-    assert result.returncode == 0, result.stdout + result.stderr
     folder = tmp_path_factory.mktemp("three")
-    shutil.copy(Path(__file__).parent / "three.html", folder / "index.html")
-    shutil.copytree(package / "dist", folder / "reel-object")
-    shutil.copytree(PLAYER / "node_modules" / "three" / "build", folder / "three")
-    shutil.copytree(PREDICTIVE, folder / "reel")
+    shutil.copytree(write_site(folder, "three", "reel-object"), folder / "three")
     with host(folder) as address:
         yield address
-
-
-def open_reel_in(page: Page, address: str) -> Page:
-    """Open the page with a reel `reel`, seen by its start camera."""
-    page.goto(address)
-    page.wait_for_function("window.events")
-    page.evaluate("async () => { window.reel = await openReel('reel/manifest.json'); reel.viewFromStart(camera); }")
-    return page
 
 
 @pytest.fixture
 def opened(page: Page, site: str) -> Page:
     return open_reel_in(page, site)
-
-
-def pixels_of(page: Page, script: str) -> np.ndarray:
-    """Return the image [H, W, 3], 0..1, that a script resolves to."""
-    data = np.array(page.evaluate(script), np.float32).reshape(HEIGHT, WIDTH, 4)
-    return data[..., :3] / 255
 
 
 def test_pictures_are_those_of_the_element(opened: Page) -> None:
@@ -81,17 +61,7 @@ def test_moved_scaled_and_turned_reels_look_the_same(opened: Page) -> None:
 @pytest.mark.parametrize("query", ["", "?reversed"])
 def test_meshes_hide_splats_behind_them_only(page: Page, site: str, query: str) -> None:
     open_reel_in(page, site + query)
-    alone = pixels_of(page, "picture(reel, 0.05)")
-    front = pixels_of(page, "(window.move = addPlane(), move(1), pixels())")
-    assert np.abs(front - GREEN).max() < 0.01
-    behind = pixels_of(page, "(move(20), pixels())")
-    assert np.abs(behind - alone)[..., [0, 2]].max() < 0.02, "green light adds to nothing but green"
-    solid = alone.sum(-1) > 0.3
-    assert solid.mean() > 0.1
-    assert np.abs(behind - GREEN)[solid].max(-1).min() > 0.05
-    middle = pixels_of(page, "(move(4), pixels())")
-    assert np.abs(middle - behind).mean() > 0.01
-    assert np.abs(middle - GREEN).mean() > 0.01
+    expect_meshes_to_hide_splats(page)
 
 
 def test_splats_that_write_depth_hide_what_is_drawn_later(opened: Page) -> None:
@@ -124,9 +94,7 @@ def test_rays_meet_splats(opened: Page) -> None:
 
 
 def test_time_passes_and_ends(opened: Page) -> None:
-    opened.evaluate("reel.play()")
-    opened.evaluate("until(() => reel.ended)")
-    assert opened.evaluate("[reel.paused, reel.currentTime === reel.duration, events.includes('ended')]") == [True] * 3
+    expect_time_to_end(opened)
 
 
 def test_dispose_frees_all(opened: Page) -> None:
@@ -157,9 +125,4 @@ def test_dispose_frees_all(opened: Page) -> None:
 
 
 def test_errors_are_events(page: Page, site: str) -> None:
-    page.goto(site)
-    page.wait_for_function("window.events")
-    expect_problems(page, "404")
-    message = page.evaluate("openReel('missing/manifest.json').then((reel) => reel.error.message)")
-    assert "missing/manifest.json cannot be downloaded" in message
-    assert page.evaluate("events") == ["error"]
+    expect_errors_as_events(page, site)
