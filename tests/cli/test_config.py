@@ -16,7 +16,7 @@ from tests.recon.captures import WallCapture
 def test_config_lists_every_setting_in_the_form_of_set(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["config"]) == 0
     text = capsys.readouterr().out
-    lines = [line.strip() for line in text.splitlines() if " = " in line]
+    lines = [line.lstrip() for line in text.splitlines() if " = " in line]
     assert [line.partition(" = ")[0] for line in lines] == list(sorted_by_section())
     values = parse_settings([line.replace(" = ", "=") for line in lines])
     assert values == {name: setting.of(Config()) for name, setting in settings().items()}

@@ -33,6 +33,7 @@ FIELDS = {
     "dssim2",
     "moving",
     "moving_share",
+    "masked_share",
     "bytes_by_kind",
     "decode_ms_per_frame",
     "render_fps",

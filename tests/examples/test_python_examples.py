@@ -30,7 +30,7 @@ def test_readme_lists_every_example() -> None:
     listed = re.findall(r"^\| \[([\w.-]+)/?\]", (EXAMPLES / "README.md").read_text(encoding="utf-8"), re.MULTILINE)
     present = [path.name for path in EXAMPLES.iterdir() if path.suffix == ".py" or path.is_dir()]
     assert sorted(listed) == sorted(name for name in present if name != "__pycache__")
-    assert len(listed) == 13
+    assert len(listed) == 14
 
 
 def test_draw_reel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
