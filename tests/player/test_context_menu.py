@@ -78,7 +78,7 @@ def test_a_part_repeats(page: Page, server: Server):
     page.evaluate(f"{PLAYER}.currentTime = 0.2")
     page.keyboard.press("o")
     page.wait_for_function(f"{REEL}.section?.length === 2 && {PLAYER}.currentTime === 0.1")
-    assert page.locator("splat-reel .section").is_visible()
+    page.locator("splat-reel .section").wait_for()
     page.evaluate(f"window.times = []; {PLAYER}.addEventListener('timeupdate', () => times.push({PLAYER}.currentTime))")
     page.keyboard.press("k")
     page.wait_for_function("times.filter((time, i) => time < times[i - 1]).length > 1")

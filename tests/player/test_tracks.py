@@ -97,7 +97,7 @@ def test_tracks_come_and_go(page: Page, server: Server):
     assert not button.is_visible()
     page.evaluate(f"{REEL}.innerHTML = `{TRACKS}`")
     reel.locator(".cue").get_by_text("A ball rises").wait_for()
-    assert button.is_visible()
+    button.wait_for()
     page.evaluate(f"{REEL}.replaceChildren()")
     reel.locator(".cue").wait_for(state="detached")
     button.wait_for(state="hidden")

@@ -73,7 +73,7 @@ def test_menus_and_a_button_begin_and_end_it(page: Page, server: Server) -> None
     reel = page.locator("splat-reel")
     reel.get_by_role("button", name="Settings").click()
     reel.locator(".menu").get_by_role("button", name="Walk mode").click()
-    assert reel.get_by_role("group", name="Walk mode").is_visible()
+    reel.get_by_role("group", name="Walk mode").wait_for()
     reel.get_by_role("button", name="Leave walk mode").click()
     page.locator(WALK).wait_for(state="detached")
     page.locator("splat-reel canvas").click(button="right", position={"x": 60, "y": 60})
