@@ -20,7 +20,7 @@ DENSE = 0.5
 """Share of the numbers up to the highest from which on digits behind a point are a number of their own, not decimals."""
 
 Keys = dict[str, list[tuple[int, ...]]]
-"""By camera a key for each picture. Pictures of the same moment have the same key, and keys are in order of time."""
+"""Keys of the pictures by camera. Pictures of the same moment have the same key, and keys are in order of time."""
 
 
 def moments(path: str, names: Mapping[str, list[str]], notes: list[str]) -> Keys | None:

@@ -129,8 +129,13 @@ class AttributeVideo(FrameByFrame):
 
     def write(self, start: SharedStart, frames: Frames, reel: Path) -> None:
         """Write groups of all points without layers."""
-        spans = group_spans(frames.count, start.config.group.length, 0)
-        write_groups(start, frames, reel, [range(span.first, span.first + span.count) for span in spans], VIDEO, 0)
+        write_groups(start, frames, reel, group_ranges(start), VIDEO, 0)
+
+
+def group_ranges(start: SharedStart) -> list[range]:
+    """Return the frames of each group, without overlaps."""
+    spans = group_spans(start.capture.frames, start.config.group.length, 0)
+    return [range(span.first, span.first + span.count) for span in spans]
 
 
 def write_groups(

@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.evaluation.baselines.frame_methods import write_groups
+from splatreel.evaluation.baselines.frame_methods import group_ranges, write_groups
 from splatreel.evaluation.baselines.part_by_part import Frames
 from splatreel.evaluation.baselines.shared_start import SharedStart
 from splatreel.kernels import splat
@@ -30,7 +30,6 @@ from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.render import View, activate, draw, relative_distances, splats
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.spans import group_spans
 
 RATES = {"centers": 0.02, "log_durations": 0.01, "velocities": 1e-3}
 """Learning rates. Centers are in group lengths, velocities in viewing distances per group."""
@@ -73,30 +72,30 @@ class SpaceTimePoints:
         return len(self.space)
 
     def slice(self, moment: float) -> tuple[dict[str, Tensor], Tensor]:
-        """Return the unconstrained tensors of all points at a moment, 0..1, and the rows [M] that are visible."""
-        centers, log_durations, velocities = (adam.tensor for adam in self.time.values())
-        away = moment - centers
-        weights = (-0.5 * (away * (-log_durations).exp()) ** 2).exp()[:, 0]
-        params = dict(self.space.params)
-        params["means"] = params["means"] + self.unit * velocities * away
-        opacities = (params["logit_opacities"].sigmoid() * weights).clamp(1e-7, 1 - 1e-7)
+        """Return the unconstrained tensors of the points that are visible at a moment, 0..1, and their rows [M]."""
+        away, weights = self._fading(moment)
+        rows = torch.nonzero(weights.detach() > HIDDEN)[:, 0]
+        params = {name: value[rows] for name, value in self.space.params.items()}
+        params["means"] = params["means"] + self.unit * self.time["velocities"].tensor[rows] * away[rows]
+        opacities = (params["logit_opacities"].sigmoid() * weights[rows]).clamp(1e-7, 1 - 1e-7)
         params["logit_opacities"] = opacities.logit()
-        return params, torch.nonzero(weights.detach() > HIDDEN)[:, 0]
+        return params, rows
 
     @torch.no_grad()
     def at(self, moment: float) -> Gaussians:
         """Return all points at a moment, 0..1. Hidden ones are transparent, and wait where they were or will be visible."""
-        centers, log_durations, velocities = (adam.tensor for adam in self.time.values())
-        params, rows = self.slice(moment)
-        reach = math.sqrt(-2 * math.log(HIDDEN)) * log_durations.exp()
-        away = (moment - centers).clamp(-reach, reach)
-        params["means"] = self.space.means + self.unit * velocities * away
-        visible = torch.zeros(len(self), dtype=torch.bool, device=away.device)
-        visible[rows] = True
-        means, quats, scales, opacities, sh = activate(params)
-        opacities = torch.where(visible, opacities, 0.0)
+        away, weights = self._fading(moment)
+        reach = math.sqrt(-2 * math.log(HIDDEN)) * self.time["log_durations"].tensor.exp()
+        means, quats, scales, opacities, sh = activate(self.space.params)
+        means = means + self.unit * self.time["velocities"].tensor * away.clamp(-reach, reach)
+        opacities = torch.where(weights > HIDDEN, opacities * weights, 0.0)
         quats = torch.nn.functional.normalize(quats, dim=-1)
         return Gaussians(*(t.cpu().numpy() for t in (means, quats, scales, opacities, torch.cat(sh, 1))))
+
+    def _fading(self, moment: float) -> tuple[Tensor, Tensor]:
+        """Return the time since each point's center [N, 1], and its temporal weight [N]."""
+        away = moment - self.time["centers"].tensor
+        return away, (-0.5 * (away * (-self.time["log_durations"].tensor).exp()) ** 2).exp()[:, 0]
 
     def step(self, share: float) -> None:
         """Follow the gradients and clear them. share: share of training that is over, 0..1."""
@@ -159,8 +158,7 @@ class TemporalSlices:
 
     def parts(self, start: SharedStart) -> list[range]:
         """Return the frames of each group."""
-        spans = group_spans(start.capture.frames, start.config.group.length, 0)
-        return [range(span.first, span.first + span.count) for span in spans]
+        return group_ranges(start)
 
     def train(
         self, start: SharedStart, before: Gaussians, pictures: Sequence[Pictures], iterations: int, first: int
@@ -216,8 +214,7 @@ def _learn(
     """Compare one image of one camera, and collect the gradients."""
     view: View = pictures.views[camera]
     params, rows = points.slice(moment)
-    shown = activate({name: value[rows] for name, value in params.items()})
-    drawing = draw(splats(*shown, view, pictures.near), view)
+    drawing = draw(splats(*activate(params), view, pictures.near), view)
     drawing.loss(pictures.target(camera, drawing.image, gain), LAMBDA_DSSIM, gain).backward()
     grad = drawing.means2d.grad
     assert grad is not None
