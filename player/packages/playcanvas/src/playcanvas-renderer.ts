@@ -2,11 +2,11 @@
 import type { DecodedFile, DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
 import type { Clearance } from "@splatreel/decoder/reel/manifest";
 import { staticWeights } from "@splatreel/decoder/reel/timeline";
-import type { View } from "splatreel-player/base/view";
+import { isSameView, type View } from "splatreel-player/base/view";
 import type { Eye } from "splatreel-player/draw/eye";
 import { frustumOf } from "splatreel-player/draw/frustum";
 import type { HeadsetLayer, Renderer } from "splatreel-player/draw/renderer";
-import type { Scene } from "splatreel-player/draw/scene";
+import { isSameScene, type Scene } from "splatreel-player/draw/scene";
 import { UploadedFiles } from "splatreel-player/draw/uploaded-files";
 import type { Engine } from "./engine";
 import { FileSplats } from "./file-splats";
@@ -57,7 +57,7 @@ export class PlaycanvasRenderer implements Renderer {
   /** Files on both sides, and the side arranged last. */
   private readonly arranged: [FileSplats[], FileSplats[]] = [[], []];
   private side: Side = 0;
-  private drawn = "";
+  private drawn: { scene: Scene; weight: number; view: View; opacity: number } | null = null;
   private still = 0;
 
   constructor(engine: Engine) {
@@ -117,9 +117,10 @@ export class PlaycanvasRenderer implements Renderer {
 
   /** Set what PlayCanvas draws in this frame. */
   drawEyes(scene: Scene, weight: number, [{ view }]: Eye[]): void {
-    const now = JSON.stringify([scene, weight, view, this.opacity]);
-    this.still = now === this.drawn ? this.still + 1 : 0;
-    this.drawn = now;
+    const { drawn, opacity } = this;
+    const isStill = drawn !== null && drawn.weight === weight && drawn.opacity === opacity && drawn.view.near === view.near && isSameView(drawn.view, view) && isSameScene(drawn.scene, scene);
+    this.still = isStill ? this.still + 1 : 0;
+    this.drawn = { scene, weight, view, opacity };
     if (this.still > STILL) return;
     for (const splats of this.files.all) splats.keepUpdating(this.still < STILL);
     this.drawFiles(this.filesOf(scene, weight), scene, view);
