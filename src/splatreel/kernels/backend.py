@@ -123,10 +123,6 @@ class Backend(ABC):
             image if background is None else image + background, target, lambda_dssim, gain, None
         )
 
-    def nearest_neighbors(self, points: Tensor, k: int, queries: Tensor | None) -> tuple[Tensor, Tensor]:
-        """Return indices and distances of the nearest points."""
-        return twin.nearest_neighbors(points, k, queries)
-
     def hashgrid(self, coords: Tensor, table: Tensor, resolutions: np.ndarray) -> Tensor:
         """Return the features of a hash grid."""
         return twin.hashgrid(coords, table, resolutions)

@@ -6,14 +6,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import torch
-from scipy.spatial import KDTree
 from torch import Tensor
 
-from splatreel import threads
 from splatreel.kernels.backend import Backend, FrozenSplats, Pinhole, Splats
 from splatreel.kernels.cpu import adam, autograd, motion, project
 from splatreel.kernels.cpu.project import BLUR, FINE_BLUR
@@ -87,15 +84,6 @@ class CpuBackend(Backend):
     ) -> Tensor:
         return autograd.LayeredLoss.apply(*splats, frozen.held, target, lambda_dssim, gain, background, where)
 
-    def nearest_neighbors(self, points: Tensor, k: int, queries: Tensor | None) -> tuple[Tensor, Tensor]:
-        asked = points if queries is None else queries
-        ranks: Any = np.arange(1, k + 1 + (queries is None))  # a list, so that one neighbor still gives a column
-        found = KDTree(points.detach().numpy()).query(asked.detach().numpy(), k=ranks, workers=threads.count())
-        distances, indices = np.asarray(found[0], np.float32), np.asarray(found[1], np.int64)
-        if queries is None:
-            indices, distances = _without_self(indices, distances)
-        return torch.from_numpy(indices), torch.from_numpy(distances)
-
     def hashgrid(self, coords: Tensor, table: Tensor, resolutions: np.ndarray) -> Tensor:
         return autograd.HashGrid.apply(coords, table, resolutions)
 
@@ -144,11 +132,3 @@ def _flat(step: Step) -> adam.Flat:
         parameter, mean, square = parameter[: end * size], mean[: end * size], square[: end * size]
     slope = gradient.contiguous().numpy().reshape(-1)
     return adam.Flat(parameter, mean, square, slope, step.factors, step.start * size, step.moment)
-
-
-def _without_self(indices: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Remove each point from its own neighbors. Among coinciding points it is not always the first."""
-    own = indices == np.arange(len(indices))[:, None]
-    own[~own.any(1), -1] = True  # coinciding points took its place: drop the last neighbor instead
-    shape = (len(indices), indices.shape[1] - 1)
-    return indices[~own].reshape(shape), distances[~own].reshape(shape)

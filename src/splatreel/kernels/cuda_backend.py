@@ -119,8 +119,9 @@ def tile_spans(means2d: Tensor, radii: Tensor, width: int, height: int) -> Tenso
     left, right = low[:, 0].clamp_min(0), high[:, 0].clamp_max(columns - 1)
     top, bottom = low[:, 1].clamp_min(0), high[:, 1].clamp_max(rows - 1)
     seen = (radii > 0) & (right >= left) & (bottom >= top)
-    empty = torch.tensor([0, -1, 0, -1], device=means2d.device)
-    return torch.where(seen[:, None], torch.stack([left, right, top, bottom], 1), empty)
+    left, top = (torch.where(seen, low, 0) for low in (left, top))
+    right, bottom = (torch.where(seen, high, -1) for high in (right, bottom))
+    return torch.stack([left, right, top, bottom], 1)
 
 
 def touched_tiles(spans: Tensor, width: int, height: int) -> Tensor:

@@ -17,6 +17,7 @@ import torch
 from torch import Tensor
 
 from splatreel.errors import GaussiansError
+from splatreel.kernels import neighbors
 from splatreel.kernels.backend import FrozenSplats, Pinhole, Splats, antialiased
 from splatreel.kernels.backends import backend_of
 
@@ -359,7 +360,7 @@ def nearest_neighbors(points: Tensor, k: int, queries: Tensor | None = None) -> 
     available = len(points) - (queries is None)
     if not 1 <= k <= available:
         raise GaussiansError(f"nearest_neighbors: asked for {k} neighbors where there are {available}.")
-    return backend_of(points).nearest_neighbors(points, k, queries)
+    return neighbors.nearest_neighbors(points, k, queries)
 
 
 def _check_finite(**tensors: Tensor) -> None:

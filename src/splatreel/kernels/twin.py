@@ -3,12 +3,15 @@
 They are dense, for small scenes and tests. The CUDA backend uses some of them.
 """
 
+# pyright: reportPrivateImportUsage=false
+# (torch documents `_foreach_mul_` and its like, and its own optimizers use them, but the names are not exported)
+
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -176,13 +179,19 @@ def photometric_loss(
 def _blur(maps: Tensor) -> Tensor:
     """Blur maps [M, 3, H, W] with the SSIM window, zeros outside."""
     flat = maps.reshape(-1, 1, *maps.shape[-2:])
-    window = torch.as_tensor(WINDOW, dtype=maps.dtype, device=maps.device)
+    window = _window(maps.dtype, maps.device)
     across = functional.conv2d(flat, window.view(1, 1, 1, -1), padding=(0, len(window) // 2))
     return functional.conv2d(across, window.view(1, 1, -1, 1), padding=(len(window) // 2, 0)).view(maps.shape)
 
 
+@cache
+def _window(dtype: torch.dtype, device: torch.device) -> Tensor:
+    """Return the SSIM window [11], copied once, since a copy waits for the GPU."""
+    return torch.as_tensor(WINDOW, dtype=dtype, device=device)
+
+
 def nearest_neighbors(points: Tensor, k: int, queries: Tensor | None = None) -> tuple[Tensor, Tensor]:
-    """Twin of `splat.nearest_neighbors`, also used on CUDA. Brute force, 4096 queries at a time."""
+    """Twin of `splat.nearest_neighbors`. Brute force, 4096 queries at a time."""
     asked = points if queries is None else queries
     indices, distances = [], []
     for start in range(0, len(asked), 4096):
@@ -225,9 +234,12 @@ def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) ->
 
 
 def spline(controls: Tensor, knot: int, weights: np.ndarray) -> Tensor:
-    """Twin of `motion.spline`, with gradients. Also used on CUDA."""
-    w = torch.as_tensor(weights, device=controls.device).to(controls.dtype)
-    return torch.einsum("k,krd->rd", w, controls[knot : knot + 4])
+    """Twin of `motion.spline`, with gradients. Also used on CUDA, where a copy of the weights would wait for the GPU."""
+    first, *others = weights.tolist()
+    value = first * controls[knot]
+    for k, weight in enumerate(others, 1):
+        value = torch.add(value, controls[knot + k], alpha=weight)
+    return value
 
 
 def offsets(
@@ -308,15 +320,31 @@ class Step(NamedTuple):
 
 @torch.no_grad()
 def adam(steps: Sequence[Step]) -> None:
-    """Twin of `adam.adam`, also used on CUDA."""
-    for trained, gradient, factors, start, end, (rate, decay, square_decay, eps, number) in steps:
-        parameter, mean, square = trained.parameter[:end], trained.mean[:end], trained.square[:end]
-        mean.mul_(decay)
-        square.mul_(square_decay)
-        for k, factor in enumerate(factors.tolist()):
-            rows = slice(start + k * len(gradient), start + (k + 1) * len(gradient))
-            slope = factor * gradient[: len(mean[rows])]
-            mean[rows].add_(slope, alpha=1 - decay)
-            square[rows].addcmul_(slope, slope, value=1 - square_decay)
-        denominator = square.sqrt().div_(math.sqrt(1 - square_decay**number)).add_(eps)
-        parameter.addcdiv_(mean, denominator, value=-rate / (1 - decay**number))
+    """Twin of `adam.adam`, also used on CUDA. Lists of tensors need few calls, which is what takes time on a GPU."""
+    if not steps:
+        return
+    parameters, means, squares = (
+        [getattr(step.trained, name)[: step.end] for step in steps] for name in ("parameter", "mean", "square")
+    )
+    rates, decays, square_decays, epsilons, numbers = zip(*(step.moment for step in steps), strict=True)
+    torch._foreach_mul_(means, decays)
+    torch._foreach_mul_(squares, square_decays)
+    blocks = [block for step in steps for block in _blocks(step)]
+    rows_of_mean, rows_of_square, slopes, weights, square_weights = zip(*blocks, strict=True)
+    torch._foreach_add_(rows_of_mean, torch._foreach_mul(slopes, weights))
+    torch._foreach_addcmul_(rows_of_square, slopes, slopes, square_weights)
+    denominators = torch._foreach_sqrt(squares)
+    torch._foreach_div_(denominators, [math.sqrt(1 - d**n) for d, n in zip(square_decays, numbers, strict=True)])
+    torch._foreach_add_(denominators, epsilons)
+    lengths = [-rate / (1 - d**n) for rate, d, n in zip(rates, decays, numbers, strict=True)]
+    torch._foreach_addcdiv_(parameters, means, denominators, lengths)
+
+
+def _blocks(step: Step) -> Iterator[tuple[Tensor, Tensor, Tensor, float, float]]:
+    """Yield each block of a step: its rows of mean and square, their gradient, and the weights of gradient and its square."""
+    trained, gradient, factors, start, end, (_, decay, square_decay, _, _) = step
+    for k, factor in enumerate(factors.tolist()):
+        rows = slice(start + k * len(gradient), min(start + (k + 1) * len(gradient), end))
+        mean = trained.mean[rows]
+        slope = gradient[: len(mean)]
+        yield mean, trained.square[rows], slope, factor * (1 - decay), factor**2 * (1 - square_decay)
