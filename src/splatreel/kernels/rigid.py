@@ -15,6 +15,8 @@ from splatreel.kernels.cpu import rigid as kernel
 from splatreel.kernels.cpu.rigid import Views
 from splatreel.kernels.cpu.scalars import F, finite
 
+STAY = np.eye(3, 4, dtype=np.float32)
+"""The move that changes nothing."""
 CHUNKS = 8
 """Ranges per thread. Patches differ in effort, and the difficult ones are neighbors."""
 
@@ -61,7 +63,7 @@ def color_differences(places: np.ndarray, patches: np.ndarray, template: Templat
         [Q] float32, 0..1; 0 for patches that hardly any view sees.
     """
     out = np.empty(len(patches), np.float32)
-    kernel.color_differences.over(len(patches), places, patches, *template, out)
+    kernel.color_differences.over(len(patches), places, patches, STAY, *template, _space_for_pairs(patches), out)
     return out
 
 
@@ -85,8 +87,8 @@ def initial_moves(
         The moves [Q, 3, 4] float32 and their costs [Q] float32; 0 for patches that were not judged.
     """
     moves, costs = np.empty((len(patches), 3, 4), np.float32), np.zeros(len(patches), np.float32)
-    given = here, last, there, patches, judged
-    kernel.initial_moves.over(len(patches), *given, *template, moves, costs, chunks=_chunks())
+    given = here, last, there, patches, judged, STAY, *template, _space_for_pairs(patches)
+    kernel.initial_moves.over(len(patches), *given, moves, costs, chunks=_chunks())
     return moves, costs
 
 
@@ -114,8 +116,13 @@ def refine_moves(
         share: Size of the first steps, relative to the default.
         template: Reference colors and the views of the later frame.
     """
-    given = here, patches, chosen, around, moves.copy(), F(share)
-    kernel.refine_moves.over(len(chosen), *given, *template, moves, costs, chunks=_chunks())
+    given = here, patches, chosen, around, moves.copy(), F(share), *template
+    space = _space_for_pairs(patches), np.empty((len(patches), 2, 3, 4), np.float32)
+    kernel.refine_moves.over(len(chosen), *given, *space, moves, costs, chunks=_chunks())
+
+
+def _space_for_pairs(patches: np.ndarray) -> np.ndarray:
+    return np.empty((len(patches), kernel.PAIRS, 2), np.int64)
 
 
 def _chunks() -> int:

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from splatreel.jit import B1, B2, F1, F2, F3, FAST, FLOAT, L1, L2, U4, range_kernel
+from splatreel.jit import B1, B2, F1, F2, F3, F4, FAST, FLOAT, L1, L2, L3, U4, range_kernel
 from splatreel.kernels.cpu import sceneflow
 from splatreel.kernels.cpu.scalars import HALF, ONE, ZERO, F
 
@@ -55,11 +55,11 @@ def _pixel(x, y, z, views, c):
     return row, column
 
 
-@range_kernel(F2, VIEWS, B2, F3, allocates=True)
+@range_kernel(F2, VIEWS, B2, F3)
 def sample_colors(first, last, points, views, seen, colors):
     """Kernel of `splatreel.kernels.rigid.sample_colors`."""
     for i in range(first, last):
-        mean, count = np.zeros(3, np.float32), ZERO
+        red, green, blue, count = ZERO, ZERO, ZERO, ZERO
         for c in range(seen.shape[1]):
             row, column = _pixel(points[i, 0], points[i, 1], points[i, 2], views, c)
             if row >= 0:
@@ -67,22 +67,24 @@ def sample_colors(first, last, points, views, seen, colors):
                 count += ONE
                 for k in range(3):
                     colors[i, c, k] = views.pictures[c, row, column, k]
-                    mean[k] += colors[i, c, k]
+                red += colors[i, c, 0]
+                green += colors[i, c, 1]
+                blue += colors[i, c, 2]
+        count = max(count, ONE)
         for c in range(seen.shape[1]):
             if not seen[i, c]:
-                for k in range(3):
-                    colors[i, c, k] = mean[k] / max(count, ONE)
+                colors[i, c, 0], colors[i, c, 1], colors[i, c, 2] = red / count, green / count, blue / count
 
 
 @njit(**FAST)
-def _pairs(patch, seen):
-    """Return [P, 2]: points of a patch and views that see them, an even choice of at most PAIRS."""
+def _pairs(patch, seen, pairs):
+    """Fill [PAIRS, 2] with points of a patch and views that see them, an even choice, and return the length of the filled part."""
     total = 0
     for i in patch:
         for c in range(seen.shape[1]):
             total += seen[i, c]
     stride = (total + PAIRS - 1) // PAIRS
-    pairs, rank, count = np.empty((PAIRS, 2), np.int64), 0, 0
+    rank, count = 0, 0
     for i in patch:
         for c in range(seen.shape[1]):
             if seen[i, c]:
@@ -90,7 +92,7 @@ def _pairs(patch, seen):
                     pairs[count, 0], pairs[count, 1] = i, c
                     count += 1
                 rank += 1
-    return pairs[:count]
+    return count
 
 
 @njit(**FAST)
@@ -118,19 +120,12 @@ def _difference(places, move, pairs, colors, views, unseen=CAP, limit=CAP):
     return total / F(count) if 2 * count > pairs.shape[0] else unseen
 
 
-@njit(**FAST)
-def _stay():
-    move = np.zeros((3, 4), np.float32)
-    for k in range(3):
-        move[k, k] = ONE
-    return move
-
-
-@range_kernel(F2, L2, B2, F3, VIEWS, F1, allocates=True)
-def color_differences(first, last, places, patches, seen, colors, views, out):
-    """Kernel of `splatreel.kernels.rigid.color_differences`."""
+@range_kernel(F2, L2, F2, B2, F3, VIEWS, L3, F1)
+def color_differences(first, last, places, patches, stay, seen, colors, views, space, out):
+    """Kernel of `splatreel.kernels.rigid.color_differences`. stay: the move that changes nothing."""
     for t in range(first, last):
-        out[t] = _difference(places, _stay(), _pairs(patches[t], seen), colors, views, ZERO)
+        pairs = space[t, : _pairs(patches[t], seen, space[t])]
+        out[t] = _difference(places, stay, pairs, colors, views, ZERO)
 
 
 @njit(**FAST)
@@ -159,15 +154,15 @@ def _rigid(a, b, patch):
     return move
 
 
-@range_kernel(F2, F2, F2, L2, B1, B2, F3, VIEWS, F3, F1, allocates=True)
-def initial_moves(begin, end, here, last, there, patches, judged, seen, colors, views, moves, costs):
-    """Kernel of `splatreel.kernels.rigid.initial_moves`."""
+@range_kernel(F2, F2, F2, L2, B1, F2, B2, F3, VIEWS, L3, F3, F1, allocates=True)
+def initial_moves(begin, end, here, last, there, patches, judged, stay, seen, colors, views, space, moves, costs):
+    """Kernel of `splatreel.kernels.rigid.initial_moves`. stay: the move that changes nothing."""
     for t in range(begin, end):
         moves[t] = _rigid(here, there, patches[t])
         if judged[t]:
-            pairs = _pairs(patches[t], seen)
+            pairs = space[t, : _pairs(patches[t], seen, space[t])]
             costs[t] = _difference(here, moves[t], pairs, colors, views)
-            for move in (_stay(), _rigid(last, here, patches[t])):
+            for move in (stay, _rigid(last, here, patches[t])):
                 cost = _difference(here, move, pairs, colors, views)
                 if cost < costs[t]:
                     costs[t] = cost
@@ -175,60 +170,74 @@ def initial_moves(begin, end, here, last, there, patches, judged, seen, colors, 
 
 
 @njit(**FAST)
-def _changed(move, center, axis, amount):
-    """Return a move followed by a translation along an axis (0..2), or a rotation about an axis (3..5) through the moved center."""
-    out = move.copy()
+def _copy(move, out):
+    for j in range(3):
+        for k in range(4):
+            out[j, k] = move[j, k]
+
+
+@njit(**FAST)
+def _change(move, center, axis, amount, out):
+    """Put into `out` a move followed by a translation along an axis (0..2), or a rotation about one (3..5) through the moved center."""
+    _copy(move, out)
     if axis < 3:
         out[axis, 3] += amount
-        return out
+        return
     i, j = (axis - 2) % 3, (axis - 1) % 3
     c, s = np.cos(amount), np.sin(amount)
-    at_i = move[i, 0] * center[0] + move[i, 1] * center[1] + move[i, 2] * center[2] + move[i, 3]
-    at_j = move[j, 0] * center[0] + move[j, 1] * center[1] + move[j, 2] * center[2] + move[j, 3]
+    x, y, z = center
+    at_i = move[i, 0] * x + move[i, 1] * y + move[i, 2] * z + move[i, 3]
+    at_j = move[j, 0] * x + move[j, 1] * y + move[j, 2] * z + move[j, 3]
     for k in range(4):
         a, b = move[i, k] - (at_i if k == 3 else ZERO), move[j, k] - (at_j if k == 3 else ZERO)
         out[i, k] = c * a - s * b + (at_i if k == 3 else ZERO)
         out[j, k] = s * a + c * b + (at_j if k == 3 else ZERO)
-    return out
 
 
 @njit(**FAST)
 def _extent(places, patch):
-    """Return the center [3] of a patch and the mean distance of its points from the center."""
-    center, size = np.zeros(3, np.float32), ZERO
+    """Return the center of a patch, x, y and z, and the mean distance of its points from the center."""
+    x, y, z, size, share = ZERO, ZERO, ZERO, ZERO, ONE / F(len(patch))
     for i in patch:
-        for k in range(3):
-            center[k] += places[i, k] / F(len(patch))
+        x, y, z = x + places[i, 0] * share, y + places[i, 1] * share, z + places[i, 2] * share
     for i in patch:
-        x, y, z = places[i, 0] - center[0], places[i, 1] - center[1], places[i, 2] - center[2]
-        size += np.sqrt(x * x + y * y + z * z) / F(len(patch))
-    return center, size
+        a, b, c = places[i, 0] - x, places[i, 1] - y, places[i, 2] - z
+        size += np.sqrt(a * a + b * b + c * c) * share
+    return (x, y, z), size
 
 
-@range_kernel(F2, L2, L1, L2, F3, FLOAT, B2, F3, VIEWS, F3, F1, allocates=True)
-def refine_moves(first, last, here, patches, chosen, around, given, share, seen, colors, views, moves, costs):
-    """Kernel of `splatreel.kernels.rigid.refine_moves`. given: a copy of the moves, which other patches' updates do not change."""
+@range_kernel(F2, L2, L1, L2, F3, FLOAT, B2, F3, VIEWS, L3, F4, F3, F1)
+def refine_moves(
+    first, last, here, patches, chosen, around, given, share, seen, colors, views, space, trials, moves, costs
+):
+    """Kernel of `splatreel.kernels.rigid.refine_moves`.
+
+    given: a copy of the moves, which other patches' updates do not change. trials: [Q, 2, 3, 4], space for the start of a round and
+    for a trial. Arrays that are made in the loop, and the references to them, would take half of the time.
+    """
     for n in range(first, last):
         t = chosen[n]
-        pairs = _pairs(patches[t], seen)
-        best, cost = given[t].copy(), costs[t]
+        pairs = space[t, : _pairs(patches[t], seen, space[t])]
+        best, cost, base, move = moves[t], costs[t], trials[t, 0], trials[t, 1]
         for other in around[t]:
             found = _difference(here, given[other], pairs, colors, views, CAP, cost)
             if found < cost:
-                best, cost = given[other].copy(), found
+                _copy(given[other], best)
+                cost = found
         center, size = _extent(here, patches[t])
         shift, turn = share * STEP * size, share * LEAN
         for _ in range(ROUNDS):
             for _ in range(TRIES):
-                base, before = best, cost
+                _copy(best, base)
+                before = cost
                 for way in range(12):
                     sign, axis = F(1 - 2 * (way % 2)), way // 2
-                    move = _changed(base, center, axis, sign * (shift if axis < 3 else turn))
+                    _change(base, center, axis, sign * (shift if axis < 3 else turn), move)
                     found = _difference(here, move, pairs, colors, views, CAP, cost)
                     if found < cost:
-                        best, cost = move, found
+                        _copy(move, best)
+                        cost = found
                 if cost == before:
                     break
             shift, turn = HALF * shift, HALF * turn
-        moves[t] = best
         costs[t] = cost
