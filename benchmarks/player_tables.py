@@ -21,8 +21,8 @@ def frame_table(records: dict[str, dict]) -> str:
     if not found:
         return "*not measured*"
     rows = [
-        f"| {FRAMES[name]} | {record['ratio']:.2f} | {record['frame_ms']:.0f} "
-        f"({', '.join(f'{value:.0f}' for value in record['frame_ms_of_rounds'])}) | {record['psnr']:.1f} |"
+        f"| {FRAMES[name]} | {record['ratio']:.2f} | {_milliseconds(record['frame_ms'])} "
+        f"({', '.join(map(_milliseconds, record['frame_ms_of_rounds']))}) | {record['psnr']:.1f} |"
         for name, record in found.items()
     ]
     head = ["| | time of a frame, relative | ms, best round (all rounds) | PSNR dB |", "|---|---|---|---|"]
@@ -30,6 +30,10 @@ def frame_table(records: dict[str, dict]) -> str:
     width, height = last["size"]
     label = f"{last['points']:,} points at {width}x{height}: {last['note']}. {last['machine']}; commit `{last['revision']}`."
     return "\n".join([*head, *rows, "", label])
+
+
+def _milliseconds(value: float) -> str:
+    return f"{value:.0f}" if value >= 10 else f"{value:.2g}"
 
 
 def decoder_table(records: dict[str, dict]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import re
 import shutil
 import statistics
 import subprocess
@@ -12,7 +13,7 @@ import tempfile
 from pathlib import Path
 
 from http_folder import serve_folder
-from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Browser, Playwright, sync_playwright
 
 from scene import read_points, write_scene
 
@@ -42,6 +43,20 @@ FLAGS = [
     "--disable-gpu-vsync",
 ]
 """Pictures come as fast as they are drawn, not 60 a second at most."""
+DEVICES = (
+    [],
+    ["--use-angle=vulkan", "--enable-features=Vulkan", "--disable-vulkan-surface"],
+    ["--use-gl=angle", "--use-angle=gl-egl"],
+)
+"""Ways to reach the graphics device, in the order they are tried; the last two need no display."""
+RENDERER = """() => {
+  const gl = document.createElement("canvas").getContext("webgl2");
+  const info = gl?.getExtension("WEBGL_debug_renderer_info");
+  return gl ? gl.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : gl.RENDERER) : "nothing";
+}"""
+"""Script that names what draws."""
+SOFTWARE = re.compile("nothing|SwiftShader|llvmpipe|softpipe|Software|Basic Render", re.IGNORECASE)
+"""Names of what draws without a graphics device."""
 
 
 def main() -> None:
@@ -61,17 +76,36 @@ def main() -> None:
         folder = Path(name)
         shutil.copytree(STATIC, folder, dirs_exist_ok=True)
         bundle(folder, arguments.players)
-        flags = FLAGS if arguments.gpu else [*FLAGS, "--disable-gpu"]
-        browser = driver.chromium.launch(executable_path=chromium(), args=flags)
+        browser, renderer = launch(driver, arguments.gpu)
         for count in arguments.counts:
             truth = write_scene(read_points(arguments.points), count, folder, arguments.size, arguments.pictures)
             with serve_folder(folder) as url:
                 results = turns(browser, url, arguments, truth)
                 for player in results:
-                    values = {"points": count, "player": player, "size": arguments.size} | summary(results, player)
+                    values = {"points": count, "player": player, "size": arguments.size, "renderer": renderer}
+                    values |= summary(results, player)
                     print(json.dumps(values), flush=True)
                     if arguments.record is not None:
                         record(f"frame times {player}", values, arguments.record)
+
+
+def launch(driver: Playwright, gpu: bool) -> tuple[Browser, str]:
+    """Return a browser that draws with the graphics device or by software, and the name of what draws."""
+    tried = []
+    for ways in DEVICES if gpu else [["--disable-gpu"]]:
+        flags = [*FLAGS, "--ignore-gpu-blocklist", *ways] if gpu else [*FLAGS, *ways]
+        browser = driver.chromium.launch(executable_path=chromium(), args=flags)
+        page = browser.new_page()
+        renderer = page.evaluate(RENDERER)
+        page.close()
+        if not gpu or not SOFTWARE.search(renderer):
+            return browser, renderer
+        browser.close()
+        tried.append(renderer)
+    raise SystemExit(
+        f"The browser reaches no graphics device; it would draw with {'; '.join(dict.fromkeys(tried))}. "
+        "Install the device's driver for Vulkan or EGL, or leave --gpu away."
+    )
 
 
 def chromium() -> str | None:
@@ -118,7 +152,7 @@ def summary(results: dict[str, list[dict]], player: str) -> dict:
 
 
 def measure(browser: Browser, url: str, player: str, size: list[int], truth: Path) -> dict:
-    """Return milliseconds of a frame (median and minimum) and of a sort, and the PSNR against the CPU's image."""
+    """Return milliseconds of a finished frame (median and minimum) and of a sort, and the PSNR against the CPU's image."""
     import numpy as np
     from PIL import Image
 
@@ -137,8 +171,8 @@ def measure(browser: Browser, url: str, player: str, size: list[int], truth: Pat
     sorts = page.evaluate("window.bench.sorts()")
     page.close()
     return {
-        "frame_ms": round(statistics.median(times), 1),
-        "fastest_frame_ms": round(min(times), 1),
+        "frame_ms": round(statistics.median(times), 2),
+        "fastest_frame_ms": round(min(times), 2),
         "sort_ms": round(statistics.median(sorts), 2) if sorts else None,
         "psnr": round(float(-10 * np.log10(np.mean(difference**2))), 2),
     }

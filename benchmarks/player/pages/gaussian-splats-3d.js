@@ -22,4 +22,4 @@ const draw = () => {
 };
 pose((await (await fetch("scene.json")).json()).poses[0]);
 draw();
-window.bench = { measure: () => measure(pose), settle: (viewmat) => settle(pose, viewmat, 30), sorts: () => [viewer.lastSortTime].filter(Boolean), canvas: renderer.domElement };
+window.bench = { measure: () => measure(pose, renderer.domElement), settle: (viewmat) => settle(pose, viewmat, 30), sorts: () => [viewer.lastSortTime].filter(Boolean), canvas: renderer.domElement };

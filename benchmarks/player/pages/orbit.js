@@ -1,4 +1,4 @@
-// What all players share: a canvas of the asked size, an orbit of poses, and the time between pictures while it goes round.
+// What all players share: a canvas of the asked size, an orbit of poses, and the time between finished pictures while it goes round.
 const parameters = new URLSearchParams(location.search);
 export const [width, height] = [Number(parameters.get("width")), Number(parameters.get("height"))];
 export const scene = await (await fetch("scene.json")).json();
@@ -15,13 +15,29 @@ export function worldOf(m) {
 
 const nextPicture = () => new Promise(requestAnimationFrame);
 
-/** Go round; `pose` takes a world-to-camera matrix and has it drawn in this or the next picture. Milliseconds between pictures. */
-export async function measure(pose) {
+const afterPicture = () => new Promise((done) => setTimeout(done));
+
+/** Wait until the device has drawn all it was given, by reading a pixel: a page may run many pictures ahead of it. */
+function finish(gl) {
+  const [target, buffer] = [gl.getParameter(gl.READ_FRAMEBUFFER_BINDING), gl.getParameter(gl.PIXEL_PACK_BUFFER_BINDING)];
+  gl.bindFramebuffer(gl.READ_FRAMEBUFFER, null);
+  gl.bindBuffer(gl.PIXEL_PACK_BUFFER, null);
+  gl.readPixels(0, 0, 1, 1, gl.RGBA, gl.UNSIGNED_BYTE, new Uint8Array(4));
+  gl.bindFramebuffer(gl.READ_FRAMEBUFFER, target);
+  gl.bindBuffer(gl.PIXEL_PACK_BUFFER, buffer);
+}
+
+/** Go round; `pose` takes a world-to-camera matrix and has it drawn in the next picture. Milliseconds between finished pictures. */
+export async function measure(pose, canvas) {
+  const gl = canvas.getContext("webgl2");
   const times = [];
   let last = 0;
   for (const viewmat of scene.poses) {
     pose(viewmat);
-    const now = await nextPicture();
+    await nextPicture();
+    await afterPicture();
+    finish(gl);
+    const now = performance.now();
     if (last > 0) times.push(now - last);
     last = now;
   }

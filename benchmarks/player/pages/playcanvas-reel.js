@@ -11,4 +11,4 @@ const sorts = [];
 app.scene.on("gsplat:sorted", (milliseconds) => sorts.push(milliseconds));
 app.start();
 await reel.whenReady();
-window.bench = { measure: () => measure(pose), settle: (viewmat) => settle(pose, viewmat, 30), sorts: () => sorts, canvas };
+window.bench = { reel, measure: () => measure(pose, canvas), settle: (viewmat) => settle(pose, viewmat, 30), sorts: () => sorts, canvas };

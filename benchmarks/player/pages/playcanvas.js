@@ -15,4 +15,4 @@ app.root.addChild(splat);
 const sorts = [];
 app.scene.on("gsplat:sorted", (milliseconds) => sorts.push(milliseconds));
 app.start();
-window.bench = { measure: () => measure(pose), settle: (viewmat) => settle(pose, viewmat), sorts: () => sorts, canvas };
+window.bench = { measure: () => measure(pose, canvas), settle: (viewmat) => settle(pose, viewmat), sorts: () => sorts, canvas };

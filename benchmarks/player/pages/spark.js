@@ -16,4 +16,4 @@ const pose = (viewmat) => {
   matrix.fromArray(worldOf(viewmat)).decompose(camera.position, camera.quaternion, camera.scale);
 };
 renderer.setAnimationLoop(() => renderer.render(world, camera));
-window.bench = { measure: () => measure(pose), settle: (viewmat) => settle(pose, viewmat, 30), sorts: () => [], canvas: renderer.domElement };
+window.bench = { measure: () => measure(pose, renderer.domElement), settle: (viewmat) => settle(pose, viewmat, 30), sorts: () => [], canvas: renderer.domElement };

@@ -12,4 +12,4 @@ const pose = (viewmat) => {
   reel.camera = { viewmat };
   sorts.push(reel.stats.sortMilliseconds);
 };
-window.bench = { reel, measure: () => measure(pose), settle: (viewmat) => settle(pose, viewmat), sorts: () => sorts, canvas: reel.player.canvas };
+window.bench = { reel, measure: () => measure(pose, reel.player.canvas), settle: (viewmat) => settle(pose, viewmat), sorts: () => sorts, canvas: reel.player.canvas };

@@ -15,4 +15,4 @@ const pose = (viewmat) => {
 };
 renderer.setAnimationLoop(() => renderer.render(world, camera));
 await reel.whenReady();
-window.bench = { reel, measure: () => measure(pose), settle: (viewmat) => settle(pose, viewmat, 30), sorts: () => [], canvas: renderer.domElement };
+window.bench = { reel, measure: () => measure(pose, renderer.domElement), settle: (viewmat) => settle(pose, viewmat, 30), sorts: () => [], canvas: renderer.domElement };
