@@ -50,10 +50,10 @@ class PreparedGroup:
 
 @dataclass(frozen=True)
 class PreparedLayer:
-    """An encoded layer and the order of its points. until: the group at which the layer is retired; None if never."""
+    """The files of an encoded layer, and the order of its points. until: the group at which the layer is retired; None if never."""
 
     points: Gaussians
-    data: bytes
+    files: tuple[bytes, ...]
     order: np.ndarray
     until: int | None
 
@@ -155,9 +155,9 @@ class GroupWriter:
     def _prepare_layer(self, index: int, first_frame: int, layer: StoredLayer, shared: bool) -> PreparedLayer:
         until = None if shared or self._firsts is None else min((f for f in self._firsts if f > index), default=None)
         store = self.store.scene if shared else self.store.group(index)
-        data = store.encoded_layer() if self.encoded else None
-        if data is not None:
-            return PreparedLayer(layer.trained, data, np.arange(len(layer.trained)), until)
+        files = store.encoded_layer() if self.encoded else None
+        if files is not None:
+            return PreparedLayer(layer.trained, files, np.arange(len(layer.trained)), until)
         encoded = self.writer.encoder.layer(index, first_frame, layer.trained, layer.importance, layer.steps)
         return PreparedLayer(layer.trained, *encoded, until)
 
@@ -175,7 +175,7 @@ class GroupWriter:
     def _write(self, prepared: PreparedGroup, files: dict[str, bytes] | None) -> None:
         group = prepared.group
         for layer in prepared.layers:
-            encoded = layer.data, layer.order
+            encoded = layer.files, layer.order
             self.writer.add_layer(group.index, group.first_frame, layer.points, encoded=encoded, until=layer.until)
         self.writer.add_group(
             group, encoded=files or self.writer.encoder.group(group, prepared.importance, prepared.steps)
