@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -44,7 +45,7 @@ def test_parts_grow() -> None:
     for count in np.geomspace(1, 1e6, 60).astype(int).tolist():
         sizes = part_sizes(count)
         assert sum(sizes) == count
-        assert all(a <= 2 * b and b <= 8 * a for a, b in zip(sizes, sizes[1:], strict=False))
+        assert all(a <= 2 * b and b <= 8 * a for a, b in pairwise(sizes))
 
 
 @pytest.mark.usefixtures("small_parts")

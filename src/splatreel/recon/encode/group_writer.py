@@ -112,8 +112,20 @@ class GroupWriter:
 
     def skip(self, index: int) -> None:
         """Pass over a group that the reel contains already."""
+        if self._is_reordered(index):
+            self._prepare(index)
+            return
         for shared, layer in self._layers_born_at(index):
             self._extend(np.flatnonzero(self._region.of_layer(layer)), len(layer.trained), shared)
+
+    def _is_reordered(self, index: int) -> bool:
+        """Return True if the reel's points may be in another order than the checkpoint's.
+
+        A region has a grid of positions of its own, and an older checkpoint has its layers in one part.
+        """
+        born = [layer.until for layer in self.writer.manifest.layers if layer.group == index]
+        has_parts = len(set(born)) < len(born)
+        return (has_parts or self._region.volume is not None) and self.store.group(index).finished()
 
     def _prepare(self, index: int) -> PreparedGroup:
         stored = self.store.group(index).group()
