@@ -143,7 +143,11 @@ export class DecoderPool {
     };
     worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => take(data);
     worker.onerror = (event) => finish(() => receiver.failed(`${source.url} cannot be decoded (${failureOf(event)}).`, PLAIN.player), true);
-    if (early) queueMicrotask(() => early.replies.forEach(({ data, at }) => this.running.get(key) === job && take(data, at)));
+    const replay = ({ data, at }: EarlyFile["replies"][number]): void => {
+      if (this.running.get(key) === job) take(data, at);
+      else worker.onmessage?.({ data } as MessageEvent); // canceled: this may confirm it
+    };
+    if (early) queueMicrotask(() => early.replies.forEach(replay));
     else send(worker, { id, source, page: points === null });
   }
 
