@@ -63,14 +63,14 @@ test("a worker that was started early is used first", () => {
 
 test("a file that the page requested early is taken over, with the replies so far and their times", async () => {
   const worker = new FakeWorker();
-  const early = { worker: worker as unknown as Worker, file: { url: source("a").url, asked: time.now - 600, replies: [] as { data: DecodeReply; at: number }[] } };
+  const early = { worker: worker as unknown as Worker, file: { url: source("a").url, replies: [] as { data: DecodeReply; at: number }[] } };
   early.file.replies.push({ data: { id: EARLY, received: 400 }, at: time.now - 500 }, { data: { id: EARLY, received: 100 }, at: time.now - 400 });
   const other = new DecoderPool(decodeWorkers, early);
   other.start("a", source("a"), 1, receiver("a"));
   assert.deepEqual([worker.posted.filter((request) => "source" in request), log], [[], []], "nothing is requested again");
   await Promise.resolve();
   assert.deepEqual([other.received("a"), log, other.meter.rate], [500, ["a received", "a received"], 0]);
-  assert.equal(other.isNearlyHere("a"), false, "500 bytes took half a second, and an answer takes 0.1");
+  assert.equal(other.isNearlyHere("a"), false, "the round trip is unknown");
   other.start("b", source("b"), 1, receiver("b"));
   assert.notEqual(at("b").worker, worker);
   worker.say({ id: EARLY, received: 500 });
@@ -84,7 +84,7 @@ test("a file that the page requested early is taken over, with the replies so fa
 test("an early file that is not the first to be needed is canceled", async () => {
   const worker = new FakeWorker();
   const replies = [{ data: { id: EARLY, received: 400 } as DecodeReply, at: time.now }];
-  const other = new DecoderPool(decodeWorkers, { worker: worker as unknown as Worker, file: { url: source("a").url, asked: time.now, replies } });
+  const other = new DecoderPool(decodeWorkers, { worker: worker as unknown as Worker, file: { url: source("a").url, replies } });
   other.start("b", source("b"), 1, receiver("b"));
   assert.deepEqual(worker.posted.slice(1).map(({ id, cancel = false }) => [id, cancel]), [[EARLY, true], [0, false]]);
   worker.say({ id: EARLY, error: "canceled" });
@@ -99,7 +99,7 @@ test("an early file that is not the first to be needed is canceled", async () =>
 test("an early file that is canceled after it was taken over is not delivered", async () => {
   const worker = new FakeWorker();
   const replies = [{ data: { id: EARLY, file: FILE, milliseconds: 1 } as unknown as DecodeReply, at: time.now }];
-  const other = new DecoderPool(decodeWorkers, { worker: worker as unknown as Worker, file: { url: source("a").url, asked: time.now, replies } });
+  const other = new DecoderPool(decodeWorkers, { worker: worker as unknown as Worker, file: { url: source("a").url, replies } });
   other.start("a", source("a"), 1, receiver("a"));
   other.cancel("a");
   await Promise.resolve();

@@ -58,7 +58,7 @@ function requestLayer(worker: Worker, manifest: { layers?: Layer[] }): EarlyFile
   const layer = manifest.layers?.[0];
   if (layer?.group !== 0 || layer.until !== undefined) return null;
   const { bytes, sha256 = null } = layer;
-  const file: EarlyFile = { url: new URL(plainPath(layer.uri), url).href, asked: performance.now(), replies: [] };
+  const file: EarlyFile = { url: new URL(plainPath(layer.uri), url).href, replies: [] };
   worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => file.replies.push({ data, at: performance.now() });
   worker.postMessage({ id: EARLY, source: { url: file.url, bytes, sha256 }, page: false } satisfies DecodeRequest);
   return file;

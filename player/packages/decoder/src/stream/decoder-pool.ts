@@ -26,10 +26,9 @@ export interface EarlyWorker {
 /** Number of the request for an early file. */
 export const EARLY = -1;
 
-/** A file that was requested early, and the replies so far with their times. Times are in milliseconds. */
+/** A file that was requested early, and the replies so far with their times in milliseconds. */
 export interface EarlyFile {
   url: string;
-  asked: number;
   replies: { data: DecodeReply; at: number }[];
 }
 
@@ -50,7 +49,7 @@ export interface Receiver {
 export interface Job {
   readonly source: Source;
   /** Time of the request, in milliseconds. */
-  readonly asked: number;
+  asked: number;
   /** Time of the first byte, in milliseconds, and the number of bytes received. */
   began: number;
   received: number;
@@ -118,7 +117,7 @@ export class DecoderPool {
     const early = this.takeEarly(source.url);
     const worker = this.idle.pop() ?? this.addWorker();
     const id = early ? EARLY : this.nextId++;
-    const job: Running = { id, worker, source, asked: early?.asked ?? performance.now(), began: 0, received: 0, open: true };
+    const job: Running = { id, worker, source, asked: performance.now(), began: 0, received: 0, open: true };
     this.running.set(key, job);
     this.meter.begin(performance.now());
     const finish = (report: () => void, dead = false): void => {
@@ -194,10 +193,13 @@ export class DecoderPool {
     this.workers.splice(this.workers.indexOf(worker), 1);
   }
 
-  /** Count received bytes. early: time at which they arrived, if that was before the job began. Their bandwidth is not measured. */
+  /**
+   * Count received bytes. early: time at which they arrived, if that was before the job began. Their bandwidth is not measured, and
+   * the round trip is unknown: the worker was still starting when it was asked.
+   */
   private count(job: Running, bytes: number, early?: number): void {
     const now = early ?? performance.now();
-    if (job.received === 0) job.began = now;
+    if (job.received === 0) [job.began, job.asked] = [now, early ?? job.asked];
     job.received += bytes;
     if (early === undefined) this.meter.addBytes(bytes, now);
     if (job.received >= job.source.bytes) this.close(job); // only decoding is left
