@@ -73,6 +73,17 @@ def moving_group(
     return Group(index, index * LENGTH, points, dx, dq, alive, shade, dusk if change == "light" else None)
 
 
+def write_parts(path: Path) -> None:
+    """Write a layer in two parts, and a group at which some of its points are not alive."""
+    rng = np.random.default_rng(5)
+    writer = new_writer(path, config=PREDICTIVE, group_length=LENGTH, overlap=OVERLAP)
+    for count in (8, 20):
+        writer.add_layer(0, 0, random_gaussians(rng, count, 1, (0, 0, 0)))
+    for index, alive in enumerate((np.ones(28, bool), np.arange(28) % 3 > 0)):
+        writer.add_group(moving_group(rng, index, 12, 1, alive, ""))
+    writer.finish()
+
+
 def write_chapters(path: Path, groups: int, page: int = 64, keep: int | None = None) -> ReelWriter:
     """Write a reel in chapters of three groups, whose layers are retired. keep: drop the groups before this one, and stay live."""
     writer = new_writer(path, config=PREDICTIVE, page=page)
@@ -107,6 +118,7 @@ CASES: dict[str, tuple[str, Callable[[Path], Any]]] = {
     "static": ("groups without dynamic points", lambda path: write(path, moving=0)),
     "dynamic": ("groups without static points", lambda path: write(path, born=(0, 0))),
     "renditions": ("two renditions of each group", lambda path: write(path, SEVERAL)),
+    "parts": ("version 2: a layer in two parts", write_parts),
     "retired": ("version 2: layers that are retired, several born at one group", lambda path: write_chapters(path, 5)),
     "pages": ("version 2: a manifest in pages", lambda path: write_chapters(path, 7, page=2)),
     "window": (

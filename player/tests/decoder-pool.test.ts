@@ -1,7 +1,8 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
 import { PLAIN } from "@splatreel/decoder/base/errors";
-import { DecoderPool } from "@splatreel/decoder/stream/decoder-pool";
+import type { DecodeReply } from "@splatreel/decoder/decode/decode-worker";
+import { DecoderPool, EARLY } from "@splatreel/decoder/stream/decoder-pool";
 import { decodeWorkers } from "../src/files/bundle";
 import { FakeTime } from "./fakes/time";
 import { FakeWorker, FILE } from "./fakes/workers";
@@ -52,12 +53,60 @@ test("the first worker starts at once, the second with the second file, and no t
 
 test("a worker that was started early is used first", () => {
   const early = new FakeWorker();
-  const other = new DecoderPool(decodeWorkers, early as unknown as Worker);
+  const other = new DecoderPool(decodeWorkers, { worker: early as unknown as Worker, file: null });
   other.start("a", source("a"), 1, receiver("a"));
   assert.match(early.posted[0].files["hevc-worker.js"], /\/hevc-worker\.js$/);
   assert.equal(early.posted[1].source.url, source("a").url);
   other.destroy();
   assert.equal(early.terminated, true);
+});
+
+test("a file that the page requested early is taken over, with the replies so far and their times", async () => {
+  const worker = new FakeWorker();
+  const early = { worker: worker as unknown as Worker, file: { url: source("a").url, replies: [] as { data: DecodeReply; at: number }[] } };
+  early.file.replies.push({ data: { id: EARLY, received: 400 }, at: time.now - 500 }, { data: { id: EARLY, received: 100 }, at: time.now - 400 });
+  const other = new DecoderPool(decodeWorkers, early);
+  other.start("a", source("a"), 1, receiver("a"));
+  assert.deepEqual([worker.posted.filter((request) => "source" in request), log], [[], []], "nothing is requested again");
+  await Promise.resolve();
+  assert.deepEqual([other.received("a"), log, other.meter.rate], [500, ["a received", "a received"], 0]);
+  assert.equal(other.isNearlyHere("a"), false, "the round trip is unknown");
+  other.start("b", source("b"), 1, receiver("b"));
+  assert.notEqual(at("b").worker, worker);
+  worker.say({ id: EARLY, received: 500 });
+  worker.say({ id: EARLY, file: FILE, milliseconds: 1 });
+  assert.deepEqual([log.slice(2), other.keys], [["a received", "a done"], ["b"]]);
+  other.start("c", source("c"), 1, receiver("c"));
+  assert.equal(at("c").worker, worker);
+  other.destroy();
+});
+
+test("an early file that is not the first to be needed is canceled", async () => {
+  const worker = new FakeWorker();
+  const replies = [{ data: { id: EARLY, received: 400 } as DecodeReply, at: time.now }];
+  const other = new DecoderPool(decodeWorkers, { worker: worker as unknown as Worker, file: { url: source("a").url, replies } });
+  other.start("b", source("b"), 1, receiver("b"));
+  assert.deepEqual(worker.posted.slice(1).map(({ id, cancel = false }) => [id, cancel]), [[EARLY, true], [0, false]]);
+  worker.say({ id: EARLY, error: "canceled" });
+  await Promise.resolve();
+  assert.deepEqual([log, other.keys], [[], ["b"]]);
+  say("b", { file: FILE, milliseconds: 1 });
+  other.start("a", source("a"), 1, receiver("a"));
+  assert.equal(at("a").id, 1, "it is requested again");
+  other.destroy();
+});
+
+test("an early file that is canceled after it was taken over is not delivered", async () => {
+  const worker = new FakeWorker();
+  const replies = [{ data: { id: EARLY, file: FILE, milliseconds: 1 } as unknown as DecodeReply, at: time.now }];
+  const other = new DecoderPool(decodeWorkers, { worker: worker as unknown as Worker, file: { url: source("a").url, replies } });
+  other.start("a", source("a"), 1, receiver("a"));
+  other.cancel("a");
+  await Promise.resolve();
+  assert.deepEqual([log, other.keys], [[], []]);
+  for (const name of ["b", "c"]) other.start(name, source(name), 1, receiver(name));
+  assert.ok([at("b").worker, at("c").worker].includes(worker), "the worker is idle");
+  other.destroy();
 });
 
 test("received bytes count over the time of their transfer", () => {

@@ -54,6 +54,22 @@ test("each layer that arrives before the first group is drawn at once", async ()
   }
 });
 
+test("a layer is drawn while the rest of its group never arrives, and playback waits for all of it", async () => {
+  const fake = new FakePlayer({ groups: 2, layers: [0, 0], layerBytes: 100_000 });
+  await fake.open();
+  fake.files.give("layers/0.bin");
+  await fake.pass(40);
+  assert.deepEqual(fake.heard("progress", "volumechange", "loadstart", "loadedmetadata", "durationchange"), ["loadeddata", "drawn"]);
+  fake.player.play();
+  await fake.pass(5000);
+  const { canPlay, busy, waiting, currentTime } = fake.player;
+  assert.deepEqual([fake.stage.points, fake.files.coming], [100, ["layers/1.bin"]]);
+  assert.deepEqual([canPlay, busy, waiting, currentTime], [false, true, true, 0]);
+  fake.files.give("layers/1.bin", "groups/0.bin");
+  await fake.pass(40);
+  assert.deepEqual([fake.player.canPlay, fake.stage.points], [true, 300]);
+});
+
 test("in a cross-fade both groups are sorted, and both are kept", async () => {
   const fake = await started();
   fake.player.currentTime = 1.1;

@@ -25,6 +25,24 @@ test("layers load first and alone, then the current group, then later groups, tw
   assert.equal(world.stream.busy, false);
 });
 
+test("large layers load one after the other, each requested while the end of the one before arrives", () => {
+  const world = new World({ layers: [0, 0, 0], layerBytes: 100_000 });
+  world.want({});
+  assert.deepEqual(world.coming, ["layers/0.bin"]);
+  time.now += 100;
+  world.bytes("layers/0.bin", 1000);
+  assert.deepEqual(world.coming, ["layers/0.bin"]);
+  time.now += 100;
+  world.bytes("layers/0.bin", 90_000);
+  assert.deepEqual(world.coming, ["layers/0.bin", "layers/1.bin"]);
+  world.give("layers/0.bin");
+  assert.deepEqual([world.stream.loadedLayers, world.coming], [["layers/0.bin"], ["layers/1.bin"]]);
+  world.give("layers/1.bin");
+  assert.deepEqual(world.coming, ["layers/2.bin"]);
+  world.give("layers/2.bin");
+  assert.deepEqual(world.coming, ["groups/0.bin"]);
+});
+
 test("the current group is requested while the end of the last layer arrives", () => {
   const world = new World();
   world.want({});

@@ -82,7 +82,7 @@ def test_encoded_files_are_written_unchanged(tmp_path, whole):
     reader = ReelReader(whole)
     for entry in reader.manifest.groups:
         for layer in (x for x in reader.manifest.layers if x.group == entry.group):
-            given = reader.read_file(layer), np.arange(layer.points)
+            given = (reader.read_file(layer),), np.arange(layer.points)
             writer.add_layer(layer.group, layer.first_frame, points(layer.points), encoded=given, until=layer.until)
         data = reader.read_file(entry)
         writer.add_group(decode_group(data, entry.uri), encoded={entry.uri: data})

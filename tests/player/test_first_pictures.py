@@ -3,18 +3,22 @@
 import hashlib
 import io
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, Route
 
-from splatreel.play.server import Server
+from splatreel.play.server import Server, serve
+from splatreel.play.timeline import open_reel
 from tests.golden import GOLDEN
 from tests.player.pages import PLAYER, open_player, wait_for_picture
+from tests.player.test_browser import picture, psnr
 
 pytestmark = pytest.mark.browser
 
+PARTS = Path(__file__).parents[2] / "conformance" / "parts"
 RED = (200, 30, 40)
 POSTER = "document.querySelector('splat-reel').shadowRoot.querySelector('img.poster')"
 
@@ -131,6 +135,27 @@ def test_layers_have_the_line_before_groups_and_a_percentage_is_told(page: Page,
     page.unroute("**/layers/*")
     wait_for_picture(page)
     assert page.evaluate(f"{PLAYER}.progress") == 1
+
+
+def test_the_first_part_of_a_layer_is_drawn_alone(page: Page):
+    """The other part never arrives, until it does. The picture is then the one that Python draws."""
+    held: list[Route] = []
+    page.route("**/layers/0000.1.safetensors", lambda route: held.append(route))
+    reel = open_reel(PARTS)
+    with serve(PARTS, port=0) as server:
+        page.goto(server.url + "?autoplay=0")
+        page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.playback.hasPicture")
+        first, second = (layer.points for layer in reel.manifest.layers)
+        assert 0 < page.evaluate(f"{PLAYER}.stage.points") <= first < second
+        assert page.evaluate(f"[{PLAYER}.canPlay, {PLAYER}.busy, {PLAYER}.error]") == [False, True, None]
+        while not held:
+            page.wait_for_timeout(20)
+        held.pop().continue_()
+        wait_for_picture(page)
+        for seconds in (0.05, 0.45):
+            camera = reel.manifest.camera
+            want = np.clip(reel.render(reel.at(seconds), camera), 0, 1)
+            assert psnr(picture(page, seconds, camera), want) >= 45
 
 
 @pytest.mark.parametrize(("scheme", "ground"), [("light", (241, 241, 243)), ("dark", (11, 11, 12))])

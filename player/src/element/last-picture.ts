@@ -19,7 +19,7 @@ export class LastPicture {
     player.addEventListener("emptied", () => this.forget());
   }
 
-  /** The last copy; null before the first frame. */
+  /** The last copy; null before the first complete frame. */
   get canvas(): HTMLCanvasElement | null {
     return this.copy;
   }
@@ -27,6 +27,7 @@ export class LastPicture {
   private drawn(): void {
     clearTimeout(this.timer);
     if (this.player.presented) return; // a headset shows it
+    if (!this.player.canPlay) return; // reading the canvas waits for the device, and would delay the first picture
     // A frame can be read until the browser presents it.
     if (performance.now() - this.taken > EVERY) return this.take();
     this.timer = window.setTimeout(() => this.player.playback.redraw() && this.take(), REST);

@@ -1,4 +1,7 @@
-/** First script of the bundled page: requests the manifest and shows the poster before the player is loaded. */
+/** First script of the bundled page: requests the manifest and the first layer, and shows the poster, before the player is loaded. */
+import type { DecodeReply, DecodeRequest } from "@splatreel/decoder/decode/decode-worker";
+import { plainPath } from "@splatreel/decoder/reel/json";
+import { EARLY, type EarlyFile, type EarlyWorker } from "@splatreel/decoder/stream/decoder-pool";
 import type { Prefetched } from "../player/prefetched";
 import type { PageRoot } from "./page";
 
@@ -8,6 +11,15 @@ const SLOW = 150;
 const POSTER_TIMEOUT = 2500;
 /** Timeout of the manifest, in milliseconds. */
 const STALL = 8000;
+
+/** Entry of a layer in the manifest, not checked yet. */
+interface Layer {
+  uri: unknown;
+  bytes: number;
+  sha256?: string;
+  group: unknown;
+  until?: unknown;
+}
 
 const root = document.querySelector<PageRoot>("main[data-splatreel-page]")!;
 const parameters = new URLSearchParams(location.search);
@@ -30,13 +42,26 @@ function loadAll(): void {
   if (!customElements.get("splat-reel")) prefetched.worker ??= firstWorker();
 }
 
-/** Start the first worker; null in a sandboxed frame, where the player starts it differently. */
-function firstWorker(): Worker | null {
+/** Start the first worker and request the first layer; null in a sandboxed frame, where the player starts workers differently. */
+function firstWorker(): EarlyWorker | null {
   try {
-    return new Worker(new URL("./decode-worker.js", import.meta.url), { type: "module" });
+    const early: EarlyWorker = { worker: new Worker(new URL("./decode-worker.js", import.meta.url), { type: "module" }), file: null };
+    void text.then((json) => (early.file = requestLayer(early.worker, JSON.parse(json ?? "{}")))).catch(() => undefined);
+    return early;
   } catch {
     return null;
   }
+}
+
+/** Request the first layer, if it is needed at any time of the reel. The player takes the replies. */
+function requestLayer(worker: Worker, manifest: { layers?: Layer[] }): EarlyFile | null {
+  const layer = manifest.layers?.[0];
+  if (layer?.group !== 0 || layer.until !== undefined) return null;
+  const { bytes, sha256 = null } = layer;
+  const file: EarlyFile = { url: new URL(plainPath(layer.uri), url).href, replies: [] };
+  worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => file.replies.push({ data, at: performance.now() });
+  worker.postMessage({ id: EARLY, source: { url: file.url, bytes, sha256 }, page: false } satisfies DecodeRequest);
+  return file;
 }
 
 const asked = performance.now();

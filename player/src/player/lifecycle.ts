@@ -176,7 +176,7 @@ export class Lifecycle {
     const { prefetched, source } = this;
     this.prefetched = null;
     if (prefetched?.url === source) return prefetched;
-    prefetched?.worker?.terminate();
+    prefetched?.worker?.worker.terminate();
     return null;
   }
 

@@ -1,7 +1,9 @@
-/** Early requests of the page: text of the manifest at `url` (null if that failed), the poster, and the first worker. */
+import type { EarlyWorker } from "@splatreel/decoder/stream/decoder-pool";
+
+/** Early requests of the page: text of the manifest at `url` (null if that failed), the poster, and the first worker with the first layer. */
 export interface Prefetched {
   url: string;
   text: Promise<string | null>;
   image: HTMLImageElement;
-  worker: Worker | null;
+  worker: EarlyWorker | null;
 }

@@ -2,6 +2,7 @@
 import type { LocalFiles } from "@splatreel/decoder/files/local-files";
 import type { Manifest } from "@splatreel/decoder/reel/manifest";
 import type { Reel } from "@splatreel/decoder/reel/reel";
+import type { EarlyWorker } from "@splatreel/decoder/stream/decoder-pool";
 import { ReelLoader, type LoaderEvents } from "@splatreel/decoder/stream/reel-loader";
 import type { PointSorter } from "../draw/point-sorter";
 import type { Renderer } from "../draw/renderer";
@@ -14,13 +15,13 @@ export type SessionEvents = LoaderEvents;
 
 /** Opens one reel, draws it on a stage, and closes it again. */
 export class Session extends ReelLoader {
-  /** Start the workers at once, while the manifest downloads. sorterOf: creates the sorter. worker: a decode worker that is already running. */
-  static start(renderer: Renderer, sorterOf: (failed: (message: string) => void) => PointSorter, events: SessionEvents, worker?: Worker | null): Session {
-    return new Session(new Stage(renderer, sorterOf((message) => events.failed(new Error(message)))), events, worker);
+  /** Start the workers at once, while the manifest downloads. sorterOf: creates the sorter. early: a decode worker that is already running. */
+  static start(renderer: Renderer, sorterOf: (failed: (message: string) => void) => PointSorter, events: SessionEvents, early?: EarlyWorker | null): Session {
+    return new Session(new Stage(renderer, sorterOf((message) => events.failed(new Error(message)))), events, early);
   }
 
-  private constructor(readonly stage: Stage, events: SessionEvents, worker?: Worker | null) {
-    super(stage, events, decodeWorkers, worker);
+  private constructor(readonly stage: Stage, events: SessionEvents, early?: EarlyWorker | null) {
+    super(stage, events, decodeWorkers, early);
   }
 
   override findManifest(source: string | LocalFiles, early?: Promise<string | null>): Promise<Manifest> {

@@ -18,9 +18,11 @@ export interface Plan {
   overlap?: number;
   /** Points of a group. */
   points?: number;
+  /** Bytes of a layer. */
+  layerBytes?: number;
 }
 
-/** The JSON of a manifest, of version 2 where it needs that. Group I is groups/I.bin, in other renditions groups/I.NAME.bin, of 1000 bytes; layer I is layers/I.bin of 500, the page from group I on pages/I.json. */
+/** The JSON of a manifest, of version 2 where it needs that. Group I is groups/I.bin, in other renditions groups/I.NAME.bin, of 1000 bytes; layer I is layers/I.bin of 500 if the plan says nothing else, the page from group I on pages/I.json. */
 export function documentOf(plan: Plan = {}): Record<string, unknown> {
   const { groups = 5, renditions = [], live = false, overlap = 2, first = 0, page } = plan;
   const viewmat = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];
@@ -63,7 +65,7 @@ export function livingAt(plan: Plan, at: number): number[] {
 function layersOf(plan: Plan): { group: number; until?: number }[] {
   return (plan.layers ?? [0]).map((layer, index) => {
     const [group, until] = [layer].flat();
-    return { ...fileOf(plan, `layers/${index}.bin`, 500), group, ...(until === undefined ? {} : { until }) };
+    return { ...fileOf(plan, `layers/${index}.bin`, plan.layerBytes ?? 500), group, ...(until === undefined ? {} : { until }) };
   });
 }
 

@@ -47,7 +47,7 @@ def describe(name: str, found: ReelInfo) -> str:
         f"  {count} frames at {manifest.fps:g} a second, {seconds:.2f} s, from {width} x {height} pixels",
         f"  {len(manifest.cameras)} cameras; color depends on the view by spherical harmonics of degree {manifest.sh_degree}",
         f"  {found.bytes:,} bytes, {found.bytes_per_second:,.0f} for each second of video; {found.first_view_bytes:,} are fetched "
-        "before the first picture",
+        "before playback starts",
         f"  as plain float32 numbers it would be {found.float32_bytes:,} bytes",
     ]
     layers, groups = sum(found.layer_bytes), sum(found.group_bytes)

@@ -2,13 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 
-from splatreel.codec.group_file import encode_group, encode_layer
-from splatreel.codec.predictive.precision import STEPS, Steps
+from splatreel.codec.group_file import encode_group, encode_layer, encode_layer_again
+from splatreel.codec.layer_parts import part_sizes, split_layer
+from splatreel.codec.predictive.precision import STEPS, Steps, choose_precision
 from splatreel.config import EncodeConfig
+from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+
+EncodedLayer = tuple[tuple[bytes, ...], np.ndarray]
+"""The files of a layer's parts, and order [N]: order[i] is the index of the input point that became point i of these files."""
 
 
 class ReelEncoder:
@@ -16,14 +24,16 @@ class ReelEncoder:
 
     Args:
         config: Settings. With renditions, every group is encoded in each of them, the best first.
+        cameras: Cameras of the capture, by which the points of a layer's first part are chosen.
 
     Attributes:
         config: Settings of the best rendition, which layers use.
     """
 
-    def __init__(self, config: EncodeConfig) -> None:
+    def __init__(self, config: EncodeConfig, cameras: Sequence[Camera] = ()) -> None:
         first, *others = config.renditions or (None,)
         self.config = config if first is None else config.rendition(first)
+        self._cameras = cameras
         self._others = {name: config.rendition(name) for name in others}
 
     @property
@@ -38,8 +48,8 @@ class ReelEncoder:
         gaussians: Gaussians,
         importance: np.ndarray | None = None,
         steps: Steps = STEPS,
-    ) -> tuple[bytes, np.ndarray]:
-        """Encode the static points born at a group.
+    ) -> EncodedLayer:
+        """Encode the static points born at a group. A large layer has several parts (`layer_parts`).
 
         Args:
             group: Number of the group.
@@ -50,9 +60,21 @@ class ReelEncoder:
             steps: Quantization steps of the predictive codec at a coarseness of 1.
 
         Returns:
-            The file, and order [N]: order[i] is the index of the input point that became reel point i.
+            The files of the parts, and order [N]: order[i] is the index of the input point that became reel point i.
         """
-        return encode_layer(group, first_frame, gaussians, self.config, importance, steps)
+        config = self.config
+        if config.codec != "predictive" or len(part_sizes(len(gaussians))) == 1:
+            file, order = encode_layer(group, first_frame, gaussians, config, importance, steps)
+            return (file,), order
+        precision = choose_precision(gaussians.scales, importance, config.coarseness, False, steps)
+        precision = replace(precision, low=gaussians.means.min(0).astype(np.float64))  # the parts share a grid
+        parts = split_layer(gaussians, precision.classes, self._cameras)
+        encoded = [
+            encode_layer_again(group, first_frame, gaussians[part], precision[part], bool(config.sh_entries))
+            for part in parts
+        ]
+        order = np.concatenate([part[order] for part, (_, order) in zip(parts, encoded, strict=True)])
+        return tuple(file for file, _ in encoded), order
 
     def group(self, group: Group, importance: np.ndarray | None = None, steps: Steps = STEPS) -> dict[str, bytes]:
         """Encode a group in every rendition. Return the files by URI, the best first."""

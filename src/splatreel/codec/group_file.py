@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from splatreel.codec import quantize
@@ -135,6 +137,11 @@ def decode_layer(data: bytes, source: str, most: int | None = None) -> tuple[Fil
     """
     header, points, _, _ = _decode_layer(data, source, most)
     return header, points
+
+
+def decode_parts(files: Sequence[bytes], source: str) -> Gaussians:
+    """Decode the points of a layer from the files of its parts. Errors are those of `decode_layer`."""
+    return Gaussians.concatenate([decode_layer(data, source)[1] for data in files])
 
 
 def decode_layer_to_edit(data: bytes, source: str, most: int | None = None) -> tuple[Gaussians, Precision | None]:

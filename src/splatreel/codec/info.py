@@ -29,7 +29,7 @@ class ReelInfo:
     manifest: Manifest
     bytes: int
     first_view_bytes: int
-    """Bytes that a player fetches before the first frame: manifest, first group and the layers that live at it."""
+    """Bytes that a player fetches before playback starts: manifest, first group and the layers that live at it."""
     bytes_per_second: float
     """Bytes per second of everything except the first layers, which are fetched once."""
     layer_bytes: list[int]

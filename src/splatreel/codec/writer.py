@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.codec.container import write_atomically
-from splatreel.codec.encoder import ReelEncoder
+from splatreel.codec.encoder import EncodedLayer, ReelEncoder
 from splatreel.codec.file_entry import FileEntry, birth_order
 from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.codec.header import ReelHeader
@@ -61,7 +61,7 @@ class ReelWriter:
         page: int = PAGE,
     ) -> None:
         self.path = Path(path)
-        self.encoder = ReelEncoder(config)
+        self.encoder = ReelEncoder(config, header.cameras)
         self.config = self.encoder.config
         if not 1 <= page <= MAX_PAGE_GROUPS:
             raise ReelError(f"{self.path}: pages of {page} groups are not read, choose 1 to {MAX_PAGE_GROUPS}.")
@@ -108,12 +108,13 @@ class ReelWriter:
         first_frame: int,
         gaussians: Gaussians,
         importance: np.ndarray | None = None,
-        encoded: tuple[bytes, np.ndarray] | None = None,
+        encoded: EncodedLayer | None = None,
         until: int | None = None,
     ) -> tuple[Gaussians, np.ndarray]:
         """Encode static points born at a group. They appear in the manifest together with that group.
 
-        A group may have several layers, the longest-lived first. Before the first group of a reel that starts later,
+        A large layer is written in parts, each a layer of its own (`layer_parts`). A group may have several layers, the
+        longest-lived first. Before the first group of a reel that starts later,
         layers may be of any earlier group. Train on the returned points: later groups then compensate for the coding
         error.
 
@@ -139,11 +140,14 @@ class ReelWriter:
         self._check_order(entry)
         if not len(gaussians):
             return gaussians, np.zeros(0, np.int64)
-        before = sum(layer.group == group for layer in self._pending)
-        uri = f"layers/{group:04d}.{before}.safetensors" if before else f"layers/{group:04d}.safetensors"
-        data, order = encoded or self.encoder.layer(group, first_frame, gaussians, importance)
-        self._pending.append(self._write(uri, data, replace(entry, uri=uri)))
-        return decode_layer(data, uri)[1], order
+        files, order = encoded or self.encoder.layer(group, first_frame, gaussians, importance)
+        parts = []
+        for data in files:
+            before = sum(layer.group == group for layer in self._pending)
+            uri = f"layers/{group:04d}.{before}.safetensors" if before else f"layers/{group:04d}.safetensors"
+            parts.append(decode_layer(data, uri)[1])
+            self._pending.append(self._write(uri, data, replace(entry, uri=uri, points=len(parts[-1]))))
+        return Gaussians.concatenate(parts), order
 
     def add_group(
         self,

@@ -92,7 +92,7 @@ class _ClipWriter:
             return
         precision = layer.precision or _fine(layer.points, moving=False)
         data, order = encode_layer_again(group, span.first_frame, layer.points, precision)
-        self.writer.add_layer(group, span.first_frame, layer.points, encoded=(data, order), until=until)
+        self.writer.add_layer(group, span.first_frame, layer.points, encoded=((data,), order), until=until)
         self.orders[index] = order
         self.points += len(order)
 

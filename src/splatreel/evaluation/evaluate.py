@@ -244,12 +244,12 @@ def decode_ms_per_frame(reel: str | Path, rendition: str | None, most: int | Non
     reader = ReelReader(reel, rendition, most)
     entries = reader.manifest.groups
     places = np.linspace(0, len(entries) - 1, min(SAMPLED_GROUPS, len(entries))).round().astype(int)
-    born = {layer.group: index for index, layer in enumerate(reader.manifest.layers)}
+    layers = reader.manifest.layers
     begun = time.perf_counter()
     for entry in (entries[place] for place in places):
         reader.group(entry.group)
-        if entry.group in born:
-            reader.layer(born[entry.group])
+        for index in (index for index, layer in enumerate(layers) if layer.group == entry.group):
+            reader.layer(index)
     return 1000 * (time.perf_counter() - begun) / sum(entries[place].frames for place in places)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from splatreel.capture.base import Capture
 from splatreel.codec.encoder import ReelEncoder
-from splatreel.codec.group_file import decode_layer
+from splatreel.codec.group_file import decode_parts
 from splatreel.motion.clean_plates import CleanPlates, clean_plates
 from splatreel.motion.lift import shares
 from splatreel.recon.cameras.exposure import measure_exposure, remove_exposure
@@ -144,10 +144,10 @@ def _save_layer(job: Job, data: GroupInput, points: Gaussians, plates: CleanPlat
         job.progress.stage("encoding the scene that all chapters share", 1, (1.0, 1.0))
         importance = weigh([known], data.cameras, data.near, job.device, data.antialias)
         none = known[:0]
-        (encoded, order), steps = encode_layer_by_slope(
-            ReelEncoder(job.config.encode), data, known, none, 0, importance, job.trial
+        (files, order), steps = encode_layer_by_slope(
+            ReelEncoder(job.config.encode, data.cameras), data, known, none, 0, importance, job.trial
         )
-        store.save_encoded_layer(encoded)
-        decoded = decode_layer(encoded, "The layer that all chapters share")[1]
+        store.save_encoded_layer(files)
+        decoded = decode_parts(files, "The layer that all chapters share")
         store.save_layer(StoredLayer(known[order], decoded, importance[order], steps))
         job.progress.update(1, points=len(known))

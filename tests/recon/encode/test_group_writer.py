@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 import torch
 
+from splatreel.codec import layer_parts
 from splatreel.codec.header import ReelHeader
+from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
@@ -14,7 +16,9 @@ from splatreel.progress import Silent
 from splatreel.recon.encode import group_writer, importance
 from splatreel.recon.encode.group_writer import GroupWriter, open_writer
 from splatreel.recon.encode.reencode import reencode
+from splatreel.recon.encode.region import Region
 from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
+from splatreel.scene.volumes import Sphere
 from tests.codec.reels import new_group, points
 from tests.files import contents
 from tests.golden import camera, weights
@@ -64,6 +68,39 @@ def test_write_all_equals_writing_one_by_one(
     assert contents(tmp_path / "threaded") == contents(tmp_path / "single")
     found = verify_reel(tmp_path / "threaded")
     assert (found.groups, found.layers, found.points) == (GROUPS, 2, 50 + 40 * GROUPS)
+
+
+@pytest.mark.parametrize("kind", ["parts", "region"])
+def test_continued_reel_equals_an_uninterrupted_one(
+    work: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, kind: str
+) -> None:
+    """The alive flags of later groups follow the points of the layers that the reel holds already."""
+    if kind == "parts":
+        monkeypatch.setattr(layer_parts, "FIRST", 8)
+    else:
+        half = Region(Sphere(np.array([0.2, 0.0, 0.0]), 1.0))
+        monkeypatch.setattr(group_writer, "region_of", lambda *_: half)
+    reels = tmp_path / "whole", tmp_path / "continued"
+    for reel, stops in zip(reels, ([], [1, 3]), strict=True):
+        first = 0
+        for end in [*stops, GROUPS]:
+            writer = open_writer(Store(work), reel, EncodeConfig(), resume=first > 0)
+            groups = GroupWriter(writer, Store(work), CPU)
+            for index in range(first):
+                groups.skip(index)
+            for index in range(first, end):
+                groups.write(index)
+            first = end
+        writer.finish()
+    assert contents(reels[0]) == contents(reels[1])
+    assert len(ReelReader(reels[0]).manifest.layers) == (4 if kind == "parts" else 2)
+
+
+def test_checkpoint_of_a_layer_holds_the_files_of_its_parts(tmp_path: Path) -> None:
+    store = Store(tmp_path).group(0)
+    for files in ((b"one",), (b"one", b"two", b"three")):
+        store.save_encoded_layer(files)
+        assert store.encoded_layer() == files
 
 
 def test_failed_group_keeps_earlier_groups(work: Path, tmp_path: Path) -> None:

@@ -98,7 +98,7 @@ def size(steps: Steps) -> float:
 def layer(noise: float, trial: Trial | None = CLOSE, config: EncodeConfig | None = None) -> tuple[bytes, Steps]:
     data, importance = seen(noise), np.ones((len(WALL), 3), np.float32)
     encoder = ReelEncoder(config or EncodeConfig())
-    (file, order), steps = encode_layer_by_slope(encoder, data, WALL, THING, len(THING), importance, trial)
+    ((file,), order), steps = encode_layer_by_slope(encoder, data, WALL, THING, len(THING), importance, trial)
     assert sorted(order) == list(range(len(WALL)))
     return file, steps
 
@@ -114,7 +114,7 @@ def test_layer_loss_is_small_at_any_distance() -> None:
 
 def test_noisy_views_give_coarser_steps() -> None:
     file, steps = layer(40.0)
-    usual, _ = ReelEncoder(EncodeConfig()).layer(0, 0, WALL, np.ones((len(WALL), 3), np.float32))
+    (usual,), _ = ReelEncoder(EncodeConfig()).layer(0, 0, WALL, np.ones((len(WALL), 3), np.float32))
     assert size(steps) > 1.3
     assert len(file) < len(usual)
 

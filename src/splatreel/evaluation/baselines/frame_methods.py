@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.codec.group_file import encode_layer
 from splatreel.config import EncodeConfig
 from splatreel.evaluation.baselines.frame_training import add_points, move_points, train_freely, train_in_place
 from splatreel.evaluation.baselines.part_by_part import Frames
@@ -69,7 +70,10 @@ class PerFrame(FrameByFrame):
             moments, cameras = [points], list(header.cameras)
             importance = weigh(moments, cameras, header.near, start.device, header.antialias, VIEWS)
             until = frame + 1 if frame + 1 < frames.count else None
-            writer.add_layer(frame, frame, points, importance, until=until)
+            file, order = encode_layer(
+                frame, frame, points, writer.config, importance
+            )  # nobody needs a part of a frame
+            writer.add_layer(frame, frame, points, encoded=((file,), order), until=until)
             none = Gaussians.empty(header.sh_degree), np.zeros((1, 0, 3), np.float32), np.zeros((1, 0, 4), np.float32)
             alive = np.ones(len(points), bool)
             writer.add_group(Group(frame, frame, *none, alive, light=start.light(frame, 1)))

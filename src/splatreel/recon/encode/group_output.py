@@ -5,10 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Protocol
 
-import numpy as np
-
-from splatreel.codec.encoder import ReelEncoder
-from splatreel.codec.group_file import decode_layer
+from splatreel.codec.encoder import EncodedLayer, ReelEncoder
+from splatreel.codec.group_file import decode_parts
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
@@ -16,9 +14,6 @@ from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook
 from splatreel.recon.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
-
-EncodedLayer = tuple[bytes, np.ndarray]
-"""A layer's file, and the order [N] of its points: the index of each among the points that were encoded."""
 
 
 class Output(Protocol):
@@ -106,7 +101,7 @@ class RegionOutput(ReelOutput):
 
     def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
         """See `Output`. The layer is written with its group."""
-        return decode_layer(encoded[0], f"The layer of group {group}")[1]
+        return decode_parts(encoded[0], f"The layer of group {group}")
 
     def add_group(self, group: Group, encoded: dict[str, bytes]) -> None:
         """See `Output`."""
@@ -135,12 +130,12 @@ class ChapterOutput:
     ) -> None:
         """Create an output, see the attributes."""
         self.store, self.header, self.after_group = store, header, after_group
-        self.encoder = ReelEncoder(config)
+        self.encoder = ReelEncoder(config, header.cameras)
 
     def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
         """See `Output`."""
         self.store.group(group).save_encoded_layer(encoded[0])
-        return decode_layer(encoded[0], f"The layer of group {group}")[1]
+        return decode_parts(encoded[0], f"The layer of group {group}")
 
     def add_group(self, group: Group, encoded: dict[str, bytes]) -> None:
         """See `Output`."""

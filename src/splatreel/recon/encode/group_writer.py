@@ -50,10 +50,10 @@ class PreparedGroup:
 
 @dataclass(frozen=True)
 class PreparedLayer:
-    """An encoded layer and the order of its points. until: the group at which the layer is retired; None if never."""
+    """The files of an encoded layer, and the order of its points. until: the group at which the layer is retired; None if never."""
 
     points: Gaussians
-    data: bytes
+    files: tuple[bytes, ...]
     order: np.ndarray
     until: int | None
 
@@ -112,8 +112,20 @@ class GroupWriter:
 
     def skip(self, index: int) -> None:
         """Pass over a group that the reel contains already."""
+        if self._is_reordered(index):
+            self._prepare(index)
+            return
         for shared, layer in self._layers_born_at(index):
             self._extend(np.flatnonzero(self._region.of_layer(layer)), len(layer.trained), shared)
+
+    def _is_reordered(self, index: int) -> bool:
+        """Return True if the reel's points may be in another order than the checkpoint's.
+
+        A region has a grid of positions of its own, and an older checkpoint has its layers in one part.
+        """
+        born = [layer.until for layer in self.writer.manifest.layers if layer.group == index]
+        has_parts = len(set(born)) < len(born)
+        return (has_parts or self._region.volume is not None) and self.store.group(index).finished()
 
     def _prepare(self, index: int) -> PreparedGroup:
         stored = self.store.group(index).group()
@@ -155,9 +167,9 @@ class GroupWriter:
     def _prepare_layer(self, index: int, first_frame: int, layer: StoredLayer, shared: bool) -> PreparedLayer:
         until = None if shared or self._firsts is None else min((f for f in self._firsts if f > index), default=None)
         store = self.store.scene if shared else self.store.group(index)
-        data = store.encoded_layer() if self.encoded else None
-        if data is not None:
-            return PreparedLayer(layer.trained, data, np.arange(len(layer.trained)), until)
+        files = store.encoded_layer() if self.encoded else None
+        if files is not None:
+            return PreparedLayer(layer.trained, files, np.arange(len(layer.trained)), until)
         encoded = self.writer.encoder.layer(index, first_frame, layer.trained, layer.importance, layer.steps)
         return PreparedLayer(layer.trained, *encoded, until)
 
@@ -175,7 +187,7 @@ class GroupWriter:
     def _write(self, prepared: PreparedGroup, files: dict[str, bytes] | None) -> None:
         group = prepared.group
         for layer in prepared.layers:
-            encoded = layer.data, layer.order
+            encoded = layer.files, layer.order
             self.writer.add_layer(group.index, group.first_frame, layer.points, encoded=encoded, until=layer.until)
         self.writer.add_group(
             group, encoded=files or self.writer.encoder.group(group, prepared.importance, prepared.steps)

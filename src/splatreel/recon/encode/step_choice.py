@@ -21,7 +21,7 @@ import torch
 
 from splatreel.codec import group_file
 from splatreel.codec.container import unpack_file
-from splatreel.codec.encoder import ReelEncoder
+from splatreel.codec.encoder import EncodedLayer, ReelEncoder
 from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.config import EncodeConfig
 from splatreel.kernels import splat
@@ -114,7 +114,7 @@ def encode_layer_by_slope(
     moving: int,
     importance: np.ndarray,
     trial: Trial | None,
-) -> tuple[Encoded, Steps]:
+) -> tuple[EncodedLayer, Steps]:
     """Encode the points that are born at a group, with steps chosen by slope.
 
     Args:

@@ -8,6 +8,7 @@ what their own checkpoints hold (`Stage.pack`).
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -97,14 +98,14 @@ class GroupStore:
         arrays = checkpoint.pack(layer.trained, "raw_") | checkpoint.pack(layer.decoded, "decoded_")
         self.save("layer", arrays | {"steps": layer.steps.to_array()} | checkpoint.present(importance=layer.importance))
 
-    def encoded_layer(self) -> bytes | None:
-        """Return the file of the layer, with its points in the same order."""
+    def encoded_layer(self) -> tuple[bytes, ...] | None:
+        """Return the files of the layer's parts, with its points in the same order."""
         arrays = self.load("encoded-layer")
-        return None if arrays is None else arrays["file"].tobytes()
+        return None if arrays is None else tuple(arrays[_part(part)].tobytes() for part in range(len(arrays)))
 
-    def save_encoded_layer(self, data: bytes) -> None:
-        """Save the file of the layer."""
-        self.save("encoded-layer", {"file": np.frombuffer(data, np.uint8)})
+    def save_encoded_layer(self, files: Sequence[bytes]) -> None:
+        """Save the files of the layer's parts."""
+        self.save("encoded-layer", {_part(part): np.frombuffer(data, np.uint8) for part, data in enumerate(files)})
 
     def encoded_group(self) -> dict[str, bytes] | None:
         """Return the files of the finished group by uri, the best rendition first."""
@@ -155,6 +156,11 @@ class GroupStore:
 
     def _path(self, name: str) -> Path:
         return self.folder / f"{name}.safetensors"
+
+
+def _part(number: int) -> str:
+    """Return the name of the array that holds a part's file. Older checkpoints have a single file."""
+    return f"file{number}" if number else "file"
 
 
 def _steps(arrays: Arrays) -> Steps:

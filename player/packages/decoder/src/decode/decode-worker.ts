@@ -8,7 +8,7 @@ import { buffersOf, decodeFile, type DecodedFile, type DecodePaper } from "./dec
 import { plain, type Kernels } from "./kernels";
 import { wasmKernels } from "./wasm";
 
-/** Request to the worker: first the addresses of the player's files; then download and decode a file, read a page, or cancel one of these. */
+/** Request to the worker: the addresses of the player's files, once; download and decode a file, read a page, or cancel one of these. */
 export type DecodeRequest = { files: FileAddresses } | { id: number; source: Source; page: boolean } | { id: number; cancel: true };
 
 /** Reply of the worker: bytes received, the reason for a retry, and finally a decoded file, the unchecked JSON of a page, or an error. */
@@ -21,12 +21,14 @@ export type DecodeReply = { id: number } & (
 );
 
 const scope = self as unknown as { onmessage: (event: MessageEvent<DecodeRequest>) => void; postMessage(message: DecodeReply, transfer?: Transferable[]): void };
-let files: FileAddresses = {};
+let tellFiles: (files: FileAddresses) => void;
+/** Addresses of the player's files. They may arrive after the first request. */
+const files = new Promise<FileAddresses>((resolve) => (tellFiles = resolve));
 const running = new Map<number, AbortController>();
 const kernels = loadKernels();
 
 scope.onmessage = async ({ data }) => {
-  if ("files" in data) return void (files = data.files);
+  if ("files" in data) return tellFiles(data.files);
   const { id } = data;
   if ("cancel" in data) return running.get(id)?.abort();
   const controller = new AbortController();
@@ -51,8 +53,9 @@ scope.onmessage = async ({ data }) => {
 
 /** Decode a file of the paper's codec. */
 const decodePaper: DecodePaper = async (file, kernels) => {
-  const part = (await import(fileAddress(files, "paper-decode.js"))) as typeof import("./paper-decode");
-  return part.decodePaperFile(file, files, kernels);
+  const addresses = await files;
+  const part = (await import(fileAddress(addresses, "paper-decode.js"))) as typeof import("./paper-decode");
+  return part.decodePaperFile(file, addresses, kernels);
 };
 
 function parseJson(bytes: Uint8Array, name: string): unknown {

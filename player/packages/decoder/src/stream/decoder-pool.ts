@@ -17,6 +17,21 @@ export interface DecodeWorkers {
   files(): FileAddresses;
 }
 
+/** A worker that a page started before it had a pool, and the file that it asked the worker for; null for none. */
+export interface EarlyWorker {
+  worker: Worker;
+  file: EarlyFile | null;
+}
+
+/** Number of the request for an early file. */
+export const EARLY = -1;
+
+/** A file that was requested early, and the replies so far with their times in milliseconds. */
+export interface EarlyFile {
+  url: string;
+  replies: { data: DecodeReply; at: number }[];
+}
+
 /** Events of one job. */
 export interface Receiver {
   /** More bytes arrived. */
@@ -34,7 +49,7 @@ export interface Receiver {
 export interface Job {
   readonly source: Source;
   /** Time of the request, in milliseconds. */
-  readonly asked: number;
+  asked: number;
   /** Time of the first byte, in milliseconds, and the number of bytes received. */
   began: number;
   received: number;
@@ -60,9 +75,9 @@ export class DecoderPool {
   private nextId = 0;
   private onFree: () => void = () => undefined;
 
-  /** Start one worker at once, while the manifest downloads. The second starts with the second file. worker: already started. */
-  constructor(private readonly starter: DecodeWorkers, worker?: Worker | null) {
-    this.idle.push(this.addWorker(worker ?? starter.start()));
+  /** Start one worker at once, while the manifest downloads. The second starts with the second file. early: already started. */
+  constructor(private readonly starter: DecodeWorkers, private early?: EarlyWorker | null) {
+    this.idle.push(this.addWorker(early?.worker));
   }
 
   /** Call a function whenever a worker becomes free. */
@@ -99,8 +114,10 @@ export class DecoderPool {
 
   /** Start a job; requires a free worker. points: of the file, null for a page. */
   start(key: string, source: Source, points: number | null, receiver: Receiver): void {
+    const early = this.takeEarly(source.url);
     const worker = this.idle.pop() ?? this.addWorker();
-    const job: Running = { id: this.nextId++, worker, source, asked: performance.now(), began: 0, received: 0, open: true };
+    const id = early ? EARLY : this.nextId++;
+    const job: Running = { id, worker, source, asked: performance.now(), began: 0, received: 0, open: true };
     this.running.set(key, job);
     this.meter.begin(performance.now());
     const finish = (report: () => void, dead = false): void => {
@@ -110,10 +127,10 @@ export class DecoderPool {
       report();
       this.onFree();
     };
-    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => {
+    const take = (data: DecodeReply, at?: number): void => {
       if (data.id !== job.id) return;
       if ("received" in data) {
-        this.count(job, data.received);
+        this.count(job, data.received, at);
         receiver.received(job);
       } else if ("trouble" in data) receiver.trouble(data.trouble);
       else if ("error" in data) finish(() => receiver.failed(data.error, data.plain));
@@ -123,8 +140,23 @@ export class DecoderPool {
         finish(() => receiver.decoded(data.file));
       }
     };
+    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => take(data);
     worker.onerror = (event) => finish(() => receiver.failed(`${source.url} cannot be decoded (${failureOf(event)}).`, PLAIN.player), true);
-    send(worker, { id: job.id, source, page: points === null });
+    const replay = ({ data, at }: EarlyFile["replies"][number]): void => {
+      if (this.running.get(key) === job) take(data, at);
+      else worker.onmessage?.({ data } as MessageEvent); // canceled: this may confirm it
+    };
+    if (early) queueMicrotask(() => early.replies.forEach(replay));
+    else send(worker, { id, source, page: points === null });
+  }
+
+  /** Return the early file if it is the first that is started; otherwise cancel it. Its worker is then the idle one. */
+  private takeEarly(url: string): EarlyFile | null {
+    const { early } = this;
+    this.early = null;
+    if (!early?.file || early.file.url === url) return early?.file ?? null;
+    send(early.worker, { id: EARLY, cancel: true });
+    return null;
   }
 
   /** Cancel a job. */
@@ -161,11 +193,15 @@ export class DecoderPool {
     this.workers.splice(this.workers.indexOf(worker), 1);
   }
 
-  private count(job: Running, bytes: number): void {
-    const now = performance.now();
-    if (job.received === 0) job.began = now;
+  /**
+   * Count received bytes. early: time at which they arrived, if that was before the job began. Their bandwidth is not measured, and
+   * the round trip is unknown: the worker was still starting when it was asked.
+   */
+  private count(job: Running, bytes: number, early?: number): void {
+    const now = early ?? performance.now();
+    if (job.received === 0) [job.began, job.asked] = [now, early ?? job.asked];
     job.received += bytes;
-    this.meter.addBytes(bytes, now);
+    if (early === undefined) this.meter.addBytes(bytes, now);
     if (job.received >= job.source.bytes) this.close(job); // only decoding is left
   }
 

@@ -4,7 +4,7 @@ import type { LocalFiles } from "../files/local-files";
 import { hasSameFiles, loadManifest, readManifest, type Manifest } from "../reel/manifest";
 import type { Page } from "../reel/pages";
 import type { Reel } from "../reel/reel";
-import { DecoderPool, type DecodeWorkers } from "./decoder-pool";
+import { DecoderPool, type DecodeWorkers, type EarlyWorker } from "./decoder-pool";
 import { memoryBudget, type Dropped } from "./file-cache";
 import { freshManifest, nextManifest, watchManifest } from "./live-manifest";
 import { RenditionPolicy, guessOfBrowser } from "./rendition-policy";
@@ -49,9 +49,9 @@ export class ReelLoader {
   private reel: Reel | null = null;
   private readonly life = new AbortController();
 
-  /** Start the first worker at once, while the manifest downloads. worker: a decode worker that is already running. */
-  constructor(private readonly receiver: FileReceiver, private readonly events: LoaderEvents, workers: DecodeWorkers, worker?: Worker | null) {
-    this.decoders = new DecoderPool(workers, worker);
+  /** Start the first worker at once, while the manifest downloads. early: a decode worker that is already running. */
+  constructor(private readonly receiver: FileReceiver, private readonly events: LoaderEvents, workers: DecodeWorkers, early?: EarlyWorker | null) {
+    this.decoders = new DecoderPool(workers, early);
   }
 
   get closed(): boolean {

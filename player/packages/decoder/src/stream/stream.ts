@@ -13,6 +13,9 @@ import { LoadProgress } from "./load-progress";
 import { groupKey, isOnScreen, queueOf, type Demand, type QueueItem } from "./queue";
 import type { RenditionPolicy } from "./rendition-policy";
 
+/** Layers of at most this many bytes download together: they take about as long as a round trip. */
+const SMALL = 2 ** 15;
+
 type LayerItem = Extract<QueueItem, { kind: "layer" }>;
 type GroupItem = Extract<QueueItem, { kind: "group" }>;
 
@@ -151,6 +154,8 @@ export class Stream {
       const { urgent } = item;
       // Layers get the whole bandwidth, since they can be shown before the first group.
       if (item.kind === "group" && this.areLayersLoading()) return;
+      // A large layer, too, since it can be shown before those that follow.
+      if (item.kind === "layer" && urgent && this.isLayerLoadingBefore(item)) return;
       // So do the files that playback waits for.
       if (late && !urgent) return;
       if (this.cache.holds(item)) continue;
@@ -189,7 +194,18 @@ export class Stream {
 
   /** Return true while a needed layer downloads whose rest takes longer than one round trip. */
   private areLayersLoading(): boolean {
-    return this.queue.some((item) => item.kind === "layer" && item.urgent && !this.cache.holds(item) && !this.decoders.isNearlyHere(item.key));
+    return this.queue.some((item) => item.kind === "layer" && item.urgent && this.isLoading(item));
+  }
+
+  /** Return true while a large layer downloads that comes before a needed one. */
+  private isLayerLoadingBefore({ key }: LayerItem): boolean {
+    const earlier = this.queue.slice(0, this.queue.findIndex((item) => item.key === key));
+    return earlier.some((item) => item.kind === "layer" && item.file.bytes > SMALL && this.isLoading(item));
+  }
+
+  /** Return true if the rest of a file takes longer than one round trip. */
+  private isLoading(item: QueueItem): boolean {
+    return !this.cache.holds(item) && !this.decoders.isNearlyHere(item.key);
   }
 
   private isNeededNow({ key }: QueueItem): boolean {
