@@ -81,19 +81,27 @@ test("a file that the page requested early is taken over, with the replies so fa
   other.destroy();
 });
 
-test("an early file that is not the first to be needed is canceled", async () => {
-  const worker = new FakeWorker();
-  const replies = [{ data: { id: EARLY, received: 400 } as DecodeReply, at: time.now }];
-  const other = new DecoderPool(decodeWorkers, { worker: worker as unknown as Worker, file: { url: source("a").url, replies } });
-  other.start("b", source("b"), 1, receiver("b"));
-  assert.deepEqual(worker.posted.slice(1).map(({ id, cancel = false }) => [id, cancel]), [[EARLY, true], [0, false]]);
-  worker.say({ id: EARLY, error: "canceled" });
+test("an early file waits while other files load, and is canceled if they need its worker", async () => {
+  const early = () => ({ worker: new FakeWorker() as unknown as Worker, file: { url: source("a").url, replies: [{ data: { id: EARLY, received: 400 } as DecodeReply, at: time.now }] } });
+  const [one, other] = [early(), early()];
+  const patient = new DecoderPool(decodeWorkers, one);
+  patient.start("b", source("b"), 1, receiver("b"));
+  assert.notEqual(at("b").worker as unknown, one.worker);
+  patient.start("a", source("a"), 1, receiver("a"));
   await Promise.resolve();
-  assert.deepEqual([log, other.keys], [[], ["b"]]);
-  say("b", { file: FILE, milliseconds: 1 });
-  other.start("a", source("a"), 1, receiver("a"));
-  assert.equal(at("a").id, 1, "it is requested again");
-  other.destroy();
+  assert.deepEqual([log, patient.free], [["a received"], false]);
+  patient.destroy();
+  log = [];
+  const busy = new DecoderPool(decodeWorkers, other);
+  for (const name of ["c", "d"]) busy.start(name, source(name), 1, receiver(name));
+  const { posted } = other.worker as unknown as FakeWorker;
+  assert.deepEqual(posted.slice(1).map(({ id, cancel = false }) => [id, cancel]), [[EARLY, true], [1, false]]);
+  (other.worker as unknown as FakeWorker).say({ id: EARLY, error: "canceled" });
+  assert.deepEqual([log, busy.keys], [[], ["c", "d"]]);
+  say("d", { file: FILE, milliseconds: 1 });
+  busy.start("a", source("a"), 1, receiver("a"));
+  assert.equal(at("a").id, 2, "it is requested again");
+  busy.destroy();
 });
 
 test("an early file that is canceled after it was taken over is not delivered", async () => {

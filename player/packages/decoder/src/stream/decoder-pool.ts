@@ -114,8 +114,7 @@ export class DecoderPool {
 
   /** Start a job; requires a free worker. points: of the file, null for a page. */
   start(key: string, source: Source, points: number | null, receiver: Receiver): void {
-    const early = this.takeEarly(source.url);
-    const worker = this.idle.pop() ?? this.addWorker();
+    const { worker, early } = this.takeWorker(source.url);
     const id = early ? EARLY : this.nextId++;
     const job: Running = { id, worker, source, asked: performance.now(), began: 0, received: 0, open: true };
     this.running.set(key, job);
@@ -150,13 +149,16 @@ export class DecoderPool {
     else send(worker, { id, source, page: points === null });
   }
 
-  /** Return the early file if it is the first that is started; otherwise cancel it. Its worker is then the idle one. */
-  private takeEarly(url: string): EarlyFile | null {
-    const { early } = this;
+  /** Return the worker for a file, with the early file if this is it. Others leave the early worker alone if there may be another. */
+  private takeWorker(url: string): { worker: Worker; early: EarlyFile | null } {
+    const { early, idle } = this;
+    const file = early?.file ?? null; // its worker is the first of the idle ones
+    const isAsked = file?.url === url;
+    if (file && !isAsked && idle.length > 1) return { worker: idle.pop()!, early: null };
+    if (file && !isAsked && this.workers.length < WORKERS) return { worker: this.addWorker(), early: null };
     this.early = null;
-    if (!early?.file || early.file.url === url) return early?.file ?? null;
-    send(early.worker, { id: EARLY, cancel: true });
-    return null;
+    if (file && !isAsked) send(early!.worker, { id: EARLY, cancel: true });
+    return { worker: (file ? idle.shift() : idle.pop()) ?? this.addWorker(), early: isAsked ? file : null };
   }
 
   /** Cancel a job. */
