@@ -27,6 +27,7 @@ DECODE = """async (source) => {
   const worker = new Worker('/decode-worker.js');
   const reply = await new Promise((resolve) => {
     worker.onmessage = ({data}) => { if (data.file || data.error) resolve(data); };
+    worker.postMessage({files: {}});
     worker.postMessage({id: 0, source, page: false});
   });
   if (reply.error) throw new Error(reply.error);
