@@ -244,11 +244,13 @@ def decode_ms_per_frame(reel: str | Path, rendition: str | None, most: int | Non
     reader = ReelReader(reel, rendition, most)
     entries = reader.manifest.groups
     places = np.linspace(0, len(entries) - 1, min(SAMPLED_GROUPS, len(entries))).round().astype(int)
-    layers = reader.manifest.layers
+    born: dict[int, list[int]] = {}
+    for index, layer in enumerate(reader.manifest.layers):
+        born.setdefault(layer.group, []).append(index)
     begun = time.perf_counter()
     for entry in (entries[place] for place in places):
         reader.group(entry.group)
-        for index in (index for index, layer in enumerate(layers) if layer.group == entry.group):
+        for index in born.get(entry.group, []):
             reader.layer(index)
     return 1000 * (time.perf_counter() - begun) / sum(entries[place].frames for place in places)
 

@@ -70,9 +70,8 @@ class PerFrame(FrameByFrame):
             moments, cameras = [points], list(header.cameras)
             importance = weigh(moments, cameras, header.near, start.device, header.antialias, VIEWS)
             until = frame + 1 if frame + 1 < frames.count else None
-            file, order = encode_layer(
-                frame, frame, points, writer.config, importance
-            )  # nobody needs a part of a frame
+            # In one part: no player shows a part of a single frame.
+            file, order = encode_layer(frame, frame, points, writer.config, importance)
             writer.add_layer(frame, frame, points, encoded=((file,), order), until=until)
             none = Gaussians.empty(header.sh_degree), np.zeros((1, 0, 3), np.float32), np.zeros((1, 0, 4), np.float32)
             alive = np.ones(len(points), bool)
