@@ -151,6 +151,7 @@ class FileCapture(Capture):
             limit=request.frames[1] if request.growth is not None and request.frames is not None else None,
             notes=[*notes, *source.notes, *source.conversions()],
         )
+        self.left_out = tuple(request.left_out)
 
     def _check_shapes(self, path: Path, cameras: list[Camera], calibrated: dict[str, tuple[int, int]]) -> None:
         """Check the first image of every camera. Sources check that its other images have the same size."""
