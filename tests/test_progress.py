@@ -4,7 +4,16 @@ import time
 
 import pytest
 
-from splatreel.progress import Estimate, Lines, Silent, Terminal, console, format_numbers, format_seconds
+from splatreel.progress import (
+    Estimate,
+    Lines,
+    Silent,
+    Terminal,
+    console,
+    format_numbers,
+    format_rounded,
+    format_seconds,
+)
 
 
 class Clock:
@@ -109,25 +118,28 @@ def test_silent_work_is_reported_as_running() -> None:
     lines.update(1)
     lines.beat()
     assert stream.getvalue().splitlines() == ["finding surfaces ..."], "it has just begun"
-    clock.now += 6
+    clock.now += 29
+    lines.beat()
+    assert len(stream.getvalue().splitlines()) == 1, "a line each half a minute is enough"
+    clock.now += 2
     lines.beat()
     lines.beat()
     lines.update(4)
-    clock.now += 20
+    clock.now += 31
     lines.beat()
     lines.close()
-    clock.now += 20
+    clock.now += 31
     lines.beat()
     assert stream.getvalue().splitlines()[1:] == [
-        "finding surfaces: 25 %, still working, 6.0 s so far",
-        "finding surfaces: done in 6.0 s",
-        "finding surfaces: done, getting on with what follows, 26 s so far",
+        "finding surfaces: 25 %, still working, 31 s so far",
+        "finding surfaces: done in 31 s",
+        "finding surfaces: done, getting on with what follows, 1 min 02 s so far",
     ]
 
 
 def test_lines_report_liveness_from_a_thread() -> None:
     stream = io.StringIO()
-    lines = Lines(stream, interval=0.02)
+    lines = Lines(stream, silence=0.02)
     lines.stage("finding surfaces", 1)
     for _ in range(6000):
         if "still working" in stream.getvalue():
@@ -151,6 +163,10 @@ def test_silent_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
 )
 def test_format_seconds_known_answers(seconds: float, text: str) -> None:
     assert format_seconds(seconds) == text
+
+
+def test_estimates_are_rounded_to_what_is_known() -> None:
+    assert [format_rounded(seconds) for seconds in (12.4, 45, 117, 7300)] == ["12 s", "45 s", "2 min", "2 h 02 min"]
 
 
 def test_format_numbers_known_answers() -> None:

@@ -154,14 +154,18 @@ class Lines:
     """Progress display for a log file or a pipe.
 
     It prints a line when a stage starts, about every `interval` seconds, and when the stage ends. It also prints a line
-    if no report came for `interval` seconds. Call `close` at the end.
+    if nothing was printed for `silence` seconds. Call `close` at the end.
     """
 
     def __init__(
-        self, stream: TextIO | None = None, interval: float = 5.0, clock: Callable[[], float] = time.monotonic
+        self,
+        stream: TextIO | None = None,
+        interval: float = 5.0,
+        clock: Callable[[], float] = time.monotonic,
+        silence: float = 30.0,
     ) -> None:
         self._stream = stream or sys.stderr
-        self._interval = interval
+        self._interval, self._silence = interval, silence
         self._clock = clock
         self._estimate = Estimate(clock)
         self._name, self._ended = "", False
@@ -210,9 +214,9 @@ class Lines:
             self._stream.flush()
 
     def beat(self) -> None:
-        """Print that work continues, if nothing was printed for `interval` seconds."""
+        """Print that work continues, if nothing was printed for `silence` seconds."""
         with self._lock:
-            if self._closed.is_set() or self._clock() - self._last < self._interval:
+            if self._closed.is_set() or self._clock() - self._last < self._silence:
                 return
             self._last = self._clock()
             since = format_seconds(self._estimate.stage_seconds)
@@ -223,7 +227,7 @@ class Lines:
         return f"{100 * self._estimate.share:.0f} %"
 
     def _beat_until_closed(self) -> None:
-        while not self._closed.wait(self._interval / 4):
+        while not self._closed.wait(self._silence / 4):
             try:
                 self.beat()
             except (OSError, ValueError):  # the reader of the stream has ended
@@ -323,6 +327,11 @@ def format_seconds(seconds: float) -> str:
     if minutes < 60:
         return f"{minutes} min {rest:02d} s"
     return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def format_rounded(seconds: float) -> str:
+    """Format a duration that is an estimate: rounded to minutes if it takes minutes, for example 12 s or 3 min."""
+    return format_seconds(seconds if seconds < 60 else 60 * round(seconds / 60)).replace(" 00 s", "")
 
 
 def format_numbers(numbers: dict[str, float]) -> str:

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from splatreel.errors import UsageError
-from splatreel.evaluation.report import Number, Report, describe_flicker, megabytes, report_numbers
+from splatreel.evaluation.report import Number, Report, compared_size, describe_flicker, megabytes, report_numbers
 
 FIELDS = {
     "frames",
@@ -159,3 +159,9 @@ def test_flicker_is_described() -> None:
 def test_megabytes_formats_sizes() -> None:
     assert megabytes(2_500_000) == "2.5 MB"
     assert megabytes(1_234_567_890) == "1,235 MB"
+
+
+def test_sizes_are_compared_in_words() -> None:
+    assert compared_size(100, 320) == "3.2 times smaller than"
+    assert compared_size(140, 100) == "1.4 times larger than"
+    assert compared_size(98, 100) == compared_size(102, 100) == "as large as"

@@ -91,7 +91,7 @@ def open_capture(
             return _masked(reader(folder, request), masks, background)
     if folder.is_dir() and (failure := calibration_error(folder)) is not None:
         raise failure
-    if advice := advise(folder, _is_capture):
+    if advice := advise(folder, is_capture):
         raise CaptureError(f"{folder}: is not a capture of a known layout. {advice}")
     state = "holds none of these" if folder.is_dir() else "is not a folder; one of these was looked for"
     raise CaptureError(f"{folder}: {state}:\n{LOOKED_FOR}")
@@ -105,7 +105,8 @@ def _masked(capture: Capture, masks: str | Path | None, background: Color | None
     return MaskedCapture(capture, MaskFiles(masks, capture), background)
 
 
-def _is_capture(folder: Path) -> bool:
+def is_capture(folder: Path) -> bool:
+    """Return True if a folder has the layout of a capture. No file is opened."""
     return any(fits(folder) for fits, _ in READERS)
 
 

@@ -184,12 +184,12 @@ def _fit(
 
 
 def _say_result(film: Frames, found: Comparison, reel: Path) -> None:
-    from splatreel.evaluation.report import megabytes
+    from splatreel.evaluation.report import compared_size, megabytes
     from splatreel.play.timeline import open_reel
 
     size = sum(file.bytes for file in open_reel(reel).manifest.files)
     say(
-        f"{len(film)} frames in {megabytes(size)}, {film.size / size:,.1f} times smaller than the {megabytes(film.size)} of "
+        f"{len(film)} frames in {megabytes(size)}, {compared_size(size, film.size)} the {megabytes(film.size)} of "
         f"{film.path}. Its images have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
     )
 

@@ -204,14 +204,28 @@ def reel_folder(path: str) -> str | Path: ...
 
 
 def reel_folder(path: str | Path) -> str | Path:
-    """Return the folder of a reel, also for the output folder of `reconstruct` or `demo`. A URL is returned as it is."""
+    """Return the folder of a reel, also for the output folder of `reconstruct` or `demo`. A URL is returned as it is.
+
+    Raises:
+        UsageError: The folder is a capture.
+    """
     from splatreel.storage.addresses import is_url
 
     if isinstance(path, str) and is_url(path):
         return path
     folder = Path(path)
     inside = folder / "reel"
-    return inside if not (folder / "manifest.json").exists() and (inside / "manifest.json").exists() else folder
+    if (folder / "manifest.json").exists() or not folder.is_dir():
+        return folder
+    if (inside / "manifest.json").exists():
+        return inside
+    from splatreel.capture.opening import is_capture
+
+    if is_capture(folder):
+        raise UsageError(
+            f"{path}: is a capture, not a reel. Make a reel of it with `splatreel reconstruct {path} --out OUT`, and give OUT."
+        )
+    return folder
 
 
 def check_no_reel(out: Path) -> None:

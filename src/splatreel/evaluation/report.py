@@ -292,6 +292,14 @@ def megabytes(count: float) -> str:
     return f"{count / 1e6:.3g} MB" if count < 1e8 else f"{count / 1e6:,.0f} MB"
 
 
+def compared_size(count: int, other: int) -> str:
+    """Describe a size in comparison with another one, such as "3.2 times smaller than"; both are more than 0 bytes."""
+    ratio = max(count, other) / min(count, other)
+    if ratio < 1.05:
+        return "as large as"
+    return f"{ratio:,.1f} times {'smaller' if count < other else 'larger'} than"
+
+
 def _or_not(value: float | None, style: str, unit: str = "") -> str:
     return "not measured" if value is None else f"{value:{style}}{unit}"
 

@@ -144,7 +144,7 @@ def _files(location: str | Path) -> ReelFiles:
     if path is None:
         return RemoteFiles(str(location))
     if not (path / "manifest.json").is_file():
-        raise ReelError(f"{location} is not a reel: it has no manifest.json. Give the directory that `encode` wrote.")
+        raise ReelError(f"{location} is not a reel: it has no manifest.json. Name the folder of a reel.")
     return ServedFiles(path)
 
 
