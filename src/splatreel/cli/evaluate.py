@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from tyro.conf import Positional
 
@@ -62,16 +63,8 @@ def evaluate(
     from splatreel.recon.run.store import Store
 
     reel = reel_folder(reel)
-    source, chosen = open_reel_capture(
-        reel,
-        capture,
-        width=width,
-        scale=scale,
-        frames=span,
-        left_out=parse_left_out(leave_out),
-        masks=masks,
-        named=names is not None,
-    )
+    options: dict[str, Any] = {"left_out": parse_left_out(leave_out), "masks": masks, "named": names is not None}
+    source, chosen = open_reel_capture(reel, capture, width=width, scale=scale, frames=span, **options)
     work = work_of(reel, ReelReader(reel).manifest)
     known = Store(work).coverage() if work else None
     progress = console()

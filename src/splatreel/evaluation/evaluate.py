@@ -20,7 +20,7 @@ from splatreel.evaluation.moving_pixels import median_pictures, moving_pixels
 from splatreel.evaluation.page.report_page import write_report_page
 from splatreel.evaluation.perceptual import Lpips, load_lpips
 from splatreel.evaluation.pictures import chosen_frames, comparison, write_pictures, write_png
-from splatreel.evaluation.quality import Quality, measure
+from splatreel.evaluation.quality import ImageComparison, Quality
 from splatreel.evaluation.report import Report
 from splatreel.play.timeline import Timeline
 from splatreel.process import peak_memory_bytes
@@ -164,14 +164,15 @@ class Scores:
             begun = time.perf_counter()
             image = np.clip(self.timeline.render(gaussians, view), 0, 1)
             self.render_seconds.append(time.perf_counter() - begun)
-            self.whole[frame, view.name] = measure(image, truth, lpips, within)
+            compared = ImageComparison(image, truth, lpips, within)
+            self.whole[frame, view.name] = compared.quality(within)
             moves = moving_pixels(truth, median)
             if within is not None:
                 moves &= within
                 self.masked_share.append(float(within.mean()))
             self.moving_share.append(float(moves.mean()))
             if moves.any():
-                self.moving[frame, view.name] = measure(image, truth, lpips, moves)
+                self.moving[frame, view.name] = compared.quality(moves)
             self.flicker.add(frame, view.name, image, truth)
             if raw is not None:
                 self.before.append(psnr(np.clip(self.timeline.render(raw, view), 0, 1), truth, within))
@@ -205,6 +206,9 @@ def summarize(scores: Scores, info: ReelInfo, seconds: dict[str, float], device:
         reel_bytes=info.bytes,
         first_view_bytes=info.first_view_bytes,
         bytes_per_second=info.bytes_per_second,
+        total_bytes=info.total_bytes,
+        start_bytes=info.start_bytes,
+        playing_bytes_per_second=info.playing_bytes_per_second,
         bytes_by_kind=info.bytes_by_kind,
         render_fps=1 / float(np.median(scores.render_seconds)),
         seconds=seconds,
