@@ -53,7 +53,7 @@ def evaluate(
 
     Args:
         reel: Folder or URL of the reel.
-        capture: Capture that the reel was made from.
+        capture: Capture that the reel was made from, opened from the frame that the reel begins with (`open_reel_capture`).
         rendition: Name of a rendition; None chooses the best.
         cameras: Names of cameras; None uses the default of `choose_cameras`.
         out: Folder for report.json, report.md, report.html and pictures of each camera: truth, render and error of the

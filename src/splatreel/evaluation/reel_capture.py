@@ -114,9 +114,13 @@ def _span(
             )
         return (start, start + shown.stop), list(range(first - start, end - start))
     if frames is None:
-        cause = "it was reversed, joined or retimed" if source is not None and source.edited else "it was imported"
+        if source is not None and source.edited:
+            raise UsageError(
+                f"{reel}: which frames of the capture it shows is not known: it was reversed, joined or retimed. Evaluate it before that "
+                f"edit. If it shows {len(shown)} frames of the capture in their order, give them: --frames A:B."
+            )
         raise UsageError(
-            f"{reel}: which frames of the capture it shows is not known: {cause}, or an older version wrote it. "
+            f"{reel}: which frames of the capture it shows is not known: it was imported, or an older version wrote it. "
             f"Give its {len(shown)} frames of the capture, in their order: --frames A:B."
         )
     return frames, list(range(shown.start, min(shown.stop, frames[1] - frames[0])))
