@@ -116,8 +116,8 @@ def _span(
     if frames is None:
         if source is not None and source.edited:
             raise UsageError(
-                f"{reel}: which frames of the capture it shows is not known: it was reversed, joined or retimed. Evaluate it before that "
-                f"edit. If it shows {len(shown)} frames of the capture in their order, give them: --frames A:B."
+                f"{reel}: which frames of the capture it shows is not known: it was reversed, joined or retimed. Evaluate it before "
+                f"that edit. If it shows {len(shown)} frames of the capture in their order, give them: --frames A:B."
             )
         raise UsageError(
             f"{reel}: which frames of the capture it shows is not known: it was imported, or an older version wrote it. "

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, Literal, get_args
+from typing import Any, Literal, cast, get_args
 
 Part = Literal["masks", "region", "crop"]
 """Cause why a reel shows only a part of its scene: an option of `reconstruct`, or an operation of `edit`."""
@@ -55,7 +55,7 @@ def parse_reel_source(value: object) -> ReelSource | None:
     frame, part = value.get("frame"), value.get("part")
     is_frame = isinstance(frame, int) and not isinstance(frame, bool) and 0 <= frame <= LAST_FRAME
     held_out, left_out = _names(value.get("held_out")), _names(value.get("left_out", []))
-    known = next((name for name in PARTS if name == part), None)
+    known = cast(Part, part) if part in PARTS else None
     if held_out is None or left_out is None or (part is not None and known is None) or not (frame is None or is_frame):
         return None
     return ReelSource(frame if is_frame else None, held_out, left_out, known, value.get("edited") is True)
