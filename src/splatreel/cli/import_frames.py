@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 from tyro.conf import OmitArgPrefixes, Positional
 
 from splatreel.cli.options import AXES, check_no_reel
+from splatreel.cli.options import megabytes as memory_limit
 from splatreel.cli.printing import playable, say
 from splatreel.config import COARSENESS, EncodeConfig, Quality, Rate
 from splatreel.errors import UsageError
@@ -74,6 +75,7 @@ def import_frames(
     gaps: Literal["refuse", "hold"] = "refuse",
     fit: Quality | None = None,
     threads: int | None = None,
+    max_memory: int | None = None,
 ) -> None:
     """Make a reel of Gaussians that another program trained: numbered PLY, SPZ, SOG or .splat files, or other formats.
 
@@ -93,12 +95,14 @@ def import_frames(
         changes: Changes of all frames.
         rate: high has hardly any loss; medium and low are smaller. By default high, and medium with --fit.
         title: Title of the reel in the player.
-        antialiased: The points were trained to be drawn like Mip-Splatting does, blurred by 0.1 square pixels and fainter.
+        antialiased: The points were trained to be drawn like Mip-Splatting does, blurred by 0.1 square pixels and fainter. PLY, SPZ and
+            SOG files that are marked so need no option.
         gaps: Handling of missing file numbers. refuse: make nothing; hold: show the frame before for as long.
         fit: For frames that were trained independently, so that no point can be followed: fit new points that move to images of the
             frames, as reconstruct does with this quality. The reel is far smaller, but not exact, and takes as long as a
             reconstruction. OUT/reel gets the reel, OUT/work the checkpoints, from which the same command continues.
         threads: Number of threads; by default one per core.
+        max_memory: Megabytes that reading a file may take; by default in proportion to its length.
     """
     _check_options(fps, length, up)
     if fit and cameras and up:
@@ -115,7 +119,8 @@ def import_frames(
     from splatreel.sequence.reel import header_of
     from splatreel.sequence.viewpoints import read_cameras
 
-    film, edit = edited(open_frames(frames, gaps, fps, length), edit)
+    film, edit = edited(open_frames(frames, gaps, fps, length, memory_limit(max_memory)), edit)
+    antialiased = antialiased or film.antialias
     views = cameras and [edit.camera(camera) for camera in read_cameras(cameras, edit.origin)]
     axis = None if up is None else np.array(AXES[up], float)
     header, limits = header_of(
@@ -220,6 +225,8 @@ def _say_changes(film: Frames, edit: Edit, fps: float | None) -> None:
     """Report what was converted or dropped, and where the origin and the frame rate come from."""
     for line in film.remarks.lines():
         say(line)
+    if film.antialias:
+        say("The files mark their points as trained with antialiasing. The reel draws them so.")
     if edit.origin.any():
         place = ", ".join(f"{value:.10g}" for value in edit.origin)
         say(

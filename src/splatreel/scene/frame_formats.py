@@ -60,11 +60,11 @@ class FrameFormat:
 
 
 def _ply(path: Path, points: Gaussians, place: Placement) -> None:
-    write_ply(path, turned(points, place.turn), place.shift)
+    write_ply(path, turned(points, place.turn), place.shift, place.antialias)
 
 
 def _compressed_ply(path: Path, points: Gaussians, place: Placement) -> None:
-    write_compressed_ply(path, turned(points, place.turn))
+    write_compressed_ply(path, turned(points, place.turn), place.antialias)
 
 
 def _splat(path: Path, points: Gaussians, place: Placement) -> None:

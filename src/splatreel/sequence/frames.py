@@ -5,7 +5,9 @@ from __future__ import annotations
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Protocol
 
@@ -13,12 +15,12 @@ import numpy as np
 
 from splatreel.errors import GaussiansError
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.memory_budget import UNRAISED, MemoryBudget
 from splatreel.scene.remarks import Remarks
 from splatreel.scene.splat_columns import MANY, Encoding, encoding_of
-from splatreel.scene.untrusted import UNPACKED_BYTES, UNPACKED_RATIO
 from splatreel.sequence.frame_files import find_files, find_members
 from splatreel.sequence.frame_names import Gaps, Order, order_frames
-from splatreel.sequence.splat_file import columns_of, read_splats
+from splatreel.sequence.splat_file import columns_of, is_antialiased, read_splats, size_of
 
 _BLOCK = 1 << 20
 
@@ -31,12 +33,14 @@ class Frames(Protocol):
         size: Bytes on disk.
         fps: Frames per second, if the sequence states it.
         remarks: What was converted or dropped so far.
+        antialias: True if the points are marked as trained with antialiasing.
     """
 
     path: Path
     size: int
     fps: float | None
     remarks: Remarks
+    antialias: bool
 
     def __len__(self) -> int:
         """Return the number of frames."""
@@ -58,10 +62,13 @@ class Frames(Protocol):
 class FileFrames:
     """Sequence of files, one per frame in order. A held frame repeats the previous file."""
 
-    def __init__(self, path: Path, files: Sequence[Path], fps: float | None = None) -> None:
+    def __init__(
+        self, path: Path, files: Sequence[Path], fps: float | None = None, budget: MemoryBudget = UNRAISED
+    ) -> None:
         self.path, self.files, self.fps = path, files, fps
         self.remarks = Remarks()
-        self.size = sum(file.stat().st_size for file in dict.fromkeys(files))
+        self.size = sum(size_of(file) for file in dict.fromkeys(files))
+        self._budget = budget
         self._encoding: Encoding | None = None
 
     def __len__(self) -> int:
@@ -69,14 +76,19 @@ class FileFrames:
 
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
         """Return the Gaussians of a frame."""
-        return read_splats(self.files[frame], origin, self.remarks, self._common_encoding())
+        return read_splats(self.files[frame], origin, self.remarks, self._common_encoding(), self._budget)
+
+    @cached_property
+    def antialias(self) -> bool:
+        """True if the first frame marks its points as trained with antialiasing."""
+        return is_antialiased(self.files[0], self.remarks)
 
     def _common_encoding(self) -> Encoding:
         """Return how all PLY files store opacities and scales, judged by the first frame with enough points."""
         if self._encoding is None:
             judged = Encoding()
             for file in self.files:
-                columns = columns_of(file)
+                columns = columns_of(file, self._budget)
                 if columns is None:
                     break
                 judged = encoding_of(columns)
@@ -89,7 +101,7 @@ class FileFrames:
 class ZipFrames:
     """Sequence of files in a zip archive. A frame is unpacked into a temporary folder while it is read."""
 
-    def __init__(self, path: Path, gaps: Gaps = "refuse") -> None:
+    def __init__(self, path: Path, gaps: Gaps = "refuse", budget: MemoryBudget = UNRAISED) -> None:
         self.path, self.size = path, path.stat().st_size
         self.remarks = Remarks()
         try:
@@ -104,6 +116,7 @@ class ZipFrames:
         remark_step(order, self.remarks, path)
         self._encoding: Encoding | None = None
         self._members = [members[name] for name in order.names]
+        self._budget = budget
 
     def __len__(self) -> int:
         return len(self._members)
@@ -111,33 +124,51 @@ class ZipFrames:
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
         """Return the Gaussians of a frame."""
         info = self._members[frame]
-        most = max(UNPACKED_BYTES, UNPACKED_RATIO * info.compress_size)
-        if info.file_size > most:
-            raise GaussiansError(
-                f"{self.path}: {info.filename} would unpack to {info.file_size:,} bytes, at most {most:,}."
-            )
+        budget = MemoryBudget(self._budget.most, info.compress_size)
+        found = Remarks()
+        with self._unpacked(info) as file:
+            if self._encoding is None and (columns := columns_of(file, budget)) is not None:
+                judged = encoding_of(columns)
+                self._encoding = judged if len(next(iter(columns.values()), ())) >= MANY else None
+            points = read_splats(file, origin, found, self._encoding, budget)
+        self.remarks.take(found, f"{self.path}: {info.filename}")
+        return points
+
+    @cached_property
+    def antialias(self) -> bool:
+        """True if the first frame marks its points as trained with antialiasing."""
+        found = Remarks()
+        with self._unpacked(self._members[0]) as file:
+            marked = is_antialiased(file, found)
+        self.remarks.take(found, f"{self.path}: {self._members[0].filename}")
+        return marked
+
+    @contextmanager
+    def _unpacked(self, info: zipfile.ZipInfo) -> Iterator[Path]:
+        """Unpack a member into a temporary file. Errors about that file name the archive and the member."""
+        budget, source = MemoryBudget(self._budget.most, info.compress_size), f"{self.path}: {info.filename}"
+        budget.check(info.file_size, info.compress_size, source, f"{info.file_size:,} unpacked bytes")
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / PurePosixPath(info.filename).name
             try:
-                with self._archive.open(info) as source, file.open("wb") as target:
-                    while block := source.read(_BLOCK):
+                with self._archive.open(info) as packed, file.open("wb") as target:
+                    while block := packed.read(_BLOCK):
                         target.write(block)
             except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
-                raise GaussiansError(f"{self.path}: {info.filename} is damaged ({error}). Copy it again.") from error
-            found = Remarks()
+                raise GaussiansError(f"{source} is damaged ({error}). Copy it again.") from error
             try:
-                if self._encoding is None and (columns := columns_of(file)) is not None:
-                    judged = encoding_of(columns)
-                    self._encoding = judged if len(next(iter(columns.values()), ())) >= MANY else None
-                points = read_splats(file, origin, found, self._encoding)
+                yield file
             except GaussiansError as error:
-                raise GaussiansError(str(error).replace(str(file), f"{self.path}: {info.filename}")) from error
-            self.remarks.take(found, f"{self.path}: {info.filename}")
-            return points
+                raise GaussiansError(str(error).replace(str(file), source)) from error
 
 
-def open_files(place: Path, gaps: Gaps) -> FileFrames | None:
+def open_files(place: Path, gaps: Gaps, budget: MemoryBudget = UNRAISED) -> FileFrames | None:
     """Open a file of Gaussians, or a folder of them. Return None if there are none.
+
+    Args:
+        place: The file or folder.
+        gaps: Treatment of missing frame numbers.
+        budget: Memory that reading a frame may take.
 
     Raises:
         GaussiansError: The order of the files is unclear, or frames are missing.
@@ -146,7 +177,7 @@ def open_files(place: Path, gaps: Gaps) -> FileFrames | None:
     if not named:
         return None
     order = order_frames(list(named), str(place), gaps)
-    frames = FileFrames(place, [named[name] for name in order.names], order.fps)
+    frames = FileFrames(place, [named[name] for name in order.names], order.fps, budget)
     remark_step(order, frames.remarks, place)
     return frames
 
