@@ -41,7 +41,7 @@ def test_usd_states_meters_and_srgb_and_is_about_as_large_as_estimated(
     assert UsdGeom.GetStageMetersPerUnit(stage) == 1
     splats = stage.GetDefaultPrim()
     colors = splats.GetAttribute("radiance:sphericalHarmonicsCoefficients")
-    assert Usd.ColorSpaceAPI.ComputeColorSpaceName(splats) == "srgb_rec709_scene"
+    assert Usd.ColorSpaceAPI(splats).GetColorSpaceNameAttr().Get() == "srgb_rec709_scene"
     assert colors.GetColorSpace() == "srgb_rec709_scene"
     size = path.stat().st_size
     assert 0.7 * size < estimate_bytes(path, film) < 1.4 * size

@@ -44,7 +44,11 @@ METHODS = (
         "SC-GS (yihua7/SC-GS) or a method built on it", re.compile(r"fea_\d+"), "which its network turns into motion"
     ),
     # scene/gaussian_model.py: embeddings that the deformation network reads
-    Method("E-D3DGS (JeongminB/E-D3DGS)", re.compile(r"embedding_\d+"), "which its network turns into motion"),
+    Method(
+        "E-D3DGS (JeongminB/E-D3DGS) or a method built on it",
+        re.compile(r"embedding_\d+"),
+        "which its network turns into motion",
+    ),
     # 4D Gaussian Splatting with its PLY writers: time, extent in time, and the second rotation
     Method(
         "4D Gaussian Splatting (fudan-zvg/4d-gaussian-splatting)",

@@ -38,8 +38,8 @@ PROGRAMS = {
     "unreal": Program("the Unreal plugin NanoGS", ("ply",), reads_double=False),
     # playcanvas/supersplat, src/io/read/loader.ts: all formats of splat-transform. A folder of PLY files is an animation.
     "supersplat": Program("SuperSplat", ("ply", "sog", "compressed-ply", "spz", "spz2", "splat")),
-    # mrdoob/three.js, examples/jsm/loaders/SPZLoader.js: versions 1 to 3, degrees up to 3.
-    "three": Program("three.js", ("spz", "spz2")),
+    # mrdoob/three.js, examples/jsm/loaders. SPZLoader.js: versions 1 to 3, degrees up to 3. GaussianSplatPLYLoader.js, SPLATLoader.js.
+    "three": Program("three.js", ("spz", "spz2", "ply", "splat")),
     # sparkjsdev/spark, rust/spark-lib/src/spz.rs: versions 1 to 3. ply.rs: all types. src/pcsogs.ts: SOG 2.
     "spark": Program("Spark", ("spz", "spz2", "sog", "ply", "splat")),
     # BabylonJS/Babylon.js, packages/dev/loaders. SPLAT/spz.ts: versions 2 and 3. glTF/2.0/Extensions/KHR_gaussian_splatting.ts.

@@ -22,6 +22,8 @@ from splatreel.sequence.frame_files import find_files, find_members
 from splatreel.sequence.frame_names import Gaps, Order, order_frames
 from splatreel.sequence.splat_file import columns_of, is_antialiased, read_splats, size_of
 
+OTHER_MARK = "Points are marked differently for antialiasing than those of the first frame, and are drawn as those"
+"""Remark on files whose marks differ."""
 _BLOCK = 1 << 20
 
 
@@ -76,7 +78,11 @@ class FileFrames:
 
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
         """Return the Gaussians of a frame."""
-        return read_splats(self.files[frame], origin, self.remarks, self._common_encoding(), self._budget)
+        file = self.files[frame]
+        points = read_splats(file, origin, self.remarks, self._common_encoding(), self._budget)
+        if len(points) and is_antialiased(file, self.remarks) != self.antialias:
+            self.remarks.add(OTHER_MARK, file)
+        return points
 
     @cached_property
     def antialias(self) -> bool:
@@ -131,6 +137,8 @@ class ZipFrames:
                 judged = encoding_of(columns)
                 self._encoding = judged if len(next(iter(columns.values()), ())) >= MANY else None
             points = read_splats(file, origin, found, self._encoding, budget)
+            if len(points) and is_antialiased(file, found) != self.antialias:
+                found.add(OTHER_MARK, file)
         self.remarks.take(found, f"{self.path}: {info.filename}")
         return points
 
