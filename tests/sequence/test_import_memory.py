@@ -56,13 +56,13 @@ def sog(path: Path, count: int = MANY, size: tuple[int, int] = (4, 4), escapes: 
     return path
 
 
-def zip_of_zeros(path: Path) -> Path:
+def zip_of_zeros(path: Path, points: int = 2_000_000) -> Path:
     names = ["x", "y", "z", "opacity", *(f"f_dc_{i}" for i in range(3)), *(f"scale_{i}" for i in range(3))]
     names += [f"rot_{i}" for i in range(4)]
-    header = ["ply", "format binary_little_endian 1.0", "element vertex 2000000"]
+    header = ["ply", "format binary_little_endian 1.0", f"element vertex {points}"]
     header += [f"property float {name}" for name in names] + ["end_header", ""]
     with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:
-        archive.writestr("f0.ply", "\n".join(header).encode() + bytes(4 * len(names) * 2_000_000))
+        archive.writestr("f0.ply", "\n".join(header).encode() + bytes(4 * len(names) * points))
     return path
 
 
@@ -117,7 +117,7 @@ def test_stated_sizes_of_zstd_frames_are_not_allocated(tmp_path: Path) -> None:
         open_frames(path).read(0)
 
 
-@pytest.mark.parametrize("escapes", [1_000_000, 40_000_000])
+@pytest.mark.parametrize("escapes", [1_000_000, 10_000_000])
 def test_descriptions_of_escapes_are_refused(tmp_path: Path, escapes: int) -> None:
     path = sog(tmp_path / "a.sog", escapes=escapes)
     with at_most(40e6), pytest.raises(GaussiansError, match=r"a\.sog"):
@@ -158,10 +158,10 @@ def test_honest_files_take_less_than_is_claimed_and_much_less_than_is_allowed(
 
 
 def test_limit_can_be_raised_and_lowered(tmp_path: Path) -> None:
-    film = zip_of_zeros(tmp_path / "a.zip")
+    film = zip_of_zeros(tmp_path / "a.zip", 200_000)
     with pytest.raises(GaussiansError, match="--max-memory"):
         open_frames(film).read(0)
-    assert len(open_frames(film, most=2_000_000_000).read(0)) == 2_000_000
+    assert len(open_frames(film, most=200_000_000).read(0)) == 200_000
     path = tmp_path / "f.splat"
     FRAME_FORMATS["splat"].write(
         path, random_gaussians(np.random.default_rng(0), 4000, 0, (0, 0, 0)), Placement(np.array([1.0, 0, 0, 0]))
