@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -109,41 +110,48 @@ def import_frames(
         raise UsageError("--fit takes the up axis from --cameras. Leave out --up.")
     edit = changes.edit()
     use_threads(threads)
-    import numpy as np
-
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
-    from splatreel.sequence.comparison import check_seen
-    from splatreel.sequence.edits import edited, first_points
+    from splatreel.sequence.edits import edited
     from splatreel.sequence.opening import open_frames
-    from splatreel.sequence.reel import header_of
-    from splatreel.sequence.viewpoints import read_cameras
 
     film, edit = edited(open_frames(frames, gaps, fps, length, memory_limit(max_memory)), edit)
-    antialiased = antialiased or film.antialias
-    views = cameras and [edit.camera(camera) for camera in read_cameras(cameras, edit.origin)]
-    axis = None if up is None else np.array(AXES[up], float)
-    header, limits = header_of(
-        first_points(film), views, axis, fps or film.fps or 30.0, antialiased, edit.scale * edit.origin
-    )
-    whose = f"the cameras of {cameras}" if cameras else "the cameras"
-    check_seen(film, list(header.cameras), header.near, antialiased, whose)
+    header, limits = _describe(film, edit, cameras, up, fps, antialiased)
     present = PresentationWriter({"title": title} if title else {}, {"title": frames.name})
-    progress = console()
-    try:
+    with closing(console()) as progress:
         if fit is None:
             found, reel = _write(film, out, header, limits, rate or "high", progress, present), out
         else:
-            found, reel = _fit(film, out, header, views is None, fit, rate or "medium", progress, present)
-    finally:
-        progress.close()
+            found, reel = _fit(film, out, header, cameras is None, fit, rate or "medium", progress, present)
     _say_result(film, found, reel)
     _say_changes(film, edit, fps)
     if fit is None:
         _say_doubts(found, rate or "high", len(film), reel)
-    if views is None:
+    if cameras is None:
         _say_ring(up)
     say(playable(reel))
+
+
+def _describe(
+    film: Frames, edit: Edit, cameras: Path | None, up: str | None, fps: float | None, antialiased: bool
+) -> tuple[ReelHeader, Limits | None]:
+    """Return the header of the reel, and the limits of its views, from the options."""
+    import numpy as np
+
+    from splatreel.sequence.comparison import check_seen
+    from splatreel.sequence.edits import first_points
+    from splatreel.sequence.reel import header_of
+    from splatreel.sequence.viewpoints import read_cameras
+
+    views = cameras and [edit.camera(camera) for camera in read_cameras(cameras, edit.origin)]
+    axis = None if up is None else np.array(AXES[up], float)
+    rate = fps or film.fps or 30.0
+    header, limits = header_of(
+        first_points(film), views, axis, rate, antialiased or film.antialias, edit.scale * edit.origin
+    )
+    whose = f"the cameras of {cameras}" if cameras else "the cameras"
+    check_seen(film, list(header.cameras), header.near, header.antialias, whose)
+    return header, limits
 
 
 def _write(

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from glob import escape
 from pathlib import Path, PurePath
 
 from splatreel.errors import GaussiansError
@@ -72,7 +73,9 @@ def check_is_member_frame(name: PurePath, marks: Iterable[PurePath], archive: Pa
     """
     _check(
         name,
-        lambda folder, pattern: (mark for mark in marks if mark.match(str(folder / pattern))),
+        lambda folder, pattern: (
+            mark for mark in marks if mark.match(str(type(folder)(escape(str(folder))) / pattern))
+        ),
         f"{archive}: {name}",
     )
 
@@ -104,7 +107,7 @@ def _check(file: PurePath, find: Find, subject: str) -> None:
         for mark in marks:
             if found := next(iter(sorted(other for other in find(folder, mark.pattern) if other != file)), None):
                 raise GaussiansError(
-                    f"{subject}: is no frame, but part of a model of {mark.method}. Its points are moved by {found}. {mark.remedy}"
+                    f"{subject}: is no frame, but part of a model of {mark.method}: {found} moves or adds points. {mark.remedy}"
                 )
 
 
