@@ -35,17 +35,20 @@ class Frames(Protocol):
         size: Bytes on disk.
         fps: Frames per second, if the sequence states it.
         remarks: What was converted or dropped so far.
-        antialias: True if the points are marked as trained with antialiasing.
     """
 
     path: Path
     size: int
     fps: float | None
     remarks: Remarks
-    antialias: bool
 
     def __len__(self) -> int:
         """Return the number of frames."""
+        ...
+
+    @property
+    def antialias(self) -> bool:
+        """True if the points are marked as trained with antialiasing."""
         ...
 
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
