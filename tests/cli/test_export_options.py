@@ -109,7 +109,7 @@ def far_reel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return a reel of SH degree 1, whose origin is far from 0, 0, 0."""
     folder = tmp_path_factory.mktemp("far")
     points = frame(0)
-    film = write_film(folder / "film", [replace(points, means=points.means + np.float32([4e5, 0, 0]))])
+    film = write_film(folder / "film", [replace(points, means=points.means + np.array([4e5, 0, 0], np.float32))])
     assert main(["import", str(film), "--out", str(folder / "reel")]) == 0
     assert open_reel(folder / "reel").manifest.origin.any()
     return folder / "reel"

@@ -60,7 +60,7 @@ _CHECKPOINTS = (
 
 def check_is_frame(file: Path) -> None:
     """Raise `GaussiansError` if another file moves the points of a PLY file."""
-    _check(file, lambda folder, pattern: folder.glob(pattern), str(file))
+    _check(file, lambda folder, pattern: Path(folder).glob(pattern), str(file))
 
 
 def check_is_member_frame(name: PurePath, marks: Iterable[PurePath], archive: Path) -> None:
