@@ -7,7 +7,6 @@ import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Protocol
 
@@ -75,6 +74,7 @@ class FileFrames:
         self.size = sum(size_of(file) for file in dict.fromkeys(files))
         self._budget = budget
         self._encoding: Encoding | None = None
+        self._antialias: bool | None = None
 
     def __len__(self) -> int:
         return len(self.files)
@@ -87,10 +87,12 @@ class FileFrames:
             self.remarks.add(OTHER_MARK, file)
         return points
 
-    @cached_property
+    @property
     def antialias(self) -> bool:
         """True if the first frame marks its points as trained with antialiasing."""
-        return is_antialiased(self.files[0], self.remarks)
+        if self._antialias is None:
+            self._antialias = is_antialiased(self.files[0], self.remarks)
+        return self._antialias
 
     def _common_encoding(self) -> Encoding:
         """Return how all PLY files store opacities and scales, judged by the first frame with enough points."""
@@ -124,6 +126,7 @@ class ZipFrames:
         self.fps = order.fps
         remark_step(order, self.remarks, path)
         self._encoding: Encoding | None = None
+        self._antialias: bool | None = None
         self._members = [members[name] for name in order.names]
         self._budget = budget
 
@@ -145,14 +148,15 @@ class ZipFrames:
         self.remarks.take(found, f"{self.path}: {info.filename}")
         return points
 
-    @cached_property
+    @property
     def antialias(self) -> bool:
         """True if the first frame marks its points as trained with antialiasing."""
-        found = Remarks()
-        with self._unpacked(self._members[0]) as file:
-            marked = is_antialiased(file, found)
-        self.remarks.take(found, f"{self.path}: {self._members[0].filename}")
-        return marked
+        if self._antialias is None:
+            found = Remarks()
+            with self._unpacked(self._members[0]) as file:
+                self._antialias = is_antialiased(file, found)
+            self.remarks.take(found, f"{self.path}: {self._members[0].filename}")
+        return self._antialias
 
     @contextmanager
     def _unpacked(self, info: zipfile.ZipInfo) -> Iterator[Path]:
