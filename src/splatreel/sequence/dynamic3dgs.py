@@ -9,6 +9,7 @@ import numpy as np
 from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.memory_budget import UNRAISED, MemoryBudget, points_memory
 from splatreel.scene.remarks import Remarks
 from splatreel.scene.splat_columns import drop_nan
 from splatreel.scene.untrusted import ArrayRows, read_arrays
@@ -27,17 +28,25 @@ SHAPES = {
 class Dynamic3DGS:
     """Sequence in a `params.npz` file. Colors do not depend on the view. One frame is in memory at a time.
 
+    Args:
+        path: Input file.
+        budget: Memory that reading a frame may take.
+
     Raises:
-        GaussiansError: The file is not a `params.npz` of Dynamic 3D Gaussians.
+        GaussiansError: The file is not a `params.npz` of Dynamic 3D Gaussians, or takes too much memory.
     """
 
-    def __init__(self, path: Path) -> None:
+    antialias = False
+
+    def __init__(self, path: Path, budget: MemoryBudget = UNRAISED) -> None:
         self.path, self.size = path, path.stat().st_size
         self.fps: float | None = None
         self.remarks = Remarks()
         self._rows = {name: ArrayRows(path, name, GaussiansError) for name in SHAPES}
         self._check()
-        fixed = read_arrays(path, ("logit_opacities", "log_scales"), GaussiansError)
+        points = self._rows["means3D"].shape[1]
+        budget.check(points_memory(points), self.size, str(path), f"{points:,} points")
+        fixed = read_arrays(path, ("logit_opacities", "log_scales"), GaussiansError, budget.limit(self.size))
         logits, logarithms = fixed["logit_opacities"][:, 0], fixed["log_scales"]
         self._opacities = 1 / (1 + np.exp(-np.clip(logits.astype(np.float64), -80, 80)))
         self._scales = np.exp(np.minimum(logarithms.astype(np.float64), 80)).astype(np.float32)
