@@ -1,7 +1,7 @@
 """The player tells first-time viewers that they can look around."""
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page
+from playwright.sync_api import Browser, Locator, Page, Route
 
 from splatreel.play.server import Server
 from tests.player.pages import PLAYER, open_player, wait_for_picture
@@ -100,14 +100,25 @@ def test_a_page_with_its_own_instructions_switches_it_off(page: Page, server: Se
         assert page.locator(PROMPT).count() == 0
 
 
+PAUSE = """document.querySelectorAll('splat-reel').forEach((reel) => reel.player.addEventListener('canplay', () =>
+  reel.shadowRoot.querySelector('.prompt')?.getAnimations().forEach((animation) => animation.pause())))"""
+
+
 def test_it_goes_by_itself_and_one_page_shows_it_once(page: Page, server: Server) -> None:
     body = '<script type="module" src="player.js"></script>' + 2 * '<splat-reel src="reel/manifest.json"></splat-reel>'
     page.route("**/embed.html", lambda route: route.fulfill(content_type="text/html", body=body))
+    held: list[Route] = []
+    page.route("**/layers/*", lambda route: held.append(route))
     page.goto(server.url + "embed.html")
-    prompt = page.locator(PROMPT)
-    prompt.first.wait_for(state="attached")
-    prompt.first.evaluate("(prompt) => prompt.getAnimations().forEach((animation) => animation.pause())")
+    page.wait_for_function("[...document.querySelectorAll('splat-reel')].every((reel) => reel.player)")
+    page.evaluate(PAUSE)
+    while not held:
+        page.wait_for_timeout(20)
+    for route in held:
+        route.continue_()
+    page.unroute("**/layers/*")
     page.wait_for_function("[...document.querySelectorAll('splat-reel')].every((reel) => reel.player?.canPlay)")
+    prompt = page.locator(PROMPT)
     assert prompt.count() == 1
     prompt.evaluate("(prompt) => prompt.getAnimations().forEach((animation) => animation.finish())")
     prompt.wait_for(state="detached")
