@@ -10,7 +10,7 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 import pytest
 
@@ -213,6 +213,27 @@ def test_page_has_documented_content_security_policy(server: Server):
         assert "unsafe-inline" not in sent[name]
         hashed = [source for source in sources if not source.startswith("'sha256-")]
         assert set(hashed) <= set(sent[name].split(" ")), name
+
+
+@pytest.mark.parametrize(
+    ("src", "host"),
+    [
+        ("https://reels.example/train/manifest.json", "https://reels.example"),
+        ("HTTP://reels.example:8080/manifest.json", "HTTP://reels.example:8080"),
+        ("//reels.example/manifest.json", "reels.example"),
+        ("reel/manifest.json", None),
+        ("https://a@reels.example/manifest.json", None),
+        ("https://reels.example; script-src *", None),
+        ("https://reels.example *", None),
+        ("https://*/manifest.json", None),
+    ],
+)
+def test_page_shows_images_of_the_host_of_its_reel_only(server: Server, src: str, host: str | None):
+    for page in ("", "self-test.html"):
+        response, _ = request(server, f"/{page}?src={quote(src)}")
+        sent = dict(line.split(" ", 1) for line in response.headers["Content-Security-Policy"].split("; "))
+        assert sent["img-src"].split() == ["'self'", *([host] if host else []), "data:", "blob:"]
+        assert "*" not in sent["script-src"]
 
 
 def test_server_follows_live_manifest(reel: Path):
