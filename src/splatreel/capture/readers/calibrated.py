@@ -7,7 +7,6 @@ with `calib`. Videos and images belong to the cameras by their names (`calibrati
 from __future__ import annotations
 
 import copy
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import list_folder
 from splatreel.capture.image_sequences import ImageSequences
-from splatreel.capture.lens import Lens, undistorted_camera
+from splatreel.capture.lens import Lens, common_size, undistorted_camera
 from splatreel.capture.readers.calibrations.media import Media, find_media
 from splatreel.capture.readers.calibrations.metashape import is_metashape, read_metashape
 from splatreel.capture.readers.calibrations.opencv_cameras import is_camera, is_multiview, read_cameras, read_multiview
@@ -123,7 +122,7 @@ class CalibratedCapture(FileCapture):
                 else picture_source(path, existing, sidecar, request, upright=upright)
             )
         sizes = {view.name: source.size(view.name, view.size) for view in views}
-        width, height = request.size(*Counter(sizes.values()).most_common(1)[0][0], path)
+        width, height = request.size(*common_size(list(sizes.values())), path)
         lenses: dict[str, Lens] = {}
         calibrated: dict[str, tuple[int, int]] = {}
         cameras, notes = [], list(rig.notes)

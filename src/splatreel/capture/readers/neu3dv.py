@@ -17,6 +17,7 @@ import numpy as np
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import natural_key
+from splatreel.capture.lens import common_size, fitted_camera
 from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.readers.calibrated import is_calibrated
 from splatreel.capture.readers.colmap import camera_folders, is_colmap, video_files, videos_in
@@ -53,18 +54,20 @@ class Neu3DVCapture(FileCapture):
             source = picture_source(path, {name: pictures[name] for name in kept}, sidecar, request)
         calibrated = {name: (round(row[9]), round(row[4])) for name, row in zip(names, poses, strict=True)}
         sizes = {name: source.size(name, calibrated[name]) for name in kept}
-        cameras = [
-            _camera(path, name, size, row).resized(*request.size(*size, path))
+        usual = common_size(list(sizes.values()))
+        size = request.size(*usual, path)
+        fitted = {
+            name: fitted_camera(_camera(path, name, sizes.get(name, usual), row), *size)
             for name, row in zip(names, poses, strict=True)
-            for size in [sizes.get(name, sizes[kept[0]])]
-        ]
+        }
         default = sidecar.held_out if sidecar.held_out is not None else [n for n in names if HELD_OUT.fullmatch(n)]
         super().__init__(
             path,
-            cameras,
+            [camera for camera, _ in fitted.values()],
             source,
             replace(request, left_out=request.left_out & set(names)),
             held_out=default,
+            lenses={name: lens for name, (_, lens) in fitted.items() if lens is not None},
             near=float(poses[:, 15].min()),
             origin=path / POSES,
             notes=notes,
