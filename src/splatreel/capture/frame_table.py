@@ -20,6 +20,8 @@ from splatreel.capture.orientation import STORED, Orientation, display_orientati
 from splatreel.capture.video_color import declared_color
 from splatreel.errors import CaptureError
 
+WITHOUT_TIMES = ("avi", "mxf")
+"""FFmpeg's names of containers that may lack presentation times although the codec reorders frames."""
 NO_TIME = np.iinfo(np.int64).min
 """Value of a decoding time or byte offset that the container does not state."""
 ARRAYS = ("pts", "key_pts", "key_dts", "key_offsets")
@@ -43,7 +45,7 @@ class FrameTable:
         key_pts: Presentation times of keyframes, [K] int64, ascending, including those hidden by an edit list.
         key_dts: Their decoding times, [K] int64, or `NO_TIME`.
         key_offsets: Their byte offsets, [K] int64, or `NO_TIME`.
-        counted: True if the container has no presentation times although the codec reorders frames (H.264 in AVI). Such
+        counted: True if the container has no presentation times although the codec reorders frames (H.264 in AVI and MXF). Such
             frames are numbered by counting the decoder's output from the start of the file.
         packets: Number of packets in the file.
         whole: Number of complete packets.
@@ -124,7 +126,7 @@ def scan(
     reorders = first is not None and bool(stream.codec_context.has_b_frames)
     orientation = STORED if first is None else frame_orientation(first, container.name)
     color = declared_color(stream.codec_context, first)
-    counted = container.format.name == "avi" and reorders and bool((np.diff(pts) > 0).all())
+    counted = container.format.name in WITHOUT_TIMES and reorders and bool((np.diff(pts) > 0).all())
     keys = np.flatnonzero(key)[np.argsort(pts[key != 0], kind="stable")]
     shown = np.unique(pts[(hidden == 0) & _decodable(pts, key)])
     return FrameTable(

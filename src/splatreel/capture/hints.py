@@ -7,7 +7,7 @@ from pathlib import Path
 
 from splatreel.capture.base import MIN_CAMERAS
 from splatreel.capture.files import list_folder
-from splatreel.capture.readers.colmap import camera_folders, video_files
+from splatreel.capture.readers.colmap import camera_folders, unread_videos, video_files
 
 MOST_NAMED = 4
 """Maximum number of files that a sentence lists."""
@@ -33,6 +33,9 @@ def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
                 f"{place} holds {len(videos)} videos ({_listed(list(videos))}) without poses of their cameras. If they do not start "
                 f"together, run `splatreel capture sync {place}`. Then run `splatreel capture calibrate {place}`."
             )
+    for place in [folder, *inside]:
+        if others := unread_videos(place):
+            return f"Videos in {place} are {others[0]}."
     for place in [folder, *inside]:
         pictures = camera_folders(place)
         if len(pictures) >= MIN_CAMERAS:

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import re
 from bisect import bisect_right
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from typing import Any, BinaryIO, cast
@@ -24,6 +26,31 @@ from splatreel.errors import CaptureError
 SUFFIXES = (".mp4", ".m4v", ".mov")
 """Extensions of files whose tables fully describe the frames."""
 PAYLOAD = b"mdat"
+
+
+@dataclass(frozen=True)
+class Box:
+    """Box of an MP4 file: its kind, and the start and end of its content in the file."""
+
+    kind: bytes
+    start: int
+    end: int
+
+
+def top_level_boxes(file: BinaryIO, size: int) -> Iterator[Box]:
+    """Yield the outermost boxes of an MP4 file of `size` bytes."""
+    at = 0
+    while at + 8 <= size:
+        file.seek(at)
+        head = file.read(16)
+        length, kind, used = int.from_bytes(head[:4], "big"), head[4:8], 8
+        if length == 1:
+            length, used = int.from_bytes(head[8:16], "big"), 16
+        end = size if length == 0 else min(at + length, size)
+        if end < at + used:
+            return
+        yield Box(kind, at + used, end)
+        at = end
 
 
 class IndexOnly:
@@ -66,24 +93,33 @@ class IndexOnly:
 
     def _payload(self) -> tuple[list[int], list[int]]:
         """Return the start and end positions of image data in top-level boxes."""
-        begins, ends, at = [], [], 0
-        while at + 8 <= self._size:
-            self._file.seek(at)
-            head = self._file.read(16)
-            size, kind, length = int.from_bytes(head[:4], "big"), head[4:8], 8
-            if size == 1:
-                size, length = int.from_bytes(head[8:16], "big"), 16
-            end = self._size if size == 0 else min(at + size, self._size)
-            if end < at + length:
-                break
-            if kind == PAYLOAD:
-                begins.append(at + length)
-                ends.append(end)
-            at = end
-        return begins, ends
+        boxes = [box for box in top_level_boxes(self._file, self._size) if box.kind == PAYLOAD]
+        return [box.start for box in boxes], [box.end for box in boxes]
 
 
-VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".ts")
+VIDEO_SUFFIXES = (
+    ".mp4",
+    ".mov",
+    ".m4v",
+    ".mkv",
+    ".webm",
+    ".avi",
+    ".mts",
+    ".m2ts",
+    ".ts",
+    ".mxf",
+    ".mpg",
+    ".mpeg",
+    ".3gp",
+    ".wmv",
+    ".flv",
+)
+"""Extensions of videos that are read."""
+OTHER_VIDEOS = re.compile(
+    r"\.(braw|r3d|crm|ari|arx|cine|insv|360|svo2?|bag|h26[45]|26[45]|hevc|y4m|yuv|ivf|obu|mjpe?g|vob|mod|tod|dv|ogv|f4v|asf|rmvb?|gif)",
+    re.IGNORECASE,
+)
+"""Extensions of videos that are not read: raw formats of cameras, streams without times, and rare containers."""
 
 WITHOUT_PICTURES = {"fflags": "noparse", "probesize": "32"}
 """FFmpeg options that do not parse images, which are zeros."""

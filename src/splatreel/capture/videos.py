@@ -51,7 +51,7 @@ class Videos:
         self._path, self._where, self._request, self._transfer = path, request.files, request, sidecar.transfer
         self.notes: list[str] = []
         self._files = dict(zip(files, threads.map_parallel(self._opened, files.values()), strict=True))
-        unknown = [name for name in sidecar.starts if name not in self._files]
+        unknown = [name for name in (*sidecar.starts, *sidecar.rates) if name not in self._files]
         if unknown:
             raise CaptureError(f"{path / SIDECAR}: says when {unknown[0]!r} starts, but no video is called so.")
         recorded = is_recorded(path) or any(
@@ -69,6 +69,7 @@ class Videos:
         # Without start times, the sidecar's rate is the true one of videos that play at another speed.
         self._step = 1 / (self.fps if sidecar.starts or recorded else rate)
         self._starts = dict.fromkeys(self._files, 0.0) | sidecar.starts
+        self._speeds = dict.fromkeys(self._files, 1.0) | sidecar.rates
         if not sidecar.starts and not recorded:
             self._starts |= self._first_times()
         for name in self._files:
@@ -120,10 +121,14 @@ class Videos:
 
     def _pair(self, recorded: bool) -> None:
         """Find the frame of every video for each time step, and the time steps to use."""
-        clocks = {name: video.times[: _jump(video)] - self._starts[name] for name, video in self._files.items()}
+        clocks = {
+            name: (video.times[: _jump(video)] - self._starts[name]) / self._speeds[name]
+            for name, video in self._files.items()
+        }
         for name, clock in clocks.items():
             if not len(clock) or clock[-1] < 0:
-                start, last = self._starts[name], clock[-1] + self._starts[name] if len(clock) else 0.0
+                start = self._starts[name]
+                last = clock[-1] * self._speeds[name] + start if len(clock) else 0.0
                 raise CaptureError(
                     f"{self._path / SIDECAR}: {name} starts at {start:g} s, but its video ends at {last:g} s."
                 )
@@ -162,7 +167,7 @@ class Videos:
         if jump is None:
             return
         last = float(video.times[jump - 1])
-        steps = int((last - self._starts[name]) / self._step + 0.5) + 1
+        steps = int((last - self._starts[name]) / self._speeds[name] / self._step + 0.5) + 1
         if end is None or end > steps:
             raise CaptureError(
                 f"{video.path}: its time jumps {last:.1f} s after its first frame, so that later frames cannot be placed. "
@@ -194,9 +199,9 @@ class Videos:
         return {name: self._track(name, video, first) for name, video in self._files.items()}
 
     def _track(self, name: str, video: CompleteVideo, first: int) -> Track:
-        seconds = self._starts[name] + (self._first_step + first) * self._step
+        seconds = self._starts[name] + self._speeds[name] * (self._first_step + first) * self._step
         if isinstance(video, VideoFile):
-            return Track(video.path, seconds, self._where)
+            return Track(video.path, seconds, self._where, speed=self._speeds[name])
         return Track(video.written, seconds, self._where, lambda count: read_packets(video.sound(), count, seconds))
 
     def sources(self, first: int, count: int) -> list[Path]:

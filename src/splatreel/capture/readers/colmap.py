@@ -26,11 +26,13 @@ from splatreel.capture.lens import Lens, common_size, undistorted_camera
 from splatreel.capture.readers.colmap_model import FRAME, Model, ModelCamera, model_folders, read_model
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source, video_source
-from splatreel.capture.video import VIDEO_SUFFIXES
+from splatreel.capture.video import OTHER_VIDEOS, VIDEO_SUFFIXES
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera, middle_camera
 
 VIDEOS = ("videos", "synchronized_videos", ".")
+MOST_NAMED = 4
+"""Maximum number of files that a sentence lists."""
 
 
 def is_colmap(path: Path) -> bool:
@@ -57,9 +59,9 @@ class ColmapCapture(FileCapture):
         shape = common_size([_size(camera) for camera in cameras])
         if any(name in files for name in names):
             # Start times of videos that calibration left out are ignored.
-            starts = {name: start for name, start in sidecar.starts.items() if name in names or name not in files}
+            sidecar = sidecar.only({*names, *sidecar.starts, *sidecar.rates} - (set(files) - set(names)))
             notes += _unused(files, [*names, *request.left_out])
-            source = video_source(path, _of_cameras(path, files, names), replace(sidecar, starts=starts), request)
+            source = video_source(path, _of_cameras(path, files, names), sidecar, request)
             width, height = request.size(*shape, path)
         else:
             pictures, (width, height) = _choose(path, cameras, found, shape, request)
@@ -181,6 +183,17 @@ def videos_in(folder: Path, segmented: bool = False) -> dict[str, Path]:
             )
         files[name] = entry
     return files
+
+
+def unread_videos(path: Path) -> list[str]:
+    """Return a sentence about videos of a folder whose formats are not read."""
+    folders = dict.fromkeys(path / folder for folder in VIDEOS)
+    files = [file for folder in folders for file in list_folder(folder) if OTHER_VIDEOS.fullmatch(file.suffix)]
+    if not files:
+        return []
+    named = ", ".join(file.name for file in files[:MOST_NAMED]) + (", ..." if len(files) > MOST_NAMED else "")
+    kinds = ", ".join(sorted({file.suffix.lower() for file in files}))
+    return [f"not read: {named}. Convert {kinds} to .mp4 or .mov, with the same times of the frames"]
 
 
 def camera_folders(path: Path) -> dict[str, list[Path]]:
