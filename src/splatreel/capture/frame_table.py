@@ -41,7 +41,7 @@ class FrameTable:
         color: Arguments of `VideoColor`.
         fps: Average frames per second.
         time_base: Seconds per unit of `pts` and `dts`.
-        pts: Presentation times of displayed frames, [N] int64, ascending.
+        pts: Presentation times of displayed frames that are complete, [N] int64, ascending.
         key_pts: Presentation times of keyframes, [K] int64, ascending, including those hidden by an edit list.
         key_dts: Their decoding times, [K] int64, or `NO_TIME`.
         key_offsets: Their byte offsets, [K] int64, or `NO_TIME`.
@@ -68,6 +68,11 @@ class FrameTable:
     packets: int
     whole: int
     declared: int
+
+    @property
+    def expected(self) -> int:
+        """Number of packets that the whole file would have."""
+        return max(self.declared, self.packets, 1)
 
     @property
     def frames(self) -> int:
@@ -120,7 +125,8 @@ def scan(
             whole += not packet.is_corrupt
             dts = NO_TIME if packet.dts is None else packet.dts
             offset = NO_TIME if packet.pos is None or packet.pos < 0 else packet.pos
-            rows.append((packet.pts, dts, offset, packet.is_keyframe, packet.is_discard))
+            if not packet.is_corrupt:
+                rows.append((packet.pts, dts, offset, packet.is_keyframe, packet.is_discard))
     pts, dts, offsets, key, hidden = np.array(rows, np.int64).reshape(-1, 5).T
     first = _first_frame(container, stream)
     reorders = first is not None and bool(stream.codec_context.has_b_frames)

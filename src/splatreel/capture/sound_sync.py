@@ -14,6 +14,7 @@ from splatreel.capture.growing.growth import Growth
 from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, segment_files
 from splatreel.capture.soundtrack import RATE as SOUND_RATE
 from splatreel.capture.soundtrack import channels, read_sound
+from splatreel.errors import CaptureError
 
 RATE = 8000
 """Samples per second; enough for claps, steps and voices, with a resolution of an eighth of a millisecond."""
@@ -59,11 +60,15 @@ def listen(file: Path) -> np.ndarray | None:
         return None
     rate = RATE if video is None else SOUND_RATE
     parts, count = [], 0
-    for block in read_sound(file, 1, RATE) if video is None else read_packets(video.sound(), 1, 0.0):
-        parts.append(block[:, 0])
-        count += len(block)
-        if count >= LONGEST * rate:
-            break
+    try:
+        for block in read_sound(file, 1, RATE) if video is None else read_packets(video.sound(), 1, 0.0):
+            parts.append(block[:, 0])
+            count += len(block)
+            if count >= LONGEST * rate:
+                break
+    except CaptureError:
+        if not parts:  # the sound of a truncated video is used up to its end
+            raise
     sound, step = np.concatenate([np.zeros(0, np.float32), *parts])[: LONGEST * rate], rate // RATE
     return sound[: len(sound) // step * step].reshape(-1, step).mean(1)
 

@@ -151,10 +151,16 @@ class VideoFile:
         files: Access to the file.
         table: Frame table of an earlier scan, used if the file size matches.
         transfer: Transfer function for a video that declares none (`Sidecar.transfer`).
+        partial: True reads the whole frames of a truncated file. Otherwise it is an error.
     """
 
     def __init__(
-        self, path: Path, files: Files = LOCAL, table: FrameTable | None = None, transfer: str | None = None
+        self,
+        path: Path,
+        files: Files = LOCAL,
+        table: FrameTable | None = None,
+        transfer: str | None = None,
+        partial: bool = False,
     ) -> None:
         self.path, self._files = path, files
         self._container: InputContainer | None = None
@@ -166,13 +172,17 @@ class VideoFile:
         self._orientation = Orientation(table.turns, table.mirrored)
         self.width, self.height = self._orientation.size(table.width, table.height)
         self.frames, self.fps, self.start, self.times = table.frames, table.fps, table.start, table.times
-        expected = max(table.declared, table.packets, 1)
-        if table.whole < expected:
-            advice = f"or cut every video to {table.whole} frames" if table.whole else "or leave the camera out"
-            raise CaptureError(
-                f"{path}: is truncated: {table.whole} of {expected} frames are whole. Copy the file again, {advice}."
-            )
+        if table.whole < table.expected and not (partial and table.frames):
+            advice = f"choose frames that are whole (--frames 0:{table.frames}), " if table.frames else ""
+            raise CaptureError(f"{self.truncation}. Copy the file again, {advice}or leave the camera out.")
         self.color = VideoColor(*table.color).interpreted(path, transfer)
+
+    @property
+    def truncation(self) -> str:
+        """Sentence about a truncated file, without its end; empty for a whole file."""
+        if self.table.whole >= self.table.expected:
+            return ""
+        return f"{self.path}: is truncated: {self.table.whole} of {self.table.expected} frames are whole"
 
     def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
         """Decode frames into an array.
@@ -269,7 +279,13 @@ class VideoFile:
                         yield number, frame
 
     def _decoded(self, packet: av.Packet, begin: int) -> list[av.VideoFrame]:
-        """Decode a packet. A packet displayed before the keyframe may refer to missing images."""
+        """Decode a packet.
+
+        A packet displayed before the keyframe may refer to missing images. The packet at which a file is truncated, and
+        those that refer to it, are not in the table.
+        """
+        if packet.is_corrupt:
+            return []
         try:
             return packet.decode()
         except FFmpegError:

@@ -44,7 +44,8 @@ class Videos:
         notes: Sentences about what was chosen or skipped.
 
     Raises:
-        CaptureError: The videos end at different times, and neither start times nor frames are given.
+        CaptureError: The videos end at different times, and neither start times nor frames are given. Or one of the
+            frames that are given is not whole.
     """
 
     def __init__(self, path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> None:
@@ -75,17 +76,20 @@ class Videos:
         for name in self._files:
             self._check_jump(name, None if request.frames is None else request.frames[1])
         self._pair(recorded)
+        if request.frames is not None:
+            self._check_truncated(request.frames[1])
         if not sidecar.starts and not recorded and request.frames is None:
             self._check_ends()
         self.notes += describe_rates(rates, 1 / self._step)
 
     def _opened(self, file: Path) -> CompleteVideo:
         tables = {self._path / name: table for name, table in self._request.tables.items()}
+        partial = self._request.frames is not None
         if not file.is_dir():
-            return VideoFile(file, self._where, tables.get(file), self._transfer)
+            return VideoFile(file, self._where, tables.get(file), self._transfer, partial)
         parts = segment_files(file)
         if len(parts) == 1 and not is_recorded(self._path):
-            return VideoFile(parts[0], self._where, tables.get(parts[0]), self._transfer)
+            return VideoFile(parts[0], self._where, tables.get(parts[0]), self._transfer, partial)
         names = numbered(parts)
         if names is None:
             raise CaptureError(f"{file}: holds no videos. Copy them there, or leave the camera out.")
@@ -159,6 +163,18 @@ class Videos:
             f"{self._files[high].path.name} has {self._ends[high]}. If they start together, --frames 0:{least} chooses the frames all "
             f"of them have{rest}. If they do not, `splatreel capture sync` finds by their sound when each one starts."
         )
+
+    def _check_truncated(self, end: int) -> None:
+        """Raise `CaptureError` if a truncated video ends before time step `end`. Otherwise, name the video."""
+        for name, video in self._files.items():
+            if isinstance(video, VideoFile) and video.truncation:
+                steps = self._ends[name]
+                if end > steps:
+                    raise CaptureError(
+                        f"{video.truncation}. Copy the file again, choose frames before its end (--frames 0:{steps}), or leave the "
+                        f"camera out."
+                    )
+                self.notes.append(f"{video.truncation}, which are used")
 
     def _check_jump(self, name: str, end: int | None) -> None:
         """Raise `CaptureError` if time steps before `end` lie after a jump of a video's clock."""

@@ -84,7 +84,14 @@ def watch(file: Path) -> np.ndarray:
                 if frame.time - first > LONGEST:
                     break
     except (FFmpegError, OSError) as error:
+        if len(times) >= 2:  # a truncated video tells when it starts, too
+            return _sampled(times, motion, light, first)
         raise CaptureError(f"{file}: cannot be decoded ({error}). Copy it again.") from error
+    return _sampled(times, motion, light, first)
+
+
+def _sampled(times: list[float], motion: list[float], light: list[float], first: float) -> np.ndarray:
+    """Return the activity at even times, [2, samples]."""
     if len(times) < 2:
         return np.zeros((2, 0))
     places = np.arange(int((times[-1] - first) * RATE)) / RATE

@@ -95,7 +95,18 @@ def _read(file: Path) -> tuple[Rig, list[_View]]:
     cameras = [_camera(file, view) for view in views]
     held_out = [view.name for view in views if view.first.held_out]
     positions, colors = _points(points)
-    return Rig(file, cameras, positions, colors, held_out or None), views
+    return Rig(file, cameras, positions, colors, held_out or None, _ignored(file, frames)), views
+
+
+def _ignored(file: Path, frames: list[_Frame]) -> list[str]:
+    """Return a sentence about the rolling shutter of instant-ngp, which has no effect here."""
+    shutters = [frame.lens.get("rolling_shutter") for frame in frames]
+    used = [values for values in shutters if values and (not isinstance(values, list) or any(values))]
+    if not used:
+        return []
+    return [
+        f"{file}: rolling_shutter {used[0]!r:.60} is not read: each picture is taken to show one moment, so that fast things lean"
+    ]
 
 
 def _frames(file: Path) -> tuple[list[_Frame], Path | None]:

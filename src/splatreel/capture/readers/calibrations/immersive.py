@@ -50,8 +50,8 @@ def read_immersive(file: Path) -> Rig:
         if kind != FISHEYE or min(focal, stretch) <= 0 or np.any(bends[COEFFICIENTS:]):
             raise CaptureError(
                 f"{whose}: is {kind!r:.40} with focal length {focal:g}, pixel aspect ratio {stretch:g} and radial distortion "
-                f"{bends.tolist()}. Read are fisheyes with positive focal lengths and {COEFFICIENTS} coefficients: undistort the videos "
-                f"first, and describe them by a transforms.json."
+                f"{bends.tolist()}. Read are fisheyes with positive focal lengths and {COEFFICIENTS} coefficients: "
+                f"undistort the videos first, and describe them by a transforms.json."
             )
         k = np.pad(bends[:COEFFICIENTS], (0, 4 - len(bends[:COEFFICIENTS]))).tolist()
         params = [focal, focal * stretch, *center.tolist(), *k]

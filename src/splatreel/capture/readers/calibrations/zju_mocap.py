@@ -11,7 +11,6 @@ Source: Neural Body (zju3dv/neuralbody), `lib/datasets/light_stage/multi_view_da
 from __future__ import annotations
 
 import io
-import pickle
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -19,28 +18,12 @@ import numpy as np
 
 from splatreel.capture.readers.calibrations.rig import CALIBRATION_BYTES, Rig, RigCamera, naming, opencv_lens, pose
 from splatreel.errors import CaptureError
-from splatreel.scene.untrusted import read_file
+from splatreel.scene.untrusted import load_arrays, read_file
 
 NAME = "annots.npy"
 MILLIMETERS = 1000.0
 HEADER = 10_000
 """Maximum size of the array header in bytes."""
-ALLOWED = {
-    ("numpy", "ndarray"),
-    ("numpy", "dtype"),
-    *((f"numpy.{core}.multiarray", name) for core in ("core", "_core") for name in ("_reconstruct", "scalar")),
-    ("_codecs", "encode"),
-}
-"""Functions that the pickle of a dictionary of numbers calls."""
-
-
-class _NumbersOnly(pickle.Unpickler):
-    """Unpickler of dictionaries, lists, strings, numbers and arrays, which calls nothing else."""
-
-    def find_class(self, module_name: str, global_name: str) -> Any:
-        if (module_name, global_name) not in ALLOWED:
-            raise pickle.UnpicklingError(f"calls {module_name}.{global_name}, which no list of cameras needs")
-        return super().find_class(module_name, global_name)
 
 
 def is_zju_mocap(file: Path, head: bytes) -> bool:
@@ -80,7 +63,7 @@ def _content(file: Path) -> dict[str, Any]:
         version = np.lib.format.read_magic(data)
         read = np.lib.format.read_array_header_1_0 if version == (1, 0) else np.lib.format.read_array_header_2_0
         read(data, HEADER)
-        value = _NumbersOnly(data, encoding="latin1").load()
+        value = load_arrays(data)
         found = value.item() if isinstance(value, np.ndarray) and value.size == 1 else value
     except Exception as error:  # a damaged pickle may raise any exception
         raise CaptureError(f"{file}: cannot be read ({error}). Copy it again from the data set.") from error
