@@ -1,6 +1,7 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import av
 import numpy as np
@@ -155,7 +156,7 @@ def test_pipe_does_not_block(tmp_path: Path) -> None:
 def test_frames_of_other_containers_have_their_numbers(tmp_path: Path, codec: str, suffix: str, format: str) -> None:
     path = tmp_path / f"cam00{suffix}"
     with av.open(str(path), "w", format=format) as container:
-        stream = container.add_stream(codec, rate=25)
+        stream: Any = container.add_stream(codec, rate=25)
         stream.width, stream.height, stream.pix_fmt = 128, 96, "yuv420p"
         stream.codec_context.gop_size, stream.codec_context.max_b_frames = 8, 0 if codec == "wmv2" else 2
         for t in range(20):

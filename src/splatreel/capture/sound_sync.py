@@ -113,7 +113,8 @@ def search_parts(a: np.ndarray, b: np.ndarray) -> tuple[Lag, Agreement] | None:
     This finds sounds whose clocks drift so much that whole tracks do not fit.
     """
     found = [(at / RATE + PART / 2, at / RATE - _locate(part, b).later) for at, part in _parts(a, 0.0, len(a) / RATE)]
-    line = fit_lag(*np.array(found).reshape(-1, 2).T, ON_LINE, PART / 2, SEARCHED)
+    times, lags = np.array(found).reshape(-1, 2).T
+    line = fit_lag(times, lags, ON_LINE, PART / 2, SEARCHED)
     refined = None if line is None else _refine(a, b, line.drift)
     return refined if refined is not None and refined[1].clear >= CLEAR else None
 
