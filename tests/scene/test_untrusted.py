@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import pickle
 import tracemalloc
 import zipfile
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from splatreel.errors import CaptureError
 from splatreel.scene import untrusted
-from splatreel.scene.untrusted import numbers, parse_json, read_array, read_arrays, read_json
+from splatreel.scene.untrusted import load_arrays, numbers, parse_json, read_array, read_arrays, read_json
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pipes and devices")
 
@@ -219,3 +220,16 @@ def test_is_number_accepts_only_finite_numbers(value: object) -> None:
     np.testing.assert_array_equal(numbers([1, 2.5], 2), [1, 2.5])
     with pytest.raises(ValueError, match="is no"):
         numbers(value, 2)
+
+
+class Evil:
+    def __reduce__(self) -> tuple[object, ...]:
+        return print, ("run by a pickle",)
+
+
+def test_pickles_may_hold_nothing_but_arrays(capsys: pytest.CaptureFixture[str]) -> None:
+    found = load_arrays(pickle.dumps({"a": np.arange(3.0)}, protocol=3))
+    np.testing.assert_array_equal(found["a"], [0, 1, 2])
+    with pytest.raises(pickle.UnpicklingError, match=r"asks for builtins\.print"):
+        load_arrays(pickle.dumps(Evil()))
+    assert not capsys.readouterr().out

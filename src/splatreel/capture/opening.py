@@ -35,7 +35,8 @@ LOOKED_FOR = """\
   COLMAP:          sparse/0/cameras.bin (or .txt) and a video a camera, or images/, images_2/, ... with a picture or a folder a camera
   4DGaussians:     sparse_/cameras.bin and cam01/frame_00001.jpg, ...
   transforms.json: of nerfstudio, instant-ngp or Blender, and the images that it lists
-  Calibration:     a file of Anipose, FreeMoCap, Caliscope, Pose2Sim, Qualisys, OpenCV, Metashape, CMU Panoptic or RealityCapture (XMP),
+  Calibration:     a file of Anipose, FreeMoCap, Caliscope, Pose2Sim, Qualisys, OpenCV, Metashape, CMU Panoptic, RealityCapture (XMP),
+                   ActorsHQ (calibration.csv), ZJU-MoCap (annots.npy) or Google Immersive (models.json),
                    and a video a camera, or a folder of pictures, with its name
   Videos alone:    first run `splatreel capture calibrate` on them, and `splatreel capture sync` if they do not start together"""
 

@@ -261,21 +261,37 @@ def capture_board(file: Positional[Path], /, board: str = "5x7:0.035") -> None:
     say(f"  splatreel capture calibrate CAPTURE --board {made.spec}")
 
 
-def capture_sync(capture: Positional[Path], /, leave_out: str | None = None) -> None:
+def capture_sync(capture: Positional[Path], /, leave_out: str | None = None, dry_run: bool = False) -> None:
     """Find when the videos of a folder start, by sound, or else by motion, flashes or timecode. Writes splatreel.json.
+
+    Clocks that drift get a rate. A calibrated capture whose videos are in step to half a frame is not changed.
 
     Args:
         capture: Folder of the videos, one per camera.
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
+        dry_run: Print what is found, and write nothing.
     """
+    from splatreel.capture.readers.colmap import unread_videos
     from splatreel.capture.sync import synchronize
     from splatreel.progress import console
 
     with closing(console()) as progress:
-        starts = synchronize(capture, progress, parse_left_out(leave_out))
-    say(f"{capture / 'splatreel.json'}: second of each video at which all videos have started")
-    for name, start in starts.items():
-        say(f"  {name} {start:.3f}")
+        found = synchronize(capture, progress, parse_left_out(leave_out), dry_run)
+    file = capture / "splatreel.json"
+    say(f"{file}: second of each video at which all videos have started")
+    for name, start in found.starts.items():
+        evidence = found.evidence.get(name)
+        say(f"  {name} {start:.3f}{'' if evidence is None else f', {evidence}'}")
+        if name in found.rates:
+            change = found.rates[name] - 1
+            say(
+                f"    its clock is {100 * abs(change):.3f} % too {'fast' if change > 0 else 'slow'}, which is corrected"
+            )
+    _say_each([*found.notes, *unread_videos(capture)], [])
+    if found.in_step:
+        say(f"The videos are in step already, to half a frame. {file} was not changed.")
+    elif dry_run:
+        say(f"--dry-run: {file} was not changed.")
 
 
 def capture_convert(

@@ -10,6 +10,7 @@ import io
 import json
 import math
 import os
+import pickle
 import re
 import stat
 import zipfile
@@ -159,6 +160,28 @@ def read_arrays(path: Path, names: Iterable[str], kind: Kind, most: int | None =
         raise kind(f"{path}: is not an archive of arrays, or damaged ({error}).") from error
     except (zipfile.BadZipFile, zlib.error) as error:
         raise kind(f"{path}: is not an archive of arrays, or damaged ({error}).") from error
+
+
+def load_arrays(data: bytes | io.BytesIO) -> Any:
+    """Return the dictionaries, lists, strings, numbers and arrays in a pickle.
+
+    Raises:
+        pickle.UnpicklingError: The pickle names anything else, or is damaged.
+    """
+    return _ArrayUnpickler(io.BytesIO(data) if isinstance(data, bytes) else data, encoding="latin1").load()
+
+
+class _ArrayUnpickler(pickle.Unpickler):
+    """Unpickler that builds NumPy arrays and nothing else."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        if module in ("numpy.core.multiarray", "numpy._core.multiarray") and name in ("_reconstruct", "scalar"):
+            return (np.zeros(0) if name == "_reconstruct" else np.float64(0)).__reduce__()[0]
+        if (module, name) in (("numpy", "ndarray"), ("numpy", "dtype")):
+            return getattr(np, name)
+        if (module, name) == ("_codecs", "encode"):  # bytes in the second protocol of pickle
+            return lambda text, _: text.encode("latin1")
+        raise pickle.UnpicklingError(f"the pickle asks for {module}.{name}")
 
 
 class ArrayRows:

@@ -23,6 +23,8 @@ SHAPES = {
     "log_scales": ("N", 3),
 }
 """Arrays that are read. Other entries describe the training."""
+ROUND = ("N", 1)
+"""Shape of `log_scales` for spheres, which have one size for all axes."""
 
 
 class Dynamic3DGS:
@@ -49,7 +51,8 @@ class Dynamic3DGS:
         fixed = read_arrays(path, ("logit_opacities", "log_scales"), GaussiansError, budget.limit(self.size))
         logits, logarithms = fixed["logit_opacities"][:, 0], fixed["log_scales"]
         self._opacities = 1 / (1 + np.exp(-np.clip(logits.astype(np.float64), -80, 80)))
-        self._scales = np.exp(np.minimum(logarithms.astype(np.float64), 80)).astype(np.float32)
+        scales = np.exp(np.minimum(logarithms.astype(np.float64), 80)).astype(np.float32)
+        self._scales = np.broadcast_to(scales.reshape(len(scales), -1), (len(scales), 3))
 
     def __len__(self) -> int:
         return len(self._rows["means3D"])
@@ -70,6 +73,7 @@ class Dynamic3DGS:
     def _check(self) -> None:
         sizes = dict(zip("TN", self._rows["means3D"].shape, strict=False))
         for name, shape in SHAPES.items():
+            shape = ROUND if name == "log_scales" and self._rows[name].shape[1:] == ROUND[1:] else shape
             wanted = tuple(sizes.get(size, -1) if isinstance(size, str) else size for size in shape)
             if self._rows[name].shape != wanted or not all(wanted):
                 raise GaussiansError(f"{self.path}: {name} has shape {self._rows[name].shape}, expected {shape}.")
