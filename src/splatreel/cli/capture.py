@@ -341,4 +341,6 @@ def capture_film(
     with closing(console()) as progress:
         film_with_progress(out, progress, width=width, height=height, frames=frames, seed=seed, trace=trace)
     say(f"{out}: {len(make_cameras())} cameras and {counted(frames, 'frame')} of {width} x {height} pixels, with sound")
-    say(f"  kept for evaluation, not trained on: {', '.join(HELD_OUT)}. Run\n  splatreel capture check {shlex.quote(str(out))}")
+    say(
+        f"  kept for evaluation, not trained on: {', '.join(HELD_OUT)}. Run\n  splatreel capture check {shlex.quote(str(out))}"
+    )

@@ -1,6 +1,6 @@
 """The built-in capture: the toy room filmed by fourteen cameras, with sound, written as a Neu3DV folder.
 
-Filming takes about a minute of a processor. The package therefore contains the film with the default arguments, which `make film` writes.
+Filming takes about a minute of a processor. The package therefore contains the film with the default arguments. `make film` writes it.
 """
 
 from __future__ import annotations
@@ -113,7 +113,9 @@ def make_capture(
             folder.mkdir()
             if not trace and _is_shipped(recipe):
                 for file in SHIPPED.iterdir():
-                    shutil.copyfile(file, folder / file.name)  # without the permissions of the package, which may be read-only
+                    shutil.copyfile(
+                        file, folder / file.name
+                    )  # without the permissions of the package, which may be read-only
             else:
                 _write(folder, recipe, progress or (lambda share: None))
             os.replace(folder, path)
