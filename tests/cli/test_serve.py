@@ -5,6 +5,7 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import urllib.request
 from pathlib import Path
 
@@ -54,8 +55,11 @@ def test_view_without_a_browser_prints_the_address() -> None:
 
 def test_view_opens_the_browser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     opened: list[str] = []
-    monkeypatch.setattr("webbrowser.open", opened.append)
-    monkeypatch.setattr("splatreel.play.server.Server.wait", lambda self: None)
+    seen = threading.Event()
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr("webbrowser.get", lambda: None)
+    monkeypatch.setattr("webbrowser.open", lambda url: (opened.append(url), seen.set()))
+    monkeypatch.setattr("splatreel.play.server.Server.wait", lambda self: seen.wait(60))
     assert main(["view", str(GOLDEN)]) == 0
     assert opened[0] in capsys.readouterr().out
     assert main(["view", str(GOLDEN), "--no-open"]) == 0
