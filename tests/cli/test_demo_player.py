@@ -12,7 +12,7 @@ import pytest
 
 from splatreel.cli import demo_player
 from splatreel.cli.demo_player import DemoPlayer
-from splatreel.codec.preview import write_preview
+from splatreel.codec.preview_writer import write_preview
 from splatreel.errors import UsageError
 from splatreel.play import sample_reel
 from splatreel.progress import Lines

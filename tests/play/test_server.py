@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from splatreel.codec.preview import write_preview
+from splatreel.codec.preview_writer import write_preview
 from splatreel.errors import ReelError, UsageError
 from splatreel.play.player_page import STATIC
 from splatreel.play.presentation_writer import PresentationWriter

@@ -48,7 +48,7 @@ class DemoPage:
         """Return the page as HTML."""
         sample = has_sample()
         known = (
-            f'<a href="{SAMPLE_ADDRESS}" target="player">The sample: a finished reel of this scene</a>'
+            f'<a href="{escape(SAMPLE_ADDRESS)}" target="player">The sample: a finished reel of this scene</a>'
             if sample
             else ""
         )

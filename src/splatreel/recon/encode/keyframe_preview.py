@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from splatreel.codec.preview import write_preview
+from splatreel.codec.preview_writer import write_preview
 from splatreel.errors import ReconstructionError
 from splatreel.recon.run.store import Store
 from splatreel.scene.gaussians import Gaussians
