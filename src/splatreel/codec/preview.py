@@ -26,5 +26,8 @@ def remove_previews(out: Path) -> None:
 
 def numbered_previews(out: Path) -> dict[int, Path]:
     """Return the folders of all previews by their number."""
-    manifests = (out / FOLDER).glob("*/manifest.json")
+    try:
+        manifests = list((out / FOLDER).glob("*/manifest.json"))
+    except OSError:  # the run deletes them at this moment
+        return {}
     return {int(path.parent.name): path.parent for path in manifests if path.parent.name.isdecimal()}
