@@ -46,28 +46,27 @@ class DemoPage:
 
     def read(self) -> str:
         """Return the page as HTML."""
-        sample = has_sample()
-        known = (
-            f'<a href="{escape(SAMPLE_ADDRESS)}" target="player">The sample: a finished reel of this scene</a>'
-            if sample
-            else ""
-        )
-        own = "Your own reel is being made"
-        if self._own.shows:
+        shown, known, own = self._own.shows, "", "Your own reel is being made"
+        first = OWN if shown else ""
+        if has_sample():
+            first = SAMPLE_ADDRESS
+            known = f'<a href="{escape(first)}" target="player">The sample: a finished reel of this scene</a>'
+        if shown:
             own = f'<a href="{OWN}" target="player">Watch your own reel</a>'
-        first = f'src="{escape(SAMPLE_ADDRESS)}" ' if sample else ""
+        source = f'src="{escape(first)}" ' if first else ""
         page = f"""<!doctype html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <title>Splatreel demo</title>
+<link rel="icon" href="data:,">
 <style>{_STYLE}</style>
 </head>
 <body>
 <main>
 <header id="state"><h1>Splatreel demo</h1> <p>{known}</p> <p>{own} <small>({escape(self._state)})</small></p></header>
-<iframe id="player" name="player" {first}title="Player" allow="fullscreen; autoplay; xr-spatial-tracking"></iframe>
+<iframe id="player" name="player" {source}title="Player" allow="fullscreen; autoplay; xr-spatial-tracking"></iframe>
 </main>
 </body>
 </html>
