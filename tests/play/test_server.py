@@ -14,11 +14,13 @@ from urllib.parse import quote, urlsplit
 
 import pytest
 
+from splatreel.codec.preview_writer import write_preview
 from splatreel.errors import ReelError, UsageError
 from splatreel.play.player_page import STATIC
 from splatreel.play.presentation_writer import PresentationWriter
+from splatreel.play.served_files import RunFiles, ServedFiles
 from splatreel.play.server import Server, serve
-from tests.codec.reels import edit_manifest, new_writer, write_reel
+from tests.codec.reels import edit_manifest, new_header, new_writer, points, write_reel
 from tests.golden import GOLDEN
 
 DOCS = Path(__file__).parents[2] / "docs" / "player.md"
@@ -359,3 +361,24 @@ def test_page_of_reel_without_metadata_has_default_title(server: Server, reel: P
     """Its manifest is damaged, even: the player says so, not the server."""
     (reel / "manifest.json").write_text('{"format": "splatreel"}')
     assert Head(request(server, "/")[1]).title == "Splatreel"
+
+
+def test_a_run_is_served_from_its_first_preview_on(tmp_path: Path):
+    files = RunFiles(tmp_path)
+    with pytest.raises(ReelError, match="is not a reel"):
+        Server(tmp_path)
+    with Server(files, reels={"sample": ServedFiles(GOLDEN)}) as server:
+        assert not files.shows
+        assert request(server, "/reel/manifest.json")[0].status == 404
+        assert request(server, "/sample/manifest.json")[1] == (GOLDEN / "manifest.json").read_bytes()
+        assert request(server, "/sample/../reel/manifest.json")[0].status == 404
+        for count in (10, 20):
+            preview = write_preview(tmp_path, new_header(), None, points(count))
+            assert files.shows
+            assert request(server, "/reel/manifest.json")[1] == (preview / "manifest.json").read_bytes()
+            name = "layers/0000.safetensors"
+            assert request(server, f"/reel/{name}")[1] == (preview / name).read_bytes()
+        with Server(tmp_path) as other:
+            assert request(other, "/reel/manifest.json")[0].status == 200
+        write_reel(tmp_path / "reel")
+        assert request(server, "/reel/manifest.json")[1] == (tmp_path / "reel" / "manifest.json").read_bytes()

@@ -1,4 +1,4 @@
-"""`splatreel capture check | calibrate | board | sync | convert`."""
+"""`splatreel capture check | calibrate | board | sync | convert | film`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from tyro.conf import Positional
 from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out, parse_left_out
 from splatreel.cli.printing import counted, say
 from splatreel.errors import ReconstructionError, UsageError
+from splatreel.threads import use as use_threads
 
 if TYPE_CHECKING:
     import numpy as np
@@ -324,3 +325,38 @@ def capture_convert(
     renamed = [f"{old} is now {new}" for old, new in names.items() if old != new]
     if renamed:
         say(f"  {', '.join(renamed)}")
+
+
+def capture_film(
+    out: Positional[Path],
+    /,
+    width: int = 256,
+    height: int = 192,
+    frames: int = 60,
+    seed: int = 0,
+    trace: bool = False,
+    threads: int | None = None,
+) -> None:
+    """Write the built-in capture: a toy room that fourteen virtual cameras film, in the layout of Neu3DV.
+
+    The package contains the film with the default options, which is copied. Other films are ray-traced.
+
+    Args:
+        out: New folder.
+        width: Width of the videos in pixels, even.
+        height: Height of the videos in pixels, even.
+        frames: Number of frames of the videos, at 30 frames a second.
+        seed: Variation of textures and small objects.
+        trace: Trace the film even if the package contains it. The result is the same.
+        threads: Number of threads; by default one per core.
+    """
+    use_threads(threads)
+    from splatreel.capture.builtin.synthetic import HELD_OUT, film_with_progress, make_cameras
+    from splatreel.progress import console
+
+    with closing(console()) as progress:
+        film_with_progress(out, progress, width=width, height=height, frames=frames, seed=seed, trace=trace)
+    say(f"{out}: {len(make_cameras())} cameras and {counted(frames, 'frame')} of {width} x {height} pixels, with sound")
+    say(
+        f"  kept for evaluation, not trained on: {', '.join(HELD_OUT)}. Run\n  splatreel capture check {shlex.quote(str(out))}"
+    )

@@ -27,6 +27,8 @@ Set = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="
 ReelAddress = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="REEL")]
 """Folder or URL of a reel to read."""
 
+OptionalReel = Annotated[tyro.conf.Positional[str | None], tyro.conf.arg(metavar="REEL")]
+"""Folder or URL of a reel to read, which may be left out."""
 
 CaptureAddress = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="CAPTURE")]
 """Folder of a capture to read, or an address such as s3://BUCKET/CAPTURE."""

@@ -85,6 +85,7 @@ class WebApp:
         names: AllowedHosts,
         cors: bool = False,
         pages: Mapping[str, ServedPage] = MappingProxyType({}),
+        reels: Mapping[str, ReelFiles] = MappingProxyType({}),
     ) -> None:
         """Serve a reel.
 
@@ -93,8 +94,10 @@ class WebApp:
             names: Permitted values of the Host header.
             cors: Whether pages of other sites may read the reel.
             pages: Further pages by name, such as report.html.
+            reels: Further reels by the name of their folder, such as sample.
         """
         self._files = reel
+        self._reels = {"reel": reel, **reels}
         self._pages = pages
         self._names = names
         self._headers = {
@@ -143,8 +146,9 @@ class WebApp:
     def _find(self, request: Request) -> Content | None:
         name = request.scope["path"].removeprefix("/")
         try:
-            if name.startswith("reel/"):
-                found = self._files.open(name.removeprefix("reel/"))
+            folder, _, file = name.partition("/")
+            if file and folder in self._reels:
+                found = self._reels[folder].open(file)
                 kind = _REEL_TYPES.get(Path(name).suffix, "application/octet-stream")
                 return _content(found, kind, _REEL_POLICY) if found else None
             if name in self._pages:

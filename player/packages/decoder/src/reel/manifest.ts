@@ -134,6 +134,15 @@ export function hasSameFiles(a: Manifest, b: Manifest): boolean {
   return one === other;
 }
 
+/** Return true if a file that both manifests name has other contents in the second. */
+export function hasOtherContents(a: Manifest, b: Manifest): boolean {
+  const known = new Map([...a.layers, ...a.groups].map((file) => [file.uri, file]));
+  return [...b.layers, ...b.groups].some(({ uri, sha256, bytes }) => {
+    const before = known.get(uri);
+    return before !== undefined && (before.sha256 !== sha256 || before.bytes !== bytes);
+  });
+}
+
 /** Return the source of a file of a reel, for `download`. */
 export function sourceOf({ url, files }: Manifest, { uri, bytes, sha256 }: Asset): Source {
   return { url: addressWithin(url, uri), bytes, sha256, part: files?.part(uri) };
