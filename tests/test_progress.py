@@ -4,7 +4,16 @@ import time
 
 import pytest
 
-from splatreel.progress import Estimate, Lines, Silent, Terminal, console, format_numbers, format_seconds
+from splatreel.progress import (
+    Estimate,
+    Lines,
+    Silent,
+    Terminal,
+    console,
+    format_numbers,
+    format_rounded,
+    format_seconds,
+)
 
 
 class Clock:
@@ -158,6 +167,10 @@ def test_silent_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
 )
 def test_format_seconds_known_answers(seconds: float, text: str) -> None:
     assert format_seconds(seconds) == text
+
+
+def test_estimates_are_rounded_to_what_is_known() -> None:
+    assert [format_rounded(seconds) for seconds in (12.4, 45, 117, 7300)] == ["12 s", "45 s", "2 min", "2 h 02 min"]
 
 
 def test_format_numbers_known_answers() -> None:

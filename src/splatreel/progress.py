@@ -326,6 +326,11 @@ def format_seconds(seconds: float) -> str:
     return f"{minutes // 60} h {minutes % 60:02d} min"
 
 
+def format_rounded(seconds: float) -> str:
+    """Format a duration that is an estimate: rounded to minutes if it takes minutes, for example 12 s or 3 min."""
+    return format_seconds(seconds if seconds < 60 else 60 * round(seconds / 60)).replace(" 00 s", "")
+
+
 def format_numbers(numbers: dict[str, float]) -> str:
     """Format numbers of a report, for example `29.1 dB, 40,000 points`."""
     other = {name: "{:,} " + name if isinstance(value, int) else name + " {:.4g}" for name, value in numbers.items()}
