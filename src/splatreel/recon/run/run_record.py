@@ -66,6 +66,12 @@ def check_record(work: Path, record: dict[str, Any]) -> None:
         )
 
 
+def recorded_settings(work: Path) -> Any:
+    """Return the settings of a run, nested as `Config.to_json` writes them; None without a run."""
+    record = checkpoint.load_json(work / FILE) if has_record(work) else None
+    return record.get("config") if isinstance(record, dict) else None
+
+
 def partial_reel(work: Path) -> str | None:
     """Return the option that leaves a part of the scene out of a run's reel; None if the reel shows all, or without a run."""
     record = checkpoint.load_json(work / FILE) if has_record(work) else None
