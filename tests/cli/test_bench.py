@@ -45,7 +45,7 @@ def test_oracle_and_the_distance_of_a_reel(
     [
         (["--at", "0,99"], "Frames [99] were asked for; capture has frames 0 to 4. Choose among these."),
         (["--every", "0"], "--every 0 is out of range. Choose 1 or more."),
-        (["--iterations", "0"], "keyframe.first_iterations 0 is out of range. Choose 1 or more."),
+        (["--iterations", "-1"], "keyframe.first_iterations -1 is out of range. Choose 0 or more."),
         (["--at", "0:3"], "--at '0:3': '0:3' is not a frame. Write numbers with commas between them, such as 0,14."),
     ],
 )

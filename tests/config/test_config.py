@@ -11,7 +11,7 @@ from splatreel.errors import UsageError
 
 LEAST = {
     "seed": 0,
-    "keyframe.first_iterations": 1,
+    "keyframe.first_iterations": 0,
     "keyframe.refine_iterations": 1,
     "keyframe.densify_every": 1,
     "keyframe.rate_scale": 0.001,
@@ -91,3 +91,14 @@ def test_json_differs_for_different_configs() -> None:
     assert written["seed"] == 3
     assert written["group"]["length"] == Config().group.length
     assert Config(seed=3).to_json() != Config(seed=4).to_json()
+
+
+def test_longer_videos_train_the_first_keyframe_longer() -> None:
+    iterations = [Config().for_video(frames).keyframe.first_iterations for frames in (0, 60, 150, 300, 10**6)]
+    assert iterations == sorted(iterations)
+    assert 1000 == iterations[0] < iterations[1] < iterations[2] < iterations[3] <= iterations[4] == 4000
+
+
+def test_iterations_that_were_set_do_not_depend_on_the_video() -> None:
+    config = changed(Config(), {"keyframe.first_iterations": 30})
+    assert config.for_video(300) == config

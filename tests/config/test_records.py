@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 from splatreel.config import Config
-from splatreel.config.records import ADDED_SETTINGS, complete_settings
-from splatreel.config.settings import settings
+from splatreel.config.records import ADDED_SETTINGS, FORMER_DEFAULTS, complete_settings, with_former_defaults
+from splatreel.config.settings import changed, settings
 from splatreel.errors import ReconstructionError
 from splatreel.recon.run.run_lock import RunLock
 from splatreel.recon.run.run_record import run_record
@@ -58,3 +58,27 @@ def test_other_settings_are_refused(tmp_path: Path) -> None:
 def test_damaged_record_is_refused(tmp_path: Path, config: Any) -> None:
     with pytest.raises(ReconstructionError, match="this folder holds another reconstruction"):
         enter(tmp_path, {"config": config})
+
+
+def test_former_defaults_differ_from_present_ones() -> None:
+    usual = Config()
+    assert all(settings()[name].of(usual) != former for name, former in FORMER_DEFAULTS.items())
+
+
+def test_run_of_former_version_continues_with_its_defaults(tmp_path: Path) -> None:
+    """Its record lacks the settings added since, and has the defaults of its time."""
+    record = json.loads(changed(Config(), FORMER_DEFAULTS).to_json())
+    for name in ADDED_SETTINGS:
+        section, _, last = name.rpartition(".")
+        (record[section] if section else record).pop(last)
+    config = with_former_defaults(Config(), record)
+    assert {name: settings()[name].of(config) for name in FORMER_DEFAULTS} == FORMER_DEFAULTS
+    assert config.for_video(4).keyframe.first_iterations == FORMER_DEFAULTS["keyframe.first_iterations"]
+    assert (
+        with_former_defaults(changed(Config(), {"keyframe.first_iterations": 7}), record).keyframe.first_iterations == 7
+    )
+
+
+@pytest.mark.parametrize("record", [None, 3, json.loads(Config().for_video(60).to_json())])
+def test_other_runs_have_present_defaults(record: Any) -> None:
+    assert with_former_defaults(Config(), record) == Config()

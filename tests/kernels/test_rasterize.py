@@ -54,6 +54,27 @@ def test_rasterize_equals_twin_for_huge_splats():
     parity(inputs, 50, 34)
 
 
+def test_absolute_gradient_is_a_sum_over_tiles():
+    """It equals the sum of the absolute gradients of losses that each see one tile of 16 x 16 pixels."""
+    width, height, size = 50, 34, binning.TILE
+    means2d, *others = splats(80, 3, width, height)
+    slopes = torch.randn(height, width, 3, generator=torch.Generator().manual_seed(3))
+    expected = torch.zeros_like(means2d)
+    for top in range(0, height, size):
+        for left in range(0, width, size):
+            mean = means2d.clone().requires_grad_()
+            image, _ = splat.rasterize(mean, *others, width, height)
+            part = slice(top, top + size), slice(left, left + size)
+            (image * slopes)[part].sum().backward()
+            expected += mean.grad.abs()
+    mean, absolute = means2d.clone().requires_grad_(), torch.zeros_like(means2d, requires_grad=True)
+    image, _ = splat.rasterize(mean, *others, width, height, absolute)
+    (image * slopes).sum().backward()
+    torch.testing.assert_close(absolute.grad, expected, rtol=2e-4, atol=2e-4)
+    assert (absolute.grad >= mean.grad.abs() - 1e-3).all()
+    assert absolute.grad.sum() > 1.2 * mean.grad.abs().sum(), "gradients of different tiles cancel each other"
+
+
 def test_single_splat_has_gaussian_alpha():
     """At its center, the alpha of a splat is its opacity; one sigma away it is exp(-1/2) times as much."""
     one = [torch.tensor(v) for v in ([[8.5, 8.5]], [[1 / 4, 0, 1 / 4]], [[0.5, 1, 0.25]], [0.8], [1.0])]

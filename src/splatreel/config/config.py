@@ -59,6 +59,10 @@ class Config:
         """Check the values."""
         check(self, "")
 
+    def for_video(self, frames: int) -> Config:
+        """Return the settings for a video of a number of frames, see `KeyframeConfig.for_video`."""
+        return dataclasses.replace(self, keyframe=self.keyframe.for_video(frames))
+
     def to_json(self) -> str:
         """Return the settings as JSON."""
         return json.dumps(dataclasses.asdict(self), indent=1, sort_keys=True)

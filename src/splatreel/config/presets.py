@@ -12,6 +12,7 @@ Quality = Literal["draft", "standard", "paper"]
 
 DRAFT: dict[str, Any] = {
     "keyframe.first_iterations": 1000,
+    "keyframe.coarse_share": 0.5,
     "keyframe.refine_iterations": 250,
     "keyframe.max_points": 30_000,
     "group.iterations_per_frame": 15,
@@ -47,6 +48,7 @@ BEYOND_THE_PAPER: dict[str, Any] = {
     "layering.adapt_changed_share": 0.0,
     "layering.relighting": False,
     "keyframe.coarse_share": 0.0,
+    "keyframe.detail": False,
     "keyframe.temporal_mean": False,
     "keyframe.far_step_scale": 1.0,
     "keyframe.max_points": 1_000_000,

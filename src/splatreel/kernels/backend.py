@@ -57,8 +57,10 @@ class Backend(ABC):
         """Return the sum of the harmonics [N, 3]."""
 
     @abstractmethod
-    def rasterize(self, splats: Splats, width: int, height: int) -> tuple[Tensor, Tensor]:
-        """Return image and alpha."""
+    def rasterize(
+        self, splats: Splats, width: int, height: int, absolute: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Return image and alpha. absolute: see `splat.rasterize`."""
 
     @abstractmethod
     def freeze(self, splats: Splats, width: int, height: int) -> FrozenSplats:

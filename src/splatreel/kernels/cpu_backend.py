@@ -53,8 +53,10 @@ class CpuBackend(Backend):
         view = _view(*pinhole, near, antialias)
         return autograd.Deformed.apply(view, center, *(offsets or (None, None)), shade, *points)
 
-    def rasterize(self, splats: Splats, width: int, height: int) -> tuple[Tensor, Tensor]:
-        return autograd.Rasterize.apply(*splats, width, height)
+    def rasterize(
+        self, splats: Splats, width: int, height: int, absolute: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
+        return autograd.Rasterize.apply(*splats, width, height, absolute)
 
     def freeze(self, splats: Splats, width: int, height: int) -> FrozenSplats:
         held = autograd.freeze(*splats, width, height)

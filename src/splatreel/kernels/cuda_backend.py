@@ -66,7 +66,9 @@ class CudaBackend(Backend):
     def spherical_harmonics(self, degree: int, directions: Tensor, coefficients: Tensor) -> Tensor:
         return _gsplat().spherical_harmonics(degree, directions, coefficients)
 
-    def rasterize(self, splats: Splats, width: int, height: int, tiles: Tensor | None = None) -> tuple[Tensor, Tensor]:
+    def rasterize(
+        self, splats: Splats, width: int, height: int, absolute: Tensor | None = None, tiles: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         """Return image and alpha. tiles: [rows, columns] bool, the tiles to draw; gsplat leaves all other tiles empty."""
         means2d, conics, colors, opacities, depths, radii = splats
         gsplat = _gsplat()
@@ -77,9 +79,12 @@ class CudaBackend(Backend):
         )
         offsets = gsplat.isect_offset_encode(pairs, 1, tiles_x, tiles_y)
         masks = None if tiles is None else tiles[None].contiguous()
-        image, alpha = gsplat.rasterize_to_pixels(
-            means2d[None], conics[None], colors[None], opacities[None], width, height, TILE, offsets, ids, masks=masks
-        )
+        batch = [tensor[None] for tensor in (means2d, conics, colors, opacities)]
+        sizes = width, height, TILE
+        measured = absolute is not None and batch[0].requires_grad
+        image, alpha = gsplat.rasterize_to_pixels(*batch, *sizes, offsets, ids, masks=masks, absgrad=measured)
+        if absolute is not None and measured:
+            batch[0].register_hook(lambda _: _accumulate(absolute, batch[0].absgrad[0]))
         return image[0], alpha[0, ..., 0]
 
     def freeze(self, splats: Splats, width: int, height: int) -> FrozenSplats:
@@ -102,9 +107,14 @@ class CudaBackend(Backend):
         m, c, k, o, d, r = (
             torch.cat([some, all_[near]]) for some, all_ in zip(splats, frozen.held.splats, strict=True)
         )
-        image, alpha = self.rasterize((m, c, k, o, d, r), width, height, tiles)
+        image, alpha = self.rasterize((m, c, k, o, d, r), width, height, tiles=tiles)
         drawn = tiles.repeat_interleave(TILE, 0).repeat_interleave(TILE, 1)[:height, :width]
         return torch.where(drawn[..., None], image, frozen.image), torch.where(drawn, alpha, frozen.alpha), tiles
+
+
+def _accumulate(tensor: Tensor, gradient: Tensor) -> None:
+    """Add to the gradient of a leaf tensor."""
+    tensor.grad = gradient if tensor.grad is None else tensor.grad + gradient
 
 
 def tile_spans(means2d: Tensor, radii: Tensor, width: int, height: int) -> Tensor:

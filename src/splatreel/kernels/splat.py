@@ -150,6 +150,7 @@ def rasterize(
     radii: Tensor,
     width: int,
     height: int,
+    absolute: Tensor | None = None,
 ) -> tuple[Tensor, Tensor]:
     """Blend projected Gaussians front to back over black. Return the image [H, W, C] and alpha [H, W].
 
@@ -164,12 +165,16 @@ def rasterize(
         radii: [N], as `project` returns it.
         width: Pixels.
         height: Pixels.
+        absolute: [N, 2] zeros. Their gradient is the sum of the absolute gradients of `means2d`: over tiles of 16 x 16 pixels and
+            every three channels on the CPU, over pixels on CUDA. Gradients that cancel each other count, as missing detail does.
 
     Raises:
         GaussiansError: A value is NaN or infinite.
+
+    Source: Ye et al. 2024, "AbsGS: Recovering fine details for 3D Gaussian Splatting", for `absolute`.
     """
     _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
-    return backend_of(means2d).rasterize((means2d, conics, colors, opacities, depths, radii), width, height)
+    return backend_of(means2d).rasterize((means2d, conics, colors, opacities, depths, radii), width, height, absolute)
 
 
 def freeze(

@@ -11,6 +11,7 @@ from splatreel.capture.base import Capture
 from splatreel.capture.opening import CaptureSource
 from splatreel.codec.preview import remove_previews
 from splatreel.config import Config
+from splatreel.config.records import with_former_defaults
 from splatreel.progress import Progress, Silent, parts_of
 from splatreel.recon.encode.group_output import ReelOutput, RegionOutput
 from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook, no_presentation
@@ -22,6 +23,7 @@ from splatreel.recon.preparation import open_reel_writer, prepare, save_header
 from splatreel.recon.run.device import pick_device
 from splatreel.recon.run.memory import check_memory
 from splatreel.recon.run.requirements import check_capture, check_networks
+from splatreel.recon.run.run_record import recorded_settings
 from splatreel.recon.run.store import Store
 from splatreel.recon.stages.stage import FirstOfVideo
 from splatreel.scene.static_points import StaticPoints
@@ -84,7 +86,8 @@ def plan_run(capture: Capture, out: Path, config: Config, *, sound: str = "auto"
     check_region(config.region, capture.training_cameras)
     check_networks(config.layering)
     check_memory(capture, config)
-    return ChapteredRun(capture, Path(out), config, sound, pick_device(device))
+    config = with_former_defaults(config, recorded_settings(Path(out) / "work"))
+    return ChapteredRun(capture, Path(out), config.for_video(capture.frames), sound, pick_device(device))
 
 
 def reconstruct_run(run: ChapteredRun, progress: Progress, present: PresentationHook) -> Result:

@@ -10,6 +10,7 @@ from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.cameras.time_offsets import CERTAIN, MOST_FRAMES, TimeOffsets, slope
+from splatreel.recon.deform.hashgrid import HashGrid
 from splatreel.recon.deform.trajectory import Trajectory
 from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.train.group import GroupTrainer
@@ -114,17 +115,28 @@ def test_moments_stay_in_the_group_and_the_mean_is_zero() -> None:
     assert delays.moment(2, 0, 5) == pytest.approx(2 + MOST_FRAMES)
 
 
-def test_slope_is_that_of_the_loss() -> None:
-    model = Trajectory(torch.from_numpy(THING.means).float(), FRAMES, UNIT)
+@pytest.mark.parametrize("model", [Trajectory, HashGrid])
+@pytest.mark.parametrize("moment", [0.0, 1.3, 2.5, 5.0])
+def test_slope_is_that_of_the_loss(model: type[Trajectory | HashGrid], moment: float) -> None:
+    """The slope is the exact difference of a loss that is linear in the offsets, also across knots and at both ends."""
     means = torch.from_numpy(THING.means).float()
-    for level in model.controls:
-        level.normal_(0, 0.1, generator=torch.Generator().manual_seed(1))
+    generator = torch.Generator().manual_seed(1)
+    deformation = model(means, FRAMES, UNIT)
+    if isinstance(deformation, Trajectory):
+        for level in deformation.controls:
+            level.normal_(0, 0.1, generator=generator)
+    factors = torch.randn(len(means), 3, generator=generator), torch.randn(len(means), 4, generator=generator)
 
-    def loss(moment: float) -> torch.Tensor:
-        dx, dq = model.offsets(means, moment)
-        return dx.square().sum() + dq.square().sum()
+    def loss(dx: torch.Tensor, dq: torch.Tensor) -> torch.Tensor:
+        return (dx * factors[0]).sum() + (dq * factors[1]).sum()
 
+    before, after = max(moment - 0.5, 0.0), min(moment + 0.5, FRAMES - 1.0)
     with torch.no_grad():
-        dx, dq = model.offsets(means, 2.5)
-        expected = float(loss(3.0) - loss(2.0))
-    assert float(slope(model, means, 2.5, FRAMES, 2 * dx, 2 * dq)) == pytest.approx(expected, rel=0.3)
+        ends = [float(loss(*deformation.offsets(means, at))) for at in (before, after)]
+    dx, dq = deformation.offsets(means, moment)
+    dx.retain_grad()
+    dq.retain_grad()
+    loss(dx, dq).backward()
+    expected = (ends[1] - ends[0]) / (after - before)
+    found = float(slope(deformation, means, moment, FRAMES, (dx, dq)))
+    assert found == pytest.approx(expected, rel=1e-3, abs=1e-5)

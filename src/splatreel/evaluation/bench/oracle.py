@@ -72,6 +72,7 @@ def oracle(
             the reel was made with other cameras.
     """
     check_capture(capture)
+    config = config.for_video(capture.frames)
     chosen, views = pick_device(device), held_out_views(capture)
     timeline = open_reel(reel) if reel is not None else None
     if timeline is not None:

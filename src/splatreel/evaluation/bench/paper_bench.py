@@ -160,7 +160,9 @@ class PaperBench:
                 seconds = run_independent_groups(capture, folder, self.config, self.device, self.progress)
                 undecoded = uncompressed_frames(folder / "work", reel)
             else:
-                start = SharedStart(capture, self.measure(name, FULL).run, self.config, device)
+                start = SharedStart(
+                    capture, self.measure(name, FULL).run, self.config.for_video(capture.frames), device
+                )
                 allowed = start.seconds if self.minutes is None else 60 * self.minutes
                 seconds = run_in_parts(METHODS[variant], start, folder, allowed, self.progress)
             shown = {"seconds": seconds, "device": device.type, "progress": self.progress}

@@ -89,7 +89,7 @@ def procedures(bench: PaperBench) -> PaperTable:
     """Return Table 12."""
     found = [bench.measure(name, FULL) for name in bench.captures]
     frames = fmean(capture.frames for capture in bench.captures.values())
-    config, rows = bench.config, []
+    config, rows = bench.config.for_video(round(frames)), []
     iterations = {
         "Gaussian Point Init.": f"{config.keyframe.first_iterations:,} ({config.keyframe.refine_iterations:,})/group",
         "GOG Reconstruction": f"{config.group.iterations_per_frame:,}/frame",

@@ -123,7 +123,8 @@ class Rasterize(Function):
     """Blending of projected Gaussians, see `splat.rasterize`."""
 
     @staticmethod
-    def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width: int, height: int):
+    def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width: int, height: int, absolute):
+        del absolute  # only its gradient counts
         bins = _bins(means2d, conics, opacities, depths, radii, width, height)
         parts = [rasterize.forward(bins, part) for part in _split(*_arrays(colors))]
         image = torch.from_numpy(_join([image for image, _ in parts], colors.shape[1]))
@@ -138,17 +139,15 @@ class Rasterize(Function):
     def backward(ctx: Any, d_image: Tensor | None, d_alpha: Tensor | None):
         colors, image, alpha = _arrays(*ctx.saved_tensors)
         d_image_, d_alpha_ = _gradient(d_image, image), _gradient(d_alpha, alpha)
-        geometry, d_colors = [], []
+        parts = []
         for part in zip(_split(colors), _split(image), _split(d_image_), strict=True):
-            *gradients, d_color = rasterize.backward(ctx.bins, *part, alpha=alpha, d_alpha=d_alpha_)
-            geometry.append(gradients)
-            d_colors.append(d_color)
+            parts.append(rasterize.backward(ctx.bins, *part, alpha=alpha, d_alpha=d_alpha_))
             d_alpha_ = np.zeros_like(d_alpha_)  # all parts share one alpha: count its gradient once
-        d_means2d, d_conics, d_opacities = geometry[0]
-        for others in geometry[1:]:
-            d_means2d, d_conics, d_opacities = d_means2d + others[0], d_conics + others[1], d_opacities + others[2]
-        d_color = _join(d_colors, colors.shape[1])
-        return *_tensors(d_means2d, d_conics, d_color, d_opacities), *[None] * 4
+        total = [sum(column[1:], column[0]) for column in zip(*parts, strict=True)]
+        d_means2d, d_conics, d_opacities, _, absolute = total
+        d_color = _join([part.colors for part in parts], colors.shape[1])
+        tensors = _tensors(d_means2d, d_conics, d_color, d_opacities, absolute)
+        return *tensors[:4], *[None] * 4, tensors[4] if ctx.needs_input_grad[8] else None
 
 
 class RasterizeAmong(Function):
@@ -171,9 +170,8 @@ class RasterizeAmong(Function):
     def backward(ctx: Any, d_image: Tensor | None, d_alpha: Tensor | None, _: None):
         colors, image, alpha = _arrays(*ctx.saved_tensors)
         d_image_, d_alpha_ = _gradient(d_image, image), _gradient(d_alpha, alpha)
-        gradients = rasterize.backward(ctx.bins, colors, image, d_image_, alpha, d_alpha_, ctx.frozen)
-        d_means2d, d_conics, d_opacities, d_colors = _tensors(*gradients)
-        return d_means2d, d_conics, d_colors, d_opacities, None, None, None
+        found = rasterize.backward(ctx.bins, colors, image, d_image_, alpha, d_alpha_, ctx.frozen)
+        return *_tensors(found.means2d, found.conics, found.colors, found.opacities), None, None, None
 
 
 class LayeredLoss(Function):
@@ -188,11 +186,11 @@ class LayeredLoss(Function):
         bins = _bins(means2d, conics, opacities, depths, radii, width, height)
         given = [None if value is None else _array(value) for value in (gain, background)]
         chosen = None if where is None else where.numpy()
-        found = layered.loss_and_gradient(
+        loss, found = layered.loss_and_gradient(
             bins, _array(colors), frozen, target.contiguous().numpy(), lambda_dssim, *given, where=chosen
         )
-        ctx.gradients = _tensors(found.d_means2d, found.d_conics, found.d_colors, found.d_opacities)
-        return torch.tensor(found.loss, dtype=torch.float32)
+        ctx.gradients = _tensors(found.means2d, found.conics, found.colors, found.opacities)
+        return torch.tensor(loss, dtype=torch.float32)
 
     @staticmethod
     @once_differentiable

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -19,20 +18,6 @@ GRAIN = 64
 """Smallest number of tiles that is worth a thread."""
 
 
-@dataclass(frozen=True)
-class Gradient:
-    """Loss of the drawn tiles, see `similarity.loss_and_gradient`, and the gradients to N splats.
-
-    d_means2d: [N, 2]. d_conics: [N, 3]. d_opacities: [N]. d_colors: [N, 3].
-    """
-
-    loss: float
-    d_means2d: np.ndarray
-    d_conics: np.ndarray
-    d_opacities: np.ndarray
-    d_colors: np.ndarray
-
-
 def loss_and_gradient(
     bins: Bins,
     colors: np.ndarray,
@@ -42,8 +27,8 @@ def loss_and_gradient(
     gain: np.ndarray | None,
     background: np.ndarray | None,
     where: np.ndarray | None = None,
-) -> Gradient:
-    """Return the loss of (image + background) * gain against the target, and its gradient.
+) -> tuple[float, rasterize.Gradients]:
+    """Return the loss of (image + background) * gain against the target, see `similarity.loss_and_gradient`, and its gradients.
 
     The splats are drawn into the image of the frozen splats, which is restored afterwards. So two threads must not use the same frozen
     splats at once.
@@ -70,7 +55,7 @@ def loss_and_gradient(
         none = rasterize.no_gradient(frozen.alpha.shape)
         arguments = bins, colors, frozen.image, found.d_image, frozen.alpha, none, among
         gradients = rasterize.backward(*arguments, wanted=None if where is None else tiles)
-    return Gradient(found.loss, *gradients)
+    return found.loss, gradients
 
 
 @contextmanager

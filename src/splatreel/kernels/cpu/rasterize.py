@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import NamedTuple
 
 import numpy as np
 
@@ -30,6 +31,24 @@ class Frozen:
     colors: np.ndarray
     image: np.ndarray
     alpha: np.ndarray
+
+
+class Gradients(NamedTuple):
+    """Gradients of N splats.
+
+    Attributes:
+        means2d: [N, 2].
+        conics: [N, 3].
+        opacities: [N].
+        colors: [N, 3].
+        absolute: [N, 2], sum over tiles of the absolute gradient to `means2d` of each tile.
+    """
+
+    means2d: np.ndarray
+    conics: np.ndarray
+    opacities: np.ndarray
+    colors: np.ndarray
+    absolute: np.ndarray
 
 
 Drawn = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]
@@ -84,8 +103,8 @@ def backward(
     d_alpha: np.ndarray,
     frozen: Frozen | None = None,
     wanted: np.ndarray | None = None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return the gradients to means2d [N, 2], conics [N, 3], opacities [N] and colors [N, 3].
+) -> Gradients:
+    """Return the gradients of N splats.
 
     Every (splat, tile) pair has its own slot, and slots are summed in a fixed order. So there are no atomics, and the bits are the same
     for any number of threads. Frozen splats get no gradient, and those behind the last other splat of a tile are skipped.
@@ -97,11 +116,9 @@ def backward(
     tiles = _balanced(bins, frozen, wanted)
     splats = tiles, _drawn(bins, colors), bins.slots, _held(bins, colors, frozen), frozen is not None
     blending.backward.over(len(tiles), *splats, image, alpha, d_image, d_alpha, pairs, chunks=_chunks())
-    d_means2d, d_conics = np.empty((n, 2), np.float32), np.empty((n, 3), np.float32)
-    d_opacities, d_colors = np.empty(n, np.float32), np.empty((n, CHANNELS), np.float32)
-    found = d_means2d, d_conics, d_opacities, d_colors
+    found = Gradients(*[np.empty((n, size) if size else n, np.float32) for size in (2, 3, 0, CHANNELS, 2)])
     _gather.over(n, bins.first, pairs, bins.splats, *found, grain=GRAIN)
-    return d_means2d, d_conics, d_opacities, d_colors
+    return found
 
 
 @lru_cache(maxsize=8)
@@ -155,13 +172,14 @@ def _deal(offsets, held, tiles, hands):
     return dealt
 
 
-@range_kernel(I1, F2, F2, F2, F2, F1, F2)
-def _gather(begin, end, first, pairs, splats, d_means2d, d_conics, d_opacities, d_colors):
+@range_kernel(I1, F2, F2, F2, F2, F1, F2, F2)
+def _gather(begin, end, first, pairs, splats, d_means2d, d_conics, d_opacities, d_colors, absolute):
     """Sum the slots of each splat, and convert the moments of d(log alpha) to gradients."""
     for i in range(begin, end):
-        m0 = mx = my = mxx = mxy = myy = ZERO
+        m0 = mx = my = mxx = mxy = myy = across = down = ZERO
         for channel in range(d_colors.shape[1]):
             d_colors[i, channel] = ZERO
+        a, b, c = TWO * splats[i, 2] / LOG2_E, splats[i, 3] / LOG2_E, TWO * splats[i, 4] / LOG2_E
         for k in range(first[i], first[i + 1]):
             m0 += pairs[k, 0]
             mx += pairs[k, 1]
@@ -169,12 +187,14 @@ def _gather(begin, end, first, pairs, splats, d_means2d, d_conics, d_opacities, 
             mxx += pairs[k, 3]
             mxy += pairs[k, 4]
             myy += pairs[k, 5]
+            across += abs(a * pairs[k, 1] + b * pairs[k, 2])
+            down += abs(b * pairs[k, 1] + c * pairs[k, 2])
             for channel in range(d_colors.shape[1]):
                 d_colors[i, channel] += pairs[k, 6 + channel]
         d_means2d[i, 0] = d_means2d[i, 1] = d_conics[i, 0] = d_conics[i, 1] = d_conics[i, 2] = d_opacities[i] = ZERO
+        absolute[i, 0], absolute[i, 1] = across, down
         if first[i] == first[i + 1]:
             continue
-        a, b, c = TWO * splats[i, 2] / LOG2_E, splats[i, 3] / LOG2_E, TWO * splats[i, 4] / LOG2_E
         d_means2d[i, 0], d_means2d[i, 1] = a * mx + b * my, b * mx + c * my
         d_conics[i, 0], d_conics[i, 1], d_conics[i, 2] = -HALF * mxx, -mxy, -HALF * myy
         d_opacities[i] = m0 * F(2) ** -splats[i, 5]

@@ -128,8 +128,7 @@ class TimeOffsets:
         self.values = np.clip(self.values - self.values.mean(), -MOST_FRAMES, MOST_FRAMES)
 
 
-@torch.no_grad()
-def slope(model: Deformation, means: Tensor, moment: float, frames: int, d_dx: Tensor, d_dq: Tensor) -> Tensor:
+def slope(model: Deformation, means: Tensor, moment: float, frames: int, offsets: tuple[Tensor, Tensor]) -> Tensor:
     """Return the gradient [] of the loss by a camera's time, per frame.
 
     Args:
@@ -137,9 +136,7 @@ def slope(model: Deformation, means: Tensor, moment: float, frames: int, d_dx: T
         means: Points [N, 3] at the keyframe.
         moment: Time in frames of the group.
         frames: Number of frames of the group, at least two.
-        d_dx: Gradients [N, 3] of the loss by the position offsets.
-        d_dq: Gradients [N, 4] of the loss by the rotation offsets.
+        offsets: dx and dq at the moment, with the gradients of the loss.
     """
     before, after = max(moment - 0.5, 0.0), min(moment + 0.5, frames - 1.0)
-    (dx, dq), (dx_after, dq_after) = (model.offsets(means, at) for at in (before, after))
-    return (((dx_after - dx) * d_dx).sum() + ((dq_after - dq) * d_dq).sum()) / (after - before)
+    return model.change(means, (before, after), offsets) / (after - before)

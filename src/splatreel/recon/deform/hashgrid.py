@@ -120,6 +120,13 @@ class HashGrid(nn.Module):
             dx = dx + known.view(-1, 3)
         return dx * self.moves, dq * (0.1 * self.moves) + identity
 
+    @torch.no_grad()
+    def change(self, means: Tensor, span: tuple[float, float], offsets: tuple[Tensor, Tensor]) -> Tensor:
+        """See `Deformation`."""
+        before, after = (self.offsets(means, frame) for frame in span)
+        parts = zip(before, after, offsets, strict=True)
+        return torch.stack([((b - a) * at.grad).sum() for a, b, at in parts if at.grad is not None]).sum()
+
     def extend_to(self, frame: float) -> None:
         """Do nothing: the grid is defined at all times."""
 

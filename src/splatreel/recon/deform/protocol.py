@@ -25,6 +25,16 @@ class Deformation(Protocol):
         """
         ...
 
+    def change(self, means: Tensor, span: tuple[float, float], offsets: tuple[Tensor, Tensor]) -> Tensor:
+        """Return the change [] of a loss over a span of time, to first order.
+
+        Args:
+            means: [N, 3] canonical positions.
+            span: First and last frame of the span.
+            offsets: dx and dq that `offsets` returned, with the gradients of the loss.
+        """
+        ...
+
     def extend_to(self, frame: float) -> None:
         """Prepare for the first training on frames up to `frame`."""
         ...

@@ -6,6 +6,8 @@ at once; the level of the points adds the remainder.
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 import torch
 from torch import Tensor
@@ -17,6 +19,37 @@ from splatreel.recon.deform.spline import Spline
 
 DIMENSIONS = 7
 """Components of an offset: dx, and dq less its identity."""
+
+
+@dataclass
+class Evaluation:
+    """Offsets at one moment, and what their gradient needs.
+
+    Attributes:
+        knot: First of the four knots that determine the moment.
+        weights: Weights [4] of these knots.
+        dx: [N, 3], a leaf.
+        dq: [N, 4], a leaf.
+    """
+
+    knot: int
+    weights: np.ndarray
+    dx: Tensor
+    dq: Tensor
+    _slopes: tuple[Tensor, Tensor] | None = None
+
+    @property
+    def has_gradient(self) -> bool:
+        """Return whether the loss depends on the offsets."""
+        return self.dx.grad is not None or self.dq.grad is not None
+
+    def slopes(self, model: Trajectory) -> tuple[Tensor, Tensor]:
+        """Return the gradients [M, 7] and [N, 7] with respect to the splines of nodes and points at the moment."""
+        if self._slopes is None:
+            d_dx, d_dq = (torch.zeros_like(leaf) if leaf.grad is None else leaf.grad for leaf in (self.dx, self.dq))
+            nodes, points = motion.offsets_gradient(d_dx, d_dq, model.skin, len(model.nodes), model.unit)
+            self._slopes = nodes, points * model.moves
+        return self._slopes
 
 
 class Trajectory:
@@ -62,7 +95,7 @@ class Trajectory:
         if paths is not None:  # the level of the points starts as the smoothest spline close to the tracks
             controls[1][..., :3] = self.spline.fit(paths)
         self.adams = [KnotAdam(level, rate, eps=1e-12) for level, rate in zip(controls, self.RATES, strict=True)]
-        self.evaluations: list[tuple[int, np.ndarray, Tensor, Tensor]] = []
+        self.evaluations: list[Evaluation] = []
 
     @property
     def controls(self) -> tuple[Tensor, Tensor]:
@@ -74,8 +107,20 @@ class Trajectory:
         knot, weights = self.spline.at(frame)
         dx, dq = motion.offsets(self.controls, knot, weights, self.skin, self.unit)
         if torch.is_grad_enabled():
-            self.evaluations.append((knot, weights, dx.requires_grad_(), dq.requires_grad_()))
+            self.evaluations.append(Evaluation(knot, weights, dx.requires_grad_(), dq.requires_grad_()))
         return dx, dq
+
+    @torch.no_grad()
+    def change(self, means: Tensor, span: tuple[float, float], offsets: tuple[Tensor, Tensor]) -> Tensor:
+        """See `Deformation`. Offsets are linear in the control values, so products with a few of these give the change."""
+        slopes = next(seen for seen in self.evaluations if seen.dx is offsets[0]).slopes(self)
+        (first, before), (last, after) = (self.spline.at(frame) for frame in span)
+        weights = np.zeros(last + 4 - first, np.float32)
+        weights[last - first :] += after
+        weights[:4] -= before
+        levels = zip(self.controls, slopes, strict=True)
+        products = [controls[first : last + 4].flatten(1) @ slope.flatten() for controls, slope in levels]
+        return torch.from_numpy(weights).to(means.device) @ torch.stack(products).sum(0)
 
     def extend_to(self, frame: float) -> None:
         """Extrapolate the control values that no earlier frame used."""
@@ -89,12 +134,7 @@ class Trajectory:
 
     def step(self, share: float, pace: float = 1.0) -> None:
         """See `Deformation`."""
-        known = []
-        for knot, weights, dx, dq in self.evaluations:
-            if dx.grad is not None or dq.grad is not None:
-                d_dx, d_dq = (torch.zeros_like(leaf) if leaf.grad is None else leaf.grad for leaf in (dx, dq))
-                nodes, points = motion.offsets_gradient(d_dx, d_dq, self.skin, len(self.nodes), self.unit)
-                known.append((knot, weights, (nodes, points * self.moves)))
+        known = [(seen.knot, seen.weights, seen.slopes(self)) for seen in self.evaluations if seen.has_gradient]
         self.evaluations.clear()
         taken = []
         for level, (knots, rate) in enumerate(zip(self.adams, self.RATES, strict=True)):

@@ -15,6 +15,7 @@ from splatreel.capture.follower import Follower
 from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
+from splatreel.config.records import with_former_defaults
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress, Silent
 from splatreel.recon.cameras.rig import Rig
@@ -43,6 +44,7 @@ from splatreel.recon.run.job import Job
 from splatreel.recon.run.memory import check_memory
 from splatreel.recon.run.requirements import check_capture, check_networks
 from splatreel.recon.run.run_lock import RunLock
+from splatreel.recon.run.run_record import recorded_settings
 from splatreel.recon.run.store import Store, StoredLayer
 from splatreel.recon.stages.stage import AfterGap, FirstOfVideo, Handover, NextGroup, RetiredStatic
 from splatreel.recon.stages.write_stages import write_group
@@ -95,6 +97,7 @@ def reconstruct_following(
     check_capture(capture)
     check_networks(config.layering)
     check_memory(capture, config)
+    config = with_former_defaults(config, recorded_settings(Path(out) / "work")).for_video(0)
     chosen, progress = pick_device(device), progress or Silent()
     with RunLock(Path(out), capture, config, sound) as lock:
         run = _LiveRun(follower, config, live, chosen, progress, Store(lock.work))

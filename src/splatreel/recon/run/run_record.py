@@ -68,6 +68,12 @@ def check_record(work: Path, record: dict[str, Any]) -> None:
         )
 
 
+def recorded_settings(work: Path) -> Any:
+    """Return the settings of a run, nested as `Config.to_json` writes them; None without a run."""
+    record = checkpoint.load_json(work / FILE) if has_record(work) else None
+    return record.get("config") if isinstance(record, dict) else None
+
+
 def read_run_source(work: Path) -> ReelSource | None:
     """Return the frames and cameras that a run was made from, for its reels of earlier versions; None if unknown.
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 import numpy as np
 import torch
@@ -23,6 +24,9 @@ CULL_OPACITY = 0.05
 """Opacity below which points are pruned (paper section 5.1). Fainter points hardly show, and cost bytes and time."""
 GROWTH_GRADIENT = 2e-4
 """Mean screen-space gradient above which points are densified, in normalized device units; the value of 3DGS."""
+ABSOLUTE_GRADIENT = 6e-4
+"""Threshold of the absolute gradient, where it is measured. Gradients of a large splat over fine detail cancel each other in the
+signed sum, but not in this one (AbsGS)."""
 LARGEST_SCALE = 0.5
 """Largest scale of a point, in typical viewing distances, multiplied by `relative_distances`."""
 
@@ -153,30 +157,45 @@ class KeyframeDensity:
             pictures: Training images.
             settled: Values are being averaged; no point is removed any more.
         """
-        grad, every = drawing.means2d.grad, self.config.densify_every
+        measured = drawing.absolute if self.config.detail else None
+        every = self.config.densify_every
+        grad = drawing.means2d.grad if measured is None else measured.grad
         assert grad is not None
         if share <= GROWTH:
             self.meter.add(grad[: drawing.moving], view.width, view.height)
             if done % every == 0 and done >= 2 * every:
-                self.densify(pictures.unit, share)
+                self.densify(pictures.unit, share, GROWTH_GRADIENT if measured is None else ABSOLUTE_GRADIENT)
                 self.restart(pictures)
         elif done % PRUNE_EVERY == 0 and not settled:
             self.prune(pictures.unit, share)
             self.restart(pictures)
 
-    def densify(self, unit: float, share: float) -> None:
-        """Clone small points with large gradients, split large ones, and prune."""
+    def densify(self, unit: float, share: float, threshold: float) -> None:
+        """Clone small points with gradients above a threshold, split large ones, and prune."""
         points = self.points
         points.check()
         if self.region is not None:
             self.meter.sum *= inside(self.region, points.means)
-        grow = select_growth(self.meter, GROWTH_GRADIENT, self.max_points - len(points))
+        grow = select_growth(self.meter, threshold, self.room)
         dropped = self._dropped(unit, share)
         large = points.scales.detach().amax(1) > SPLIT_FROM * unit
         split, clone = grow & large & ~dropped, grow & ~large & ~dropped
         clones, halves = points.rows(clone), children(points, split, self.generator)
         points.keep(~(dropped | split))
         points.append({name: torch.cat([clones[name], halves[name]]) for name in clones})
+
+    @property
+    def room(self) -> int:
+        """Number of points that may still be added."""
+        return self.max_points - len(self.points)
+
+    def add(self, params: Mapping[str, Tensor], pictures: Pictures) -> None:
+        """Add points, without those outside of the region. params: unconstrained tensors, as in `TrainablePoints`."""
+        if self.region is not None:
+            kept = inside(self.region, params["means"])
+            params = {name: value[kept] for name, value in params.items()}
+        self.points.append(params)
+        self.restart(pictures)
 
     def prune(self, unit: float, share: float) -> None:
         """Prune points, but never all of them."""

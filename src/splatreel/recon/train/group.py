@@ -291,9 +291,8 @@ class GroupTrainer:
         frames = self.pictures.count
         if not self.time_offsets.enabled or frames < 2:
             return
-        d_dx, d_dq = changes.dx.grad, changes.dq.grad
-        if d_dx is not None and d_dq is not None:
-            gained = slope(self.points.deformation, self.points.means, moment, frames, d_dx, d_dq)
+        if changes.dx.grad is not None:
+            gained = slope(self.points.deformation, self.points.means, moment, frames, (changes.dx, changes.dq))
             self.time_offsets.note(camera, gained, share)
 
     def _shows(self, iteration: int) -> bool:

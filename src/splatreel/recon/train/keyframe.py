@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 import torch
@@ -17,6 +18,7 @@ from splatreel.progress import Progress
 from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.deform.adam import Restore, merge_snapshots
 from splatreel.recon.train.density import KeyframeDensity
+from splatreel.recon.train.error_points import ADDED_AT, ADDED_SHARE, points_at_errors
 from splatreel.recon.train.losses import KEYFRAME, KeyframeStep, Loss, backward, psnr
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
@@ -182,6 +184,8 @@ class KeyframeTrainer:
                 share, averaged = self.done / total, average.has_begun(self.done)
                 self._anneal(share)
                 self.density.update(self.done, share, drawing, pictures.views[camera], pictures, averaged)
+                if self._adds_at_errors(total):
+                    self._add_at_errors(pictures)
                 if averaged:
                     average.add(self.done, self.points.params.values())
                 if self.done % SHOW_EVERY == 0 or self.done == end:
@@ -255,12 +259,26 @@ class KeyframeTrainer:
     @torch.no_grad()
     def psnr(self, pictures: Pictures) -> float:
         """Return the mean PSNR, dB, over the training images, without static points."""
-        values = []
-        for view, image, gain in zip(pictures.views, pictures.images[0], self.gains.values, strict=True):
-            splats, factor = _with_gain(deformed(self.points.params, None, None, view, pictures.near), view, gain)
-            shown = draw(splats, view).image
-            values.append(psnr(shown if factor is None else shown * factor, image))
-        return float(np.mean(values))
+        images = [self._draw(pictures, camera)[1] for camera in range(len(pictures.views))]
+        return float(np.mean([psnr(image, target) for image, target in zip(images, pictures.images[0], strict=True)]))
+
+    def _draw(self, pictures: Pictures, camera: int) -> tuple[Splats, Tensor]:
+        """Return the projected points of a camera, without static points, and the image [H, W, 3] that the camera would take."""
+        view, gain = pictures.views[camera], self.gains.values[camera]
+        splats, factor = _with_gain(deformed(self.points.params, None, None, view, pictures.near), view, gain)
+        image = draw(splats, view).image
+        return splats, image if factor is None else image * factor
+
+    def _adds_at_errors(self, total: int) -> bool:
+        """Return whether points are added at errors now, in a training of `total` iterations."""
+        return self.config.detail and self.static is None and self.done in [round(at * total) for at in ADDED_AT]
+
+    def _add_at_errors(self, pictures: Pictures) -> None:
+        """Add points where the images differ most from the drawings."""
+        count = max(min(self.density.room, round(ADDED_SHARE * len(self.points))), 0)
+        bands, gains = self.points.params["sh_rest"].shape[1], self.gains.values
+        draw_camera = partial(self._draw, pictures)
+        self.density.add(points_at_errors(draw_camera, pictures, gains, bands, count, self.rng), pictures)
 
     def _static_cache(self, pictures: Pictures) -> StaticCache | None:
         if self.static is None or len(self.static) == 0:

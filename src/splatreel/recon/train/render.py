@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import torch
 from torch import Tensor
@@ -150,6 +150,11 @@ class Comparable(Protocol):
         """Static points of the remaining rows of `means2d`; None if static points get no gradient."""
         ...
 
+    @property
+    def absolute(self) -> Tensor | None:
+        """Tensor [moving, 2] whose gradient is the absolute gradient of `splat.rasterize`; None if it is not measured."""
+        ...
+
     def loss(self, target: Tensor, lambda_dssim: float, gain: Tensor | None) -> Tensor:
         """Return the photometric loss [] against an image [H, W, 3] uint8 of a camera with a color gain [3]."""
         ...
@@ -163,8 +168,7 @@ class Drawing:
         image: [H, W, 3] colors.
         alpha: [H, W] opacity.
         means2d: See `Comparable`.
-        moving: See `Comparable`.
-        index: See `Comparable`.
+        moving, index, absolute: See `Comparable`.
         tiles: [ceil(H / 16), ceil(W / 16)] bool, tiles that were drawn with gradients; None if all were.
     """
 
@@ -173,6 +177,7 @@ class Drawing:
     means2d: Tensor
     moving: int
     index: Tensor | None = None
+    absolute: Tensor | None = None
     tiles: Tensor | None = None
 
     def loss(self, target: Tensor, lambda_dssim: float, gain: Tensor | None) -> Tensor:
@@ -197,6 +202,7 @@ class MovingTiles:
     background: Tensor | None
     moving: int
     where: Tensor | None = None
+    absolute: ClassVar[None] = None
 
     @property
     def means2d(self) -> Tensor:
@@ -356,9 +362,10 @@ def draw(moving: Splats, view: View, static: StaticView | None = None, layered: 
     if static is not None and layered:
         image, alpha, tiles = splat.rasterize_among(*parts.tensors, static.frozen)
         return Drawing(_add_background(view.background, image), alpha, parts.means2d, count, tiles=tiles)
-    image, alpha = splat.rasterize(*parts.tensors, view.width, view.height)
+    absolute = torch.zeros_like(parts.means2d, requires_grad=parts.means2d.requires_grad) if static is None else None
+    image, alpha = splat.rasterize(*parts.tensors, view.width, view.height, absolute)
     index = None if static is None else static.index
-    return Drawing(_add_background(view.background, image), alpha, parts.means2d, count, index)
+    return Drawing(_add_background(view.background, image), alpha, parts.means2d, count, index, absolute)
 
 
 def moving_tiles(moving: Splats, view: View, static: StaticView, also: Tensor | None = None) -> MovingTiles:

@@ -57,12 +57,13 @@ def reconstruct_single_frame(
         point_colors: [P, 3] 0..1, colors of `points`.
         near: Minimum distance of content from a camera, world units.
         device: Device to train on; the CPU by default.
-        progress: Receives `first_iterations` steps.
+        progress: Receives one step per iteration.
 
     Raises:
         ReconstructionError: If images and cameras do not match.
         GaussiansError: If training ends in NaN or infinity.
     """
+    config = config.for_video(1)
     keyframe = config.keyframe
     seeds, layout = lay_out(cameras, images, config, points, point_colors, near)
     gains = CameraGains(len(cameras), device or torch.device("cpu"), config.correct_colors)
