@@ -9,7 +9,12 @@ import pytest
 from splatreel.capture import opening
 from splatreel.cli.main import main
 from splatreel.evaluation.bench import rate_distortion
+from splatreel.scene.reel_source import ReelSource
 from tests.evaluation import scenes
+
+SOURCE = ReelSource(0, ("cam03",))
+OPENED = {"tables": None, "width": scenes.WIDTH, "scale": None, "frames": (0, 5), "held_out": ["cam03"]}
+"""How a capture is opened for a reel whose manifest has `SOURCE`."""
 
 
 @pytest.fixture
@@ -28,12 +33,12 @@ def requests(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
 def test_oracle_and_the_distance_of_a_reel(
     requests: list[dict], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    scenes.write_reel(tmp_path / "run" / "reel")
+    scenes.write_reel(tmp_path / "run" / "reel", SOURCE)
     arguments = ["bench", "oracle", "capture", "--out", str(tmp_path / "out"), "--every", "3", "--iterations", "6"]
     assert main([*arguments, "--reel", str(tmp_path / "run"), "--device", "cpu", "--hold-out", "cam03"]) == 0
     printed = capsys.readouterr().out
     assert printed == (tmp_path / "out" / "oracle.md").read_text()
-    assert requests == [{"width": scenes.WIDTH, "scale": None, "frames": None, "held_out": ["cam03"]}]
+    assert requests == [OPENED]
     record = json.loads((tmp_path / "out" / "oracle.json").read_text())
     assert [frame["frame"] for frame in record["frames"]] == [0, 3]
     assert record["config"]["keyframe"]["first_iterations"] == 6
@@ -65,12 +70,12 @@ def test_bench_codec_of_a_run_writes_table_chart_and_record(
     monkeypatch.setattr(
         rate_distortion, "rate_distortion_points", lambda sweep: measure(sweep, ["predictive 1.2", "predictive 4"])
     )
-    run, out = scenes.write_run(tmp_path / "run"), tmp_path / "out"
+    run, out = scenes.write_run(tmp_path / "run", SOURCE), tmp_path / "out"
     assert main(["bench", "codec", str(run), "capture", "--every", "5", "--out", str(out)]) == 0
     printed, warned = capsys.readouterr()
     assert printed.startswith((out / "codec.md").read_text().rstrip("\n"))
     assert "| predictive 4 |" in printed
-    assert requests == [{"width": scenes.WIDTH, "frames": None}]
+    assert requests == [OPENED]
     if importlib.util.find_spec("matplotlib"):
         assert "<svg" in (out / "codec.svg").read_text()
     else:

@@ -86,9 +86,9 @@ def write_reel(path: Path, source: ReelSource | None = None) -> Path:
     return path
 
 
-def write_run(path: Path) -> Path:
+def write_run(path: Path, source: ReelSource | None = None) -> Path:
     """Write the scene as the output folder of a reconstruction, with its reel and checkpoints."""
-    reel = write_reel(path / "reel")
+    reel = write_reel(path / "reel", source)
     store = Store(path / "work")
     store.save_header(ReelReader(reel).manifest)
     store.group(0).save_layer(StoredLayer(static(), static()))

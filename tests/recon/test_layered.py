@@ -46,7 +46,8 @@ def gradients(group: GroupTrainer, frame: int, camera: int, layered: bool) -> tu
     gain = group.gains.values.detach()[camera]
     loss = splat.photometric_loss(drawing.image, target, 0.2, gain, drawing.tiles)
     loss.backward()
-    leaves = [*group.points.canonical.params.values(), *group.points.deformation.evaluations[0][2:]]
+    seen = group.points.deformation.evaluations[0]
+    leaves = [*group.points.canonical.params.values(), seen.dx, seen.dq]
     found = [leaf.grad.clone() for leaf in leaves if leaf.grad is not None]
     assert len(found) == len(leaves)
     return loss.item(), found, drawing.tiles

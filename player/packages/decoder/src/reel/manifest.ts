@@ -136,8 +136,9 @@ export function hasSameFiles(a: Manifest, b: Manifest): boolean {
 
 /** Return true if a file that both manifests name has other contents in the second. */
 export function hasOtherContents(a: Manifest, b: Manifest): boolean {
-  const known = new Map([...a.layers, ...a.groups].map((file) => [file.uri, file]));
-  return [...b.layers, ...b.groups].some(({ uri, sha256, bytes }) => {
+  const [old, present] = [a, b].map(({ layers, groups }) => [...layers, ...Object.values(groups)]); // groups has gaps
+  const known = new Map(old.map((file) => [file.uri, file]));
+  return present.some(({ uri, sha256, bytes }) => {
     const before = known.get(uri);
     return before !== undefined && (before.sha256 !== sha256 || before.bytes !== bytes);
   });
