@@ -44,7 +44,7 @@ def masked(moving, static):
     """Draw with the CUDA backend, with the twin in place of gsplat, which leaves masked tiles empty."""
 
     class TwinAsGsplat(cuda.CudaBackend):
-        def rasterize(self, splats, width, height, tiles=None):
+        def rasterize(self, splats, width, height, absolute=None, tiles=None):
             image, alpha = twin.rasterize(*splats, width, height)
             if tiles is None:
                 return image, alpha

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -79,12 +80,11 @@ class CudaBackend(Backend):
         )
         offsets = gsplat.isect_offset_encode(pairs, 1, tiles_x, tiles_y)
         masks = None if tiles is None else tiles[None].contiguous()
-        batch = [tensor[None] for tensor in (means2d, conics, colors, opacities)]
-        sizes = width, height, TILE
-        measured = absolute is not None and batch[0].requires_grad
-        image, alpha = gsplat.rasterize_to_pixels(*batch, *sizes, offsets, ids, masks=masks, absgrad=measured)
-        if absolute is not None and measured:
-            batch[0].register_hook(lambda _: _accumulate(absolute, batch[0].absgrad[0]))
+        centers = means2d[None]
+        arguments: list[Any] = [centers, conics[None], colors[None], opacities[None], width, height, TILE, offsets, ids]
+        image, alpha = gsplat.rasterize_to_pixels(*arguments, masks=masks, absgrad=absolute is not None)
+        if absolute is not None and centers.requires_grad:  # the backward pass of gsplat sets the attribute `absgrad`
+            centers.register_hook(lambda _: _accumulate(absolute, getattr(centers, "absgrad")[0]))  # noqa: B009
         return image[0], alpha[0, ..., 0]
 
     def freeze(self, splats: Splats, width: int, height: int) -> FrozenSplats:

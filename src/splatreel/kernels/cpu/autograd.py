@@ -143,11 +143,10 @@ class Rasterize(Function):
         for part in zip(_split(colors), _split(image), _split(d_image_), strict=True):
             parts.append(rasterize.backward(ctx.bins, *part, alpha=alpha, d_alpha=d_alpha_))
             d_alpha_ = np.zeros_like(d_alpha_)  # all parts share one alpha: count its gradient once
-        total = [sum(column[1:], column[0]) for column in zip(*parts, strict=True)]
-        d_means2d, d_conics, d_opacities, _, absolute = total
-        d_color = _join([part.colors for part in parts], colors.shape[1])
-        tensors = _tensors(d_means2d, d_conics, d_color, d_opacities, absolute)
-        return *tensors[:4], *[None] * 4, tensors[4] if ctx.needs_input_grad[8] else None
+        total = parts[0] if len(parts) == 1 else rasterize.Gradients(*(np.sum(c, 0) for c in zip(*parts, strict=True)))
+        d_colors = _join([part.colors for part in parts], colors.shape[1])
+        gradients = _tensors(total.means2d, total.conics, d_colors, total.opacities)
+        return *gradients, *[None] * 4, torch.from_numpy(total.absolute) if ctx.needs_input_grad[8] else None
 
 
 class RasterizeAmong(Function):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import ClassVar, Protocol
+from typing import Protocol
 
 import torch
 from torch import Tensor
@@ -202,7 +202,7 @@ class MovingTiles:
     background: Tensor | None
     moving: int
     where: Tensor | None = None
-    absolute: ClassVar[None] = None
+    absolute: None = None
 
     @property
     def means2d(self) -> Tensor:
