@@ -267,7 +267,7 @@ export class Controls {
 
   private showStatistics(): void {
     const { statistics, player: { stats, words } } = this;
-    if (!statistics.hidden && stats && this.describe) statistics.innerHTML = this.describe(stats).map(([name, value]) => `<dt>${words(name)}</dt><dd>${value}</dd>`).join("");
+    if (!statistics.hidden && stats && this.describe) statistics.replaceChildren(...elementOf(`<dl>${this.describe(stats).map(([name, value]) => `<dt>${words(name)}</dt><dd>${value}</dd>`).join("")}</dl>`).children);
   }
 
   private show(title: string, content: HTMLElement): void {
