@@ -90,7 +90,11 @@ def expect_snippet_to_draw(page: Page, address: str, name: str) -> None:
     document = (Path(__file__).parent / f"{name}.html").read_text(encoding="utf-8")
     imports = re.search(r'<script type="importmap">.*?</script>', document, re.S)
     assert imports
-    add_file(page, "snippet.html", f'<link rel="icon" href="data:,">{imports[0]}<body><script type="module">{snippet_of(name)}</script>')
+    add_file(
+        page,
+        "snippet.html",
+        f'<link rel="icon" href="data:,">{imports[0]}<body><script type="module">{snippet_of(name)}</script>',
+    )
     page.goto(f"{address}snippet.html")
     deadline = time.monotonic() + 120
     while True:

@@ -147,7 +147,9 @@ def test_code_of_the_docs_is_typescript(name: str, tmp_path: Path) -> None:
     paths = {f"@splatreel/{name}": [str(PLAYER / "packages" / name / "src" / "index.ts")]}
     errors = type_check(tmp_path, snippet_of(name), "ts", paths)
     assert errors == ""
-    wrong = snippet_of(name).replace("loadedmetadata", "loadedmetadat").replace("viewFromStart(camera)", "viewFromStart()")
+    wrong = (
+        snippet_of(name).replace("loadedmetadata", "loadedmetadat").replace("viewFromStart(camera)", "viewFromStart()")
+    )
     assert "error TS" in type_check(tmp_path, wrong, "ts", paths)
 
 

@@ -151,7 +151,11 @@ def test_a_page_that_requires_trusted_types(page: Page, tmp_path: Path, reel: Pa
         element.locator("canvas").press("?")
         element.get_by_role("dialog").get_by_text("Double click").wait_for()
         element.locator("canvas").press("Escape")
-        for name, shown in (("Camera path", ".path-panel"), ("Crop and clean", ".command"), ("Statistics", ".stats dt")):
+        for name, shown in (
+            ("Camera path", ".path-panel"),
+            ("Crop and clean", ".command"),
+            ("Statistics", ".stats dt"),
+        ):
             element.get_by_role("button", name="Settings").click()
             element.locator(".menu").get_by_text(name).click()
             element.locator(shown).first.wait_for()

@@ -17,8 +17,8 @@ type DepthBuffer = WebGLRenderbuffer | WebGLTexture;
 interface Key {
   framebuffer: WebGLFramebuffer;
   depth: DepthBuffer | null;
-  right: number;
-  top: number;
+  width: number;
+  height: number;
 }
 
 /** Colors of splats in sRGB, with the depth buffer of the render target that they will be in, and what is behind them. */
@@ -48,19 +48,18 @@ export class BlendTarget {
     this.program.check();
   }
 
-  /** Copy what is behind the splats, and clear the target. Returns false if the render target cannot lend its depth buffer. */
-  begin(framebuffer: WebGLFramebuffer, { x, y, width, height }: Region): boolean {
+  /** Copy what is behind the splats, and clear the target. width, height: of the whole render target. Returns false if the render target cannot lend its depth buffer. */
+  begin(framebuffer: WebGLFramebuffer, { width, height }: { width: number; height: number }, { x, y, ...size }: Region): boolean {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
     const depth = attached(gl, gl.DEPTH_ATTACHMENT, gl.FRAMEBUFFER_ATTACHMENT_OBJECT_NAME) as DepthBuffer | null;
-    const [right, top] = [x + width, y + height];
     const { key } = this;
-    if (key?.framebuffer !== framebuffer || key.depth !== depth || key.right !== right || key.top !== top) {
-      this.key = { framebuffer, depth, right, top };
+    if (key?.framebuffer !== framebuffer || key.depth !== depth || key.width !== width || key.height !== height) {
+      this.key = { framebuffer, depth, width, height };
       this.usable = this.allocate(this.key);
     }
     if (!this.usable) return false;
-    copy(gl, framebuffer, this.behindCopy, x, y, right, top);
+    copy(gl, framebuffer, this.behindCopy, x, y, x + size.width, y + size.height);
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
     gl.clearColor(0, 0, 0, 0);
     gl.clear(gl.COLOR_BUFFER_BIT);
@@ -100,7 +99,7 @@ export class BlendTarget {
   }
 
   /** Create textures for the render target that is bound. Returns false if the framebuffers would be incomplete. */
-  private allocate({ right, top }: Key): boolean {
+  private allocate({ width, height }: Key): boolean {
     const { gl } = this;
     this.free();
     const samples = gl.getParameter(gl.SAMPLES) as number;
@@ -109,8 +108,8 @@ export class BlendTarget {
     if (format === null) return false;
     const point = attached(gl, gl.STENCIL_ATTACHMENT, gl.FRAMEBUFFER_ATTACHMENT_OBJECT_TYPE) === gl.NONE ? gl.DEPTH_ATTACHMENT : gl.DEPTH_STENCIL_ATTACHMENT;
     const attachDepth = depthAttacher(gl, point);
-    this.behind = textureOf(gl, format, right, top);
-    this.splats = textureOf(gl, gl.RGBA8, right, top);
+    this.behind = textureOf(gl, format, width, height);
+    this.splats = textureOf(gl, gl.RGBA8, width, height);
     const attachTexture = (framebuffer: WebGLFramebuffer, texture: WebGLTexture): boolean => {
       gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
       gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, texture, 0);
@@ -122,7 +121,7 @@ export class BlendTarget {
     if (samples > 0) {
       this.samples = gl.createRenderbuffer();
       gl.bindRenderbuffer(gl.RENDERBUFFER, this.samples);
-      gl.renderbufferStorageMultisample(gl.RENDERBUFFER, samples, gl.RGBA8, right, top);
+      gl.renderbufferStorageMultisample(gl.RENDERBUFFER, samples, gl.RGBA8, width, height);
       gl.framebufferRenderbuffer(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.RENDERBUFFER, this.samples);
     } else gl.framebufferTexture2D(gl.FRAMEBUFFER, gl.COLOR_ATTACHMENT0, gl.TEXTURE_2D, this.splats, 0);
     attachDepth();

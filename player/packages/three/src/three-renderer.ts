@@ -92,8 +92,9 @@ export class ThreeRenderer extends WebglRenderer {
       }
       const region = { x, y, width, height };
       const linear = isLinear(this.three);
+      const whole = this.three.getRenderTarget();
       // Splats are trained to be blended in sRGB. Where the target has linear colors, they are blended elsewhere and converted once.
-      if (linear && target.framebuffer && blend.begin(target.framebuffer, region)) {
+      if (linear && whole && target.framebuffer && blend.begin(target.framebuffer, whole, region)) {
         this.drawSplats({ framebuffer: blend.framebuffer, x, y, view: eye.view }, false);
         blend.end(region);
       } else this.drawSplats({ framebuffer: target.framebuffer, x, y, view: eye.view }, linear);
