@@ -91,8 +91,8 @@ export class ThreeRenderer extends WebglRenderer {
         gl.scissor(target.scissor[0], target.scissor[1], target.scissor[2], target.scissor[3]);
       }
       const region = { x, y, width, height };
-      const linear = isLinear(this.three);
-      const whole = this.three.getRenderTarget();
+      const { renderTarget: whole } = target;
+      const linear = isLinear(this.three, whole);
       // Splats are trained to be blended in sRGB. Where the target has linear colors, they are blended elsewhere and converted once.
       if (linear && whole && target.framebuffer && blend.begin(target.framebuffer, whole, region)) {
         this.drawSplats({ framebuffer: blend.framebuffer, x, y, view: eye.view }, false);
@@ -139,8 +139,7 @@ export class ThreeRenderer extends WebglRenderer {
 }
 
 /** Return true if three.js draws linear colors now: into render targets, except those of headsets. */
-function isLinear(three: WebGLRenderer): boolean {
-  const target = three.getRenderTarget() as (WebGLRenderTarget & { isXRRenderTarget?: boolean }) | null;
+function isLinear(three: WebGLRenderer, target: (WebGLRenderTarget & { isXRRenderTarget?: boolean }) | null): boolean {
   const space = !target ? three.outputColorSpace : target.isXRRenderTarget ? target.texture.colorSpace : LinearSRGBColorSpace;
   return space !== SRGBColorSpace;
 }
