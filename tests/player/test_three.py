@@ -100,7 +100,7 @@ def test_effects_leave_the_colors_of_splats(opened: Page, options: str, least: f
     # Targets with 8 bits hold few dark linear colors. Samples smooth the edges of the box.
     assert psnr(effects, plain) >= least
     hidden = pixels_of(opened, "(reel.visible = false, pixels())")
-    assert psnr(effects, hidden) < 25, "splats are drawn"
+    assert psnr(effects, hidden) < 30, "splats are drawn"
     again = pixels_of(opened, "(reel.visible = true, drawWith(camera), pixels())")
     assert psnr(again, plain) >= 50, "the state of three.js is restored"
 
@@ -203,7 +203,8 @@ def test_fog_colors_splats_by_their_distance(opened: Page) -> None:
     solid = clear.sum(-1) > 0.3
     thick = pixels_of(opened, "(scene.fog = new THREE.Fog(0x8040c0, 0.1, 0.2), pixels())")
     color = np.array([0x80, 0x40, 0xC0]) / 255
-    assert np.abs(thick - color)[solid].mean() < 0.15, "splats let some of the black background through"
+    hue = thick / np.maximum(thick.sum(-1, keepdims=True), 0.01)
+    assert np.abs(hue - color / color.sum())[solid].max() < 0.03, "darker where the black background shows through"
     assert psnr(pixels_of(opened, "(scene.fog = new THREE.Fog(0x8040c0, 50, 90), pixels())"), clear) > 50
     thin = pixels_of(opened, "(scene.fog = new THREE.FogExp2(0x8040c0, 0.1), pixels())")
     assert 0.02 < np.abs(thin - clear)[solid].mean() < np.abs(thick - clear)[solid].mean()
