@@ -130,7 +130,7 @@ export const render = () => renderToString(React.createElement(Reel, { src: "ree
 
 
 def test_a_server_renders_the_react_example(tools: Path) -> None:
-    """As frameworks do: the component imports the player in Node."""
+    """Frameworks import the player in Node when they render a page."""
     app = write_app(tools, "reel/")
     shutil.copy(EXAMPLES / "react" / "Reel.jsx", app)
     (app / "server.jsx").write_text(SERVER)

@@ -206,7 +206,7 @@ def test_fog_colors_splats_by_their_distance(opened: Page) -> None:
     hue = thick / np.maximum(thick.sum(-1, keepdims=True), 0.01)
     assert np.abs(hue - color / color.sum())[solid].max() < 0.03, "darker where the black background shows through"
     assert psnr(pixels_of(opened, "(scene.fog = new THREE.Fog(0x8040c0, 50, 90), pixels())"), clear) > 50
-    thin = pixels_of(opened, "(scene.fog = new THREE.FogExp2(0x8040c0, 0.1), pixels())")
+    thin = pixels_of(opened, "(scene.fog = new THREE.FogExp2(0x8040c0, 0.2), pixels())")
     assert 0.02 < np.abs(thin - clear)[solid].mean() < np.abs(thick - clear)[solid].mean()
     assert psnr(pixels_of(opened, "(reel.material.fog = false, pixels())"), clear) > 50
 
