@@ -21,4 +21,5 @@ for (const name of readdirSync(out, { recursive: true }).filter((path) => path.e
   });
   writeFileSync(path, text);
 }
+if (folder === here) copyFileSync(join(here, "react.d.ts"), join(out, "react.d.ts"));
 copyFileSync(join(here, "../LICENSE"), join(folder, "dist/LICENSE"));

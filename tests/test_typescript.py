@@ -40,6 +40,7 @@ ROOMS_OF_PACKAGES = {
     ),
     "three": (
         ("raw-gl.ts", "shaders.ts", "views.ts"),
+        ("blend-target.ts",),
         ("three-renderer.ts",),
         ("splat-reel.ts",),
         ("index.ts",),

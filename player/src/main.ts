@@ -1,4 +1,4 @@
-/** Entry point: defines <splat-reel>, and opens the reel of the bundled page. */
+/** Entry point: defines <splat-reel>, and opens the reel of the bundled page. Without a page, as in Node, it does neither. */
 import { SplatReelElement } from "./element/element";
 import { openPage, type PageRoot } from "./element/page";
 
@@ -9,7 +9,8 @@ export type { Picture } from "./draw/stage";
 export type { Stats } from "./player/stats";
 export { SplatReelElement };
 
-if (!customElements.get("splat-reel")) customElements.define("splat-reel", SplatReelElement);
+const { customElements, document } = globalThis as Partial<typeof globalThis>;
+if (customElements && !customElements.get("splat-reel")) customElements.define("splat-reel", SplatReelElement);
 
-const root = document.querySelector<PageRoot>("main[data-splatreel-page]");
+const root = document?.querySelector<PageRoot>("main[data-splatreel-page]");
 if (root) openPage(root);

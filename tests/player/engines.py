@@ -1,15 +1,19 @@
 """Functions of the tests of reels in other engines: their pages, their pixels, and what must hold in every engine."""
 
+import io
+import re
 import shutil
 import subprocess
+import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from playwright.sync_api import Page
 
 from tests.golden import PREDICTIVE
-from tests.player.pages import expect_problems
+from tests.player.pages import add_file, expect_problems
 
 PLAYER = Path(__file__).parents[2] / "player"
 HEIGHT, WIDTH = 120, 160
@@ -73,6 +77,33 @@ def expect_time_to_end(page: Page) -> None:
     page.evaluate("reel.play()")
     page.evaluate("until(() => reel.ended)")
     assert page.evaluate("[reel.paused, reel.currentTime === reel.duration, events.includes('ended')]") == [True] * 3
+
+
+def snippet_of(name: str) -> str:
+    """Return the code of the section "Use" of an engine's document."""
+    text = (PLAYER.parent / "docs" / f"{name}.md").read_text(encoding="utf-8")
+    return text.split("## Use")[1].split("```js\n")[1].split("```")[0]
+
+
+def expect_snippet_to_draw(page: Page, address: str, name: str) -> None:
+    """Run the code of an engine's document as it stands, and wait for a picture of the reel."""
+    document = (Path(__file__).parent / f"{name}.html").read_text(encoding="utf-8")
+    imports = re.search(r'<script type="importmap">.*?</script>', document, re.S)
+    assert imports
+    add_file(
+        page,
+        "snippet.html",
+        f'<link rel="icon" href="data:,">{imports[0]}<body><script type="module">{snippet_of(name)}</script>',
+    )
+    page.goto(f"{address}snippet.html")
+    deadline = time.monotonic() + 120
+    while True:
+        with Image.open(io.BytesIO(page.screenshot())) as picture:
+            values = np.asarray(picture.convert("RGB"), np.float32) / 255
+        if values.std() > 0.05 and len(np.unique((values * 255).astype(np.uint8).reshape(-1, 3), axis=0)) > 500:
+            return
+        assert time.monotonic() < deadline, "the reel does not show"
+        page.wait_for_timeout(200)
 
 
 def expect_errors_as_events(page: Page, address: str) -> None:

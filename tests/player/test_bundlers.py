@@ -12,13 +12,15 @@ from playwright.sync_api import Page
 
 from splatreel.play.player_page import STATIC
 from tests.golden import GOLDEN
+from tests.player.engines import PLAYER, snippet_of
 from tests.player.hosts import host
 from tests.player.pages import wait_for_picture
 
 pytestmark = [pytest.mark.browser, pytest.mark.slow]
 
 TOOLS = Path(__file__).parent / "bundlers"
-PACKAGE = Path(__file__).parents[2] / "player" / "package.json"
+PACKAGE = PLAYER / "package.json"
+EXAMPLES = PLAYER.parent / "examples"
 HTML = """<!doctype html><html><head><link rel="icon" href="data:," />{head}</head><body>
 <splat-reel src="{reel}manifest.json" controls share></splat-reel>
 <script type="module" src="./main.js"></script></body></html>"""
@@ -118,6 +120,68 @@ def test_a_page_without_a_bundler_plays(page: Page, tmp_path: Path) -> None:
             element = page.locator("splat-reel textarea[name=element]")
             assert f'src="{site}node_modules/splatreel-player/dist/player.js"' in element.input_value()
             page.goto("about:blank")  # ends its downloads before the host is gone
+
+
+SERVER = """import React from "react";
+import { renderToString } from "react-dom/server";
+import { Reel } from "./Reel.jsx";
+export const render = () => renderToString(React.createElement(Reel, { src: "reel/manifest.json", label: "A room" }));
+"""
+
+
+def test_a_server_renders_the_react_example(tools: Path) -> None:
+    """Frameworks import the player in Node when they render a page."""
+    app = write_app(tools, "reel/")
+    shutil.copy(EXAMPLES / "react" / "Reel.jsx", app)
+    (app / "server.jsx").write_text(SERVER)
+    command = ["node", "build.mjs", "vite-ssr"]
+    result = subprocess.run(command, cwd=tools, capture_output=True, text=True, timeout=300)
+    assert result.returncode == 0, result.stdout + result.stderr
+    assert '<splat-reel src="reel/manifest.json"' in result.stdout
+    assert 'aria-label="A room"' in result.stdout
+
+
+@pytest.mark.parametrize("name", ["three", "playcanvas"])
+def test_code_of_the_docs_is_typescript(name: str, tmp_path: Path) -> None:
+    """It compiles under `strict` against the types of the package."""
+    paths = {f"@splatreel/{name}": [str(PLAYER / "packages" / name / "src" / "index.ts")]}
+    errors = type_check(tmp_path, snippet_of(name), "ts", paths)
+    assert errors == ""
+    wrong = (
+        snippet_of(name).replace("loadedmetadata", "loadedmetadat").replace("viewFromStart(camera)", "viewFromStart()")
+    )
+    assert "error TS" in type_check(tmp_path, wrong, "ts", paths)
+
+
+def test_react_knows_the_element(tools: Path, tmp_path: Path) -> None:
+    """The code of docs/player.md compiles against `splatreel-player/react`, and wrong attributes do not."""
+    code = (PLAYER.parent / "docs" / "player.md").read_text(encoding="utf-8").split("```tsx\n")[1].split("```")[0]
+    types = tools / "node_modules" / "@types"
+    paths = {
+        "splatreel-player": [str(PLAYER / "src" / "main.ts")],
+        "splatreel-player/react": [str(PLAYER / "react.d.ts")],
+        "react": [str(types / "react" / "index.d.ts")],
+        "react/jsx-runtime": [str(types / "react" / "jsx-runtime.d.ts")],
+        "csstype": [str(tools / "node_modules" / "csstype")],
+    }
+    assert type_check(tmp_path, code, "tsx", paths) == ""
+    assert "error TS2322" in type_check(tmp_path, code.replace("autoplay", "autoplay={3}"), "tsx", paths)
+
+
+def type_check(folder: Path, code: str, suffix: str, paths: dict[str, list[str]]) -> str:
+    """Return what TypeScript says about code under the settings of the player. paths: of further modules."""
+    modules = PLAYER / "node_modules"
+    settings = json.loads((PLAYER / "tsconfig.json").read_text())["compilerOptions"]
+    own = {name: [str(PLAYER / path) for path in found] for name, found in settings["paths"].items()}
+    engines = {"three": [str(modules / "@types" / "three")], "playcanvas": [str(modules / "playcanvas")]}
+    options = settings | {"paths": own | engines | paths, "jsx": "react-jsx", "noUnusedLocals": False}
+    files = [folder / f"snippet.{suffix}", PLAYER / "src/files.d.ts", PLAYER / "packages/decoder/src/modules.d.ts"]
+    files[0].write_text(code, encoding="utf-8")
+    config = {"compilerOptions": options, "files": [str(file) for file in files]}
+    (folder / "tsconfig.json").write_text(json.dumps(config))
+    command = ["node", str(modules / "typescript" / "bin" / "tsc"), "-p", str(folder)]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=600)
+    return result.stdout + result.stderr
 
 
 def test_the_lock_file_names_no_host() -> None:

@@ -139,7 +139,7 @@ def test_the_attribute_decides(page: Page, server: Server):
     page.evaluate(f"{REEL}.setAttribute('gestures', 'cooperative')")
     page.mouse.wheel(0, 60)
     assert scrolled(page) == 60
-    page.evaluate(f"{REEL}.classList.add('filling')")  # what is the whole window has nothing to scroll
+    page.evaluate(f"{REEL}.states.toggle('filling', true)")  # what is the whole window has nothing to scroll
     before = distance(page)
     page.mouse.wheel(0, 60)
     assert scrolled(page) == 60

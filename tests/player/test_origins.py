@@ -7,7 +7,8 @@ import time
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page
+from playwright.sync_api import ConsoleMessage, Page
+from playwright.sync_api import Error as PlaywrightError
 
 from splatreel.play.player_page import STATIC
 from splatreel.play.server import serve
@@ -46,9 +47,12 @@ def test_the_docs_name_the_script_of_the_bundled_page():
 def violations(page: Page) -> list[str]:
     """Return the violations of policies in pages and workers, from the console."""
     texts: list[str] = []
-    page.on(
-        "console", lambda message: texts.append(message.text) if "Content Security Policy" in message.text else None
-    )
+
+    def listen(message: ConsoleMessage) -> None:
+        if re.search("Content Security Policy|Trusted", message.text):
+            texts.append(message.text)
+
+    page.on("console", listen)
     return texts
 
 
@@ -122,6 +126,51 @@ def test_sound_under_a_strict_policy(page: Page, tmp_path: Path):
         wait_for_picture(page)
         page.locator("splat-reel .start").click()
         wait(page, f"{PLAYER}.soundtrack.audio?.currentTime > 0.1 && {PLAYER}.currentTime > 0.1")
+    assert forbidden == []
+
+
+TRUSTED_TYPES = "require-trusted-types-for 'script'; trusted-types splatreel 'allow-duplicates'"
+
+
+@pytest.mark.parametrize("reel", [GOLDEN, PREDICTIVE], ids=["h265", "predictive"])
+@pytest.mark.parametrize("policy", [f"{{strict}}; {TRUSTED_TYPES}", "require-trusted-types-for 'script'"])
+def test_a_page_that_requires_trusted_types(page: Page, tmp_path: Path, reel: Path, policy: str):
+    (tmp_path / "player").symlink_to(STATIC)
+    (tmp_path / "reel").symlink_to(reel)
+    pages = {"/": PAGE.format(player="player/", reel="reel/")}
+    with host(tmp_path, pages, {"Content-Security-Policy": policy.format(strict=policies()[0])}) as site:
+        forbidden = violations(page)
+        page.goto(site)
+        wait_for_picture(page)
+        with pytest.raises(PlaywrightError, match="TrustedHTML"):
+            page.evaluate("document.createElement('div').innerHTML = '<b></b>'")
+        forbidden.clear()
+        page.expected_problems = ("TrustedHTML",)  # type: ignore[attr-defined]
+        element = page.locator("splat-reel")
+        element.locator(".start").click()
+        element.locator("canvas").press("?")
+        element.get_by_role("dialog").get_by_text("Double click").wait_for()
+        element.locator("canvas").press("Escape")
+        for name, shown in (
+            ("Camera path", ".path-panel"),
+            ("Crop and clean", ".command"),
+            ("Statistics", ".stats dt"),
+        ):
+            element.get_by_role("button", name="Settings").click()
+            element.locator(".menu").get_by_text(name).click()
+            element.locator(shown).first.wait_for()
+        page.goto(f"{site}player/index.html?src=../reel/manifest.json")
+        wait_for_picture(page)
+    assert forbidden == []
+
+
+def test_trusted_types_and_a_player_from_another_origin(page: Page, tmp_path: Path):
+    with host(STATIC, headers=CORS) as cdn, host(PREDICTIVE, headers=CORS) as data:
+        pages = {"/": PAGE.format(player=cdn, reel=data)}
+        with host(tmp_path, pages, {"Content-Security-Policy": TRUSTED_TYPES}) as site:
+            forbidden = violations(page)
+            page.goto(site)
+            wait_for_picture(page)
     assert forbidden == []
 
 

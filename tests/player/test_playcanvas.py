@@ -12,6 +12,7 @@ from tests.golden import PREDICTIVE
 from tests.player.engines import (
     expect_errors_as_events,
     expect_meshes_to_hide_splats,
+    expect_snippet_to_draw,
     expect_time_to_end,
     open_reel_in,
     pixels_of,
@@ -71,6 +72,10 @@ def test_moved_scaled_and_turned_reels_look_the_same(opened: Page) -> None:
 
 def test_meshes_hide_splats_behind_them_only(opened: Page) -> None:
     expect_meshes_to_hide_splats(opened)
+
+
+def test_the_snippet_of_the_docs_shows_the_reel(page: Page, site: str) -> None:
+    expect_snippet_to_draw(page, site, "playcanvas")
 
 
 def test_opacity_fades_the_reel(opened: Page) -> None:

@@ -52,3 +52,20 @@ def test_slots_hold_elements_over_the_picture_and_in_the_bar(page: Page, server:
     page.mouse.move(280, 100)
     page.mouse.up()
     assert page.evaluate(f"{PLAYER}.camera.state.eye") != before, "the overlay leaves gestures to the picture"
+
+
+@pytest.mark.parametrize("supported", [True, False], ids=["states", "attributes"])
+def test_states_of_the_player_leave_the_classes_of_the_page_alone(page: Page, server: Server, supported: bool):
+    """Browsers without `:state()` get attributes instead."""
+    if not supported:
+        page.add_init_script("CSS.supports = () => false")
+    open_body(page, server, f"<style>.idle, .clear {{ display: none }}</style>{STYLE}{REEL}")
+    page.evaluate(f"{PLAYER}.playbackRate = 0; {PLAYER}.play()")
+    wait_for_style(page, ".bar", "visibility", "hidden")
+    element = page.locator("splat-reel")
+    names = element.evaluate("(one) => [one.className, one.matches(':state(idle)'), one.dataset.splatreelIdle ?? null]")
+    assert names == ["", supported, None if supported else ""]
+    assert element.is_visible()
+    element.evaluate("(one) => (one.toggleAttribute('transparent', true), one.pause())")
+    wait_for_style(page, ".bar", "visibility", "visible")
+    assert element.evaluate("(one) => getComputedStyle(one).backgroundColor") == "rgba(0, 0, 0, 0)"

@@ -9,7 +9,7 @@ from tests.player.pages import PLAYER, open_player
 pytestmark = pytest.mark.browser
 
 REEL = "document.querySelector('splat-reel')"
-IDLE = f"{REEL}.classList.contains('idle')"
+IDLE = f"{REEL}.matches(':state(idle)')"
 THUMB = 44
 """CSS pixels of a side that a finger hits."""
 

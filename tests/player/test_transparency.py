@@ -36,7 +36,7 @@ def test_empty_pixels_of_a_transparent_reel_have_no_alpha(reel: Path, page: Page
     with serve(tmp_path / "clear", port=0) as server:
         open_player(page, server)
         found = pixels(page, clear, 0)
-        assert page.evaluate("document.querySelector('splat-reel').matches('.clear')")
+        assert page.evaluate("document.querySelector('splat-reel').matches(':state(clear)')")
         assert (
             page.evaluate("getComputedStyle(document.querySelector('splat-reel')).backgroundColor")
             == "rgba(0, 0, 0, 0)"

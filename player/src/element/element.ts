@@ -15,10 +15,12 @@ import type { Camera } from "@splatreel/decoder/reel/manifest";
 import { Controls, LACKING } from "../ui/controls";
 import { CooperativeGestures } from "../ui/cooperative-gestures";
 import { FirstPrompt } from "../ui/first-prompt";
+import { HostStates } from "../ui/host-states";
 import { languageOf, loadWords } from "../ui/language";
 import { OffCameraFade } from "../ui/off-camera-fade";
 import { attachPointerControls } from "../ui/pointer-controls";
 import { skip } from "../ui/skip";
+import { adoptStyles } from "../ui/styles";
 import styles from "../ui/ui.css";
 import { watchAnnotations } from "./annotation-watch";
 import { watchCamera } from "./camera-watch";
@@ -36,9 +38,6 @@ import { Visibility } from "./visibility";
 const EVENTS = ["emptied", "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing", "pause", "waiting"];
 EVENTS.push("timeupdate", "progress", "seeking", "seeked", "ratechange", "volumechange", "pathchange", "ended", "error");
 
-const sheet = new CSSStyleSheet();
-sheet.replaceSync(styles);
-
 /** `<splat-reel>`. */
 export class SplatReelElement extends MediaElement {
   static readonly observedAttributes = ["src", "poster", "loop", "muted", "controls", "loading", "preload", "transparent"];
@@ -47,6 +46,8 @@ export class SplatReelElement extends MediaElement {
   readonly player: Player;
   /** Plays camera paths. */
   readonly pathPlayer: PathPlayer;
+  /** States for `:state()` of styles. */
+  readonly states = new HostStates(this);
   private readonly canvas = document.createElement("canvas");
   private readonly picture: Poster;
   private readonly visibility: Visibility;
@@ -73,7 +74,7 @@ export class SplatReelElement extends MediaElement {
     this.player.addEventListener("timeupdate", () => this.pauseAtEnd());
     for (const name of ["loadedmetadata", "emptied"]) this.player.addEventListener(name, () => this.showPage());
     const root = this.attachShadow({ mode: "open" });
-    root.adoptedStyleSheets = [sheet]; // a page's policy may forbid style elements
+    adoptStyles(root, styles);
     const overlay = document.createElement("slot");
     overlay.name = "overlay";
     root.append(this.canvas, new OffCameraFade(this.player).box, this.picture.image, overlay);
@@ -297,7 +298,7 @@ export class SplatReelElement extends MediaElement {
 
   /** Show the page behind a transparent reel. */
   private showPage(): void {
-    this.classList.toggle("clear", this.player.transparent);
+    this.states.toggle("clear", this.player.transparent);
   }
 
   private watch(): void {

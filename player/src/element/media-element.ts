@@ -2,8 +2,11 @@
 import { PLAIN, plainWords } from "@splatreel/decoder/base/errors";
 import type { Player } from "../player/player";
 
+/** HTMLElement, or an empty class where there is no page: servers that render pages import the player as well. */
+const BaseElement = globalThis.HTMLElement ?? (class {} as typeof HTMLElement);
+
 /** Base class with the properties of HTMLMediaElement. */
-export abstract class MediaElement extends HTMLElement {
+export abstract class MediaElement extends BaseElement {
   /** Values of `networkState`, as in HTMLMediaElement. */
   static readonly NETWORK_EMPTY = 0;
   static readonly NETWORK_IDLE = 1;

@@ -1,5 +1,6 @@
 /** First script of the bundled page: requests the manifest and the first layer, and shows the poster, before the player is loaded. */
 import type { DecodeReply, DecodeRequest } from "@splatreel/decoder/decode/decode-worker";
+import { startWorker } from "@splatreel/decoder/files/workers";
 import { addressWithin } from "@splatreel/decoder/reel/json";
 import { EARLY, type EarlyFile, type EarlyWorker } from "@splatreel/decoder/stream/decoder-pool";
 import type { Prefetched } from "../player/prefetched";
@@ -48,7 +49,7 @@ function loadAll(): void {
 /** Start the first worker and request the first layer; null in a sandboxed frame, where the player starts workers differently. */
 function firstWorker(): EarlyWorker | null {
   try {
-    const early: EarlyWorker = { worker: new Worker(new URL("./decode-worker.js", import.meta.url), { type: "module" }), file: null };
+    const early: EarlyWorker = { worker: startWorker(new URL("./decode-worker.js", import.meta.url).href, { type: "module" }), file: null };
     void text.then((json) => (early.file = requestLayer(early.worker, JSON.parse(json ?? "{}")))).catch(() => undefined);
     return early;
   } catch {

@@ -3,7 +3,7 @@
  * Each name is a literal, since bundlers look for `new URL("./name", import.meta.url)`, `new Worker` of it and `import("./name")`.
  */
 import { embeddedPlayerFile } from "./embedded";
-import { openWorker } from "@splatreel/decoder/files/workers";
+import { openWorker, startWorker } from "@splatreel/decoder/files/workers";
 import type { DecodeWorkers } from "@splatreel/decoder/stream/decoder-pool";
 
 /** Workers that download and decode files. */
@@ -44,5 +44,5 @@ export function playerAddress(): string | null {
 /** Start an embedded worker as a classic script, since a page opened from a disk cannot start module workers. */
 function embeddedWorker(name: string): Worker | null {
   const inPage = embeddedPlayerFile(name);
-  return inPage && new Worker(URL.createObjectURL(inPage));
+  return inPage && startWorker(URL.createObjectURL(inPage));
 }

@@ -79,7 +79,9 @@ export class Bar {
     this.seek.update();
     this.volume.update();
     const tenths = duration < 60;
-    this.button("time").innerHTML = `${timeText(currentTime, tenths)} <span>/ ${timeText(duration, tenths)}</span>`;
+    const [now, whole] = this.button("time").childNodes;
+    now.textContent = `${timeText(currentTime, tenths)} `;
+    whole.textContent = `/ ${timeText(duration, tenths)}`;
     this.button("live").hidden = !live;
     this.button("live").classList.toggle("on", currentTime >= clock.edge);
     this.button("captions").hidden = !tracks || tracks.captions.length === 0;
@@ -95,7 +97,7 @@ export class Bar {
   private set(name: string, markup: string, label: string, key: string): void {
     const button = this.button(name);
     if (button.getAttribute("aria-label") === label && button.title) return;
-    button.innerHTML = markup;
+    button.replaceChildren(elementOf(markup));
     button.setAttribute("aria-label", label);
     button.title = key ? `${label} (${key})` : label;
   }

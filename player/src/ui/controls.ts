@@ -11,6 +11,7 @@ import { Bar } from "./bar";
 import type { Dialog } from "./dialog";
 import { Fullscreen } from "./fullscreen";
 import { attachHoldSpeed } from "./hold-speed";
+import type { HostWithStates } from "./host-states";
 import { attachKeys, type KeyTable } from "./keys";
 import { elementOf } from "./markup";
 import type { Menu, MenuState } from "./menu";
@@ -48,7 +49,7 @@ export class Controls {
   private walk: { close(): void } | null = null;
   private editing: { close(): void } | null = null;
 
-  constructor(private readonly host: PathHost & { readonly link: string }, private readonly root: ShadowRoot, private readonly player: Player) {
+  constructor(private readonly host: PathHost & HostWithStates & { readonly link: string }, private readonly root: ShadowRoot, private readonly player: Player) {
     const { signal } = this.life;
     const actions = this.actions();
     this.statistics = elementOf(`<dl class="sheet stats" aria-label="Statistics" hidden></dl>`, player.words);
@@ -267,7 +268,7 @@ export class Controls {
 
   private showStatistics(): void {
     const { statistics, player: { stats, words } } = this;
-    if (!statistics.hidden && stats && this.describe) statistics.innerHTML = this.describe(stats).map(([name, value]) => `<dt>${words(name)}</dt><dd>${value}</dd>`).join("");
+    if (!statistics.hidden && stats && this.describe) statistics.replaceChildren(...elementOf(`<dl>${this.describe(stats).map(([name, value]) => `<dt>${words(name)}</dt><dd>${value}</dd>`).join("")}</dl>`).children);
   }
 
   private show(title: string, content: HTMLElement): void {

@@ -1,5 +1,6 @@
 /** Cooperative gestures, as on maps: in a scrolling page, wheel and one finger scroll the page until people click the picture. */
 import type { Words } from "../base/words";
+import type { HostWithStates } from "./host-states";
 import { elementOf } from "./markup";
 
 /** Milliseconds for which the hint is shown. */
@@ -15,7 +16,7 @@ export class CooperativeGestures {
   private timer = 0;
 
   /** canvas: canvas of the host element. words: returns the texts in its language. */
-  constructor(private readonly host: HTMLElement, private readonly canvas: HTMLElement, private readonly words: () => Words, signal: AbortSignal) {
+  constructor(private readonly host: HostWithStates, private readonly canvas: HTMLElement, private readonly words: () => Words, signal: AbortSignal) {
     const release = (): void => this.choose(false);
     const outside = (event: Event): void => void (event.composedPath().includes(host) || release());
     canvas.addEventListener("click", () => this.choose(true), { signal });
@@ -30,7 +31,7 @@ export class CooperativeGestures {
 
   /** True if one finger and the wheel move the picture instead of the page. */
   get active(): boolean {
-    return this.chosen || this.mode === "greedy" || document.fullscreenElement !== null || this.host.classList.contains("filling");
+    return this.chosen || this.mode === "greedy" || document.fullscreenElement !== null || this.host.states.has("filling");
   }
 
   /** Return true if a wheel event belongs to the picture. Otherwise show a hint. */

@@ -1,14 +1,15 @@
 /** Fullscreen, or the whole window if the browser does not allow fullscreen. */
+import type { HostWithStates } from "./host-states";
 
 /** Fullscreen state of one element. */
 export class Fullscreen {
   /** changed: called when the state changes. */
-  constructor(private readonly host: HTMLElement, private readonly changed: () => void, signal: AbortSignal) {
+  constructor(private readonly host: HostWithStates, private readonly changed: () => void, signal: AbortSignal) {
     document.addEventListener("fullscreenchange", changed, { signal });
   }
 
   get on(): boolean {
-    return document.fullscreenElement !== null || this.host.classList.contains("filling");
+    return document.fullscreenElement !== null || this.host.states.has("filling");
   }
 
   /** Label of the button; "" if it would have no effect. */
@@ -24,13 +25,13 @@ export class Fullscreen {
   async toggle(): Promise<void> {
     if (document.fullscreenElement) await document.exitFullscreen();
     else if (document.fullscreenEnabled) await this.host.requestFullscreen();
-    else if (this.offer) this.host.classList.toggle("filling");
+    else if (this.offer) this.host.states.toggle("filling");
     this.changed();
   }
 
   /** Give the window back. */
   leave(): void {
-    this.host.classList.remove("filling");
+    this.host.states.toggle("filling", false);
     this.changed();
   }
 }

@@ -173,7 +173,7 @@ export class PathPanel {
     this.find(".play").hidden = keyframes.length < 2;
     this.find(".play").ariaLabel = pathPlayer.playing ? null : this.player.words("Play the path"); // the bar has a button "Play"
     this.find(".back").hidden = keyframes.length < 2;
-    this.find(".play").innerHTML = pathPlayer.playing ? `${PAUSE}${this.player.words("Stop")}` : `${PLAY}${this.player.words("Play")}`;
+    this.find(".play").replaceChildren(elementOf(pathPlayer.playing ? PAUSE : PLAY), this.player.words(pathPlayer.playing ? "Stop" : "Play"));
     this.find<HTMLInputElement>(".seconds").value = String(Number((keyframes.at(-1)?.at ?? 0).toFixed(2)));
     this.find<HTMLInputElement>(".loop").checked = path?.loop ?? false;
     this.find("ol").replaceChildren(...keyframes.map((keyframe, i) => this.item(keyframe, i)));

@@ -77,5 +77,5 @@ function escaped(text: string): string {
 function codeOf(text: string): SVGElement {
   const { data, size } = encode(text, { ecc: "L", border: 3 });
   const squares = data.flatMap((row, y) => row.flatMap((dark, x) => (dark ? `M${x} ${y}h1v1h-1z` : [])));
-  return elementOf<HTMLElement>(`<div><svg viewBox="0 0 ${size} ${size}" shape-rendering="crispEdges"><path d="M0 0h${size}v${size}H0z" fill="#fff" stroke="none" /><path d="${squares.join("")}" fill="#000" stroke="none" /></svg></div>`).firstElementChild as SVGElement;
+  return elementOf<SVGElement>(`<svg viewBox="0 0 ${size} ${size}" shape-rendering="crispEdges"><path d="M0 0h${size}v${size}H0z" fill="#fff" stroke="none" /><path d="${squares.join("")}" fill="#000" stroke="none" /></svg>`);
 }

@@ -1,4 +1,4 @@
-/** Styles of the parts that are loaded on demand. */
+/** Styles of shadow roots. */
 
 const sheets = new Map<string, CSSStyleSheet>();
 

@@ -38,7 +38,7 @@ export class VolumeControl {
     const silent = muted || volume === 0;
     const label = this.player.words(silent ? "Unmute" : "Mute");
     if (button.title !== `${label} (m)`) {
-      button.innerHTML = silent ? MUTED : SOUND;
+      button.replaceChildren(elementOf(silent ? MUTED : SOUND));
       button.setAttribute("aria-label", label);
       button.title = `${label} (m)`;
     }

@@ -76,8 +76,8 @@ void main() {
   outColor = uvec4(packHalf2x16(color.rg), packHalf2x16(vec2(color.b, opacity)), floatBitsToUint(extent), floatBitsToUint(camera.z));
 }`;
 
-/** Return the vertex shader of the second pass. depth: GLSL of the depth in clip space; declarations: of what it uses. */
-export const splatVertexOf = (depth: string, declarations = ""): string => `#version 300 es
+/** Return the vertex shader of the second pass. depth: GLSL of the depth in clip space; declarations: of what it uses; end: more GLSL. */
+export const splatVertexOf = (depth: string, declarations = "", end = ""): string => `#version 300 es
 precision highp float;
 precision highp int;
 ${declarations}uniform highp usampler2D uShape;
@@ -103,6 +103,7 @@ void main() {
   vColor = vec4(unpackHalf2x16(color.x), unpackHalf2x16(color.y));
   // exp(-r^2 / 2) at r standard deviations, as a power of two of the place in the quad.
   vFall = -0.7213475204444817 * extent * extent;
+  ${end}
 }`;
 
 /** Return the fragment shader of the second pass. end: GLSL from alpha to outColor; declarations: of what it uses. */

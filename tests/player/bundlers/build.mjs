@@ -1,5 +1,6 @@
 // Builds app/, a page that imports the player, in the manner of each bundler's own documentation: node build.mjs BUNDLER, into
-// app/dist. `node build.mjs vite-dev` serves it instead, and writes the address as its first line.
+// app/dist. `node build.mjs vite-dev` serves it instead, and writes the address as its first line. `node build.mjs vite-ssr` prints
+// the HTML that React renders on a server.
 import { cp, readdir } from "node:fs/promises";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
@@ -25,6 +26,14 @@ const bundlers = {
     const server = await createServer({ root: app, logLevel: "warn", server: { host: "127.0.0.1", port: 0 } });
     await server.listen();
     console.log(server.resolvedUrls.local[0]);
+  },
+  /** Render app/server.jsx on the server, and print the HTML. */
+  async "vite-ssr"() {
+    const { createServer } = await import("vite");
+    const server = await createServer({ root: app, logLevel: "warn", appType: "custom", server: { middlewareMode: true, ws: false } });
+    const { render } = await server.ssrLoadModule("/server.jsx");
+    console.log(render());
+    await server.close();
   },
   async webpack() {
     const { default: webpack } = await import("webpack");

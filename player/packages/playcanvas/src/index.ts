@@ -1,3 +1,3 @@
 /** Entry point: reels in PlayCanvas scenes. */
 export { ReelError } from "@splatreel/decoder/base/errors";
-export { SplatReel } from "./splat-reel";
+export { SplatReel, type SplatReelProperties } from "./splat-reel";

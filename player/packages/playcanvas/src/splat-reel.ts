@@ -16,8 +16,11 @@ interface Opened {
   sorter: EngineSorter;
 }
 
+/** Values with which a `SplatReel` starts. */
+export type SplatReelProperties = Pick<SplatReel, "url"> & Partial<Pick<SplatReel, "autoplay" | "camera" | "opacity" | "loop" | "muted" | "currentTime" | "volume" | "playbackRate" | "rendition" | "positional">>;
+
 /**
- * Plays a reel below its entity: `entity.script.create(SplatReel, { properties: { url: "reel/manifest.json", autoplay: true } })`.
+ * Plays a reel below its entity: `SplatReel.addTo(entity, { url: "reel/manifest.json", autoplay: true })`.
  *
  * The reel keeps the axes and units of its capture. `uprightRotation` and `viewFromStart` relate them to the scene.
  *
@@ -44,6 +47,12 @@ export class SplatReel extends withMediaProperties(Script) {
    * @attribute
    */
   opacity = 1;
+
+  /** Add a reel to an entity, with a script component if it has none. */
+  static addTo(entity: Entity, properties: SplatReelProperties): SplatReel {
+    if (!entity.script) entity.addComponent("script");
+    return entity.script!.create(SplatReel, { properties }) as SplatReel;
+  }
 
   readonly player: ReelPlayer;
   private splats: Entity | null = null;

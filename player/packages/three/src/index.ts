@@ -1,3 +1,3 @@
 /** Entry point: reels in three.js scenes. */
 export { ReelError } from "@splatreel/decoder/base/errors";
-export { SplatReel, type SplatReelOptions } from "./splat-reel";
+export { SplatReel, type SplatReelEventMap, type SplatReelOptions } from "./splat-reel";

@@ -1,8 +1,10 @@
 /** Direct use of the WebGL context of a three.js renderer, whose cached state is restored afterwards. */
-import { Vector4, type WebGLRenderer } from "three";
+import { Vector4, type WebGLRenderTarget, type WebGLRenderer } from "three";
 
 /** Where three.js draws now. */
 export interface DrawTarget {
+  /** Render target of three.js; null for the canvas. `getRenderTarget` does not know it while raw WebGL is used. */
+  renderTarget: WebGLRenderTarget | null;
   framebuffer: WebGLFramebuffer | null;
   /** x, y, width and height in pixels, from the lower left corner. */
   viewport: Vector4;
@@ -39,7 +41,7 @@ export function withRawGl<T>(renderer: WebGLRenderer, work: (target: DrawTarget)
   reset();
   for (let unit = 0; unit < 6; unit++) gl.bindSampler(unit, null);
   try {
-    return work({ framebuffer, viewport, scissor });
+    return work({ renderTarget: target, framebuffer, viewport, scissor });
   } finally {
     reset();
     renderer.setRenderTarget(target, face, level);

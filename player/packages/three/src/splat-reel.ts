@@ -16,13 +16,15 @@ import {
   Vector4,
   type Camera,
   type Intersection,
+  type Object3DEventMap,
   type PerspectiveCamera,
   type Raycaster,
+  type Scene,
   type WebGLRenderer,
 } from "three";
 import { ThreeRenderer, type Look } from "./three-renderer";
-import { isSameView, type View } from "splatreel-player/base/view";
-import { viewAlong, viewOf } from "./views";
+import { isSameView } from "splatreel-player/base/view";
+import { viewAlong, viewOf, type CameraView } from "./views";
 
 /** Options of a `SplatReel`. */
 export interface SplatReelOptions {
@@ -35,15 +37,19 @@ export interface SplatReelOptions {
   depthWrite?: boolean;
 }
 
+type MediaEventName =
+  | "loadstart" | "loadedmetadata" | "durationchange" | "loadeddata" | "canplay" | "play" | "playing" | "pause" | "timeupdate"
+  | "progress" | "waiting" | "seeking" | "seeked" | "volumechange" | "ended" | "error";
+
+/** Events of a `SplatReel`: those of an Object3D, and these of HTMLMediaElement. */
+export type SplatReelEventMap = Object3DEventMap & Record<MediaEventName, object>;
+
 /**
  * Plays a reel. It opens when it is drawn for the first time, since its files go to the graphics device of the renderer.
  *
  * The reel keeps the axes and units of its capture. `uprightRotation` and `viewFromStart` relate them to the scene.
- *
- * Events as in HTMLMediaElement: loadstart, loadedmetadata, durationchange, loadeddata, canplay, play, playing, pause, timeupdate,
- * progress, waiting, seeking, seeked, volumechange, ended, error.
  */
-export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasicMaterial>) {
+export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasicMaterial, SplatReelEventMap>) {
   readonly isSplatReel = true;
   private readonly look: Look;
   readonly player: ReelPlayer;
@@ -51,6 +57,8 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
   private renderer: ThreeRenderer | null = null;
   private readonly onLost = (): void => this.close();
   private disposed = false;
+  /** Pixels per unit of slope in the last frame. */
+  private focal = 0;
 
   /** url: address of the reel's manifest.json. */
   constructor(url: string, { autoplay = false, loop = false, muted = false, currentTime, depthWrite = false }: SplatReelOptions = {}) {
@@ -60,11 +68,11 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
     this.geometry.boundingSphere = new Sphere();
     this.geometry.boundingBox = new Box3();
     this.frustumCulled = false;
-    this.look = { depthWrite, opacity: 1 };
+    this.look = { depthWrite, opacity: 1, fog: null, scale: 1 };
     this.player = new ReelPlayer(url, (event) => this.emit(event));
     this.player.startTime = currentTime ?? null;
     [this.loop, this.muted] = [loop, muted];
-    this.onBeforeRender = (renderer, _scene, camera, _geometry, material) => void (material === this.material && this.draw(renderer, camera));
+    this.onBeforeRender = (renderer, scene, camera, _geometry, material) => void (material === this.material && this.draw(renderer, scene, camera));
     if (autoplay) this.play();
   }
 
@@ -111,11 +119,26 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
     const inverse = new Matrix4().copy(this.matrixWorld).invert();
     const ray = new Ray().copy(raycaster.ray).applyMatrix4(inverse);
     ray.direction.normalize();
-    const depth = renderer.depthAlong(viewAlong(ray, view.fx, manifest.near));
+    const depth = renderer.depthAlong(viewAlong(ray, this.focal, manifest.near));
     if (depth === null) return;
     const point = ray.at(depth, new Vector3()).applyMatrix4(this.matrixWorld);
     const distance = raycaster.ray.origin.distanceTo(point);
     if (distance >= raycaster.near && distance <= raycaster.far) intersects.push({ distance, point, object: this });
+  }
+
+  /** Copy the place and the settings of another reel. Each plays for itself: the time is copied, but not whether it plays. */
+  override copy(source: this, recursive?: boolean): this {
+    const { geometry, material } = this;
+    super.copy(source, recursive);
+    [this.geometry, this.material] = [geometry, material];
+    this.material.fog = source.material.fog;
+    for (const name of ["opacity", "depthWrite", "loop", "muted", "volume", "playbackRate", "rendition", "positional", "currentTime"] as const) Object.assign(this, { [name]: source[name] });
+    return this;
+  }
+
+  /** Return another object of the same reel, which opens and plays for itself. */
+  override clone(recursive?: boolean): this {
+    return new SplatReel(this.player.url).copy(this, recursive) as this;
   }
 
   /** Free the memory of the reel, and end its workers and sound. */
@@ -132,19 +155,20 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
     this.material.dispose();
   }
 
-  private draw(three: WebGLRenderer, camera: Camera): void {
+  private draw(three: WebGLRenderer, scene: Scene, camera: Camera): void {
     if (this.disposed || this.error || !this.open(three)) return;
     const { player, renderer } = this;
     const { manifest } = player;
     const size = three.getCurrentViewport(new Vector4());
     if (!manifest || size.z < 1 || size.w < 1) return;
     const scale = Math.cbrt(Math.abs(this.matrixWorld.determinant()));
-    const seenBy = (from: Camera): View => viewOf(from, this.matrixWorld, scale, size.z, size.w, manifest.near);
-    const view = seenBy(camera);
-    const P = camera.projectionMatrix.elements;
-    renderer!.depth = [P[10], P[14] / scale];
+    Object.assign(this.look, { scale, fog: this.material.fog ? scene.fog : null });
+    const seenBy = (from: Camera): CameraView => viewOf(from, this.matrixWorld, scale, size.z, size.w, manifest);
+    const { view, depth, focal } = seenBy(camera);
+    renderer!.depth = depth;
+    this.focal = focal;
     // The order serves both eyes of a headset.
-    player.draw(view, three.xr.isPresenting ? seenBy(three.xr.getCamera()) : view, !isSameView(player.view, view));
+    player.draw(view, three.xr.isPresenting ? seenBy(three.xr.getCamera()).view : view, !isSameView(player.view, view));
   }
 
   /** Open the reel on the first renderer that draws it. Returns false if it cannot be drawn. */
