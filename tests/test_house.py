@@ -15,7 +15,11 @@ SOURCE = ROOT / "src" / "splatreel"
 PYTHON_FILES = sorted(p for d in ("src", "tests", "benchmarks") for p in (ROOT / d).rglob("*.py"))
 RUNGS = {
     **dict.fromkeys(
-        ("cgroups", "child_process", "compile_cache", "errors", "config", "jit", "process", "progress", "threads"), 0
+        (
+            *("cgroups", "child_process", "command_line", "compile_cache", "errors", "config", "jit", "process"),
+            *("progress", "threads"),
+        ),
+        0,
     ),
     "scene": 1,
     "storage": 2,
@@ -29,6 +33,7 @@ RUNGS = {
 }
 WITHOUT_TORCH = (
     "child_process",
+    "command_line",
     "compile_cache",
     "errors",
     "cgroups",

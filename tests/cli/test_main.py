@@ -250,7 +250,7 @@ def test_no_gpu_memory() -> None:
 
 def test_package_that_is_not_installed() -> None:
     assert explained(ModuleNotFoundError("No module named 'torch'", name="torch")) == (
-        "Error: the Python package 'torch' is needed and not installed. Run\n  pip install 'splatreel[recon]'",
+        "Error: the Python package 'torch' is needed and not installed. Run\n  pip install \"splatreel[recon]\"",
         1,
     )
     assert explain(ModuleNotFoundError("No module named 'splatreel.oops'", name="splatreel.oops"), []) is None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import shlex
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
@@ -13,6 +12,7 @@ from tyro.conf import Positional
 
 from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out, parse_left_out
 from splatreel.cli.printing import counted, say
+from splatreel.command_line import install_command, quoted
 from splatreel.errors import ReconstructionError, UsageError
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def capture_check(
     coverage, verdict = _judge(source, names, images, quick, said) or (None, None)
     given = {"--width": width, "--frames": frames, "--hold-out": hold_out, "--leave-out": leave_out}
     options = [part for option, value in given.items() if value is not None for part in (option, str(value))]
-    command = shlex.join(["splatreel", "reconstruct", str(capture), "--out", "OUT", *options])
+    command = quoted(["splatreel", "reconstruct", capture, "--out", "OUT", *options])
     text = f"It can be read; nothing else was checked. Run\n  {command}" if verdict is None else verdict.text(command)
     if page is not None:
         from splatreel.evaluation.page.check_page import CheckFacts, check_page
@@ -126,7 +126,7 @@ def _judge(
     check_pictures(source, names, frames)
     _say_each(source.doubts, said)
     if any(importlib.util.find_spec(name) is None for name in ("cv2", "torch")):
-        _say_each(["poses are not compared with the images, which needs pip install 'splatreel[recon]'"], said)
+        _say_each([f"poses are not compared with the images, which needs {install_command('recon')}"], said)
         return None
     from splatreel.recon.cameras.poses import inspect_poses
     from splatreel.recon.coverage.coverage import judge_capture

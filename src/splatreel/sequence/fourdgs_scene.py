@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.command_line import install_command
 from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
@@ -79,7 +80,7 @@ def _read(path: Path) -> Any:
         return fourdgs.read(str(path))
     except ImportError as error:
         raise GaussiansError(
-            f"{path}: needs a package to be read ({error.name}). Run\n  pip install 'splatreel[splats]'"
+            f"{path}: needs a package to be read ({error.name}). Run\n  {install_command('splats')}"
         ) from error
     except Exception as error:
         raise GaussiansError(f"{path}: is damaged, or of another version ({error!s:.100}). Export it again.") from error

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
@@ -22,7 +21,7 @@ from splatreel.capture.builtin.toysound import render_sound
 from splatreel.capture.sidecar import SIDECAR, SIDECAR_BYTES
 from splatreel.capture.soundtrack import RATE
 from splatreel.errors import CaptureError, UsageError
-from splatreel.scene.atomic import scratch
+from splatreel.scene.atomic import move, scratch
 from splatreel.scene.camera import Camera, facing
 from splatreel.scene.untrusted import read_json
 
@@ -101,7 +100,7 @@ def make_capture(
             folder = temporary / path.name
             folder.mkdir()
             _write(folder, recipe, progress or (lambda share: None))
-            os.replace(folder, path)
+            move(folder, path)
     except OSError as error:
         raise CaptureError(f"{path}: cannot be written ({error}). Free some space or choose another folder.") from error
     return path

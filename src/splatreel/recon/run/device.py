@@ -7,6 +7,7 @@ import math
 
 import torch
 
+from splatreel.command_line import install_command
 from splatreel.errors import MissingDependencyError, ReconstructionError, UsageError
 
 IMAGES_SHARE = 0.6
@@ -30,7 +31,7 @@ def pick_device(name: str) -> torch.device:
         raise UsageError("--device cuda: PyTorch finds no CUDA device. Use --device cpu, or install PyTorch for CUDA.")
     if name == "cuda" and not gsplat:
         raise MissingDependencyError(
-            "--device cuda: gsplat is not installed. Run `pip install 'splatreel[cuda]'`, or use --device cpu."
+            f"--device cuda: gsplat is not installed. Run `{install_command('cuda')}`, or use --device cpu."
         )
     return torch.device("cuda" if name != "cpu" and gpu and gsplat else "cpu")
 
