@@ -16,8 +16,8 @@ PYTHON_FILES = sorted(p for d in ("src", "tests", "benchmarks") for p in (ROOT /
 RUNGS = {
     **dict.fromkeys(
         (
-            *("cgroups", "child_process", "command_line", "compile_cache", "errors", "config", "jit", "process"),
-            *("progress", "threads"),
+            *("cgroups", "child_process", "command_line", "compile_cache", "errors", "config", "jit"),
+            *("notebook", "process", "progress", "threads"),
         ),
         0,
     ),
@@ -28,6 +28,7 @@ RUNGS = {
     **dict.fromkeys(("recon", "play"), 5),
     **dict.fromkeys(("evaluation", "edit"), 6),
     "sequence": 7,
+    "api": 8,
     "cli": 8,
     "__main__": 9,
 }
@@ -39,6 +40,7 @@ WITHOUT_TORCH = (
     "cgroups",
     "config",
     "jit",
+    "notebook",
     "process",
     "progress",
     "threads",
@@ -48,6 +50,7 @@ WITHOUT_TORCH = (
     "capture",
     "play",
     "edit",
+    "api",
     "cli",
 )
 MAX_FILE_LINES = 400

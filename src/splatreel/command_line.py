@@ -11,6 +11,9 @@ from collections.abc import Sequence
 _PLAIN = re.compile(r"[\w@+=:,./-]+", re.ASCII)
 _PLAIN_ON_WINDOWS = re.compile(r"[\w@+=:,./\\-]+")
 
+EXTRAS = {"torch": "recon", "cv2": "recon", "pycolmap": "recon", "gsplat": "cuda", "viser": "viewer"}
+"""Extra of the package that installs an optional module."""
+
 
 def quoted(arguments: Sequence[object], windows: bool = os.name == "nt") -> str:
     """Return a command line, with double quotes where a name needs quotes.
@@ -32,6 +35,13 @@ def install_command(extra: str, *packages: str) -> str:
         *packages: Other packages to install with it.
     """
     return " ".join(["pip install", f'"splatreel[{extra}]"', *packages])
+
+
+def missing_package(module: str | None) -> str | None:
+    """Return the message about an optional module that is not installed; None for a module that no extra installs."""
+    if module not in EXTRAS:
+        return None
+    return f"the Python package {module!r} is needed and not installed. Run\n  {install_command(EXTRAS[module])}"
 
 
 def _quoted_for_posix(argument: str) -> str:

@@ -11,9 +11,10 @@ from pathlib import Path
 from tyro.conf import OmitArgPrefixes, Positional
 from tyro.extras import SubcommandApp
 
-from splatreel.cli.options import CaptureOptions, Set, parse_frames, parse_names, parse_numbers, reel_folder, with_set
+from splatreel.cli.options import CaptureOptions, Set, parse_frames, parse_names, parse_numbers, with_set
 from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Device, configure
+from splatreel.codec.source import reel_folder
 from splatreel.config import Quality
 from splatreel.config.settings import changed
 from splatreel.errors import MissingDependencyError, UsageError

@@ -7,8 +7,9 @@ from typing import Any
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import CaptureAddress, megabytes, parse_frames, parse_left_out, parse_names, reel_folder
+from splatreel.cli.options import CaptureAddress, megabytes, parse_frames, parse_left_out, parse_names
 from splatreel.cli.printing import say
+from splatreel.codec.source import reel_folder
 from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
 

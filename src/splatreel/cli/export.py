@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import OmitArgPrefixes
 
-from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_frames, reel_folder
+from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_frames
 from splatreel.cli.printing import counted, say
+from splatreel.codec.source import reel_folder
 from splatreel.errors import UsageError
 from splatreel.scene.atomic import sweep
 

@@ -10,11 +10,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
 
-from splatreel.command_line import install_command, quoted
+from splatreel.command_line import missing_package, quoted
 from splatreel.errors import SplatreelError
-
-EXTRAS = {"torch": "recon", "cv2": "recon", "pycolmap": "recon", "gsplat": "cuda", "viser": "viewer"}
-"""Extra of the package that installs an optional module."""
 
 ADVICE = {
     "--width": "smaller images (--width)",
@@ -107,9 +104,8 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
             f"Error: the compiled code in {folder} is damaged. Delete this folder, which is created again; then run\n  {command}",
             1,
         )
-    if isinstance(error, ModuleNotFoundError) and error.name in EXTRAS:
-        command = install_command(EXTRAS[error.name])
-        return f"Error: the Python package {error.name!r} is needed and not installed. Run\n  {command}", 1
+    if isinstance(error, ModuleNotFoundError) and (message := missing_package(error.name)) is not None:
+        return f"Error: {message}", 1
     if isinstance(error, OSError) and error.filename is not None:
         return f"Error: {error.filename}: {error.strerror}.", 1
     return None

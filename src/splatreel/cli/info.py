@@ -7,8 +7,9 @@ import json as json_format
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from splatreel.cli.options import ReelAddress, reel_folder
+from splatreel.cli.options import ReelAddress
 from splatreel.cli.printing import say
+from splatreel.codec.source import reel_folder
 
 if TYPE_CHECKING:
     from splatreel.codec.info import ReelInfo

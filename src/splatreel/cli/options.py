@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, overload
+from typing import TYPE_CHECKING, Annotated, Any
 
 import tyro
 
@@ -193,25 +193,6 @@ def parse_renditions(text: str | None) -> tuple[Rate, ...]:
     if text is not None and (len(names) < 2 or not set(names) <= set(COARSENESS)):
         raise UsageError(f"--renditions {text!r}: name two or more of {','.join(COARSENESS)}.")
     return tuple(rate for rate in COARSENESS if rate in names)
-
-
-@overload
-def reel_folder(path: Path) -> Path: ...
-
-
-@overload
-def reel_folder(path: str) -> str | Path: ...
-
-
-def reel_folder(path: str | Path) -> str | Path:
-    """Return the folder of a reel, also for the output folder of `reconstruct` or `demo`. A URL is returned as it is."""
-    from splatreel.storage.addresses import is_url
-
-    if isinstance(path, str) and is_url(path):
-        return path
-    folder = Path(path)
-    inside = folder / "reel"
-    return inside if not (folder / "manifest.json").exists() and (inside / "manifest.json").exists() else folder
 
 
 def check_no_reel(out: Path) -> None:

@@ -8,9 +8,10 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from splatreel.cli.options import ReelAddress, megabytes, parse_names, reel_folder
+from splatreel.cli.options import ReelAddress, megabytes, parse_names
 from splatreel.cli.printing import say
 from splatreel.cli.qr_code import print_qr_code
+from splatreel.codec.source import reel_folder
 
 if TYPE_CHECKING:
     from splatreel.evaluation.page.served_report import ServedReport
