@@ -58,5 +58,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """List the public names, also before they are imported."""
-    return sorted({*globals(), *__all__})
+    """List the public names, also before they are imported, and those of the module itself."""
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -45,7 +45,7 @@ def reconstruct(
     Args:
         capture: The capture, opened at the size to train on; or its path, to train on all frames at full size.
         out: Output folder OUT.
-        config: Settings, or the name of a preset: draft, standard, high or paper.
+        config: Settings, or the name of a preset: draft, standard or paper.
         sound: auto (the best soundtrack of the cameras), none, the name of a camera, or a file.
         device: auto, cpu or cuda.
         progress: Display of the progress. True shows a bar in a terminal or a notebook, and lines elsewhere.

@@ -217,21 +217,6 @@ def test_unreadable_model_is_named(scene: Path) -> None:
         open_capture(scene)
 
 
-def test_model_without_points_is_copied_where_links_are_not_allowed(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As on Windows without developer mode."""
-    pytest.importorskip("pycolmap")
-
-    def refuse(self: Path, target: Path, target_is_directory: bool = False) -> None:
-        raise OSError(1314, "A required privilege is not held by the client")
-
-    scene = folders.colmap(tmp_path / "scene")
-    (scene / "sparse" / "0" / "points3D.txt").unlink()
-    monkeypatch.setattr(Path, "symlink_to", refuse)
-    assert open_capture(scene).points is None
-
-
 def test_missing_pycolmap_names_the_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     with pytest.raises(MissingDependencyError, match=r"splatreel\[recon\]"):

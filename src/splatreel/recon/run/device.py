@@ -26,7 +26,9 @@ def pick_device(name: str) -> torch.device:
     """
     if name not in ("auto", "cpu", "cuda"):
         raise UsageError(f"Unknown device {name!r}. Choose auto, cpu or cuda.")
-    gpu, gsplat = torch.cuda.is_available(), importlib.util.find_spec("gsplat") is not None
+    # PyTorch for AMD's ROCm also calls its devices cuda. gsplat cannot use them.
+    gpu = torch.cuda.is_available() and torch.version.hip is None
+    gsplat = importlib.util.find_spec("gsplat") is not None
     if name == "cuda" and not gpu:
         raise UsageError("--device cuda: PyTorch finds no CUDA device. Use --device cpu, or install PyTorch for CUDA.")
     if name == "cuda" and not gsplat:
