@@ -14,8 +14,7 @@ import pytest
 from splatreel.errors import GaussiansError
 from splatreel.scene import atomic
 from splatreel.scene.atomic import lock, move, open_lock, remove, replacing, scratch, sweep, write_bytes
-
-fcntl = atomic.fcntl
+from tests.windows import simulate_windows_locks
 
 KILLED = """
 import os, sys
@@ -150,33 +149,9 @@ def test_no_other_code_replaces_files() -> None:
     assert found == [Path(atomic.__file__)]
 
 
-class WindowsLocks:
-    """Stand-in for the module msvcrt. Locks belong to an open file, and other handles cannot read or write what is locked."""
-
-    LK_NBLCK = 2
-
-    def __init__(self) -> None:
-        self.positions: list[int] = []
-
-    def locking(self, handle: int, mode: int, count: int) -> None:
-        assert (mode, count) == (self.LK_NBLCK, 1)
-        self.positions.append(os.lseek(handle, 0, os.SEEK_CUR))
-        try:
-            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError as error:
-            raise PermissionError(13, "Permission denied") from error
-
-
-@pytest.fixture
-def windows(monkeypatch: pytest.MonkeyPatch) -> WindowsLocks:
-    locks = WindowsLocks()
-    monkeypatch.setattr(atomic, "fcntl", None)
-    monkeypatch.setattr(atomic, "msvcrt", locks)
-    return locks
-
-
 @pytest.mark.skipif(os.name != "posix", reason="simulates Windows")
-def test_locks_of_windows_are_exclusive_and_hide_no_bytes(tmp_path: Path, windows: WindowsLocks) -> None:
+def test_locks_of_windows_are_exclusive_and_hide_no_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    windows = simulate_windows_locks(monkeypatch)
     first, second = (open_lock(tmp_path / "reel") for _ in range(2))
     try:
         assert (lock(first), lock(second)) == (True, False)

@@ -51,7 +51,7 @@ class ArrayCapture(Capture):
     def _digest(self) -> bytes:
         digest = hashlib.sha256()
         for frame in self._images:
-            digest.update(np.ascontiguousarray(frame))
+            digest.update(frame.tobytes())
         return digest.digest()
 
     def fingerprint(self) -> str:
