@@ -70,7 +70,8 @@ def test_rendered_images_are_within_0_and_1() -> None:
     )
     camera = splatreel.Camera("view", np.eye(4), np.array([[16, 0, 8], [0, 16, 8], [0, 0, 1]]), 16, 16)
     image = splatreel.render(bright, camera)
-    assert (image.min(), image.max()) == (0, 1)
+    assert image.max() == 1
+    assert image.min() >= 0
     shown = splatreel.open_reel(GOLDEN).render(bright, camera)
     assert shown.max() == 1
     assert (shown * 255).astype(np.uint8)[8, 8].min() == 255

@@ -3,7 +3,8 @@ from pathlib import Path
 import pytest
 
 from splatreel.cli.main import main
-from splatreel.cli.options import parse_frames, parse_held_out, parse_names, parse_numbers, reel_folder, with_set
+from splatreel.cli.options import parse_frames, parse_held_out, parse_names, parse_numbers, with_set
+from splatreel.codec.source import reel_folder
 from splatreel.config import Config
 from splatreel.errors import UsageError
 

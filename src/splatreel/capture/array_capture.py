@@ -86,7 +86,12 @@ def capture_from_arrays(
     Raises:
         CaptureError: Shapes, values or times do not fit, or the cameras cannot be used.
     """
-    array = np.asarray(images)
+    try:
+        array = np.asarray(images)
+    except (ValueError, TypeError) as error:  # rows of different lengths, or tensors on a GPU
+        raise CaptureError(
+            f"{name}: the images are no array ({error}). Give [T, C, H, W, 3] in main memory."
+        ) from error
     if array.ndim != 5 or array.shape[-1] != 3 or array.shape[1] != len(cameras) or not array.size:
         raise CaptureError(
             f"{name}: images have shape {array.shape}, expected [T, {len(cameras)}, H, W, 3] for {len(cameras)} cameras."

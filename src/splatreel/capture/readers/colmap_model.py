@@ -28,8 +28,8 @@ STILL_SHARE, STILL_DEGREES = 0.05, 2.0
 """Maximum distance between the poses of one static camera at different frames: share of the size of the rig, and angle."""
 NO_PYCOLMAP = f"""COLMAP models, lenses with distortion and `capture calibrate` need pycolmap, which is not installed. Run
   {install_command("recon")}
-For Linux on ARM, Intel Macs, macOS before 14 and Windows on ARM there is no pycolmap to install. There, read an undistorted capture in
-another layout: `capture convert --format easyvolcap` writes one on another machine."""
+For Linux on ARM, Intel Macs, macOS before 14 and Windows on ARM there is no pycolmap to install (docs/install.md). Read this capture
+on another system."""
 FRAME = "#"
 """Character that stands for the number of the frame in a name. COLMAP's names are paths, in which it is rare."""
 
