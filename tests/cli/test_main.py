@@ -14,8 +14,9 @@ import pytest
 
 from splatreel import errors
 from splatreel.cli import main as cli
-from splatreel.cli.failure import EXTRAS, LIGHTER, Terminated, explain
+from splatreel.cli.failure import LIGHTER, Terminated, explain
 from splatreel.cli.main import main
+from splatreel.command_line import EXTRAS
 from splatreel.errors import CaptureError
 from splatreel.process import quiet_threads
 from tests.capture import folders
