@@ -11,9 +11,9 @@ NPM := $(shell command -v npm 2>/dev/null)
 
 MINUTES ?= 8
 
-.PHONY: demo test test-all check bench gpu player golden screens docs wheel npm-package setup models clean
+.PHONY: demo film sample test test-all check bench gpu player golden screens docs wheel npm-package setup models clean
 
-demo: $(RECON)  ## capture, reconstruct, compress, evaluate and play the built-in scene
+demo: $(RECON)  ## reconstruct, compress, evaluate and play the built-in scene; a finished reel of it plays at once
 	$(BIN)/splatreel demo --out out/demo
 
 # The tests of `make test` answer in minutes. The others take long, kill processes, start a cluster or a browser, or build the wheel.
@@ -64,6 +64,18 @@ bench: $(RECON)  ## append to benchmarks/results.jsonl
 
 gpu: $(SETUP)  ## on a machine with an NVIDIA GPU: test and measure there, within MINUTES; BASKETBALL=FOLDER, of Panoptic Sports
 	$(BIN)/python benchmarks/gpu.py --minutes $(MINUTES) $(if $(BASKETBALL),--basketball '$(BASKETBALL)')
+
+film: $(RECON)  ## film the built-in capture again for the package, after a change of its scene
+	rm -rf out/film
+	$(BIN)/splatreel capture film out/film --trace
+	rm -rf src/splatreel/capture/builtin/film
+	mv out/film src/splatreel/capture/builtin/film
+
+sample: $(RECON)  ## reconstruct the sample reel of the package again; after an interruption, the same command continues
+	$(BIN)/splatreel demo --out out/sample --no-serve
+	rm -rf src/splatreel/play/sample
+	cp -R out/sample/reel src/splatreel/play/sample
+	rm -rf out/sample
 
 player: player/node_modules/.package-lock.json  ## rebuild the web player's bundle in src/splatreel/play/static
 	npm --prefix player run build

@@ -15,6 +15,7 @@ from splatreel.cli.options import parse_frames, parse_names, parse_numbers, reel
 from splatreel.config import Quality, preset
 from splatreel.evaluation.bench.oracle import oracle
 from splatreel.evaluation.bench.oracle_report import OracleReport
+from splatreel.evaluation.reel_capture import open_reel_capture
 from splatreel.process import peak_memory_bytes
 from splatreel.progress import console
 
@@ -40,13 +41,19 @@ def main(
     """
     before, started = machine(), time.monotonic()
     held_out, chosen = parse_names(hold_out, "--hold-out"), parse_numbers(at, "--at")
-    source = open_capture(capture, width=width, frames=parse_frames(frames), held_out=held_out)
+    request = {"width": width, "frames": parse_frames(frames), "held_out": held_out}
+    reel = reel and reel_folder(reel)
+    if reel is None:
+        source = open_capture(capture, **request)
+        shown = list(range(source.frames))
+    else:
+        source, shown = open_reel_capture(reel, capture, **request)
     out = out or Path(f"out/oracle-{source.name}-{width}-{quality}")
     config = dataclasses.replace(preset(quality), seed=seed)
-    chosen = list(range(0, source.frames, every)) if chosen is None else chosen
+    chosen = shown[::every] if chosen is None else chosen
     progress = console()
     try:
-        result = oracle(source, out, config, chosen, reel=reel and reel_folder(reel), progress=progress)
+        result = oracle(source, out, config, chosen, reel=reel, progress=progress)
     finally:
         progress.close()
         source.close()

@@ -15,15 +15,14 @@ import tyro
 
 from record import record
 from splatreel.capture.base import Capture
-from splatreel.capture.opening import open_capture
 from splatreel.codec import group_file
 from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.codec.reader import ReelReader
 from splatreel.config import EncodeConfig
 from splatreel.evaluation.bench.rate_distortion import bd_rate
-from splatreel.evaluation.evaluate import reel_width
 from splatreel.evaluation.metrics import psnr, ssim
+from splatreel.evaluation.reel_capture import open_reel_capture
 from splatreel.play.timeline import Moment, Timeline
 from splatreel.recon.cameras.exposure import remove_exposure
 from splatreel.recon.cameras.group_input import GroupInput
@@ -116,7 +115,7 @@ def main(
 ) -> None:
     """Measure and record. frames: of the capture, that the run was made from. cameras: names, by default the held-out ones."""
     span = None if frames is None else (0, frames)
-    source = open_capture(capture, width=reel_width(run / "reel"), frames=span)
+    source, _ = open_reel_capture(run / "reel", capture, frames=span, named=cameras is not None)
     found = FirstGroup(run, source, cameras.split(",") if cameras else list(source.held_out), moments)
     before = found.score(found.layer.trained, found.stored.group)
     stored, chosen = (found.layer.steps, found.stored.steps), found.choose()

@@ -51,6 +51,7 @@ COLUMNS = (
     "frames",
     "PSNR dB",
     "per channel",
+    "colors fitted",
     "SSIM",
     "LPIPS",
     "before encoding",
@@ -138,9 +139,10 @@ def sequence_table(records: dict[str, dict]) -> str:
 
 
 def _lines(records: dict[str, dict], rows: dict[str, str], columns: tuple[str, ...]) -> list[str]:
-    """Return the lines of a table. LPIPS, which needs weights, has a column as soon as a row has it."""
-    if not any(record.get("lpips") is not None for record in records.values()):
-        columns = tuple(column for column in columns if column != "LPIPS")
+    """Return the lines of a table. A metric that older records lack, or that needs weights, has a column as soon as a row has it."""
+    optional = {"LPIPS": "lpips", "colors fitted": "psnr_color_fitted"}
+    missing = {name for name, key in optional.items() if all(record.get(key) is None for record in records.values())}
+    columns = tuple(column for column in columns if column not in missing)
     cells = (_cells(label, records.get(name)) for name, label in rows.items())
     body = [_row(by_column[column] for column in columns) for by_column in cells]
     return [_row(columns), _row(["---"] * len(columns)), *body]
@@ -159,6 +161,7 @@ def _cells(label: str, record: dict | None) -> dict[str, str]:
         f"{record['frames']} at {record['width']}x{record['height']}",
         _number(record, "psnr", ".2f"),
         _number(record, "psnr_per_channel", ".2f"),
+        _number(record, "psnr_color_fitted", ".2f"),
         _number(record, "ssim", ".4f"),
         _number(record, "lpips", ".4f"),
         _number(record, "psnr_undecoded", ".2f"),

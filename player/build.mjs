@@ -40,12 +40,12 @@ const late = {
   }),
 };
 
-// Styles are embedded as minified text.
+// Styles are embedded as minified text. The unit dp is a length that grows with the element (ui.css).
 const styles = {
   name: "styles",
   setup: (build) => build.onLoad({ filter: /\.css$/ }, async ({ path }) => {
     const { code } = await transform(await readFile(path, "utf8"), { loader: "css", minify: true });
-    return { contents: code.trim(), loader: "text" };
+    return { contents: code.trim().replace(/(-?[\d.]+)dp\b/g, "calc($1*var(--splatreel-dp))"), loader: "text" };
   }),
 };
 

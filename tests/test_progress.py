@@ -4,7 +4,16 @@ import time
 
 import pytest
 
-from splatreel.progress import Estimate, Lines, Silent, Terminal, console, format_numbers, format_seconds
+from splatreel.progress import (
+    Estimate,
+    Lines,
+    Silent,
+    Terminal,
+    console,
+    format_numbers,
+    format_rounded,
+    format_seconds,
+)
 
 
 class Clock:
@@ -15,21 +24,28 @@ class Clock:
         return self.now
 
 
-def test_lines_report_start_progress_and_end() -> None:
+def test_lines_print_one_line_per_stage() -> None:
     clock, stream = Clock(), io.StringIO()
-    lines = Lines(stream, interval=10, clock=clock)
+    lines = Lines(stream, clock=clock)
     lines.stage("building", 100)
     for done in range(1, 101):
         clock.now += 0.25
         lines.update(done, psnr=28.5, points=12_000)
+        lines.beat()
     lines.update(100, points=12_000)
     lines.note("written")
+    lines.stage("reading", 3)
+    lines.update(1)
+    clock.now += 2
+    lines.stage("writing", 1, (0.5, 0.75))  # the stage before ended without a report
+    clock.now += 20
+    lines.update(1, points=7)
+    lines.close()
     assert stream.getvalue().splitlines() == [
-        "building ...",
-        "building: 40 %, 28.5 dB, 12,000 points, about 15 s left",
-        "building: 80 %, 28.5 dB, 12,000 points, about 5.0 s left",
         "building: done in 25 s, 28.5 dB, 12,000 points",
         "written",
+        "reading: done in 2.0 s",
+        "writing: done in 20 s, 7 points, about 20 s left in all",
     ]
 
 
@@ -102,13 +118,13 @@ def test_finished_stages_stay_on_the_screen_once() -> None:
     assert shown.count("1,007 points") <= 2
 
 
-def test_silent_work_is_reported_as_running() -> None:
+def test_long_stages_are_reported_as_running() -> None:
     clock, stream = Clock(), io.StringIO()
     lines = Lines(stream, interval=5, clock=clock)
     lines.stage("finding surfaces", 4)
-    lines.update(1)
+    lines.update(1, points=3)
     lines.beat()
-    assert stream.getvalue().splitlines() == ["finding surfaces ..."], "it has just begun"
+    assert stream.getvalue() == "", "it has just begun"
     clock.now += 6
     lines.beat()
     lines.beat()
@@ -118,23 +134,23 @@ def test_silent_work_is_reported_as_running() -> None:
     lines.close()
     clock.now += 20
     lines.beat()
-    assert stream.getvalue().splitlines()[1:] == [
-        "finding surfaces: 25 %, still working, 6.0 s so far",
-        "finding surfaces: done in 6.0 s",
-        "finding surfaces: done, getting on with what follows, 26 s so far",
+    assert stream.getvalue().splitlines() == [
+        "finding surfaces: 25 %, 6.0 s so far, 3 points, about 18 s left",
+        "finding surfaces: done in 6.0 s, 3 points",
+        "finding surfaces: done, continuing, 26 s so far, 3 points",
     ]
 
 
-def test_lines_report_liveness_from_a_thread() -> None:
+def test_lines_report_long_stages_from_a_thread() -> None:
     stream = io.StringIO()
     lines = Lines(stream, interval=0.02)
     lines.stage("finding surfaces", 1)
     for _ in range(6000):
-        if "still working" in stream.getvalue():
+        if "so far" in stream.getvalue():
             break
         time.sleep(0.01)
     lines.close()
-    assert "finding surfaces: 0 %, still working, " in stream.getvalue()
+    assert "finding surfaces: 0 %, " in stream.getvalue()
 
 
 def test_silent_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
@@ -151,6 +167,10 @@ def test_silent_prints_nothing(capsys: pytest.CaptureFixture[str]) -> None:
 )
 def test_format_seconds_known_answers(seconds: float, text: str) -> None:
     assert format_seconds(seconds) == text
+
+
+def test_estimates_are_rounded_to_what_is_known() -> None:
+    assert [format_rounded(seconds) for seconds in (12.4, 45, 117, 7300)] == ["12 s", "45 s", "2 min", "2 h 02 min"]
 
 
 def test_format_numbers_known_answers() -> None:

@@ -39,11 +39,12 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.mark.wheel
-def test_the_wheel_holds_the_player_and_the_licence_and_no_tests(wheel: Path) -> None:
+def test_the_wheel_holds_the_player_the_film_the_sample_and_the_licence_and_no_tests(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
-    static = [p for p in (ROOT / "src" / "splatreel" / "play" / "static").rglob("*") if p.is_file()]
-    assert static
-    for path in static:
+    package = ROOT / "src" / "splatreel"
+    folders = package / "play" / "static", package / "capture" / "builtin" / "film"
+    assert all(folder.is_dir() for folder in folders)
+    for path in (p for folder in (*folders, package / "play" / "sample") for p in folder.rglob("*") if p.is_file()):
         assert path.relative_to(ROOT / "src").as_posix() in names
     assert any(name.endswith("/licenses/LICENSE") for name in names)
     assert not [name for name in names if name.startswith(("tests", "benchmarks")) or "node_modules" in name]

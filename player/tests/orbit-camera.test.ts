@@ -121,15 +121,26 @@ test("focus turns to the point and orbits about it", () => {
   close(pixel(camera, [1, 0.5, 0]), [80, 60]);
 });
 
-test("a portrait screen shows a wide image over most of its height; a landscape screen is unchanged", () => {
+test("a screen narrower than the image shows nothing above and below it; a wider one crops little", () => {
   const camera = new OrbitCamera(manifest);
-  const tall = camera.view(390, 844);
-  const share = (120 * tall.fy) / 120 / 844;
-  assert.ok(share > 0.65 && share < 1, String(share));
-  close([tall.cx, tall.cy], [195, 422]);
+  for (const [width, height] of [[390, 844], [768, 1024], [600, 600], [360, 800]]) {
+    const { fx, fy, cx, cy } = camera.view(width, height);
+    close([(120 * fy) / 120, fx, cx, cy], [height, height, width / 2, height / 2]);
+  }
   const wide = camera.view(844, 390);
   assert.ok(Math.abs(wide.fx - 1.4 * 390) < 1e-6);
-  assert.ok(camera.view(160, 4000).fx <= 2.5 * 120);
+  assert.equal(camera.view(160, 4000).fx, 4 * 120);
+});
+
+test("the own view is recognized", () => {
+  const camera = new OrbitCamera(manifest);
+  assert.ok(camera.atOwnView);
+  camera.viewmat = [...viewmat.slice(0, 11), 5, 0, 0, 0, 1];
+  assert.ok(!camera.atOwnView);
+  camera.viewmat = viewmat;
+  assert.ok(camera.atOwnView);
+  camera.orbit(0.01, 0);
+  assert.ok(!camera.atOwnView);
 });
 
 test("a portrait screen centers the focus and keeps the roll; a landscape screen is unchanged", () => {
@@ -139,6 +150,7 @@ test("a portrait screen centers the focus and keeps the roll; a landscape screen
   const { viewmat: m, fx, cx } = camera.view(390, 844);
   const [x, z] = [0, 8].map((r) => m[r] + 0.3 * m[r + 1] + m[r + 3]);
   assert.ok(Math.abs((fx * x) / z + cx - 195) < 1e-6);
+  close([camera.center], [(120 / 4 + 80) / 160]);
   close([m[1], m[4], m[5], m[6]], [0, 0, 1, 0]);
   camera.orbit(0.4, 0);
   camera.reset();

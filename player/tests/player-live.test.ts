@@ -35,6 +35,26 @@ test("the player waits for the first group of a live reel, starts at its live ed
   assert.equal(host.asked.length, 0, "what is whole does not grow");
 });
 
+test("a live reel whose first group was replaced is opened again with the same view", async () => {
+  const preview = { groups: 1, live: true, layerBytes: 500 };
+  const fake = new FakePlayer(preview);
+  await fake.open();
+  fake.files.giveAll();
+  await fake.pass(60);
+  fake.player.camera!.orbit(0.2, 0);
+  const { viewmat } = fake.player.camera!;
+  host.answer(whole(JSON.stringify(documentOf(preview))));
+  fake.heard();
+  await fake.pass(3000);
+  assert.ok(!fake.heard().includes("loadstart"), "nothing has changed");
+  const next = JSON.stringify(documentOf({ groups: 2, live: true, layerBytes: 900 }));
+  host.answer(whole(next), whole(next));
+  await fake.pass(3000);
+  assert.ok(fake.heard().includes("loadstart"));
+  assert.deepEqual([fake.player.duration, fake.player.error], [2, null]);
+  assert.deepEqual(fake.player.camera!.viewmat.map((v) => v.toFixed(6)), viewmat.map((v) => v.toFixed(6)));
+});
+
 test("a closed live reel sends no more requests", async () => {
   const fake = new FakePlayer({ groups: 2, live: true });
   await fake.open();

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,7 +12,7 @@ import numpy as np
 
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
-from splatreel.codec.source import reel_folder
+from splatreel.codec.source import find_reel
 from splatreel.command_line import missing_package
 from splatreel.config import Config, Quality, preset
 from splatreel.errors import MissingDependencyError
@@ -91,7 +91,8 @@ def evaluate(
 
     Args:
         reel: Folder or URL of the reel, or the output folder OUT of `reconstruct`.
-        capture: The capture that the reel was made from, opened with the same frames; or its path, if all frames were used.
+        capture: The path of the capture that the reel was made from, which is opened with the frames and cameras of the reel; or the
+            capture itself, opened with the same frames.
         out: Folder for report.json, report.md, report.html and pictures.
         cameras: Names of the cameras to compare with; None means the held-out ones.
         frames: Frames to compare; None means all that the reel and the capture share.
@@ -109,17 +110,23 @@ def evaluate(
     """
     with _needing_packages():
         from splatreel.evaluation import evaluate as evaluation
+        from splatreel.evaluation.reel_capture import open_reel_capture
 
-        folder = reel_folder(reel)
-        with (
-            _opened(capture, evaluation.reel_width(folder)) as source,
-            _shown(progress, cancel) as display,
-        ):
+        folder = find_reel(reel)
+        chosen = frames
+        with ExitStack() as opened:
+            if isinstance(capture, Capture):
+                source = capture
+            else:
+                source, shown = open_reel_capture(folder, capture, named=cameras is not None)
+                opened.callback(source.close)
+                chosen = shown if frames is None else frames
+            display = opened.enter_context(_shown(progress, cancel))
             return evaluation.evaluate(
                 *(folder, source),
                 out=None if out is None else Path(out),
                 cameras=cameras,
-                frames=frames,
+                frames=chosen,
                 rendition=rendition,
                 lpips_every=lpips_every,
                 progress=display,
@@ -158,12 +165,12 @@ def render(
 
 
 @contextmanager
-def _opened(capture: Capture | str | Path, width: int | None = None) -> Iterator[Capture]:
-    """Yield a capture. One that is opened here, at a width in pixels, is closed at the end."""
+def _opened(capture: Capture | str | Path) -> Iterator[Capture]:
+    """Yield a capture. One that is opened here is closed at the end."""
     if isinstance(capture, Capture):
         yield capture
         return
-    source = open_capture(capture, width=width)
+    source = open_capture(capture)
     try:
         yield source
     finally:

@@ -128,11 +128,11 @@ class PartOf:
         self._progress.stage(name, total, span)
 
     def update(self, done: int, **numbers: float) -> None:
-        """Show nothing."""
+        """Report finished steps."""
         self._progress.update(done, **numbers)
 
     def note(self, text: str) -> None:
-        """Show nothing."""
+        """Show one line."""
         self._progress.note(text)
 
 
@@ -164,7 +164,7 @@ class Estimate:
 
     @property
     def stage_seconds(self) -> float:
-        """Show nothing."""
+        """Seconds since the start of the stage."""
         return self._clock() - self._stage_start
 
     @property
@@ -186,31 +186,32 @@ class Estimate:
 
 
 class Lines:
-    """Progress display for a log file or a pipe.
+    """Progress display for a log file or a pipe: one line per stage, printed when the stage ends.
 
-    It prints a line when a stage starts, about every `interval` seconds, and when the stage ends. It also prints a line
-    if no report came for `interval` seconds. Call `close` at the end.
+    A stage that takes longer than `interval` also prints a line every `interval` seconds, since many services end jobs that
+    print nothing. Call `close` at the end.
     """
 
     def __init__(
-        self, stream: TextIO | None = None, interval: float = 5.0, clock: Callable[[], float] = time.monotonic
+        self, stream: TextIO | None = None, interval: float = 120.0, clock: Callable[[], float] = time.monotonic
     ) -> None:
         self._stream = stream or sys.stderr
         self._interval = interval
         self._clock = clock
         self._estimate = Estimate(clock)
-        self._name, self._ended = "", False
+        self._name, self._ended = "", True
+        self._numbers: dict[str, float] = {}
         self._last = clock()
         self._lock, self._closed = threading.RLock(), threading.Event()
         self._watch: threading.Thread | None = None
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
-        """Start a stage."""
+        """Start a stage. A stage before it that has not reported its end has ended now."""
         with self._lock:
-            self._name, self._ended = name, False
+            self._end()
+            self._name, self._ended, self._numbers = name, False, {}
             self._estimate.stage(total, span)
             self._last = self._clock()
-            self._print(f"{name} ...")
         if self._watch is None:
             self._watch = threading.Thread(target=self._beat_until_closed, daemon=True)
             self._watch.start()
@@ -218,19 +219,10 @@ class Lines:
     def update(self, done: int, **numbers: float) -> None:
         """Report finished steps."""
         with self._lock:
-            finished = done >= self._estimate.total
-            if finished and self._ended:
-                return
-            self._estimate.done, self._ended = done, finished
-            if not finished and self._clock() - self._last < self._interval:
-                return
-            self._last = self._clock()
-            state = f"done in {format_seconds(self._estimate.stage_seconds)}" if finished else self._percent()
-            parts = [f"{self._name}: {state}", format_numbers(numbers)]
-            left = self._estimate.seconds_left()
-            if left is not None and left >= 0.5:
-                parts.append(self._estimate.in_words(left))
-            self._print(", ".join(p for p in parts if p))
+            self._estimate.done = done
+            self._numbers = numbers or self._numbers
+            if done >= self._estimate.total:
+                self._end()
 
     def note(self, text: str) -> None:
         """Show one line."""
@@ -245,17 +237,26 @@ class Lines:
             self._stream.flush()
 
     def beat(self) -> None:
-        """Print that work continues, if nothing was printed for `interval` seconds."""
+        """Print the state of the stage, if nothing was printed for `interval` seconds."""
         with self._lock:
             if self._closed.is_set() or self._clock() - self._last < self._interval:
                 return
-            self._last = self._clock()
             since = format_seconds(self._estimate.stage_seconds)
-            state = "done, getting on with what follows" if self._ended else f"{self._percent()}, still working"
-            self._print(f"{self._name}: {state}, {since} so far")
+            state = "done, continuing" if self._ended else f"{100 * self._estimate.share:.0f} %"
+            self._report(f"{state}, {since} so far")
 
-    def _percent(self) -> str:
-        return f"{100 * self._estimate.share:.0f} %"
+    def _end(self) -> None:
+        if not self._ended:
+            self._ended = True
+            self._report(f"done in {format_seconds(self._estimate.stage_seconds)}")
+
+    def _report(self, state: str) -> None:
+        """Print the state of the stage, its last numbers and the time left. The stage itself has no time left when it has ended."""
+        self._last = self._clock()
+        left = None if self._ended and self._estimate.span is None else self._estimate.seconds_left()
+        time_text = "" if left is None or left < 0.5 else self._estimate.in_words(left)
+        parts = [f"{self._name}: {state}", format_numbers(self._numbers), time_text]
+        self._print(", ".join(p for p in parts if p))
 
     def _beat_until_closed(self) -> None:
         while not self._closed.wait(self._interval / 4):
@@ -330,11 +331,11 @@ class Terminal:
         self._bars.update(self._task, completed=done, text=text)
 
     def note(self, text: str) -> None:
-        """Show nothing."""
+        """Show one line."""
         self._bars.console.print(printable(text), markup=False, highlight=False)
 
     def close(self) -> None:
-        """Show nothing."""
+        """End the display."""
         self._bars.stop()
 
 
@@ -362,6 +363,11 @@ def format_seconds(seconds: float) -> str:
     if minutes < 60:
         return f"{minutes} min {rest:02d} s"
     return f"{minutes // 60} h {minutes % 60:02d} min"
+
+
+def format_rounded(seconds: float) -> str:
+    """Format a duration that is an estimate: rounded to minutes if it takes minutes, for example 12 s or 3 min."""
+    return format_seconds(seconds if seconds < 60 else 60 * round(seconds / 60)).replace(" 00 s", "")
 
 
 def format_numbers(numbers: dict[str, float]) -> str:

@@ -65,8 +65,17 @@ def test_rows_say_what_was_measured_and_what_was_not(table: ModuleType) -> None:
         assert f"| {cell} |" in row
     assert row.count(table.MISSING) == 1  # psnr_undecoded
     assert "| coffee, 320 wide, each frame on its own | 4 at 320x180 |" in text
-    assert text.splitlines()[2].count(table.MISSING) == len(table.COLUMNS) - 2  # the built-in capture, without LPIPS
+    assert (
+        text.splitlines()[2].count(table.MISSING) == len(table.COLUMNS) - 3
+    )  # the built-in capture, without LPIPS and fitted colors
     assert text.endswith("Measured on 2 cores.")
+
+
+def test_fitted_colors_have_a_column_once_a_row_has_them(table: ModuleType) -> None:
+    assert "colors fitted" not in table.table({"yard": RECORD})
+    rows = table.table({"yard": RECORD | {"psnr_color_fitted": 31.25}}).splitlines()
+    place = rows[0].split(" | ").index("colors fitted")
+    assert [row.split(" | ")[place] for row in rows if "29.50" in row] == ["31.25"]
 
 
 def test_lpips_has_a_column_once_a_row_has_it(table: ModuleType) -> None:

@@ -9,6 +9,7 @@ from PIL import Image
 from splatreel.capture.masked_capture import PALETTE, MaskedCapture
 from splatreel.capture.opening import open_capture
 from splatreel.scene.camera import Camera
+from splatreel.scene.reel_source import ReelSource
 from tests.capture import folders
 from tests.recon.captures import WallCapture
 
@@ -79,3 +80,7 @@ def test_facts_are_those_of_the_capture(tmp_path: Path, width: int | None) -> No
     names = ["1", "10"]
     np.testing.assert_array_equal(capture.read(0, 3, names), plain.read(0, 3, names))  # everything is the subject
     np.testing.assert_array_equal(capture.missing(0, 3, names), plain.missing(0, 3, names))
+
+
+def test_reel_of_a_subject_says_so() -> None:
+    assert MaskedCapture(WallCapture(2), Ramp()).reel_source() == ReelSource(0, part="masks")

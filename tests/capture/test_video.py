@@ -1,13 +1,15 @@
 import os
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import av
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from splatreel.capture.video import VideoFile
+from splatreel.capture.video import VIDEO_SUFFIXES, VideoFile
 from splatreel.errors import CaptureError
 from tests.capture import folders
 from tests.capture.colors import write_display_matrix
@@ -137,3 +139,33 @@ def test_pipe_does_not_block(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "cam00.mp4")
     with pytest.raises(CaptureError, match=r"cam00\.mp4: is no file"):
         VideoFile(tmp_path / "cam00.mp4")
+
+
+@pytest.mark.parametrize(
+    ("codec", "suffix", "format"),
+    [
+        ("libx264", ".mxf", "mxf"),
+        ("mpeg2video", ".mxf", "mxf"),
+        ("mpeg2video", ".mpg", "mpeg"),
+        ("libx264", ".m2ts", "mpegts"),
+        ("libx264", ".3gp", "3gp"),
+        ("libx264", ".flv", "flv"),
+        ("wmv2", ".wmv", "asf"),
+    ],
+)
+def test_frames_of_other_containers_have_their_numbers(tmp_path: Path, codec: str, suffix: str, format: str) -> None:
+    path = tmp_path / f"cam00{suffix}"
+    with av.open(str(path), "w", format=format) as container:
+        stream: Any = container.add_stream(codec, rate=25)
+        stream.width, stream.height, stream.pix_fmt = 128, 96, "yuv420p"
+        stream.codec_context.gop_size, stream.codec_context.max_b_frames = 8, 0 if codec == "wmv2" else 2
+        for t in range(20):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(folders.frame(0, t % 13, 128, 96), format="rgb24")))
+        container.mux(stream.encode(None))
+    assert path.suffix in VIDEO_SUFFIXES
+    file = VideoFile(path)
+    assert file.frames == 20
+    np.testing.assert_allclose(file.times, np.arange(20) / 25, atol=2e-3)
+    for number in (0, 1, 7, 12, 5):
+        assert folders.which(read(file, number, 1)[0])[1] == number
+    file.close()

@@ -135,3 +135,39 @@ def test_default_stream_is_read_rather_than_a_preview_before_it(scene: Path) -> 
         container.mux(small.encode(None))
         container.mux(large.encode(None))
     assert shown(scene, "cam02") == list(range(FRAMES))
+
+
+def truncated(folder: Path, name: str, frames: int) -> Path:
+    """Cut a video, whose tables are at its start, within a frame. Colors tell its camera and frames."""
+    scene = folders.neu3dv(folder, count=4, frames=frames)
+    c = int(name[-2:])
+    rng = np.random.default_rng(0)
+    images = [folders.frame(c, t) for t in range(frames)]
+    for t in range(frames):
+        images[t][::2, ::2, 2] = rng.integers(0, 255, (12, 16))  # all frames have many bytes
+    folders.write_video(scene / f"{name}.mp4", images, {"movflags": "faststart"})
+    file = scene / f"{name}.mp4"
+    content = file.read_bytes()
+    file.write_bytes(content[: int(0.7 * len(content))])
+    return scene
+
+
+def test_a_truncated_video_is_used_to_its_last_whole_frame(tmp_path: Path) -> None:
+    scene = truncated(tmp_path / "scene", "cam02", 12)
+    with pytest.raises(
+        CaptureError, match=r"cam02\.mp4: is truncated: .* \(--frames 0:\d+\), or leave the camera out"
+    ) as said:
+        open_capture(scene)
+    whole = int(str(said.value).partition("--frames 0:")[2].partition(")")[0])
+    assert 2 < whole < 12
+    capture = open_capture(scene, frames=(0, whole))
+    assert any("cam02.mp4: is truncated" in note and note.endswith("which are used") for note in capture.notes)
+    missing = capture.missing(0, whole, ["cam02"])[:, 0]
+    read = capture.read(0, whole, ["cam02"])[:, 0]
+    shown = [round((frame[1::2, 1::2, 0].mean() - 20) / 15) for frame in read]
+    assert [t for t in range(whole) if not missing[t] and abs(shown[t] - t) > 0.5] == []
+    assert not missing[: whole - 3].any()
+    with pytest.raises(
+        CaptureError, match=r"cam02\.mp4: is truncated.*choose frames before its end \(--frames 0:\d+\)"
+    ):
+        open_capture(scene, frames=(0, 12))

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from splatreel.capture import calibrate, sync
+from splatreel.capture.sidecar import SyncEvidence
 from splatreel.cli.main import main
 from tests.capture import folders
 
@@ -37,10 +38,35 @@ def test_calibrate_of_too_few_videos(tmp_path: Path, capsys: pytest.CaptureFixtu
 def test_sync_reports_the_start_of_each_video(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    (name,) = {"synchronise", "synchronize"} & set(dir(sync))
-    monkeypatch.setattr(sync, name, lambda path, progress, *_: {"a": 0.0, "b": 1.23456})
-    assert main(["capture", "sync", "phones"]) == 0
-    assert capsys.readouterr().out.splitlines()[1:] == ["  a 0.000", "  b 1.235"]
+    asked: list[bool] = []
+
+    def found(path: Path, progress: object, leave_out: object, dry_run: bool) -> sync.Synchronization:
+        asked.append(dry_run)
+        evidence = {"b": SyncEvidence("a", "sound", 5.25, 2.0)}
+        return sync.Synchronization({"a": 0.0, "b": 1.23456}, {"b": 0.999}, evidence, 1 / 30, 60, True, ["a note"])
+
+    monkeypatch.setattr(sync, "synchronize", found)
+    assert main(["capture", "sync", "phones", "--dry-run"]) == 0
+    assert asked == [True]
+    assert capsys.readouterr().out.splitlines()[1:] == [
+        "  a 0.000",
+        "  b 1.235, by sound with a: fits 5.2 times as well as at any other time (2 is needed)",
+        "    its clock is 0.100 % too slow, which is corrected",
+        "  a note",
+        "--dry-run: phones/splatreel.json was not changed.",
+    ]
+
+
+def test_sync_names_videos_that_are_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nothing = sync.Synchronization({"a": 0.0}, {}, {}, 1 / 30, 60, True, [], True)
+    monkeypatch.setattr(sync, "synchronize", lambda *_: nothing)
+    (tmp_path / "cam04.R3D").touch()
+    assert main(["capture", "sync", str(tmp_path)]) == 0
+    said = capsys.readouterr().out.splitlines()
+    assert "  not read: cam04.R3D. Convert .r3d to .mp4 or .mov, with the same times of the frames" in said
+    assert said[-1].startswith("The videos are in step already, to half a frame.")
 
 
 def test_sync_of_one_video(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -54,6 +80,7 @@ def test_sync_of_one_video(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -
     [
         ('{"starts": {"cam00": -1}}', "starts is {'cam00': -1}, expected seconds of 0 or more by camera"),
         ('{"sync": {"cam00": {"clear": 2}}}', "sync of cam00 is {'clear': 2}, expected what `capture sync` writes"),
+        ('{"rates": {"cam00": 2}}', "rates is {'cam00': 2}, expected numbers of 0.9 to 1.1 by camera"),
         ('{"calibration_failed": 3}', "calibration_failed is 3, expected a sentence"),
     ],
 )
@@ -66,3 +93,14 @@ def test_impossible_start_in_note_is_refused(
     error = capsys.readouterr().err
     assert said in error
     assert str(scene / "splatreel.json") in error
+
+
+def test_film_writes_the_built_in_capture(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    room = tmp_path / "room"
+    assert main(["capture", "film", str(room), "--width", "32", "--height", "24", "--frames", "2"]) == 0
+    said = capsys.readouterr()
+    assert f"{room}: 14 cameras and 2 frames of 32 x 24 pixels, with sound" in said.out
+    assert "cam00, cam07" in said.out
+    assert "making the built-in capture: done in" in said.err
+    assert main(["capture", "film", str(room), "--frames", "3"]) == 1
+    assert "is not the built-in capture of" in capsys.readouterr().err

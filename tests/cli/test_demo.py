@@ -10,6 +10,7 @@ from splatreel.cli import demo
 from splatreel.cli.main import main
 from splatreel.cli.options import with_set
 from splatreel.config import preset
+from splatreel.recon.encode import keyframe_preview
 from tests.recon.small import small
 
 
@@ -30,8 +31,9 @@ def test_demo_makes_no_trial_of_novel_views_by_default() -> None:
 @pytest.mark.slow
 @pytest.mark.smoke
 def test_demo_makes_a_reel_and_a_report_and_is_continued(
-    tiny: None, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tiny: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
+    monkeypatch.setattr(keyframe_preview, "FIRST_AFTER", 0.0)
     arguments = ["demo", "--out", str(tmp_path / "demo"), "--width", "64", "--height", "48", "--frames", "8"]
     assert main(arguments) == 0
     said = capsys.readouterr()
@@ -49,6 +51,10 @@ def test_demo_makes_a_reel_and_a_report_and_is_continued(
     assert {"poster", "thumbnails", "sound", "limits"} <= set(manifest)
     assert "Sound: camera cam" in said.err
     assert "splatreel serve" in said.out  # no terminal here: it ends by itself
+    assert "Your own reel is being made now" in said.out
+    assert "Watch your own reel, first its keyframe, later moving: http://127.0.0.1:" in said.err
+    assert said.err.count("training the first keyframe: ") == 1, "one line per stage"
+    assert not (tmp_path / "demo" / "work" / "preview").exists()
 
     assert main(["edit", str(tmp_path / "demo"), "--title", "My room"]) == 0
     assert main(arguments) == 0

@@ -7,6 +7,7 @@ import pytest
 
 from splatreel.capture import opening
 from splatreel.cli.main import main
+from splatreel.scene.reel_source import ReelSource
 from tests.evaluation import scenes
 
 
@@ -14,10 +15,11 @@ from tests.evaluation import scenes
 def reel(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     def open_capture(path: Path, **request: object) -> scenes.FilmedCapture:
         assert request["width"] == scenes.WIDTH  # the reel's own, as none is asked for
+        assert (request["frames"], request["held_out"]) == ((0, scenes.FRAMES), ["cam00", "cam03"])
         return scenes.capture(path)
 
     monkeypatch.setattr(opening, "open_capture", open_capture)
-    return scenes.write_reel(tmp_path / "run" / "reel")
+    return scenes.write_reel(tmp_path / "run" / "reel", ReelSource(0, ("cam00", "cam03")))
 
 
 def test_evaluate_prints_summary_and_writes_report(

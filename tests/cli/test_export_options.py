@@ -1,20 +1,25 @@
 """`splatreel export`: formats, times and crops of exported Gaussians."""
 
+import gzip
 from dataclasses import replace
 from pathlib import Path
+from typing import get_args
 
 import numpy as np
 import pytest
 
+from splatreel.cli.export import ProgramName
 from splatreel.cli.main import main
 from splatreel.play.gaussian_export import GaussianExport
 from splatreel.play.timeline import Timeline, open_reel
 from splatreel.scene.frame_formats import FRAME_FORMATS
-from splatreel.scene.ply import read_ply
+from splatreel.scene.ply import read_columns, read_ply
+from splatreel.scene.programs import PROGRAMS
 from splatreel.scene.remarks import Remarks
 from splatreel.scene.volumes import Sphere
-from splatreel.sequence.splat_file import read_splats
+from splatreel.sequence.splat_file import is_antialiased, read_splats
 from tests.golden import GOLDEN
+from tests.sequence.films import frame, write_film
 
 
 def export(out: Path, *options: str) -> int:
@@ -97,3 +102,94 @@ def test_frames_before_something_appears_are_empty_files(tmp_path: Path, kind: s
     counts = [film.write_file(tmp_path / f"{frame}{suffix}", kind, film.seconds[frame]) for frame in (0, -1)]
     assert counts == [1, 0]
     assert len(read_splats(tmp_path / f"-1{suffix}", None, Remarks())) == 0
+
+
+@pytest.fixture(scope="module")
+def far_reel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a reel of SH degree 1, whose origin is far from 0, 0, 0."""
+    folder = tmp_path_factory.mktemp("far")
+    points = frame(0)
+    film = write_film(folder / "film", [replace(points, means=points.means + np.array([4e5, 0, 0], np.float32))])
+    assert main(["import", str(film), "--out", str(folder / "reel")]) == 0
+    assert open_reel(folder / "reel").manifest.origin.any()
+    return folder / "reel"
+
+
+def test_names_of_programs_are_those_of_the_table() -> None:
+    assert set(get_args(ProgramName)) == set(PROGRAMS)
+    assert {kind for program in PROGRAMS.values() for kind in program.formats} <= set(FRAME_FORMATS)
+
+
+@pytest.mark.parametrize("program", ["unity", "blender"])
+def test_ply_for_a_program_has_floats_and_degree_3(
+    far_reel: Path, tmp_path: Path, program: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "f.ply"
+    assert main(["export", str(far_reel), "--out", str(out), "--frame", "0", "--for", program]) == 0
+    columns = read_columns(out)
+    assert columns["x"].dtype == np.float32
+    assert sum(name.startswith("f_rest_") for name in columns) == 45
+    assert "Positions are relative to" in capsys.readouterr().out
+    assert main(["export", str(far_reel), "--out", str(out), "--frame", "0"]) == 0
+    assert read_columns(out)["x"].dtype == np.float64
+
+
+def test_spz_for_unity_is_version_2_of_degree_3(tmp_path: Path) -> None:
+    assert export(tmp_path / "f.spz", "--frame", "0", "--for", "unity") == 0
+    head = gzip.decompress((tmp_path / "f.spz").read_bytes())[:16]
+    assert (head[4], head[12]) == (2, 3)
+
+
+def test_folder_for_a_program_has_its_best_format(tmp_path: Path) -> None:
+    for program in PROGRAMS:
+        assert export(tmp_path / program, "--frames", "0:1", "--for", program) == 0
+        file = next((tmp_path / program).iterdir())
+        assert file.name == f"000000{FRAME_FORMATS[PROGRAMS[program].formats[0]].suffix}"
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "said"),
+    [
+        ("f.sog", ["--frame", "0", "--for", "unity"], "UnityGaussianSplatting reads .ply, .spz"),
+        ("f.usdz", ["--for", "blender"], "reads .ply"),
+        ("f.html", ["--for", "blender"], "reads .ply"),
+        (
+            "folder",
+            ["--for", "unity", "--format", "spz"],
+            "UnityGaussianSplatting reads ply, spz2. Leave out --format spz",
+        ),
+    ],
+)
+def test_formats_that_a_program_cannot_read_are_refused(
+    tmp_path: Path, name: str, options: list[str], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert export(tmp_path / name, *options) == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "remedy"), [("f.usdc", "a .4dgs file"), ("folder", "--format spz")])
+def test_size_of_a_large_export_is_said_before_it_is_written(
+    tmp_path: Path, name: str, remedy: str, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if name.endswith("usdc"):
+        pytest.importorskip("pxr")
+    assert export(tmp_path / name, "--frames", "0:4") == 0
+    assert "writing about" not in capsys.readouterr().out
+    monkeypatch.setattr("splatreel.cli.export.LARGE", 10_000)
+    assert export(tmp_path / name, "--frames", "0:4") == 0
+    said = capsys.readouterr().out
+    assert 0 <= said.index("writing about") < said.index("frames 0 to 3")
+    assert "--every 2" in said
+    assert remedy in said
+
+
+@pytest.mark.parametrize(("name", "marked"), [("f.ply", True), ("f.sog", True), ("f.spz", True), ("f.splat", False)])
+def test_antialiasing_is_marked_or_reported(
+    tmp_path: Path, name: str, marked: bool, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = open_reel(GOLDEN)
+    antialiased = replace(real.manifest, antialias=True)
+    monkeypatch.setattr(Timeline, "manifest", property(lambda reel: antialiased))
+    assert export(tmp_path / name, "--frame", "0") == 0
+    assert is_antialiased(tmp_path / name, Remarks()) == marked
+    assert ("cannot mark" in capsys.readouterr().out) != marked

@@ -8,7 +8,6 @@ import pytest
 from splatreel.cli.main import main
 from splatreel.play.timeline import open_reel
 from splatreel.scene.ply import read_ply
-from splatreel.scene.remarks import Remarks
 from splatreel.sequence.spz_file import read_spz
 from tests.sequence.films import frame, write_film
 
@@ -26,7 +25,7 @@ def exported(reel: Path, out: Path, *options: str) -> np.ndarray:
     assert main(["export", str(reel), "--frame", "0", "--out", str(out), *options]) == 0
     if out.suffix == ".ply":
         return read_ply(out).means
-    columns = read_spz(out, Remarks())
+    columns = read_spz(out)
     return np.stack([columns[name] for name in "xyz"], 1)
 
 

@@ -2,6 +2,7 @@
 
 import json
 import re
+import zipfile
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,6 +12,8 @@ from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.errors import ReelError
+from splatreel.scene.ply import write_ply
+from splatreel.scene.ply_table import read_comments
 from splatreel.sequence.reel import SequenceEncoder
 from tests.sequence.films import BALL, WALL, cameras, frame, write_film
 from tests.sequence.test_viewpoints import entry
@@ -126,3 +129,38 @@ def test_only_frames_with_points_can_share_none(
     write_film(tmp_path / "film", [first[:0] if empty else unrelated, first])
     assert main(["import", "film", "--out", "reel"]) == 0
     assert ("No point could be followed" in capsys.readouterr().out) != empty
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_marks_of_antialiasing_are_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], packed: bool
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("film").mkdir()
+    for number in range(3):
+        write_ply(f"film/f{number}.ply", frame(number), antialias=number < 2)
+    if packed:
+        with zipfile.ZipFile("film.zip", "w") as archive:
+            for number in range(3):
+                archive.write(f"film/f{number}.ply")
+    assert main(["import", "film.zip" if packed else "film", "--out", "reel"]) == 0
+    assert ReelReader("reel").manifest.antialias
+    said = capsys.readouterr().out
+    assert "mark their points as trained with antialiasing. The reel draws them so" in said
+    assert re.search(r"marked differently for antialiasing .*f2\.ply\)", said)
+    assert main(["export", "reel", "--out", "again.ply", "--frame", "0"]) == 0
+    assert "SplatRenderMode: mip" in read_comments(Path("again.ply"))
+
+
+def test_memory_limit_is_an_option(film: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["import", film, "--out", "reel", "--max-memory", "1"]) == 0
+    with zipfile.ZipFile("zeros.zip", "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("f0.ply", bytes(100_000_000))
+    assert main(["import", "zeros.zip", "--out", "other"]) == 1
+    said = capsys.readouterr().err
+    assert "f0.ply: claims 100,000,000 unpacked bytes" in said
+    most = re.search(r"--max-memory (\d+)", said)
+    assert most is not None
+    assert main(["import", "zeros.zip", "--out", "other", "--max-memory", most[1]]) == 1
+    assert "is not a PLY file" in capsys.readouterr().err
+    assert main(["import", "zeros.zip", "--out", "other", "--max-memory", "0"]) == 2

@@ -3,8 +3,7 @@ from pathlib import Path
 import pytest
 
 from splatreel.cli.main import main
-from splatreel.cli.options import parse_frames, parse_held_out, parse_names, parse_numbers, with_set
-from splatreel.codec.source import reel_folder
+from splatreel.cli.options import parse_frames, parse_held_out, parse_names, parse_numbers, reel_folder, with_set
 from splatreel.config import Config
 from splatreel.errors import UsageError
 
@@ -109,3 +108,15 @@ def test_empty_text_removes_it(capsys: pytest.CaptureFixture[str]) -> None:
     for given in (["--title", ""], ["--title="]):
         assert main(["edit", "nowhere", *given]) == 1
         assert "is empty" not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["view", "serve", "info", "verify"])
+def test_capture_in_the_place_of_a_reel_is_named(
+    tmp_path: Path, command: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    (tmp_path / "cam00.mp4").touch()
+    (tmp_path / "poses_bounds.npy").touch()
+    assert main([command, str(tmp_path)]) == 2
+    error = capsys.readouterr().err
+    assert f"is a capture, not a reel. Make a reel of it with `splatreel reconstruct {tmp_path} --out OUT`" in error
+    assert "encode" not in error

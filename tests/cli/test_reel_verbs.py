@@ -55,7 +55,11 @@ def test_info_as_json(capsys: pytest.CaptureFixture[str]) -> None:
 
 def test_info_describes_sound(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["info", str(GOLDEN.parent / "golden-sound")]) == 0
-    assert "sound: 4.00 s, 1 channel, 51 kbit/s, heard from 1, 0, 0" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "sound: 4.00 s, 1 channel, 51 kbit/s, heard from 1, 0, 0" in text
+    size = sum(path.stat().st_size for path in (GOLDEN.parent / "golden-sound").rglob("*") if path.is_file())
+    assert f"{size:,} bytes to watch once, {size / 4:,.0f} for each second of video" in text
+    assert "images and sound" in text
     assert main(["info", str(GOLDEN)]) == 0
     assert "sound" not in capsys.readouterr().out
 

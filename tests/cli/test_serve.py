@@ -5,12 +5,14 @@ import re
 import signal
 import subprocess
 import sys
+import threading
 import urllib.request
 from pathlib import Path
 
 import pytest
 
 from splatreel.cli.main import main
+from splatreel.play.server import Server
 
 GOLDEN = Path(__file__).parent.parent / "data" / "golden"
 
@@ -54,8 +56,11 @@ def test_view_without_a_browser_prints_the_address() -> None:
 
 def test_view_opens_the_browser(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     opened: list[str] = []
-    monkeypatch.setattr("webbrowser.open", opened.append)
-    monkeypatch.setattr("splatreel.play.server.Server.wait", lambda self: None)
+    seen = threading.Event()
+    monkeypatch.setenv("DISPLAY", ":0")
+    monkeypatch.setattr("webbrowser.get", lambda: None)
+    monkeypatch.setattr("webbrowser.open", lambda url: (opened.append(url), seen.set()))
+    monkeypatch.setattr("splatreel.play.server.Server.wait", lambda self: seen.wait(60))
     assert main(["view", str(GOLDEN)]) == 0
     assert opened[0] in capsys.readouterr().out
     assert main(["view", str(GOLDEN), "--no-open"]) == 0
@@ -86,3 +91,27 @@ def test_serve_shows_phones_the_self_test(monkeypatch: pytest.MonkeyPatch, capsy
     assert "█" not in printed, "this is no terminal"
     assert main(["serve", str(GOLDEN), "--port", "0"]) == 0
     assert "phone" not in capsys.readouterr().out, "no phone is let in"
+
+
+def test_view_plays_the_sample(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    served: list[str] = []
+
+    def read(server: Server) -> None:
+        with urllib.request.urlopen(f"{server.url}reel/manifest.json", timeout=60) as answer:
+            served.append(answer.read().decode())
+
+    monkeypatch.setattr("splatreel.play.sample_reel.SAMPLE", GOLDEN)
+    monkeypatch.setattr(Server, "wait", read)
+    assert main(["view", "--sample", "--no-open"]) == 0
+    assert served == [(GOLDEN / "manifest.json").read_text()]
+    for arguments in ([], [str(GOLDEN), "--sample"]):
+        assert main(["view", *arguments]) == 2
+        assert "Name either a reel or --sample" in capsys.readouterr().err
+
+
+def test_view_of_a_sample_that_is_not_installed(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("splatreel.play.sample_reel.SAMPLE", tmp_path)
+    assert main(["view", "--sample"]) == 1
+    assert "has no sample reel. `splatreel demo --out OUT` makes such a reel" in capsys.readouterr().err

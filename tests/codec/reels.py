@@ -23,8 +23,8 @@ HOW = "config", "resume", "first_group", "page"
 """Arguments of a writer that are not fields of its header."""
 
 
-def new_writer(path: Path, **changes) -> ReelWriter:
-    """Return a writer with default settings: 10 frames per second, overlap 1."""
+def new_header(**changes) -> ReelHeader:
+    """Return the header of a reel: 10 frames per second, overlap 1."""
     settings: dict[str, Any] = {
         "fps": 10,
         "group_length": 2,
@@ -35,8 +35,13 @@ def new_writer(path: Path, **changes) -> ReelWriter:
         "camera": camera("start", 0),
         "cameras": [camera("a", 1)],
     }
+    return ReelHeader(**(settings | changes))
+
+
+def new_writer(path: Path, **changes) -> ReelWriter:
+    """Return a writer with default settings and the header of `new_header`."""
     how = {name: changes.pop(name) for name in HOW if name in changes}
-    return ReelWriter(path, ReelHeader(**(settings | changes)), **({"config": CONFIG} | how))  # pyright: ignore[reportArgumentType]
+    return ReelWriter(path, new_header(**changes), **({"config": CONFIG} | how))  # pyright: ignore[reportArgumentType]
 
 
 def points(count: int, seed: int = 0, degree: int = 1):

@@ -14,6 +14,8 @@ from splatreel.errors import ReelError
 from tests.codec.reels import edit_manifest, replace_file, write_reel
 from tests.golden import GOLDEN
 
+SOUND, LONG = GOLDEN.parent / "golden-sound", GOLDEN.parent / "golden-long"
+
 
 @pytest.fixture
 def reel(tmp_path):
@@ -118,9 +120,32 @@ def test_info_sizes_add_up():
     assert sum(sum(sections.values()) for sections in info.section_bytes.values()) == sizes
     assert info.bytes == sizes + (GOLDEN / "manifest.json").stat().st_size
     assert info.first_view_bytes == info.bytes - info.layer_bytes[1] - info.group_bytes[1]
+    assert info.start_bytes == info.first_view_bytes  # it has no poster
+    assert info.total_bytes == info.stored_bytes == info.bytes
+    assert info.bytes_per_second == info.bytes / (info.manifest.frames / info.manifest.fps)
     assert max(info.section_bytes["group"], key=info.section_bytes["group"].__getitem__) == "offsets"
     assert info.bytes_per_static_point == sum(info.layer_bytes) / 200
     assert info.float32_bytes == 4 * (59 * 390 + 7 * 8 * 190)
+
+
+def test_sound_poster_and_thumbnails_count_as_they_are_downloaded():
+    info = reel_info(SOUND)
+    sizes = {path: path.stat().st_size for path in SOUND.rglob("*") if path.is_file()}
+    sound = sum(size for path, size in sizes.items() if path.parent.name == "sound")
+    assert sound > 0
+    assert info.total_bytes == info.stored_bytes == sum(sizes.values()) == info.bytes + sound
+    seconds = info.manifest.frames / info.manifest.fps
+    assert info.bytes_per_second == info.total_bytes / seconds
+    born_later = sum(layer.bytes for layer in info.manifest.layers if layer.group)
+    assert info.playing_bytes_per_second == (sum(info.group_bytes) + born_later + sound) / seconds
+
+
+def test_stored_bytes_hold_all_renditions():
+    info = reel_info(LONG, "low")
+    assert info.stored_bytes == sum(
+        p.stat().st_size for p in LONG.rglob("*") if p.is_file() and p.name != "expected.json"
+    )
+    assert info.total_bytes < info.stored_bytes - sum(info.group_bytes)
 
 
 def test_reader_caches_decoded_files(reel):

@@ -1,11 +1,16 @@
 """The documentation site, without building it: its navigation and its reference name what exists."""
 
 import importlib
+import importlib.util
 import re
+import shutil
 from pathlib import Path
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import pytest
+
+from splatreel.cli.main import build
 
 ROOT = Path(__file__).parent.parent.parent
 DOCS = ROOT / "docs"
@@ -57,3 +62,69 @@ def test_site_is_of_the_repository() -> None:
     project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     (address,) = re.findall(r"^repo_url: (\S+)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
     assert f'Repository = "{address}"' in project
+
+
+@pytest.fixture
+def hooks() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("site_hooks", DOCS / "hooks.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def first_page(hooks: ModuleType) -> str:
+    page = SimpleNamespace(file=SimpleNamespace(src_uri="index.md"))
+    config = SimpleNamespace(repo_url="https://example.org")
+    return hooks.on_page_markdown((DOCS / "index.md").read_text(encoding="utf-8"), page=page, config=config, files=None)
+
+
+def test_first_page_plays_the_sample_with_the_player_of_the_package(
+    hooks: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sample = shutil.copytree(ROOT / "tests" / "data" / "golden-predictive", tmp_path / "sample")
+    monkeypatch.setattr(hooks, "SAMPLE", sample)
+    text, site = first_page(hooks), tmp_path / "site"
+    hooks.on_post_build(SimpleNamespace(site_dir=str(site)))
+    assert "images/demo.jpg" not in text
+    assert "autoplay" in text
+    for address in re.findall(r'src="([^"]+)"', text):
+        assert (site / address).is_file(), address
+    assert (site / "sample" / "groups" / "0000.safetensors").is_file()
+    assert (site / "player" / "decode-worker.js").is_file()
+
+
+def test_first_page_of_a_checkout_without_the_sample_shows_the_picture(
+    hooks: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(hooks, "SAMPLE", tmp_path / "none")
+    hooks.on_post_build(SimpleNamespace(site_dir=str(tmp_path / "site")))
+    assert "images/demo.jpg" in first_page(hooks)
+    assert not (tmp_path / "site").exists()
+
+
+def test_names_break_in_tables_and_not_in_blocks_of_code(hooks: ModuleType) -> None:
+    block = "<pre><span></span><code>.venv/bin/splatreel capture film room\n</code></pre>"
+    assert hooks.on_page_content(block) == block
+    inline = "<p>In <code>.venv/bin/pip</code>.</p>"
+    assert hooks.on_page_content(inline) == inline
+    cell = "<td><code>capture/readers/</code> and <code>recon/run/store.py</code></td>"
+    assert "<code>recon/<wbr>run/<wbr>store.py</code>" in hooks.on_page_content(cell)
+
+
+def test_tutorial_uses_verbs_that_exist(capsys: pytest.CaptureFixture[str]) -> None:
+    """Every command of the tutorial is a verb of `splatreel` with options that its help knows."""
+    text = (DOCS / "tutorial.md").read_text(encoding="utf-8")
+    assert "python -c" not in text
+    commands = re.findall(r"\.venv/bin/splatreel ([^\n`]+)", text)
+    assert len(commands) >= 7
+    helps: dict[str, str] = {}
+    for command in commands:
+        words = command.split()
+        verb = words[: 2 if words[0] == "capture" else 1]
+        if " ".join(verb) not in helps:
+            with pytest.raises(SystemExit):
+                build().cli(prog="splatreel", args=[*verb, "--help"])
+            helps[" ".join(verb)] = capsys.readouterr().out
+        assert [word for word in words if word.startswith("--") and word not in helps[" ".join(verb)]] == [], command

@@ -15,6 +15,7 @@ from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+from splatreel.scene.reel_source import ReelSource
 
 FRAMES = 5
 WIDTH, HEIGHT = 64, 48
@@ -47,21 +48,23 @@ def truth(frame: int) -> Gaussians:
 
 
 class FilmedCapture(Capture):
-    """Capture that renders `truth` with 8 bits."""
+    """Capture that renders `truth` with 8 bits. Frame `begin` of its files is the first of the scene."""
+
+    begin = 0
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         for t in range(len(out)):
             for c, name in enumerate(cameras):
-                image = np.clip(render_image(truth(first + t), self.camera(name)), 0, 1)
+                image = np.clip(render_image(truth(max(first + t - self.begin, 0)), self.camera(name)), 0, 1)
                 out[t, c] = np.rint(255 * image)
 
 
-def capture(path: Path, held_out: list[str] | None = None) -> FilmedCapture:
+def capture(path: Path, held_out: list[str] | None = None, first: int = 0, end: int = FRAMES) -> FilmedCapture:
     names = ["cam00", "cam03"] if held_out is None else held_out
-    return FilmedCapture(path, cameras(), held_out=names, frame_range=(0, FRAMES), fps=30)
+    return FilmedCapture(path, cameras(), held_out=names, frame_range=(first, end), fps=30)
 
 
-def write_reel(path: Path) -> Path:
+def write_reel(path: Path, source: ReelSource | None = None) -> Path:
     """Write the scene as a reel of one group, with alive flags in the order of the stored layer."""
     training = [c for c in cameras() if c.name not in ("cam00", "cam03")]
     header = ReelHeader(
@@ -73,6 +76,7 @@ def write_reel(path: Path) -> Path:
         up=np.array([0.0, -1, 0]),
         camera=training[0],
         cameras=training,
+        source=source,
     )
     writer = ReelWriter(path, header, config=EncodeConfig())
     _, order = writer.add_layer(0, 0, static())

@@ -8,7 +8,7 @@ from PIL import Image
 
 from splatreel.codec.reader import ReelReader
 from splatreel.errors import UsageError
-from splatreel.evaluation.evaluate import check_same_capture, choose_frames, evaluate, reel_width
+from splatreel.evaluation.evaluate import check_same_capture, choose_frames, evaluate
 from splatreel.evaluation.report import Report
 from tests.evaluation import scenes, small_lpips
 
@@ -39,8 +39,10 @@ def test_good_reel_scores_high_with_a_complete_report(reel: Path, tmp_path: Path
     assert (report.points_static, report.points_dynamic) == (90, 200)
     assert report.reel_bytes == sum(p.stat().st_size for p in reel.rglob("*") if p.is_file())
     assert report.first_view_bytes == report.reel_bytes  # one group: the first picture needs all
-    assert 0 < report.bytes_per_second < report.reel_bytes / (scenes.FRAMES / 30)
-    assert reel_width(reel) == scenes.WIDTH
+    assert (report.total_bytes, report.start_bytes) == (report.reel_bytes, report.first_view_bytes)
+    assert report.bytes_per_second == report.reel_bytes / (scenes.FRAMES / 30)
+    assert 0 < (report.playing_bytes_per_second or 0) < report.bytes_per_second
+    assert report.psnr < (report.psnr_color_fitted or 0) < report.psnr + 1
     assert set(report.seconds) == {"keyframe", "evaluate"}
     assert [c["name"] for c in report.cameras] == report.held_out == ["cam00", "cam03"]
     assert report.trained_on == ["cam01", "cam02", "cam04"]

@@ -8,7 +8,7 @@ torch = pytest.importorskip("torch")
 
 from splatreel.errors import MissingDependencyError  # noqa: E402
 from splatreel.evaluation import lpips_weights  # noqa: E402
-from splatreel.evaluation.lpips_weights import FILES, load_arrays, load_weights, package_folder  # noqa: E402
+from splatreel.evaluation.lpips_weights import FILES, load_weights, package_folder  # noqa: E402
 from tests.evaluation import small_lpips  # noqa: E402
 
 NETWORKS = tuple(FILES)
@@ -65,16 +65,3 @@ def test_files_without_weights_are_refused(content: bytes, monkeypatch, tmp_path
     small_lpips.accept(monkeypatch, "alex", path)
     with pytest.raises(MissingDependencyError, match=r"alexnet\.ckpt: holds no weights of LPIPS"):
         load_weights("alex")
-
-
-class Evil:
-    def __reduce__(self):
-        return print, ("run by a pickle",)
-
-
-def test_pickles_may_hold_nothing_but_arrays(capsys) -> None:
-    found = load_arrays(pickle.dumps({"a": np.arange(3.0)}, protocol=3))
-    np.testing.assert_array_equal(found["a"], [0, 1, 2])
-    with pytest.raises(pickle.UnpicklingError, match=r"asks for builtins\.print"):
-        load_arrays(pickle.dumps(Evil()))
-    assert not capsys.readouterr().out

@@ -96,3 +96,13 @@ def test_published_weights_give_the_published_distances() -> None:
     image = np.stack([x, y, np.sin(20 * x) ** 2], -1).astype(np.float32)
     distances = {name: network(image, truth) for name, network in load_lpips().items()}
     assert distances == pytest.approx({"alex": 0.4716, "vgg": 0.54314}, abs=2e-4)
+
+
+def test_convention_of_3dgs_gives_the_network_unshifted_images(networks: dict[str, Lpips]) -> None:
+    vgg = networks["vgg"]
+    unshifted = vgg.distances(picture(1), picture(2), shifted=False)
+    expected = vgg.distances((picture(1) + 1) / 2, (picture(2) + 1) / 2)  # x of 0..1 is (x + 1) / 2 before the shift
+    assert unshifted is not None
+    assert expected is not None
+    assert unshifted.mean() == pytest.approx(expected.mean(), rel=1e-4)
+    assert unshifted.mean() != pytest.approx(vgg(picture(1), picture(2)), rel=1e-2)

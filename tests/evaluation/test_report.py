@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from splatreel.errors import UsageError
-from splatreel.evaluation.report import Number, Report, describe_flicker, megabytes, report_numbers
+from splatreel.evaluation.report import Number, Report, compared_size, describe_flicker, megabytes, report_numbers
 
 FIELDS = {
     "frames",
@@ -37,6 +37,11 @@ FIELDS = {
     "bytes_by_kind",
     "decode_ms_per_frame",
     "render_fps",
+    "psnr_color_fitted",
+    "lpips_3dgs",
+    "total_bytes",
+    "start_bytes",
+    "playing_bytes_per_second",
 }
 
 
@@ -81,7 +86,7 @@ def test_markdown_states_the_numbers() -> None:
     assert "31.50 dB (31.60 as the mean of channels)" in text
     assert "31.52 dB" in text
     assert "2.5 MB, 1.25 MB a second" in text
-    assert "| cam00 | 31.50 | 0.9500 |  |  |  |" in text
+    assert "| cam00 | 31.50 |  | 0.9500 |  |  |  |" in text
     assert "off by 0.80 gray levels, 0.84 where groups meet" in text
     assert "before encoding | not measured" in report(psnr_undecoded=None).to_markdown()
 
@@ -96,7 +101,9 @@ def test_report_of_an_older_version_is_read(tmp_path: Path) -> None:
     values = dataclasses.asdict(report())
     for name in ("lpips_alex", "lpips_frames", "ssim_skimage", "dssim1", "dssim2", "moving", "moving_share"):
         del values[name]
-    for name in ("bytes_by_kind", "decode_ms_per_frame", "render_fps"):
+    for name in ("bytes_by_kind", "decode_ms_per_frame", "render_fps", "psnr_color_fitted", "lpips_3dgs"):
+        del values[name]
+    for name in ("total_bytes", "start_bytes", "playing_bytes_per_second"):
         del values[name]
     (tmp_path / "report.json").write_text(json.dumps(values))
     assert Report.read(tmp_path / "report.json") == report()
@@ -141,7 +148,14 @@ def test_moving_pixels_have_their_own_quality() -> None:
 
 def test_bytes_are_divided_by_kind() -> None:
     found = numbers(bytes_by_kind={"static points": 2_000_000, "motion": 500_000, "headers": 0})
-    assert found["Reel"].meaning == "of these: static points 2 MB, motion 0.5 MB"
+    assert found["Reel"].meaning == "what a viewer downloads who watches it once: static points 2 MB, motion 0.5 MB"
+    assert found["First picture"].value == "0.9 MB"
+    found = numbers(
+        total_bytes=2_750_000, start_bytes=950_000, playing_bytes_per_second=8e5, bytes_by_kind={"motion": 1}
+    )
+    assert found["Reel"].value == "2.75 MB, 1.25 MB a second of video"
+    assert "poster, thumbnails and sound 0.25 MB" in found["Reel"].meaning
+    assert (found["First picture"].value, found["While it plays"].value) == ("0.95 MB", "0.8 MB a second")
 
 
 def test_speed_is_told_where_it_was_measured() -> None:
@@ -159,3 +173,9 @@ def test_flicker_is_described() -> None:
 def test_megabytes_formats_sizes() -> None:
     assert megabytes(2_500_000) == "2.5 MB"
     assert megabytes(1_234_567_890) == "1,235 MB"
+
+
+def test_sizes_are_compared_in_words() -> None:
+    assert compared_size(100, 320) == "3.2 times smaller than"
+    assert compared_size(140, 100) == "1.4 times larger than"
+    assert compared_size(98, 100) == compared_size(102, 100) == "as large as"

@@ -8,7 +8,7 @@ import pytest
 from splatreel.play.fourdgs_film import write_fourdgs
 from splatreel.play.gaussian_export import GaussianExport
 from splatreel.play.timeline import open_reel
-from splatreel.play.usd_film import write_usd
+from splatreel.play.usd_film import estimate_bytes, write_usd
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.turning import turned
 from splatreel.scene.volumes import Box
@@ -25,6 +25,26 @@ def film() -> GaussianExport:
 
 def frame_of(film: GaussianExport, frame: int) -> Gaussians:
     return turned(film.at(film.seconds[frame]), film.placement.turn)
+
+
+@pytest.mark.parametrize("suffix", [".usda", ".usdc", ".usdz"])
+def test_usd_states_meters_and_srgb_and_is_about_as_large_as_estimated(
+    tmp_path: Path, film: GaussianExport, suffix: str
+) -> None:
+    pytest.importorskip("pxr")
+    from pxr import Usd, UsdGeom  # pyright: ignore[reportMissingImports] - optional
+
+    path = tmp_path / f"f{suffix}"
+    write_usd(path, film, 30)
+    stage = Usd.Stage.Open(str(path))
+    assert UsdGeom.StageHasAuthoredMetersPerUnit(stage)
+    assert UsdGeom.GetStageMetersPerUnit(stage) == 1
+    splats = stage.GetDefaultPrim()
+    colors = splats.GetAttribute("radiance:sphericalHarmonicsCoefficients")
+    assert Usd.ColorSpaceAPI(splats).GetColorSpaceNameAttr().Get() == "srgb_rec709_scene"
+    assert colors.GetColorSpace() == "srgb_rec709_scene"
+    size = path.stat().st_size
+    assert 0.7 * size < estimate_bytes(path, film) < 1.4 * size
 
 
 @pytest.mark.parametrize("suffix", [".usdc", ".usdz"])

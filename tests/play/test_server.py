@@ -10,15 +10,17 @@ from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from types import SimpleNamespace
-from urllib.parse import urlsplit
+from urllib.parse import quote, urlsplit
 
 import pytest
 
+from splatreel.codec.preview_writer import write_preview
 from splatreel.errors import ReelError, UsageError
 from splatreel.play.player_page import STATIC
 from splatreel.play.presentation_writer import PresentationWriter
+from splatreel.play.served_files import RunFiles, ServedFiles
 from splatreel.play.server import Server, serve
-from tests.codec.reels import edit_manifest, new_writer, write_reel
+from tests.codec.reels import edit_manifest, new_header, new_writer, points, write_reel
 from tests.golden import GOLDEN
 
 DOCS = Path(__file__).parents[2] / "docs" / "player.md"
@@ -215,6 +217,27 @@ def test_page_has_documented_content_security_policy(server: Server):
         assert set(hashed) <= set(sent[name].split(" ")), name
 
 
+@pytest.mark.parametrize(
+    ("src", "host"),
+    [
+        ("https://reels.example/train/manifest.json", "https://reels.example"),
+        ("HTTP://reels.example:8080/manifest.json", "HTTP://reels.example:8080"),
+        ("//reels.example/manifest.json", "reels.example"),
+        ("reel/manifest.json", None),
+        ("https://a@reels.example/manifest.json", None),
+        ("https://reels.example; script-src *", None),
+        ("https://reels.example *", None),
+        ("https://*/manifest.json", None),
+    ],
+)
+def test_page_shows_images_of_the_host_of_its_reel_only(server: Server, src: str, host: str | None):
+    for page in ("", "self-test.html"):
+        response, _ = request(server, f"/{page}?src={quote(src)}")
+        sent = dict(line.split(" ", 1) for line in response.headers["Content-Security-Policy"].split("; "))
+        assert sent["img-src"].split() == ["'self'", *([host] if host else []), "data:", "blob:"]
+        assert "*" not in sent["script-src"]
+
+
 def test_server_follows_live_manifest(reel: Path):
     whole = (reel / "manifest.json").read_text()
     with serve(reel, port=0) as server:
@@ -338,3 +361,24 @@ def test_page_of_reel_without_metadata_has_default_title(server: Server, reel: P
     """Its manifest is damaged, even: the player says so, not the server."""
     (reel / "manifest.json").write_text('{"format": "splatreel"}')
     assert Head(request(server, "/")[1]).title == "Splatreel"
+
+
+def test_a_run_is_served_from_its_first_preview_on(tmp_path: Path):
+    files = RunFiles(tmp_path)
+    with pytest.raises(ReelError, match="is not a reel"):
+        Server(tmp_path)
+    with Server(files, reels={"sample": ServedFiles(GOLDEN)}) as server:
+        assert not files.shows
+        assert request(server, "/reel/manifest.json")[0].status == 404
+        assert request(server, "/sample/manifest.json")[1] == (GOLDEN / "manifest.json").read_bytes()
+        assert request(server, "/sample/../reel/manifest.json")[0].status == 404
+        for count in (10, 20):
+            preview = write_preview(tmp_path, new_header(), None, points(count))
+            assert files.shows
+            assert request(server, "/reel/manifest.json")[1] == (preview / "manifest.json").read_bytes()
+            name = "layers/0000.safetensors"
+            assert request(server, f"/reel/{name}")[1] == (preview / name).read_bytes()
+        with Server(tmp_path) as other:
+            assert request(other, "/reel/manifest.json")[0].status == 200
+        write_reel(tmp_path / "reel")
+        assert request(server, "/reel/manifest.json")[1] == (tmp_path / "reel" / "manifest.json").read_bytes()

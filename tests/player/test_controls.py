@@ -53,6 +53,15 @@ def test_the_controls_fit_a_narrow_screen(page: Page, server: Server):
     assert page.evaluate("document.documentElement.scrollWidth") <= 320
 
 
+def test_no_two_buttons_have_one_name(page: Page, server: Server):
+    open_player(page, server)
+    reel = page.locator("splat-reel")
+    reel.locator(".start").wait_for()
+    names = reel.locator("button:visible").evaluate_all("(all) => all.map((one) => one.ariaLabel || one.textContent)")
+    assert {"Play", "Start the reel"} <= set(names)
+    assert len(names) == len(set(names))
+
+
 def test_every_key_does_what_the_help_says(page: Page, server: Server):
     open_player(page, server)
     page.locator("splat-reel canvas").focus()

@@ -38,6 +38,25 @@ def panel(reel: Path, page: Page) -> Iterator[Locator]:
         yield panel
 
 
+@pytest.mark.parametrize("size", [(360, 640), (640, 360)])
+def test_the_panel_leaves_most_of_a_phone_to_the_picture_and_folds(
+    panel: Locator, page: Page, size: tuple[int, int]
+) -> None:
+    width, height = size
+    page.set_viewport_size({"width": width, "height": height})
+    box = panel.bounding_box()
+    assert box
+    assert box["width"] * box["height"] < 0.4 * width * height
+    panel.get_by_role("button", name="Crop and clean").click()
+    folded = panel.bounding_box()
+    assert folded
+    assert folded["height"] < 70
+    assert panel.get_by_role("button", name="Mark floaters").is_hidden()
+    panel.get_by_role("button", name="Crop and clean").click()
+    assert panel.bounding_box() == box
+    assert page.locator("splat-reel .start").is_hidden(), "a handle lies in the middle"
+
+
 def operations(panel: Locator) -> list[str]:
     """Return the operations of the command that the panel shows."""
     words = shlex.split(panel.get_by_role("textbox", name="Command").input_value())

@@ -80,19 +80,106 @@ def test_the_page_shows_the_poster_before_the_player_is_there(postered: Page, se
     for route in layers:
         route.continue_()
     wait_for_picture(page)
-    assert page.evaluate(f"{POSTER}.hidden")
+    page.wait_for_function(f"{POSTER}.hidden")
 
 
-def test_the_posters_place_is_taken_by_what_rests_before_a_group_is_there(postered: Page, server: Server):
-    page = postered
-    page.route("**/groups/*", lambda route: None)  # never answered
-    page.goto(server.url)
+def hold_groups(page: Page) -> list[Route]:
+    """Answer no request for a group."""
+    held: list[Route] = []
+    page.route("**/groups/*", lambda route: held.append(route))
+    return held
+
+
+def wait_for_first_part(page: Page) -> None:
+    """Wait until something is drawn, and some display frames more."""
     page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.playback.hasPicture")
-    assert page.evaluate(f"[{POSTER}.hidden, {PLAYER}.canPlay, {PLAYER}.playback.isMostlyStatic]") == [
-        True,
-        False,
-        True,
-    ]
+    page.evaluate("new Promise((go) => requestAnimationFrame(() => requestAnimationFrame(go)))")
+    assert page.evaluate(f"[{PLAYER}.canPlay, {PLAYER}.playback.isMostlyStatic]") == [False, True]
+
+
+def test_the_poster_stays_until_the_frame_is_complete_and_fades_out(postered: Page, server: Server):
+    page = postered
+    page.add_init_script(
+        "window.fades = []; const { animate } = Element.prototype; Element.prototype.animate = function (frames, options) {"
+        " if (this.className === 'poster') fades.push([frames, options]); return animate.call(this, frames, options); };"
+    )
+    held = hold_groups(page)
+    page.goto(server.url + "?autoplay=0")
+    wait_for_first_part(page)
+    assert page.evaluate(f"[{POSTER}.hidden, fades]") == [False, []]
+    wait_for_color(page, RED)
+    page.locator("splat-reel .wait.long").wait_for()
+    page.unroute("**/groups/*")
+    for route in held:
+        route.continue_()
+    wait_for_picture(page)
+    page.wait_for_function(f"{POSTER}.hidden")
+    assert page.evaluate("fades") == [[{"opacity": 0}, 350]]
+
+
+def test_a_hand_that_moves_the_camera_removes_the_poster(postered: Page, server: Server):
+    page = postered
+    hold_groups(page)
+    page.goto(server.url + "?autoplay=0")
+    wait_for_first_part(page)
+    page.mouse.move(100, 100)
+    page.mouse.down()
+    page.mouse.move(140, 110, steps=4)
+    page.wait_for_function(f"{POSTER}.hidden")
+    assert page.evaluate(f"{PLAYER}.canPlay") is False
+
+
+def test_the_poster_of_the_start_leaves_a_link_to_another_time(postered: Page, server: Server):
+    page = postered
+    hold_groups(page)
+    page.goto(server.url + "?autoplay=0#t=0.1")
+    wait_for_first_part(page)
+    page.wait_for_function(f"{POSTER}.hidden")
+    assert page.evaluate(f"{PLAYER}.canPlay") is False
+
+
+def test_the_poster_lies_as_the_first_view_of_a_narrow_window_does(postered: Page, server: Server):
+    page = postered
+    page.set_viewport_size({"width": 320, "height": 480})
+    manifest = json.loads((GOLDEN / "manifest.json").read_text())
+    manifest["poster"] = {"uri": "poster.jpg", "bytes": 900, "width": 32, "height": 24}
+    manifest["limits"] = {"focus": [1, 0.3, 0]}
+    page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
+    page.route("**/layers/*", lambda route: None)
+    page.goto(server.url)
+    page.wait_for_function(f"document.querySelector('splat-reel')?.player?.manifest && {POSTER}.src")
+    # The focus is at column 110 of 160. The image is 640 pixels wide in a window of 320, whose middle is 160.
+    assert page.evaluate(f"{POSTER}.style.objectPosition") == f"{100 * (640 * 110 / 160 - 160) / 320}% 50%"
+
+
+def test_the_page_shows_that_it_loads_before_the_player_is_there(page: Page, server: Server):
+    held: list[Route] = []
+    page.route("**/player.js", lambda route: held.append(route))
+    page.goto(server.url + "?autoplay=0")
+    page.wait_for_function("document.querySelector('main > div')?.getAnimations().length === 1")
+    while not held:
+        page.wait_for_timeout(20)
+    held.pop().continue_()
+    page.unroute("**/player.js")
+    wait_for_picture(page)
+    page.wait_for_function("document.querySelector('main > div') === null")
+
+
+@pytest.mark.parametrize(
+    "uri", ["http://other.example/x", "//other.example/x", "\\\\other.example/x", "https:other.example", "../x", "/x"]
+)
+def test_a_manifest_makes_the_page_ask_no_address_outside_of_the_reel(page: Page, server: Server, uri: str):
+    asked: list[str] = []
+    page.on("request", lambda request: asked.append(request.url))
+    manifest = json.loads((GOLDEN / "manifest.json").read_text())
+    manifest["poster"] = {"uri": uri, "bytes": 1000, "width": 32, "height": 24}
+    manifest["layers"][0]["uri"] = manifest["groups"][0]["uri"] = uri
+    page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
+    page.goto(server.url)
+    page.locator("splat-reel").get_by_role("alert").wait_for()
+    others = [url for url in asked if not url.startswith(server.url) and not url.startswith("data:")]
+    others += [url for url in asked if url == f"{server.url}x"]
+    assert others == []
 
 
 def test_the_poster_of_the_page_goes_before_the_reels(postered: Page, server: Server):

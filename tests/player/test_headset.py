@@ -146,3 +146,18 @@ def test_without_a_headset_there_is_no_button(page: Page, server: Server):
     assert page.locator("splat-reel .headset").is_hidden()
     page.keyboard.press("v")
     assert page.evaluate(f"{PLAYER}.presented") is False
+
+
+def test_a_headset_that_refuses_is_explained_to_people(page: Page, server: Server):
+    warnings: list[str] = []
+    page.on("console", lambda message: warnings.append(message.text) if message.type == "warning" else None)
+    page.add_init_script(HEADSET)
+    open_player(page, server)
+    page.evaluate(
+        "void (navigator.xr.requestSession = async () => { throw new DOMException('no', 'NotAllowedError') })"
+    )
+    page.keyboard.press("v")
+    toast = page.locator("splat-reel .toast.shown")
+    toast.wait_for()
+    assert toast.inner_text() == "The headset cannot be used. Connect it, and let this page use it."
+    assert "Immersive vr cannot start: no" in warnings

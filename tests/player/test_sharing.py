@@ -151,7 +151,7 @@ def test_what_a_reel_says_of_itself_is_text(page: Page, server: Server):
     assert page.title() == WORDS["title"]
     dialog = choose(page, "About this reel")
     assert dialog.get_attribute("aria-label") == WORDS["title"]
-    assert dialog.locator("p").all_inner_texts() == ["By Ada", "On <i>its</i> round", "Licence: CC BY 4.0"]
+    assert dialog.locator("p").all_inner_texts() == ["By Ada", "On <i>its</i> round", "License: CC BY 4.0"]
     assert dialog.locator("b, i").count() == 0
     page.mouse.click(20, 20)  # outside
     assert dialog.is_hidden()

@@ -76,6 +76,33 @@ def test_an_error_can_be_read_and_tried_again(page: Page, server: Server, size: 
     assert "404" in panel.locator("details div").inner_text()
 
 
+@pytest.mark.parametrize("size", [(200, 80), (300, 90), (200, 96)])
+def test_an_error_in_a_strip_is_seen_as_a_whole(page: Page, server: Server, size: tuple[int, int]) -> None:
+    expect_problems(page, "404")
+    reel = open_embed(page, server, size, src="nowhere/manifest.json")
+    panel = reel.get_by_role("alert")
+    panel.wait_for()
+    for part in ("h2", "p", "button", "summary"):
+        assert_in_sight(panel.locator(part), size)
+    heading, button = panel.locator("h2").bounding_box(), panel.locator("button").bounding_box()
+    assert heading
+    assert button
+    assert heading["x"] + heading["width"] <= button["x"]
+
+
+def test_texts_and_buttons_grow_with_the_element(page: Page, server: Server) -> None:
+    expect_problems(page, "404")
+    reel = open_embed(page, server, src="nowhere/manifest.json")
+    panel = reel.get_by_role("alert")
+    panel.wait_for()
+    sizes = []
+    for width, height in [(1280, 720), (1920, 1080), (2560, 1440), (3840, 2160), (3840, 300)]:
+        reel.evaluate(f"(reel) => Object.assign(reel.style, {{ width: '{width}px', height: '{height}px' }})")
+        font = panel.locator("p").evaluate("(line) => parseFloat(getComputedStyle(line).fontSize)")
+        sizes.append((font, panel.locator("button").evaluate("(button) => button.offsetHeight")))
+    assert sizes == [(13, 36), (16.25, 45), (pytest.approx(21.45), 59), (pytest.approx(31.2), 86), (13, 36)]
+
+
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("touch", [False, True])
 def test_the_controls_fit(page: Page, server: Server, size: tuple[int, int], touch: bool) -> None:

@@ -244,3 +244,18 @@ def test_the_sound_of_a_live_reel_grows(page: Page, server: Server):
     page.wait_for_function(f"{HEARD} > 1")  # at its edge
     page.unroute("**/manifest.json")
     page.wait_for_function(f"{HEARD} > 2.3 && {APART} < 0.1")
+
+
+def test_keys_turn_a_muted_reel_on_at_its_own_volume(page: Page, server: Server):
+    open_player(page, server)
+    page.locator("splat-reel canvas").focus()
+    state = f"[{REEL}.volume, {REEL}.muted]"
+    steps = [("ArrowDown", [1, True]), ("ArrowUp", [1, False]), ("ArrowDown", [0.95, False]), ("ArrowUp", [1, False])]
+    page.evaluate(f"{REEL}.muted = true")
+    for key, expected in steps:
+        page.keyboard.press(key)
+        assert page.evaluate(state) == [pytest.approx(expected[0]), expected[1]]
+    page.evaluate(f"({REEL}.volume = 0, {REEL}.muted = true)")
+    page.keyboard.press("ArrowUp")
+    assert page.evaluate(state) == [pytest.approx(0.05), False]
+    assert page.locator("splat-reel .toast").inner_text() == "Volume 5 %"

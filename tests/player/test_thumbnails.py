@@ -10,7 +10,7 @@ from playwright.sync_api import CDPSession, Page, Route
 
 from splatreel.play.server import Server
 from tests.golden import GOLDEN
-from tests.player.pages import open_player, wait_for_style
+from tests.player.pages import add_file, open_body, open_player, wait_for_style
 
 pytestmark = pytest.mark.browser
 
@@ -92,3 +92,29 @@ def test_a_finger_on_the_seek_bar_sees_it_too(phone: Page, server: Server, finge
     wait_for_style(phone, ".hint", "opacity", "1")
     fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
     wait_for_style(phone, ".hint", "opacity", "0")
+
+
+@pytest.mark.parametrize("size", [(480, 320), (300, 170)])
+def test_a_title_of_a_chapter_does_not_push_the_thumbnail_out(page: Page, server: Server, size: tuple[int, int]):
+    add_thumbnails(page)
+    title = "The locomotive leaves the station at midnight"
+    add_file(page, "chapters.vtt", f"WEBVTT\n\n00:00.000 --> 00:00.400\n{title}")
+    style = f"width: {size[0]}px; height: {size[1]}px; aspect-ratio: auto"
+    track = '<track kind="chapters" src="chapters.vtt">'
+    open_body(page, server, f'<splat-reel src="reel/manifest.json" controls style="{style}">{track}</splat-reel>')
+    page.wait_for_function("document.querySelector('splat-reel').player.tracks?.chapters.length === 1")
+    page.evaluate(
+        "document.querySelector('splat-reel').currentTime = 0.1"
+    )  # low embeds show no bar below the big button
+    seek = page.locator("splat-reel .seek").bounding_box()
+    assert seek
+    for part in (0.05, 0.3, 0.31):
+        page.mouse.move(seek["x"] + part * seek["width"], seek["y"] + seek["height"] / 2)
+        page.locator("splat-reel .thumbnail img").wait_for()
+        boxes = [page.locator(f"splat-reel {name}").bounding_box() for name in (".hint", ".thumbnail", ".chapter")]
+        assert all(boxes)
+        hint, image, text = (box for box in boxes if box)
+        assert min(hint["x"], hint["y"]) >= 0
+        assert hint["y"] + hint["height"] <= seek["y"] + seek["height"] / 2
+        assert text["width"] <= max(image["width"], 96) + 1
+        assert image["y"] + image["height"] <= text["y"]

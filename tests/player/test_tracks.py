@@ -50,6 +50,16 @@ def test_the_first_prompt_leaves_captions_free(page: Page, server: Server):
     assert high["y"] + high["height"] < low["y"]
 
 
+def test_a_long_title_stays_within_the_menu(page: Page, server: Server):
+    add_file(page, "long.vtt", f"WEBVTT\n\n00:00.000 --> 00:00.400\n{'The locomotive leaves the station at noon' * 3}")
+    reel = open_tracks(page, server, '<track kind="chapters" src="long.vtt">')
+    reel.get_by_role("button", name="Settings").click()
+    reel.locator(".menu [name=chapter]").wait_for()
+    edges = reel.locator(".menu, .menu *").evaluate_all("(all) => all.map((one) => one.getBoundingClientRect().right)")
+    assert max(edges) == edges[0]
+    assert reel.locator(".menu").evaluate("(menu) => menu.scrollWidth <= menu.clientWidth")
+
+
 def test_button_menu_and_key_choose_captions(page: Page, server: Server):
     reel = open_tracks(page, server)
     button = reel.get_by_role("button", name="Captions")

@@ -24,6 +24,7 @@ from splatreel.kernels.image import render_image
 from splatreel.progress import Silent, Span
 from splatreel.recon.pipeline import Result, reconstruct
 from splatreel.scene import atomic
+from splatreel.scene.reel_source import ReelSource
 from tests.recon.captures import WallCapture
 from tests.recon.small import small
 
@@ -387,3 +388,7 @@ def test_record_is_readable(whole: Result) -> None:
     record = json.loads((whole.work / "run.json").read_text())
     assert record["capture"]["name"] == "wall"
     assert record["config"]["group"]["length"] == 2
+
+
+def test_reel_says_what_it_was_made_from(whole: Result) -> None:
+    assert ReelReader(whole.reel).manifest.source == WallCapture(1).reel_source() == ReelSource(0)

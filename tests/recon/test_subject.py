@@ -18,6 +18,7 @@ from splatreel.recon.encode.reencode import reencode
 from splatreel.recon.pipeline import reconstruct
 from splatreel.recon.run.device import pick_device
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.reel_source import ReelSource
 from tests.recon.captures import HEIGHT, WIDTH, WallCapture, blots
 from tests.recon.scenes import ring
 from tests.recon.small import small
@@ -99,6 +100,7 @@ def masked(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_masked_reel_shows_the_subject_alone(masked: Path) -> None:
     assert ReelReader(masked).manifest.transparent
+    assert ReelReader(masked).manifest.source == ReelSource(0, (HELD_OUT,), part="masks")
     assert outside(masked) < 0.02
 
 
@@ -150,6 +152,8 @@ def points_of(reel: Path) -> list[np.ndarray]:
 def test_reel_of_a_region_holds_the_points_within_it(regional: Path) -> None:
     reader = ReelReader(regional)
     assert reader.manifest.transparent
+    assert reader.manifest.source is not None
+    assert reader.manifest.source.part == "region"
     np.testing.assert_array_less(LOW - 1e-6, reader.manifest.bounds[0])
     np.testing.assert_array_less(reader.manifest.bounds[1], HIGH + 1e-6)
     assert outside(regional) < 0.01

@@ -146,10 +146,23 @@ def test_points_with_nan_are_dropped_and_counted() -> None:
 @pytest.mark.parametrize(
     ("extra", "said"),
     [
-        ({"trbf_center": 0, "trbf_scale": 0, "motion_0": 0}, "trbf_center, trbf_scale, motion_0 of a method"),
-        ({"t": 0, "scale_t": 0}, "t, scale_t of a method"),
-        ({"rot_r_0": 0}, "rot_r_0 of a method"),
+        ({"trbf_center": 0, "motion_0": 0, "omega_0": 0}, "trbf_center, motion_0, omega_0 of SpacetimeGaussians"),
+        ({"f_t_0": 0}, "f_t_0 of SpacetimeGaussians"),
+        ({"t": 0, "scale_t": 0}, "t, scale_t of 4D Gaussian Splatting"),
+        ({"mu_t": 0, "t_scale": 0}, "mu_t, t_scale of 4D Gaussian Splatting"),
+        ({"rot_r_0": 0, "scale_t_0": 0}, "rot_r_0, scale_t_0 of 4D Gaussian Splatting"),
+        ({"fea_0": 0, "fea_1": 0}, "fea_0, fea_1 of SC-GS"),
+        ({"embedding_0": 0}, "embedding_0 of E-D3DGS"),
+        ({"xyz_disp_0": 0}, "xyz_disp_0 of Ex4DGS"),
+        ({"motion_xyz_0_1": 0, "motion_opacity_c_0": 0}, "motion_xyz_0_1, motion_opacity_c_0 of Ex4DGS"),
+        ({"omega_0": 0, "control_x_0": 0, "current_control_num": 0}, "control_x_0, current_control_num of SplineGS"),
+        ({"beta": 0}, "beta of Beta Splatting .* no Gaussians"),
+        ({"sb_params_0": 0, "sb_params_1": 0}, "sb_params_0, sb_params_1 of Beta Splatting"),
+        ({"f_offset_0": 0, "f_anchor_feat_0": 0}, "f_offset_0, f_anchor_feat_0 of Scaffold-GS"),
         ({"vx": 0, "vy": 0}, "vx, vy of a method"),
+        ({"velocity_0": 0, "acceleration_0": 0}, "velocity_0, acceleration_0 of a method"),
+        ({"dynamic_logit": 0, "duration": 0}, "dynamic_logit, duration of a method"),
+        ({"delta_x_t0": 0}, "delta_x_t0 of a method"),
         ({"f_rest_0": 0}, "has 1 f_rest columns"),
     ],
 )
@@ -173,9 +186,11 @@ def test_missing_columns_are_named(missing: str, said: str) -> None:
         convert(given)
 
 
-def test_harmless_columns_are_ignored_with_a_remark() -> None:
+def test_columns_without_a_meaning_here_are_ignored_with_a_remark() -> None:
     _, said = convert(columns() | {"nx": np.zeros(N), "label": np.zeros(N), "red": np.zeros(N)})
-    assert said.startswith("Columns without an effect were ignored: label (a.ply)")
+    assert said.startswith(
+        "Unknown columns were ignored, also if the program that wrote them draws points by them: label (a.ply)"
+    )
 
 
 @pytest.mark.parametrize("most", [100, 255])

@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import pickle
 import tracemalloc
 import zipfile
 from pathlib import Path
@@ -12,7 +13,7 @@ import pytest
 
 from splatreel.errors import CaptureError
 from splatreel.scene import untrusted
-from splatreel.scene.untrusted import numbers, parse_json, read_array, read_arrays, read_json
+from splatreel.scene.untrusted import load_arrays, numbers, parse_json, read_array, read_arrays, read_json
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pipes and devices")
 
@@ -187,16 +188,29 @@ def test_false_headers_allocate_nothing(tmp_path: Path, data: bytes, said: str) 
         read_array(tmp_path / "a.npy", CaptureError)
 
 
-def test_zip_bombs_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(untrusted, "UNPACKED_BYTES", 1 << 20)
-    path = archive(tmp_path / "a.npz", x=npy(np.zeros(1_000_000)), y=npy(np.zeros(10)))
+def test_zip_bombs_are_refused(tmp_path: Path) -> None:
+    path = archive(tmp_path / "a.npz", x=npy(np.zeros(10_000_000)), y=npy(np.zeros(10)))
     tracemalloc.start()
-    with pytest.raises(CaptureError, match=r"would unpack [0-9,]+ bytes to 8,000,[0-9]+, more than the 1,048,576"):
+    with pytest.raises(CaptureError, match=r"would unpack [0-9,]+ bytes to 80,000,[0-9]+, .* --max-memory 81"):
         read_arrays(path, ["x", "y"], CaptureError)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 1 << 19
     assert read_arrays(path, ["y"], CaptureError)["y"].shape == (10,)
+    assert read_arrays(path, ["x"], CaptureError, 81_000_000)["x"].shape == (10_000_000,)
+
+
+@pytest.mark.parametrize("text", [b'"' + b"\\n" * 500_000 + b'"', b'"' + b"\\n" * 500_000])
+def test_escapes_take_memory_in_proportion_to_the_text(text: bytes) -> None:
+    """A pattern that could backtrack at each escape took over a hundred bytes for each."""
+    tracemalloc.start()
+    try:
+        parse_json(text, CaptureError, "it")
+    except CaptureError:
+        assert text.endswith(b"\\n")
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 10 * len(text)
 
 
 @pytest.mark.parametrize(
@@ -206,3 +220,16 @@ def test_is_number_accepts_only_finite_numbers(value: object) -> None:
     np.testing.assert_array_equal(numbers([1, 2.5], 2), [1, 2.5])
     with pytest.raises(ValueError, match="is no"):
         numbers(value, 2)
+
+
+class Evil:
+    def __reduce__(self) -> tuple[object, ...]:
+        return print, ("run by a pickle",)
+
+
+def test_pickles_may_hold_nothing_but_arrays(capsys: pytest.CaptureFixture[str]) -> None:
+    found = load_arrays(pickle.dumps({"a": np.arange(3.0)}, protocol=3))
+    np.testing.assert_array_equal(found["a"], [0, 1, 2])
+    with pytest.raises(pickle.UnpicklingError, match=r"asks for builtins\.print"):
+        load_arrays(pickle.dumps(Evil()))
+    assert not capsys.readouterr().out

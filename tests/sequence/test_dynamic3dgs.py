@@ -35,11 +35,21 @@ def test_params_npz_points_match_their_parameters(tmp_path: Path) -> None:
     np.testing.assert_allclose(1 / points.opacities - 1, np.exp(-held["logit_opacities"][:, 0]), rtol=1e-4)
 
 
+def test_one_column_of_scales_makes_spheres(tmp_path: Path) -> None:
+    held = arrays()
+    held["log_scales"] = held["log_scales"][:, :1]
+    np.savez(tmp_path / "params.npz", **held)
+    points = open_frames(tmp_path).read(2)
+    np.testing.assert_allclose(np.log(points.scales), np.repeat(held["log_scales"], 3, 1), rtol=1e-5, atol=1e-6)
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
         ({"log_scales": None}, "has no log_scales"),
         ({"log_scales": np.zeros((4, 3))}, "log_scales has shape"),
+        ({"log_scales": np.zeros((5, 2))}, "log_scales has shape"),
+        ({"log_scales": np.zeros((4, 1))}, "log_scales has shape"),
         ({"means3D": np.zeros((3, 5))}, "means3D has shape"),
         ({"means3D": np.zeros((0, 5, 3))}, "has shape"),
     ],

@@ -13,6 +13,7 @@ from splatreel.errors import GaussiansError
 from splatreel.play.timeline import open_reel
 from splatreel.progress import Silent
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.reel_source import ReelSource
 from splatreel.sequence.fit import FilmCapture, fit_config, fit_reel, steadied
 from splatreel.sequence.frames import Frames
 from splatreel.sequence.opening import open_frames
@@ -48,6 +49,7 @@ def test_capture_draws_the_frames_of_the_film(film: Frames) -> None:
     assert np.array_equal(capture.read(2, 1, names[1:2])[0, 0], whole[2, 1])
     assert whole.std() > 20
     assert np.abs(whole[0].astype(float) - whole[3]).mean() > 1
+    assert capture.reel_source() == ReelSource(None)  # its frames are not those of a capture
 
 
 def test_another_film_has_another_fingerprint(film: Frames, tmp_path: Path) -> None:

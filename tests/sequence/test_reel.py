@@ -115,6 +115,8 @@ def test_absent_points_leave_no_ghosts(tmp_path: Path) -> None:
 class CountedFrames:
     """Sequence whose frames exist only while somebody holds them. `most` is the largest number that existed at a time."""
 
+    antialias = False
+
     def __init__(self, length: int) -> None:
         self.path, self.size, self.remarks = Path("film"), 1, Remarks()
         self.fps: float | None = 25.0

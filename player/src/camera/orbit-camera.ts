@@ -14,12 +14,10 @@ import { turnOf, viewmatOfState, type CameraState } from "./pose";
 const FRICTION = 6;
 /** Rate at which the camera returns to its limits and a tilt decays, per second. */
 const PULL = 5;
-/** Maximum crop of the image to fill a screen of another aspect ratio. */
+/** Maximum crop of the image to fill a wider screen, and a narrower one, where no camera shows what is above and below the image. */
 const CROP = 1.4;
-/** On a portrait screen, the part of its height that the image fills, and the maximum crop for that. */
-const TALL = 0.7;
-const TALL_CROP = 2.5;
-/** On a portrait screen, the offset of the focus, in half widths, above which the first view is centered on it. */
+const NARROW_CROP = 4;
+/** On a screen that crops more than `CROP`, the offset of the focus, in half widths, above which the first view is centered on it. */
 const ASIDE = 0.2;
 /** Duration of a transition between poses, in seconds. */
 const GLIDE = 0.5;
@@ -46,6 +44,8 @@ export class OrbitCamera {
   private start: CameraState;
   /** View of the reel's own camera. */
   readonly ownState: CameraState;
+  /** Place in the image of the reel's camera on which the own view is centered, 0 to 1 across its width. */
+  center = 0.5;
   private readonly poses: CameraState[];
   private eye: Vec3 = [0, 0, 0];
   private gaze!: Gaze;
@@ -112,6 +112,12 @@ export class OrbitCamera {
     return !this.touched && !this.followed && !this.glide && length(subtract(this.eye, this.start.eye)) === 0;
   }
 
+  /** True while the view is the reel's own. */
+  get atOwnView(): boolean {
+    const { ownState: { eye, turn }, state } = this;
+    return length(subtract(state.eye, eye)) === 0 && turn.every((value, i) => Math.abs(state.turn[i] - value) < 1e-6);
+  }
+
   /** Set the view of the start and of `reset`. The camera goes there if it is still at its start. */
   startAt(state: CameraState): void {
     const move = this.atStart;
@@ -124,13 +130,14 @@ export class OrbitCamera {
     [this.spin, this.rested] = [spin, 0];
   }
 
-  /** Center the first view on the focus if a portrait screen crops much of the image. */
+  /** Center the first view on the focus if a narrow screen crops much of the image. */
   private fit(width: number, height: number): void {
     const { viewmat: m, fx } = this.view(width, height);
     const { focus } = this.limits;
     const [x, z] = [0, 8].map((i) => m[i] * focus[0] + m[i + 1] * focus[1] + m[i + 2] * focus[2] + m[i + 3]);
-    if (height <= width || z <= 0 || Math.abs((fx * x) / z) < (ASIDE * width) / 2) return;
-    const { horizon, gaze } = this;
+    const { horizon, gaze, home } = this;
+    if (home.width * height <= CROP * home.height * width || z <= 0 || Math.abs((fx * x) / z) < (ASIDE * width) / 2) return;
+    this.center = ((home.K[0] * x) / z + home.K[2]) / home.width;
     const turn = horizon.turnOf({ ...gaze, heading: horizon.toward(gaze, subtract(focus, this.eye)).heading });
     this.state = this.start = { ...this.start, turn };
   }
@@ -282,10 +289,7 @@ export class OrbitCamera {
     const { K, width: w, height: h } = this.home;
     const whole = Math.min(width / w, height / h);
     const filled = Math.max(width / w, height / h);
-    // Fill a screen of another aspect ratio if that crops little. On a portrait screen a wide image would be a thin strip, so that
-    // it fills most of the height, at the cost of its sides.
-    const most = height > width ? Math.max(CROP, Math.min((TALL * filled) / whole, TALL_CROP)) : CROP;
-    const fill = Math.min(filled, most * whole);
+    const fill = Math.min(filled, (width * h < height * w ? NARROW_CROP : CROP) * whole);
     const zoom = this.fieldOfView === null ? fill : height / 2 / Math.tan(this.fieldOfView / 2) / K[4];
     return {
       viewmat: this.viewmat,

@@ -94,7 +94,7 @@ export class SplatReelElement extends MediaElement {
     watchAnnotations(this, player, () => this.say(LACKING), signal);
     watchCamera(this, player, () => this.say(LACKING), signal);
     watchMedia(this, player, this.picture.image, signal);
-    new FirstPrompt(player, gestures, signal);
+    if (this.getAttribute("prompt") !== "none") new FirstPrompt(this.shadowRoot!, player, gestures, signal);
     const resize = new ResizeObserver(() => player.invalidate());
     resize.observe(canvas);
     signal.addEventListener("abort", () => resize.disconnect());

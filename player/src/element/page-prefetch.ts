@@ -1,6 +1,6 @@
 /** First script of the bundled page: requests the manifest and the first layer, and shows the poster, before the player is loaded. */
 import type { DecodeReply, DecodeRequest } from "@splatreel/decoder/decode/decode-worker";
-import { plainPath } from "@splatreel/decoder/reel/json";
+import { addressWithin } from "@splatreel/decoder/reel/json";
 import { EARLY, type EarlyFile, type EarlyWorker } from "@splatreel/decoder/stream/decoder-pool";
 import type { Prefetched } from "../player/prefetched";
 import type { PageRoot } from "./page";
@@ -9,6 +9,8 @@ import type { PageRoot } from "./page";
 const SLOW = 150;
 /** Maximum milliseconds for which the player waits for the poster. */
 const POSTER_TIMEOUT = 2500;
+/** Milliseconds after which the page shows that it loads. The player then shows it itself. */
+const SPINNER_AFTER = 400;
 /** Timeout of the manifest, in milliseconds. */
 const STALL = 8000;
 
@@ -28,7 +30,8 @@ const url = new URL(parameters.get("src") ?? root.dataset.src ?? "reel/manifest.
 // If this fails, the player repeats the request and reports the error.
 const text = fetch(url, { cache: "no-cache", priority: "high", signal: AbortSignal.timeout(STALL) }).then((answer) => (answer.ok ? answer.text() : null)).catch(() => null);
 const image = document.createElement("img");
-const prefetched: Prefetched = { url, text, image, worker: null };
+const spinner = document.createElement("div");
+const prefetched: Prefetched = { url, text, image, spinner, worker: null };
 root.prefetched = prefetched;
 
 /** Load the player. */
@@ -58,12 +61,13 @@ function requestLayer(worker: Worker, manifest: { layers?: Layer[] }): EarlyFile
   const layer = manifest.layers?.[0];
   if (layer?.group !== 0 || layer.until !== undefined) return null;
   const { bytes, sha256 = null } = layer;
-  const file: EarlyFile = { url: new URL(plainPath(layer.uri), url).href, replies: [] };
+  const file: EarlyFile = { url: addressWithin(url, layer.uri), replies: [] };
   worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => file.replies.push({ data, at: performance.now() });
   worker.postMessage({ id: EARLY, source: { url: file.url, bytes, sha256 }, page: false } satisfies DecodeRequest);
   return file;
 }
 
+setTimeout(showSpinner, SPINNER_AFTER);
 const asked = performance.now();
 const poster = show().catch(() => undefined);
 if (asked < SLOW) loadAll();
@@ -76,12 +80,28 @@ else {
 
 /** Show the poster. Resolves when it is decoded or there is none. */
 async function show(): Promise<void> {
-  const { uri } = given ? { uri: given } : ((JSON.parse((await text) ?? "{}").poster ?? {}) as { uri?: unknown });
-  if (typeof uri !== "string" || customElements.get("splat-reel")) return; // the player shows it
+  const address = given ? new URL(given, document.baseURI).href : await ownPoster();
+  if (!address || customElements.get("splat-reel")) return; // the player shows it
   image.alt = "";
   image.fetchPriority = "high";
   Object.assign(image.style, { position: "fixed", inset: "0", width: "100%", height: "100%", objectFit: "cover" });
-  image.src = new URL(uri, given ? document.baseURI : url).href;
+  image.src = address;
   root.append(image);
   await image.decode();
+}
+
+/** Show that the page loads, unless the player is here, by the spinner of ui.css. */
+function showSpinner(): void {
+  if (customElements.get("splat-reel")) return;
+  Object.assign(spinner.style, { position: "fixed", inset: "0", zIndex: "1", margin: "auto", boxSizing: "border-box", width: "42px", height: "42px" });
+  Object.assign(spinner.style, { border: "3px solid rgb(160 160 170 / 0.4)", borderTopColor: "#fff", borderRadius: "50%" });
+  Object.assign(spinner.style, { background: "rgb(0 0 0 / 0.35)", boxShadow: "0 0 0 3px rgb(0 0 0 / 0.35)" });
+  root.append(spinner);
+  spinner.animate({ rotate: "1turn" }, { duration: 900, iterations: Infinity });
+}
+
+/** Return the address of the poster that the manifest names; "" if it names none. Throws `ReelError` for an address outside of the reel. */
+async function ownPoster(): Promise<string> {
+  const { poster } = JSON.parse((await text) ?? "{}") as { poster?: { uri: unknown } | null };
+  return poster ? addressWithin(url, poster.uri) : "";
 }

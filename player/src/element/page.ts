@@ -3,6 +3,9 @@ import type { Prefetched } from "../player/prefetched";
 import { bestLanguage } from "../ui/language";
 import styles from "./page.css";
 
+/** Milliseconds until the player shows that it loads. */
+const SPINNER = 450;
+
 /** Main element of the bundled page, with its early requests. */
 export type PageRoot = HTMLElement & { prefetched?: Prefetched };
 
@@ -29,4 +32,7 @@ export function openPage(root: PageRoot): void {
   if (root.prefetched) reel.player.offer(root.prefetched);
   root.append(heading, reel);
   root.prefetched?.image.remove(); // the element now shows the poster
+  const removeSpinner = (): void => root.prefetched?.spinner.remove();
+  reel.addEventListener("canplay", removeSpinner);
+  setTimeout(removeSpinner, SPINNER);
 }

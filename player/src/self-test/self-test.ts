@@ -34,6 +34,7 @@ addEventListener("unhandledrejection", ({ reason }) => problems.push(messageOf(r
 await customElements.whenDefined("splat-reel");
 const reel = document.createElement("splat-reel");
 reel.setAttribute("gestures", "greedy");
+reel.setAttribute("prompt", "none"); // the panel instructs people
 for (const name of ["loop", "muted"]) reel.toggleAttribute(name, true);
 const { player } = reel;
 const measurements = new Measurements(player);

@@ -141,7 +141,10 @@ export class Controls {
       this.presenting = mode;
       this.update();
     };
-    enter().catch((error) => this.messages.say(player.words("The headset cannot be used: {0}", messageOf(error))));
+    enter().catch((error) => {
+      console.warn(`Immersive ${mode} cannot start: ${messageOf(error)}`); // browsers word it for developers
+      this.say(mode === "vr" ? "The headset cannot be used. Connect it, and let this page use it." : "Augmented reality cannot start. Let this page use the camera.");
+    });
   }
 
   private async saveScreenshot(): Promise<void> {
@@ -149,7 +152,8 @@ export class Controls {
       const { saveScreenshot } = await loadPart("screenshot.js", () => import("./screenshot"));
       await saveScreenshot(this.player);
     } catch (error) {
-      this.messages.say(messageOf(error));
+      console.warn(`The picture cannot be saved: ${messageOf(error)}`);
+      this.say("The picture cannot be saved");
     }
   }
 
@@ -188,9 +192,11 @@ export class Controls {
 
   private changeVolume(steps: number): void {
     const { soundtrack } = this.player;
-    soundtrack.volume = Math.min(Math.max((soundtrack.muted ? 0 : soundtrack.volume) + steps * VOLUME, 0), 1);
-    soundtrack.muted = false;
-    this.messages.say(this.player.words("Volume {0} %", Math.round(100 * soundtrack.volume)));
+    const { muted, volume } = soundtrack;
+    // A muted reel first gets the volume back that it had. It stays muted when people turn it down.
+    const next = muted && volume > 0 ? volume : Math.min(Math.max(volume + steps * VOLUME, 0), 1);
+    if (!muted || steps > 0) [soundtrack.volume, soundtrack.muted] = [next, false];
+    this.messages.say(this.player.words("Volume {0} %", soundtrack.muted ? 0 : Math.round(100 * next)));
   }
 
   private fly(): void {

@@ -9,6 +9,7 @@ import { MOST_REMOVED } from "../draw/cutaway";
 import type { Player } from "../player/player";
 import { EditDrawing } from "./edit-drawing";
 import styles from "./edit-panel.css";
+import { foldByHeader } from "./fold";
 import { CLOSE } from "./icons";
 import { elementOf } from "./markup";
 import panelStyles from "./path-panel.css";
@@ -20,7 +21,7 @@ const FAINT = 0.15;
 const SIZE = 0.04;
 
 const MARKUP = `<section class="sheet path-panel" aria-label="Crop and clean">
-  <header><h2>Crop and clean</h2><button type="button" class="close" aria-label="Close the editor">${CLOSE}</button></header>
+  <header><h2><button type="button" class="fold" aria-expanded="true">Crop and clean</button></h2><button type="button" class="close" aria-label="Close the editor">${CLOSE}</button></header>
   <div class="row whole">
     <label>Crop to the box<input type="checkbox" role="switch" class="crop" checked /></label>
     <label>Transparent<input type="checkbox" role="switch" class="transparent" /></label>
@@ -73,12 +74,13 @@ export class EditPanel {
     this.drawing = new EditDrawing(player.words, (face, by) => this.drag(face, by));
     adoptStyles(root, panelStyles);
     adoptStyles(root, styles);
+    foldByHeader(this.box);
     root.append(this.drawing.box, this.box);
     this.find(".corners").append(...FACES.map((face) => this.corner(face)));
     this.listen();
     this.update();
     this.redraw();
-    this.find(".mark").focus();
+    this.find(".mark").focus({ preventScroll: true });
   }
 
   close(): void {

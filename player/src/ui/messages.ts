@@ -7,12 +7,14 @@ import { elementOf } from "./markup";
 import { passGestures } from "./pass-gestures";
 
 /** Milliseconds after which a wait is explained. */
-const EXPLAIN_AFTER = 1500;
+const EXPLAIN_AFTER = 900;
+/** Milliseconds for which a toast is shown, in total and per letter; the longer time counts. */
 const TOAST = 2200;
+const TOAST_PER_LETTER = 60;
 
 const MARKUP = `<div class="center">
   <div class="wait" role="status" hidden><div class="spinner"></div><p>Loading</p></div>
-  <button class="start" type="button" aria-label="Play" tabindex="-1" hidden>${PLAY}</button>
+  <button class="start" type="button" aria-label="Start the reel" tabindex="-1" hidden>${PLAY}</button>
   <button class="unmute" type="button" hidden>${MUTED}Tap for sound</button>
   <div class="toast" role="status"></div>
   <div class="sheet panel" role="alert" hidden>
@@ -61,7 +63,7 @@ export class Messages {
     if (text) box.textContent = text;
     box.classList.toggle("shown", text !== "");
     clearTimeout(this.toast);
-    this.toast = window.setTimeout(() => box.classList.remove("shown"), TOAST);
+    this.toast = window.setTimeout(() => box.classList.remove("shown"), Math.max(TOAST, TOAST_PER_LETTER * text.length));
   }
 
   /** Show an error in plain words, with the exact message in the details. */

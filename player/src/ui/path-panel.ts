@@ -6,13 +6,14 @@ import type { PathPlayer } from "../player/path-player";
 import type { Player } from "../player/player";
 import { CLOSE, PAUSE, PLAY } from "./icons";
 import { directionOf } from "../base/words";
+import { foldByHeader } from "./fold";
 import { elementOf } from "./markup";
 import { PathDrawing } from "./path-drawing";
 import styles from "./path-panel.css";
 import { adoptStyles } from "./styles";
 
 const MARKUP = `<section class="sheet path-panel" aria-label="Camera path">
-  <header><h2>Camera path</h2><button type="button" class="close" aria-label="Close the camera path">${CLOSE}</button></header>
+  <header><h2><button type="button" class="fold" aria-expanded="true">Camera path</button></h2><button type="button" class="close" aria-label="Close the camera path">${CLOSE}</button></header>
   <div class="row">
     <button type="button" class="add">Add this view</button>
     <button type="button" class="cameras">Through the cameras</button>
@@ -62,11 +63,12 @@ export class PathPanel {
     adoptStyles(root, styles);
     this.box = elementOf(MARKUP, host.player.words);
     this.box.dir = directionOf(host.player.language);
+    foldByHeader(this.box);
     root.append(this.drawing.box, this.box);
     this.listen(signal);
     this.update();
     this.redraw();
-    this.find(".add").focus();
+    this.find(".add").focus({ preventScroll: true });
   }
 
   close(): void {
@@ -169,6 +171,7 @@ export class PathPanel {
     this.find(".cameras").hidden = (this.player.manifest?.cameras.length ?? 0) < 2;
     for (const name of [".whole", ".save"]) this.find(name).hidden = keyframes.length === 0;
     this.find(".play").hidden = keyframes.length < 2;
+    this.find(".play").ariaLabel = pathPlayer.playing ? null : this.player.words("Play the path"); // the bar has a button "Play"
     this.find(".back").hidden = keyframes.length < 2;
     this.find(".play").innerHTML = pathPlayer.playing ? `${PAUSE}${this.player.words("Stop")}` : `${PLAY}${this.player.words("Play")}`;
     this.find<HTMLInputElement>(".seconds").value = String(Number((keyframes.at(-1)?.at ?? 0).toFixed(2)));

@@ -66,14 +66,19 @@ export class SeekBar {
     const seconds = earliest + part * (duration - earliest);
     hint.querySelector(".chapter")!.textContent = this.titleAt(seconds);
     hint.querySelector(".at")!.textContent = timeText(seconds, true);
-    this.showThumbnail(seconds);
+    this.placeHint(part);
+    this.showThumbnail(seconds, part);
+  }
+
+  /** Place the hint above a position of the bar, within the picture. */
+  private placeHint(part: number): void {
     const width = this.box.clientWidth;
-    const half = hint.offsetWidth / 2;
-    hint.style.left = `${Math.min(Math.max(part * width, half), width - half)}px`;
+    const half = this.hint.offsetWidth / 2;
+    this.hint.style.left = `${Math.min(Math.max(part * width, half), width - half)}px`;
   }
 
   /** Show the thumbnail of a time, if the reel has any. They are a part that is loaded on demand. */
-  private showThumbnail(seconds: number): void {
+  private showThumbnail(seconds: number, part: number): void {
     const { player, hint } = this;
     if (!this.thumbnails && !player.manifest?.presentation.thumbnails) return;
     this.thumbnails ??= loadPart("thumbnails.js", () => import("./thumbnails")).then(({ Thumbnails }) => {
@@ -81,7 +86,11 @@ export class SeekBar {
       hint.prepend(thumbnails.box);
       return thumbnails;
     });
-    this.thumbnails.then((thumbnails) => thumbnails.show(seconds), () => undefined);
+    const show = (thumbnails: Thumbnails): void => {
+      thumbnails.show(seconds);
+      this.placeHint(part); // the thumbnail has changed the width
+    };
+    this.thumbnails.then(show, () => undefined);
   }
 
   /** Return the title of the chapter at a time; "" for none. */

@@ -8,6 +8,9 @@ import { elementOf } from "./markup";
 const WIDTH = 160;
 const HEIGHT = 100;
 const SHARE = 0.38;
+/** Minimum distance to the upper edge of the picture, and minimum height, in CSS pixels. */
+const GAP = 4;
+const SHORTEST = 24;
 
 /** The thumbnail of one seek bar. */
 export class Thumbnails {
@@ -31,12 +34,29 @@ export class Thumbnails {
 
   private place(manifest: Manifest, { width, height, columns, rows, sheets }: Sheets, index: number): void {
     const { box, image } = this;
-    const scale = Math.min(1, WIDTH / width, Math.min(HEIGHT, SHARE * this.player.canvas.clientHeight) / height);
+    const most = this.space;
+    box.hidden = most < SHORTEST;
+    const dp = this.pixel;
+    const scale = Math.min(dp, (dp * WIDTH) / width, Math.min(dp * HEIGHT, most) / height);
     const at = index % (columns * rows);
     Object.assign(box.style, { width: `${width * scale}px`, height: `${height * scale}px` });
     image.style.width = `${columns * width * scale}px`;
     image.style.translate = `${-(at % columns) * width * scale}px ${-Math.floor(at / columns) * height * scale}px`;
     this.open(manifest, sheets[Math.floor(index / (columns * rows))]);
+  }
+
+  /** Length that grows with the element (ui.css), in CSS pixels. */
+  private get pixel(): number {
+    return Number.parseFloat(getComputedStyle(this.box).getPropertyValue("--splatreel-dp"));
+  }
+
+  /** Maximum height above the texts of the hint, whose lower edge stays in place. */
+  private get space(): number {
+    const { box, player: { canvas } } = this;
+    const hint = box.parentElement!;
+    const texts = hint.offsetHeight - box.offsetHeight;
+    const above = hint.getBoundingClientRect().bottom - canvas.getBoundingClientRect().top;
+    return Math.min(SHARE * canvas.clientHeight, above - texts - GAP);
   }
 
   private open(manifest: Manifest, sheet: Asset): void {

@@ -21,6 +21,7 @@ from splatreel.capture.pose_checks import validate_poses
 from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
+from splatreel.scene.reel_source import ReelSource
 
 Color = tuple[float, float, float]
 """Red, green and blue, 0..1."""
@@ -114,6 +115,7 @@ class Capture(ABC):
         origin: File or folder of the poses.
         doubts: Sentences about doubtful poses.
         notes: Sentences about what was chosen or skipped where the files leave a choice.
+        left_out: Names of cameras that are not read.
         growing: True while the capture is still being written. `frames` then grows up to `limit`.
         limit: End of the frames of a growing capture, or None.
     """
@@ -134,7 +136,7 @@ class Capture(ABC):
         limit: int | None = None,
         notes: Sequence[str] = (),
     ) -> None:
-        self.notes = list(notes)
+        self.notes, self.left_out = list(notes), tuple[str, ...]()
         self.path, self.growing, self.limit = Path(path), growing, limit
         self.origin = self.path if origin is None else origin
         self.name = self.path.resolve().name
@@ -278,6 +280,10 @@ class Capture(ABC):
     def sources(self) -> list[Path]:
         """Return the files that are read, whose sizes belong to the fingerprint."""
         return []
+
+    def reel_source(self) -> ReelSource | None:
+        """Return what a reel of this capture says about its frames and cameras."""
+        return ReelSource(self.first_frame, tuple(sorted(self.held_out)), tuple(sorted(self.left_out)))
 
     def fingerprint(self) -> str:
         """Return a short string that changes with the cameras, the frames, the held-out cameras or the files.

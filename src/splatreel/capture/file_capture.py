@@ -11,7 +11,7 @@ import numpy as np
 from splatreel.capture.base import Capture, Request, read_cameras
 from splatreel.capture.camera_images import same_shape
 from splatreel.capture.frame_table import FrameTable
-from splatreel.capture.lens import Lens
+from splatreel.capture.lens import Lens, describe_crops
 from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
@@ -134,12 +134,14 @@ class FileCapture(Capture):
         notes: Sequence[str] = (),
         calibrated: dict[str, tuple[int, int]] | None = None,
     ) -> None:
-        self._source, self._lenses = source, lenses or {}
+        kept = request.kept(cameras, path)
+        self._source = source
+        self._lenses = {camera.name: lenses[camera.name] for camera in kept if lenses and camera.name in lenses}
         held_out = [name for name in held_out if name not in request.left_out]
-        self._check_shapes(path, request.kept(cameras, path), calibrated or {})
+        self._check_shapes(path, kept, calibrated or {})
         super().__init__(
             path,
-            request.kept(cameras, path),
+            kept,
             held_out=held_out if request.held_out is None else request.held_out,
             frame_range=request.range(source.frames, path),
             fps=source.fps,
@@ -149,8 +151,9 @@ class FileCapture(Capture):
             origin=origin,
             growing=request.growth is not None,
             limit=request.frames[1] if request.growth is not None and request.frames is not None else None,
-            notes=[*notes, *source.notes, *source.conversions()],
+            notes=[*notes, *describe_crops(self._lenses), *source.notes, *source.conversions()],
         )
+        self.left_out = tuple(request.left_out)
 
     def _check_shapes(self, path: Path, cameras: list[Camera], calibrated: dict[str, tuple[int, int]]) -> None:
         """Check the first image of every camera. Sources check that its other images have the same size."""

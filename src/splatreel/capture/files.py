@@ -20,7 +20,8 @@ from splatreel.storage.ranged_file import RangedFile
 from splatreel.storage.retrying import RetryingFolder
 
 MEDIA = re.compile(
-    r".*\.(mp4|mov|m4v|mkv|webm|avi|m?ts|jpe?g|png|webp|tiff?|bmp|wav|flac|mp3|m4a|aac|ogg|opus)", re.IGNORECASE
+    r".*\.(mp4|mov|m4v|mkv|webm|avi|m?2?ts|mxf|mpe?g|3gp|wmv|flv|jpe?g|png|webp|tiff?|bmp|wav|flac|mp3|m4a|aac|ogg|opus)",
+    re.IGNORECASE,
 )
 """Files that are read in parts. All others are small and describe the cameras."""
 

@@ -20,6 +20,8 @@ from splatreel.capture.orientation import STORED, Orientation, display_orientati
 from splatreel.capture.video_color import declared_color
 from splatreel.errors import CaptureError
 
+WITHOUT_TIMES = ("avi", "mxf")
+"""FFmpeg's names of containers that may lack presentation times although the codec reorders frames."""
 NO_TIME = np.iinfo(np.int64).min
 """Value of a decoding time or byte offset that the container does not state."""
 ARRAYS = ("pts", "key_pts", "key_dts", "key_offsets")
@@ -39,11 +41,11 @@ class FrameTable:
         color: Arguments of `VideoColor`.
         fps: Average frames per second.
         time_base: Seconds per unit of `pts` and `dts`.
-        pts: Presentation times of displayed frames, [N] int64, ascending.
+        pts: Presentation times of displayed frames that are complete, [N] int64, ascending.
         key_pts: Presentation times of keyframes, [K] int64, ascending, including those hidden by an edit list.
         key_dts: Their decoding times, [K] int64, or `NO_TIME`.
         key_offsets: Their byte offsets, [K] int64, or `NO_TIME`.
-        counted: True if the container has no presentation times although the codec reorders frames (H.264 in AVI). Such
+        counted: True if the container has no presentation times although the codec reorders frames (H.264 in AVI and MXF). Such
             frames are numbered by counting the decoder's output from the start of the file.
         packets: Number of packets in the file.
         whole: Number of complete packets.
@@ -66,6 +68,11 @@ class FrameTable:
     packets: int
     whole: int
     declared: int
+
+    @property
+    def expected(self) -> int:
+        """Number of packets that the whole file would have."""
+        return max(self.declared, self.packets, 1)
 
     @property
     def frames(self) -> int:
@@ -118,13 +125,14 @@ def scan(
             whole += not packet.is_corrupt
             dts = NO_TIME if packet.dts is None else packet.dts
             offset = NO_TIME if packet.pos is None or packet.pos < 0 else packet.pos
-            rows.append((packet.pts, dts, offset, packet.is_keyframe, packet.is_discard))
+            if not packet.is_corrupt:
+                rows.append((packet.pts, dts, offset, packet.is_keyframe, packet.is_discard))
     pts, dts, offsets, key, hidden = np.array(rows, np.int64).reshape(-1, 5).T
     first = _first_frame(container, stream)
     reorders = first is not None and bool(stream.codec_context.has_b_frames)
     orientation = STORED if first is None else frame_orientation(first, container.name)
     color = declared_color(stream.codec_context, first)
-    counted = container.format.name == "avi" and reorders and bool((np.diff(pts) > 0).all())
+    counted = container.format.name in WITHOUT_TIMES and reorders and bool((np.diff(pts) > 0).all())
     keys = np.flatnonzero(key)[np.argsort(pts[key != 0], kind="stable")]
     shown = np.unique(pts[(hidden == 0) & _decodable(pts, key)])
     return FrameTable(

@@ -7,7 +7,8 @@ from pathlib import Path
 
 from splatreel.capture.base import MIN_CAMERAS
 from splatreel.capture.files import list_folder
-from splatreel.capture.readers.colmap import camera_folders, video_files
+from splatreel.capture.image_sequences import flat_pictures
+from splatreel.capture.readers.colmap import camera_folders, unread_videos, video_files
 
 MOST_NAMED = 4
 """Maximum number of files that a sentence lists."""
@@ -34,13 +35,16 @@ def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
                 f"together, run `splatreel capture sync {place}`. Then run `splatreel capture calibrate {place}`."
             )
     for place in [folder, *inside]:
+        if others := unread_videos(place):
+            return f"Videos in {place} are {others[0]}."
+    for place in [folder, *inside]:
         pictures = camera_folders(place)
         if len(pictures) >= MIN_CAMERAS:
             return (
                 f"{place} holds pictures of {len(pictures)} cameras ({_listed(list(pictures))}) without poses of these cameras. Run "
                 f"`splatreel capture calibrate {place}`."
             )
-    return None
+    return next((advice for place in [folder, *inside] if (advice := flat_pictures(place))), None)
 
 
 def _listed(names: list[str]) -> str:

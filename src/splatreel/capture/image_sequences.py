@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
-from splatreel.capture.base import Request
+from splatreel.capture.base import MIN_CAMERAS, Request
 from splatreel.capture.camera_images import CameraImages
 from splatreel.capture.files import list_folder
 from splatreel.capture.frame_table import FrameTable
@@ -18,6 +20,9 @@ from splatreel.capture.soundtrack import Track
 from splatreel.errors import CaptureError
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
+FRAME_FIRST = re.compile(r"(?:frame|image|img|f)?[-_]?\d+[-_. ]+(?P<camera>\D.*)", re.IGNORECASE)
+CAMERA_FIRST = re.compile(r"(?P<camera>.*[^\W_].*?)[-_. ]+\D*?\d+")
+"""Names of pictures with the number of a frame and a camera, as 0001_cam00 and cam00_0001."""
 
 
 class ImageSequences:
@@ -122,6 +127,22 @@ class ImageSequences:
 def image_files(folder: Path) -> list[Path]:
     """Return the image files in a folder, sorted by the numbers in their names."""
     return [file for file in list_folder(folder) if file.suffix.lower() in IMAGE_SUFFIXES and file.is_file()]
+
+
+def flat_pictures(folder: Path) -> str | None:
+    """Return advice about a folder that holds the pictures of several cameras itself, such as cam00_0001.png, or None."""
+    files = image_files(folder)
+    for pattern in (FRAME_FIRST, CAMERA_FIRST):
+        found = [pattern.fullmatch(file.stem) for file in files]
+        cameras = Counter(match["camera"] for match in found if match)
+        if len(cameras) >= MIN_CAMERAS and sum(cameras.values()) == len(files) and max(cameras.values()) > 1:
+            camera, file = next((match["camera"], file) for match, file in zip(found, files, strict=True) if match)
+            example = f"{camera}/{file.name}"
+            return (
+                f"{folder} holds the pictures of {len(cameras)} cameras in one folder, such as {file.name}. Move the pictures of each "
+                f"camera into a folder of its own, such as {example}."
+            )
+    return None
 
 
 def _stand_ins(files: Sequence[Path | None], exists: np.ndarray) -> list[Path]:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -21,6 +24,13 @@ NARROWER = 1.005
 """Factor between tried focal lengths."""
 LONGEST = 8.0
 """Maximum tried focal length, in units of the lens's own."""
+CROPPED = 0.02
+"""Share of an image's pixels up to which a crop is not reported."""
+MOST_NAMED = 4
+"""Maximum number of cameras that a sentence lists."""
+
+Size = tuple[int, int]
+"""Width and height in pixels."""
 
 
 @dataclass(frozen=True)
@@ -31,11 +41,15 @@ class Lens:
         width: Width at which to read the lens's image.
         height: Height at which to read the lens's image. The resolution is about that of the output.
         places: Pixel of the lens's image for each output pixel, [H, W, 2] float32; pixel centers are integers.
+        keeps_shape: True if the output has the aspect ratio of the lens's image.
+        shown: Share of the area of the lens's image that the output shows, 0..1.
     """
 
     width: int
     height: int
     places: np.ndarray
+    keeps_shape: bool
+    shown: float
 
     def undistort(self, picture: np.ndarray) -> np.ndarray:
         """Convert an image [height, width, 3] uint8 of the lens to [H, W, 3] of the pinhole camera."""
@@ -59,7 +73,7 @@ def undistorted_camera(
     Raises:
         CaptureError: The lens cannot be undistorted.
     """
-    if _is_pinhole(lens) and abs(lens.width / lens.height * height / width - 1) <= SAME_SHAPE:
+    if _is_pinhole(lens) and _is_same_shape((lens.width, lens.height), (width, height)):
         K = np.asarray(lens.calibration_matrix())
         return Camera(name, viewmat, K, lens.width, lens.height).resized(width, height), None
     found = _pinhole(name, viewmat, lens, width, height)
@@ -69,6 +83,75 @@ def undistorted_camera(
             f"cannot be undistorted. Calibrate it again."
         )
     return found
+
+
+def fitted_camera(camera: Camera, width: int, height: int) -> tuple[Camera, Lens | None]:
+    """Return an undistorted camera at the output size, and the crop of its images if they have another shape."""
+    if _is_same_shape((camera.width, camera.height), (width, height)):
+        return camera.resized(width, height), None
+    lens: Any = _PinholeLens(camera.width, camera.height, camera.K.astype(np.float64))
+    return undistorted_camera(camera.name, camera.viewmat, lens, width, height, f"camera {camera.name}")
+
+
+def common_size(sizes: Sequence[Size]) -> Size:
+    """Return the most common size among those of the most common shape.
+
+    Of equally common shapes, the one is taken whose cropping loses the fewest pixels of the other images.
+    """
+    counts = Counter(sizes)
+    shapes = {size: [other for other in sizes if _is_same_shape(size, other)] for size in counts}
+    return max(counts, key=lambda size: (len(shapes[size]), sum(_shown(size, other) for other in sizes), counts[size]))
+
+
+def describe_crops(lenses: Mapping[str, Lens]) -> list[str]:
+    """Return sentences about the cameras whose images lose more than `CROPPED` of their pixels."""
+    lost = {name: 1 - lens.shown for name, lens in lenses.items() if 1 - lens.shown > CROPPED}
+    found = []
+    for keeps in (False, True):
+        names = sorted((n for n in lost if lenses[n].keeps_shape == keeps), key=lambda n: -lost[n])
+        if not names:
+            continue
+        height, width = lenses[names[0]].places.shape[:2]
+        reason = (
+            "to remove the lens distortion without empty borders"
+            if keeps
+            else f"to the shape of most cameras' images ({width}x{height})"
+        )
+        listed = ", ".join(f"{name} by {100 * lost[name]:.0f} %" for name in names[:MOST_NAMED])
+        more = f" and {len(names) - MOST_NAMED} more cameras by less" if len(names) > MOST_NAMED else ""
+        found.append(f"images are cropped {reason}: {listed}{more}")
+    return found
+
+
+def _is_same_shape(one: Size, other: Size) -> bool:
+    return abs(one[0] / one[1] * other[1] / other[0] - 1) <= SAME_SHAPE
+
+
+def _shown(size: Size, image: Size) -> float:
+    """Return the share of an image that its largest part with the shape of `size` shows."""
+    ratio = size[0] / size[1] * image[1] / image[0]
+    return min(ratio, 1 / ratio)
+
+
+@dataclass(frozen=True)
+class _PinholeLens:
+    """Lens without distortion, with the interface of a pycolmap.Camera."""
+
+    width: int
+    height: int
+    K: np.ndarray
+    model = SimpleNamespace(name="undistorted")
+
+    @property
+    def params(self) -> list[float]:
+        return self.K.ravel().tolist()
+
+    def mean_focal_length(self) -> float:
+        return float(self.K[0, 0] + self.K[1, 1]) / 2
+
+    def img_from_cam(self, rays: np.ndarray) -> np.ndarray:
+        pixels = rays @ self.K.T
+        return pixels[:, :2] / pixels[:, 2:]
 
 
 def _is_pinhole(lens: Any) -> bool:
@@ -90,15 +173,15 @@ def _pinhole(name: str, viewmat: np.ndarray, lens: Any, width: int, height: int)
     finer = min(focal / lens.mean_focal_length(), 1.0)
     size = max(round(lens.width * finer), 1), max(round(lens.height * finer), 1)
     places = places * (size[0] / lens.width, size[1] / lens.height) - 0.5
-    return Camera(name, viewmat, K, width, height), Lens(*size, places.reshape(height, width, 2).astype(np.float32))
+    shown = min(_area(_project(lens, focal, width, height, _border(width, height))) / (lens.width * lens.height), 1.0)
+    keeps_shape = _is_same_shape((lens.width, lens.height), (width, height))
+    resampling = Lens(*size, places.reshape(height, width, 2).astype(np.float32), keeps_shape, shown)
+    return Camera(name, viewmat, K, width, height), resampling
 
 
 def _focal(lens: Any, width: int, height: int) -> float | None:
     """Return the shortest focal length at which the image border lies within the lens's image, searched from long to short."""
-    along = np.linspace(0, 1, BORDER)
-    ends = np.zeros(BORDER), np.ones(BORDER)
-    sides = [np.stack([along, e], 1) for e in ends] + [np.stack([e, along], 1) for e in ends]
-    border = np.concatenate(sides) * (width, height)
+    border = _border(width, height)
     found, scale = None, max(width / lens.width, height / lens.height) * lens.mean_focal_length()
     for focal in LONGEST * scale * NARROWER ** -np.arange(1000.0):
         places = _project(lens, focal, width, height, border)
@@ -106,6 +189,20 @@ def _focal(lens: Any, width: int, height: int) -> float | None:
             return found
         found = float(focal)
     return None
+
+
+def _border(width: int, height: int) -> np.ndarray:
+    """Return points around the border of an image in order, [4 * BORDER, 2] pixels."""
+    along = np.linspace(0, 1, BORDER)
+    zeros, ones = np.zeros(BORDER), np.ones(BORDER)
+    sides = (along, zeros), (ones, along), (along[::-1], ones), (zeros, along[::-1])
+    return np.concatenate([np.stack(side, 1) for side in sides]) * (width, height)
+
+
+def _area(outline: np.ndarray) -> float:
+    """Return the area within a closed line through points [N, 2]."""
+    x, y = outline.T
+    return abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
 
 
 def _project(lens: Any, focal: float, width: int, height: int, pixels: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cached_property
 from itertools import cycle
 from pathlib import Path
@@ -13,6 +14,7 @@ from splatreel.capture.base import Capture, Color, read_cameras
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.soundtrack import Track
 from splatreel.capture.srgb import over_color
+from splatreel.scene.reel_source import ReelSource
 
 PALETTE: tuple[Color, ...] = ((0, 0, 0), (1, 1, 1), (1, 0, 0), (0, 1, 1), (0, 1, 0), (1, 0, 1), (0, 0, 1), (1, 1, 0))
 """Backgrounds of the cameras, in turn. No Gaussian outside of the masks has the right color for several cameras. Levels of 0 and
@@ -113,6 +115,11 @@ class MaskedCapture(Capture):
     def sources(self) -> list[Path]:
         """Return the files of the capture. `describe` has the content of the masks."""
         return self._capture.sources()
+
+    def reel_source(self) -> ReelSource | None:
+        """Return what a reel of this capture says about its frames and cameras."""
+        source = self._capture.reel_source()
+        return source and replace(source, part="masks")
 
     def describe(self) -> dict[str, Any]:
         """Return the readable differences between captures, with a string for the content of the masks."""

@@ -35,7 +35,8 @@ LOOKED_FOR = """\
   COLMAP:          sparse/0/cameras.bin (or .txt) and a video a camera, or images/, images_2/, ... with a picture or a folder a camera
   4DGaussians:     sparse_/cameras.bin and cam01/frame_00001.jpg, ...
   transforms.json: of nerfstudio, instant-ngp or Blender, and the images that it lists
-  Calibration:     a file of Anipose, FreeMoCap, Caliscope, Pose2Sim, Qualisys, OpenCV, Metashape, CMU Panoptic or RealityCapture (XMP),
+  Calibration:     a file of Anipose, FreeMoCap, Caliscope, Pose2Sim, Qualisys, OpenCV, Metashape, CMU Panoptic, RealityCapture (XMP),
+                   ActorsHQ (calibration.csv), ZJU-MoCap (annots.npy) or Google Immersive (models.json),
                    and a video a camera, or a folder of pictures, with its name
   Videos alone:    first run `splatreel capture calibrate` on them, and `splatreel capture sync` if they do not start together"""
 
@@ -91,7 +92,7 @@ def open_capture(
             return _masked(reader(folder, request), masks, background)
     if folder.is_dir() and (failure := calibration_error(folder)) is not None:
         raise failure
-    if advice := advise(folder, _is_capture):
+    if advice := advise(folder, is_capture):
         raise CaptureError(f"{folder}: is not a capture of a known layout. {advice}")
     state = "holds none of these" if folder.is_dir() else "is not a folder; one of these was looked for"
     raise CaptureError(f"{folder}: {state}:\n{LOOKED_FOR}")
@@ -105,7 +106,8 @@ def _masked(capture: Capture, masks: str | Path | None, background: Color | None
     return MaskedCapture(capture, MaskFiles(masks, capture), background)
 
 
-def _is_capture(folder: Path) -> bool:
+def is_capture(folder: Path) -> bool:
+    """Return True if a folder has the layout of a capture. No file is opened."""
     return any(fits(folder) for fits, _ in READERS)
 
 

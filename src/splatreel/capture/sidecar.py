@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator
+from collections.abc import Container, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,8 @@ from splatreel.scene.untrusted import is_number, read_json
 
 SIDECAR = "splatreel.json"
 SIDECAR_BYTES = 1 << 20
+SLOW, FAST = 0.9, 1.1
+"""Speeds of clocks that are accepted. Videos that play at another speed have another `fps`."""
 
 
 @dataclass(frozen=True)
@@ -34,6 +36,12 @@ class SyncEvidence:
     clear: float | None = None
     needed: float | None = None
 
+    def __str__(self) -> str:
+        scores = ""
+        if self.clear is not None and self.needed is not None:
+            scores = f": fits {self.clear:.1f} times as well as at any other time ({self.needed:g} is needed)"
+        return f"by {self.by} with {self.other}{scores}"
+
 
 @dataclass(frozen=True)
 class Sidecar:
@@ -43,6 +51,7 @@ class Sidecar:
         held_out: Names of held-out cameras.
         fps: Frames per second.
         starts: Time in each video, in seconds, at which all cameras start; 0 for cameras without an entry.
+        rates: Seconds that a video's clock shows in a second of the capture; 1 for cameras without an entry.
         sync: What `capture sync` found start times by, by camera. It only informs.
         transfer: Transfer function of videos that declare none: "sdr", "hlg" or "pq".
         failure: Reason why `capture calibrate` failed.
@@ -51,9 +60,15 @@ class Sidecar:
     held_out: list[str] | None = None
     fps: float | None = None
     starts: dict[str, float] = field(default_factory=dict)
+    rates: dict[str, float] = field(default_factory=dict)
     sync: dict[str, SyncEvidence] = field(default_factory=dict)
     transfer: str | None = None
     failure: str | None = None
+
+    def only(self, names: Container[str]) -> Sidecar:
+        """Return the sidecar without the clocks of other cameras."""
+        starts = {name: start for name, start in self.starts.items() if name in names}
+        return replace(self, starts=starts, rates={name: rate for name, rate in self.rates.items() if name in names})
 
 
 def read_sidecar(folder: Path) -> Sidecar:
@@ -68,13 +83,16 @@ def read_sidecar(folder: Path) -> Sidecar:
             raise ValueError(f"fps is {fps!r:.100}, expected a positive number")
         if not isinstance(starts, dict) or not all(is_number(s) and s >= 0 for s in starts.values()):
             raise ValueError(f"starts is {starts!r:.100}, expected seconds of 0 or more by camera")
+        rates = content.get("rates", {})
+        if not isinstance(rates, dict) or not all(is_number(r) and SLOW <= r <= FAST for r in rates.values()):
+            raise ValueError(f"rates is {rates!r:.100}, expected numbers of {SLOW} to {FAST} by camera")
         transfer = content.get("transfer")
         if "transfer" in content and not (isinstance(transfer, str) and transfer in TRANSFERS):
             raise ValueError(f"transfer is {transfer!r:.100}, expected one of {', '.join(TRANSFERS)}")
         failure = content.get("calibration_failed")
         if failure is not None and not isinstance(failure, str):
             raise ValueError(f"calibration_failed is {failure!r:.100}, expected a sentence")
-        return Sidecar(held_out, fps, starts, _sync(content.get("sync", {})), transfer, failure)
+        return Sidecar(held_out, fps, starts, rates, _sync(content.get("sync", {})), transfer, failure)
 
 
 def _sync(content: Any) -> dict[str, SyncEvidence]:
@@ -92,9 +110,16 @@ def _sync(content: Any) -> dict[str, SyncEvidence]:
     return found
 
 
-def write_starts(folder: Path, starts: dict[str, float], evidence: dict[str, SyncEvidence]) -> None:
-    """Record the start time of each video, and keep the other entries. Raise `CaptureError` if the file is not a JSON object."""
-    _change(folder, {"starts": starts, "sync": {name: asdict(found) for name, found in evidence.items()} or None})
+def write_starts(
+    folder: Path, starts: dict[str, float], evidence: dict[str, SyncEvidence], rates: dict[str, float] | None = None
+) -> None:
+    """Record the start time and the clock's rate of each video, and keep the other entries.
+
+    Raises:
+        CaptureError: The file is not a JSON object.
+    """
+    known = {name: asdict(found) for name, found in evidence.items()}
+    _change(folder, {"starts": starts, "rates": rates or None, "sync": known or None})
 
 
 def write_failure(folder: Path, why: str | None) -> None:

@@ -42,17 +42,21 @@ class Track:
         start: Seconds after its first frame at which the sound starts.
         files: Access to the file.
         blocks: Function from a number of channels to blocks [n, channels] from `start` on, for sound in several files.
+        speed: Seconds of the file in a second of the capture, for a clock that drifts. Sound in several files is not
+            resampled.
     """
 
     file: Path
     start: float
     files: Files = LOCAL
     blocks: Callable[[int], Iterator[np.ndarray]] | None = None
+    speed: float = 1.0
 
     def read(self, channels: int, skip: float = 0.0) -> Iterator[np.ndarray]:
         """Yield blocks [n, channels] float32 at `RATE` from `skip` seconds after `start` on."""
         if self.blocks is None:
-            return read_sound(self.file, channels, RATE, self.start + skip, self.files)
+            start = self.start + skip * self.speed
+            return read_sound(self.file, channels, round(RATE / self.speed), start, self.files)
         return _without_first(self.blocks(channels), round(skip * RATE))
 
 

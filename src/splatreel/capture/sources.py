@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 from splatreel.capture.base import Request
@@ -21,8 +20,7 @@ Video = VideoFile | GrowingCamera
 def video_source(path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> Videos | GrowingVideos:
     """Return the source for a video per camera, or a folder of numbered videos per camera while they are being written."""
     files = {name: file for name, file in files.items() if name not in request.left_out}
-    starts = {name: start for name, start in sidecar.starts.items() if name not in request.left_out}
-    sidecar = replace(sidecar, starts=starts)
+    sidecar = sidecar.only({*sidecar.starts, *sidecar.rates} - request.left_out)
     if request.growth is None:
         return Videos(path, files, sidecar, request)
     return GrowingVideos(path, files, sidecar, request.growth)

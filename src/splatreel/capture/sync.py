@@ -1,50 +1,128 @@
-"""Synchronization of the videos of a folder by their sound, and of silent videos by what they show."""
+"""Synchronization of the videos of a folder by sound, by what they show, or by timecode."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 from pathlib import Path
 
 import numpy as np
 
-from splatreel.capture.growing.growing_sound import read_packets
-from splatreel.capture.growing.growth import Growth
-from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, segment_files
-from splatreel.capture.readers.colmap import videos_but
-from splatreel.capture.sidecar import SyncEvidence, write_starts
-from splatreel.capture.soundtrack import RATE as SOUND_RATE
-from splatreel.capture.soundtrack import channels, read_sound
-from splatreel.capture.timecode import read_timecode, timecode_difference
-from splatreel.capture.visible_sync import CLEAR as VISIBLY_CLEAR
-from splatreel.capture.visible_sync import VisibleAgreement, compare_activity, watch
+from splatreel.capture import sound_sync, visible_sync
+from splatreel.capture.base import Request
+from splatreel.capture.clock_drift import Lag
+from splatreel.capture.growing.segmented_video import segment_files
+from splatreel.capture.readers.calibrated import is_calibrated
+from splatreel.capture.readers.colmap import is_colmap, unread_videos, videos_but
+from splatreel.capture.readers.easyvolcap import is_easyvolcap
+from splatreel.capture.readers.neu3dv import POSES
+from splatreel.capture.readers.transforms import is_transforms
+from splatreel.capture.sidecar import Sidecar, SyncEvidence, read_sidecar, write_starts
+from splatreel.capture.sound_sync import Agreement
+from splatreel.capture.timecode import Timecode, read_timecode, timecode_difference
+from splatreel.capture.videos import LATE_END, Videos
+from splatreel.capture.visible_sync import VisibleAgreement
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress
 
-RATE = 8000
-"""Samples per second; enough for claps, steps and voices, with a resolution of an eighth of a millisecond."""
-LONGEST = 180
-"""Maximum seconds of a video that are used."""
-APART = 0.05
-"""Minimum distance in seconds of a rival alignment from the best one."""
-CLEAR = 2.0
-"""Minimum ratio between the best alignment and its best rival."""
+DRIFTS = 0.5
+"""Minimum change of the lag between two videos, in frames, that counts as a drift of a clock."""
+IN_STEP = 0.5
+"""Maximum distance, in frames, of videos that are in step."""
+SEARCHED = 3
+"""Maximum number of aligned videos in which the parts of a video's sound are searched."""
 
 
 @dataclass(frozen=True)
-class Agreement:
-    """Alignment of two videos: the second started `later` seconds after the first. `clear` is its ratio to the best rival."""
+class Clock:
+    """Clock of a video: it shows `rate` * T + `shift` at time T of the capture, and 0 at its first frame."""
 
-    later: float
-    clear: float
+    rate: float = 1.0
+    shift: float = 0.0
+
+    @property
+    def began(self) -> float:
+        """Time of the capture at which the video starts."""
+        return -self.shift / self.rate
+
+    def lagging(self, lag: Lag) -> Clock:
+        """Return the clock of a video whose lag from this one is known."""
+        slower = 1 - lag.drift
+        return Clock(slower * self.rate, slower * self.shift - lag.start)
 
 
-def synchronize(path: Path, progress: Progress, leave_out: Sequence[str] = ()) -> dict[str, float]:
-    """Find the start times of a folder's videos, record them in `splatreel.json`, and return them by camera.
+@dataclass(frozen=True)
+class Synchronization:
+    """Start times of videos.
 
-    Videos with sound are aligned by it, exact to less than a millisecond. Videos without sound are aligned to these by
-    motion and light, exact to about half a frame, or by timecode.
+    Attributes:
+        starts: Time in each video at which all videos have started, in seconds.
+        rates: Seconds that a video's clock shows in a second of the capture, for clocks of other speeds than most.
+        evidence: Evidence of each start time but one.
+        frame: Seconds of a frame.
+        seconds: Duration for which all videos run.
+        end_together: True if all videos are equally long.
+        notes: Sentences about alignments that were tried and refused.
+        in_step: True if videos are in step with `splatreel.json`, which was not changed.
+    """
+
+    starts: dict[str, float]
+    rates: dict[str, float]
+    evidence: dict[str, SyncEvidence]
+    frame: float
+    seconds: float
+    end_together: bool
+    notes: list[str]
+    in_step: bool = False
+
+    def out_of_step(self, known: Sidecar) -> float:
+        """Return by how many seconds videos are out of step with a sidecar. Videos that it does not name start together."""
+        names, apart = list(self.starts), []
+        for time in (0.0, self.seconds):
+            found = np.array([self.starts[name] + self.rates.get(name, 1.0) * time for name in names])
+            was = np.array([known.starts.get(name, 0.0) + known.rates.get(name, 1.0) * time for name in names])
+            apart.append(float(np.ptp(found - was)))
+        return max(apart)
+
+
+def synchronize(
+    path: Path, progress: Progress, leave_out: Sequence[str] = (), dry_run: bool = False
+) -> Synchronization:
+    """Find the start times of a folder's videos, and record them in `splatreel.json`.
+
+    Start times of a calibrated capture, or those of an earlier run, are not changed if videos are in step with them.
+
+    Args:
+        path: Folder of videos.
+        progress: Progress display.
+        leave_out: Names of videos that are not used.
+        dry_run: True writes nothing.
+
+    Raises:
+        CaptureError: Neither the sound, the picture nor the timecode of a video tells when it starts.
+    """
+    found = find_starts(path, progress, leave_out)
+    known = read_sidecar(path)
+    settled = bool(known.starts) or (_is_calibrated(path) and found.end_together)
+    if settled and found.out_of_step(known) <= IN_STEP * found.frame:
+        return replace(found, in_step=True)
+    if not dry_run:
+        write_starts(path, found.starts, found.evidence, found.rates)
+    return found
+
+
+def _is_calibrated(path: Path) -> bool:
+    formats = (is_colmap, is_easyvolcap, is_transforms, is_calibrated)
+    return (path / POSES).is_file() or any(fits(path) for fits in formats)
+
+
+def find_starts(path: Path, progress: Progress, leave_out: Sequence[str] = ()) -> Synchronization:
+    """Find the start times of a folder's videos.
+
+    Videos are aligned by sound, exact to less than a millisecond. Videos whose sound fits none are aligned by motion and
+    light, exact to about half a frame, or else by timecode. A clock that drifts by half a frame gets a rate.
 
     Args:
         path: Folder of videos.
@@ -52,147 +130,220 @@ def synchronize(path: Path, progress: Progress, leave_out: Sequence[str] = ()) -
         leave_out: Names of videos that are not used.
 
     Raises:
-        CaptureError: The sound of a video matches no other's, or what a silent video shows matches no other video.
+        CaptureError: Neither the sound, the picture nor the timecode of a video tells when it starts.
     """
     files = videos_but(path, leave_out)
     if len(files) < 2:
-        raise CaptureError(f"{path}: {len(files)} videos; at least two are needed to synchronize.")
-    progress.stage("reading the sound of the videos", len(files))
-    sounds = {}
-    for count, (name, file) in enumerate(files.items(), 1):
-        sound = listen(file)
-        if sound is not None:
-            sounds[name] = sound
-        progress.update(count)
-    evidence: dict[str, SyncEvidence] = {}
-    began = align(path, sounds, evidence, progress) if sounds else {next(iter(files)): 0.0}
-    if len(began) < len(files):
-        began = align_silent(path, files, began, evidence, progress)
-    last = max(began.values())
-    starts = {name: round(last - time, 6) for name, time in began.items()}
-    write_starts(path, starts, evidence)
-    return starts
+        others = "".join(f" {sentence}." for sentence in unread_videos(path))
+        raise CaptureError(f"{path}: {len(files)} videos; at least two are needed to synchronize.{others}")
+    search = _Search(path, files, progress)
+    search.run()
+    clocks = search.clocks
+    usual = min((c.rate for c in clocks.values()), key=lambda rate: sum(abs(rate - c.rate) for c in clocks.values()))
+    begin = max(clock.began for clock in clocks.values())
+    starts = {name: round(clocks[name].rate * begin + clocks[name].shift, 6) + 0.0 for name in files}
+    rates = {name: round(clocks[name].rate / usual, 8) for name in files}
+    rates = {name: rate for name, rate in rates.items() if rate != 1}
+    lengths = {name: (search.seconds(name) - start) / rates.get(name, 1.0) for name, start in starts.items()}
+    ends = [search.seconds(name) for name in files]
+    return Synchronization(
+        starts,
+        rates,
+        search.evidence,
+        search.frame,
+        max(min(lengths.values()), 0.0),
+        max(ends) - min(ends) <= LATE_END * search.frame,
+        search.notes,
+    )
 
 
-def align(
-    path: Path, sounds: dict[str, np.ndarray], evidence: dict[str, SyncEvidence], progress: Progress
-) -> dict[str, float]:
-    """Return the start time of each sound [samples] relative to the first, in seconds. Sounds are joined in order of clarity.
+class _Search:
+    """Search for the clocks of all videos, from the clearest alignment on."""
 
-    `evidence` receives what each time but the first rests on.
-    """
-    length = 1 << (2 * max(map(len, sounds.values())) - 1).bit_length()
-    phases = {name: _phases(sound, length) for name, sound in sounds.items()}
-    pairs = list(combinations(sounds, 2))
-    progress.stage("comparing their sound in pairs", len(pairs))
-    found: dict[tuple[str, str], Agreement] = {}
-    for count, (a, b) in enumerate(pairs, 1):
-        found[a, b] = agreement = _compare(phases[a], phases[b], length)
-        found[b, a] = Agreement(-agreement.later, agreement.clear)
-        progress.update(count)
-    began = {next(iter(sounds)): 0.0}
-    while len(began) < len(sounds):
-        waiting = [pair for pair in found if pair[0] in began and pair[1] not in began]
-        a, b = max(waiting, key=lambda pair: found[pair].clear)
-        if found[a, b].clear < CLEAR:
-            lost = ", ".join(name for name in sounds if name not in began)
-            raise CaptureError(
-                f"{path}: the sound of {lost} matches none of the others. Clap once where all cameras record it, or write into "
-                f'splatreel.json when each video starts: {{"starts": {{"{b}": seconds, ...}}}}.'
-            )
-        began[b] = began[a] + found[a, b].later
-        evidence[b] = SyncEvidence(a, "sound", round(found[a, b].clear, 2), CLEAR)
-    return began
+    def __init__(self, path: Path, files: dict[str, Path], progress: Progress) -> None:
+        self.path, self.files, self.progress = path, files, progress
+        self.evidence: dict[str, SyncEvidence] = {}
+        self.notes: list[str] = []
+        self._searched: set[str] = set()  # videos whose sound was searched in parts
+        self._searched_motion: set[str] = set()
+        self._visible: dict[tuple[str, str], VisibleAgreement] = {}
+        self._videos = Videos(path, files, Sidecar(transfer=read_sidecar(path).transfer), Request(frames=(0, 1)))
+        self._videos.close()
+        self.frame = 1 / self._videos.fps
+        self.clocks = {next(iter(self._sounds or files)): Clock()}
 
+    @property
+    def _waiting(self) -> list[str]:
+        return [name for name in self.files if name not in self.clocks]
 
-def align_silent(
-    path: Path,
-    files: dict[str, Path],
-    began: dict[str, float],
-    evidence: dict[str, SyncEvidence],
-    progress: Progress,
-) -> dict[str, float]:
-    """Return the start times of all videos, given those of some.
+    def run(self) -> None:
+        """Find all clocks.
 
-    The others are joined in order of clarity. Timecodes count only where pictures tell nothing, because clocks of
-    cameras that were not synchronized differ by seconds. `evidence` receives what each time rests on.
-    """
-    progress.stage("watching the videos, since some have no sound", len(files))
-    seen = {}
-    for count, (name, file) in enumerate(files.items(), 1):
-        seen[name] = watch(_first_part(file))
-        progress.update(count)
-    began = dict(began)
-    found: dict[tuple[str, str], VisibleAgreement] = {}
-    while silent := [name for name in files if name not in began]:
-        for a in began:
-            for b in silent:
-                if (a, b) not in found:
-                    found[a, b] = compare_activity(seen[a], seen[b])
-        a, b = max(((a, b) for a in began for b in silent), key=lambda pair: found[pair].alike * found[pair].certain)
-        if not found[a, b].certain:
-            timed, known = _by_timecode(files, began, silent)
-            if timed:
-                began |= timed
-                evidence |= dict.fromkeys(timed, SyncEvidence(known, "timecode"))
-                continue
-            raise CaptureError(
-                f"{path}: {', '.join(silent)} {'has' if len(silent) == 1 else 'have'} no sound, and no motion or flash that "
-                f"tells when it starts. Flash a light once that all cameras see, or write into splatreel.json when each video "
-                f'starts: {{"starts": {{"{b}": seconds, ...}}}}.'
-            )
-        began[b] = began[a] + found[a, b].later
-        evidence[b] = SyncEvidence(a, "motion and light", round(found[a, b].clear, 2), VISIBLY_CLEAR)
-    return began
+        Raises:
+            CaptureError: Nothing tells when a video starts.
+        """
+        while self._waiting:
+            if not (self._by_sound() or self._by_parts() or self._by_motion() or self._by_timecode()):
+                raise self._lost()
 
+    def _join(self, a: str, b: str, lag: Lag, evidence: SyncEvidence) -> bool:
+        self.clocks[b] = self.clocks[a].lagging(lag)
+        self.evidence[b] = evidence
+        if sound := self._sound_score(b):
+            self.notes += [] if evidence.by == "sound" else [f"{b} is aligned by {evidence.by}: {sound}"]
+        return True
 
-def _by_timecode(files: dict[str, Path], began: dict[str, float], silent: list[str]) -> tuple[dict[str, float], str]:
-    """Return the start times of silent videos by timecode, and the video that they refer to; none if they or all others lack one."""
-    codes = {name: code for name, file in files.items() if (code := read_timecode(_first_part(file))) is not None}
-    known = next((name for name in began if name in codes), None)
-    if known is None:
-        return {}, ""
-    return {b: began[known] + timecode_difference(codes[known], codes[b]) for b in silent if b in codes}, known
+    def _by_sound(self) -> bool:
+        """Align the video whose whole sound fits an aligned one most clearly."""
+        pairs = [(a, b) for a, b in self._heard if a in self.clocks and b not in self.clocks]
+        if not pairs:
+            return False
+        a, b = max(pairs, key=lambda pair: self._heard[pair].clear)
+        found = self._heard[a, b]
+        if found.clear < sound_sync.CLEAR:
+            return False
+        drifting = sound_sync.align_drifting(self._sounds[a], self._sounds[b], found.later, DRIFTS * self.frame)
+        return self._join_by_sound(a, b, *(drifting or (Lag(found.later), found)))
+
+    def _join_by_sound(self, a: str, b: str, lag: Lag, found: Agreement) -> bool:
+        return self._join(a, b, lag, SyncEvidence(a, "sound", round(found.clear, 2), sound_sync.CLEAR))
+
+    def _by_parts(self) -> bool:
+        """Align a video by parts of its sound, for clocks that drift more than whole tracks can show."""
+        for b in [name for name in self._waiting if name in self._sounds and name not in self._searched]:
+            self._searched.add(b)
+            known = [a for a in self.clocks if a in self._sounds]
+            for a in sorted(known, key=lambda a: -self._heard[a, b].clear)[:SEARCHED]:
+                found = sound_sync.search_parts(self._sounds[a], self._sounds[b])
+                if found is not None:
+                    return self._join_by_sound(a, b, *found)
+        return False
+
+    def _by_motion(self) -> bool:
+        """Align the video whose motion and light fit an aligned one most clearly."""
+        pairs = [(a, b) for a in self.clocks for b in self._waiting]
+        for a, b in pairs:
+            if (a, b) not in self._visible:
+                self._visible[a, b] = visible_sync.compare_activity(self._seen[a], self._seen[b])
+        pairs.sort(key=lambda pair: -self._visible[pair].alike)
+        for a, b in [pair for pair in pairs if self._visible[pair].certain][:1]:
+            found = self._visible[a, b]
+            least = max(DRIFTS * self.frame, visible_sync.ON_LINE)
+            drifting = visible_sync.align_drifting(self._seen[a], self._seen[b], found.later, least)
+            return self._join_by_motion(a, b, *(drifting or (Lag(found.later), found)))
+        for a, b in pairs:
+            if b not in self._searched_motion:
+                drifting = visible_sync.search_parts(self._seen[a], self._seen[b])
+                if drifting is not None:
+                    return self._join_by_motion(a, b, *drifting)
+        self._searched_motion |= set(self._waiting)
+        return False
+
+    def _join_by_motion(self, a: str, b: str, lag: Lag, found: VisibleAgreement) -> bool:
+        return self._join(a, b, lag, SyncEvidence(a, "motion and light", round(found.clear, 2), visible_sync.CLEAR))
+
+    def _by_timecode(self) -> bool:
+        """Align a video by its timecode.
+
+        Timecodes count only where pictures tell nothing, because clocks of cameras that were not synchronized differ by
+        seconds. Timecodes of videos that do not overlap are of such clocks.
+        """
+        for b in self._waiting:
+            for a in self.clocks:
+                one, other = self._timecodes.get(a), self._timecodes.get(b)
+                if one is not None and other is not None and self._overlap(a, b):
+                    return self._join(a, b, Lag(timecode_difference(one, other)), SyncEvidence(a, "timecode"))
+        return False
+
+    def _overlap(self, a: str, b: str) -> bool:
+        """Return whether two videos overlap by their timecodes."""
+        later = timecode_difference(self._timecodes[a], self._timecodes[b])
+        return -self.seconds(b) < later < self.seconds(a)
+
+    def seconds(self, name: str) -> float:
+        """Return the time of a video's last frame."""
+        times = self._videos[name].times
+        return float(times[-1]) if len(times) else 0.0
+
+    @cached_property
+    def _sounds(self) -> dict[str, np.ndarray]:
+        self.progress.stage("reading the sound of the videos", len(self.files))
+        found = {}
+        for count, (name, file) in enumerate(self.files.items(), 1):
+            sound = sound_sync.listen(file)
+            if sound is not None:
+                found[name] = sound
+            self.progress.update(count)
+        return found
+
+    @cached_property
+    def _heard(self) -> dict[tuple[str, str], Agreement]:
+        """Agreement of the sounds of each pair."""
+        if len(self._sounds) < 2:
+            return {}
+        length = sound_sync.common_length(self._sounds)
+        phases = {name: sound_sync.phases(sound, length) for name, sound in self._sounds.items()}
+        pairs = list(combinations(self._sounds, 2))
+        self.progress.stage("comparing their sound in pairs", len(pairs))
+        found: dict[tuple[str, str], Agreement] = {}
+        for count, (a, b) in enumerate(pairs, 1):
+            found[a, b] = agreement = sound_sync.compare(phases[a], phases[b], length)
+            found[b, a] = Agreement(-agreement.later, agreement.clear)
+            self.progress.update(count)
+        return found
+
+    @cached_property
+    def _seen(self) -> dict[str, np.ndarray]:
+        self.progress.stage("watching the videos, since their sound does not tell when they start", len(self.files))
+        found = {}
+        for count, (name, file) in enumerate(self.files.items(), 1):
+            found[name] = visible_sync.watch(_first_part(file))
+            self.progress.update(count)
+        return found
+
+    @cached_property
+    def _timecodes(self) -> dict[str, Timecode]:
+        codes = {name: read_timecode(_first_part(file)) for name, file in self.files.items()}
+        return {name: code for name, code in codes.items() if code is not None}
+
+    def _sound_score(self, b: str) -> str:
+        """Return how well the sound of a video fits that of others, or nothing if it has none to compare."""
+        scores = {a: found.clear for (a, other), found in self._heard.items() if other == b}
+        if not scores:
+            return ""
+        best = max(scores, key=lambda a: scores[a])
+        return f"its sound fits {best} best, {scores[best]:.2f} times as well as at another time ({sound_sync.CLEAR:g} is needed)"
+
+    def _scores(self, b: str) -> str:
+        """Return what was tried to align a video, with the scores."""
+        found = {a: agreement for (a, other), agreement in self._visible.items() if other == b}
+        best = max(found, key=lambda a: found[a].alike)
+        sight = (
+            f"its motion and light fit {best} best, with a correlation of {found[best].alike:.2f} ({visible_sync.ALIKE:g} is needed), "
+            f"{found[best].clear:.2f} times that at another time ({visible_sync.CLEAR:g} is needed)"
+        )
+        sound = self._sound_score(b) or ("no other video has sound" if b in self._sounds else "it has no sound")
+        return f"{sound}; {sight}; {self._timecode_score(b)}"
+
+    def _timecode_score(self, b: str) -> str:
+        code = self._timecodes.get(b)
+        known = next((a for a in self.clocks if a in self._timecodes), None)
+        if code is None or known is None:
+            return "it has no timecode" if code is None else "no other video has a timecode"
+        apart = abs(timecode_difference(self._timecodes[known], code))
+        return f"its timecode {code.text} is {apart:.0f} s from {self._timecodes[known].text} of {known}, longer than the videos"
+
+    def _lost(self) -> CaptureError:
+        names = ", ".join(self.files[name].name for name in self._waiting)
+        scores = ". ".join(f"{name}: {self._scores(name)}" for name in self._waiting)
+        example = ", ".join(f'"{name}": seconds' for name in self.files)
+        return CaptureError(
+            f"{self.path}: nothing tells when {names} start. {scores}. Find something in these videos that others "
+            f"show too, such as a step, and write into splatreel.json when it happens in each: "
+            f'{{"starts": {{{example}}}}}; or leave them out (--leave-out). Next time, clap once that all hear.'
+        )
 
 
 def _first_part(file: Path) -> Path:
     """Return a video, or the first video of a folder of its parts."""
     return segment_files(file)[0] if file.is_dir() else file
-
-
-def listen(file: Path) -> np.ndarray | None:
-    """Return the sound of a video, or of a folder of its parts, from its first frame on, or None without sound.
-
-    Returns:
-        Sound [samples] float32 at `RATE`.
-    """
-    files = segment_files(file) if file.is_dir() else [file]
-    names = numbered(files) if len(files) > 1 else None
-    video = None if names is None else SegmentedVideo(file, names, Growth.over(file.parent))
-    file = files[0] if video is None else video.written
-    if not channels(file):
-        return None
-    rate = RATE if video is None else SOUND_RATE
-    parts, count = [], 0
-    for block in read_sound(file, 1, RATE) if video is None else read_packets(video.sound(), 1, 0.0):
-        parts.append(block[:, 0])
-        count += len(block)
-        if count >= LONGEST * rate:
-            break
-    sound, step = np.concatenate([np.zeros(0, np.float32), *parts])[: LONGEST * rate], rate // RATE
-    return sound[: len(sound) // step * step].reshape(-1, step).mean(1)
-
-
-def _phases(sound: np.ndarray, length: int) -> np.ndarray:
-    """Return the spectrum without amplitudes, so that sounds loud at one camera count no more than others."""
-    spectrum = np.fft.rfft(sound, length)
-    return (spectrum / np.maximum(np.abs(spectrum), 1e-12)).astype(np.complex64)
-
-
-def _compare(a: np.ndarray, b: np.ndarray, length: int) -> Agreement:
-    fit = np.fft.irfft(a * np.conj(b), length)
-    best = int(fit.argmax())
-    rivals = np.roll(fit, -best)
-    away = round(APART * RATE)
-    clear = fit[best] / max(rivals[away:-away].max(), 1e-12)
-    return Agreement((best if best < length // 2 else best - length) / RATE, float(clear))

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from splatreel.capture.base import MIN_CAMERAS, Request
 from splatreel.capture.file_capture import FrameSource
-from splatreel.capture.readers.colmap import camera_folders, is_colmap, videos_but
+from splatreel.capture.image_sequences import flat_pictures
+from splatreel.capture.readers.colmap import camera_folders, is_colmap, unread_videos, videos_but
 from splatreel.capture.readers.neu3dv import POSES
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source
@@ -34,9 +34,11 @@ def uncalibrated_files(path: Path, leave_out: Sequence[str]) -> CameraFiles:
         raise CaptureError(f"{path}: is calibrated already. Delete {MODEL.parent} or {POSES} to calibrate it again.")
     files = camera_files(path, leave_out)
     if len(files) < MIN_CAMERAS:
+        others = "".join(f" {sentence}." for sentence in unread_videos(path))
+        others += f" {flat}" if (flat := flat_pictures(path) or flat_pictures(path / "images")) else ""
         raise CaptureError(
             f"{path}: videos or folders of pictures of {len(files)} cameras ({', '.join(files) or 'none'}), at least {MIN_CAMERAS} are "
-            f"needed. Add the others."
+            f"needed. Add the others.{others}"
         )
     return files
 
@@ -58,7 +60,7 @@ def camera_files(path: Path, leave_out: Sequence[str]) -> CameraFiles:
 def open_uncalibrated(path: Path, files: CameraFiles) -> FrameSource:
     """Return the synchronized frames of some cameras of a folder. EXIF is ignored, as in the model that is written."""
     sidecar, request = read_sidecar(path), Request(frames=(0, 1))
-    sidecar = replace(sidecar, starts={name: start for name, start in sidecar.starts.items() if name in files})
+    sidecar = sidecar.only(files)
     pictures = {name: found for name, found in files.items() if isinstance(found, list)}
     if pictures:
         return picture_source(path, pictures, sidecar, request, upright=False)

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import io
+import re
 from bisect import bisect_right
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
 from typing import Any, BinaryIO, cast
@@ -24,6 +26,31 @@ from splatreel.errors import CaptureError
 SUFFIXES = (".mp4", ".m4v", ".mov")
 """Extensions of files whose tables fully describe the frames."""
 PAYLOAD = b"mdat"
+
+
+@dataclass(frozen=True)
+class Box:
+    """Box of an MP4 file: its kind, and the start and end of its content in the file."""
+
+    kind: bytes
+    start: int
+    end: int
+
+
+def top_level_boxes(file: BinaryIO, size: int) -> Iterator[Box]:
+    """Yield the outermost boxes of an MP4 file of `size` bytes."""
+    at = 0
+    while at + 8 <= size:
+        file.seek(at)
+        head = file.read(16)
+        length, kind, used = int.from_bytes(head[:4], "big"), head[4:8], 8
+        if length == 1:
+            length, used = int.from_bytes(head[8:16], "big"), 16
+        end = size if length == 0 else min(at + length, size)
+        if end < at + used:
+            return
+        yield Box(kind, at + used, end)
+        at = end
 
 
 class IndexOnly:
@@ -66,24 +93,33 @@ class IndexOnly:
 
     def _payload(self) -> tuple[list[int], list[int]]:
         """Return the start and end positions of image data in top-level boxes."""
-        begins, ends, at = [], [], 0
-        while at + 8 <= self._size:
-            self._file.seek(at)
-            head = self._file.read(16)
-            size, kind, length = int.from_bytes(head[:4], "big"), head[4:8], 8
-            if size == 1:
-                size, length = int.from_bytes(head[8:16], "big"), 16
-            end = self._size if size == 0 else min(at + size, self._size)
-            if end < at + length:
-                break
-            if kind == PAYLOAD:
-                begins.append(at + length)
-                ends.append(end)
-            at = end
-        return begins, ends
+        boxes = [box for box in top_level_boxes(self._file, self._size) if box.kind == PAYLOAD]
+        return [box.start for box in boxes], [box.end for box in boxes]
 
 
-VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".mts", ".ts")
+VIDEO_SUFFIXES = (
+    ".mp4",
+    ".mov",
+    ".m4v",
+    ".mkv",
+    ".webm",
+    ".avi",
+    ".mts",
+    ".m2ts",
+    ".ts",
+    ".mxf",
+    ".mpg",
+    ".mpeg",
+    ".3gp",
+    ".wmv",
+    ".flv",
+)
+"""Extensions of videos that are read."""
+OTHER_VIDEOS = re.compile(
+    r"\.(braw|r3d|crm|ari|arx|cine|insv|360|svo2?|bag|h26[45]|26[45]|hevc|y4m|yuv|ivf|obu|mjpe?g|vob|mod|tod|dv|ogv|f4v|asf|rmvb?|gif)",
+    re.IGNORECASE,
+)
+"""Extensions of videos that are not read: raw formats of cameras, streams without times, and rare containers."""
 
 WITHOUT_PICTURES = {"fflags": "noparse", "probesize": "32"}
 """FFmpeg options that do not parse images, which are zeros."""
@@ -115,10 +151,16 @@ class VideoFile:
         files: Access to the file.
         table: Frame table of an earlier scan, used if the file size matches.
         transfer: Transfer function for a video that declares none (`Sidecar.transfer`).
+        partial: True reads the whole frames of a truncated file. Otherwise it is an error.
     """
 
     def __init__(
-        self, path: Path, files: Files = LOCAL, table: FrameTable | None = None, transfer: str | None = None
+        self,
+        path: Path,
+        files: Files = LOCAL,
+        table: FrameTable | None = None,
+        transfer: str | None = None,
+        partial: bool = False,
     ) -> None:
         self.path, self._files = path, files
         self._container: InputContainer | None = None
@@ -130,13 +172,17 @@ class VideoFile:
         self._orientation = Orientation(table.turns, table.mirrored)
         self.width, self.height = self._orientation.size(table.width, table.height)
         self.frames, self.fps, self.start, self.times = table.frames, table.fps, table.start, table.times
-        expected = max(table.declared, table.packets, 1)
-        if table.whole < expected:
-            advice = f"or cut every video to {table.whole} frames" if table.whole else "or leave the camera out"
-            raise CaptureError(
-                f"{path}: is truncated: {table.whole} of {expected} frames are whole. Copy the file again, {advice}."
-            )
+        if table.whole < table.expected and not (partial and table.frames):
+            advice = f"choose frames that are whole (--frames 0:{table.frames}), " if table.frames else ""
+            raise CaptureError(f"{self.truncation}. Copy the file again, {advice}or leave the camera out.")
         self.color = VideoColor(*table.color).interpreted(path, transfer)
+
+    @property
+    def truncation(self) -> str:
+        """Sentence about a truncated file, without its end; empty for a whole file."""
+        if self.table.whole >= self.table.expected:
+            return ""
+        return f"{self.path}: is truncated: {self.table.whole} of {self.table.expected} frames are whole"
 
     def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
         """Decode frames into an array.
@@ -233,7 +279,13 @@ class VideoFile:
                         yield number, frame
 
     def _decoded(self, packet: av.Packet, begin: int) -> list[av.VideoFrame]:
-        """Decode a packet. A packet displayed before the keyframe may refer to missing images."""
+        """Decode a packet.
+
+        A packet displayed before the keyframe may refer to missing images. The packet at which a file is truncated, and
+        those that refer to it, are not in the table.
+        """
+        if packet.is_corrupt:
+            return []
         try:
             return packet.decode()
         except FFmpegError:

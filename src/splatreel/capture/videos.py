@@ -44,14 +44,15 @@ class Videos:
         notes: Sentences about what was chosen or skipped.
 
     Raises:
-        CaptureError: The videos end at different times, and neither start times nor frames are given.
+        CaptureError: The videos end at different times, and neither start times nor frames are given. Or one of the
+            frames that are given is not whole.
     """
 
     def __init__(self, path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> None:
         self._path, self._where, self._request, self._transfer = path, request.files, request, sidecar.transfer
         self.notes: list[str] = []
         self._files = dict(zip(files, threads.map_parallel(self._opened, files.values()), strict=True))
-        unknown = [name for name in sidecar.starts if name not in self._files]
+        unknown = [name for name in (*sidecar.starts, *sidecar.rates) if name not in self._files]
         if unknown:
             raise CaptureError(f"{path / SIDECAR}: says when {unknown[0]!r} starts, but no video is called so.")
         recorded = is_recorded(path) or any(
@@ -69,22 +70,26 @@ class Videos:
         # Without start times, the sidecar's rate is the true one of videos that play at another speed.
         self._step = 1 / (self.fps if sidecar.starts or recorded else rate)
         self._starts = dict.fromkeys(self._files, 0.0) | sidecar.starts
+        self._speeds = dict.fromkeys(self._files, 1.0) | sidecar.rates
         if not sidecar.starts and not recorded:
             self._starts |= self._first_times()
         for name in self._files:
             self._check_jump(name, None if request.frames is None else request.frames[1])
         self._pair(recorded)
+        if request.frames is not None:
+            self._check_truncated(request.frames[1])
         if not sidecar.starts and not recorded and request.frames is None:
             self._check_ends()
         self.notes += describe_rates(rates, 1 / self._step)
 
     def _opened(self, file: Path) -> CompleteVideo:
         tables = {self._path / name: table for name, table in self._request.tables.items()}
+        partial = self._request.frames is not None
         if not file.is_dir():
-            return VideoFile(file, self._where, tables.get(file), self._transfer)
+            return VideoFile(file, self._where, tables.get(file), self._transfer, partial)
         parts = segment_files(file)
         if len(parts) == 1 and not is_recorded(self._path):
-            return VideoFile(parts[0], self._where, tables.get(parts[0]), self._transfer)
+            return VideoFile(parts[0], self._where, tables.get(parts[0]), self._transfer, partial)
         names = numbered(parts)
         if names is None:
             raise CaptureError(f"{file}: holds no videos. Copy them there, or leave the camera out.")
@@ -120,10 +125,14 @@ class Videos:
 
     def _pair(self, recorded: bool) -> None:
         """Find the frame of every video for each time step, and the time steps to use."""
-        clocks = {name: video.times[: _jump(video)] - self._starts[name] for name, video in self._files.items()}
+        clocks = {
+            name: (video.times[: _jump(video)] - self._starts[name]) / self._speeds[name]
+            for name, video in self._files.items()
+        }
         for name, clock in clocks.items():
             if not len(clock) or clock[-1] < 0:
-                start, last = self._starts[name], clock[-1] + self._starts[name] if len(clock) else 0.0
+                start = self._starts[name]
+                last = clock[-1] * self._speeds[name] + start if len(clock) else 0.0
                 raise CaptureError(
                     f"{self._path / SIDECAR}: {name} starts at {start:g} s, but its video ends at {last:g} s."
                 )
@@ -155,6 +164,18 @@ class Videos:
             f"of them have{rest}. If they do not, `splatreel capture sync` finds by their sound when each one starts."
         )
 
+    def _check_truncated(self, end: int) -> None:
+        """Raise `CaptureError` if a truncated video ends before time step `end`. Otherwise, name the video."""
+        for name, video in self._files.items():
+            if isinstance(video, VideoFile) and video.truncation:
+                steps = self._ends[name]
+                if end > steps:
+                    raise CaptureError(
+                        f"{video.truncation}. Copy the file again, choose frames before its end (--frames 0:{steps}), or leave the "
+                        f"camera out."
+                    )
+                self.notes.append(f"{video.truncation}, which are used")
+
     def _check_jump(self, name: str, end: int | None) -> None:
         """Raise `CaptureError` if time steps before `end` lie after a jump of a video's clock."""
         video = self._files[name]
@@ -162,7 +183,7 @@ class Videos:
         if jump is None:
             return
         last = float(video.times[jump - 1])
-        steps = int((last - self._starts[name]) / self._step + 0.5) + 1
+        steps = int((last - self._starts[name]) / self._speeds[name] / self._step + 0.5) + 1
         if end is None or end > steps:
             raise CaptureError(
                 f"{video.path}: its time jumps {last:.1f} s after its first frame, so that later frames cannot be placed. "
@@ -194,9 +215,9 @@ class Videos:
         return {name: self._track(name, video, first) for name, video in self._files.items()}
 
     def _track(self, name: str, video: CompleteVideo, first: int) -> Track:
-        seconds = self._starts[name] + (self._first_step + first) * self._step
+        seconds = self._starts[name] + self._speeds[name] * (self._first_step + first) * self._step
         if isinstance(video, VideoFile):
-            return Track(video.path, seconds, self._where)
+            return Track(video.path, seconds, self._where, speed=self._speeds[name])
         return Track(video.written, seconds, self._where, lambda count: read_packets(video.sound(), count, seconds))
 
     def sources(self, first: int, count: int) -> list[Path]:

@@ -11,10 +11,9 @@ from pathlib import Path
 from tyro.conf import OmitArgPrefixes, Positional
 from tyro.extras import SubcommandApp
 
-from splatreel.cli.options import CaptureOptions, Set, parse_frames, parse_names, parse_numbers, with_set
+from splatreel.cli.options import CaptureOptions, Set, parse_frames, parse_names, parse_numbers, reel_folder, with_set
 from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Device, configure
-from splatreel.codec.source import reel_folder
 from splatreel.config import Quality
 from splatreel.config.settings import changed
 from splatreel.errors import MissingDependencyError, UsageError
@@ -69,7 +68,7 @@ def codec(
         repeats: Number of repeats; the median counts.
         every: Distance of the frames of a run that are compared with the held-out cameras.
         width: Width of the capture's images, in pixels; by default that of the reel's cameras.
-        span: Frames of the capture that the run was made of, as A:B.
+        span: Frames of the capture to compare with, as A:B; by default those of the run.
         tables: Print also the paper's Tables 4, 8, 9 and 10 with the numbers of the run.
         out: Folder for codec.md, codec.svg and codec.jsonl, from which the same command continues.
         json: Print one JSON object per line.
@@ -80,16 +79,15 @@ def codec(
         return show(bench_codec(points, frames, repeats), json)
     if capture is None or every < 1:
         raise UsageError("bench codec RUN needs the CAPTURE after it, and --every 1 or more.")
-    from splatreel.capture.opening import open_capture
-    from splatreel.evaluation.bench.rate_distortion import Sweep, curves, rate_distortion_points, sweep_of, table
-    from splatreel.evaluation.evaluate import reel_width
+    from splatreel.evaluation.bench.rate_distortion import Sweep, curves, rate_distortion_points, table
+    from splatreel.evaluation.reel_capture import open_reel_capture
     from splatreel.progress import console
 
-    source = open_capture(capture, width=width or reel_width(run / "reel"), frames=parse_frames(span))
+    source, shown = open_reel_capture(run / "reel", capture, width=width, frames=parse_frames(span))
     progress = console()
     record = None if out is None else out / "codec.jsonl"
     try:
-        sweep = sweep_of(run, source, every, progress, record)
+        sweep = Sweep(run, source, shown[::every], progress, record)
         rows = rate_distortion_points(sweep)
         text = table(rows)
         if tables:
@@ -133,12 +131,12 @@ def oracle(
     Args:
         capture: Folder of the videos or images and their cameras.
         out: OUT/oracle.json gets each frame when it is finished, OUT/oracle.md the tables.
-        at: Frames to reconstruct, as 0,14,28, counted from the first of --frames.
+        at: Frames to reconstruct, as 0,14,28, counted from the first of --frames, or as the reel counts them.
         every: Distance of the frames to reconstruct, if --at is not given.
         width: Width of the images, in pixels; by default that of the reel's cameras, else their own.
         scale: Size of the images, as a share of their own, instead of the width.
-        frames: Frames A to B - 1 of the capture, as A:B, the same as the reel was made of; by default all.
-        hold_out: Names of the cameras to compare with, as NAME,NAME; by default those of the format.
+        frames: Frames A to B - 1 of the capture, as A:B; by default those that the reel shows, else all.
+        hold_out: Names of the cameras to compare with, as NAME,NAME; by default those of the reel, else of the format.
         quality: Preset of settings; it decides how long training takes.
         iterations: Iterations of each frame; by default those of the quality for its first keyframe.
         reel: Reel of the same frames, or the output folder of its run, to compare with.
@@ -155,14 +153,17 @@ def oracle(
         config = changed(config, {"keyframe.first_iterations": iterations})
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.bench.oracle import oracle as measure
-    from splatreel.evaluation.evaluate import reel_width
+    from splatreel.evaluation.reel_capture import open_reel_capture
     from splatreel.progress import console
 
     reel = None if reel is None else reel_folder(reel)
-    if reel is not None and width is None and scale is None:
-        width = reel_width(reel)
-    source = open_capture(capture, width=width, scale=scale, frames=span, held_out=held_out)
-    chosen = list(range(0, source.frames, every)) if chosen is None else chosen
+    size = {"width": width, "scale": scale, "held_out": held_out}
+    if reel is None:
+        source = open_capture(capture, frames=span, **size)
+        shown = list(range(source.frames))
+    else:
+        source, shown = open_reel_capture(reel, capture, frames=span, **size)
+    chosen = shown[::every] if chosen is None else chosen
     progress = console()
     try:
         result = measure(source, out, config, chosen, reel=reel, device=device, progress=progress)

@@ -1,4 +1,4 @@
-"""`splatreel capture check | calibrate | board | sync | convert`."""
+"""`splatreel capture check | calibrate | board | sync | convert | film`."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out, 
 from splatreel.cli.printing import counted, say
 from splatreel.command_line import install_command, quoted
 from splatreel.errors import ReconstructionError, UsageError
+from splatreel.threads import use as use_threads
 
 if TYPE_CHECKING:
     import numpy as np
@@ -261,21 +262,37 @@ def capture_board(file: Positional[Path], /, board: str = "5x7:0.035") -> None:
     say(f"  splatreel capture calibrate CAPTURE --board {made.spec}")
 
 
-def capture_sync(capture: Positional[Path], /, leave_out: str | None = None) -> None:
+def capture_sync(capture: Positional[Path], /, leave_out: str | None = None, dry_run: bool = False) -> None:
     """Find when the videos of a folder start, by sound, or else by motion, flashes or timecode. Writes splatreel.json.
+
+    Clocks that drift get a rate. A calibrated capture whose videos are in step to half a frame is not changed.
 
     Args:
         capture: Folder of the videos, one per camera.
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
+        dry_run: Print what is found, and write nothing.
     """
+    from splatreel.capture.readers.colmap import unread_videos
     from splatreel.capture.sync import synchronize
     from splatreel.progress import console
 
     with closing(console()) as progress:
-        starts = synchronize(capture, progress, parse_left_out(leave_out))
-    say(f"{capture / 'splatreel.json'}: second of each video at which all videos have started")
-    for name, start in starts.items():
-        say(f"  {name} {start:.3f}")
+        found = synchronize(capture, progress, parse_left_out(leave_out), dry_run)
+    file = capture / "splatreel.json"
+    say(f"{file}: second of each video at which all videos have started")
+    for name, start in found.starts.items():
+        evidence = found.evidence.get(name)
+        say(f"  {name} {start:.3f}{'' if evidence is None else f', {evidence}'}")
+        if name in found.rates:
+            change = found.rates[name] - 1
+            say(
+                f"    its clock is {100 * abs(change):.3f} % too {'fast' if change > 0 else 'slow'}, which is corrected"
+            )
+    _say_each([*found.notes, *unread_videos(capture)], [])
+    if found.in_step:
+        say(f"The videos are in step already, to half a frame. {file} was not changed.")
+    elif dry_run:
+        say(f"--dry-run: {file} was not changed.")
 
 
 def capture_convert(
@@ -308,3 +325,38 @@ def capture_convert(
     renamed = [f"{old} is now {new}" for old, new in names.items() if old != new]
     if renamed:
         say(f"  {', '.join(renamed)}")
+
+
+def capture_film(
+    out: Positional[Path],
+    /,
+    width: int = 256,
+    height: int = 192,
+    frames: int = 60,
+    seed: int = 0,
+    trace: bool = False,
+    threads: int | None = None,
+) -> None:
+    """Write the built-in capture: a toy room that fourteen virtual cameras film, in the layout of Neu3DV.
+
+    The package contains the film with the default options, which is copied. Other films are ray-traced.
+
+    Args:
+        out: New folder.
+        width: Width of the videos in pixels, even.
+        height: Height of the videos in pixels, even.
+        frames: Number of frames of the videos, at 30 frames a second.
+        seed: Variation of textures and small objects.
+        trace: Trace the film even if the package contains it. The result is the same.
+        threads: Number of threads; by default one per core.
+    """
+    use_threads(threads)
+    from splatreel.capture.builtin.synthetic import HELD_OUT, film_with_progress, make_cameras
+    from splatreel.progress import console
+
+    with closing(console()) as progress:
+        film_with_progress(out, progress, width=width, height=height, frames=frames, seed=seed, trace=trace)
+    say(f"{out}: {len(make_cameras())} cameras and {counted(frames, 'frame')} of {width} x {height} pixels, with sound")
+    say(
+        f"  kept for evaluation, not trained on: {', '.join(HELD_OUT)}. Run\n  {quoted(['splatreel', 'capture', 'check', out])}"
+    )

@@ -6,12 +6,20 @@ import dataclasses
 import sys
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
+from splatreel.cli.demo_player import demo_player
 from splatreel.cli.options import Set, with_set
 from splatreel.cli.printing import say, serving
 from splatreel.cli.reconstruct import Device, configure, with_renditions
+from splatreel.cli.serve import wait_for_viewers
 from splatreel.config import Config, Quality
 from splatreel.threads import use as use_threads
+
+if TYPE_CHECKING:
+    from splatreel.evaluation.report import Report
+    from splatreel.progress import Progress
+    from splatreel.recon.pipeline import Result
 
 WORDS = {
     "title": "A toy room",
@@ -33,11 +41,13 @@ def demo(
     settings: Set = (),
     threads: int | None = None,
 ) -> None:
-    """Film a small scene, reconstruct it, evaluate the decoded reel, and play it in the browser.
+    """Reconstruct a small built-in scene, evaluate the decoded reel, and play it in the browser.
+
+    A finished reel of the scene plays at once, and the user's own while it is being made.
 
     Args:
         out: Folder that gets OUT/capture, OUT/work, OUT/reel and OUT/report.json. After an interruption, the same command continues.
-        serve: Serve the player at the end, until Ctrl-C. Without a terminal the demo just ends.
+        serve: Serve the player from the start, and at a terminal until Ctrl-C. Without a terminal the demo just ends.
         quality: Preset of settings; it decides how long training takes.
         device: Device that trains; auto uses a CUDA GPU if there is one.
         width: Width of the videos in pixels, even.
@@ -49,58 +59,68 @@ def demo(
     """
     use_threads(threads)
     config = with_renditions(with_set(demo_config(quality, seed), settings), ())
-    from splatreel.capture.builtin.synthetic import make_capture
-    from splatreel.capture.opening import open_capture
-    from splatreel.evaluation.evaluate import evaluate
-    from splatreel.evaluation.uncompressed import uncompressed_frames
-    from splatreel.kernels.warmup import background_warmup
-    from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
-    from splatreel.recon import pipeline
-    from splatreel.recon.run.store import Store
 
     progress = console()
-    try:
-        with background_warmup(progress):
-            start = time.monotonic()
-            progress.stage("filming the built-in scene", 100)
-            folder = make_capture(
-                out / "capture",
-                width=width,
-                height=height,
-                frames=frames,
-                fps=30,
-                seed=seed,
-                progress=lambda share: progress.update(round(100 * share)),
-            )
-            progress.update(100)
-            filming = round(time.monotonic() - start, 3)
-            capture = open_capture(folder)
-            result = pipeline.reconstruct(
-                capture, out, config, device=device, progress=progress, present=PresentationWriter(otherwise=WORDS)
-            )
-            known = Store(result.work).coverage()
-            report = evaluate(
-                result.reel,
-                capture,
-                out=out,
-                undecoded=uncompressed_frames(result.work, result.reel),
-                seconds={"capture": filming, **result.seconds},
-                device=result.device,
-                progress=progress,
-                coverage=known.sentences() if known else (),
-            )
-    finally:
-        progress.close()
-    capture.close()
-    say(report.to_markdown())
-    say(f"Report: {out / 'report.json'}\nImages beside the cameras' own: {out / 'pictures'}\nReel: {result.reel}")
-    if serve and sys.stdout.isatty():
-        from splatreel.cli.serve import serve as serve_reel
+    with demo_player(progress, out, serve) as player:
+        try:
+            film = {"width": width, "height": height, "frames": frames, "seed": seed}
+            result, report = reconstruct_demo(out, config, device, film, player or progress)
+        finally:
+            progress.close()
+        say(report.to_markdown())
+        say(f"Report: {out / 'report.json'}\nImages beside the cameras' own: {out / 'pictures'}\nReel: {result.reel}")
+        if player is None or not sys.stdout.isatty():
+            say(f"Play it with\n  {serving(result.reel)}")
+        else:
+            player.finish()
+            wait_for_viewers(player.server, pages=["report.html"])
 
-        serve_reel(str(result.reel), port=0)
-    else:
-        say(f"Play it with\n  {serving(result.reel)}")
+
+def reconstruct_demo(
+    out: Path, config: Config, device: Device, film: dict[str, int], progress: Progress
+) -> tuple[Result, Report]:
+    """Make the built-in capture, reconstruct and evaluate it.
+
+    Args:
+        out: Output folder.
+        config: Settings.
+        device: Device that trains.
+        film: Arguments of `make_capture`.
+        progress: Display of the progress.
+    """
+    from splatreel import threads
+    from splatreel.capture.builtin.synthetic import film_with_progress
+    from splatreel.capture.opening import open_capture
+    from splatreel.kernels.warmup import background_warmup
+
+    with background_warmup(progress, threads.count()):
+        from splatreel.evaluation.evaluate import evaluate
+        from splatreel.evaluation.uncompressed import uncompressed_frames
+        from splatreel.play.presentation_writer import PresentationWriter
+        from splatreel.recon import pipeline
+        from splatreel.recon.run.store import Store
+
+        start = time.monotonic()
+        folder = film_with_progress(out / "capture", progress, **film)
+        filming = round(time.monotonic() - start, 3)
+        capture = open_capture(folder)
+        result = pipeline.reconstruct(
+            capture, out, config, device=device, progress=progress, present=PresentationWriter(otherwise=WORDS)
+        )
+        known = Store(result.work).coverage()
+        report = evaluate(
+            result.reel,
+            capture,
+            out=out,
+            undecoded=uncompressed_frames(result.work, result.reel),
+            seconds={"capture": filming, **result.seconds},
+            device=result.device,
+            progress=progress,
+            coverage=known.sentences() if known else (),
+        )
+        capture.close()
+    return result, report
 
 
 def demo_config(quality: Quality, seed: int) -> Config:

@@ -7,10 +7,9 @@ from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
-from splatreel.cli.options import ReelAddress
+from splatreel.cli.options import ReelAddress, reel_folder
 from splatreel.cli.printing import playable, say
 from splatreel.cli.reel_texts import ReelTexts
-from splatreel.codec.source import reel_folder
 from splatreel.errors import UsageError
 
 

@@ -6,7 +6,7 @@ import math
 from typing import TYPE_CHECKING
 
 from splatreel.cli.printing import counted
-from splatreel.progress import format_seconds
+from splatreel.progress import format_rounded, format_seconds
 
 if TYPE_CHECKING:
     from splatreel.recon.jobs import ChapteredRun
@@ -48,13 +48,15 @@ def estimated_jobs(spec: RunSpec) -> str:
         return "\n".join(
             [
                 _heading(run, found.chapters),
-                f"  --job scene    about {_rounded(found.scene)}" if found.scene else "  --job scene    nothing to do",
-                f"  --job chapter  about {_rounded(found.chapter)} a chapter",
+                f"  --job scene    about {format_rounded(found.scene)}"
+                if found.scene
+                else "  --job scene    nothing to do",
+                f"  --job chapter  about {format_rounded(found.chapter)} a chapter",
                 "  --job finish   about a minute",
                 f"Each task: {counted(count, 'thread')} as fast as here; about {found.memory / 1e9:.1f} GB of memory, such as "
                 f"--mem={gibibytes}G.",
                 f"Array: up to {counted(found.chapters, 'task')} (--array=0-{found.chapters - 1}); with all at once the reel takes "
-                f"about {_rounded(found.total)}.",
+                f"about {format_rounded(found.total)}.",
                 *_notes(run),
             ]
         )
@@ -77,13 +79,13 @@ def estimated_on_cluster(spec: RunSpec, address: str, options: ClusterOptions) -
         plan = share_nodes(ray.nodes(), len(run.chapters), spec.device, need, options.threads)
         scene, chapter = plan.scene.cores, plan.chapter.cores
         found = estimate_jobs(run, scene, chapter, plan.at_once, measure_speed(run.device))
-        shown = f"  the scene      about {_rounded(found.scene)} on a node, with {counted(scene, 'thread')}"
+        shown = f"  the scene      about {format_rounded(found.scene)} on a node, with {counted(scene, 'thread')}"
         return "\n".join(
             [
                 _heading(run, found.chapters),
                 *([shown] if found.scene else []),
-                f"  a chapter      about {_rounded(found.chapter)}, with {counted(chapter, 'thread')}",
-                f"  all            about {_rounded(found.total)}, with {found.at_once} of {found.chapters} chapters at a time",
+                f"  a chapter      about {format_rounded(found.chapter)}, with {counted(chapter, 'thread')}",
+                f"  all            about {format_rounded(found.total)}, with {found.at_once} of {found.chapters} chapters at a time",
                 f"Memory: about {found.memory / 1e9:.1f} GB for each of them.",
                 *_notes(run),
             ]
@@ -104,13 +106,8 @@ def _time(run: ChapteredRun, found: Estimate) -> str:
     work = threads if division.workers == 1 else f"{division.workers} chapters at a time, {threads} each"
     return (
         f"{capture.path}: {counted(capture.frames, 'frame')} of {counted(len(capture.training_cameras), 'camera')}, "
-        f"{capture.width}x{capture.height}, take about {_rounded(found.total)} from the beginning ({work}), if nothing else runs:"
+        f"{capture.width}x{capture.height}, take about {format_rounded(found.total)} from the beginning ({work}), if nothing else runs:"
     )
-
-
-def _rounded(seconds: float) -> str:
-    """Return a time, rounded to minutes if it takes minutes."""
-    return format_seconds(seconds if seconds < 60 else 60 * round(seconds / 60)).replace(" 00 s", "")
 
 
 def _stages(found: Estimate) -> list[str]:

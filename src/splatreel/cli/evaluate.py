@@ -7,9 +7,8 @@ from typing import Any
 
 from tyro.conf import Positional
 
-from splatreel.cli.options import CaptureAddress, megabytes, parse_frames, parse_left_out, parse_names
+from splatreel.cli.options import CaptureAddress, megabytes, parse_frames, parse_left_out, parse_names, reel_folder
 from splatreel.cli.printing import say
-from splatreel.codec.source import reel_folder
 from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
 
@@ -42,8 +41,9 @@ def evaluate(
         cameras: Names of the cameras to compare with, as NAME,NAME; by default the held-out ones.
         width: Width to compare at, in pixels; by default that of the reel's cameras.
         scale: Size to compare at, as a share of the capture's, instead of the width.
-        frames: Frames of the capture that the reel was made of, as A:B; by default all.
-        leave_out: Names of cameras that are not read at all, as `reconstruct` took them.
+        frames: Frames of the capture to compare with, as A:B; by default those that the reel shows. For a reel that does not say
+            which these are, such as an imported one, the frames of the capture that it shows.
+        leave_out: Names of cameras that are not read at all, besides those that `reconstruct` left out.
         masks: Folder of the masks of a reel that `reconstruct --masks` made. Only pixels within the masks are compared.
         rendition: Rendition to compare, for a reel that has several; by default the best.
         threads: Number of threads; by default one per core.
@@ -55,26 +55,18 @@ def evaluate(
         raise UsageError(f"--lpips-every {lpips_every} is out of range. Choose 0 or more.")
     use_threads(threads)
     span, names, most = parse_frames(frames), parse_names(cameras, "--cameras"), megabytes(max_memory)
-    from splatreel.capture.opening import open_capture
+    from splatreel.codec.reader import ReelReader
     from splatreel.evaluation.evaluate import evaluate as compare
-    from splatreel.evaluation.evaluate import reel_background, reel_width
+    from splatreel.evaluation.reel_capture import open_reel_capture, work_of
     from splatreel.evaluation.uncompressed import uncompressed_frames
     from splatreel.progress import console
-    from splatreel.recon.run.run_record import partial_reel
     from splatreel.recon.run.store import Store
 
     reel = reel_folder(reel)
-    if width is None and scale is None:
-        width = reel_width(reel)
-    work = reel.parent / "work"
-    undecoded = uncompressed_frames(work, reel) if work.is_dir() else None
-    known = Store(work).coverage()
-    if masks is None and (partial := partial_reel(work)):
-        raise UsageError(f"{reel}: was reconstructed with {partial}, so whole images cannot be compared. Give --masks.")
-    options: dict[str, Any] = {"leave_out": parse_left_out(leave_out)}
-    if masks is not None:
-        options |= {"masks": masks, "background": reel_background(reel)}
-    source = open_capture(capture, width=width, scale=scale, frames=span, **options)
+    options: dict[str, Any] = {"left_out": parse_left_out(leave_out), "masks": masks, "named": names is not None}
+    source, chosen = open_reel_capture(reel, capture, width=width, scale=scale, frames=span, **options)
+    work = work_of(reel, ReelReader(reel).manifest)
+    known = Store(work).coverage() if work else None
     progress = console()
     try:
         report = compare(
@@ -82,8 +74,9 @@ def evaluate(
             source,
             rendition=rendition,
             cameras=names,
+            frames=chosen,
             out=out,
-            undecoded=undecoded,
+            undecoded=uncompressed_frames(work, reel) if work else None,
             progress=progress,
             most=most,
             coverage=known.sentences() if known else (),

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import OmitArgPrefixes
+from tyro.conf import OmitArgPrefixes, arg
 
-from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_frames
+from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_frames, reel_folder
 from splatreel.cli.printing import counted, say
-from splatreel.codec.source import reel_folder
 from splatreel.errors import UsageError
 from splatreel.scene.atomic import sweep
 
@@ -19,12 +18,16 @@ if TYPE_CHECKING:
 
     from splatreel.play.gaussian_export import GaussianExport
     from splatreel.play.timeline import Timeline
+    from splatreel.scene.programs import Program
 
 WIDEST = 8192
 """Largest side of a film in pixels, about what H.264 allows."""
 FILMS, FILM_UP = (".usdz", ".usdc", ".usda", ".4dgs"), "y"
 """Suffixes of files of Gaussians that hold all frames, and the axis that points up in them."""
 FrameKind = Literal["ply", "compressed-ply", "splat", "sog", "spz", "spz2", "spz4", "glb"]
+ProgramName = Literal["unity", "blender", "blender-kiri", "unreal", "supersplat", "three", "spark", "babylon"]
+LARGE = 100_000_000
+"""Bytes of an export above which its size is said before it is written."""
 
 
 @dataclass(frozen=True)
@@ -56,6 +59,7 @@ def export(
     width: int | None = None,
     path: Path | None = None,
     format: FrameKind | None = None,
+    program: Annotated[ProgramName | None, arg(name="for")] = None,
     changes: OmitArgPrefixes[ChangeOptions] = ChangeOptions(),
     max_memory: int | None = None,
 ) -> None:
@@ -75,10 +79,13 @@ def export(
         path: Camera path of the film, a JSON file that the player saved; by default through the capture's cameras.
         format: Format of the files in a folder, by default ply as 3DGS writes it. compressed-ply, sog, spz (version 3), spz2 and spz4
             are small; splat has no view-dependent color; glb is glTF with KHR_gaussian_splatting. For one file, the version of .spz.
+        program: Program that is to open the files: sets their format, version, precision and degree of view-dependent color to what
+            it reads. docs/exports.md lists what that is.
         changes: Changes of exported Gaussians.
         max_memory: Megabytes that decoding a file may take; by default what a correct file of its length needs.
     """
-    kind = _kind(out, format)
+    reader = _program(program)
+    kind = _kind(out, format) if reader is None else _kind_for(reader, program or "", out, format)
     if out.suffix == ".html":
         if any(value is not None for value in (frame, at, frames, width, path)) or every > 1 or changes.given:
             raise UsageError(
@@ -109,7 +116,7 @@ def export(
     from splatreel.scene.frame_formats import FRAME_FORMATS
 
     up = _up(changes.up, FRAME_FORMATS[kind].up if kind else FILM_UP)
-    film = GaussianExport(source, times, up, crop)
+    film = GaussianExport(source, times, up, crop, reader)
     film.check_content()
     if kind is None:
         _write_gaussian_film(film, out, every)
@@ -117,11 +124,8 @@ def export(
         count = film.write_file(out, kind, times[0])
         say(f"{out}: {count:,} Gaussians {f'of frame {frame}' if frame is not None else f'at {at:g} s'}")
     else:
-        first = round(times[0] * source.fps) if every == 1 else 0
-        for number, seconds in enumerate(times, first):
-            film.write_file(out / f"{number:06}{FRAME_FORMATS[kind].suffix}", kind, seconds)
-        say(f"{out}: {len(times)} {kind.upper()} files, {_span(source, times, every)}")
-    _say_origin(source, out.suffix or f".{kind}", FRAME_FORMATS[kind].keeps_origin if kind else out.suffix != ".4dgs")
+        _write_folder(film, out, kind, every)
+    _say_losses(film, out, kind)
 
 
 def _kind(out: Path, format: FrameKind | None) -> str | None:
@@ -141,6 +145,34 @@ def _kind(out: Path, format: FrameKind | None) -> str | None:
     if format is not None and out.suffix and not (known and out.name.endswith(FRAME_FORMATS[format].suffix)):
         raise UsageError(f"--format {format}: --out {out} has another suffix. Leave out --format, or name a folder.")
     return format or known or ("ply" if not out.suffix else None)
+
+
+def _program(name: ProgramName | None) -> Program | None:
+    from splatreel.scene.programs import PROGRAMS
+
+    return None if name is None else PROGRAMS[name]
+
+
+def _kind_for(program: Program, name: str, out: Path, format: FrameKind | None) -> str:
+    """Return the format of files for a program.
+
+    Raises:
+        UsageError: The program does not read what was asked for.
+    """
+    from splatreel.scene.frame_formats import FRAME_FORMATS
+
+    suffixes = list(dict.fromkeys(FRAME_FORMATS[kind].suffix for kind in program.formats))
+    fits = [kind for kind in program.formats if not out.suffix or out.name.endswith(FRAME_FORMATS[kind].suffix)]
+    kind = max(fits, key=lambda fit: len(FRAME_FORMATS[fit].suffix), default=None)
+    if kind is None:
+        raise UsageError(
+            f"--for {name}: {program.name} reads {', '.join(suffixes)}. Name such a file, or a folder, with --out."
+        )
+    if format is not None and format not in fits:
+        raise UsageError(
+            f"--for {name}: {program.name} reads {', '.join(program.formats)}. Leave out --format {format}."
+        )
+    return format or (kind if out.suffix else program.formats[0])
 
 
 def _times(
@@ -186,23 +218,62 @@ def _span(source: Timeline, times: list[float], every: int) -> str:
     return f"frames {first} to {last}" + (f", every {every}" if every > 1 else "")
 
 
+def _write_folder(film: GaussianExport, out: Path, kind: str, every: int) -> None:
+    """Write a file for each frame."""
+    from splatreel.scene.frame_formats import FRAME_FORMATS
+
+    times = list(film.seconds)
+    first = round(times[0] * film.source.fps) if every == 1 else 0
+    for number, seconds in enumerate(times, first):
+        file = out / f"{number:06}{FRAME_FORMATS[kind].suffix}"
+        film.write_file(file, kind, seconds)
+        if number == first:
+            _say_size(out, file.stat().st_size * len(times), len(times), "a smaller format, such as --format spz")
+    say(f"{out}: {len(times)} {kind.upper()} files, {_span(film.source, times, every)}")
+
+
 def _write_gaussian_film(film: GaussianExport, out: Path, every: int) -> None:
     """Write all frames into one file of Gaussians."""
     from splatreel.play.fourdgs_film import write_fourdgs
-    from splatreel.play.usd_film import write_usd
+    from splatreel.play.usd_film import estimate_bytes, write_usd
 
+    times = list(film.seconds)
+    if out.suffix != ".4dgs":
+        _say_size(out, estimate_bytes(out, film), len(times), "a .4dgs file")
     write = write_fourdgs if out.suffix == ".4dgs" else write_usd
     write(out, film, film.source.fps / every)
-    times = list(film.seconds)
     say(f"{out}: {counted(len(times), 'frame')}, {_span(film.source, times, every)}, {out.stat().st_size / 1e6:.2f} MB")
 
 
-def _say_origin(source: Timeline, suffix: str, kept: bool) -> None:
-    """Report that a file lacks the reel's origin, because its format stores small coordinates only."""
-    origin = source.manifest.origin
-    if origin.any() and not kept:
-        place = ", ".join(f"{v:.10g}" for v in origin)
-        say(f"Positions are relative to {place}, which {suffix} files cannot hold. PLY, glTF and USD can.")
+def _say_size(out: Path, size: int, frames: int, smaller: str) -> None:
+    """Say the size of a large export before it is written, and how to make it smaller."""
+    if size >= LARGE:
+        say(
+            f"{out}: writing about {size / 1e6:,.0f} MB, {counted(frames, 'frame')}. Smaller: every second frame (--every 2), fewer "
+            f"frames (--frames A:B), a part of the scene (--crop), or {smaller}."
+        )
+
+
+def _say_losses(film: GaussianExport, out: Path, kind: str | None) -> None:
+    """Report what files lack of the reel: its origin, because they store small coordinates, and its mark of antialiasing."""
+    from splatreel.scene.frame_formats import FRAME_FORMATS
+
+    if kind is None:
+        suffix, origin, antialias = out.suffix, out.suffix != ".4dgs", False
+    else:
+        format = FRAME_FORMATS[kind]
+        suffix, origin, antialias = format.suffix, format.keeps_origin and film.keeps_origin, format.marks_antialias
+    program, manifest = film.program, film.source.manifest
+    whose = f"{suffix} files" if program is None else f"{suffix} files for {program.name}"
+    if manifest.origin.any() and not origin:
+        place = ", ".join(f"{v:.10g}" for v in manifest.origin)
+        remedy = "PLY, glTF and USD can." if program is None else "Without --for, PLY files keep it."
+        say(f"Positions are relative to {place}, which {whose} cannot hold. {remedy}")
+    if manifest.antialias and not antialias:
+        say(
+            f"The points were trained with antialiasing (Mip-Splatting), which {whose} cannot mark. Switch it on in the program that "
+            "draws them, if it can."
+        )
 
 
 def _write_page(reel: str, out: Path, rendition: str | None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from tyro.conf import OmitArgPrefixes, Positional
 
 from splatreel.cli.options import AXES, check_no_reel
+from splatreel.cli.options import megabytes as memory_limit
 from splatreel.cli.printing import playable, say
 from splatreel.config import COARSENESS, EncodeConfig, Quality, Rate
 from splatreel.errors import UsageError
@@ -74,6 +76,7 @@ def import_frames(
     gaps: Literal["refuse", "hold"] = "refuse",
     fit: Quality | None = None,
     threads: int | None = None,
+    max_memory: int | None = None,
 ) -> None:
     """Make a reel of Gaussians that another program trained: numbered PLY, SPZ, SOG or .splat files, or other formats.
 
@@ -93,52 +96,62 @@ def import_frames(
         changes: Changes of all frames.
         rate: high has hardly any loss; medium and low are smaller. By default high, and medium with --fit.
         title: Title of the reel in the player.
-        antialiased: The points were trained to be drawn like Mip-Splatting does, blurred by 0.1 square pixels and fainter.
+        antialiased: The points were trained to be drawn like Mip-Splatting does, blurred by 0.1 square pixels and fainter. PLY, SPZ and
+            SOG files that are marked so need no option.
         gaps: Handling of missing file numbers. refuse: make nothing; hold: show the frame before for as long.
         fit: For frames that were trained independently, so that no point can be followed: fit new points that move to images of the
             frames, as reconstruct does with this quality. The reel is far smaller, but not exact, and takes as long as a
             reconstruction. OUT/reel gets the reel, OUT/work the checkpoints, from which the same command continues.
         threads: Number of threads; by default one per core.
+        max_memory: Megabytes that reading a file may take; by default in proportion to its length.
     """
     _check_options(fps, length, up)
     if fit and cameras and up:
         raise UsageError("--fit takes the up axis from --cameras. Leave out --up.")
     edit = changes.edit()
     use_threads(threads)
-    import numpy as np
-
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
-    from splatreel.sequence.comparison import check_seen
-    from splatreel.sequence.edits import edited, first_points
+    from splatreel.sequence.edits import edited
     from splatreel.sequence.opening import open_frames
-    from splatreel.sequence.reel import header_of
-    from splatreel.sequence.viewpoints import read_cameras
 
-    film, edit = edited(open_frames(frames, gaps, fps, length), edit)
-    views = cameras and [edit.camera(camera) for camera in read_cameras(cameras, edit.origin)]
-    axis = None if up is None else np.array(AXES[up], float)
-    header, limits = header_of(
-        first_points(film), views, axis, fps or film.fps or 30.0, antialiased, edit.scale * edit.origin
-    )
-    whose = f"the cameras of {cameras}" if cameras else "the cameras"
-    check_seen(film, list(header.cameras), header.near, antialiased, whose)
+    film, edit = edited(open_frames(frames, gaps, fps, length, memory_limit(max_memory)), edit)
+    header, limits = _describe(film, edit, cameras, up, fps, antialiased)
     present = PresentationWriter({"title": title} if title else {}, {"title": frames.name})
-    progress = console()
-    try:
+    with closing(console()) as progress:
         if fit is None:
             found, reel = _write(film, out, header, limits, rate or "high", progress, present), out
         else:
-            found, reel = _fit(film, out, header, views is None, fit, rate or "medium", progress, present)
-    finally:
-        progress.close()
+            found, reel = _fit(film, out, header, cameras is None, fit, rate or "medium", progress, present)
     _say_result(film, found, reel)
     _say_changes(film, edit, fps)
     if fit is None:
         _say_doubts(found, rate or "high", len(film), reel)
-    if views is None:
+    if cameras is None:
         _say_ring(up)
     say(playable(reel))
+
+
+def _describe(
+    film: Frames, edit: Edit, cameras: Path | None, up: str | None, fps: float | None, antialiased: bool
+) -> tuple[ReelHeader, Limits | None]:
+    """Return the header of the reel, and the limits of its views, from the options."""
+    import numpy as np
+
+    from splatreel.sequence.comparison import check_seen
+    from splatreel.sequence.edits import first_points
+    from splatreel.sequence.reel import header_of
+    from splatreel.sequence.viewpoints import read_cameras
+
+    views = cameras and [edit.camera(camera) for camera in read_cameras(cameras, edit.origin)]
+    axis = None if up is None else np.array(AXES[up], float)
+    rate = fps or film.fps or 30.0
+    header, limits = header_of(
+        first_points(film), views, axis, rate, antialiased or film.antialias, edit.scale * edit.origin
+    )
+    whose = f"the cameras of {cameras}" if cameras else "the cameras"
+    check_seen(film, list(header.cameras), header.near, header.antialias, whose)
+    return header, limits
 
 
 def _write(
@@ -184,12 +197,12 @@ def _fit(
 
 
 def _say_result(film: Frames, found: Comparison, reel: Path) -> None:
-    from splatreel.evaluation.report import megabytes
+    from splatreel.evaluation.report import compared_size, megabytes
     from splatreel.play.timeline import open_reel
 
     size = sum(file.bytes for file in open_reel(reel).manifest.files)
     say(
-        f"{len(film)} frames in {megabytes(size)}, {film.size / size:,.1f} times smaller than the {megabytes(film.size)} of "
+        f"{len(film)} frames in {megabytes(size)}, {compared_size(size, film.size)} the {megabytes(film.size)} of "
         f"{film.path}. Its images have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
     )
 
@@ -220,6 +233,8 @@ def _say_changes(film: Frames, edit: Edit, fps: float | None) -> None:
     """Report what was converted or dropped, and where the origin and the frame rate come from."""
     for line in film.remarks.lines():
         say(line)
+    if film.antialias:
+        say("The files mark their points as trained with antialiasing. The reel draws them so.")
     if edit.origin.any():
         place = ", ".join(f"{value:.10g}" for value in edit.origin)
         say(

@@ -7,9 +7,8 @@ import json as json_format
 from collections import Counter
 from typing import TYPE_CHECKING
 
-from splatreel.cli.options import ReelAddress
+from splatreel.cli.options import ReelAddress, reel_folder
 from splatreel.cli.printing import say
-from splatreel.codec.source import reel_folder
 
 if TYPE_CHECKING:
     from splatreel.codec.info import ReelInfo
@@ -47,13 +46,15 @@ def describe(name: str, found: ReelInfo) -> str:
         f"{name}: {state}made by {manifest.generator or 'an unnamed program'}",
         f"  {count} frames at {manifest.fps:g} a second, {seconds:.2f} s, from {width} x {height} pixels",
         f"  {len(manifest.cameras)} cameras; color depends on the view by spherical harmonics of degree {manifest.sh_degree}",
-        f"  {found.bytes:,} bytes, {found.bytes_per_second:,.0f} for each second of video; {found.first_view_bytes:,} are fetched "
-        "before playback starts",
-        f"  as plain float32 numbers it would be {found.float32_bytes:,} bytes",
+        f"  {found.total_bytes:,} bytes to watch once, {found.bytes_per_second:,.0f} for each second of video",
+        f"  {found.start_bytes:,} of these before the first complete picture, then {found.playing_bytes_per_second:,.0f} a second",
+        *([f"  {found.stored_bytes:,} bytes in all files"] if found.stored_bytes != found.total_bytes else []),
+        f"  as plain float32 numbers the points would be {found.float32_bytes:,} bytes",
     ]
     layers, groups = sum(found.layer_bytes), sum(found.group_bytes)
     parts = {"layers": layers, "groups": groups, "manifest": found.bytes - layers - groups}
-    shares = (f"{kind} {size:,} ({size / found.bytes:.1%})" for kind, size in parts.items())
+    parts |= {"images and sound": found.total_bytes - found.bytes}
+    shares = (f"{kind} {size:,} ({size / found.total_bytes:.1%})" for kind, size in parts.items() if size)
     lines.append(f"  of these: {', '.join(shares)}")
     if found.rendition_bytes:
         rates = [

@@ -10,7 +10,14 @@ from tyro.extras import SubcommandApp
 
 from splatreel import __version__
 from splatreel.cli import bench
-from splatreel.cli.capture import capture_board, capture_calibrate, capture_check, capture_convert, capture_sync
+from splatreel.cli.capture import (
+    capture_board,
+    capture_calibrate,
+    capture_check,
+    capture_convert,
+    capture_film,
+    capture_sync,
+)
 from splatreel.cli.config import config
 from splatreel.cli.deadline import deadline
 from splatreel.cli.demo import demo
@@ -38,9 +45,11 @@ DESCRIPTION = "Volumetric video from many static cameras: reconstruct, compress,
 def build() -> SubcommandApp:
     """Return the app with all verbs, in the order in which users meet them."""
     capture = SubcommandApp()
-    capture.__doc__ = "Check, calibrate, synchronize and convert a capture; print a calibration board."
+    capture.__doc__ = (
+        "Check, calibrate, synchronize and convert a capture; print a calibration board; film the built-in scene."
+    )
     verbs = {"check": capture_check, "calibrate": capture_calibrate, "board": capture_board, "sync": capture_sync}
-    verbs["convert"] = capture_convert
+    verbs |= {"convert": capture_convert, "film": capture_film}
     for name, verb in verbs.items():
         capture.command(name=name)(verb)
     app = SubcommandApp()

@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import tyro
 
@@ -27,6 +27,8 @@ Set = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="
 ReelAddress = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="REEL")]
 """Folder or URL of a reel to read."""
 
+OptionalReel = Annotated[tyro.conf.Positional[str | None], tyro.conf.arg(metavar="REEL")]
+"""Folder or URL of a reel to read, which may be left out."""
 
 CaptureAddress = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="CAPTURE")]
 """Folder of a capture to read, or an address such as s3://BUCKET/CAPTURE."""
@@ -193,6 +195,34 @@ def parse_renditions(text: str | None) -> tuple[Rate, ...]:
     if text is not None and (len(names) < 2 or not set(names) <= set(COARSENESS)):
         raise UsageError(f"--renditions {text!r}: name two or more of {','.join(COARSENESS)}.")
     return tuple(rate for rate in COARSENESS if rate in names)
+
+
+@overload
+def reel_folder(path: Path) -> Path: ...
+
+
+@overload
+def reel_folder(path: str) -> str | Path: ...
+
+
+def reel_folder(path: str | Path) -> str | Path:
+    """Return the folder of a reel, also for the output folder of `reconstruct` or `demo`. A URL is returned as it is.
+
+    Raises:
+        UsageError: The folder is a capture.
+    """
+    from splatreel.codec.source import find_reel
+
+    folder = find_reel(path)
+    if isinstance(folder, str) or (folder / "manifest.json").exists() or not folder.is_dir():
+        return folder
+    from splatreel.capture.opening import is_capture
+
+    if is_capture(folder):
+        raise UsageError(
+            f"{path}: is a capture, not a reel. Make a reel of it with `splatreel reconstruct {path} --out OUT`, and give OUT."
+        )
+    return folder
 
 
 def check_no_reel(out: Path) -> None:

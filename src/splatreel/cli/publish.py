@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
+from splatreel.cli.options import reel_folder
 from splatreel.cli.printing import counted, say
-from splatreel.codec.source import reel_folder
 from splatreel.command_line import quoted
 from splatreel.errors import ReelError, UsageError
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import importlib.util
-import webbrowser
 from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from splatreel.cli.options import ReelAddress, megabytes, parse_names
+from splatreel.cli.browser import open_browser
+from splatreel.cli.options import OptionalReel, ReelAddress, megabytes, parse_names, reel_folder
 from splatreel.cli.printing import say
 from splatreel.cli.qr_code import print_qr_code
-from splatreel.codec.source import reel_folder
+from splatreel.errors import UsageError
+from splatreel.play.sample_reel import sample_reel
 
 if TYPE_CHECKING:
     from splatreel.evaluation.page.served_report import ServedReport
@@ -54,8 +55,13 @@ def show_self_test(url: str) -> None:
     say(f"Test a phone in this network: {page}")
 
 
-def run_report(reel: str | Path) -> dict[str, ServedReport]:
-    """Return the report page of the run that a reel belongs to; empty for a reel without its run."""
+def run_report(reel: str | Path, always: bool = False) -> dict[str, ServedReport]:
+    """Return the report page of the run that a reel belongs to; empty for a reel without its run.
+
+    Args:
+        reel: Folder or address of the reel.
+        always: The reel belongs to a run that has not begun yet.
+    """
     from splatreel.evaluation.page.served_report import ServedReport
     from splatreel.storage.addresses import local_path
 
@@ -64,12 +70,13 @@ def run_report(reel: str | Path) -> dict[str, ServedReport]:
         return {}
     out = folder.resolve().parent
     of_a_run = folder.resolve().name == "reel" and (out / "work").is_dir()
-    return {"report.html": ServedReport(out, folder)} if of_a_run else {}
+    return {"report.html": ServedReport(out, folder)} if of_a_run or always else {}
 
 
 def view(
-    reel: ReelAddress,
+    reel: OptionalReel = None,
     /,
+    sample: bool = False,
     renderer: Literal["webgl", "cpu", "cuda"] = "webgl",
     port: int = 0,
     open: bool = True,
@@ -80,13 +87,16 @@ def view(
 
     Args:
         reel: Folder of the reel, or of the reconstruction that holds it, or a URL: http(s), s3://BUCKET/REEL and the like.
+        sample: Open the sample reel of the package, the built-in scene, instead.
         renderer: webgl draws in the browser; cpu and cuda draw here and stream the images, without sound (needs splatreel[viewer]).
         port: Port to listen on; 0 takes any free one.
         open: Open the browser, or only print the address.
         width: Largest width in pixels that cpu and cuda draw.
         max_memory: Megabytes that cpu and cuda may take to decode a file; by default what a correct file of its length needs.
     """
-    folder = reel_folder(reel)
+    if sample == (reel is not None):
+        raise UsageError("Name either a reel or --sample, such as `splatreel view out/demo`.")
+    folder = sample_reel() if reel is None else reel_folder(reel)
     if renderer == "webgl":
         from splatreel.play.server import Server
 
@@ -114,12 +124,17 @@ def run(player: Server | Viewer, browser: bool, pages: Iterable[str] = (), phone
     with player:
         if phones:
             show_self_test(phones)
-        for page in pages:
-            say(f"Report at {player.url}{page}")
-        say(f"Playing at {player.url} - stop with Ctrl-C", flush=True)
-        if browser:
-            webbrowser.open(player.url)
-        try:
-            player.wait()
-        except KeyboardInterrupt:
-            say()
+        wait_for_viewers(player, browser, pages)
+
+
+def wait_for_viewers(player: Server | Viewer, browser: bool = False, pages: Iterable[str] = ()) -> None:
+    """Print the addresses of a running server, and wait until Ctrl-C. Arguments are those of `run`."""
+    for page in pages:
+        say(f"Report at {player.url}{page}")
+    say(f"Playing at {player.url} - stop with Ctrl-C", flush=True)
+    if browser:
+        open_browser(player.url)
+    try:
+        player.wait()
+    except KeyboardInterrupt:
+        say()

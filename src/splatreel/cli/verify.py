@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from splatreel.cli.options import ReelAddress, megabytes
+from splatreel.cli.options import ReelAddress, megabytes, reel_folder
 from splatreel.cli.printing import counted, say
-from splatreel.codec.source import reel_folder
 
 
 def verify(reel: ReelAddress, /, max_memory: int | None = None) -> None:

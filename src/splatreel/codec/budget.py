@@ -1,8 +1,4 @@
-"""Memory limits for decoding a file, computed from its header before any allocation (docs/format.md).
-
-Repeated numbers compress to almost nothing, so a small file can claim very many points. The limit grows with the file's
-length.
-"""
+"""Memory that decoding a reel's file takes, computed from its header and limited before any allocation (docs/format.md)."""
 
 from __future__ import annotations
 
@@ -12,11 +8,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from splatreel.errors import ReelError
+from splatreel.scene.memory_budget import A_BYTE, FLOOR, allowed_memory, in_megabytes
 
-FLOOR = 32 << 20
-"""Bytes of memory that any file may take."""
-A_BYTE = 256
-"""Additional bytes of memory allowed per byte of file length."""
 MOST_FRAMES = 10_000
 """Maximum number of frames of a group."""
 MAX_OFFSETS = 1 << 26
@@ -32,11 +25,6 @@ class Coded(Protocol):
     def parameters(self) -> dict[str, Any]:
         """Parameters of the section."""
         ...
-
-
-def allowed_memory(size: int) -> int:
-    """Return the bytes of memory that decoding a file of `size` bytes may take."""
-    return FLOOR + A_BYTE * size
 
 
 def claimed_memory(points: int, frames: int, sections: Mapping[str, Coded]) -> int:
@@ -73,8 +61,8 @@ def check_memory(points: int, frames: int, sections: Mapping[str, Coded], size: 
     if needed > limit:
         what = f"{frames} frames of {points}" if frames else f"{points}"
         raise ReelError(
-            f"claims {what} points in {size} bytes: decoding it would take {_megabytes(needed)} MB of memory, more than the "
-            f"{_megabytes(limit)} MB that are allowed. If you trust it, allow more: `most`, or --max-memory {_megabytes(needed)}."
+            f"claims {what} points in {size} bytes: decoding it would take {in_megabytes(needed)} MB of memory, more than the "
+            f"{in_megabytes(limit)} MB that are allowed. If you trust it, allow more: `most`, or --max-memory {in_megabytes(needed)}."
         )
 
 
@@ -95,10 +83,6 @@ def _whole(parameters: Mapping[str, Any], name: str) -> int:
 
 def _area(parameters: Mapping[str, Any]) -> int:
     return _whole(parameters, "width") * _whole(parameters, "height")
-
-
-def _megabytes(count: int) -> int:
-    return -(-count // 1_000_000)
 
 
 def check_offsets(dx: np.ndarray, dq: np.ndarray) -> None:

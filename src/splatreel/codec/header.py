@@ -10,6 +10,7 @@ import numpy as np
 
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
+from splatreel.scene.reel_source import ReelSource, parse_reel_source
 from splatreel.scene.untrusted import is_number, numbers
 
 BLACK = (0.0, 0.0, 0.0)
@@ -34,6 +35,7 @@ class ReelHeader:
         background: Red, green and blue, 0..1, behind the points. The light of groups applies to it too.
         origin: Position of the reel's origin in the coordinates of its source, [3] float64. Exports add it.
         transparent: The player shows the page behind the points. Images without transparency have the background.
+        source: Frames and cameras of the capture that the reel was made from; None if unknown, as for an import.
     """
 
     fps: float
@@ -50,6 +52,7 @@ class ReelHeader:
     background: tuple[float, float, float] = BLACK
     origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
     transparent: bool = False
+    source: ReelSource | None = None
 
     def __post_init__(self) -> None:
         kinds = {"fps": float, "group_length": int, "overlap": int, "sh_degree": int, "near": float, "antialias": bool}
@@ -76,6 +79,7 @@ class ReelHeader:
             "background": list(self.background),
             **({"origin": self.origin.tolist()} if self.origin.any() else {}),
             **({"transparent": True} if self.transparent else {}),
+            **({"source": self.source.to_dict()} if self.source else {}),
         }
 
     @staticmethod
@@ -110,4 +114,5 @@ class ReelHeader:
             background=(red, green, blue),
             origin=origin,
             transparent=value.get("transparent", False) is True,
+            source=parse_reel_source(value.get("source")),
         )

@@ -28,10 +28,18 @@ class ReelInfo:
 
     manifest: Manifest
     bytes: int
+    total_bytes: int
+    """`bytes` with poster, thumbnails and sound: what a viewer downloads who watches the reel once to its end."""
+    stored_bytes: int
+    """Bytes of all files of the reel, which holds all renditions."""
     first_view_bytes: int
-    """Bytes that a player fetches before playback starts: manifest, first group and the layers that live at it."""
+    """Bytes of the points that the first complete picture needs: manifest, first group and the layers that live at it."""
+    start_bytes: int
+    """`first_view_bytes` with the poster: what a viewer downloads before the first complete picture, besides the player."""
     bytes_per_second: float
-    """Bytes per second of everything except the first layers, which are fetched once."""
+    """`total_bytes` per second of video."""
+    playing_bytes_per_second: float
+    """Bytes per second of groups, of layers after the first ones, and of sound: what the network must deliver during playback."""
     layer_bytes: list[int]
     group_bytes: list[int]
     section_bytes: dict[str, dict[str, int]]
@@ -81,13 +89,21 @@ def reel_info(location: str | Path, rendition: str | None = None) -> ReelInfo:
     layer_bytes, group_bytes = [e.bytes for e in layers], [e.bytes for e in groups]
     first = manifest_bytes + sum(page.bytes for page in whole.pages[:1])
     first += sum(layers[index].bytes for index in manifest.living_layers(manifest.first_group)) + sum(group_bytes[:1])
-    growth = sum(e.bytes for e in layers if e.group > manifest.first_group) + sum(group_bytes)
     seconds = (manifest.frames - manifest.first_frame) / manifest.fps
+    presentation = manifest.presentation
+    sound = sum(asset.bytes for asset in presentation.sound.assets) if presentation.sound else 0
+    growth = sum(e.bytes for e in layers if e.group > manifest.first_group) + sum(group_bytes) + sound
+    size = manifest_bytes + sum(page.bytes for page in whole.pages) + sum(layer_bytes) + sum(group_bytes)
+    assets = sum(asset.bytes for asset in manifest.assets)
     return ReelInfo(
         manifest=manifest,
-        bytes=manifest_bytes + sum(page.bytes for page in whole.pages) + sum(layer_bytes) + sum(group_bytes),
+        bytes=size,
+        total_bytes=size + assets,
+        stored_bytes=size + assets + sum(file.bytes for file in whole.files) - sum(layer_bytes) - sum(group_bytes),
         first_view_bytes=first,
-        bytes_per_second=growth / seconds if reel.frames else 0.0,
+        start_bytes=first + (presentation.poster.asset.bytes if presentation.poster else 0),
+        bytes_per_second=(size + assets) / seconds if reel.frames else 0.0,
+        playing_bytes_per_second=growth / seconds if reel.frames else 0.0,
         layer_bytes=layer_bytes,
         group_bytes=group_bytes,
         section_bytes={"layer": _section_bytes(reel, layers), "group": _section_bytes(reel, groups)},

@@ -40,6 +40,7 @@ from splatreel.codec.quantize import boolean, integer, number, numbers
 from splatreel.errors import ReelError
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
+from splatreel.scene.reel_source import parse_reel_source
 
 FORMAT = "splatreel"
 VERSIONS = 1, 2
@@ -185,6 +186,8 @@ class Manifest(ReelHeader):
             document["transparent"] = True
         if self.origin.any():
             document["origin"] = self.origin.tolist()
+        if self.source is not None:
+            document["source"] = self.source.to_dict()
         if self.clearance.share:
             document["clearance"] = {"focus": _short(np.array(self.clearance.focus)), "share": self.clearance.share}
         if self.renditions:
@@ -325,6 +328,7 @@ def _parse_header(document: dict[str, Any]) -> Manifest:
         background=_parse_background(document),
         transparent=boolean(document, "transparent", False),
         origin=numbers(document, "origin", 3) if "origin" in document else np.zeros(3),
+        source=parse_reel_source(document.get("source")),
         renditions=_parse_names(document),
         presentation=parse_presentation(document),
     )

@@ -76,14 +76,14 @@ def open_source(location: str | Path) -> Source:
 
 
 @overload
-def reel_folder(path: Path) -> Path: ...
+def find_reel(path: Path) -> Path: ...
 
 
 @overload
-def reel_folder(path: str | Path) -> str | Path: ...
+def find_reel(path: str | Path) -> str | Path: ...
 
 
-def reel_folder(path: str | Path) -> str | Path:
+def find_reel(path: str | Path) -> str | Path:
     """Return the folder of a reel, also for the output folder of `reconstruct` or `demo`. A URL is returned as it is."""
     if isinstance(path, str) and is_url(path):
         return path

@@ -93,6 +93,13 @@ class Outline:
         """Duration in seconds."""
         return self.frames / self.header.fps
 
+    def with_source(self, frames: int | None) -> Outline:
+        """Return the outline of a clip that starts at a later frame of this one, or that has other frames (None)."""
+        source = self.header.source
+        if source is not None:
+            source = replace(source, frame=None) if frames is None else source.shifted(frames)
+        return replace(self, header=replace(self.header, source=source))
+
     @property
     def focus(self) -> np.ndarray:
         """Point that the cameras look at, [3]: that of the limits, or the middle of the bounds."""

@@ -46,9 +46,10 @@ class Joined:
             ),
             near=min(a.header.near, b.header.near),
         )
+        same = a.header.source is not None and a.with_source(None).header.source == b.with_source(None).header.source
         self.outline = replace(
             a,
-            header=header,
+            header=replace(header, source=a.with_source(None).header.source if same else None),
             limits=_widest(a.limits, b.limits),
             renditions=a.renditions if a.renditions == b.renditions else (),
             layers=(*ending, *later),

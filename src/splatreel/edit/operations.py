@@ -134,15 +134,15 @@ def _fps(clip: Clip, value: str) -> Clip:
 
 
 def _crop(clip: Clip, value: str) -> Clip:
-    volume = parse_volume("crop", value, clip.outline.header)
-    found = Selected(clip, InVolume(volume))
-    box, bounds = volume.bounds(), clip.outline.header.bounds
-    if box is None:
-        return found
-    inner = np.stack([np.maximum(box[0], bounds[0]), np.minimum(box[1], bounds[1])])
-    if (inner[0] >= inner[1]).any():
-        inner = box
-    return Described(found, replace(clip.outline, header=replace(clip.outline.header, bounds=inner)))
+    header = clip.outline.header
+    volume = parse_volume("crop", value, header)
+    box, bounds = volume.bounds(), header.bounds
+    if box is not None:
+        inner = np.stack([np.maximum(box[0], bounds[0]), np.minimum(box[1], bounds[1])])
+        bounds = inner if (inner[0] < inner[1]).all() else box
+    source = header.source and replace(header.source, part=header.source.part or "crop")
+    outline = replace(clip.outline, header=replace(header, bounds=bounds, source=source))
+    return Described(Selected(clip, InVolume(volume)), outline)
 
 
 def _remove(clip: Clip, value: str) -> Clip:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import OrderedDict
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -49,7 +50,10 @@ class ReelClip:
         first = manifest.first_group
         self.outline = Outline(
             name=str(location),
-            header=ReelHeader(**{name: getattr(manifest, name) for name in ReelHeader.__dataclass_fields__}),
+            header=replace(
+                ReelHeader(**{name: getattr(manifest, name) for name in ReelHeader.__dataclass_fields__}),
+                source=manifest.source and replace(manifest.source.shifted(manifest.first_frame), edited=True),
+            ),
             limits=manifest.presentation.limits,
             texts={name: getattr(manifest.presentation, name) for name in MAX_TEXT},
             renditions=manifest.renditions,

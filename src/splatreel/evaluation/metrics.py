@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.ndimage import correlate1d, uniform_filter1d
@@ -20,13 +21,35 @@ UNIFORM_WINDOW = 7
 
 def psnr(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None) -> float:
     """Return the peak signal-to-noise ratio in dB over all pixels and channels. Raise `UsageError` if the shapes differ."""
-    return _decibel(float(np.mean(_squared_error(image, truth, where))))
+    check_images(image, truth, where)
+    return mean_decibel(squared_error(image, truth), where)
 
 
 def psnr_per_channel(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None) -> float:
     """Return the mean of the PSNR of each channel in dB, as in Dynamic 3D Gaussians. It is never below `psnr`."""
-    means = np.mean(_squared_error(image, truth, where).reshape(-1, 3), axis=0)
-    return float(np.mean([_decibel(float(m)) for m in means]))
+    check_images(image, truth, where)
+    return mean_decibel_per_channel(squared_error(image, truth), where)
+
+
+def psnr_color_fitted(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None) -> float:
+    """Return the PSNR in dB after the best gain for each channel, over the pixels that the gains are fitted to.
+
+    Cameras differ in color by a gain for each channel (`Config.correct_colors`), and that of a held-out camera is unknown. This PSNR
+    measures everything else. It is never below `psnr`.
+
+    Raises:
+        UsageError: The shapes differ.
+    """
+    return mean_decibel(squared_error(fit_colors(image, truth, where), truth), where)
+
+
+def fit_colors(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None) -> np.ndarray:
+    """Return the image times the gain of each channel that minimizes the squared error over some pixels, clipped to 0..1."""
+    check_images(image, truth, where)
+    x, y = (np.reshape(i if where is None else i[where], (-1, 3)).astype(np.float64) for i in (image, truth))
+    power = (x * x).sum(0)
+    gains = np.where(power > 0, (x * y).sum(0) / np.where(power > 0, power, 1), 1.0)
+    return np.clip(image * gains, 0, 1)
 
 
 def ssim(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None) -> float:
@@ -38,8 +61,8 @@ def ssim(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None = None) 
     Raises:
         UsageError: The shapes differ.
     """
-    _check(image, truth, where)
-    similarity = _similarity(image.astype(np.float32), truth.astype(np.float32), _gaussian_mean, 1.0, 1.0)
+    check_images(image, truth, where)
+    similarity = gaussian_moments(image, truth).similarity(1.0)
     return float(np.mean(similarity if where is None else similarity[where]))
 
 
@@ -63,16 +86,18 @@ def ssim_skimage(
     Raises:
         UsageError: The shapes differ.
     """
-    _check(image, truth, where)
+    check_images(image, truth, where)
     if min(image.shape[:2]) < UNIFORM_WINDOW:
         return None
+    return mean_inside(uniform_moments(image, truth).similarity(data_range), where)
+
+
+def mean_inside(similarity: np.ndarray, where: np.ndarray | None) -> float | None:
+    """Return the mean of a map [H, W, 3] over the pixels whose uniform window lies inside the image; None if there are none."""
     inside = (slice(UNIFORM_WINDOW // 2, -(UNIFORM_WINDOW // 2)),) * 2
     if where is not None and not where[inside].any():
         return None
-    count = UNIFORM_WINDOW**2
-    pair = image.astype(np.float64), truth.astype(np.float64)
-    similarity = _similarity(*pair, _uniform_mean, data_range, count / (count - 1))[inside]
-    return float(np.mean(similarity if where is None else similarity[where[inside]]))
+    return float(np.mean(similarity[inside] if where is None else similarity[inside][where[inside]]))
 
 
 def dssim(similarity: float | None) -> float | None:
@@ -84,16 +109,41 @@ Mean = Callable[[np.ndarray], np.ndarray]
 """Function that returns the mean of the window around each pixel."""
 
 
-def _similarity(x: np.ndarray, y: np.ndarray, mean: Mean, data_range: float, correction: float) -> np.ndarray:
-    """Return the structural similarity of each pixel and channel. `correction` multiplies variances, as of a sample."""
-    mean_x, mean_y = mean(x), mean(y)
-    var_x = correction * (mean(x * x) - mean_x**2)
-    var_y = correction * (mean(y * y) - mean_y**2)
-    covariance = correction * (mean(x * y) - mean_x * mean_y)
-    c1, c2 = (0.01 * data_range) ** 2, (0.03 * data_range) ** 2
-    above = (2 * mean_x * mean_y + c1) * (2 * covariance + c2)
-    below = (mean_x**2 + mean_y**2 + c1) * (var_x + var_y + c2)
-    return above / below
+@dataclass(frozen=True)
+class Moments:
+    """Means, variances and covariance of two images in the window around each pixel, each [H, W, 3]."""
+
+    mean_x: np.ndarray
+    mean_y: np.ndarray
+    var_x: np.ndarray
+    var_y: np.ndarray
+    covariance: np.ndarray
+
+    @staticmethod
+    def of(x: np.ndarray, y: np.ndarray, mean: Mean, correction: float) -> Moments:
+        """Measure two images. `correction` multiplies variances, as of a sample."""
+        mean_x, mean_y = mean(x), mean(y)
+        var_x = correction * (mean(x * x) - mean_x**2)
+        var_y = correction * (mean(y * y) - mean_y**2)
+        return Moments(mean_x, mean_y, var_x, var_y, correction * (mean(x * y) - mean_x * mean_y))
+
+    def similarity(self, data_range: float) -> np.ndarray:
+        """Return the structural similarity of each pixel and channel, with the constants of a range of values."""
+        c1, c2 = (0.01 * data_range) ** 2, (0.03 * data_range) ** 2
+        above = (2 * self.mean_x * self.mean_y + c1) * (2 * self.covariance + c2)
+        below = (self.mean_x**2 + self.mean_y**2 + c1) * (self.var_x + self.var_y + c2)
+        return above / below
+
+
+def gaussian_moments(image: np.ndarray, truth: np.ndarray) -> Moments:
+    """Return the moments in the Gaussian windows of `ssim`."""
+    return Moments.of(image.astype(np.float32), truth.astype(np.float32), _gaussian_mean, 1.0)
+
+
+def uniform_moments(image: np.ndarray, truth: np.ndarray) -> Moments:
+    """Return the moments in the uniform windows of `ssim_skimage`."""
+    count = UNIFORM_WINDOW**2
+    return Moments.of(image.astype(np.float64), truth.astype(np.float64), _uniform_mean, count / (count - 1))
 
 
 def _gaussian_mean(image: np.ndarray) -> np.ndarray:
@@ -108,14 +158,24 @@ def _uniform_mean(image: np.ndarray) -> np.ndarray:
     return uniform_filter1d(uniform_filter1d(image, UNIFORM_WINDOW, axis=0), UNIFORM_WINDOW, axis=1)
 
 
-def _squared_error(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None) -> np.ndarray:
-    """Return [H, W, 3], or [P, 3] with a mask."""
-    _check(image, truth, where)
-    error = (image.astype(np.float64) - truth.astype(np.float64)) ** 2
-    return error if where is None else error[where]
+def squared_error(image: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Return the squared error of each pixel and channel, [H, W, 3] float64."""
+    return (image.astype(np.float64) - truth.astype(np.float64)) ** 2
 
 
-def _check(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None) -> None:
+def mean_decibel(error: np.ndarray, where: np.ndarray | None) -> float:
+    """Return the PSNR of a map of squared errors [H, W, 3], over all pixels or those in a mask."""
+    return _decibel(float(np.mean(error if where is None else error[where])))
+
+
+def mean_decibel_per_channel(error: np.ndarray, where: np.ndarray | None) -> float:
+    """Return the mean over channels of the PSNR of a map of squared errors [H, W, 3]."""
+    means = np.mean((error if where is None else error[where]).reshape(-1, 3), axis=0)
+    return float(np.mean([_decibel(float(mean)) for mean in means]))
+
+
+def check_images(image: np.ndarray, truth: np.ndarray, where: np.ndarray | None) -> None:
+    """Raise `UsageError` unless two float images have the same shape [H, W, 3], and a mask chooses some of their pixels."""
     if image.shape != truth.shape or image.ndim != 3 or image.shape[-1] != 3:
         raise UsageError(
             f"An image of shape {image.shape} cannot be compared with one of {truth.shape}; give [H, W, 3]."

@@ -53,6 +53,26 @@ NETWORKS: dict[str, tuple[Layer, ...]] = {
 """Layers of each network up to the last one that LPIPS compares."""
 
 
+@dataclass(frozen=True)
+class LpipsDistances:
+    """Distances of two images in each layer of a network, [1, 1, H', W']."""
+
+    layers: list[Tensor]
+
+    def mean(self, where: np.ndarray | None = None) -> float:
+        """Return the distance over all pixels, or over those in a mask [H, W] bool."""
+        import torch
+        from torch.nn.functional import interpolate
+
+        total = 0.0
+        for distance in self.layers:
+            if where is not None:
+                mask = torch.from_numpy(where).to(distance.device)
+                distance = interpolate(distance, size=where.shape, mode="bilinear")[0, 0][mask]
+            total += float(distance.mean())
+        return total
+
+
 class Lpips:
     """LPIPS with one network.
 
@@ -80,24 +100,31 @@ class Lpips:
         Returns:
             The distance, or None for images under 32 pixels on a side.
         """
+        found = self.distances(image, truth)
+        return None if found is None else found.mean(where)
+
+    def distances(self, image: np.ndarray, truth: np.ndarray, shifted: bool = True) -> LpipsDistances | None:
+        """Return the distances of two images by pixel, or None for images under 32 pixels on a side.
+
+        Args:
+            image: Float image [H, W, 3], sRGB 0..1.
+            truth: Image to compare with, of the same shape.
+            shifted: The network gets values of -1..1, which it was trained for. False gives it 0..1, as the code of 3DGS does.
+        """
         if min(image.shape[:2]) < LEAST_SIDE:
             return None
         import torch
-        from torch.nn.functional import interpolate
 
         pair = np.stack([image, truth]).astype(np.float32)
-        mask = None if where is None else torch.from_numpy(where).to(self.device)
-        total = 0.0
+        found = []
         with torch.no_grad():
-            x = torch.from_numpy(pair).to(self.device).permute(0, 3, 1, 2) * 2 - 1
+            x = torch.from_numpy(pair).to(self.device).permute(0, 3, 1, 2)
+            x = x * 2 - 1 if shifted else x
             x = (x - x.new_tensor(SHIFT)[:, None, None]) / x.new_tensor(SCALE)[:, None, None]
             for features, head in zip(self._compared(x), self.heads, strict=True):
                 unit = features / (features.square().sum(1, keepdim=True).sqrt() + 1e-10)
-                distance = ((unit[:1] - unit[1:]).square() * head).sum(1, keepdim=True)
-                if mask is not None:
-                    distance = interpolate(distance, size=mask.shape, mode="bilinear")[0, 0][mask]
-                total += float(distance.mean())
-        return total
+                found.append(((unit[:1] - unit[1:]).square() * head).sum(1, keepdim=True))
+        return LpipsDistances(found)
 
     def _compared(self, x: Tensor) -> Iterator[Tensor]:
         """Yield the features that LPIPS compares, one layer after the other."""

@@ -46,9 +46,10 @@ class Report:
         flicker: Mean absolute error of frame-to-frame changes within groups, gray levels of 255; None without
             consecutive frames.
         flicker_borders: The same where one group fades into the next.
-        reel_bytes: Size of all files of the reel.
-        first_view_bytes: Bytes that a player loads for its first image.
-        bytes_per_second: Bytes per second of video, without the first layers, which are loaded once.
+        reel_bytes: Size of points and manifest, without poster, thumbnails and sound.
+        first_view_bytes: Bytes of points and manifest that the first complete picture needs.
+        bytes_per_second: `total_bytes` per second of video. Earlier versions left out the first layers, poster, thumbnails and
+            sound.
         seconds: Wall time of each stage.
         points_static: Mean number of static points per group.
         points_dynamic: Mean number of dynamic points per group.
@@ -70,6 +71,12 @@ class Report:
         ssim_skimage: Structural similarity as scikit-image computes it.
         dssim1: (1 - SSIM) / 2 of scikit-image's SSIM with a data range of 1.
         dssim2: The same with a data range of 2.
+        psnr_color_fitted: PSNR in dB after the best gain for each color channel of each image; None if an older version wrote
+            the report.
+        total_bytes: Bytes that a viewer downloads who watches the reel once; None if an older version wrote the report.
+        start_bytes: Bytes that a viewer downloads before the first complete picture, without the player.
+        playing_bytes_per_second: Bytes per second that a player downloads during playback: groups, new layers and sound.
+        lpips_3dgs: LPIPS (VGG) as the code of 3DGS computes it, of images with values 0..1; None without its weights.
         moving: All metrics of `Quality` over the pixels with motion; None without motion.
         moving_share: Share of pixels with motion, 0..1.
         masked_share: Share of pixels within the masks of a subject, 0..1, the only ones that were measured; None without masks.
@@ -112,6 +119,11 @@ class Report:
     bytes_by_kind: dict[str, int] = field(default_factory=dict)
     decode_ms_per_frame: float | None = None
     render_fps: float | None = None
+    psnr_color_fitted: float | None = None
+    lpips_3dgs: float | None = None
+    total_bytes: int | None = None
+    start_bytes: int | None = None
+    playing_bytes_per_second: float | None = None
 
     def to_json(self) -> str:
         """Return the text of report.json."""
@@ -126,8 +138,16 @@ class Report:
         if self.coverage:
             lines += ["", "What the cameras that it was trained on allow:", ""]
             lines += [f"- {sentence}" for sentence in self.coverage]
-        heads = ("camera", "PSNR dB", "SSIM", "LPIPS VGG", "LPIPS AlexNet", "degrees from the nearest trained on")
-        styles = {"psnr": ".2f", "ssim": ".4f", "lpips": ".4f", "lpips_alex": ".4f", "degrees": ".1f"}
+        heads = ("camera", "PSNR dB", "colors fitted dB", "SSIM", "LPIPS VGG", "LPIPS AlexNet")
+        heads += ("degrees from the nearest trained on",)
+        styles = {
+            "psnr": ".2f",
+            "psnr_color_fitted": ".2f",
+            "ssim": ".4f",
+            "lpips": ".4f",
+            "lpips_alex": ".4f",
+            "degrees": ".1f",
+        }
         rows = []
         for camera in self.cameras:
             values = ((camera.get(name), style) for name, style in styles.items())
@@ -182,9 +202,14 @@ def _quality(report: Report) -> list[Number]:
             "higher is better; error of the pixels as people see the reel",
         ),
         Number(
+            "PSNR, colors fitted",
+            _or_not(report.psnr_color_fitted, ".2f", " dB"),
+            "the same after one gain for each color channel of each image; what is higher here is the held-out camera's own color",
+        ),
+        Number(
             "PSNR, before encoding",
             _or_not(report.psnr_undecoded, ".2f", " dB"),
-            "the difference to the line above is the loss by compression",
+            "the difference to the decoded PSNR is the loss by compression",
         ),
         Number(
             "SSIM, 3DGS's",
@@ -204,6 +229,9 @@ def _quality(report: Report) -> list[Number]:
     ]
     if report.lpips is not None:
         numbers.append(Number("LPIPS (VGG)", f"{report.lpips:.4f}", lpips))
+    if report.lpips_3dgs is not None:
+        meaning = "lower is better; VGG with images of 0..1 instead of -1..1, as the code of 3DGS and papers after it compute it"
+        numbers.append(Number("LPIPS, 3DGS's", f"{report.lpips_3dgs:.4f}", meaning))
     if report.lpips_alex is not None:
         numbers.append(Number("LPIPS (AlexNet)", f"{report.lpips_alex:.4f}", lpips))
     numbers.append(
@@ -230,14 +258,26 @@ def _moving(report: Report) -> list[Number]:
 
 
 def _size(report: Report) -> list[Number]:
-    kinds = ", ".join(f"{kind} {megabytes(count)}" for kind, count in report.bytes_by_kind.items() if count)
+    total, start = report.total_bytes or report.reel_bytes, report.start_bytes or report.first_view_bytes
+    parts = {**report.bytes_by_kind, "poster, thumbnails and sound": total - report.reel_bytes}
+    kinds = ", ".join(f"{kind} {megabytes(count)}" for kind, count in parts.items() if count)
+    playing = report.playing_bytes_per_second
     return [
         Number(
             "Reel",
-            f"{megabytes(report.reel_bytes)}, {megabytes(report.bytes_per_second)} a second of video",
-            f"of these: {kinds}" if kinds else "size of all files",
+            f"{megabytes(total)}, {megabytes(report.bytes_per_second)} a second of video",
+            f"what a viewer downloads who watches it once: {kinds}" if kinds else "size of all files",
         ),
-        Number("First picture", megabytes(report.first_view_bytes), "what a player loads before it shows anything"),
+        Number(
+            "First picture",
+            megabytes(start),
+            "what a viewer downloads before the first complete picture, besides the player",
+        ),
+        *(
+            []
+            if playing is None
+            else [Number("While it plays", f"{megabytes(playing)} a second", "groups, new layers and sound")]
+        ),
         Number(
             "Points, mean of a group",
             f"{report.points_static:,.0f} static, {report.points_dynamic:,.0f} dynamic",
@@ -290,6 +330,14 @@ def describe_flicker(within: float | None, borders: float | None) -> str:
 def megabytes(count: float) -> str:
     """Format a size, for example 12.3 MB; 1 MB is 10^6 bytes."""
     return f"{count / 1e6:.3g} MB" if count < 1e8 else f"{count / 1e6:,.0f} MB"
+
+
+def compared_size(count: int, other: int) -> str:
+    """Describe a size in comparison with another one, such as "3.2 times smaller than"; both are more than 0 bytes."""
+    ratio = max(count, other) / min(count, other)
+    if ratio < 1.05:
+        return "as large as"
+    return f"{ratio:,.1f} times {'smaller' if count < other else 'larger'} than"
 
 
 def _or_not(value: float | None, style: str, unit: str = "") -> str:

@@ -12,6 +12,7 @@ from splatreel.errors import ReelError
 from splatreel.play.timeline import Timeline
 from splatreel.scene.frame_formats import FRAME_FORMATS, Placement
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.programs import Program
 from splatreel.scene.turning import turn_upright
 from splatreel.scene.volumes import Volume
 
@@ -25,19 +26,28 @@ class GaussianExport:
         seconds: Times, in order.
         up: Unit up direction of the files, [3]; None keeps the axes of the capture.
         crop: Volume to keep, in the reel's coordinates; None keeps all.
+        program: Program that the files are for; None for any.
     """
 
     source: Timeline
     seconds: Sequence[float]
     up: np.ndarray | None
     crop: Volume | None = None
+    program: Program | None = None
 
     @property
     def placement(self) -> Placement:
         """Place of the Gaussians in the axes of the files."""
         manifest = self.source.manifest
         turn = np.array([1.0, 0, 0, 0]) if self.up is None else turn_upright(manifest.up, self.up)
-        return Placement(turn, manifest.origin if manifest.origin.any() else None, manifest.antialias)
+        return Placement(
+            turn, manifest.origin if self.keeps_origin and manifest.origin.any() else None, manifest.antialias
+        )
+
+    @property
+    def keeps_origin(self) -> bool:
+        """True if the program reads positions far from 0, 0, 0, or any program is meant."""
+        return self.program is None or self.program.reads_double
 
     def at(self, seconds: float) -> Gaussians:
         """Return the cropped Gaussians at a time, in the axes of the reel. There may be none, before something appears."""
@@ -61,5 +71,7 @@ class GaussianExport:
     def write_file(self, path: Path, kind: str, seconds: float) -> int:
         """Write the Gaussians at a time in a format of `FRAME_FORMATS`. Return their number."""
         points = self.at(seconds)
+        if self.program is not None and self.program.degree is not None:
+            points = points.at_degree(self.program.degree)
         FRAME_FORMATS[kind].write(path, points, self.placement)
         return len(points)

@@ -10,6 +10,7 @@ from typing import BinaryIO, NamedTuple, Protocol
 from splatreel.codec.manifest import MAX_BYTES, parse_manifest
 from splatreel.codec.manifest_pages import Known
 from splatreel.codec.presentation import EMPTY, Presentation
+from splatreel.codec.preview import newest_preview
 from splatreel.codec.source import open_source
 from splatreel.errors import ReelError
 
@@ -102,3 +103,41 @@ class ServedFiles:
                 self._names, self._presentation = frozenset({MANIFEST, *manifest.uris}), manifest.presentation
         except (OSError, ReelError):
             return
+
+
+class RunFiles:
+    """`ReelFiles` of a run: its reel, or a preview of its first keyframe until the reel has a group.
+
+    Args:
+        out: Output folder of the run. It may still be missing.
+    """
+
+    def __init__(self, out: Path) -> None:
+        self._out = out
+        self._reel = ServedFiles(out / "reel")
+        self._lock = threading.Lock()
+        self._preview: tuple[Path, ServedFiles] | None = None
+
+    def open(self, name: str) -> OpenFile | None:
+        """Open a file. See `ReelFiles`."""
+        return self._now().open(name)
+
+    def presentation(self) -> tuple[Presentation, float]:
+        """Return the metadata of the reel. See `ReelFiles`."""
+        return self._now().presentation()
+
+    @property
+    def shows(self) -> bool:
+        """True if there is a reel or a preview."""
+        return self._now().find(MANIFEST) is not None
+
+    def _now(self) -> ServedFiles:
+        if (self._out / "reel" / MANIFEST).is_file():
+            return self._reel
+        newest = newest_preview(self._out)
+        if newest is None:
+            return self._reel
+        with self._lock:
+            if self._preview is None or self._preview[0] != newest:
+                self._preview = newest, ServedFiles(newest)
+            return self._preview[1]

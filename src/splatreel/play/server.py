@@ -17,11 +17,12 @@ from typing import cast
 
 import uvicorn
 
+from splatreel.codec.preview import newest_preview
 from splatreel.errors import ReelError, UsageError
 from splatreel.play.allowed_hosts import AllowedHosts
 from splatreel.play.connection import HEAD_BYTES, IDLE_SECONDS, ConnectionLimits
 from splatreel.play.remote_files import RemoteFiles
-from splatreel.play.served_files import ReelFiles, ServedFiles
+from splatreel.play.served_files import ReelFiles, RunFiles, ServedFiles
 from splatreel.play.web_app import ServedPage, WebApp
 from splatreel.storage.addresses import local_path
 
@@ -42,19 +43,20 @@ class Server:
 
     def __init__(
         self,
-        reel_path: str | Path,
+        reel: str | Path | ReelFiles,
         host: str = "127.0.0.1",
         port: int = 0,
         cors: bool = False,
         allow_hosts: Iterable[str] = (),
         pages: Mapping[str, ServedPage] = MappingProxyType({}),
+        reels: Mapping[str, ReelFiles] = MappingProxyType({}),
     ) -> None:
-        """Listen, without answering before `start`. See `serve`; `pages` are further pages by name."""
-        reel = _files(reel_path)
+        """Listen, without answering before `start`. See `serve`; `pages` are further pages and `reels` further reels by name."""
+        files = _files(reel) if isinstance(reel, str | Path) else reel
         self._socket = _listen(host, port)
         self._address: tuple[str, int] = self._socket.getsockname()[:2]
         try:
-            site = WebApp(reel, AllowedHosts(self._address[0], host, allow_hosts), cors, pages)
+            site = WebApp(files, AllowedHosts(self._address[0], host, allow_hosts), cors, pages, reels)
         except UsageError:
             self._socket.close()
             raise
@@ -144,7 +146,9 @@ def _files(location: str | Path) -> ReelFiles:
     if path is None:
         return RemoteFiles(str(location))
     if not (path / "manifest.json").is_file():
-        raise ReelError(f"{location} is not a reel: it has no manifest.json. Give the directory that `encode` wrote.")
+        if newest_preview(path) is not None:
+            return RunFiles(path)
+        raise ReelError(f"{location} is not a reel: it has no manifest.json. Name the folder of a reel.")
     return ServedFiles(path)
 
 

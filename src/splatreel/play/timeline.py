@@ -16,7 +16,7 @@ import numpy as np
 
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.source import reel_folder
+from splatreel.codec.source import find_reel
 from splatreel.errors import ReelError
 from splatreel.play.reel_sound import ReelSound
 from splatreel.play.renderers import Draw, draw_on_cpu
@@ -259,4 +259,4 @@ def open_reel(location: str | Path, rendition: str | None = None, most: int | No
     Raises:
         ReelError: There is no valid reel, or not that rendition.
     """
-    return Timeline(ReelReader(reel_folder(location), rendition, most))
+    return Timeline(ReelReader(find_reel(location), rendition, most))

@@ -26,12 +26,14 @@ _NAMES = {
     "sh": "RadianceSphericalHarmonicsCoefficients",
 }
 """Attribute of each field of Gaussians."""
+_PAIRS, _TEXT = 6, 3
+"""Pairs of frames that an estimate looks at, and bytes of text per byte of a number."""
 _SHOWN = 3.0
 """Standard deviations of a point that its extent covers."""
 
 
 def write_usd(path: Path, film: GaussianExport, fps: float) -> None:
-    """Write the Gaussians at all times as one USD file, atomically. Its y axis is up.
+    """Write the Gaussians at all times as one USD file, atomically. Its y axis is up, its unit the meter, its colors sRGB.
 
     A value is written where it differs from the frame before. It is then also written at that frame, since programs
     interpolate between samples of equal length. The first frame is the default value, which programs without time show.
@@ -45,7 +47,7 @@ def write_usd(path: Path, film: GaussianExport, fps: float) -> None:
         GaussiansError: The package usd-core is missing, or the file cannot be written.
     """
     try:
-        from pxr import Sdf, Usd, UsdGeom, UsdUtils, UsdVol  # pyright: ignore[reportMissingImports] - optional
+        from pxr import Gf, Sdf, Usd, UsdGeom, UsdUtils, UsdVol  # pyright: ignore[reportMissingImports] - optional
 
         schema = UsdVol.ParticleField3DGaussianSplat
     except (ImportError, AttributeError) as error:
@@ -54,6 +56,7 @@ def write_usd(path: Path, film: GaussianExport, fps: float) -> None:
         ) from error
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
+    UsdGeom.SetStageMetersPerUnit(stage, UsdGeom.LinearUnits.meters)
     stage.SetTimeCodesPerSecond(fps)
     stage.SetFramesPerSecond(fps)
     stage.SetStartTimeCode(0)
@@ -61,6 +64,9 @@ def write_usd(path: Path, film: GaussianExport, fps: float) -> None:
     place = film.placement
     splats = schema.Define(stage, "/Splats")
     stage.SetDefaultPrim(splats.GetPrim())
+    color_space = Gf.ColorSpaceNames.SRGBRec709  # the colors are those of the images that the points were trained on
+    Usd.ColorSpaceAPI.Apply(splats.GetPrim()).CreateColorSpaceNameAttr(color_space)
+    _attribute(splats, _NAMES["sh"]).SetColorSpace(color_space)
     if place.shift is not None:
         UsdGeom.Xformable(splats).AddTranslateOp(UsdGeom.XformOp.PrecisionDouble).Set(tuple(place.shift.tolist()))
     before: Gaussians | None = None
@@ -82,6 +88,32 @@ def write_usd(path: Path, film: GaussianExport, fps: float) -> None:
         raise GaussiansError(
             f"{path}: could not be written ({error.strerror}). Free space or choose a path."
         ) from error
+
+
+def estimate_bytes(path: Path, film: GaussianExport) -> int:
+    """Return about how many bytes `write_usd` will write, from some pairs of neighboring frames.
+
+    Args:
+        path: Output file, whose suffix counts: numbers take three times as many bytes in text.
+        film: The Gaussians.
+    """
+    steps = len(film.seconds) - 1
+    total = _changed_bytes(None, film.at(film.seconds[0]))
+    if steps:
+        some = np.unique(np.linspace(0, steps - 1, min(steps, _PAIRS)).round().astype(int)).tolist()
+        pairs = [(film.at(film.seconds[frame]), film.at(film.seconds[frame + 1])) for frame in some]
+        total += steps * sum(_changed_bytes(*pair) for pair in pairs) // len(pairs)
+    return total * _TEXT if path.suffix == ".usda" else total
+
+
+def _changed_bytes(before: Gaussians | None, points: Gaussians) -> int:
+    """Return the bytes of the fields that differ from the frame before."""
+    fields = {name: getattr(points, name) for name in _NAMES}
+    return sum(
+        field.nbytes
+        for name, field in fields.items()
+        if before is None or not np.array_equal(getattr(before, name), field)
+    )
 
 
 def _set_frame(splats: Any, frame: int, before: Gaussians | None, points: Gaussians) -> None:

@@ -85,6 +85,7 @@ class WebApp:
         names: AllowedHosts,
         cors: bool = False,
         pages: Mapping[str, ServedPage] = MappingProxyType({}),
+        reels: Mapping[str, ReelFiles] = MappingProxyType({}),
     ) -> None:
         """Serve a reel.
 
@@ -93,8 +94,10 @@ class WebApp:
             names: Permitted values of the Host header.
             cors: Whether pages of other sites may read the reel.
             pages: Further pages by name, such as report.html.
+            reels: Further reels by the name of their folder, such as sample.
         """
         self._files = reel
+        self._reels = {"reel": reel, **reels}
         self._pages = pages
         self._names = names
         self._headers = {
@@ -143,8 +146,9 @@ class WebApp:
     def _find(self, request: Request) -> Content | None:
         name = request.scope["path"].removeprefix("/")
         try:
-            if name.startswith("reel/"):
-                found = self._files.open(name.removeprefix("reel/"))
+            folder, _, file = name.partition("/")
+            if file and folder in self._reels:
+                found = self._reels[folder].open(file)
                 kind = _REEL_TYPES.get(Path(name).suffix, "application/octet-stream")
                 return _content(found, kind, _REEL_POLICY) if found else None
             if name in self._pages:
@@ -156,7 +160,7 @@ class WebApp:
             if name == _PAGE:
                 return self._page(request)
             # Several workers start from one script.
-            return _content(open_file(STATIC / name), kind, policy())._replace(cache="max-age=60")
+            return _content(open_file(STATIC / name), kind, _policy_for(request))._replace(cache="max-age=60")
         except OSError:
             return None
 
@@ -169,7 +173,7 @@ class WebApp:
             secure = request.headers.get("X-Forwarded-Proto") == "https"
             address = f"http{'s' if secure else ''}://{request.headers['Host']}/"
             text, modified = with_metadata(text, presentation, address), max(modified, written)
-        return _made(text, modified, policy())
+        return _made(text, modified, _policy_for(request))
 
     def _send(self, request: Request, content: Content) -> Response:
         asked = request.headers
@@ -221,16 +225,30 @@ async def _chunks(file: BinaryIO, start: int, end: int, reading: CapacityLimiter
         yield chunk
 
 
-def policy() -> str:
-    """Return the Content-Security-Policy of the player's files: that of docs/player.md, with reels on any host (`?src=`)."""
+def policy(reel: str = "") -> str:
+    """Return the Content-Security-Policy of the player's files: that of docs/player.md, with reels on any host.
+
+    Args:
+        reel: Address of the reel, as in `?src=`. Only its host, and the server itself, may send images.
+    """
     scripts = re.findall(r"<script[^>]*>([^<].*?)</script>", (STATIC / _PAGE).read_text(encoding="utf-8"), re.S)
     digests = (base64.b64encode(hashlib.sha256(script.encode()).digest()).decode() for script in scripts)
     hashes = "".join(f" 'sha256-{digest}'" for digest in digests)
     return (
         f"default-src 'none'; script-src 'self'{hashes} 'wasm-unsafe-eval'; worker-src 'self'; "
-        "connect-src 'self' http: https: blob:; img-src 'self' http: https: data: blob:; media-src blob:; "
+        f"connect-src 'self' http: https: blob:; img-src 'self'{_other_host(reel)} data: blob:; media-src blob:; "
         "base-uri 'none'; form-action 'none'"
     )
+
+
+def _policy_for(request: Request) -> str:
+    return policy(request.query_params.get("src", ""))
+
+
+def _other_host(address: str) -> str:
+    """Return the host of an address as a source of a policy, after a space; "" if the address names none."""
+    match = re.match(r"(https?:)?//([a-z0-9.-]+(:\d{1,5})?)(?=[/?#]|$)", address, re.I)
+    return f" {match[0] if match[1] else match[2]}" if match else ""
 
 
 def parse_range(header: str | None, size: int) -> tuple[int, int] | tuple[()] | None:

@@ -7,6 +7,7 @@ import torch
 
 from splatreel.capture.base import Capture
 from splatreel.capture.prefetch import FramePrefetcher
+from splatreel.codec.preview import remove_previews
 from splatreel.recon.cameras.group_input import GroupInput
 from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.encode.group_output import Output
@@ -87,6 +88,7 @@ def reconstruct_group(
     state = GroupState(job, before, data, output, plates)
     for stage in GROUP_STAGES:
         stage.execute(state)
+    remove_previews(job.store.work.parent)  # players now show the group
     return hand_over(span, state.rig, state.static, state.group)
 
 

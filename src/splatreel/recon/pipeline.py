@@ -9,6 +9,7 @@ from pathlib import Path
 
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import CaptureSource
+from splatreel.codec.preview import remove_previews
 from splatreel.config import Config
 from splatreel.progress import Progress, Silent, parts_of
 from splatreel.recon.encode.group_output import ReelOutput, RegionOutput
@@ -114,6 +115,7 @@ def reconstruct_sequence(run: ChapteredRun, progress: Progress, present: Present
         reconstruct_groups(job, run.groups, run.capture, layout, before, output)
         present(writer, None)
         writer.finish()
+        remove_previews(run.out)
 
 
 def reconstruct_chapters(run: ChapteredRun, progress: Progress, present: PresentationHook) -> None:

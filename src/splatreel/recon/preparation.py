@@ -102,7 +102,7 @@ def save_header(job: Job, capture: Capture, rig: Rig, layout: Layout, sound: Sou
     coverage = store.coverage()
     farthest = None if coverage is None else coverage.angle
     holds = limits(rig.cameras, store.initial_points()[0], layout, farthest)
-    store.save_header(header_of(rig.cameras, capture.fps, job.config, layout), holds)
+    store.save_header(header_of(rig.cameras, capture.fps, job.config, layout, capture.reel_source()), holds)
     save_soundtrack(store.work, sound)
 
 

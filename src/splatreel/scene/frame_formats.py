@@ -51,20 +51,22 @@ class FrameFormat:
         up: Axis that points up in its files.
         write: Function that writes a file.
         keeps_origin: True if positions far from 0, 0, 0 keep their precision. Other formats leave the origin out.
+        marks_antialias: True if its files can mark that points were trained with antialiasing.
     """
 
     suffix: str
     up: str
     write: Write
     keeps_origin: bool = False
+    marks_antialias: bool = True
 
 
 def _ply(path: Path, points: Gaussians, place: Placement) -> None:
-    write_ply(path, turned(points, place.turn), place.shift)
+    write_ply(path, turned(points, place.turn), place.shift, place.antialias)
 
 
 def _compressed_ply(path: Path, points: Gaussians, place: Placement) -> None:
-    write_compressed_ply(path, turned(points, place.turn))
+    write_compressed_ply(path, turned(points, place.turn), place.antialias)
 
 
 def _splat(path: Path, points: Gaussians, place: Placement) -> None:
@@ -89,12 +91,12 @@ def _spz(version: Version) -> Write:
 FRAME_FORMATS = {
     "ply": FrameFormat(".ply", "-y", _ply, keeps_origin=True),
     "compressed-ply": FrameFormat(".compressed.ply", "-y", _compressed_ply),
-    "splat": FrameFormat(".splat", "-y", _splat),
+    "splat": FrameFormat(".splat", "-y", _splat, marks_antialias=False),
     "sog": FrameFormat(".sog", "-y", _sog),
     "spz": FrameFormat(".spz", "y", _spz(3)),
     "spz2": FrameFormat(".spz", "y", _spz(2)),
     "spz4": FrameFormat(".spz", "y", _spz(4)),
-    "glb": FrameFormat(".glb", "y", _glb, keeps_origin=True),
+    "glb": FrameFormat(".glb", "y", _glb, keeps_origin=True, marks_antialias=False),
 }
 """Formats by the name that `splatreel export --format` takes. Of formats with one suffix, the first is the default."""
 

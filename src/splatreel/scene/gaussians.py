@@ -124,6 +124,12 @@ class Gaussians:
         opacities = 1 - (1 - np.minimum(self.opacities, 0.9999)) ** np.asarray(weight, np.float32)
         return Gaussians(self.means, self.quats, self.scales, opacities, self.sh)
 
+    def at_degree(self, degree: int) -> Gaussians:
+        """Return the Gaussians with spherical harmonics of another degree: higher bands are cut off, or zero."""
+        bands = (degree + 1) ** 2
+        sh = np.pad(self.sh[:, :bands], ((0, 0), (0, max(bands - self.sh.shape[1], 0)), (0, 0)))
+        return Gaussians(self.means, self.quats, self.scales, self.opacities, sh)
+
     @staticmethod
     def empty(sh_degree: int = 3) -> Gaussians:
         """Return zero Gaussians."""

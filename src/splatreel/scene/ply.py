@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -13,8 +14,35 @@ from splatreel.scene.ply_table import Columns, read_elements
 from splatreel.scene.remarks import Remarks
 from splatreel.scene.splat_columns import Encoding, gaussians_of
 
+MODE = "SplatRenderMode: "
+"""Comment of a PLY file that states how its points are drawn, as Brush and splat-transform write it: default, mip or 2dgs."""
 
-def write_ply(path: str | Path, gaussians: Gaussians, origin: np.ndarray | None = None) -> None:
+
+def mode_comments(antialias: bool) -> list[str]:
+    """Return the header lines that mark points as trained with antialiasing. Unmarked files were trained without."""
+    return [f"comment {MODE}mip"] if antialias else []
+
+
+def splat_mode(comments: Iterable[str]) -> str:
+    """Return how the comments of a PLY file say that its points are drawn: default, mip or 2dgs.
+
+    Source:
+        Brush's "SplatRenderMode: mip" (ArthurBrussee/brush, brush-serde), and Postshot's "antialiased 1", both as splat-transform
+        reads them (playcanvas/splat-transform, read-ply.ts). The last comment counts.
+    """
+    mode = "default"
+    for comment in comments:
+        name, _, value = comment.strip().lower().partition(" ")
+        if name == MODE.strip().lower() and value.strip() in ("default", "mip", "2dgs"):
+            mode = value.strip()
+        if name == "antialiased" and value.strip() in ("0", "1"):
+            mode = "mip" if value.strip() == "1" else "default"
+    return mode
+
+
+def write_ply(
+    path: str | Path, gaussians: Gaussians, origin: np.ndarray | None = None, antialias: bool = False
+) -> None:
     """Write a binary PLY file atomically.
 
     Properties are x y z nx ny nz f_dc_* f_rest_* (red, then green, then blue) opacity scale_* rot_*. Opacities are
@@ -24,6 +52,7 @@ def write_ply(path: str | Path, gaussians: Gaussians, origin: np.ndarray | None 
         path: Output file.
         gaussians: Gaussians to write.
         origin: Point added to all positions, [3] float64, which are then stored as double; None adds nothing.
+        antialias: Value of the mark of antialiasing, as for `render_image`.
 
     Raises:
         GaussiansError: The file cannot be written.
@@ -40,7 +69,7 @@ def write_ply(path: str | Path, gaussians: Gaussians, origin: np.ndarray | None 
         gaussians.quats,
     ]
     names = _property_names(3 * (gaussians.sh.shape[1] - 1) if len(gaussians) else 0)
-    header = ["ply", "format binary_little_endian 1.0", f"element vertex {len(gaussians)}"]
+    header = ["ply", "format binary_little_endian 1.0", *mode_comments(antialias), f"element vertex {len(gaussians)}"]
     kinds = {name: "double" if origin is not None and name in ("x", "y", "z") else "float" for name in names}
     header += [f"property {kind} {name}" for name, kind in kinds.items()] + ["end_header", ""]
     table = np.empty(len(gaussians), [(name, "<f8" if kind == "double" else "<f4") for name, kind in kinds.items()])

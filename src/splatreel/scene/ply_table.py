@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import os
 import re
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 import numpy as np
 
 from splatreel.errors import GaussiansError
+from splatreel.scene.memory_budget import UNRAISED, MemoryBudget, points_memory
 from splatreel.scene.untrusted import open_regular
 
 _MAX_HEADER = 1 << 17
@@ -43,15 +46,16 @@ class _Element:
         return np.dtype([(name, order + kind) for name, kind in self.properties])
 
 
-def read_elements(path: str | Path, wanted: tuple[str, ...]) -> dict[str, Columns]:
+def read_elements(path: str | Path, wanted: tuple[str, ...], budget: MemoryBudget = UNRAISED) -> dict[str, Columns]:
     """Return the wanted elements of a PLY file. Elements that the file lacks are left out.
 
     Args:
         path: Input file.
         wanted: Names of elements.
+        budget: Memory that reading may take.
 
     Raises:
-        GaussiansError: The file is no PLY file, or is damaged, or a wanted element holds lists.
+        GaussiansError: The file is no PLY file, is damaged, takes too much memory, or a wanted element holds lists.
     """
     path = Path(path)
     try:
@@ -62,12 +66,37 @@ def read_elements(path: str | Path, wanted: tuple[str, ...]) -> dict[str, Column
             last = max((i for i, element in enumerate(elements) if element.name in wanted), default=-1)
             if not found & set(wanted):
                 return {}
+            _check_memory([element for element in elements if element.name in wanted], file, path, budget)
             file.seek(start)
             body = file.read()
     except OSError as error:
         raise GaussiansError(f"{path}: cannot be read ({error.strerror}).") from error
     split = _split_lines if order == "ascii" else _split_bytes
     return split(body, elements[: last + 1], wanted, _ORDERS[order], path)
+
+
+def read_comments(path: Path) -> list[str]:
+    """Return the comments of a PLY file's header, without the word "comment".
+
+    Raises:
+        GaussiansError: The file cannot be read.
+    """
+    try:
+        with open_regular(path, GaussiansError) as file:
+            head = file.read(_MAX_HEADER)
+    except OSError as error:
+        raise GaussiansError(f"{path}: cannot be read ({error.strerror}).") from error
+    end = re.search(rb"[\r\n]end_header", head)
+    lines = head[: end.start() if end else 0].decode("latin-1").splitlines()
+    return [line[len("comment") :].strip() for line in lines if re.match(r"comment\s", line)]
+
+
+def _check_memory(elements: list[_Element], file: IO[bytes], path: Path, budget: MemoryBudget) -> None:
+    """Raise `GaussiansError` if the points that the file can hold take too much memory."""
+    size = os.fstat(file.fileno()).st_size
+    points = max((min(element.count, size // max(len(element.properties), 1)) for element in elements), default=0)
+    coefficients = sum(name.startswith("f_rest_") for element in elements for name, _ in element.properties)
+    budget.check(size + points_memory(points, coefficients), size, str(path), f"{points:,} points")
 
 
 def _parse_header(head: bytes, path: Path) -> tuple[str, list[_Element], int]:

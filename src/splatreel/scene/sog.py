@@ -51,6 +51,7 @@ def write_sog(path: str | Path, gaussians: Gaussians, antialias: bool = False) -
     points = gaussians[neighbor_order(gaussians.means)]
     files: Files = {}
     meta: Meta = {"version": 2, "asset": {"generator": "Splatreel"}, "count": len(points), "antialias": antialias}
+    meta |= {"model": "antialiased"} if antialias else {}  # the name of splat-transform 3
     meta["means"] = _add_means(points.means, files)
     meta["scales"] = _add_indices("scales", np.log(np.maximum(points.scales, 1e-30)), files)
     place, others = smallest_three(points.quats)

@@ -10,6 +10,7 @@ import numpy as np
 from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.moving_columns import refusal_of
 from splatreel.scene.ply_table import Columns
 from splatreel.scene.remarks import Remarks
 
@@ -31,10 +32,6 @@ SIZES = (
     ("scale_0",),
     ("scale",),
 )
-_OF_TIME = re.compile(
-    r"t|time.*|timestamp|t_.*|.*_t|motion.*|trbf.*|omega.*|vel.*|v[xyz]|acc.*|rot_r.*|f_t.*|deform.*|traj.*|knot.*|poly.*"
-)
-"""Names of columns that make Gaussians move or change."""
 _OF_NO_EFFECT = re.compile(r"n[xyz]|alpha|.*(red|green|blue)|[rgba]")
 
 
@@ -129,6 +126,8 @@ def _stack(columns: Columns, *names: str) -> np.ndarray:
 
 
 def _not_splats(columns: Columns, source: str) -> str:
+    if refusal := refusal_of(columns):
+        return f"{source}: {refusal}"
     if all(name in columns for name in "xyz"):
         return (
             f"{source}: is a point cloud without sizes (no scale_0, scale_1, scale_2), not Gaussians. Name the file that the training "
@@ -139,20 +138,18 @@ def _not_splats(columns: Columns, source: str) -> str:
 
 
 def _check_names(columns: Columns, sizes: tuple[str, ...], source: str, remarks: Remarks) -> None:
-    """Refuse columns of time, and remark on columns without a meaning here."""
+    """Refuse columns of other methods, and remark on columns without a meaning here."""
     known = {"x", "y", "z", "opacity", "filter_3D", *sizes}
     known |= {name for names in TURNS for name in names} | {f"f_dc_{i}" for i in range(3)}
     others = [name for name in columns if name not in known and not re.fullmatch(r"f_rest_\d+", name)]
-    moving = [name for name in others if _OF_TIME.fullmatch(name)]
-    if moving:
-        raise GaussiansError(
-            f"{source}: has the columns {', '.join(moving[:4])}{', ...' if moving[4:] else ''} of a method whose Gaussians move or "
-            "change, which is not known here. Export one PLY file per frame with that method's program."
-        )
+    if refusal := refusal_of(others):
+        raise GaussiansError(f"{source}: {refusal}")
     strange = [name for name in others if not _OF_NO_EFFECT.fullmatch(name)]
     if strange:
         remarks.add(
-            f"Columns without an effect were ignored: {', '.join(strange[:6])}{', ...' if strange[6:] else ''}", source
+            f"Unknown columns were ignored, also if the program that wrote them draws points by them: {', '.join(strange[:6])}"
+            f"{', ...' if strange[6:] else ''}",
+            source,
         )
 
 

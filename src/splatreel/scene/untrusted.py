@@ -10,6 +10,7 @@ import io
 import json
 import math
 import os
+import pickle
 import re
 import stat
 import zipfile
@@ -22,6 +23,7 @@ from typing import IO, Any, TypeGuard
 import numpy as np
 
 from splatreel.errors import SplatreelError
+from splatreel.scene.memory_budget import allowed_memory, in_megabytes
 
 JSON_BYTES = 64 << 20
 """Default maximum size of a JSON file."""
@@ -29,9 +31,8 @@ JSON_VALUES = 2_000_000
 """Default maximum number of JSON values. Each takes about a hundred bytes of memory."""
 JSON_DEPTH = 64
 """Maximum nesting of lists and objects."""
-UNPACKED_BYTES, UNPACKED_RATIO = 1 << 30, 64
-"""Maximum unpacked size of an archive: this many bytes, or this many times its own size, whichever is larger."""
-_STRING = re.compile(rb'"(?:[^"\\]|\\.)*"?', re.S)
+_STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.S)
+"""String of a JSON text. It never backtracks, which would take a hundred bytes of memory for each escape."""
 _BLOCK = 1 << 20
 _ARCHIVE = b"PK\3\4"
 _HEADER = 10_000
@@ -51,7 +52,9 @@ def read_file(path: Path, most: int, kind: Kind) -> bytes:
     try:
         with open_regular(path, kind) as file:
             size = os.fstat(file.fileno()).st_size
-            data = file.read(most + 1) if size <= most else b""
+            data = file.read(size + 1) if size <= most else b""
+            while size < len(data) <= most and (more := file.read(min(_BLOCK, most + 1 - len(data)))):
+                data += more  # the file grew, or states no size
     except OSError as error:
         raise kind(f"{path}: cannot be read ({error.strerror}).") from error
     if size > most or len(data) > most:
@@ -116,8 +119,14 @@ def read_array(path: Path, kind: Kind) -> np.ndarray:
         raise kind(f"{path}: cannot be read ({error.strerror}).") from error
 
 
-def read_arrays(path: Path, names: Iterable[str], kind: Kind) -> dict[str, np.ndarray]:
+def read_arrays(path: Path, names: Iterable[str], kind: Kind, most: int | None = None) -> dict[str, np.ndarray]:
     """Return numeric arrays from a .npz file.
+
+    Args:
+        path: Archive.
+        names: Names of the arrays.
+        kind: Error constructor.
+        most: Maximum unpacked size in bytes; None limits it in proportion to the file.
 
     Raises:
         SplatreelError: Of the given kind, for a damaged or encrypted archive, a missing name, an unpacked size above
@@ -132,9 +141,12 @@ def read_arrays(path: Path, names: Iterable[str], kind: Kind) -> dict[str, np.nd
             if missing is not None:
                 raise kind(f"{path}: has no {missing}.")
             found = {name: info for name, info in wanted.items() if info is not None}
-            unpacked, most = sum(info.file_size for info in found.values()), max(UNPACKED_BYTES, UNPACKED_RATIO * size)
-            if unpacked > most:
-                raise kind(f"{path}: would unpack {size:,} bytes to {unpacked:,}, more than the {most:,} that it may.")
+            unpacked, limit = sum(info.file_size for info in found.values()), most or allowed_memory(size)
+            if unpacked > limit:
+                raise kind(
+                    f"{path}: would unpack {size:,} bytes to {unpacked:,}, more than the {limit:,} that it may. If you trust it, allow "
+                    f"more: --max-memory {in_megabytes(unpacked)}."
+                )
             arrays = {}
             for name, info in found.items():
                 if info.flag_bits & 1:
@@ -148,6 +160,28 @@ def read_arrays(path: Path, names: Iterable[str], kind: Kind) -> dict[str, np.nd
         raise kind(f"{path}: is not an archive of arrays, or damaged ({error}).") from error
     except (zipfile.BadZipFile, zlib.error) as error:
         raise kind(f"{path}: is not an archive of arrays, or damaged ({error}).") from error
+
+
+def load_arrays(data: bytes | io.BytesIO) -> Any:
+    """Return the dictionaries, lists, strings, numbers and arrays in a pickle.
+
+    Raises:
+        pickle.UnpicklingError: The pickle names anything else, or is damaged.
+    """
+    return _ArrayUnpickler(io.BytesIO(data) if isinstance(data, bytes) else data, encoding="latin1").load()
+
+
+class _ArrayUnpickler(pickle.Unpickler):
+    """Unpickler that builds NumPy arrays and nothing else."""
+
+    def find_class(self, module: str, name: str) -> Any:
+        if module in ("numpy.core.multiarray", "numpy._core.multiarray") and name in ("_reconstruct", "scalar"):
+            return (np.zeros(0) if name == "_reconstruct" else np.float64(0)).__reduce__()[0]
+        if (module, name) in (("numpy", "ndarray"), ("numpy", "dtype")):
+            return getattr(np, name)
+        if (module, name) == ("_codecs", "encode"):  # bytes in the second protocol of pickle
+            return lambda text, _: text.encode("latin1")
+        raise pickle.UnpicklingError(f"the pickle asks for {module}.{name}")
 
 
 class ArrayRows:

@@ -9,6 +9,7 @@ import numpy as np
 from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.memory_budget import UNRAISED, MemoryBudget, points_memory
 from splatreel.scene.remarks import Remarks
 from splatreel.scene.splat_columns import drop_nan
 from splatreel.scene.untrusted import ArrayRows, read_arrays
@@ -22,25 +23,36 @@ SHAPES = {
     "log_scales": ("N", 3),
 }
 """Arrays that are read. Other entries describe the training."""
+ROUND = ("N", 1)
+"""Shape of `log_scales` for spheres, which have one size for all axes."""
 
 
 class Dynamic3DGS:
     """Sequence in a `params.npz` file. Colors do not depend on the view. One frame is in memory at a time.
 
+    Args:
+        path: Input file.
+        budget: Memory that reading a frame may take.
+
     Raises:
-        GaussiansError: The file is not a `params.npz` of Dynamic 3D Gaussians.
+        GaussiansError: The file is not a `params.npz` of Dynamic 3D Gaussians, or takes too much memory.
     """
 
-    def __init__(self, path: Path) -> None:
+    antialias = False
+
+    def __init__(self, path: Path, budget: MemoryBudget = UNRAISED) -> None:
         self.path, self.size = path, path.stat().st_size
         self.fps: float | None = None
         self.remarks = Remarks()
         self._rows = {name: ArrayRows(path, name, GaussiansError) for name in SHAPES}
         self._check()
-        fixed = read_arrays(path, ("logit_opacities", "log_scales"), GaussiansError)
+        points = self._rows["means3D"].shape[1]
+        budget.check(points_memory(points), self.size, str(path), f"{points:,} points")
+        fixed = read_arrays(path, ("logit_opacities", "log_scales"), GaussiansError, budget.limit(self.size))
         logits, logarithms = fixed["logit_opacities"][:, 0], fixed["log_scales"]
         self._opacities = 1 / (1 + np.exp(-np.clip(logits.astype(np.float64), -80, 80)))
-        self._scales = np.exp(np.minimum(logarithms.astype(np.float64), 80)).astype(np.float32)
+        scales = np.exp(np.minimum(logarithms.astype(np.float64), 80)).astype(np.float32)
+        self._scales = np.broadcast_to(scales.reshape(len(scales), -1), (len(scales), 3))
 
     def __len__(self) -> int:
         return len(self._rows["means3D"])
@@ -61,6 +73,7 @@ class Dynamic3DGS:
     def _check(self) -> None:
         sizes = dict(zip("TN", self._rows["means3D"].shape, strict=False))
         for name, shape in SHAPES.items():
+            shape = ROUND if name == "log_scales" and self._rows[name].shape[1:] == ROUND[1:] else shape
             wanted = tuple(sizes.get(size, -1) if isinstance(size, str) else size for size in shape)
             if self._rows[name].shape != wanted or not all(wanted):
                 raise GaussiansError(f"{self.path}: {name} has shape {self._rows[name].shape}, expected {shape}.")

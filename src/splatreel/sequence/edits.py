@@ -47,6 +47,11 @@ class EditedFrames:
         self.path, self.size, self.fps, self.remarks = frames.path, frames.size, frames.fps, frames.remarks
         self._frames, self._edit = frames, edit
 
+    @property
+    def antialias(self) -> bool:
+        """True if the points are marked as trained with antialiasing."""
+        return self._frames.antialias
+
     def __len__(self) -> int:
         return len(self._frames)
 

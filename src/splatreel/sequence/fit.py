@@ -20,6 +20,7 @@ from splatreel.progress import Progress
 from splatreel.recon.encode.group_writer import PresentationHook, no_presentation
 from splatreel.recon.pipeline import reconstruct
 from splatreel.scene.camera import Camera
+from splatreel.scene.reel_source import ReelSource
 from splatreel.sequence.comparison import BLACK, Comparison, compare
 from splatreel.sequence.edits import first_points
 from splatreel.sequence.frames import Frames
@@ -71,6 +72,10 @@ class FilmCapture(Capture):
         self._drawn: dict[int, np.ndarray] = {}
         self._lock = Lock()
         self._digest = hashlib.sha256(points.means.tobytes() + str(film.size).encode()).hexdigest()
+
+    def reel_source(self) -> ReelSource:
+        """Return a source without a frame: which frames of a capture the sequence shows is not known."""
+        return ReelSource(None)
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         columns = [self._columns[name] for name in cameras]

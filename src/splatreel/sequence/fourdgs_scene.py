@@ -12,11 +12,14 @@ from splatreel.command_line import install_command
 from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.memory_budget import UNRAISED, MemoryBudget
 from splatreel.scene.remarks import Remarks
 from splatreel.scene.splat_columns import drop_nan
+from splatreel.scene.untrusted import read_file
+from splatreel.sequence.fourdgs_memory import check_memory
 from splatreel.sequence.plausible import check_plausible
 
-MOST_FRAMES = 1_000_000
+MOST_FRAMES, MOST_BYTES = 1_000_000, 1 << 34
 FPS = 30.0
 _LOWEST, _HIGHEST = -4.0, 4.0
 """Range of the bytes that store view-dependent color."""
@@ -29,16 +32,19 @@ class FourdgsScene:
     Args:
         path: Input file.
         fps: Samples per second; None takes 30.
+        budget: Memory that reading may take.
 
     Raises:
-        GaussiansError: The file cannot be read.
+        GaussiansError: The file cannot be read, or takes too much memory.
     """
 
-    def __init__(self, path: Path, fps: float | None) -> None:
+    antialias = False
+
+    def __init__(self, path: Path, fps: float | None, budget: MemoryBudget = UNRAISED) -> None:
         self.path, self.size = path, path.stat().st_size
         self.remarks = Remarks()
         self.fps: float | None = fps or FPS
-        self._scene = _read(path)
+        self._scene = _read(path, budget)
         self._rate = fps or FPS
         self._length = max(math.floor(self._scene.duration_sec * self._rate + 1e-6), 1)
         if self._length > MOST_FRAMES:
@@ -72,12 +78,16 @@ class FourdgsScene:
         return check_plausible(drop_nan(points, str(self.path), self.remarks), f"{self.path}, frame {frame}")
 
 
-def _read(path: Path) -> Any:
+def _read(path: Path, budget: MemoryBudget) -> Any:
     """Return the scene of a file, decoded by the package fourdgs."""
+    data = read_file(path, MOST_BYTES, GaussiansError)
     try:
         import fourdgs  # pyright: ignore[reportMissingImports] - optional
 
-        return fourdgs.read(str(path))
+        check_memory(data, str(path), budget)
+        return fourdgs.read(data)
+    except GaussiansError:
+        raise
     except ImportError as error:
         raise GaussiansError(
             f"{path}: needs a package to be read ({error.name}). Run\n  {install_command('splats')}"

@@ -7,9 +7,13 @@ import zipfile
 from pathlib import Path, PurePosixPath
 
 from splatreel.errors import GaussiansError
-from splatreel.sequence.splat_file import SOG_FOLDER, SUFFIXES
+from splatreel.sequence.splat_file import SOG_FOLDERS, SUFFIXES
+from splatreel.sequence.streamed_sog import LOD_META
+from splatreel.sequence.training_folders import check_is_frame, check_is_member_frame, is_mark
 
 _ITERATION = re.compile(r"iteration_([0-9]+)")
+TILESET = "tileset.json"
+"""Description of a set of 3D Tiles."""
 
 
 def find_files(place: Path) -> dict[str, Path]:
@@ -21,14 +25,25 @@ def find_files(place: Path) -> dict[str, Path]:
     Raises:
         GaussiansError: A frame's file is missing, or the choice is unclear.
     """
+    found = _find(place)
+    for file in {file.parent: file for file in found.values() if file.suffix.lower() == ".ply"}.values():
+        check_is_frame(file)
+    return found
+
+
+def _find(place: Path) -> dict[str, Path]:
     if place.is_file():
-        return {place.stem: place} if place.suffix.lower() in SUFFIXES or place.name == SOG_FOLDER else {}
+        return {place.stem: place} if place.suffix.lower() in SUFFIXES or place.name in SOG_FOLDERS else {}
     if (model := place / "point_cloud").is_dir() and _iterations(model):
         return {place.name: _only_file(model)}
     if _iterations(place):
         return {place.name: _only_file(place)}
-    if _is_sog(place):
-        return {place.name: place / SOG_FOLDER}
+    if (scene := _sog_in(place)) is not None:
+        return {place.name: scene}
+    if (place / TILESET).is_file():
+        raise GaussiansError(
+            f"{place / TILESET}: is a set of 3D Tiles, whose files are parts of one scene and no frames. Convert it to PLY."
+        )
     entries = [entry for entry in sorted(place.iterdir()) if not entry.name.startswith(".")]
     files = [entry for entry in entries if entry.suffix.lower() in SUFFIXES]
     _check_suffixes([file.name for file in files], str(place))
@@ -51,12 +66,18 @@ def find_members(place: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.Zip
         GaussiansError: The archive is encrypted, or holds files of several kinds.
     """
     members = {}
+    names = [PurePosixPath(info.filename) for info in archive.infolist()]
+    if scene := next((name for name in names if name.name in (LOD_META, TILESET)), None):
+        raise GaussiansError(f"{place}: {scene} describes parts of one scene, which are no frames. Unpack the archive.")
+    models = [name for name in names if is_mark(name)]
     for info in archive.infolist():
         name = PurePosixPath(info.filename)
         hidden = any(part.startswith(".") or part == "__MACOSX" for part in name.parts)
         if not info.is_dir() and not hidden and name.suffix.lower() in SUFFIXES:
             if info.flag_bits & 1:
                 raise GaussiansError(f"{place}: {info.filename} is encrypted. Pack it without a password.")
+            if name.suffix.lower() == ".ply":
+                check_is_member_frame(name, models, place)
             members[_stem(info.filename)] = info
     _check_suffixes([info.filename for info in members.values()], str(place))
     return members
@@ -83,8 +104,10 @@ def _not_a_file_error(path: Path) -> GaussiansError:
     return GaussiansError(f"{path}: is {what}, so a frame is missing. Add the file, or remove the entry.")
 
 
-def _is_sog(folder: Path) -> bool:
-    return (folder / SOG_FOLDER).is_file() and any(folder.glob("*.webp"))
+def _sog_in(folder: Path) -> Path | None:
+    """Return the file that describes the streamed or unpacked SOG file in a folder; None if there is none."""
+    found = next((folder / name for name in SOG_FOLDERS if (folder / name).is_file()), None)
+    return found if found is None or found.name == LOD_META or any(folder.glob("*.webp")) else None
 
 
 def _iterations(folder: Path) -> dict[int, Path]:
@@ -99,8 +122,8 @@ def _only_file(folder: Path) -> Path:
     Raises:
         GaussiansError: There is no file, or the choice is unclear.
     """
-    if _is_sog(folder):
-        return folder / SOG_FOLDER
+    if (scene := _sog_in(folder)) is not None:
+        return scene
     found = [
         file
         for file in sorted(folder.rglob("*"))
@@ -112,6 +135,9 @@ def _only_file(folder: Path) -> Path:
     if len(found) > 1 and models:
         newest = max(int(file.parent.name.partition("_")[2]) for file in models)
         found = [file for file in models if int(file.parent.name.partition("_")[2]) == newest]
+    if len(found) > 1 and any(file.name == "point_cloud.ply" for file in found):
+        for file in found:
+            check_is_frame(file)
     if len(found) != 1:
         raise GaussiansError(f"{folder}: holds {len(found)} files of Gaussians, where a frame's folder has one.")
     return found[0]

@@ -5,7 +5,8 @@ from __future__ import annotations
 import tempfile
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
 from typing import Protocol
 
@@ -13,13 +14,15 @@ import numpy as np
 
 from splatreel.errors import GaussiansError
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.memory_budget import UNRAISED, MemoryBudget
 from splatreel.scene.remarks import Remarks
 from splatreel.scene.splat_columns import MANY, Encoding, encoding_of
-from splatreel.scene.untrusted import UNPACKED_BYTES, UNPACKED_RATIO
 from splatreel.sequence.frame_files import find_files, find_members
 from splatreel.sequence.frame_names import Gaps, Order, order_frames
-from splatreel.sequence.splat_file import columns_of, read_splats
+from splatreel.sequence.splat_file import columns_of, is_antialiased, read_splats, size_of
 
+OTHER_MARK = "Points are marked differently for antialiasing than those of the first frame, and are drawn as those"
+"""Remark on files whose marks differ."""
 _BLOCK = 1 << 20
 
 
@@ -42,6 +45,11 @@ class Frames(Protocol):
         """Return the number of frames."""
         ...
 
+    @property
+    def antialias(self) -> bool:
+        """True if the points are marked as trained with antialiasing."""
+        ...
+
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
         """Return the Gaussians of a frame.
 
@@ -58,25 +66,40 @@ class Frames(Protocol):
 class FileFrames:
     """Sequence of files, one per frame in order. A held frame repeats the previous file."""
 
-    def __init__(self, path: Path, files: Sequence[Path], fps: float | None = None) -> None:
+    def __init__(
+        self, path: Path, files: Sequence[Path], fps: float | None = None, budget: MemoryBudget = UNRAISED
+    ) -> None:
         self.path, self.files, self.fps = path, files, fps
         self.remarks = Remarks()
-        self.size = sum(file.stat().st_size for file in dict.fromkeys(files))
+        self.size = sum(size_of(file) for file in dict.fromkeys(files))
+        self._budget = budget
         self._encoding: Encoding | None = None
+        self._antialias: bool | None = None
 
     def __len__(self) -> int:
         return len(self.files)
 
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
         """Return the Gaussians of a frame."""
-        return read_splats(self.files[frame], origin, self.remarks, self._common_encoding())
+        file = self.files[frame]
+        points = read_splats(file, origin, self.remarks, self._common_encoding(), self._budget)
+        if len(points) and is_antialiased(file, self.remarks) != self.antialias:
+            self.remarks.add(OTHER_MARK, file)
+        return points
+
+    @property
+    def antialias(self) -> bool:
+        """True if the first frame marks its points as trained with antialiasing."""
+        if self._antialias is None:
+            self._antialias = is_antialiased(self.files[0], self.remarks)
+        return self._antialias
 
     def _common_encoding(self) -> Encoding:
         """Return how all PLY files store opacities and scales, judged by the first frame with enough points."""
         if self._encoding is None:
             judged = Encoding()
             for file in self.files:
-                columns = columns_of(file)
+                columns = columns_of(file, self._budget)
                 if columns is None:
                     break
                 judged = encoding_of(columns)
@@ -89,7 +112,7 @@ class FileFrames:
 class ZipFrames:
     """Sequence of files in a zip archive. A frame is unpacked into a temporary folder while it is read."""
 
-    def __init__(self, path: Path, gaps: Gaps = "refuse") -> None:
+    def __init__(self, path: Path, gaps: Gaps = "refuse", budget: MemoryBudget = UNRAISED) -> None:
         self.path, self.size = path, path.stat().st_size
         self.remarks = Remarks()
         try:
@@ -103,7 +126,9 @@ class ZipFrames:
         self.fps = order.fps
         remark_step(order, self.remarks, path)
         self._encoding: Encoding | None = None
+        self._antialias: bool | None = None
         self._members = [members[name] for name in order.names]
+        self._budget = budget
 
     def __len__(self) -> int:
         return len(self._members)
@@ -111,33 +136,54 @@ class ZipFrames:
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
         """Return the Gaussians of a frame."""
         info = self._members[frame]
-        most = max(UNPACKED_BYTES, UNPACKED_RATIO * info.compress_size)
-        if info.file_size > most:
-            raise GaussiansError(
-                f"{self.path}: {info.filename} would unpack to {info.file_size:,} bytes, at most {most:,}."
-            )
+        budget = MemoryBudget(self._budget.most, info.compress_size)
+        found = Remarks()
+        with self._unpacked(info) as file:
+            if self._encoding is None and (columns := columns_of(file, budget)) is not None:
+                judged = encoding_of(columns)
+                self._encoding = judged if len(next(iter(columns.values()), ())) >= MANY else None
+            points = read_splats(file, origin, found, self._encoding, budget)
+            if len(points) and is_antialiased(file, found) != self.antialias:
+                found.add(OTHER_MARK, file)
+        self.remarks.take(found, f"{self.path}: {info.filename}")
+        return points
+
+    @property
+    def antialias(self) -> bool:
+        """True if the first frame marks its points as trained with antialiasing."""
+        if self._antialias is None:
+            found = Remarks()
+            with self._unpacked(self._members[0]) as file:
+                self._antialias = is_antialiased(file, found)
+            self.remarks.take(found, f"{self.path}: {self._members[0].filename}")
+        return self._antialias
+
+    @contextmanager
+    def _unpacked(self, info: zipfile.ZipInfo) -> Iterator[Path]:
+        """Unpack a member into a temporary file. Errors about that file name the archive and the member."""
+        budget, source = MemoryBudget(self._budget.most, info.compress_size), f"{self.path}: {info.filename}"
+        budget.check(info.file_size, info.compress_size, source, f"{info.file_size:,} unpacked bytes")
         with tempfile.TemporaryDirectory() as folder:
             file = Path(folder) / PurePosixPath(info.filename).name
             try:
-                with self._archive.open(info) as source, file.open("wb") as target:
-                    while block := source.read(_BLOCK):
+                with self._archive.open(info) as packed, file.open("wb") as target:
+                    while block := packed.read(_BLOCK):
                         target.write(block)
             except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
-                raise GaussiansError(f"{self.path}: {info.filename} is damaged ({error}). Copy it again.") from error
-            found = Remarks()
+                raise GaussiansError(f"{source} is damaged ({error}). Copy it again.") from error
             try:
-                if self._encoding is None and (columns := columns_of(file)) is not None:
-                    judged = encoding_of(columns)
-                    self._encoding = judged if len(next(iter(columns.values()), ())) >= MANY else None
-                points = read_splats(file, origin, found, self._encoding)
+                yield file
             except GaussiansError as error:
-                raise GaussiansError(str(error).replace(str(file), f"{self.path}: {info.filename}")) from error
-            self.remarks.take(found, f"{self.path}: {info.filename}")
-            return points
+                raise GaussiansError(str(error).replace(str(file), source)) from error
 
 
-def open_files(place: Path, gaps: Gaps) -> FileFrames | None:
+def open_files(place: Path, gaps: Gaps, budget: MemoryBudget = UNRAISED) -> FileFrames | None:
     """Open a file of Gaussians, or a folder of them. Return None if there are none.
+
+    Args:
+        place: The file or folder.
+        gaps: Treatment of missing frame numbers.
+        budget: Memory that reading a frame may take.
 
     Raises:
         GaussiansError: The order of the files is unclear, or frames are missing.
@@ -146,7 +192,7 @@ def open_files(place: Path, gaps: Gaps) -> FileFrames | None:
     if not named:
         return None
     order = order_frames(list(named), str(place), gaps)
-    frames = FileFrames(place, [named[name] for name in order.names], order.fps)
+    frames = FileFrames(place, [named[name] for name in order.names], order.fps, budget)
     remark_step(order, frames.remarks, place)
     return frames
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from splatreel.errors import GaussiansError
 from splatreel.scene.gaussians import C0
+from splatreel.scene.memory_budget import UNRAISED, MemoryBudget, points_memory
 from splatreel.scene.ply_table import Columns
 from splatreel.scene.untrusted import read_file
 
@@ -45,15 +46,22 @@ class _Header:
         return np.dtype([*fields, ("rest", rest, _COMPONENTS[degree])])
 
 
-def read_ksplat(path: Path) -> Columns:
+def read_ksplat(path: Path, budget: MemoryBudget = UNRAISED) -> Columns:
     """Return columns as in a 3DGS PLY file, with logarithms of scales and logits of opacities.
 
+    Args:
+        path: Input file.
+        budget: Memory that reading may take.
+
     Raises:
-        GaussiansError: The file is damaged, or of another version.
+        GaussiansError: The file is damaged, of another version, or takes too much memory.
     """
     data = read_file(path, MOST_BYTES, GaussiansError)
     try:
         header = _parse_header(data)
+        points, degree = _claimed_points(data, header)
+        needed = len(data) + points_memory(points, _COMPONENTS[degree])
+        budget.check(needed, len(data), str(path), f"{points:,} points of degree {degree}")
         start, parts = _HEADER + _SECTION * header.sections, []
         for section in range(header.sections):
             columns, start = _read_section(data, _HEADER + _SECTION * section, start, header)
@@ -76,6 +84,21 @@ def _parse_header(data: bytes) -> _Header:
     return _Header(sections, count, level, lowest or -_RANGE, highest or _RANGE)
 
 
+def _claimed_points(data: bytes, header: _Header) -> tuple[int, int]:
+    """Return the number of points of all sections, and their highest degree."""
+    points = highest = 0
+    for section in range(header.sections):
+        at = _HEADER + _SECTION * section
+        count, room = struct.unpack_from("<2I", data, at)
+        degree = struct.unpack_from("<H", data, at + 40)[0]
+        if degree >= len(_COMPONENTS) or not count <= room:
+            raise ValueError(f"{count} of {room} points of degree {degree}")
+        points, highest = points + count, max(highest, degree)
+    if points * header.point(0).itemsize > len(data):
+        raise ValueError(f"{points} points in {len(data)} bytes")
+    return points, highest
+
+
 def _read_section(data: bytes, at: int, start: int, header: _Header) -> tuple[Columns, int]:
     """Return the columns of a section, and where the next section starts.
 
@@ -89,8 +112,8 @@ def _read_section(data: bytes, at: int, start: int, header: _Header) -> tuple[Co
     block, storage = struct.unpack_from("<fH", data, at + 16)
     steps = struct.unpack_from("<I", data, at + 24)[0] or _STEPS
     full, partial, degree = struct.unpack_from("<IIH", data, at + 32)
-    if degree > 3 or count > room or (buckets and storage < 12):
-        raise ValueError(f"{count} of {room} points of degree {degree} in buckets of {storage} bytes")
+    if buckets and storage < 12:
+        raise ValueError(f"buckets of {storage} bytes")
     kind = header.point(degree)
     places = start + 4 * partial
     points_at = places + storage * buckets

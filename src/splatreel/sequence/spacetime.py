@@ -10,6 +10,7 @@ import numpy as np
 from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.memory_budget import UNRAISED, MemoryBudget
 from splatreel.scene.ply_table import Columns, read_elements
 from splatreel.scene.remarks import Remarks
 from splatreel.scene.splat_columns import drop_nan
@@ -23,9 +24,9 @@ _DURATION = re.compile(rb"\bduration=([0-9]{1,7})\b")
 _MOST_SETTINGS = 1 << 20
 
 
-def is_spacetime(path: Path) -> bool:
-    """Return whether a PLY file holds a model of SpacetimeGaussians."""
-    return path.suffix.lower() == ".ply" and "trbf_center" in _columns(path)
+def is_spacetime(path: Path, budget: MemoryBudget = UNRAISED) -> bool:
+    """Return whether a PLY file holds a model of SpacetimeGaussians. `budget` limits the memory that reading takes."""
+    return path.suffix.lower() == ".ply" and "trbf_center" in _columns(path, budget)
 
 
 class SpacetimeGaussians:
@@ -34,6 +35,7 @@ class SpacetimeGaussians:
     Args:
         path: The model's PLY file.
         length: Number of frames that it was trained on; None takes it from the cfg_args of its training.
+        budget: Memory that reading may take.
 
     Raises:
         GaussiansError: The model is not of the lite kind, or the number of frames is unknown.
@@ -42,11 +44,13 @@ class SpacetimeGaussians:
         Spacetime Gaussian Feature Splatting, section 4.1.
     """
 
-    def __init__(self, path: Path, length: int | None) -> None:
+    antialias = False
+
+    def __init__(self, path: Path, length: int | None, budget: MemoryBudget = UNRAISED) -> None:
         self.path, self.size = path, path.stat().st_size
         self.fps: float | None = None
         self.remarks = Remarks()
-        columns = _columns(path)
+        columns = _columns(path, budget)
         _check_lite(columns, path)
         self._length = length or _trained_length(path)
         self._place = _stack(columns, "x", "y", "z")
@@ -80,8 +84,8 @@ class SpacetimeGaussians:
         return check_plausible(drop_nan(points, str(self.path), self.remarks), f"{self.path}, frame {frame}")
 
 
-def _columns(path: Path) -> Columns:
-    return read_elements(path, ("vertex",)).get("vertex", {})
+def _columns(path: Path, budget: MemoryBudget) -> Columns:
+    return read_elements(path, ("vertex",), budget).get("vertex", {})
 
 
 def _stack(columns: Columns, *names: str) -> np.ndarray:

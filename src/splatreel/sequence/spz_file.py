@@ -15,14 +15,16 @@ import numpy as np
 
 from splatreel.command_line import install_command
 from splatreel.errors import GaussiansError
+from splatreel.scene.memory_budget import UNRAISED, MemoryBudget, points_memory
 from splatreel.scene.ply_table import Columns
-from splatreel.scene.remarks import Remarks
 from splatreel.scene.spz import COLOR_SCALE, MAGIC
-from splatreel.scene.untrusted import read_file
+from splatreel.scene.untrusted import open_regular, read_file
 
 MOST_POINTS, MOST_BYTES = 10_000_000, 1 << 34
 _BANDS = (0, 3, 8, 15, 24)
 _ANTIALIASED = 1
+_GZIP, _START = b"\x1f\x8b", 1 << 12
+"""First bytes of a gzip stream, and bytes of a file that hold the header."""
 
 
 @dataclass(frozen=True)
@@ -39,24 +41,42 @@ class _Header:
         return [self.count * size for size in (place, 1, 3, 3, turn, 3 * _BANDS[self.degree])]
 
 
-def read_spz(path: Path, remarks: Remarks) -> Columns:
+def read_spz(path: Path, budget: MemoryBudget = UNRAISED) -> Columns:
     """Return columns as in a 3DGS PLY file, with logarithms of scales and logits of opacities, in the axes of SPZ.
 
     Args:
         path: Input file.
-        remarks: Receives a remark on points trained with antialiasing.
+        budget: Memory that reading may take.
 
     Raises:
-        GaussiansError: The file is damaged, or of another version.
+        GaussiansError: The file is damaged, of another version, or takes too much memory.
     """
     data = read_file(path, MOST_BYTES, GaussiansError)
     try:
-        header, parts = _unpack_gzip(data) if data[:2] == b"\x1f\x8b" else _unpack_zstd(data, path)
+        header = _first_header(data)
+        coefficients = 3 * _BANDS[header.degree]
+        needed = sum(header.sizes()) + points_memory(header.count, coefficients)
+        budget.check(needed, len(data), str(path), f"{header.count:,} points of degree {header.degree}")
+        parts = _unpack_gzip(data, header) if data[:2] == _GZIP else _unpack_zstd(data, header, path)
     except (ValueError, struct.error, zlib.error, EOFError) as error:
         raise GaussiansError(f"{path}: is a damaged SPZ file ({error!s:.80}). Export it again.") from error
-    if header.flags & _ANTIALIASED:
-        remarks.add("Points are marked as trained with antialiasing: import them with --antialiased", path)
     return _columns(header, [np.frombuffer(part, np.uint8) for part in parts])
+
+
+def is_spz_antialiased(path: Path) -> bool:
+    """Return whether the points are marked as trained with antialiasing. Raises as `read_spz` does."""
+    try:
+        with open_regular(path, GaussiansError) as file:
+            return bool(_first_header(file.read(_START)).flags & _ANTIALIASED)
+    except OSError as error:
+        raise GaussiansError(f"{path}: cannot be read ({error.strerror}).") from error
+    except (ValueError, struct.error, zlib.error) as error:
+        raise GaussiansError(f"{path}: is a damaged SPZ file ({error!s:.80}). Export it again.") from error
+
+
+def _first_header(data: bytes) -> _Header:
+    """Return the header at the start of a file, which versions 1 to 3 pack."""
+    return _parse_header(zlib.decompressobj(31).decompress(data[:_START], 16) if data[:2] == _GZIP else data)
 
 
 def _parse_header(data: bytes) -> _Header:
@@ -69,19 +89,18 @@ def _parse_header(data: bytes) -> _Header:
     return header
 
 
-def _unpack_gzip(data: bytes) -> tuple[_Header, list[bytes]]:
+def _unpack_gzip(data: bytes, header: _Header) -> list[bytes]:
     stream = zlib.decompressobj(31)
-    header = _parse_header(stream.decompress(data, 16))
+    stream.decompress(data, 16)
     size = sum(header.sizes())
     plain = stream.decompress(stream.unconsumed_tail, size + 1)
     if len(plain) < size or header.version > 3:
         raise ValueError(f"{len(plain)} of {size} bytes")
     ends = np.cumsum(header.sizes()).tolist()
-    return header, [plain[end - length : end] for end, length in zip(ends, header.sizes(), strict=True)]
+    return [plain[end - length : end] for end, length in zip(ends, header.sizes(), strict=True)]
 
 
-def _unpack_zstd(data: bytes, path: Path) -> tuple[_Header, list[bytes]]:
-    header = _parse_header(data)
+def _unpack_zstd(data: bytes, header: _Header, path: Path) -> list[bytes]:
     streams, at = struct.unpack_from("<BI", data, 15)
     sizes = [size for size in header.sizes() if size]
     if header.version != 4 or streams != len(sizes):
@@ -96,14 +115,17 @@ def _unpack_zstd(data: bytes, path: Path) -> tuple[_Header, list[bytes]]:
     start, parts = at + 16 * streams, []
     for packed, size in zip(table[::2], sizes, strict=True):
         try:
-            part = zstandard.ZstdDecompressor().decompress(data[start : start + packed], max_output_size=size)
+            stream = data[start : start + packed]
+            if (claimed := zstandard.frame_content_size(stream)) not in (-1, size):  # it would be allocated
+                raise ValueError(f"{claimed} of {size} bytes")
+            part = zstandard.ZstdDecompressor().decompress(stream, max_output_size=size)
         except zstandard.ZstdError as error:
             raise ValueError(str(error)) from error
         if len(part) != size:
             raise ValueError(f"{len(part)} of {size} bytes")
         parts.append(part)
         start += packed
-    return header, [*parts, *([b""] * (6 - len(parts)))]
+    return [*parts, *([b""] * (6 - len(parts)))]
 
 
 def _columns(header: _Header, parts: list[np.ndarray]) -> Columns:

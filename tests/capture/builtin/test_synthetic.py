@@ -1,14 +1,18 @@
 import hashlib
+import shutil
 from pathlib import Path
 from typing import Any, Literal
 
+import av
 import numpy as np
 import pytest
 
-from splatreel.capture.builtin import toyroom
+from splatreel.capture.builtin import synthetic, toyroom
 from splatreel.capture.builtin.raytracer import trace_cover, trace_frame, trace_static
 from splatreel.capture.builtin.synthetic import make_cameras, make_capture
+from splatreel.capture.builtin.toysound import render_sound
 from splatreel.capture.opening import open_capture
+from splatreel.capture.soundtrack import RATE, read_sound
 from splatreel.errors import CaptureError, UsageError
 from splatreel.scene.camera import Camera
 
@@ -62,7 +66,7 @@ def test_video_compression_is_nearly_lossless(made: Path) -> None:
     for name in ("cam00", "cam13"):
         read = capture.read(2, 1, [name])[0, 0].astype(float)
         error = read - render_truth(capture.camera(name), 2, "color")
-        assert 10 * np.log10(255**2 / np.mean(error**2)) > 38  # 44 at the default size
+        assert 10 * np.log10(255**2 / np.mean(error**2)) > 38  # 45 at the default size
 
 
 def test_capture_bytes_are_reproducible(made: Path, tmp_path: Path) -> None:
@@ -75,6 +79,68 @@ def test_capture_bytes_are_reproducible(made: Path, tmp_path: Path) -> None:
     film = (made / "cam03.mp4").read_bytes()
     assert b" mbtree=0 " in film, "with x264's macroblock tree, bytes differ now and then under load"
     assert b" threads=1 " in film
+
+
+def test_the_shipped_film_is_the_one_that_is_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Frames of one camera are traced and encoded again: the same pictures, whichever processor rounds the last bits."""
+    filmed: list[float] = []
+    folder = make_capture(tmp_path / "room", progress=filmed.append)
+    assert filmed == [], "the package contains this film"
+    again, few = tmp_path / "again", {"width": 256, "height": 192, "frames": 3, "fps": 30, "seed": 0}
+    again.mkdir()
+    (camera,) = (camera for camera in make_cameras() if camera.name == "cam05")
+    for _ in synthetic._film(again, camera, few):
+        pass
+    shown, shipped = (open_video(film / "cam05.mp4") for film in (again, folder))
+    error = shown.astype(float) - shipped[:3]
+    assert 10 * np.log10(255**2 / np.mean(error**2)) > 42, "both are within 45 dB of the traced images"
+    late = shipped[59] - render_truth(camera, 59, "color").astype(float)
+    assert 10 * np.log10(255**2 / np.mean(late**2)) > 42
+    capture = open_capture(folder)
+    for found, meant in zip(capture.cameras, make_cameras(), strict=True):
+        np.testing.assert_allclose(found.viewmat, meant.viewmat, atol=1e-5)
+    sound = np.concatenate(list(read_sound(folder / "cam05.mp4", 1, RATE)))[:, 0]
+    assert np.abs(sound - render_sound(camera.center, 2.0, 5)).max() < 1e-4
+
+
+def open_video(path: Path) -> np.ndarray:
+    """Return all frames of a video, uint8 [T, H, W, 3]."""
+    with av.open(str(path)) as container:
+        return np.stack([frame.to_ndarray(format="rgb24") for frame in container.decode(video=0)])
+
+
+@pytest.mark.parametrize("lacks", ["the folder", "a video", "an older version"])
+def test_a_package_without_the_whole_film_films(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, made: Path, lacks: str
+) -> None:
+    shipped = tmp_path / "film"
+    if lacks != "the folder":
+        shutil.copytree(made, shipped)
+    if lacks == "a video":
+        (shipped / "cam13.mp4").unlink()
+    if lacks == "an older version":
+        monkeypatch.setattr(synthetic, "VERSION", 99)
+    monkeypatch.setattr(synthetic, "SHIPPED", shipped)
+    filmed: list[float] = []
+    folder = make_capture(tmp_path / "room", **SIZE, progress=filmed.append)
+    assert filmed[-1] == 1
+    assert (folder / "cam13.mp4").is_file()
+
+
+def test_shipped_film_is_copied_from_a_read_only_package_and_traced_on_request(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, made: Path
+) -> None:
+    shipped = shutil.copytree(made, tmp_path / "film")
+    for file in shipped.iterdir():
+        file.chmod(0o444)
+    monkeypatch.setattr(synthetic, "SHIPPED", shipped)
+    filmed: list[float] = []
+    folder = make_capture(tmp_path / "room", **SIZE, progress=filmed.append)
+    assert filmed == []
+    assert (folder / "splatreel.json").stat().st_mode & 0o200, "`capture sync` writes there"
+    traced = make_capture(tmp_path / "traced", **SIZE, trace=True, progress=filmed.append)
+    assert filmed[-1] == 1
+    assert (traced / "cam03.mp4").read_bytes() == (folder / "cam03.mp4").read_bytes()
 
 
 def test_existing_capture_is_kept(made: Path) -> None:

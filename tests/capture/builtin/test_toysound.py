@@ -72,7 +72,7 @@ def test_sound_follows_the_frame_range(room: Path) -> None:
 
 
 def test_sync_finds_zero_offsets(room: Path) -> None:
-    starts = synchronize(room, Silent())
+    starts = synchronize(room, Silent()).starts
     assert len(starts) == 14
     assert max(starts.values()) < 0.01, "what is left is the way of the sound"
     assert open_capture(room).frames == 60

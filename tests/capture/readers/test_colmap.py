@@ -10,6 +10,7 @@ from PIL import Image
 from splatreel.capture.opening import open_capture
 from splatreel.capture.uncalibrated import camera_files
 from splatreel.errors import CaptureError, MissingDependencyError
+from splatreel.scene.reel_source import ReelSource
 from tests.capture import folders
 
 
@@ -358,6 +359,8 @@ def test_camera_that_is_left_out_needs_no_video(tmp_path: Path) -> None:
     capture = open_capture(scene, leave_out=["cam01"])
     assert [camera.name for camera in capture.cameras] == ["cam00", "cam02", "cam03"]
     assert capture.held_out == ["cam02"]
+    later = open_capture(scene, leave_out=["cam01"], frames=(1, 2))
+    assert later.reel_source() == ReelSource(1, ("cam02",), ("cam01",))
 
 
 def test_chapters_of_a_camera_are_one_video(tmp_path: Path) -> None:

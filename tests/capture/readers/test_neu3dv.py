@@ -156,10 +156,12 @@ def test_poses_for_another_aspect_ratio_are_refused(scene: Path) -> None:
         open_capture(scene)
 
 
-def test_videos_of_different_sizes_are_refused(scene: Path) -> None:
+def test_videos_of_another_size_are_resized(scene: Path) -> None:
     folders.write_video(scene / "cam01.mp4", [folders.frame(1, t, 64, 48) for t in range(folders.FRAMES)])
-    with pytest.raises(CaptureError, match=r"different sizes .*64x48"):
-        open_capture(scene)
+    capture = open_capture(scene)
+    assert {(camera.width, camera.height) for camera in capture.cameras} == {(32, 24)}
+    np.testing.assert_allclose(capture.camera("cam01").K, capture.camera("cam02").K, rtol=1e-5)
+    assert folders.which(capture.read(7, 1, ["cam01"])[0, 0]) == (1, 7)
 
 
 def test_two_cameras_are_too_few(tmp_path: Path) -> None:

@@ -222,3 +222,15 @@ def test_a_frame_without_a_pose_is_named(tmp_path: Path) -> None:
     (tmp_path / "transforms.json").write_text(json.dumps(meta))
     with pytest.raises(CaptureError, match=r"frame 5: has no 'transform_matrix'"):
         open_capture(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("shutter", "named"),
+    [({}, False), ({"rolling_shutter": [0, 0, 0, 0]}, False), ({"rolling_shutter": [0, 0, 0.02, 0]}, True)],
+)
+def test_a_rolling_shutter_is_named(tmp_path: Path, shutter: dict[str, Any], named: bool) -> None:
+    frames = [{"file_path": f"images/{c}.png", "transform_matrix": matrix(c).tolist()} for c in range(4)]
+    for c in range(4):
+        picture(tmp_path / "images" / f"{c}.png", blobs.draw(project(c, PERSPECTIVE), 0.5))
+    capture = open_capture(write(tmp_path, PERSPECTIVE | shutter, frames))
+    assert any("rolling_shutter [0, 0, 0.02, 0] is not read" in note for note in capture.notes) == named

@@ -8,6 +8,7 @@ from splatreel.evaluation.baselines.independent_groups import Stretch, run_indep
 from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.play.timeline import Timeline
 from splatreel.progress import Silent
+from splatreel.scene.reel_source import ReelSource
 from splatreel.scene.spans import GroupSpan
 from tests.evaluation import scenes
 from tests.recon.captures import WallCapture
@@ -20,6 +21,8 @@ def test_stretch_reads_the_frames_of_its_span(tmp_path: Path) -> None:
     assert stretch.frames == 3
     np.testing.assert_array_equal(stretch.read(1, 2, ["cam01"]), source.read(3, 2, ["cam01"]))
     assert stretch.fingerprint() != source.fingerprint()
+    later = scenes.capture(tmp_path, first=20, end=25)
+    assert Stretch(later, GroupSpan(1, 2, 2, 3)).reel_source() == ReelSource(22, ("cam00", "cam03"))
 
 
 @pytest.mark.slow

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,10 +13,14 @@ from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config, EncodeConfig
 from splatreel.errors import UsageError
-from splatreel.evaluation.bench.oracle import oracle
+from splatreel.evaluation.bench.microbenchmarks import cloud, front_camera
+from splatreel.evaluation.bench.oracle import draw_single_frame, oracle
 from splatreel.progress import Silent, Span
 from splatreel.recon.encode.importance import weigh
+from splatreel.recon.init.layout import Layout
 from splatreel.recon.train.single_frame import reconstruct_single_frame
+from splatreel.scene.clearance import Clearance
+from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from tests.recon.captures import WallCapture
 from tests.recon.small import small
@@ -72,6 +77,20 @@ def test_oracle_measures_each_frame_independently(out: Path) -> None:
         assert frame["bytes"] > frame["points"]
     assert record["frames"][0]["score"] != record["frames"][1]["score"]
     assert "| mean |" in (out / "oracle.md").read_text()
+
+
+def test_veil_in_front_of_a_held_out_camera_is_hidden_as_in_a_reel() -> None:
+    camera = front_camera(64, 48)
+    wall, veil = cloud(100, seed=7), cloud(20, seed=8)
+    near = camera.center + 0.05 * camera.forward
+    veil = replace(veil, means=(near + 0.001 * veil.means).astype(np.float32), opacities=np.full(20, 0.9, np.float32))
+    both = Gaussians.concatenate([wall, veil])
+    focus = camera.center + 3.0 * camera.forward
+    layout = Layout(near=0.01, unit=3.0, up=[0, -1, 0], bounds=[[-1, -1, -1], [1, 1, 1]])
+    clear = replace(layout, clearance=Clearance((focus[0], focus[1], focus[2]), 0.1))
+    expected = draw_single_frame(layout, False, wall, camera)
+    assert np.abs(draw_single_frame(layout, False, both, camera) - expected).mean() > 0.05
+    np.testing.assert_array_equal(draw_single_frame(clear, False, both, camera), expected)
 
 
 def test_oracle_continues_a_killed_run(out: Path, tmp_path: Path) -> None:

@@ -9,6 +9,8 @@ from splatreel.errors import UsageError
 from splatreel.evaluation.bench import paper_bench
 from splatreel.evaluation.bench.paper_bench import FULL, METHODS, PER_FRAME, PaperBench
 from splatreel.progress import Silent
+from splatreel.recon.machines.estimate import Estimate
+from splatreel.recon.machines.scaling import Division
 from splatreel.recon.pipeline import Result
 from splatreel.recon.run.store import StoredGroup, StoredLayer
 from tests.evaluation import scenes
@@ -83,6 +85,15 @@ def test_plan_counts_what_is_finished(runs: list, tmp_path: Path, monkeypatch: p
     made = bench(tmp_path)
     made.measure("toy", FULL)
     assert made.plan([FULL, "length 30"]) == "1 reconstructions, of which 1 are finished."
+
+
+def test_short_plan_is_not_rounded_to_no_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    seconds = Estimate({"group": 17.0}, 10**9, 0.1, Division(1, 1))
+    monkeypatch.setattr(paper_bench, "estimate", lambda *_: seconds)
+    monkeypatch.setattr(paper_bench, "measure_speed", lambda _: None)
+    plan = bench(tmp_path).plan([FULL, "w/o Reg."])
+    assert "about 17 s, 1.0 GB" in plan
+    assert "All: about 34 s" in plan
 
 
 def test_captures_need_a_held_out_camera(tmp_path: Path) -> None:

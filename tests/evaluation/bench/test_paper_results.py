@@ -52,6 +52,27 @@ def test_table_6_names_variants_that_change_nothing(tmp_path: Path) -> None:
     assert "The settings of w/o Prg. are those of Full here." in table.caption
 
 
+class OneGroup(MadeUpBench):
+    """Bench of captures of one group, in which the variants of Table 6 differ in nothing but their settings."""
+
+    moves = True
+
+    def measure(self, capture: str, variant: str) -> Measured:
+        found = super().measure(capture, FULL)
+        return replace(found, report=replace(found.report, points_dynamic=100.0 if self.moves else 0.0))
+
+
+@pytest.mark.parametrize(("moves", "cause"), [(True, "the video has one group"), (False, "nothing moves")])
+def test_equal_rows_are_explained(tmp_path: Path, moves: bool, cause: str) -> None:
+    bench = OneGroup(tmp_path, config=preset("standard"))
+    bench.moves = moves
+    caption = RESULTS["6"].table(bench).caption
+    assert "The settings of w/o Prg. are those of Full here." in caption
+    assert f"w/o Reg., w/o Adp. and w/o Rfn. gave the same reel as Full, because {cause}" in caption
+    for number, first in (("7", "length 10"), ("13", FULL), ("figure10", FULL)):
+        assert f"gave the same reel as {first}, because" in RESULTS[number].table(bench).caption
+
+
 def test_the_papers_numbers_stand_beside_those_of_its_captures(tmp_path: Path) -> None:
     bench = MadeUpBench(tmp_path, ("flame_steak", "sear_steak"))
     table = RESULTS["6"].table(bench)

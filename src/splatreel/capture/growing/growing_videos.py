@@ -94,7 +94,7 @@ class GrowingVideos:
             raise
         rates = [camera.fps for camera in self._cameras.values() if camera.fps]
         self.fps = sidecar.fps or round(float(np.median(rates)) if rates else 30.0, 3)
-        self._starts = sidecar.starts
+        self._starts, self._speeds = sidecar.starts, sidecar.rates
         self.notes: list[str] = []
 
     def __getitem__(self, name: str) -> GrowingCamera:
@@ -138,13 +138,13 @@ class GrowingVideos:
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
-        wanted = self._starts.get(name, 0.0) + (first + np.arange(len(out))) / self.fps
+        wanted = self._times(name, first, len(out))
         camera = self._cameras[name]
         camera.read_into(out, camera.numbers(wanted))
 
     def missing(self, first: int, count: int, name: str) -> np.ndarray:
         """Return [count] bool, the time steps for which a camera has no frame. The nearest frame stands in for it."""
-        wanted = self._starts.get(name, 0.0) + (first + np.arange(count)) / self.fps
+        wanted = self._times(name, first, count)
         camera = self._cameras[name]
         return np.abs(camera.frame_times(camera.numbers(wanted)) - wanted) * self.fps > OUT_OF_STEP
 
@@ -162,7 +162,7 @@ class GrowingVideos:
 
     def sound(self, name: str, channels: int, first: int, seconds: float) -> Iterator[np.ndarray]:
         """Yield a camera's sound in blocks [n, channels] float32 at 48 kHz, from `seconds` after time step `first` on."""
-        start = self._starts.get(name, 0.0) + first / self.fps + seconds
+        start = self._starts.get(name, 0.0) + self._speeds.get(name, 1.0) * (first / self.fps + seconds)
         yield from read_packets(self._cameras[name].sound(), channels, start)
 
     def close(self) -> None:
@@ -172,7 +172,13 @@ class GrowingVideos:
 
     def _count(self, name: str, last: float | None) -> int:
         start = self._starts.get(name, 0.0)
-        return 0 if last is None or last < start else int((last - start) * self.fps + 0.5) + 1
+        speed = self._speeds.get(name, 1.0)
+        return 0 if last is None or last < start else int((last - start) / speed * self.fps + 0.5) + 1
+
+    def _times(self, name: str, first: int, count: int) -> np.ndarray:
+        """Return the times of time steps in a camera's video, [count] seconds."""
+        steps = (first + np.arange(count)) / self.fps
+        return self._starts.get(name, 0.0) + self._speeds.get(name, 1.0) * steps
 
 
 def _camera(file: Path, growth: Growth, transfer: str | None) -> GrowingCamera:

@@ -7,7 +7,6 @@ with `calib`. Videos and images belong to the cameras by their names (`calibrati
 from __future__ import annotations
 
 import copy
-from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -19,7 +18,9 @@ from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import list_folder
 from splatreel.capture.image_sequences import ImageSequences
-from splatreel.capture.lens import Lens, undistorted_camera
+from splatreel.capture.lens import Lens, common_size, undistorted_camera
+from splatreel.capture.readers.calibrations.actorshq import is_actorshq, read_actorshq
+from splatreel.capture.readers.calibrations.immersive import is_immersive, read_immersive
 from splatreel.capture.readers.calibrations.media import Media, find_media
 from splatreel.capture.readers.calibrations.metashape import is_metashape, read_metashape
 from splatreel.capture.readers.calibrations.opencv_cameras import is_camera, is_multiview, read_cameras, read_multiview
@@ -28,6 +29,7 @@ from splatreel.capture.readers.calibrations.qualisys import is_qualisys, read_qu
 from splatreel.capture.readers.calibrations.realitycapture import read_realitycapture, xmp_folders
 from splatreel.capture.readers.calibrations.rig import Rig, RigCamera
 from splatreel.capture.readers.calibrations.toml_cameras import is_toml, read_toml
+from splatreel.capture.readers.calibrations.zju_mocap import is_zju_mocap, read_zju_mocap
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source, video_source
 from splatreel.errors import CaptureError
@@ -41,9 +43,12 @@ FORMATS: tuple[tuple[str, Callable[[Path, bytes], bool], Callable[[Path], Rig]],
     ("Metashape", is_metashape, read_metashape),
     ("Panoptic Studio", is_panoptic_studio, read_panoptic_studio),
     ("OpenCV", is_multiview, read_multiview),
+    ("Google Immersive", is_immersive, read_immersive),
+    ("ActorsHQ", is_actorshq, read_actorshq),
+    ("ZJU-MoCap", is_zju_mocap, read_zju_mocap),
 )
 """Name, recognition by the start of a file, and reader of each format of one file."""
-SUFFIXES = (".toml", ".txt", ".xml", ".json", ".yml", ".yaml")
+SUFFIXES = (".toml", ".txt", ".xml", ".json", ".yml", ".yaml", ".csv", ".npy")
 PADDING, ROUNDING = 16, 1.0
 """Pixels by which codecs fill up images, and by which the size of a resized image may be rounded."""
 SAME_PLACE = 1e-3
@@ -123,7 +128,7 @@ class CalibratedCapture(FileCapture):
                 else picture_source(path, existing, sidecar, request, upright=upright)
             )
         sizes = {view.name: source.size(view.name, view.size) for view in views}
-        width, height = request.size(*Counter(sizes.values()).most_common(1)[0][0], path)
+        width, height = request.size(*common_size(list(sizes.values())), path)
         lenses: dict[str, Lens] = {}
         calibrated: dict[str, tuple[int, int]] = {}
         cameras, notes = [], list(rig.notes)

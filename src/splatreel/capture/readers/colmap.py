@@ -3,13 +3,12 @@
 Videos are in the folder itself or in `videos`. Images are in `images`, or smaller in `images_2`, `images_4`, ...: one
 photograph per camera, which is one time step, or one folder of images per camera. File extensions may differ from the
 model's. EXIF's orientation is ignored, as by COLMAP. Images with distortion, or with another aspect ratio than the
-other cameras', are resampled for a pinhole camera. A model may also have an image for each frame of static cameras.
+most cameras', are resampled for a pinhole camera. A model may also have an image for each frame of static cameras.
 """
 
 from __future__ import annotations
 
 import re
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
@@ -21,17 +20,19 @@ from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import Files, list_folder
 from splatreel.capture.growing.segmented_video import segment_files
-from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
+from splatreel.capture.image_sequences import IMAGE_SUFFIXES, flat_pictures, image_files
 from splatreel.capture.images import image_size
-from splatreel.capture.lens import Lens, undistorted_camera
+from splatreel.capture.lens import Lens, common_size, undistorted_camera
 from splatreel.capture.readers.colmap_model import FRAME, Model, ModelCamera, model_folders, read_model
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source, video_source
-from splatreel.capture.video import VIDEO_SUFFIXES
+from splatreel.capture.video import OTHER_VIDEOS, VIDEO_SUFFIXES
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera, middle_camera
 
 VIDEOS = ("videos", "synchronized_videos", ".")
+MOST_NAMED = 4
+"""Maximum number of files that a sentence lists."""
 
 
 def is_colmap(path: Path) -> bool:
@@ -49,18 +50,18 @@ class ColmapCapture(FileCapture):
     def __init__(self, path: Path, request: Request) -> None:
         model = read_model(path)
         notes = list(model.notes)
-        shape = Counter((c.image.camera.width, c.image.camera.height) for c in model.cameras).most_common(1)[0][0]
         growing, sidecar = request.growth is not None, read_sidecar(path)
         files, found = video_files(path, segmented=True), camera_folders(path)
         everything = _named_by_folder(path, model.cameras, 0 if growing else 1)
         everything = _renamed(model, everything, files or found, notes)
         cameras = [camera for camera in everything if camera.name not in request.left_out]
         names = [camera.name for camera in cameras]
+        shape = common_size([_size(camera) for camera in cameras])
         if any(name in files for name in names):
             # Start times of videos that calibration left out are ignored.
-            starts = {name: start for name, start in sidecar.starts.items() if name in names or name not in files}
+            sidecar = sidecar.only({*names, *sidecar.starts, *sidecar.rates} - (set(files) - set(names)))
             notes += _unused(files, [*names, *request.left_out])
-            source = video_source(path, _of_cameras(path, files, names), replace(sidecar, starts=starts), request)
+            source = video_source(path, _of_cameras(path, files, names), sidecar, request)
             width, height = request.size(*shape, path)
         else:
             pictures, (width, height) = _choose(path, cameras, found, shape, request)
@@ -83,7 +84,7 @@ class ColmapCapture(FileCapture):
             point_colors=colors,
             origin=model.folder,
             notes=notes,
-            calibrated={view.name: (view.image.camera.width, view.image.camera.height) for view in everything},
+            calibrated={view.name: _size(view) for view in everything},
         )
 
 
@@ -115,6 +116,10 @@ def _camera(model: Path, view: ModelCamera, width: int, height: int, lenses: dic
     return camera
 
 
+def _size(view: ModelCamera) -> tuple[int, int]:
+    return view.image.camera.width, view.image.camera.height
+
+
 def _choose(
     path: Path,
     cameras: list[ModelCamera],
@@ -123,7 +128,8 @@ def _choose(
     request: Request,
 ) -> tuple[dict[str, list[Path]], tuple[int, int]]:
     """Return the images to read by camera, and the output size."""
-    folders = _image_folders(path, cameras, found, request.files)
+    usual = next(camera.name for camera in cameras if _size(camera) == shape)
+    folders = _image_folders(path, cameras, found, usual, request.files)
     width, height = max(folders)
     if request.width is not None or request.scale is not None:
         width, height = request.size(*shape, path)
@@ -177,6 +183,17 @@ def videos_in(folder: Path, segmented: bool = False) -> dict[str, Path]:
             )
         files[name] = entry
     return files
+
+
+def unread_videos(path: Path) -> list[str]:
+    """Return a sentence about videos of a folder whose formats are not read."""
+    folders = dict.fromkeys(path / folder for folder in VIDEOS)
+    files = [file for folder in folders for file in list_folder(folder) if OTHER_VIDEOS.fullmatch(file.suffix)]
+    if not files:
+        return []
+    named = ", ".join(file.name for file in files[:MOST_NAMED]) + (", ..." if len(files) > MOST_NAMED else "")
+    kinds = ", ".join(sorted({file.suffix.lower() for file in files}))
+    return [f"not read: {named}. Convert {kinds} to .mp4 or .mov, with the same times of the frames"]
 
 
 def camera_folders(path: Path) -> dict[str, list[Path]]:
@@ -244,20 +261,22 @@ def _of_cameras(path: Path, files: dict[str, Path], names: list[str]) -> dict[st
 
 
 def _image_folders(
-    path: Path, cameras: list[ModelCamera], found: dict[str, list[Path]], where: Files
+    path: Path, cameras: list[ModelCamera], found: dict[str, list[Path]], usual: str, where: Files
 ) -> dict[tuple[int, int], dict[str, list[Path]]]:
-    """Return folders with images of every camera by image size, as {camera: files}."""
+    """Return folders with images of every camera by the size of the images of camera `usual`, as {camera: files}."""
     names = [camera.name for camera in cameras]
     folders, missing = {}, []
     choices = [(f.name, _pictures_of(f, cameras)) for f in list_folder(path) if f.name.startswith("images")]
     for folder, files in [*choices, (".", {name: found[name] for name in names if name in found})]:
         absent = [name for name in names if name not in files]
         if not absent:
-            folders[image_size(files[names[0]][0], where, upright=False)] = files
+            folders[image_size(files[usual][0], where, upright=False)] = files
         elif files or folder != ".":
             missing.append(f"{folder} lacks {len(absent)} of {len(names)}, the first is {absent[0]}")
     if not folders:
         there = f" There are {', '.join(found)}." if found else ""
+        flat = [advice for folder in (path, path / "images") if (advice := flat_pictures(folder))]
+        there += f" {flat[0]}" if flat else ""
         raise CaptureError(
             f"{path}: no folder images, images_2, ... holds the images of all {len(names)} cameras of the model"
             f"{': ' + '; '.join(missing) if missing else ''}.{there} Copy them there, or a "

@@ -15,7 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.lens import Lens, undistorted_camera
+from splatreel.capture.lens import Lens, common_size, undistorted_camera
 from splatreel.capture.pose_checks import check_center, check_rotation
 from splatreel.capture.readers.calibrations.opencv_storage import OpenCVStorage
 from splatreel.capture.readers.colmap import pictures_by_camera, video_files
@@ -53,7 +53,7 @@ class EasyVolcapCapture(FileCapture):
         else:
             source = video_source(path, {name: videos[name] for name in kept}, sidecar, request)
         calibrated = {name: intrinsics.size(name) or source.size(name if name in kept else kept[0]) for name in names}
-        size = request.size(*source.size(kept[0], calibrated[kept[0]]), path)
+        size = request.size(*common_size([source.size(name, calibrated[name]) for name in kept]), path)
         lenses: dict[str, Lens] = {}
         cameras = []
         for name in names:

@@ -17,6 +17,8 @@ import numpy as np
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import natural_key
+from splatreel.capture.image_sequences import flat_pictures
+from splatreel.capture.lens import common_size, fitted_camera
 from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.readers.calibrated import is_calibrated
 from splatreel.capture.readers.colmap import camera_folders, is_colmap, video_files, videos_in
@@ -53,18 +55,20 @@ class Neu3DVCapture(FileCapture):
             source = picture_source(path, {name: pictures[name] for name in kept}, sidecar, request)
         calibrated = {name: (round(row[9]), round(row[4])) for name, row in zip(names, poses, strict=True)}
         sizes = {name: source.size(name, calibrated[name]) for name in kept}
-        cameras = [
-            _camera(path, name, size, row).resized(*request.size(*size, path))
+        usual = common_size(list(sizes.values()))
+        size = request.size(*usual, path)
+        fitted = {
+            name: fitted_camera(_camera(path, name, sizes.get(name, usual), row), *size)
             for name, row in zip(names, poses, strict=True)
-            for size in [sizes.get(name, sizes[kept[0]])]
-        ]
+        }
         default = sidecar.held_out if sidecar.held_out is not None else [n for n in names if HELD_OUT.fullmatch(n)]
         super().__init__(
             path,
-            cameras,
+            [camera for camera, _ in fitted.values()],
             source,
             replace(request, left_out=request.left_out & set(names)),
             held_out=default,
+            lenses={name: lens for name, (_, lens) in fitted.items() if lens is not None},
             near=float(poses[:, 15].min()),
             origin=path / POSES,
             notes=notes,
@@ -91,10 +95,12 @@ def _names(path: Path, found: list[str], rows: int, request: Request, notes: lis
     kept = [name for name in everything if name not in request.left_out]
     names = next((names for names in (everything, found, kept) if len(names) == rows), None)
     if names is None or not kept or not set(kept) <= set(found):
+        flat = None if found else flat_pictures(path) or flat_pictures(path / "images")
+        advice = f" {flat}" if flat else ""
         raise CaptureError(
             f"{path}: {len(found)} videos (cam*.mp4, or of another kind) or folders of pictures, but {rows} rows in {POSES}. There are "
             f"{', '.join(found) or 'none'}. Rows belong to them in the order of their numbers: add the missing videos, or leave out "
-            f"cameras that have no row or no video (--leave-out NAME)."
+            f"cameras that have no row or no video (--leave-out NAME).{advice}"
         )
     if sorted(names) != names:
         notes.append(f"rows of {POSES} are taken in the order of the cameras' numbers: {', '.join(names)}")

@@ -16,6 +16,7 @@ from scipy.spatial.transform import Rotation
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.image_sequences import image_files
+from splatreel.capture.lens import common_size, fitted_camera
 from splatreel.capture.pose_checks import check_center
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source
@@ -51,14 +52,20 @@ class TechnicolorCapture(FileCapture):
         names = sorted(files)
         default = sidecar.held_out if sidecar.held_out is not None else [name for name in names if name == HELD_OUT]
         sizes = {name: pictures.size(name) for name in names if name not in request.left_out}
-        size = next(iter(sizes.values()))
-        cameras = [_camera(name, row, *sizes.get(name, size)) for name, row in zip(names, rows, strict=True)]
+        usual = common_size(list(sizes.values()))
+        size = request.size(*usual, path)
+        fitted = {
+            name: fitted_camera(_camera(name, row, *sizes.get(name, usual)), *size)
+            for name, row in zip(names, rows, strict=True)
+        }
         super().__init__(
             path,
-            [camera.resized(*request.size(camera.width, camera.height, path)) for camera in cameras],
+            [camera for camera, _ in fitted.values()],
             pictures,
             request,
             held_out=default,
+            lenses={name: lens for name, (_, lens) in fitted.items() if lens is not None},
+            calibrated=sizes,
             origin=path / PARAMETERS,
         )
 

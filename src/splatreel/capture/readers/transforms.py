@@ -35,6 +35,8 @@ from splatreel.scene.untrusted import is_number, numbers, read_json
 META, TRAIN, TEST = "transforms.json", "transforms_train.json", "transforms_test.json"
 META_BYTES, META_VALUES = 256 << 20, 10_000_000
 """Maximum size of such a file: every frame has a pose."""
+SHUTTERS = ("rolling_shutter", "rolling_shutter_time")
+"""Keys of instant-ngp and of nerfstudio for rows that show different moments."""
 SAME_POSE = 1e-5
 """Maximum difference between the matrices of one camera's frames, relative to the largest number in them."""
 POINTS = "points3d.ply"
@@ -95,7 +97,16 @@ def _read(file: Path) -> tuple[Rig, list[_View]]:
     cameras = [_camera(file, view) for view in views]
     held_out = [view.name for view in views if view.first.held_out]
     positions, colors = _points(points)
-    return Rig(file, cameras, positions, colors, held_out or None), views
+    return Rig(file, cameras, positions, colors, held_out or None, _ignored(file, frames)), views
+
+
+def _ignored(file: Path, frames: list[_Frame]) -> list[str]:
+    """Return a sentence about a rolling shutter, which has no effect here."""
+    shutters = [frame.lens.get(key) for frame in frames for key in SHUTTERS]
+    used = [values for values in shutters if values and (not isinstance(values, list) or any(values))]
+    if not used:
+        return []
+    return [f"{file}: rolling_shutter {used[0]!r:.60} is not read: each picture is taken to show one moment"]
 
 
 def _frames(file: Path) -> tuple[list[_Frame], Path | None]:

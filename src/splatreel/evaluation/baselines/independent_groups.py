@@ -14,6 +14,7 @@ from splatreel.progress import Progress
 from splatreel.recon.encode.group_writer import open_writer
 from splatreel.recon.pipeline import reconstruct
 from splatreel.recon.run.store import Store
+from splatreel.scene.reel_source import ReelSource
 from splatreel.scene.spans import GroupSpan, group_spans
 
 
@@ -36,6 +37,11 @@ class Stretch(Capture):
     def sources(self) -> list[Path]:
         """Return the files that are read."""
         return self.source.sources()
+
+    def reel_source(self) -> ReelSource | None:
+        """Return what a reel of these frames says about the whole capture."""
+        source = self.source.reel_source()
+        return source and replace(source, frame=self.source.first_frame + self.span.first)
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         self.source.read_into(out, first, cameras)

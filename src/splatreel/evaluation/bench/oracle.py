@@ -27,12 +27,13 @@ from splatreel.evaluation.bench.oracle_report import OracleReport, Score, Single
 from splatreel.evaluation.evaluate import check_same_capture, check_unseen
 from splatreel.evaluation.moving_pixels import median_pictures, moving_pixels
 from splatreel.evaluation.perceptual import Lpips, load_lpips
-from splatreel.evaluation.quality import Quality, measure
+from splatreel.evaluation.quality import ImageComparison, Quality
 from splatreel.evaluation.report import write_text
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline, open_reel
 from splatreel.progress import Progress, Silent
 from splatreel.recon.encode.importance import weigh
+from splatreel.recon.init.layout import Layout
 from splatreel.recon.run import checkpoint
 from splatreel.recon.run.device import pick_device
 from splatreel.recon.run.requirements import check_capture
@@ -125,9 +126,15 @@ def reconstruct_frame(
     shows = weigh([gaussians], cameras, layout.near, device, config.antialias)
     data, _ = encode_layer(0, frame, gaussians, config.encode, importance=shows)
     _, decoded = decode_layer(data, f"frame {frame}")
-    draw = partial(render_image, near=layout.near, antialias=config.antialias, background=layout.background)
+    draw = partial(draw_single_frame, layout, config.antialias)
     score, after = held_out.score(gaussians, draw), held_out.score(decoded, draw)
     return SingleFrame(frame, score, after.whole, len(gaussians), len(data), seconds, device.type)
+
+
+def draw_single_frame(layout: Layout, antialias: bool, gaussians: Gaussians, view: Camera) -> np.ndarray:
+    """Draw the points of a single frame as a reel draws static points: without those that its `Clearance` hides from the view."""
+    seen = gaussians[~layout.clearance.hides(gaussians.means, view)]
+    return render_image(seen, view, near=layout.near, antialias=antialias, background=layout.background)
 
 
 @dataclass(frozen=True)
@@ -152,9 +159,10 @@ class HeldOutPictures:
         moving: list[Quality] = []
         for view, truth, mask in zip(self.views, self.truths, self.masks, strict=True):
             image = np.clip(draw(gaussians, view), 0, 1)
-            whole.append(measure(image, truth, self.lpips))
+            compared = ImageComparison(image, truth, self.lpips)
+            whole.append(compared.quality())
             if mask.any():
-                moving.append(measure(image, truth, {}, mask))
+                moving.append(compared.quality(mask))
         return Score(Quality.mean(whole), Quality.mean(moving) if moving else None)
 
 
@@ -187,7 +195,7 @@ def check_reel(timeline: Timeline, capture: Capture, reel: str) -> None:
     check_unseen(timeline.manifest, held_out_views(capture), reel)
 
 
-VERSION = 1
+VERSION = 2
 """Increase when earlier frames cannot be compared with new ones."""
 DECIDING = ("keyframe", "encode", "correct_colors", "seed")
 """Fields of `Config` that affect a single frame."""

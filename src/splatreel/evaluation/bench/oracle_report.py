@@ -94,14 +94,15 @@ class OracleReport:
         rows = [_single_frame_row(str(f.frame), f.score, f.decoded, f.points, f.bytes, f.seconds) for f in self.frames]
         sums = [sum(getattr(f, name) for f in self.frames) / count for name in ("points", "bytes", "seconds")]
         rows.append(_single_frame_row("mean", self.mean(), self.decoded(), *sums))
-        heads = ["frame", "PSNR dB", "per channel", "SSIM", "moving dB", "moving SSIM", "decoded dB"]
+        heads = ["frame", "PSNR dB", "per channel", "colors fitted", "SSIM", "moving dB", "moving SSIM", "decoded dB"]
         lines = [
             "# Oracle",
             "",
             "Held-out cameras against an independent static reconstruction of each frame, not encoded.",
         ]
         lines += [
-            "Moving: only the pixels that differ from their camera's median picture. Decoded: after encoding.",
+            "Moving: only the pixels that differ from their camera's median picture. Decoded: after encoding. Colors fitted: after one "
+            "gain for each color channel of each image.",
             "",
         ]
         lines += _table([*heads, "points", "size", "time"], rows)
@@ -126,7 +127,8 @@ def _single_frame_row(
     name: str, score: Score, decoded: Quality, points: float, size: float, seconds: float
 ) -> list[str]:
     whole, moving = score.whole, score.moving
-    cells = [name, f"{whole.psnr:.2f}", f"{whole.psnr_per_channel:.2f}", f"{whole.ssim:.4f}"]
+    fitted = "" if whole.psnr_color_fitted is None else f"{whole.psnr_color_fitted:.2f}"
+    cells = [name, f"{whole.psnr:.2f}", f"{whole.psnr_per_channel:.2f}", fitted, f"{whole.ssim:.4f}"]
     cells += ["", ""] if moving is None else [f"{moving.psnr:.2f}", f"{moving.ssim:.4f}"]
     return [*cells, f"{decoded.psnr:.2f}", f"{points:,.0f}", f"{size / 1e6:.3f} MB", f"{seconds:.1f} s"]
 

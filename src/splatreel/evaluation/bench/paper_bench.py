@@ -22,7 +22,7 @@ from splatreel.evaluation.baselines.temporal_slices import TemporalSlices
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.report import Report
 from splatreel.evaluation.uncompressed import uncompressed_frames
-from splatreel.progress import Progress
+from splatreel.progress import Progress, format_rounded
 from splatreel.recon.machines.estimate import estimate
 from splatreel.recon.machines.local_processes import division_of
 from splatreel.recon.pipeline import plan_run, reconstruct
@@ -134,8 +134,8 @@ class PaperBench:
             speed = measure_speed(run.device) if speed is None else speed
             found = estimate(run, division_of(run), speed)
             seconds, memory = seconds + found.total, max(memory, found.memory)
-            lines.append(f"  {name}, {variant}: about {found.total / 60:.0f} min, {found.memory / 1e9:.1f} GB")
-        return "\n".join([*lines, f"All: about {seconds / 60:.0f} min, at most {memory / 1e9:.1f} GB."])
+            lines.append(f"  {name}, {variant}: about {format_rounded(found.total)}, {found.memory / 1e9:.1f} GB")
+        return "\n".join([*lines, f"All: about {format_rounded(seconds)}, at most {memory / 1e9:.1f} GB."])
 
     def measure(self, capture: str, variant: str) -> Measured:
         """Reconstruct and evaluate, unless that is finished."""

@@ -13,6 +13,7 @@ from splatreel.evaluation.bench.paper_table import PaperTable
 from splatreel.evaluation.bench.paper_tables import ChainedGroups, paper_tables
 from splatreel.evaluation.bench.published import dataset_of
 from splatreel.evaluation.bench.rate_distortion import Sweep, sweep_of
+from splatreel.scene.spans import group_spans
 
 ABLATIONS = (FULL, "w/o Reg.", "w/o Prg.", "w/o Adp.", "w/o Rfn.")
 LENGTHS = tuple(f"length {length}" for length in (10, 20, 30, 40, 50))
@@ -77,7 +78,8 @@ def group_lengths(bench: PaperBench) -> PaperTable:
     if same_dataset(bench):
         rows += [[f"paper: {name}", *values] for name, values in PAPER_7.items()]
     return PaperTable(
-        "Table 7. Ablation on group length. Size in MB, time in minutes, means over captures.",
+        "Table 7. Ablation on group length. Size in MB, time in minutes, means over captures."
+        + _equal_variants(bench, LENGTHS),
         ["Group Length", *(variant.removeprefix("length ") for variant in LENGTHS)],
         rows,
     )
@@ -116,7 +118,8 @@ def per_scene_ablation(bench: PaperBench) -> PaperTable:
     averages = [means(bench, variant) for variant in variants]
     rows.append(["Average", "PSNR ↑", *(f"{m['psnr']:.2f}" for m in averages)])
     rows.append(["Average", "Size ↓", *(f"{m['megabytes']:.2f}" for m in averages)])
-    return PaperTable("Table 13. Per-scene ablation metrics. Size in MB.", ["Scene", "Metrics", *variants], rows)
+    caption = "Table 13. Per-scene ablation metrics. Size in MB." + _equal_variants(bench, variants)
+    return PaperTable(caption, ["Scene", "Metrics", *variants], rows)
 
 
 def per_scene(bench: PaperBench) -> PaperTable:
@@ -143,7 +146,8 @@ def error_accumulation(bench: PaperBench) -> PaperTable:
     curves = [per_frame_psnr(bench, variant) for variant in (FULL, "w/o Rfn.")]
     frames = sorted(set(curves[0]) & set(curves[1]))
     return PaperTable(
-        "Figure 10. Error accumulation without refinement: PSNR of each frame in dB, mean over captures.",
+        "Figure 10. Error accumulation without refinement: PSNR of each frame in dB, mean over captures."
+        + _equal_variants(bench, (FULL, "w/o Rfn.")),
         ["frame", FULL, "w/o Rfn."],
         [[str(frame), *(f"{curve[frame]:.3f}" for curve in curves)] for frame in frames],
     )
@@ -238,10 +242,33 @@ def _quality(numbers: dict[str, float]) -> list[str]:
 
 
 def _equal_variants(bench: PaperBench, variants: Sequence[str]) -> str:
-    """Return a sentence about variants with the settings of `Full`, such as one that turns off what the quality does not use."""
-    full = bench.settings(FULL)
-    same = [variant for variant in variants if variant != FULL and bench.settings(variant) == full]
-    return f" The settings of {' and '.join(same)} are those of {FULL} here." if same else ""
+    """Return sentences about variants with the result of the first one, and the cause, such as a video of one group."""
+    first, *others = variants
+    same = [variant for variant in others if bench.settings(variant) == bench.settings(first)]
+    equal = [
+        variant for variant in others if variant not in same and _results(bench, variant) == _results(bench, first)
+    ]
+    text = f" The settings of {_listed(same)} are those of {first} here." if same else ""
+    return text + (f" {_listed(equal)} gave the same reel as {first}{_cause(bench, first)}." if equal else "")
+
+
+def _results(bench: PaperBench, variant: str) -> list[tuple[float, int]]:
+    reports = [bench.measure(name, variant).report for name in bench.captures]
+    return [(report.psnr, report.reel_bytes) for report in reports]
+
+
+def _cause(bench: PaperBench, variant: str) -> str:
+    """Return why other settings of groups can have no effect, if that is known."""
+    if all(bench.measure(name, variant).report.points_dynamic == 0 for name in bench.captures):
+        return ", because nothing moves: no motion was trained"
+    group = bench.settings(variant).group
+    if all(len(group_spans(capture.frames, group.length, group.overlap)) == 1 for capture in bench.captures.values()):
+        return ", because the video has one group: no later keyframe was refined, and no other group trained"
+    return ""
+
+
+def _listed(names: Sequence[str]) -> str:
+    return " and ".join([", ".join(names[:-1]), names[-1]] if len(names) > 1 else names)
 
 
 def _mb(count: int) -> str:

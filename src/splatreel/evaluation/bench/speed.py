@@ -107,7 +107,9 @@ def _run(
         "peak_memory_mb": round((peak_memory_bytes() or 0) / 1e6, 1),
     }
     if capture.held_out:
-        row["psnr"] = round(evaluate(result.reel, capture, device=result.device, progress=progress).psnr, 3)
+        report = evaluate(result.reel, capture, device=result.device, progress=progress)
+        row["psnr"] = round(report.psnr, 3)
+        row["psnr_color_fitted"] = round(report.psnr_color_fitted or report.psnr, 3)
     return row, result
 
 

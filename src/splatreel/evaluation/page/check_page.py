@@ -105,9 +105,10 @@ def _synchronization(capture: Capture) -> str:
     for name, start in sorted(sidecar.starts.items()):
         found = sidecar.sync.get(name)
         certain = "" if found is None or found.clear is None else f"{found.clear:.1f} times (needs {found.needed:.1f})"
-        rows.append(
-            (name, f"{start:.3f}", "" if found is None else found.other, "" if found is None else found.by, certain)
-        )
+        shown = f"{start:.3f}"
+        if (rate := sidecar.rates.get(name, 1.0)) != 1:
+            shown += f", then {rate:.5f} a second"
+        rows.append((name, shown, "" if found is None else found.other, "" if found is None else found.by, certain))
     heads = ("Camera", "Seconds at the start", "Aligned with", "By", "As clear as any other alignment")
     return html_table(heads, rows, "counts") if rows else ""
 

@@ -16,6 +16,7 @@ from splatreel.config import preset
 from splatreel.config.presets import Quality
 from splatreel.config.records import complete_settings
 from splatreel.errors import SplatreelError
+from splatreel.evaluation.reel_capture import work_of
 from splatreel.evaluation.report import Report
 from splatreel.recon.run.run_history import RunHistory, read_history
 from splatreel.recon.run.run_record import FILE, differences
@@ -121,14 +122,13 @@ class RunFacts:
             ReelError: There is no reel.
         """
         reader = ReelReader(reel, most=most)
-        groups, work = reader.manifest.groups, Path(reel).parent / "work"
+        groups, work = reader.manifest.groups, work_of(reel, reader.manifest)
         points = reader.static(groups[0].group)[0].means if groups else np.zeros((0, 3), np.float32)
         report = record = coverage = seconds = None
         if (out / "report.json").exists():
             report = _or_none(lambda: Report.read(out / "report.json"))
-        if (work / FILE).exists():
-            record = _or_none(lambda: read_json(work / FILE, SplatreelError))
-        if work.is_dir():
+        if work is not None:
+            record = _or_none(lambda: read_json(work / FILE, SplatreelError)) if (work / FILE).exists() else None
             coverage = _or_none(lambda: Store(work).coverage())
             seconds = _or_none(lambda: Store(work).seconds())
         return RunFacts(
@@ -137,7 +137,7 @@ class RunFacts:
             points=points,
             report=report,
             pictures=out / "pictures",
-            history=read_history(work),
+            history=RunHistory() if work is None else read_history(work),
             record=record if isinstance(record, dict) else {},
             coverage=report.coverage if report and report.coverage else coverage.sentences() if coverage else [],
             seconds={**(seconds or {}), **(report.seconds if report else {})},

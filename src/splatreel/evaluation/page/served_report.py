@@ -2,26 +2,14 @@
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import threading
 from pathlib import Path
 
+from splatreel.play.refreshed_page import refreshed, refreshed_policy
 from splatreel.recon.run.job_log import LOGS
 
-SCRIPT = """
-setInterval(async () => {
-  const answer = await fetch(location.href, { cache: "no-cache" }).catch(() => null);
-  if (!answer?.ok) return;
-  const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
-  for (const part of fresh.querySelectorAll("main > *")) {
-    const old = document.getElementById(part.id);
-    if (!old) return location.reload();
-    if (part.id !== "player" && old.outerHTML !== part.outerHTML) old.replaceWith(part);
-  }
-}, 10000);
-"""
-"""Every ten seconds, replaces the parts of the page that changed. The player keeps playing."""
+SECONDS = 10.0
+"""Seconds between two updates of the page. The player keeps playing."""
 
 
 class ServedReport:
@@ -40,11 +28,7 @@ class ServedReport:
         self._lock = threading.Lock()
         self._seen: list[tuple[str, int, int]] | None = None
         self._text = ""
-        digest = base64.b64encode(hashlib.sha256(SCRIPT.encode()).digest()).decode()
-        self.policy = (
-            f"default-src 'none'; script-src 'sha256-{digest}'; style-src 'unsafe-inline'; img-src data:; "
-            "frame-src 'self'; connect-src 'self'; base-uri 'none'; form-action 'none'"
-        )
+        self.policy = refreshed_policy(SECONDS)
 
     def read(self) -> str:
         """Return the page as HTML.
@@ -60,7 +44,7 @@ class ServedReport:
             seen = self._state()
             if seen != self._seen:
                 page = report_page(RunFacts.read(self._out, self._reel), "beside")
-                self._text, self._seen = page.replace("</body>", f"<script>{SCRIPT}</script>\n</body>"), seen
+                self._text, self._seen = refreshed(page, SECONDS), seen
             return self._text
 
     def _state(self) -> list[tuple[str, int, int]]:

@@ -25,6 +25,7 @@ from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+from splatreel.scene.reel_source import ReelSource
 
 MAX_WORKERS = 8
 """Maximum number of groups encoded at a time. Each is held in memory."""
@@ -211,7 +212,9 @@ def bounds_of(layout: Layout, cameras: list[Camera]) -> np.ndarray:
     return inner if (inner[0] < inner[1]).all() else box
 
 
-def header_of(cameras: list[Camera], fps: float, config: Config, layout: Layout) -> ReelHeader:
+def header_of(
+    cameras: list[Camera], fps: float, config: Config, layout: Layout, source: ReelSource | None = None
+) -> ReelHeader:
     """Create the header of a reel.
 
     Args:
@@ -219,7 +222,10 @@ def header_of(cameras: list[Camera], fps: float, config: Config, layout: Layout)
         fps: Frames per second.
         config: Settings.
         layout: Measures of the scene.
+        source: Frames and cameras of the capture; None if unknown.
     """
+    if source is not None and layout.region and source.part is None:
+        source = replace(source, part="region")
     return ReelHeader(
         fps=fps,
         group_length=config.group.length,
@@ -234,6 +240,7 @@ def header_of(cameras: list[Camera], fps: float, config: Config, layout: Layout)
         antialias=config.antialias,
         background=layout.background,
         transparent=layout.is_partial,
+        source=source,
     )
 
 

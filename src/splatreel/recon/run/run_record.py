@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +12,7 @@ from splatreel.config import Config
 from splatreel.config.records import complete_settings
 from splatreel.errors import ReconstructionError
 from splatreel.recon.run import checkpoint
+from splatreel.scene.reel_source import ReelSource, parse_reel_source
 from splatreel.scene.spans import chapter_spans, group_spans
 
 VERSION = 1
@@ -66,14 +68,20 @@ def check_record(work: Path, record: dict[str, Any]) -> None:
         )
 
 
-def partial_reel(work: Path) -> str | None:
-    """Return the option that leaves a part of the scene out of a run's reel; None if the reel shows all, or without a run."""
+def read_run_source(work: Path) -> ReelSource | None:
+    """Return the frames and cameras that a run was made from, for its reels of earlier versions; None if unknown.
+
+    Cameras that were left out are not in the record.
+    """
     record = checkpoint.load_json(work / FILE) if has_record(work) else None
-    if not isinstance(record, dict):
+    capture, config = (record.get(name) for name in ("capture", "config")) if isinstance(record, dict) else (None, None)
+    if not isinstance(capture, dict):
         return None
-    if "masks" in dict(record.get("capture", {})):
-        return "--masks"
-    return "--region" if dict(record.get("config", {})).get("region") else None
+    region = isinstance(config, dict) and config.get("region")
+    part = "masks" if "masks" in capture else "region" if region else None
+    first = re.match(r"[0-9]{1,9}(?=:)", str(capture.get("frames")))
+    frame = None if first is None else int(first[0])
+    return parse_reel_source({"frame": frame, "held_out": capture.get("held_out", []), "part": part})
 
 
 def differences(theirs: dict[str, Any], mine: dict[str, Any], prefix: str = "") -> list[str]:

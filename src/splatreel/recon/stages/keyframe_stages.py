@@ -6,6 +6,7 @@ from dataclasses import replace
 
 from splatreel.config import Config
 from splatreel.recon.cameras.rig import Rig
+from splatreel.recon.encode.keyframe_preview import KeyframePreview
 from splatreel.recon.run import checkpoint
 from splatreel.recon.run.checkpoint import Arrays
 from splatreel.recon.run.store import GroupStore
@@ -42,8 +43,11 @@ class FirstKeyframe(Stage[KeyframeResult]):
     def run(self, state: GroupState) -> KeyframeResult:
         """Train all points."""
         job = state.job
-        found = train_first_keyframe(state.data, *job.store.initial_points(), job.config, job.progress)
+        preview = KeyframePreview(job.store)
+        initial = job.store.initial_points()
+        found = train_first_keyframe(state.data, *initial, job.config, job.progress, watch=preview.show)
         found.points.check_finite(f"Keyframe {state.span.index}")
+        preview.finish(found.points)
         return found
 
     def apply(self, state: GroupState, found: KeyframeResult) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -162,6 +162,8 @@ class KeyframeTrainer:
         self.rng = np.random.default_rng(seed)
         self.done = 0
         self.recovery = Recovery()
+        self.watch: Callable[[Callable[[], Gaussians]], None] | None = None
+        """Called during training with a function that returns the points as they are now."""
 
     def train(self, pictures: Pictures, iterations: int, total: int, progress: Progress) -> None:
         """Run `iterations` of `total` on images of one resolution. Another call continues with other images."""
@@ -185,6 +187,8 @@ class KeyframeTrainer:
                 if self.done % SHOW_EVERY == 0 or self.done == end:
                     self.check()
                     progress.update(self.done, loss=float(loss), points=len(self.points))
+                    if self.watch is not None:
+                        self.watch(self.points.gaussians)
             except GaussiansError as error:
                 self.done = self.recovery.restore(self.done, error, progress)
                 self._anneal(self.done / total)

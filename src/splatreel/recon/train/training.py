@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import torch
 
@@ -31,6 +33,7 @@ def train_first_keyframe(
     config: Config,
     progress: Progress,
     unknown: np.ndarray | None = None,
+    watch: Callable[[Callable[[], Gaussians]], None] | None = None,
 ) -> KeyframeResult:
     """Train all points of the first group's keyframe, from initial points.
 
@@ -41,9 +44,11 @@ def train_first_keyframe(
         config: Settings.
         progress: Receives the current iteration.
         unknown: [C, H, W] bool, pixels without a valid value; None if all are valid.
+        watch: Called during training with a function that returns the points as they are now.
     """
     keyframe, gains = config.keyframe, known_gains(data, config)
     trainer = first_keyframe_trainer(positions, colors, data.layout, data.cameras, gains, config)
+    trainer.watch = watch
     return _trained(data, trainer, keyframe.first_iterations, keyframe.coarse_share, config, progress, unknown)
 
 

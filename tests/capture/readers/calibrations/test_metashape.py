@@ -1,3 +1,4 @@
+import re
 from pathlib import Path
 
 import numpy as np
@@ -106,3 +107,52 @@ def test_unusable_files_are_named(tmp_path: Path, old: str, new: str, message: s
 def test_components_have_no_common_place(tmp_path: Path) -> None:
     with pytest.raises(CaptureError, match="were aligned in 2 components"):
         open_capture(write(tmp_path, PLAIN, component='component_id="1"'))
+
+
+def rig(folder: Path, drop: str = "") -> Path:
+    """Write a multi-camera system: camera 0 has a pose, and the sensors of the others have a place in its axes."""
+    world = []
+    for R, t in blobs.poses():
+        matrix = np.eye(4)
+        matrix[:3, :3], matrix[:3, 3] = R.T, -R.T @ t
+        world.append(matrix)
+    values = "".join(f"<{key}>{value}</{key}>" for key, value in PLAIN.items())
+    sensors, cameras = "", ""
+    for c, matrix in enumerate(world):
+        offset = np.linalg.inv(world[0]) @ matrix
+        turn, place = (" ".join(map(str, part.ravel())) for part in (offset[:3, :3], offset[:3, 3]))
+        slave = f"<rotation>{turn}</rotation><location>{place}</location>" if c else ""
+        sensors += (
+            f'<sensor id="{c}" label="unknown" type="frame" master_id="0"><resolution width="160" height="120"/>'
+            f'<calibration type="frame" class="adjusted"><resolution width="160" height="120"/>{values}</calibration>{slave}</sensor>'
+        )
+        pose = f"<transform>{' '.join(map(str, matrix.ravel()))}</transform>" if c == 0 else ""
+        part = 'component_id="0"' if c == 0 else 'master_id="0"'
+        cameras += f'<camera id="{c}" sensor_id="{c}" {part} label="cam{c}">{pose}</camera>'
+    text = (
+        f'<document version="2.0.0"><chunk label="Chunk 1"><sensors>{sensors}</sensors><cameras>{cameras}'
+        f'<camera id="8" sensor_id="0" label="lost"/><camera id="9" sensor_id="1" master_id="8" label="slave of lost"/></cameras>'
+        f"</chunk></document>"
+    )
+    (folder / "cameras.xml").write_text(re.sub(drop, "", text) if drop else text)
+    blobs.write(folder / "images", [f"cam{c}" for c in range(4)], lambda c: project(c, PLAIN), first=0.5)
+    return folder
+
+
+def test_multi_camera_systems(tmp_path: Path) -> None:
+    capture = open_capture(rig(tmp_path))
+    assert [c.name for c in capture.cameras] == [f"cam{c}" for c in range(4)]
+    assert blobs.errors(capture).max() < 0.1
+    assert "not aligned, and left out: lost, slave of lost" in capture.notes[0]
+
+
+def test_slaves_without_a_place_are_named(tmp_path: Path) -> None:
+    with pytest.raises(
+        CaptureError, match=r"of camera cam1: belongs to a multi-camera system, but has no rotation and"
+    ):
+        open_capture(rig(tmp_path, r"<location>[^<]*</location>"))
+
+
+def test_a_damaged_place_is_named(tmp_path: Path) -> None:
+    with pytest.raises(CaptureError, match=r"of camera cam1: cannot be read"):
+        open_capture(rig(tmp_path, r"(?<=<location>)[^<]*"))

@@ -64,3 +64,8 @@ export function plainPath(value: unknown): string {
   }
   return value;
 }
+
+/** Return the address of a file of the reel whose manifest is at `manifest`. Throws `ReelError` unless the path lies within the reel. */
+export function addressWithin(manifest: string, uri: unknown): string {
+  return new URL(plainPath(uri), manifest).href;
+}

@@ -4,7 +4,7 @@ import type { Vec3 } from "../base/matrix";
 import { downloadText } from "../files/download";
 import type { LocalFiles } from "../files/local-files";
 import type { Source, Watcher } from "../files/source";
-import { list, number, numbers, positive, record, whole, type Json } from "./json";
+import { addressWithin, list, number, numbers, positive, record, whole, type Json } from "./json";
 import { LAST, numbered, parsePages, type Listing } from "./pages";
 import { parsePresentation, type Asset, type Presentation } from "./presentation";
 import { parseGroup, parseLayers, parseRetiringLayers } from "./reel-file";
@@ -134,14 +134,23 @@ export function hasSameFiles(a: Manifest, b: Manifest): boolean {
   return one === other;
 }
 
+/** Return true if a file that both manifests name has other contents in the second. */
+export function hasOtherContents(a: Manifest, b: Manifest): boolean {
+  const known = new Map([...a.layers, ...a.groups].map((file) => [file.uri, file]));
+  return [...b.layers, ...b.groups].some(({ uri, sha256, bytes }) => {
+    const before = known.get(uri);
+    return before !== undefined && (before.sha256 !== sha256 || before.bytes !== bytes);
+  });
+}
+
 /** Return the source of a file of a reel, for `download`. */
 export function sourceOf({ url, files }: Manifest, { uri, bytes, sha256 }: Asset): Source {
-  return { url: new URL(uri, url).href, bytes, sha256, part: files?.part(uri) };
+  return { url: addressWithin(url, uri), bytes, sha256, part: files?.part(uri) };
 }
 
 /** Return the address of an image of a reel. */
 export async function addressOf({ url, files }: Manifest, { uri }: Asset): Promise<string> {
-  return files ? files.address(uri) : new URL(uri, url).href;
+  return files ? files.address(uri) : addressWithin(url, uri);
 }
 
 function parseColor(value: unknown): Vec3 {

@@ -1,16 +1,17 @@
 /** Polls the manifest of a live reel. */
-import { loadManifest, type Manifest } from "../reel/manifest";
+import { hasOtherContents, loadManifest, type Manifest } from "../reel/manifest";
 
 /** Milliseconds between two requests. */
 const POLL = 3000;
 
-/** Wait until a reel has new groups, has dropped some, or is complete, and return its manifest. Failed requests are repeated. */
+/** Wait until a reel has new groups, has dropped or replaced some, or is complete, and return its manifest. Failed requests are repeated. */
 export async function nextManifest(manifest: Manifest, signal: AbortSignal): Promise<Manifest> {
   for (;;) {
     await new Promise((resolve) => setTimeout(resolve, POLL));
     const next = await freshManifest(manifest, signal);
     signal.throwIfAborted();
-    if (next && (next.groups.length > manifest.groups.length || next.first > manifest.first || !next.live)) return next;
+    if (!next) continue;
+    if (next.groups.length > manifest.groups.length || next.first > manifest.first || !next.live || hasOtherContents(manifest, next)) return next;
   }
 }
 

@@ -1,7 +1,7 @@
 /** Loads one reel: its manifest, which may grow, its pages, and the files that playback needs. */
 import type { DecodedGroup, DecodedLayer } from "../decode/decode-file";
 import type { LocalFiles } from "../files/local-files";
-import { hasSameFiles, loadManifest, readManifest, type Manifest } from "../reel/manifest";
+import { hasOtherContents, hasSameFiles, loadManifest, readManifest, type Manifest } from "../reel/manifest";
 import type { Page } from "../reel/pages";
 import type { Reel } from "../reel/reel";
 import { DecoderPool, type DecodeWorkers, type EarlyWorker } from "./decoder-pool";
@@ -105,16 +105,23 @@ export class ReelLoader {
     const late = new Promise<null>((resolve) => setTimeout(() => resolve(null), MANIFEST_TIMEOUT));
     const next = await Promise.race([freshManifest(manifest, this.life.signal), late]);
     if (!next || this.closed) return false;
-    if (manifest.live) this.grow(next);
+    if (manifest.live) return this.grow(next);
     const replaced = !manifest.live && !hasSameFiles(manifest, next);
     if (replaced) this.events.replaced();
     return replaced;
   }
 
-  private grow(next: Manifest): void {
-    if (this.closed || !this.reel!.grow(next)) return;
+  /** Take a newer manifest of a live reel. Returns true if the reel was replaced, as the preview of a keyframe is, which reopens it. */
+  private grow(next: Manifest): boolean {
+    if (this.closed) return false;
+    if (hasOtherContents(this.reel!.manifest, next)) {
+      this.events.replaced();
+      return true;
+    }
+    if (!this.reel!.grow(next)) return false;
     this.stream?.refresh();
     this.events.grown();
+    return false;
   }
 
   private addPage(page: Page, json: unknown): void {

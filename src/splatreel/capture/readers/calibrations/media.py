@@ -14,7 +14,7 @@ from typing import Any
 
 from splatreel.capture.files import list_folder
 from splatreel.capture.growing.segmented_video import segment_files
-from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
+from splatreel.capture.image_sequences import IMAGE_SUFFIXES, flat_pictures, image_files
 from splatreel.capture.video import VIDEO_SUFFIXES
 from splatreel.errors import CaptureError
 
@@ -173,6 +173,8 @@ def _unpaired(path: Path, names: list[str], origin: Path, groups: list[_Group]) 
     place = best.folder.relative_to(path).as_posix()
     alike = get_close_matches(absent[0], list(best.files), 1)
     hint = f" Is it {alike[0]!r}?" if alike else ""
+    if flat := flat_pictures(best.folder):
+        hint = f" {flat}"
     return CaptureError(
         f"{path}: no {best.kind} in {place} belong to {len(absent)} of the {len(names)} cameras in {origin.name}, the first is "
         f"{absent[0]!r}; there are {_listed(list(best.files))}.{hint} Name each as its camera, or remove cameras without any from "

@@ -5,8 +5,11 @@ f, and the principal point cx, cy as an offset from the image's center. The cent
 Against OpenCV, p1 and p2 are exchanged, and k4 multiplies the eighth power of the radius. b1 is added to the focal
 length of x, and b2 is the skew.
 
+In a multi-camera system, the `master_id` of a slave camera names the camera with the transform. The slave's sensor has
+a `rotation` [3, 3] from the slave's axes to the master's, and a `location` in the master's axes, in the chunk's units.
+
 Source: Agisoft Metashape User Manual 1.5, appendix "Camera models"; the XML as nerfstudio's `metashape_utils.py` (commit
-50e0e3c) reads it.
+50e0e3c) reads it; Metashape Expert Manual (photogrammetrycommunity), "The slave-sensor transform".
 """
 
 from __future__ import annotations
@@ -44,29 +47,32 @@ def read_metashape(file: Path) -> Rig:
     if len(chunks) != 1:
         raise CaptureError(f"{file}: holds {len(chunks)} chunks. Export the cameras of one chunk.")
     sensors = {sensor.get("id"): sensor for sensor in chunks[0].iterfind("sensors/sensor")}
+    nodes = {node.get("id"): node for node in chunks[0].iterfind("cameras//camera")}
     lenses: dict[str | None, tuple[tuple[int, int], Any]] = {}
     cameras, unaligned, components = [], [], set()
-    for node in chunks[0].iterfind("cameras//camera"):
+    for node in nodes.values():
         label = node.get("label", "")
-        place = node.find("transform")
         if node.get("enabled") in ("0", "false"):
             continue
+        sensor, whose = node.get("sensor_id"), f"{file}: camera {label}"
+        master = node if node.find("transform") is not None else nodes.get(node.get("master_id"), node)
+        place = master.find("transform")
         if place is None:
             unaligned.append(label)
             continue
-        components.add(node.get("component_id"))
-        sensor = node.get("sensor_id")
-        whose = f"{file}: camera {label}"
+        components.add(master.get("component_id"))
         if (turned := node.findtext("orientation", "1").strip()) != "1":
             raise CaptureError(
                 f"{whose}: its image is turned by the EXIF orientation {turned}. Turn the pixels of the images, and align them again."
             )
+        if sensor not in sensors:
+            raise CaptureError(f"{whose}: has no sensor. Export the cameras again.")
+        owner = f"{file}: sensor {sensors[sensor].get('label', sensor)}"
         if sensor not in lenses:
-            if sensor not in sensors:
-                raise CaptureError(f"{whose}: has no sensor. Export the cameras again.")
-            lenses[sensor] = _lens(f"{file}: sensor {sensors[sensor].get('label', sensor)}", sensors[sensor])
+            lenses[sensor] = _lens(owner, sensors[sensor])
         size, lens = lenses[sensor]
-        cameras.append(RigCamera(label, _viewmat(whose, place), size, lambda *_, lens=lens: lens))
+        offset = np.eye(4) if master is node else _offset(f"{owner} of camera {label}", sensors[sensor])
+        cameras.append(RigCamera(label, _viewmat(whose, place, offset), size, lambda *_, lens=lens: lens))
     if len(components) > 1:
         raise CaptureError(
             f"{file}: its cameras were aligned in {len(components)} components, whose places relative to each other are unknown. Align "
@@ -76,9 +82,23 @@ def read_metashape(file: Path) -> Rig:
     return Rig(file, cameras, notes=notes)
 
 
-def _viewmat(whose: str, place: Element) -> np.ndarray:
+def _offset(whose: str, sensor: Element) -> np.ndarray:
+    """Return the place of a slave sensor in its master's axes, [4, 4]."""
+    if sensor.find("rotation") is None or sensor.find("location") is None:
+        raise CaptureError(
+            f"{whose}: belongs to a multi-camera system, but has no rotation and location in it. Optimize the cameras with the slave "
+            f"offsets (Tools > Camera Calibration), and export them again."
+        )
+    offset = np.eye(4)
     with naming(whose):
-        matrix = floats(place.text, 16).reshape(4, 4)
+        offset[:3, :3] = floats(sensor.findtext("rotation"), 9).reshape(3, 3)
+        offset[:3, 3] = floats(sensor.findtext("location"), 3)
+    return offset
+
+
+def _viewmat(whose: str, place: Element, offset: np.ndarray) -> np.ndarray:
+    with naming(whose):
+        matrix = floats(place.text, 16).reshape(4, 4) @ offset
         axes, center = matrix[:3, :3], matrix[:3, 3]
     return pose(whose, axes.T, -axes.T @ center)
 
