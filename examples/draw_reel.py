@@ -17,14 +17,14 @@ def main(reel: Positional[str], seconds: float = 0.5, out: Path = Path("picture.
     """Draw a reel.
 
     Args:
-        reel: Folder or URL of the reel.
+        reel: Folder or URL of the reel, or output folder of a run.
         seconds: Time of the frame.
         out: Picture to write.
     """
     timeline = splatreel.open_reel(reel)
     gaussians = timeline.at(seconds)
-    image = timeline.render(gaussians, timeline.manifest.camera)  # [H, W, 3] float32, sRGB
-    Image.fromarray((np.clip(image, 0, 1) * 255).round().astype(np.uint8)).save(out)
+    image = timeline.render(gaussians, timeline.manifest.camera)  # [H, W, 3] float32, sRGB, 0..1
+    Image.fromarray((image * 255).round().astype(np.uint8)).save(out)
     print(f"{out}: {len(gaussians)} Gaussians at {seconds} s of {timeline.duration:.1f} s")
 
 

@@ -20,11 +20,12 @@ def main(reel: Positional[str], out: Path = Path("frames"), every: int = 1) -> N
         out: Folder to write into.
         every: Step between frames.
     """
-    timeline = splatreel.open_reel(reel)
     out.mkdir(parents=True, exist_ok=True)
-    for frame in range(0, timeline.frames, every):
-        write_ply(out / f"{frame:05}.ply", timeline.at(frame / timeline.fps))
-    print(f"{out}: {len(range(0, timeline.frames, every))} frames")
+    with splatreel.open_reel(reel) as timeline:
+        numbers = range(0, len(timeline), every)
+        for frame in numbers:
+            write_ply(out / f"{frame:05}.ply", timeline[frame])
+    print(f"{out}: {len(numbers)} frames")
 
 
 if __name__ == "__main__":

@@ -3,7 +3,8 @@
 python examples/reconstruct_with_progress.py CAPTURE --out out/mine
 
 `reconstruct` calls three methods of the progress object: when a stage starts, after steps of it, and for remarks worth keeping. Any
-object with these methods will do: one that updates a web page, or a job queue.
+object with these methods will do: one that updates a web page, or a job queue. `progress=True` shows the bars of the command line, or
+those of a notebook.
 """
 
 import logging

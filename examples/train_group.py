@@ -57,7 +57,7 @@ def film(wall: splatreel.Gaussians, ball: splatreel.Gaussians, cameras: list[spl
         moved = splatreel.Gaussians(means, ball.quats, ball.scales, ball.opacities, ball.sh)
         scene = splatreel.Gaussians.concatenate([wall, moved])
         images.append([splatreel.render(scene, camera, near=NEAR) for camera in cameras])
-    return torch.from_numpy((np.clip(np.array(images), 0, 1) * 255).round().astype(np.uint8))
+    return torch.from_numpy((np.array(images) * 255).round().astype(np.uint8))
 
 
 def main(iterations: int = 300) -> None:

@@ -15,7 +15,11 @@ SOURCE = ROOT / "src" / "splatreel"
 PYTHON_FILES = sorted(p for d in ("src", "tests", "benchmarks") for p in (ROOT / d).rglob("*.py"))
 RUNGS = {
     **dict.fromkeys(
-        ("cgroups", "child_process", "compile_cache", "errors", "config", "jit", "process", "progress", "threads"), 0
+        (
+            *("cgroups", "child_process", "command_line", "compile_cache", "errors", "config", "jit"),
+            *("notebook", "process", "progress", "threads"),
+        ),
+        0,
     ),
     "scene": 1,
     "storage": 2,
@@ -24,16 +28,19 @@ RUNGS = {
     **dict.fromkeys(("recon", "play"), 5),
     **dict.fromkeys(("evaluation", "edit"), 6),
     "sequence": 7,
+    "api": 8,
     "cli": 8,
     "__main__": 9,
 }
 WITHOUT_TORCH = (
     "child_process",
+    "command_line",
     "compile_cache",
     "errors",
     "cgroups",
     "config",
     "jit",
+    "notebook",
     "process",
     "progress",
     "threads",
@@ -43,6 +50,7 @@ WITHOUT_TORCH = (
     "capture",
     "play",
     "edit",
+    "api",
     "cli",
 )
 MAX_FILE_LINES = 400

@@ -74,3 +74,15 @@ def test_kernel_waits_for_warmup() -> None:
     finally:
         jit.use_warmup(None)
     assert [name.split(".")[-1] for name in waited] == ["double"]
+
+
+def test_first_call_says_that_it_compiles(tmp_path: Path) -> None:
+    """The line is printed where a program set up no logging, once, and only if the kernel is not in the cache."""
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "NUMBA_CACHE_DIR": str(tmp_path)}
+    said = [
+        subprocess.run(
+            [sys.executable, "-c", PROGRAM], capture_output=True, text=True, env=environment, check=True
+        ).stderr
+        for _ in range(2)
+    ]
+    assert said == ["Compiling kernels for this processor. This happens once and takes up to a minute.\n", ""]

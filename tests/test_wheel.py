@@ -108,5 +108,5 @@ def test_a_clean_environment_plays_a_reel_without_torch(wheel: Path, tmp_path: P
         timeout=600,
     )
     assert failed.returncode == 1
-    assert "pip install 'splatreel[recon]'" in failed.stderr
+    assert 'pip install "splatreel[recon]"' in failed.stderr
     assert "Traceback" not in failed.stderr

@@ -8,12 +8,12 @@ import importlib
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from splatreel.api import evaluate, reconstruct, render
+    from splatreel.capture.array_capture import capture_from_arrays
     from splatreel.capture.opening import open_capture
     from splatreel.config import Config, preset
-    from splatreel.evaluation.evaluate import evaluate
-    from splatreel.kernels.image import render_image as render
+    from splatreel.errors import CancelledError, SplatreelError
     from splatreel.play.timeline import open_reel
-    from splatreel.recon.pipeline import reconstruct
     from splatreel.scene.camera import Camera
     from splatreel.scene.gaussians import Gaussians
 
@@ -21,8 +21,11 @@ __version__ = "0.1.0"
 
 __all__ = [
     "Camera",
+    "CancelledError",
     "Config",
     "Gaussians",
+    "SplatreelError",
+    "capture_from_arrays",
     "evaluate",
     "open_capture",
     "open_reel",
@@ -32,15 +35,18 @@ __all__ = [
 ]
 
 _HOMES = {
-    "Camera": ("splatreel.scene.camera", "Camera"),
-    "Config": ("splatreel.config", "Config"),
-    "Gaussians": ("splatreel.scene.gaussians", "Gaussians"),
-    "evaluate": ("splatreel.evaluation.evaluate", "evaluate"),
-    "open_capture": ("splatreel.capture.opening", "open_capture"),
-    "open_reel": ("splatreel.play.timeline", "open_reel"),
-    "preset": ("splatreel.config", "preset"),
-    "reconstruct": ("splatreel.recon.pipeline", "reconstruct"),
-    "render": ("splatreel.kernels.image", "render_image"),
+    "Camera": "splatreel.scene.camera",
+    "CancelledError": "splatreel.errors",
+    "Config": "splatreel.config",
+    "Gaussians": "splatreel.scene.gaussians",
+    "SplatreelError": "splatreel.errors",
+    "capture_from_arrays": "splatreel.capture.array_capture",
+    "evaluate": "splatreel.api",
+    "open_capture": "splatreel.capture.opening",
+    "open_reel": "splatreel.play.timeline",
+    "preset": "splatreel.config",
+    "reconstruct": "splatreel.api",
+    "render": "splatreel.api",
 }
 
 
@@ -48,5 +54,9 @@ def __getattr__(name: str) -> Any:
     """Import a public name on first use."""
     if name not in _HOMES:
         raise AttributeError(f"module 'splatreel' has no attribute {name!r}")
-    module, attribute = _HOMES[name]
-    return getattr(importlib.import_module(module), attribute)
+    return getattr(importlib.import_module(_HOMES[name]), name)
+
+
+def __dir__() -> list[str]:
+    """List the public names, also before they are imported, and those of the module itself."""
+    return sorted({*__all__, *(name for name in globals() if name.startswith("__"))})

@@ -33,6 +33,10 @@ class ReconstructionError(SplatreelError):
     """A reconstruction that cannot start or continue."""
 
 
+class CancelledError(SplatreelError):
+    """A call that the program cancelled. The same call continues."""
+
+
 class InUseError(ReconstructionError):
     """A folder that another process is using. The same call may succeed when that process has ended."""
 

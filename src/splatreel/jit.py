@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import threading
 from collections.abc import Callable, Sequence
+from functools import cache
 from typing import Any, Protocol
 
 import numba
@@ -15,6 +17,7 @@ from splatreel import threads
 from splatreel.compile_cache import choose_compile_cache
 
 choose_compile_cache()
+logger = logging.getLogger("splatreel")
 
 FAST: dict[str, Any] = {"fastmath": True, "cache": True, "error_model": "numpy", "nogil": True}
 """Options for training and rendering kernels."""
@@ -39,6 +42,12 @@ def use_warmup(warmup: Warmup | None) -> None:
     """Make kernels wait for a warmup before they compile themselves. None: no warmup is running."""
     global _warmup
     _warmup = warmup
+
+
+@cache
+def announce_compilation() -> None:
+    """Log, once in a process, that kernels are compiled now. Without a logging setup of the program, it is printed."""
+    logger.warning("Compiling kernels for this processor. This happens once and takes up to a minute.")
 
 
 def array(dtype: Any, dimensions: int) -> types.Array:
@@ -118,6 +127,8 @@ class Kernel:
             if not self.dispatcher.signatures:
                 if _warmup is not None:
                     _warmup.wait_for(self.name)
+                elif not self.is_cached():
+                    announce_compilation()
                 self.dispatcher.compile(self.signature)
                 self.dispatcher.disable_compile()
             self._call = self.dispatcher

@@ -8,7 +8,12 @@ import time
 import unicodedata
 from collections.abc import Callable, Iterable, Sequence
 from itertools import accumulate, pairwise
-from typing import Any, Protocol, TextIO
+from typing import TYPE_CHECKING, Any, Protocol, TextIO
+
+from splatreel.errors import CancelledError
+
+if TYPE_CHECKING:
+    from splatreel.notebook import NotebookBars
 
 Span = tuple[float, float]
 PHRASES = {
@@ -58,6 +63,36 @@ class Progress(Protocol):
     def note(self, text: str) -> None:
         """Show one line that stays on the screen."""
         ...
+
+
+class Cancellable:
+    """Progress display that raises `CancelledError` at the next report after an event is set.
+
+    Args:
+        progress: Display to pass reports on to.
+        cancel: The event.
+    """
+
+    def __init__(self, progress: Progress, cancel: threading.Event) -> None:
+        self._progress, self._cancel = progress, cancel
+
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        """Start a stage."""
+        self._check()
+        self._progress.stage(name, total, span)
+
+    def update(self, done: int, **numbers: float) -> None:
+        """Report finished steps."""
+        self._check()
+        self._progress.update(done, **numbers)
+
+    def note(self, text: str) -> None:
+        """Show one line."""
+        self._progress.note(text)
+
+    def _check(self) -> None:
+        if self._cancel.is_set():
+            raise CancelledError("Cancelled. Finished parts are kept; the same call continues.")
 
 
 class Silent:
@@ -304,12 +339,16 @@ class Terminal:
         self._bars.stop()
 
 
-def console(stream: TextIO | None = None) -> Lines | Terminal:
-    """Return the display for a stream: live bars for a terminal, lines otherwise.
+def console(stream: TextIO | None = None) -> Lines | Terminal | NotebookBars:
+    """Return the display for a stream: live bars for a terminal or a notebook, lines otherwise.
 
     Args:
         stream: Output; None is standard error.
     """
+    from splatreel.notebook import NotebookBars, in_notebook
+
+    if stream is None and in_notebook():
+        return NotebookBars()
     target = sys.stderr if stream is None else stream
     return Terminal(target) if target.isatty() else Lines(target)
 

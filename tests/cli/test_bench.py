@@ -79,7 +79,7 @@ def test_bench_codec_of_a_run_writes_table_chart_and_record(
     if importlib.util.find_spec("matplotlib"):
         assert "<svg" in (out / "codec.svg").read_text()
     else:
-        assert "codec.svg was not drawn. Charts need matplotlib. Run\n  pip install 'splatreel[plots]'" in warned
+        assert 'codec.svg was not drawn. Charts need matplotlib. Run\n  pip install "splatreel[plots]"' in warned
     assert len((out / "codec.jsonl").read_text().splitlines()) > 0
 
 

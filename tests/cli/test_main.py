@@ -14,8 +14,9 @@ import pytest
 
 from splatreel import errors
 from splatreel.cli import main as cli
-from splatreel.cli.failure import EXTRAS, LIGHTER, Terminated, explain
+from splatreel.cli.failure import LIGHTER, Terminated, explain
 from splatreel.cli.main import main
+from splatreel.command_line import EXTRAS
 from splatreel.errors import CaptureError
 from splatreel.process import quiet_threads
 from tests.capture import folders
@@ -250,7 +251,7 @@ def test_no_gpu_memory() -> None:
 
 def test_package_that_is_not_installed() -> None:
     assert explained(ModuleNotFoundError("No module named 'torch'", name="torch")) == (
-        "Error: the Python package 'torch' is needed and not installed. Run\n  pip install 'splatreel[recon]'",
+        "Error: the Python package 'torch' is needed and not installed. Run\n  pip install \"splatreel[recon]\"",
         1,
     )
     assert explain(ModuleNotFoundError("No module named 'splatreel.oops'", name="splatreel.oops"), []) is None

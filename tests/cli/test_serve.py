@@ -72,7 +72,7 @@ def test_view_on_cpu_needs_the_viewer_extra(
 ) -> None:
     monkeypatch.setitem(sys.modules, "viser", None)
     assert main(["view", str(GOLDEN), "--renderer", "cpu", "--no-open"]) == 1
-    assert "pip install 'splatreel[viewer]'" in capsys.readouterr().err
+    assert 'pip install "splatreel[viewer]"' in capsys.readouterr().err
 
 
 def test_drawing_on_cuda_needs_a_device(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:

@@ -13,7 +13,7 @@ README = (ROOT / "README.md").read_text(encoding="utf-8")
 def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:
     example = re.search(r"```python\n(.*?)```", README, re.DOTALL)
     assert example is not None
-    code = example[1].replace("out/demo/reel", str(ROOT / "tests" / "data" / "golden"))
+    code = example[1].replace("out/demo", str(ROOT / "tests" / "data" / "golden"))
     assert len(code.splitlines()) <= 6
     exec(compile(code, "README.md", "exec"), {})
     assert re.fullmatch(r"\d+ \(\d+, \d+, 3\)\n", capsys.readouterr().out)

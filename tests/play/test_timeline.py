@@ -183,3 +183,28 @@ def test_timeline_of_live_reel_without_groups_raises(tmp_path, reel):
     edit_manifest(tmp_path, lambda d: d.update(live=True, groups=[], layers=[], frames=0))
     with pytest.raises(ReelError, match="no group yet"):
         open_reel(tmp_path).at(0)
+
+
+def test_a_reel_is_a_sequence_of_frames(reel):
+    timeline = open_reel(reel)
+    assert len(timeline) == len(list(timeline)) == timeline.frames == 10
+    for frame in (0, 3, 4, 9):
+        np.testing.assert_array_equal(timeline[frame].means, timeline.at(frame / FPS).means)
+    np.testing.assert_array_equal(timeline[-1].means, timeline[9].means)
+    assert [len(moment) for moment in timeline[7:9]] == [len(timeline[7]), len(timeline[8])]
+    for number in (10, -11):
+        with pytest.raises(IndexError, match="has 10 frames"):
+            timeline[number]
+
+
+def test_a_reel_closes_and_describes_itself(reel, tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "reel").symlink_to(reel)
+    with open_reel(tmp_path / "run") as timeline:  # as the command line takes the output folder of a run
+        assert repr(timeline) == f"Timeline({str(tmp_path / 'run' / 'reel')!r}, 10 frames at 10 a second, 1.00 s)"
+        first = timeline[0]
+        assert repr(first) == f"Moment({len(first)} points, SH degree {first.sh_degree})"
+    assert not timeline.reel._groups
+    tensors = timeline.to_torch(0.0)
+    np.testing.assert_array_equal(tensors["means"].numpy(), first.means)
+    assert list(tensors) == ["means", "quats", "scales", "opacities", "sh"]

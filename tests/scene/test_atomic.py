@@ -1,14 +1,20 @@
 """Atomic writes, random temporary names, and removal of files that killed programs left."""
 
 import os
+import re
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from splatreel.errors import GaussiansError
-from splatreel.scene.atomic import lock, replacing, scratch, sweep, write_bytes
+from splatreel.scene import atomic
+from splatreel.scene.atomic import lock, move, open_lock, remove, replacing, scratch, sweep, write_bytes
+from tests.windows import simulate_windows_locks
 
 KILLED = """
 import os, sys
@@ -86,3 +92,79 @@ def test_write_error_names_the_file(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
     with pytest.raises(GaussiansError, match=r"file/a\.ply: could not be written"):
         write_bytes(tmp_path / "file" / "a.ply", b"")
+
+
+def shared(fails: int, winerror: int, act: Callable[..., None]) -> Callable[..., None]:
+    """Return a function of `os` that fails as on Windows, `fails` times, while another program has the file open."""
+    left = [fails]
+
+    def act_later(*arguments: Any, **options: Any) -> None:
+        if left[0]:
+            left[0] -= 1
+            error = PermissionError(13, "The process cannot access the file")
+            error.winerror = winerror
+            raise error
+        act(*arguments, **options)
+
+    return act_later
+
+
+@pytest.mark.parametrize("winerror", [5, 32])
+def test_files_that_a_server_has_open_are_replaced_later(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, winerror: int
+) -> None:
+    waits: list[float] = []
+    monkeypatch.setattr(atomic, "time", SimpleNamespace(sleep=waits.append))
+    (tmp_path / "manifest.json").write_bytes(b"old")
+    monkeypatch.setattr(os, "replace", shared(3, winerror, os.replace))
+    write_bytes(tmp_path / "manifest.json", b"new")
+    assert (tmp_path / "manifest.json").read_bytes() == b"new"
+    assert waits == sorted(waits)
+    assert len(waits) == 3
+    monkeypatch.setattr(Path, "unlink", shared(2, winerror, Path.unlink))
+    remove(tmp_path / "manifest.json")
+    assert names(tmp_path) == []
+
+
+def test_files_that_stay_open_are_an_error_in_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    waits: list[float] = []
+    monkeypatch.setattr(atomic, "time", SimpleNamespace(sleep=waits.append))
+    monkeypatch.setattr(os, "replace", shared(1000, 32, os.replace))
+    with pytest.raises(GaussiansError, match=r"a\.ply: could not be written"):
+        write_bytes(tmp_path / "a.ply", b"")
+    assert 5 < sum(waits) < 30
+    assert names(tmp_path) == []
+
+
+def test_other_refusals_are_not_tried_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(atomic, "time", SimpleNamespace(sleep=lambda seconds: pytest.fail("waits")))
+    with pytest.raises(OSError, match="No such file"):
+        move(tmp_path / "missing", tmp_path / "other")
+
+
+def test_no_other_code_replaces_files() -> None:
+    """`move` and `replacing` try again on Windows."""
+    source = Path(atomic.__file__).parents[1]
+    found = [path for path in source.rglob("*.py") if re.search(r"os\.(replace|rename)\(|\.rename\(", path.read_text())]
+    assert found == [Path(atomic.__file__)]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="simulates Windows")
+def test_locks_of_windows_are_exclusive_and_hide_no_bytes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    windows = simulate_windows_locks(monkeypatch)
+    first, second = (open_lock(tmp_path / "reel") for _ in range(2))
+    try:
+        assert (lock(first), lock(second)) == (True, False)
+    finally:
+        os.close(first)
+        os.close(second)
+    write_bytes(tmp_path / "a.txt", b"whole")
+    assert (tmp_path / "a.txt").read_bytes() == b"whole"
+    assert min(windows.positions) > 1 << 30
+
+
+def test_systems_without_locks_have_none(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(atomic, "fcntl", None)
+    monkeypatch.setattr(atomic, "msvcrt", None)
+    with open(tmp_path / "file", "wb") as file:
+        assert lock(file.fileno())

@@ -109,7 +109,7 @@ def test_cut_files_are_refused_by_name(tmp_path: Path, name: str) -> None:
 
 def test_missing_package_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "zstandard", None)
-    with pytest.raises(GaussiansError, match=r"pip install 'splatreel\[splats\]'"):
+    with pytest.raises(GaussiansError, match=r'pip install "splatreel\[splats\]"'):
         read_splats(DATA / "v4.spz", None, Remarks())
 
 

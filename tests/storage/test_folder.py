@@ -120,7 +120,7 @@ def test_invalid_addresses_are_refused(address, error, words):
     [
         ("gs://bucket/reel", "gcsfs", "pip install gcsfs"),
         ("s3://bucket/reel", "s3fs", "pip install s3fs"),
-        ("s3://bucket/reel", "fsspec", "pip install 'splatreel[cloud]' s3fs"),
+        ("s3://bucket/reel", "fsspec", 'pip install "splatreel[cloud]" s3fs'),
     ],
 )
 def test_missing_package_is_named(url, missing, command):

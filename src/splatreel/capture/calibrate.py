@@ -10,7 +10,6 @@ extra `match` is installed.
 from __future__ import annotations
 
 import math
-import os
 import shutil
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -37,7 +36,7 @@ from splatreel.capture.uncalibrated import MODEL, CameraFiles, open_uncalibrated
 from splatreel.child_process import ChildEndedError, Send, run_in_child
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress, Span
-from splatreel.scene.atomic import scratch
+from splatreel.scene.atomic import move, scratch
 
 Distance = tuple[str, str, float]
 """Two cameras, and the distance of their lenses in meters."""
@@ -122,7 +121,7 @@ def move_into_place(made: Path, path: Path) -> None:
     place = path / MODEL
     place.parent.mkdir(exist_ok=True)
     shutil.rmtree(place, ignore_errors=True)
-    os.replace(made, place)
+    move(made, place)
     write_failure(path, None)
 
 

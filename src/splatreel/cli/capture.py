@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import shlex
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
@@ -13,6 +12,7 @@ from tyro.conf import Positional
 
 from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out, parse_left_out
 from splatreel.cli.printing import counted, say
+from splatreel.command_line import install_command, quoted
 from splatreel.errors import ReconstructionError, UsageError
 from splatreel.threads import use as use_threads
 
@@ -90,7 +90,7 @@ def capture_check(
     coverage, verdict = _judge(source, names, images, quick, said) or (None, None)
     given = {"--width": width, "--frames": frames, "--hold-out": hold_out, "--leave-out": leave_out}
     options = [part for option, value in given.items() if value is not None for part in (option, str(value))]
-    command = shlex.join(["splatreel", "reconstruct", str(capture), "--out", "OUT", *options])
+    command = quoted(["splatreel", "reconstruct", capture, "--out", "OUT", *options])
     text = f"It can be read; nothing else was checked. Run\n  {command}" if verdict is None else verdict.text(command)
     if page is not None:
         from splatreel.evaluation.page.check_page import CheckFacts, check_page
@@ -127,7 +127,7 @@ def _judge(
     check_pictures(source, names, frames)
     _say_each(source.doubts, said)
     if any(importlib.util.find_spec(name) is None for name in ("cv2", "torch")):
-        _say_each(["poses are not compared with the images, which needs pip install 'splatreel[recon]'"], said)
+        _say_each([f"poses are not compared with the images, which needs {install_command('recon')}"], said)
         return None
     from splatreel.recon.cameras.poses import inspect_poses
     from splatreel.recon.coverage.coverage import judge_capture
@@ -358,5 +358,5 @@ def capture_film(
         film_with_progress(out, progress, width=width, height=height, frames=frames, seed=seed, trace=trace)
     say(f"{out}: {len(make_cameras())} cameras and {counted(frames, 'frame')} of {width} x {height} pixels, with sound")
     say(
-        f"  kept for evaluation, not trained on: {', '.join(HELD_OUT)}. Run\n  splatreel capture check {shlex.quote(str(out))}"
+        f"  kept for evaluation, not trained on: {', '.join(HELD_OUT)}. Run\n  {quoted(['splatreel', 'capture', 'check', out])}"
     )

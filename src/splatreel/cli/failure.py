@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import errno
 import os
-import shlex
 import signal
 import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
 
+from splatreel.command_line import missing_package, quoted
 from splatreel.errors import SplatreelError
-
-EXTRAS = {"torch": "recon", "cv2": "recon", "pycolmap": "recon", "gsplat": "cuda", "viser": "viewer"}
-"""Extra of the package that installs an optional module."""
 
 ADVICE = {
     "--width": "smaller images (--width)",
@@ -84,7 +81,7 @@ def _in_compiler(frame: FrameType | None) -> bool:
 
 def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] | None:
     """Return the text for standard error and the exit code; None for an unexpected error, which deserves a traceback."""
-    command = shlex.join(["splatreel", *arguments])
+    command = quoted(["splatreel", *arguments])
     if (interrupt := _interrupt(error)) is not None:
         return interruption(signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT, arguments)
     if (limit := _system_limit(error)) is not None:
@@ -107,9 +104,8 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
             f"Error: the compiled code in {folder} is damaged. Delete this folder, which is created again; then run\n  {command}",
             1,
         )
-    if isinstance(error, ModuleNotFoundError) and error.name in EXTRAS:
-        extra = f"pip install 'splatreel[{EXTRAS[error.name]}]'"
-        return f"Error: the Python package {error.name!r} is needed and not installed. Run\n  {extra}", 1
+    if isinstance(error, ModuleNotFoundError) and (message := missing_package(error.name)) is not None:
+        return f"Error: {message}", 1
     if isinstance(error, OSError) and error.filename is not None:
         return f"Error: {error.filename}: {error.strerror}.", 1
     return None
@@ -117,7 +113,7 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
 
 def interruption(number: int, arguments: Sequence[str]) -> tuple[str, int]:
     """Return the text and the exit code after a signal."""
-    command = shlex.join(["splatreel", *arguments])
+    command = quoted(["splatreel", *arguments])
     code = TERMINATED if number == signal.SIGTERM else INTERRUPTED
     return f"Interrupted. Finished parts are kept; continue with the same command:\n  {command}", code
 

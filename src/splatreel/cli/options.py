@@ -211,16 +211,11 @@ def reel_folder(path: str | Path) -> str | Path:
     Raises:
         UsageError: The folder is a capture.
     """
-    from splatreel.storage.addresses import is_url
+    from splatreel.codec.source import find_reel
 
-    if isinstance(path, str) and is_url(path):
-        return path
-    folder = Path(path)
-    inside = folder / "reel"
-    if (folder / "manifest.json").exists() or not folder.is_dir():
+    folder = find_reel(path)
+    if isinstance(folder, str) or (folder / "manifest.json").exists() or not folder.is_dir():
         return folder
-    if (inside / "manifest.json").exists():
-        return inside
     from splatreel.capture.opening import is_capture
 
     if is_capture(folder):

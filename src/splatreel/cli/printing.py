@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import shlex
 import sys
 from pathlib import Path
 
+from splatreel.command_line import quoted
 from splatreel.progress import printable
 
 _PLAIN = str.maketrans("█░", "#.")
@@ -29,7 +29,7 @@ def counted(number: int, noun: str) -> str:
 
 def serving(reel: Path) -> str:
     """Return the command that plays a reel."""
-    return f"splatreel serve {shlex.quote(str(reel))}"
+    return quoted(["splatreel", "serve", reel])
 
 
 def playable(reel: Path) -> str:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shlex
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,6 +11,7 @@ from tyro.conf import Positional, arg
 
 from splatreel.cli.options import reel_folder
 from splatreel.cli.printing import counted, say
+from splatreel.command_line import quoted
 from splatreel.errors import ReelError, UsageError
 
 if TYPE_CHECKING:
@@ -131,7 +131,7 @@ def publishing(
         background.stop()
         if error is not background.failure:
             raise
-        again = shlex.join(["splatreel", "publish", str(reel), url])
+        again = quoted(["splatreel", "publish", reel, url])
         raise ReelError(
             f"{error}\nThe reel is complete in {reel}, but not at {url}. To send the rest, run\n  {again}"
         ) from error

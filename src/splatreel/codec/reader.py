@@ -130,6 +130,11 @@ class ReelReader:
         """Name of the reel for messages."""
         return self._source.name("manifest.json")
 
+    @property
+    def folder(self) -> str:
+        """Folder or address of the reel."""
+        return self.name.removesuffix("manifest.json").rstrip("/\\") or "."
+
     def _read_manifest(self) -> Manifest:
         manifest = self._joined_manifest()
         if self._rendition is None:

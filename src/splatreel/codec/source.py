@@ -13,11 +13,11 @@ import urllib.request
 from collections.abc import Callable
 from http.client import HTTPConnection, HTTPException, HTTPResponse, HTTPSConnection
 from pathlib import Path
-from typing import Protocol
+from typing import Protocol, overload
 from urllib.parse import urljoin, urlsplit
 
 from splatreel.errors import ReelError, StorageError, UsageError
-from splatreel.storage.addresses import local_path, open_folder
+from splatreel.storage.addresses import is_url, local_path, open_folder
 
 TIMEOUT = 30.0
 """Seconds without data after which a server counts as unreachable."""
@@ -73,6 +73,23 @@ def open_source(location: str | Path) -> Source:
     except (UsageError, StorageError) as error:
         raise ReelError(str(error)) from error
     return _Directory(path.parent if path.name == "manifest.json" else path)
+
+
+@overload
+def find_reel(path: Path) -> Path: ...
+
+
+@overload
+def find_reel(path: str | Path) -> str | Path: ...
+
+
+def find_reel(path: str | Path) -> str | Path:
+    """Return the folder of a reel, also for the output folder of `reconstruct` or `demo`. A URL is returned as it is."""
+    if isinstance(path, str) and is_url(path):
+        return path
+    folder = Path(path)
+    inside = folder / "reel"
+    return inside if not (folder / "manifest.json").exists() and (inside / "manifest.json").exists() else folder
 
 
 class _Directory:

@@ -26,6 +26,7 @@ from splatreel.codec.written_reel import (
 )
 from splatreel.config import EncodeConfig
 from splatreel.errors import ReelError
+from splatreel.scene.atomic import remove
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
@@ -299,6 +300,6 @@ class ReelWriter:
 
     def _delete(self, uri: str) -> None:
         try:
-            (self.path / uri).unlink(missing_ok=True)
+            remove(self.path / uri)
         except OSError as error:
             raise ReelError(f"{self.path / uri}: cannot be deleted ({error.strerror}).") from error

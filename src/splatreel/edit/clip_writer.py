@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +17,7 @@ from splatreel.edit.clip import Clip, ClipGroup, LayerSpan
 from splatreel.edit.clip_sound import write_clip_sound
 from splatreel.errors import ReelError, UsageError
 from splatreel.play.presentation_writer import PresentationWriter
-from splatreel.scene.atomic import scratch
+from splatreel.scene.atomic import move, scratch
 from splatreel.scene.gaussians import Gaussians
 
 
@@ -45,7 +44,7 @@ def write_clip(clip: Clip, out: Path, progress: Callable[[int], None] = lambda d
             size = _ClipWriter(clip, place).write(progress)
             if out.is_dir():
                 out.rmdir()  # it is empty
-            os.replace(place, out)
+            move(place, out)
     except OSError as error:
         raise ReelError(
             f"{out}: cannot be written ({error.strerror or error}). Free space or name a folder."

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.written_reel import read_written_manifest
+from splatreel.command_line import install_command
 from splatreel.errors import MissingDependencyError, UsageError
 from splatreel.evaluation.page.run_facts import GroupFacts, group_facts
 from splatreel.recon.run.run_history import RecordedStage, RunHistory, read_history
@@ -172,6 +173,6 @@ def _import_tensorboardx() -> tuple[Any, Any, Any]:
     except ImportError as error:
         raise MissingDependencyError(
             f"--tensorboard needs tensorboardX, which cannot be imported ({error}). "
-            "Run: pip install 'splatreel[tensorboard]'."
+            f"Run: {install_command('tensorboard')}"
         ) from error
     return event_file_writer, event_pb2, summary

@@ -10,6 +10,7 @@ import torch
 import torch.nn.functional as functional
 from torch import Tensor
 
+from splatreel.command_line import install_command
 from splatreel.errors import MissingDependencyError
 from splatreel.kernels.backend import Backend, FrozenSplats, Splats
 from splatreel.kernels.cpu.project import BLUR, FINE_BLUR
@@ -22,7 +23,7 @@ def _gsplat():
         import gsplat
     except ImportError as error:
         raise MissingDependencyError(
-            "Tensors are on CUDA, but gsplat is not installed. Run `pip install splatreel[cuda]`, or use --device cpu."
+            f"Tensors are on CUDA, but gsplat is not installed. Run `{install_command('cuda')}`, or use --device cpu."
         ) from error
     return gsplat
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 
+from splatreel.command_line import install_command
 from splatreel.errors import MissingDependencyError
 
 
@@ -55,7 +56,7 @@ class Pretrained:
         except (ImportError, RuntimeError) as error:  # RuntimeError: built for another version of torch
             raise MissingDependencyError(
                 f"{self.purpose} needs {self.package}, which cannot be imported ({error}). "
-                f"Run: pip install 'splatreel[models]'{self.install}; or {self.remedy}."
+                f"Run: {install_command('models')}{self.install}; or {self.remedy}."
             ) from error
 
     def find_weights(self, given: Path | None) -> Path:

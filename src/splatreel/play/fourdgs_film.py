@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.command_line import install_command
 from splatreel.errors import GaussiansError
 from splatreel.play.gaussian_export import GaussianExport
 from splatreel.scene.atomic import write_bytes
@@ -36,7 +37,7 @@ def write_fourdgs(path: Path, film: GaussianExport, fps: float) -> None:
         import fourdgs  # pyright: ignore[reportMissingImports] - optional
     except ImportError as error:
         raise GaussiansError(
-            f"{path}: needs the package fourdgs to be written. Run\n  pip install 'splatreel[splats]'"
+            f"{path}: needs the package fourdgs to be written. Run\n  {install_command('splats')}"
         ) from error
     turn = film.placement.turn
     points, begin, end = _windows(turned(points, turn) for points in film)

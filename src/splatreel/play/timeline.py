@@ -6,14 +6,17 @@ Source: paper section 4.4.
 from __future__ import annotations
 
 import bisect
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING, overload
 
 import numpy as np
 
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
+from splatreel.codec.source import find_reel
 from splatreel.errors import ReelError
 from splatreel.play.reel_sound import ReelSound
 from splatreel.play.renderers import Draw, draw_on_cpu
@@ -21,8 +24,11 @@ from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
+if TYPE_CHECKING:
+    import torch
 
-@dataclass(frozen=True)
+
+@dataclass(frozen=True, repr=False)
 class Moment(Gaussians):
     """The Gaussians that a reel shows at a time.
 
@@ -65,11 +71,58 @@ class Moment(Gaussians):
 
 
 class Timeline:
-    """A reel as a function of time. It decodes the groups that a time needs, and caches them."""
+    """A reel as a function of time, and as a sequence of frames. It decodes the groups that are needed, and caches them.
+
+    `with open_reel(path) as reel:` drops the decoded groups at the end. In a live reel that dropped its oldest frames, frame 0 is the
+    first one that it still has.
+    """
 
     def __init__(self, reel: ReelReader) -> None:
         """Play the reel of a reader."""
         self.reel = reel
+
+    def __repr__(self) -> str:
+        """Return name, frames, rate and duration."""
+        return f"Timeline({self.reel.folder!r}, {len(self)} frames at {self.fps:g} a second, {self.duration:.2f} s)"
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return max(self.frames - self.manifest.first_frame, 0)
+
+    @overload
+    def __getitem__(self, index: int) -> Moment: ...
+
+    @overload
+    def __getitem__(self, index: slice) -> list[Moment]: ...
+
+    def __getitem__(self, index: int | slice) -> Moment | list[Moment]:
+        """Return the Gaussians of a frame, or of several. Negative numbers count from the end.
+
+        Raises:
+            IndexError: There is no such frame.
+        """
+        if isinstance(index, slice):
+            return [self[number] for number in range(*index.indices(len(self)))]
+        number = index + len(self) if index < 0 else index
+        if not 0 <= number < len(self):
+            raise IndexError(f"There is no frame {index}: {self.reel.folder} has {len(self)} frames.")
+        return self._at_frame(float(self.manifest.first_frame + number))
+
+    def __iter__(self) -> Iterator[Moment]:
+        """Return the Gaussians of one frame after the other."""
+        return (self[number] for number in range(len(self)))
+
+    def __enter__(self) -> Timeline:
+        """Return the reel."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Drop the decoded groups."""
+        self.close()
+
+    def close(self) -> None:
+        """Drop the decoded groups. Later calls decode them again."""
+        self.reel.forget()
 
     @property
     def manifest(self) -> Manifest:
@@ -111,8 +164,16 @@ class Timeline:
             raise ValueError("The time is NaN.")
         if not self.manifest.groups:
             raise ReelError(f"{self.reel.name}: holds no group yet. Wait for the first one to be reconstructed.")
-        groups, first = self.manifest.groups, self.manifest.first_frame
-        frame = float(np.clip(seconds * self.fps, first, max(self.frames - 1, first)))
+        first = self.manifest.first_frame
+        return self._at_frame(float(np.clip(seconds * self.fps, first, max(self.frames - 1, first))))
+
+    def to_torch(self, seconds: float, device: str | torch.device = "cpu") -> dict[str, torch.Tensor]:
+        """Return the Gaussians at a time as tensors, see `at` and `Gaussians.to_torch`."""
+        return self.at(seconds).to_torch(device)
+
+    def _at_frame(self, frame: float) -> Moment:
+        """Return the Gaussians at a frame within the reel."""
+        groups = self.manifest.groups
         place = max(bisect.bisect_right(groups, frame, key=lambda group: group.first_frame) - 1, 0)
         new = self.reel.group(groups[place].group)
         weight = self._weight(frame, new)
@@ -127,12 +188,18 @@ class Timeline:
 
         A `Moment` in a cross-fade is rendered as a blend of two images, one per group.
 
+        The first call compiles the kernels if they are not in the cache yet. A line of the logger `splatreel` says so.
+
         Returns:
-            [H, W, 3] float32, whose values may exceed 1.
+            [H, W, 3] float32, sRGB, 0..1.
         """
+        return np.clip(self._render(gaussians, camera, draw), 0, 1)
+
+    def _render(self, gaussians: Gaussians, camera: Camera, draw: Draw) -> np.ndarray:
+        """Return an image whose values may exceed 1."""
         if isinstance(gaussians, Moment) and gaussians.fade is not None:
             old, new, weight = gaussians.fade
-            return (1 - weight) * self.render(old, camera, draw) + weight * self.render(new, camera, draw)
+            return (1 - weight) * self._render(old, camera, draw) + weight * self._render(new, camera, draw)
         manifest = self.manifest
         return draw(self.seen(gaussians, camera), camera, manifest.near, manifest.antialias, self.background(gaussians))
 
@@ -185,11 +252,11 @@ def open_reel(location: str | Path, rendition: str | None = None, most: int | No
     """Open a reel. `open_reel(path).at(seconds)` returns its Gaussians.
 
     Args:
-        location: Directory, manifest.json or http(s) URL.
+        location: Directory, manifest.json or http(s) URL; also the output folder OUT of `reconstruct`.
         rendition: One of those that the manifest names; None for the best.
         most: Bytes of memory that a file may take, see `ReelReader`.
 
     Raises:
         ReelError: There is no valid reel, or not that rendition.
     """
-    return Timeline(ReelReader(location, rendition, most))
+    return Timeline(ReelReader(find_reel(location), rendition, most))

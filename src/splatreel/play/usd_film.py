@@ -11,9 +11,10 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.command_line import install_command
 from splatreel.errors import GaussiansError
 from splatreel.play.gaussian_export import GaussianExport
-from splatreel.scene.atomic import scratch
+from splatreel.scene.atomic import move, scratch
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.turning import turned
 
@@ -51,7 +52,7 @@ def write_usd(path: Path, film: GaussianExport, fps: float) -> None:
         schema = UsdVol.ParticleField3DGaussianSplat
     except (ImportError, AttributeError) as error:
         raise GaussiansError(
-            f"{path}: needs usd-core, 26.3 or newer, to be written. Run\n  pip install 'splatreel[usd]'"
+            f"{path}: needs usd-core, 26.3 or newer, to be written. Run\n  {install_command('usd')}"
         ) from error
     stage = Usd.Stage.CreateInMemory()
     UsdGeom.SetStageUpAxis(stage, UsdGeom.Tokens.y)
@@ -82,7 +83,7 @@ def write_usd(path: Path, film: GaussianExport, fps: float) -> None:
                 if not UsdUtils.CreateNewUsdzPackage(Sdf.AssetPath(str(plain)), str(packed)):
                     raise GaussiansError(f"{path}: could not be packed. Write a .usdc file.")
                 plain = packed
-            plain.replace(path)
+            move(plain, path)
     except OSError as error:
         raise GaussiansError(
             f"{path}: could not be written ({error.strerror}). Free space or choose a path."

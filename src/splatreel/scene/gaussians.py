@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatreel.errors import GaussiansError
+from splatreel.command_line import missing_package
+from splatreel.errors import GaussiansError, MissingDependencyError
 from splatreel.scene import rotations
+
+if TYPE_CHECKING:
+    import torch
 
 C0 = 0.28209479177387814
 """Constant of spherical harmonic degree 0."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Gaussians:
     """Gaussians in world space, activated (no logarithms or logits), all float32.
 
@@ -47,6 +52,9 @@ class Gaussians:
     def __len__(self) -> int:
         return len(self.means)
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({len(self):,} points, SH degree {self.sh_degree})"
+
     def __getitem__(self, index: np.ndarray | slice) -> Gaussians:
         """Select Gaussians by an index array, a mask or a slice."""
         return Gaussians(*(getattr(self, f.name)[index] for f in fields(Gaussians)))
@@ -60,6 +68,21 @@ class Gaussians:
     def base_colors(self) -> np.ndarray:
         """Colors without their view-dependent part, [N, 3] float32, about 0..1 but not limited to it."""
         return 0.5 + C0 * self.sh[:, 0]
+
+    def to_torch(self, device: str | torch.device = "cpu") -> dict[str, torch.Tensor]:
+        """Return the arrays by name as float32 tensors, which gsplat's `rasterization` takes as they are.
+
+        Args:
+            device: Device of the tensors, such as cuda.
+
+        Raises:
+            MissingDependencyError: PyTorch is not installed.
+        """
+        try:
+            import torch
+        except ModuleNotFoundError as error:
+            raise MissingDependencyError(str(missing_package("torch"))) from error
+        return {field.name: torch.tensor(getattr(self, field.name), device=device) for field in fields(Gaussians)}
 
     def check_finite(self, what: str = "Gaussians") -> None:
         """Raise `GaussiansError` if a value is NaN or infinite."""

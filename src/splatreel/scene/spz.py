@@ -20,6 +20,7 @@ from typing import Literal
 
 import numpy as np
 
+from splatreel.command_line import install_command
 from splatreel.errors import GaussiansError
 from splatreel.scene.atomic import write_bytes
 from splatreel.scene.gaussians import Gaussians
@@ -83,7 +84,7 @@ def _streams(path: Path, header: bytes, parts: list[bytes]) -> bytes:
         import zstandard  # pyright: ignore[reportMissingImports] - optional
     except ImportError as error:
         raise GaussiansError(
-            f"{path}: SPZ version 4 needs a package. Run\n  pip install 'splatreel[splats]'\nor write version 3."
+            f"{path}: SPZ version 4 needs a package. Run\n  {install_command('splats')}\nor write version 3."
         ) from error
     parts = [part for part in parts if part]
     packed = [zstandard.ZstdCompressor(_LEVEL).compress(part) for part in parts]

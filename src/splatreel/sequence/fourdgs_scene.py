@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.command_line import install_command
 from splatreel.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
@@ -89,7 +90,7 @@ def _read(path: Path, budget: MemoryBudget) -> Any:
         raise
     except ImportError as error:
         raise GaussiansError(
-            f"{path}: needs a package to be read ({error.name}). Run\n  pip install 'splatreel[splats]'"
+            f"{path}: needs a package to be read ({error.name}). Run\n  {install_command('splats')}"
         ) from error
     except Exception as error:
         raise GaussiansError(f"{path}: is damaged, or of another version ({error!s:.100}). Export it again.") from error

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.command_line import install_command
 from splatreel.errors import GaussiansError
 from splatreel.scene.memory_budget import UNRAISED, MemoryBudget, points_memory
 from splatreel.scene.ply_table import Columns
@@ -108,7 +109,7 @@ def _unpack_zstd(data: bytes, header: _Header, path: Path) -> list[bytes]:
         import zstandard  # pyright: ignore[reportMissingImports] - optional
     except ImportError as error:
         raise GaussiansError(
-            f"{path}: is SPZ version 4, and needs a package. Run\n  pip install 'splatreel[splats]'"
+            f"{path}: is SPZ version 4, and needs a package. Run\n  {install_command('splats')}"
         ) from error
     table = struct.unpack_from(f"<{2 * streams}Q", data, at)
     start, parts = at + 16 * streams, []

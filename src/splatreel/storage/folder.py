@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Protocol
 
 from splatreel.errors import StorageError
-from splatreel.scene.atomic import replacing, sweep
+from splatreel.scene.atomic import remove, replacing, sweep
 
 _NAME = re.compile(r"[^/\\.\x00-\x1f][^/\\\x00-\x1f]*(/[^/\\.\x00-\x1f][^/\\\x00-\x1f]*)*")
 
@@ -120,7 +120,7 @@ class LocalFolder:
     def remove(self, name: str) -> None:
         """Delete a file."""
         try:
-            (self.path / name).unlink(missing_ok=True)
+            remove(self.path / name)
         except OSError as error:
             raise self._failed(name, "cannot be deleted", error) from error
 

@@ -7,6 +7,7 @@ import posixpath
 import secrets
 from typing import Any
 
+from splatreel.command_line import install_command
 from splatreel.errors import MissingDependencyError, StorageError, UsageError
 from splatreel.storage.folder import PLAIN, REFUSALS, Headers, is_plain
 
@@ -125,7 +126,7 @@ def _open(url: str, protocol: str) -> tuple[Any, str]:
         from fsspec.core import url_to_fs
     except ModuleNotFoundError as error:
         raise MissingDependencyError(
-            f"{url}: addresses of buckets need fsspec. Run\n  pip install 'splatreel[cloud]'{_package_for(protocol)}"
+            f"{url}: addresses of buckets need fsspec. Run\n  {install_command('cloud')}{_package_for(protocol)}"
         ) from error
     try:
         return url_to_fs(url, use_listings_cache=False)

@@ -1,6 +1,7 @@
 """Positions through Draco: precision, order, coinciding points, damage."""
 
 import contextlib
+import sys
 
 import numpy as np
 import pytest
@@ -8,8 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from splatreel.codec.paper import draco_points
-from splatreel.errors import ReelError
+from splatreel.errors import MissingDependencyError, ReelError
+from splatreel.play.timeline import open_reel
 from splatreel.scene import morton
+from tests.golden import GOLDEN, PREDICTIVE
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 1000])
@@ -82,3 +85,13 @@ def test_damaged_draco_raises_reel_error_or_decodes(seed):
     del damaged[rng.integers(len(data) // 2, 2 * len(data)) :]
     with contextlib.suppress(ReelError):
         assert draco_points.decode_draco(bytes(damaged), parameters, 200).shape == (200, 3)
+
+
+def test_only_reels_of_the_papers_codec_need_dracopy(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Windows on ARM has no DracoPy."""
+    monkeypatch.setitem(sys.modules, "DracoPy", None)
+    assert len(open_reel(PREDICTIVE).at(0)) > 0
+    with pytest.raises(
+        MissingDependencyError, match=r"h265.* needs DracoPy(.|\n)*pip install DracoPy(.|\n)*predictive"
+    ):
+        open_reel(GOLDEN).at(0)

@@ -11,6 +11,7 @@ from splatreel.recon.run.device import check_room, pick_device
 @pytest.fixture
 def gpu(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
+    monkeypatch.setattr(torch.version, "hip", None)
 
 
 def with_gsplat(monkeypatch: pytest.MonkeyPatch, there: bool) -> None:
@@ -33,6 +34,16 @@ def test_gpu_needs_gsplat(monkeypatch: pytest.MonkeyPatch) -> None:
     with_gsplat(monkeypatch, False)
     assert pick_device("auto").type == "cpu"
     with pytest.raises(MissingDependencyError, match=r"--device cuda: gsplat is not installed.*splatreel\[cuda\]"):
+        pick_device("cuda")
+
+
+@pytest.mark.usefixtures("gpu")
+def test_amd_gpus_are_not_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
+    """PyTorch for ROCm calls its devices cuda."""
+    with_gsplat(monkeypatch, True)
+    monkeypatch.setattr(torch.version, "hip", "6.4")
+    assert pick_device("auto").type == "cpu"
+    with pytest.raises(UsageError, match="--device cuda: PyTorch finds no CUDA device"):
         pick_device("cuda")
 
 

@@ -69,7 +69,7 @@ def test_networks_that_are_missing_are_named_before_anything_is_trained(
 ) -> None:
     for module in ("torchvision.models.optical_flow", "sam2.build_sam"):
         monkeypatch.setitem(sys.modules, module, None)
-    with pytest.raises(MissingDependencyError, match=r"Run: pip install 'splatreel\[models\]'"):
+    with pytest.raises(MissingDependencyError, match=r'Run: pip install "splatreel\[models\]"'):
         reconstruct(WallCapture(4), tmp_path / "run", changed(CONFIG, {setting: name}), device="cpu")
     assert list(tmp_path.iterdir()) == []
 

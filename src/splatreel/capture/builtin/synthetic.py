@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 import shutil
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -28,7 +27,7 @@ from splatreel.capture.sidecar import SIDECAR, SIDECAR_BYTES
 from splatreel.capture.soundtrack import RATE
 from splatreel.errors import CaptureError, UsageError
 from splatreel.progress import Progress
-from splatreel.scene.atomic import scratch
+from splatreel.scene.atomic import move, scratch
 from splatreel.scene.camera import Camera, facing
 from splatreel.scene.untrusted import read_json
 
@@ -118,7 +117,7 @@ def make_capture(
                     )  # without the permissions of the package, which may be read-only
             else:
                 _write(folder, recipe, progress or (lambda share: None))
-            os.replace(folder, path)
+            move(folder, path)
     except OSError as error:
         raise CaptureError(f"{path}: cannot be written ({error}). Free some space or choose another folder.") from error
     return path

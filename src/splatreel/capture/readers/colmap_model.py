@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import signal
 import struct
 import tempfile
@@ -16,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from splatreel.capture.files import list_folder, natural_key
+from splatreel.command_line import install_command
 from splatreel.errors import CaptureError, MissingDependencyError
 
 PLACES = ("sparse", "sparse_", "colmap/sparse", ".")
@@ -24,6 +26,10 @@ SUFFIXES = (".bin", ".txt")
 NUMBER = re.compile("([0-9]+)")
 STILL_SHARE, STILL_DEGREES = 0.05, 2.0
 """Maximum distance between the poses of one static camera at different frames: share of the size of the rig, and angle."""
+NO_PYCOLMAP = f"""COLMAP models, lenses with distortion and `capture calibrate` need pycolmap, which is not installed. Run
+  {install_command("recon")}
+For Linux on ARM, Intel Macs, macOS before 14 and Windows on ARM there is no pycolmap to install (docs/install.md). Read this capture
+on another system."""
 FRAME = "#"
 """Character that stands for the number of the frame in a name. COLMAP's names are paths, in which it is rare."""
 
@@ -112,7 +118,7 @@ def import_pycolmap() -> ModuleType:
     try:
         import pycolmap
     except ImportError as error:
-        raise MissingDependencyError("Reading COLMAP models needs pycolmap: pip install 'splatreel[recon]'.") from error
+        raise MissingDependencyError(NO_PYCOLMAP) from error
     if ended_by is not None and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, ended_by)  # pycolmap's logging treats the signal as a crash and aborts
     return pycolmap
@@ -144,11 +150,19 @@ def _read(folder: Path) -> Any:
             return pycolmap.Reconstruction(str(folder))
         with tempfile.TemporaryDirectory(prefix="splatreel-model") as copy:
             for file in folder.glob(f"*{suffix}"):
-                (Path(copy) / file.name).symlink_to(file.resolve())
+                _link_or_copy(file.resolve(), Path(copy) / file.name)
             (Path(copy) / f"points3D{suffix}").write_bytes(bytes(8) if suffix == ".bin" else b"")
             return pycolmap.Reconstruction(copy)
     except Exception as error:  # pycolmap passes on all exceptions of its C++ reader
         raise CaptureError(f"{folder}: cannot be read as a COLMAP model ({error}). Export it again.") from error
+
+
+def _link_or_copy(file: Path, place: Path) -> None:
+    """Link to a file, or copy it where links are not allowed, as for users of Windows without developer mode."""
+    try:
+        place.symlink_to(file)
+    except OSError:
+        shutil.copyfile(file, place)
 
 
 def _static_cameras(images: list[Any]) -> list[ModelCamera] | None:

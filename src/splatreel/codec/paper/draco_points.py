@@ -10,16 +10,28 @@ Source:
 from __future__ import annotations
 
 import struct
+from types import ModuleType
 
-import DracoPy
 import numpy as np
 
 from splatreel.codec.quantize import Parameters, integer, number, numbers
-from splatreel.errors import ReelError
+from splatreel.errors import MissingDependencyError, ReelError
 from splatreel.scene import morton
 
 _KD_TREE_LEVEL = 10
 """From level 7 Draco encodes point clouds with a kd-tree, about 10 % smaller than sequentially."""
+
+
+def import_draco() -> ModuleType:
+    """Return the module DracoPy. Raise `MissingDependencyError` if it is not installed."""
+    try:
+        import DracoPy
+    except ImportError as error:
+        raise MissingDependencyError(
+            "The paper's codec (h265) needs DracoPy, which is not installed. Run\n  pip install DracoPy\n"
+            "For Windows on ARM there is no DracoPy to install. There, use --codec predictive, the default."
+        ) from error
+    return DracoPy
 
 
 def encode_draco(means: np.ndarray, bits: int) -> tuple[bytes, Parameters, np.ndarray]:
@@ -36,7 +48,7 @@ def encode_draco(means: np.ndarray, bits: int) -> tuple[bytes, Parameters, np.nd
     steps = (1 << bits) - 1
     q = _separate(np.rint((means - low) / extent * steps).astype(np.int64), bits)
     order = np.argsort(morton.encode(q), kind="stable")
-    data = DracoPy.encode(
+    data = import_draco().encode(
         q[order].astype(np.float32),  # sorted, so that the bytes do not depend on the input order
         quantization_bits=bits,
         compression_level=_KD_TREE_LEVEL,
@@ -59,9 +71,10 @@ def decode_draco(data: bytes, parameters: Parameters, count: int) -> np.ndarray:
 def _decode_quantized(data: bytes, bits: int, count: int) -> np.ndarray:
     """Decode integers [count, 3] int64, sorted by Morton code."""
     _check_header(data, count)
+    draco = import_draco()
     try:
-        positions = np.asarray(DracoPy.decode(data).points)
-    except (DracoPy.FileTypeException, DracoPy.EncodingFailedException, ValueError, MemoryError) as error:
+        positions = np.asarray(draco.decode(data).points)
+    except (draco.FileTypeException, draco.EncodingFailedException, ValueError, MemoryError) as error:
         raise ReelError(f"is not a Draco point cloud ({error}).") from error
     if positions.shape != (count, 3) or positions.dtype.kind != "f":
         raise ReelError(f"decodes to positions of shape {positions.shape}, expected ({count}, 3).")

@@ -15,6 +15,7 @@ from splatreel.evaluation.baselines.shared_start import SharedStart
 from splatreel.progress import Progress
 from splatreel.recon.run import checkpoint
 from splatreel.recon.train.pictures import Pictures
+from splatreel.scene.atomic import move
 from splatreel.scene.gaussians import Gaussians
 
 RECORD = "parts.json"
@@ -117,7 +118,7 @@ def run_in_parts(
         unfinished = out / "unfinished"
         shutil.rmtree(unfinished, ignore_errors=True)
         method.write(start, frames, unfinished)
-        unfinished.rename(out / "reel")
+        move(unfinished, out / "reel")
     shutil.rmtree(frames.folder, ignore_errors=True)
     trained = sum(frame.seconds for frame in budget.spent)
     return {"first keyframe": round(start.shared_seconds, 3), "training": round(trained, 3)}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 
+from splatreel.command_line import install_command
 from splatreel.errors import MissingDependencyError
 
 Series = Mapping[str, Sequence[tuple[float, float]]]
@@ -39,7 +40,7 @@ def line_chart(series: Series, title: str, x_label: str, y_label: str, x_scale: 
     try:
         from matplotlib.figure import Figure  # pyright: ignore[reportMissingImports]
     except ImportError as error:
-        raise MissingDependencyError("Charts need matplotlib. Run\n  pip install 'splatreel[plots]'") from error
+        raise MissingDependencyError(f"Charts need matplotlib. Run\n  {install_command('plots')}") from error
     if not any(series.values()):
         raise ValueError("there is nothing to draw")
     figure = Figure(figsize=(8, 5), layout="constrained")

@@ -23,6 +23,7 @@ from splatreel.errors import SplatreelError
 from splatreel.progress import Progress
 from splatreel.recon.encode.soundtrack import camera_position, parse_soundtrack_choice
 from splatreel.recon.run import checkpoint
+from splatreel.scene.atomic import remove
 
 SELECTION_SECONDS = 10.0
 """Maximum seconds of sound by which a camera is selected."""
@@ -110,7 +111,7 @@ class LiveSoundtrack:
         first = int(sound.segments[0].start) // SEGMENT_SECONDS
         for index, (file, _) in files.items():
             if index < first:
-                file.unlink(missing_ok=True)
+                remove(file)
 
     def _choose(self, wanted: str) -> tuple[str, int] | None:
         """Return the camera and its number of channels; None for silence."""
@@ -181,5 +182,5 @@ class LiveSoundtrack:
     def _save(self, index: int, data: bytes, samples: int) -> None:
         """Save a segment. It replaces a shorter version that an earlier run saved."""
         for old in self.folder.glob(f"{index:06d}-*.m4s"):
-            old.unlink()
+            remove(old)
         write_atomically(self.folder / f"{index:06d}-{samples}.m4s", data)

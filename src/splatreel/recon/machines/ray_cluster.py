@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from splatreel.command_line import install_command
 from splatreel.errors import MissingDependencyError, ReconstructionError, UsageError
 from splatreel.progress import Progress, Silent, parts_of
 from splatreel.recon.encode.group_writer import PresentationHook, no_presentation
@@ -275,7 +276,7 @@ def connected(address: str) -> Iterator[Any]:
         import ray
     except ModuleNotFoundError as error:
         raise MissingDependencyError(
-            "--cluster: the package ray is not installed. Run `pip install 'splatreel[cluster]'`."
+            f"--cluster: the package ray is not installed. Run `{install_command('cluster')}`."
         ) from error
     with _ray_log(None):
         try:

@@ -7,6 +7,7 @@ import math
 
 import torch
 
+from splatreel.command_line import install_command
 from splatreel.errors import MissingDependencyError, ReconstructionError, UsageError
 
 IMAGES_SHARE = 0.6
@@ -25,12 +26,14 @@ def pick_device(name: str) -> torch.device:
     """
     if name not in ("auto", "cpu", "cuda"):
         raise UsageError(f"Unknown device {name!r}. Choose auto, cpu or cuda.")
-    gpu, gsplat = torch.cuda.is_available(), importlib.util.find_spec("gsplat") is not None
+    # PyTorch for AMD's ROCm also calls its devices cuda. gsplat cannot use them.
+    gpu = torch.cuda.is_available() and torch.version.hip is None
+    gsplat = importlib.util.find_spec("gsplat") is not None
     if name == "cuda" and not gpu:
         raise UsageError("--device cuda: PyTorch finds no CUDA device. Use --device cpu, or install PyTorch for CUDA.")
     if name == "cuda" and not gsplat:
         raise MissingDependencyError(
-            "--device cuda: gsplat is not installed. Run `pip install 'splatreel[cuda]'`, or use --device cpu."
+            f"--device cuda: gsplat is not installed. Run `{install_command('cuda')}`, or use --device cpu."
         )
     return torch.device("cuda" if name != "cpu" and gpu and gsplat else "cpu")
 

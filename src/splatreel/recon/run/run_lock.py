@@ -11,7 +11,7 @@ from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.errors import InUseError, ReconstructionError
 from splatreel.recon.run.run_record import check_record, has_record, run_record, save_record
-from splatreel.scene.atomic import lock, sweep
+from splatreel.scene.atomic import lock, open_lock, sweep
 
 
 class RunLock:
@@ -112,13 +112,12 @@ def lock_reel(reel: Path) -> Iterator[None]:
         InUseError: Another process writes the reel.
     """
     reel.mkdir(parents=True, exist_ok=True)
-    handle = os.open(reel, os.O_RDONLY) if os.name == "posix" else None
+    handle = open_lock(reel)
     try:
-        if handle is not None and not lock(handle):
+        if not lock(handle):
             raise InUseError(f"{reel}: another process is writing this reel. Wait for it or choose another --out.")
         for folder in (reel, *(place for place in reel.iterdir() if place.is_dir())):
             sweep(folder)
         yield
     finally:
-        if handle is not None:
-            os.close(handle)
+        os.close(handle)
