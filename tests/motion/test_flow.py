@@ -43,7 +43,7 @@ def test_dis_finds_small_fast_content_from_guess(size: int, closely: bool) -> No
     np.testing.assert_array_equal(guess, given, err_msg="the guess is only read")
 
 
-def test_dis_uses_full_size_only_in_wanted_boxes(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_dis_looks_finely_only_in_wanted_boxes(monkeypatch: pytest.MonkeyPatch) -> None:
     a = textured(192, 256)
     b = np.roll(a, (2, 3), (0, 1))
     wanted, nothing = np.zeros((192, 256), bool), np.zeros((192, 256), bool)
@@ -63,7 +63,7 @@ def test_dis_uses_full_size_only_in_wanted_boxes(monkeypatch: pytest.MonkeyPatch
     flow = DisFlow()(a, b, None, wanted)
     inside = wanted & (np.arange(256) < 250)
     np.testing.assert_allclose(flow[inside], np.broadcast_to([3, 2], (inside.sum(), 2)), atol=0.3)
-    assert looked == [(1, 192, 256), (0, 58, 39), (0, 29, 29)], "what lies close together shares a box"
+    assert looked == [(1, 192, 256), (1, 58, 39), (1, 29, 29)], "what lies close together shares a box"
     looked.clear()
     far = DisFlow()(a, b, None, nothing)
     np.testing.assert_allclose(np.median(far[20:-20, 20:-20], (0, 1)), [3, 2], atol=0.3)
@@ -71,7 +71,10 @@ def test_dis_uses_full_size_only_in_wanted_boxes(monkeypatch: pytest.MonkeyPatch
     looked.clear()
     everything = DisFlow()(a, b, None, ~nothing)
     np.testing.assert_array_equal(everything, DisFlow()(a, b))
-    assert looked == [(0, 192, 256)] * 2
+    assert looked == [(1, 192, 256)] * 2, "half size is enough for images of 200 pixels and more"
+    looked.clear()
+    DisFlow()(a[:, :160], b[:, :160])
+    assert looked == [(0, 192, 160)]
 
 
 @pytest.mark.parametrize("size", [(16, 40), (17, 17), (20, 300)])

@@ -39,6 +39,8 @@ PATCH = 7
 """Side of the patch, pixels, by which a guess is judged."""
 COARSE_WIDTH = 320
 """Width of the image at which DIS runs on the whole image, if only boxes run at full size."""
+HALF_FROM = 200
+"""Width of the image from which DIS ends at half size (experiments/2026-11-27-half-size-flow.md)."""
 MAX_BOX_SHARE = 0.7
 """Share of the image covered by boxes above which the whole image at full size takes less time."""
 
@@ -103,22 +105,23 @@ class DisFlow:
     def __call__(
         self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
     ) -> np.ndarray:
-        """Return the flow; see `Flow`. If few pixels are wanted, only boxes around them are compared at full size."""
+        """Return the flow; see `Flow`. If few pixels are wanted, only boxes around them are compared finely."""
         least = min(a.shape[:2])
         here, there = (cv2.cvtColor(np.ascontiguousarray(x), cv2.COLOR_RGB2GRAY) for x in (a, b))
         if least < 16:  # too small for DIS's patch pyramid; motion is short in such images
             here, there = (cv2.resize(gray, None, fx=16 / least, fy=16 / least) for gray in (here, there))
             flow = _dis(0).calc(here, there, None)
             return cv2.resize(flow, (a.shape[1], a.shape[0]), interpolation=cv2.INTER_AREA) * (least / 16)
+        finest = int(here.shape[1] >= HALF_FROM)
         boxes = [] if wanted is None else _boxes(wanted, guess)
         if wanted is None or sum(_area(box) for box in boxes) > MAX_BOX_SHARE * wanted.size:
-            return self._whole(0, here, there, guess)
+            return self._whole(finest, here, there, guess)
         halvings = max(1, math.ceil(math.log2(here.shape[1] / COARSE_WIDTH)))
         flow = self._whole(halvings, here, there, guess)
         for box in boxes:
             near = np.ascontiguousarray(here[box]), np.ascontiguousarray(there[box])
             start = flow[box] if guess is None else _better_flow(*near, flow[box], guess[box])
-            flow[box] = _dis(0).calc(*near, np.ascontiguousarray(start))
+            flow[box] = _dis(finest).calc(*near, np.ascontiguousarray(start))
         return flow
 
     def _whole(self, finest: int, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None) -> np.ndarray:
