@@ -153,7 +153,7 @@ def test_every_error_of_the_family_has_its_exit_code() -> None:
 def test_interruption_message_names_the_command_to_continue() -> None:
     assert explained(KeyboardInterrupt()) == (
         "Interrupted. Finished parts are kept; continue with the same command:\n"
-        "  splatreel reconstruct 'my capture' --out o",
+        '  splatreel reconstruct "my capture" --out o',
         130,
     )
 
@@ -170,7 +170,7 @@ def test_full_disk(error: Exception) -> None:
     assert code == 1
     assert text.startswith("Error: the disk is full")
     assert "o/work/a" in text or isinstance(error, RuntimeError)
-    assert text.endswith("then run\n  splatreel reconstruct 'my capture' --out o")
+    assert text.endswith('then run\n  splatreel reconstruct "my capture" --out o')
 
 
 def test_file_size_limit_is_not_reported_as_full_disk() -> None:
@@ -241,7 +241,7 @@ except Exception as error:
     text = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
     assert f"the compiled code in {tmp_path}" in text
     assert "Delete this folder" in text
-    assert "splatreel demo --out 'a b'" in text
+    assert 'splatreel demo --out "a b"' in text
 
 
 def test_no_gpu_memory() -> None:

@@ -30,4 +30,4 @@ def test_say(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_serve_command_is_quoted_for_the_shell() -> None:
-    assert serving(Path("my run/reel")) == "splatreel serve 'my run/reel'"
+    assert serving(Path("my run/reel")) == 'splatreel serve "my run/reel"'
