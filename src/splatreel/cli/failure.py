@@ -150,11 +150,14 @@ def _system_limit(error: BaseException | None) -> str | None:
 
 
 def _damaged_cache(error: BaseException) -> str | None:
-    """Return the folder of numba's cache if reading it failed."""
+    """Return the folder of numba's cache if a file of it could not be read for what it contains."""
     trace, folder = error.__traceback__, None
+    if isinstance(error, RecursionError):  # the call stack was deep already
+        return None
     while trace is not None:
         frame = trace.tb_frame
-        if frame.f_code.co_filename.replace("\\", "/").endswith("numba/core/caching.py"):
+        reads = frame.f_code.co_name.lstrip("_").startswith("load")
+        if reads and frame.f_code.co_filename.replace("\\", "/").endswith("numba/core/caching.py"):
             folder = getattr(frame.f_locals.get("self"), "_cache_path", folder)
         trace = trace.tb_next
     return folder
