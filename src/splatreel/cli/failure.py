@@ -106,9 +106,20 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
         )
     if isinstance(error, ModuleNotFoundError) and (message := missing_package(error.name)) is not None:
         return f"Error: {message}", 1
+    if isinstance(error, FileNotFoundError) and error.filename is None and not _has_current_folder():
+        return f"Error: the current folder has been deleted. Change to another folder, then run\n  {command}", 1
     if isinstance(error, OSError) and error.filename is not None:
         return f"Error: {error.filename}: {error.strerror}.", 1
     return None
+
+
+def _has_current_folder() -> bool:
+    """Return False if the folder in which the command runs has been deleted."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def interruption(number: int, arguments: Sequence[str]) -> tuple[str, int]:

@@ -43,7 +43,8 @@ class OpenCVStorage:
             for node in read_xml(file):
                 self._add_xml(node)
         else:
-            self._add_yaml(read_text(file).replace("\r\n", "\n"))
+            with naming(str(file)):
+                self._add_yaml(read_text(file).replace("\r\n", "\n"))
         self.known = {*self._matrices, *self._scalars, *self._strings}
 
     def first(self, keys: tuple[str, ...]) -> np.ndarray | None:

@@ -32,7 +32,7 @@ def read_toml(file: Path) -> Rig:
     text = read_text(file)
     try:
         content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # also integers of thousands of digits
         raise CaptureError(f"{file}: is no TOML file ({error}). Export the calibration again.") from error
     nested = content.get("cameras")
     tables = {f"cam_{key}": table for key, table in nested.items()} if isinstance(nested, dict) else content
