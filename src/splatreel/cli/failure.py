@@ -86,16 +86,10 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
         return interruption(signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT, arguments)
     if (limit := _system_limit(error)) is not None:
         return f"Error: {limit}, then run\n  {command}", 1
+    if (full := _full_disk(error)) is not None:
+        return f"Error: {_disk_text(error, full)}, then run\n  {command}", 1
     if isinstance(error, SplatreelError):
         return f"Error: {error}", error.exit_code
-    if _is_disk_full(error):
-        where = getattr(error, "filename", None)
-        place = f" while writing {where}" if where else ""
-        what, remedy = "the disk is full", "free some space"
-        if _is_too_large(error):
-            what, remedy = "a file would be larger than the system allows", "raise the limit (ulimit -f)"
-        text = f"Error: {what}{place}. Finished parts are kept; {remedy}, then run\n  {command}"
-        return text, 1
     if _is_out_of_memory(error):
         gpu = "CUDA" in str(error)
         return f"Error: out of {'GPU ' if gpu else ''}memory. {_lighter(arguments, gpu)}", 1
@@ -174,11 +168,27 @@ def _damaged_cache(error: BaseException) -> str | None:
     return folder
 
 
-def _is_disk_full(error: BaseException) -> bool:
-    """Return True if the disk is full, also where a library turned the system's error into its own."""
-    if _is_too_large(error) or (isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)):
-        return True
-    return isinstance(error, Exception) and any(s in str(error) for s in ("No space left on device", "os error 28"))
+def _full_disk(error: BaseException | None) -> BaseException | None:
+    """Return the error of a full disk that caused an error, also where a library turned it into its own."""
+    while error is not None:
+        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+        signs = ("No space left on device", "os error 28")
+        own = isinstance(error, Exception) and not isinstance(error, SplatreelError)
+        if full or _is_too_large(error) or (own and any(sign in str(error) for sign in signs)):
+            return error
+        error = error.__cause__ or error.__context__
+    return None
+
+
+def _disk_text(error: BaseException, full: BaseException) -> str:
+    """Return what a full disk stopped, and the remedy."""
+    what, remedy = "the disk is full", "free some space"
+    if _is_too_large(full):
+        what, remedy = "a file would be larger than the system allows", "raise the limit (ulimit -f)"
+    if isinstance(error, SplatreelError):
+        return f"{what}. {error} Finished parts are kept; {remedy}"
+    where = getattr(full, "filename", None)
+    return f"{what}{f' while writing {where}' if where else ''}. Finished parts are kept; {remedy}"
 
 
 def _is_too_large(error: BaseException) -> bool:
