@@ -1,6 +1,7 @@
 """Texts and exit codes of errors."""
 
 import errno
+import os
 import sys
 from pathlib import Path
 
@@ -56,3 +57,19 @@ def test_deleted_current_folder_is_named(
     assert found is not None
     assert "the current folder has been deleted" in found[0]
     monkeypatch.chdir(tmp_path)
+
+
+def test_name_that_cannot_be_written_into_a_text_is_explained() -> None:
+    with pytest.raises(UnicodeEncodeError) as caught:
+        os.fsdecode(b"f\xff").encode()
+    found = explain(caught.value, [])
+    assert found is not None
+    assert "is not UTF-8. Rename it" in found[0]
+    with pytest.raises(UnicodeEncodeError) as caught:
+        "\xe9".encode("ascii")
+    assert explain(caught.value, []) is None
+
+
+def test_output_that_looks_like_an_option_is_explained(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["edit", "reel", "reverse", "--out", "-x"]) == 2
+    assert "Write --out=./-x." in capsys.readouterr().err

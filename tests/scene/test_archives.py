@@ -55,9 +55,9 @@ def test_damaged_members_are_named(tmp_path: Path, compression: int, at: float) 
 
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT, errno.EIO])
 def test_errors_of_the_system_are_not_called_damage(code: int) -> None:
-    with pytest.raises(GaussiansError, match=rf"a\.zip: cannot be read \({os.strerror(code)}\)"):
-        with naming_damage("a.zip", GaussiansError):
-            raise OSError(code, os.strerror(code))
+    message = rf"a\.zip: cannot be read \({os.strerror(code)}\)"
+    with pytest.raises(GaussiansError, match=message), naming_damage("a.zip", GaussiansError):
+        raise OSError(code, os.strerror(code))
 
 
 def test_members_that_hold_more_than_they_state_take_bounded_memory(tmp_path: Path) -> None:

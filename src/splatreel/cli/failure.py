@@ -102,6 +102,8 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
         return f"Error: {message}", 1
     if isinstance(error, FileNotFoundError) and error.filename is None and not _has_current_folder():
         return f"Error: the current folder has been deleted. Change to another folder, then run\n  {command}", 1
+    if isinstance(error, UnicodeEncodeError) and any(0xDC80 <= ord(c) <= 0xDCFF for c in error.object):
+        return "Error: a name of a file or folder is not UTF-8. Rename it, then run the command again.", 1
     if isinstance(error, OSError) and error.filename is not None:
         return f"Error: {error.filename}: {error.strerror}.", 1
     return None

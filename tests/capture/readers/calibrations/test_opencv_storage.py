@@ -73,10 +73,7 @@ def test_value_keeps_no_blanks_at_its_end(tmp_path: Path) -> None:
 def test_declared_encodings_of_xml_raise_no_other_errors(tmp_path: Path, encoding: str) -> None:
     text = f'<?xml version="1.0" encoding="{encoding}"?><opencv_storage><width>160</width></opencv_storage>'
     (tmp_path / "a.xml").write_text(text)
-    try:
-        assert OpenCVStorage(tmp_path / "a.xml").number("width") == 160
-    except CaptureError as error:
-        assert "a.xml" in str(error)
+    assert OpenCVStorage(tmp_path / "a.xml").number("width") == 160
 
 
 def test_numbers_of_thousands_of_digits_are_refused(tmp_path: Path) -> None:

@@ -40,11 +40,11 @@ class OpenCVStorage:
         self._matrices: dict[str, tuple[list[int], str]] = {}
         self._scalars: dict[str, str] = {}
         self._strings: dict[str, list[str]] = {}
-        if file.suffix.lower() == ".xml":
-            for node in read_xml(file):
-                self._add_xml(node)
-        else:
-            with naming(str(file)):
+        with naming(str(file)):
+            if file.suffix.lower() == ".xml":
+                for node in read_xml(file):
+                    self._add_xml(node)
+            else:
                 self._add_yaml(read_text(file).replace("\r\n", "\n"))
         self.known = {*self._matrices, *self._scalars, *self._strings}
 
