@@ -132,3 +132,18 @@ def test_frames_of_thousands_of_digits_are_refused(
 ) -> None:
     assert main(["edit", str(reel), f"cut={value}", "--out", str(tmp_path / "out")]) == 2
     assert "Error: cut=" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("more", [["reverse", "--out", "out"], ["--title", "New"]])
+def test_reel_that_is_still_written_is_refused(
+    reel: Path, tmp_path: Path, more: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(reel, "live")
+    manifest = json.loads(Path("live/manifest.json").read_text())
+    Path("live/manifest.json").write_text(json.dumps(manifest | {"live": True}))
+    before = contents(Path("live"))
+    assert main(["edit", "live", *more]) != 0
+    assert "is still being written" in capsys.readouterr().err
+    assert contents(Path("live")) == before
+    assert not Path("out").exists()
