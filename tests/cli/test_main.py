@@ -170,7 +170,7 @@ def test_full_disk(error: Exception) -> None:
     assert code == 1
     assert text.startswith("Error: the disk is full")
     assert "o/work/a" in text or isinstance(error, RuntimeError)
-    assert text.endswith("then run\n  splatreel reconstruct 'my capture' --out o")
+    assert text.endswith('then run\n  splatreel reconstruct "my capture" --out o')
 
 
 def test_file_size_limit_is_not_reported_as_full_disk() -> None:
