@@ -18,11 +18,17 @@ from collections.abc import Callable
 from typing import Any
 
 from splatreel.errors import SplatreelError
-from splatreel.process import interrupts_held
+from splatreel.process import signals_held
 
-_START = (
-    "import pickle, sys; sys.path[:] = pickle.load(sys.stdin.buffer); import splatreel.child_process as c; c._serve()"
-)
+_START = """
+import pickle, sys
+try:
+    sys.path[:] = pickle.load(sys.stdin.buffer)
+except (EOFError, pickle.UnpicklingError):
+    sys.exit(1)  # the parent has ended
+import splatreel.child_process
+splatreel.child_process._serve()
+"""
 Send = Callable[[Any], None]
 """Sends a message from the child to its parent."""
 
@@ -54,7 +60,8 @@ def run_in_child(function: Callable[..., Any], *arguments: Any, on_message: Call
         BaseException: Any exception that the function raises.
     """
     command = [sys.executable, "-c", _START]
-    with interrupts_held():  # a terminal sends Ctrl-C to all its processes; the child inherits the mask
+    # Signals to a whole process group reach the child, too. It inherits the mask and leaves them to its parent.
+    with signals_held(signal.SIGINT, signal.SIGTERM):
         child = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE)
     assert child.stdin is not None
     assert child.stdout is not None
@@ -83,17 +90,24 @@ def run_in_child(function: Callable[..., Any], *arguments: Any, on_message: Call
 
 
 def _serve() -> None:
-    """Run in the child: read the function from stdin, call it and send its result."""
+    """Run in the child: read the function from stdin, call it and send its result. End silently if the parent has ended."""
     out = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # libraries print to stdout, which carries the messages
 
     def send(kind: str, value: object) -> None:
-        pickle.dump((kind, value), out)
-        out.flush()
+        data = pickle.dumps((kind, value))
+        try:
+            out.write(data)
+            out.flush()
+        except BrokenPipeError:
+            os._exit(1)
 
     try:
         function, arguments = pickle.load(sys.stdin.buffer)
-        threading.Thread(target=_end_with_parent, daemon=True).start()
+    except (EOFError, pickle.UnpicklingError):
+        os._exit(1)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    try:
         result = function(lambda value: send("message", value), *arguments)
     except BaseException as error:
         send("error", error)

@@ -73,15 +73,18 @@ def peak_memory_bytes() -> int | None:
 
 
 @contextmanager
-def interrupts_held() -> Iterator[None]:
-    """Block Ctrl-C inside the `with` block; this process receives it afterwards.
+def signals_held(*numbers: int) -> Iterator[None]:
+    """Block signals inside the `with` block; this thread receives them afterwards.
 
-    A terminal sends Ctrl-C to all its processes. Child processes started in the block never receive it.
+    Child processes started in the block never receive them.
+
+    Args:
+        *numbers: Signals, such as `signal.SIGINT` for Ctrl-C, which a terminal sends to all its processes.
     """
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, numbers)
     try:
         yield
     finally:

@@ -97,3 +97,53 @@ def test_killed_edit_leaves_nothing_and_starts_again(reel: Path, tmp_path: Path)
     assert main(arguments[3:]) == 0
     assert main(["verify", str(out)]) == 0
     assert [path.name for path in out.parent.iterdir()] == ["out"]
+
+
+def test_edit_that_is_complete_already_says_so(reel: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A command may be killed just after it finished. Another reel of the same length is not taken for it."""
+    out = tmp_path / "out"
+    assert main(["edit", str(reel), "cut=0:6", "--out", str(out)]) == 0
+    before = contents(out)
+    assert main(["edit", str(reel), "cut=0:6", "--out", str(out)]) == 0
+    assert f"{out}: was complete already, with the same content" in capsys.readouterr().out
+    for operations in (["cut=0:5"], ["cut=0:6", "move=1,0,0"]):
+        assert main(["edit", str(reel), *operations, "--out", str(out)]) == 2
+        assert "exists already" in capsys.readouterr().err
+    assert contents(out) == before
+
+
+def test_edit_of_texts_deletes_what_a_killed_one_left(reel: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    shutil.copytree(reel, copy)
+    (copy / f".manifest.json.{'0' * 16}.tmp").write_text("{}")
+    assert main(["edit", str(copy), "--title", "New"]) == 0
+    assert not list(copy.glob(".*"))
+
+
+def test_hundreds_of_operations_need_no_deep_call_stack(reel: Path, tmp_path: Path) -> None:
+    operations = ["move=0.01,0,0", "exposure=0", "cut=0:12"] * 300
+    assert main(["edit", str(reel), *operations, "--out", str(tmp_path / "out")]) == 0
+    assert main(["verify", str(tmp_path / "out")]) == 0
+
+
+@pytest.mark.parametrize("value", ["0:" + "9" * 5000, "9" * 5000 + ":", "0:" + "9" * 5000 + "s", "0:\u0663"])
+def test_frames_of_thousands_of_digits_are_refused(
+    reel: Path, tmp_path: Path, value: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["edit", str(reel), f"cut={value}", "--out", str(tmp_path / "out")]) == 2
+    assert "Error: cut=" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("more", [["reverse", "--out", "out"], ["--title", "New"]])
+def test_reel_that_is_still_written_is_refused(
+    reel: Path, tmp_path: Path, more: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shutil.copytree(reel, "live")
+    manifest = json.loads(Path("live/manifest.json").read_text())
+    Path("live/manifest.json").write_text(json.dumps(manifest | {"live": True}))
+    before = contents(Path("live"))
+    assert main(["edit", "live", *more]) != 0
+    assert "is still being written" in capsys.readouterr().err
+    assert contents(Path("live")) == before
+    assert not Path("out").exists()

@@ -28,7 +28,7 @@ from splatreel.capture.file_capture import FrameSource
 from splatreel.capture.learned_matches import INSTALL, Matcher
 from splatreel.capture.moment_solver import MomentSolver
 from splatreel.capture.photographs import PHOTO_FOLDER, check_photos
-from splatreel.capture.readers.colmap_model import import_pycolmap
+from splatreel.capture.readers.colmap_model import import_pycolmap, require_pycolmap
 from splatreel.capture.resection import MatchedFeatures, place_lost
 from splatreel.capture.rig_refinement import refine_by_moments, refine_lenses
 from splatreel.capture.sidecar import write_failure
@@ -98,7 +98,7 @@ def calibrate(
     if isinstance(scale, tuple):
         check_distance(scale, path, files)
     photos = check_photos(also) if also is not None else []
-    import_pycolmap()
+    require_pycolmap()
     with scratch(path, "calibrate") as folder:
         try:
             found = run_in_child(

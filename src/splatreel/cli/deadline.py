@@ -63,7 +63,8 @@ class _Watch(threading.Thread):
         self.read, self.say, self.ended = read, say, threading.Event()
 
     def run(self) -> None:
-        """Wait for a signal, then exit after the grace period."""
+        """Wait for a signal, then exit after the grace period. Leave signals to the main thread, which can hold them."""
+        signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
         while True:
             for number in os.read(self.read, 64):
                 if number in (signal.SIGINT, signal.SIGTERM):

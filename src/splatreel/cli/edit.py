@@ -82,12 +82,15 @@ def _edit_points(reel: str | Path, operations: list[str], out: Path, given: dict
 
     source = ReelClip(reel)
     clip = with_texts(apply_operations(source, operations), given)
+    existed = (out / "manifest.json").is_file()
     progress = console()
     try:
         progress.stage("writing the groups", len(clip.outline.groups))
         written = write_clip(clip, out, progress.update)
     finally:
         progress.close()
+    if existed:
+        say(f"{out}: was complete already, with the same content")
     old, new = source.outline, clip.outline
     say(
         f"{reel}: {old.frames} frames, {old.seconds:.2f} s, {source.bytes / 1e6:.2f} MB. {out}: {new.frames} frames, "

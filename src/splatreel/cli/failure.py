@@ -86,16 +86,10 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
         return interruption(signal.SIGTERM if isinstance(interrupt, Terminated) else signal.SIGINT, arguments)
     if (limit := _system_limit(error)) is not None:
         return f"Error: {limit}, then run\n  {command}", 1
+    if (full := _full_disk(error)) is not None:
+        return f"Error: {_disk_text(error, full)}, then run\n  {command}", 1
     if isinstance(error, SplatreelError):
         return f"Error: {error}", error.exit_code
-    if _is_disk_full(error):
-        where = getattr(error, "filename", None)
-        place = f" while writing {where}" if where else ""
-        what, remedy = "the disk is full", "free some space"
-        if _is_too_large(error):
-            what, remedy = "a file would be larger than the system allows", "raise the limit (ulimit -f)"
-        text = f"Error: {what}{place}. Finished parts are kept; {remedy}, then run\n  {command}"
-        return text, 1
     if _is_out_of_memory(error):
         gpu = "CUDA" in str(error)
         return f"Error: out of {'GPU ' if gpu else ''}memory. {_lighter(arguments, gpu)}", 1
@@ -106,9 +100,22 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
         )
     if isinstance(error, ModuleNotFoundError) and (message := missing_package(error.name)) is not None:
         return f"Error: {message}", 1
+    if isinstance(error, FileNotFoundError) and error.filename is None and not _has_current_folder():
+        return f"Error: the current folder has been deleted. Change to another folder, then run\n  {command}", 1
+    if isinstance(error, UnicodeEncodeError) and any(0xDC80 <= ord(c) <= 0xDCFF for c in error.object):
+        return "Error: a name of a file or folder is not UTF-8. Rename it, then run the command again.", 1
     if isinstance(error, OSError) and error.filename is not None:
         return f"Error: {error.filename}: {error.strerror}.", 1
     return None
+
+
+def _has_current_folder() -> bool:
+    """Return False if the folder in which the command runs has been deleted."""
+    try:
+        os.getcwd()
+    except FileNotFoundError:
+        return False
+    return True
 
 
 def interruption(number: int, arguments: Sequence[str]) -> tuple[str, int]:
@@ -150,21 +157,40 @@ def _system_limit(error: BaseException | None) -> str | None:
 
 
 def _damaged_cache(error: BaseException) -> str | None:
-    """Return the folder of numba's cache if reading it failed."""
+    """Return the folder of numba's cache if a file of it could not be read for what it contains."""
     trace, folder = error.__traceback__, None
+    if isinstance(error, RecursionError):  # the call stack was deep already
+        return None
     while trace is not None:
         frame = trace.tb_frame
-        if frame.f_code.co_filename.replace("\\", "/").endswith("numba/core/caching.py"):
+        reads = frame.f_code.co_name.lstrip("_").startswith("load")
+        if reads and frame.f_code.co_filename.replace("\\", "/").endswith("numba/core/caching.py"):
             folder = getattr(frame.f_locals.get("self"), "_cache_path", folder)
         trace = trace.tb_next
     return folder
 
 
-def _is_disk_full(error: BaseException) -> bool:
-    """Return True if the disk is full, also where a library turned the system's error into its own."""
-    if _is_too_large(error) or (isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)):
-        return True
-    return isinstance(error, Exception) and any(s in str(error) for s in ("No space left on device", "os error 28"))
+def _full_disk(error: BaseException | None) -> BaseException | None:
+    """Return the error of a full disk that caused an error, also where a library turned it into its own."""
+    while error is not None:
+        full = isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT)
+        signs = ("No space left on device", "os error 28")
+        own = isinstance(error, Exception) and not isinstance(error, SplatreelError)
+        if full or _is_too_large(error) or (own and any(sign in str(error) for sign in signs)):
+            return error
+        error = error.__cause__ or error.__context__
+    return None
+
+
+def _disk_text(error: BaseException, full: BaseException) -> str:
+    """Return what a full disk stopped, and the remedy."""
+    what, remedy = "the disk is full", "free some space"
+    if _is_too_large(full):
+        what, remedy = "a file would be larger than the system allows", "raise the limit (ulimit -f)"
+    if isinstance(error, SplatreelError):
+        return f"{what}. {error} Finished parts are kept; {remedy}"
+    where = getattr(full, "filename", None)
+    return f"{what}{f' while writing {where}' if where else ''}. Finished parts are kept; {remedy}"
 
 
 def _is_too_large(error: BaseException) -> bool:

@@ -67,7 +67,9 @@ class CaptureOptions:
 
 
 def check_arguments(arguments: Sequence[str]) -> None:
-    """Refuse a NUL character, and an empty argument other than the text of a reel: as a path it would mean the current folder.
+    """Refuse arguments that cannot be meant: a NUL character, an --out that looks like an option, an empty argument.
+
+    An empty path would mean the current folder. Only texts of a reel may be empty.
 
     Raises:
         UsageError: There is such an argument.
@@ -77,6 +79,10 @@ def check_arguments(arguments: Sequence[str]) -> None:
         name, _, value = argument.partition("=")
         if "\0" in argument:
             raise UsageError("An argument holds a NUL character, which no file name can hold. Leave it out.")
+        if before == "--out" and argument.startswith("-") and not argument.startswith("--"):
+            raise UsageError(
+                f"--out {argument}: a name that starts with - is taken for an option. Write --out=./{argument}."
+            )
         if not argument and before not in TEXT_OPTIONS:
             what = before if before.startswith("--") else "An argument"
             raise UsageError(

@@ -110,8 +110,8 @@ def write_atomically(path: Path, data: bytes) -> None:
             temporary.write_bytes(data)
     except OSError as error:
         raise ReelError(
-            f"{path}: could not write {len(data)} bytes ({error.strerror or error}). The reel written so "
-            "far is intact. Free space or fix the permissions, then run the same command again."
+            f"{path}: could not write {len(data)} bytes ({error.strerror or error}). Free space or fix the "
+            "permissions, then run the same command again."
         ) from error
 
 

@@ -11,6 +11,7 @@ from splatreel.codec.manifest import Manifest, parse_manifest
 from splatreel.codec.presentation import check_text
 from splatreel.codec.source import open_source
 from splatreel.errors import ReelError
+from splatreel.scene.atomic import sweep
 
 
 def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:
@@ -37,5 +38,6 @@ def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:
     except ReelError as error:
         raise ReelError(f"{file}: {error}") from error
     edited = replace(manifest, presentation=replace(manifest.presentation, **words))
+    sweep(folder, file.name)  # what a killed edit left
     write_atomically(file, edited.to_json().encode())
     return edited

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -12,6 +12,7 @@ from splatreel.codec.header import ReelHeader
 from splatreel.codec.predictive.precision import Precision
 from splatreel.codec.presentation import Limits, Sound, Vec3
 from splatreel.codec.reader import ReelReader
+from splatreel.edit.sound_pieces import SoundPiece, read_pieces
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
@@ -49,14 +50,18 @@ class ClipSound:
     Attributes:
         channels: 1 or 2.
         position: Position of the source, world units; None if it has none.
-        read: Function from start and duration in seconds to samples [n, channels] float32.
+        pieces: Parts of the sound, one after the other.
         files: Reel that has exactly this sound, and its description; None if the samples must be encoded.
     """
 
     channels: int
     position: Vec3 | None
-    read: Callable[[float, float], np.ndarray]
+    pieces: tuple[SoundPiece, ...]
     files: tuple[ReelReader, Sound] | None = None
+
+    def read(self, start: float, seconds: float) -> np.ndarray:
+        """Return samples [n, channels] float32, from a start and a duration in seconds."""
+        return read_pieces(self.pieces, self.channels, start, seconds)
 
 
 @dataclass(frozen=True)

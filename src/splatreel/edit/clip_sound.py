@@ -13,6 +13,7 @@ from splatreel.codec.fragments import RATE
 from splatreel.codec.opus_sound import encode_sound, write_sound
 from splatreel.codec.writer import ReelWriter
 from splatreel.edit.clip import ClipSound, Outline
+from splatreel.edit.sound_pieces import SoundPiece
 from splatreel.errors import UsageError
 
 BLOCK = 2.0
@@ -60,7 +61,7 @@ def replace_sound(outline: Outline, file: Path | None, start: float = 0.0) -> Ou
     if file is None:
         return replace(outline, sound=None)
     sound = FileSound(file, start)
-    return replace(outline, sound=ClipSound(sound.channels, None, sound.read))
+    return replace(outline, sound=ClipSound(sound.channels, None, (SoundPiece(sound.read),)))
 
 
 def write_clip_sound(writer: ReelWriter, outline: Outline) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import filecmp
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from splatreel.codec.group_file import encode_group_again, encode_layer_again
 from splatreel.codec.predictive.precision import STEPS, Precision, choose_precision
 from splatreel.codec.presentation import EMPTY
+from splatreel.codec.reader import ReelReader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import COARSENESS, EncodeConfig, Rate
 from splatreel.edit.clip import Clip, ClipGroup, LayerSpan
@@ -22,7 +24,7 @@ from splatreel.scene.gaussians import Gaussians
 
 
 def write_clip(clip: Clip, out: Path, progress: Callable[[int], None] = lambda done: None) -> int:
-    """Write a clip into a new folder, which appears when it is complete.
+    """Write a clip into a new folder, which appears when it is complete. The same reel may be there already.
 
     Args:
         clip: The clip.
@@ -33,15 +35,21 @@ def write_clip(clip: Clip, out: Path, progress: Callable[[int], None] = lambda d
         Bytes of the new reel's layers and groups.
 
     Raises:
-        UsageError: `out` exists, or no point is left.
+        UsageError: `out` exists and is not the same reel, or no point is left.
         ReelError: A file of the reel is damaged, or the disk refuses.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise UsageError(f"--out {out}: exists already. Choose another folder, or delete it.")
+    taken = out.exists() and (not out.is_dir() or any(out.iterdir()))
+    refusal = UsageError(f"--out {out}: exists already. Choose another folder, or delete it.")
+    if taken and not _is_alike(out, clip):
+        raise refusal
     try:
         out.parent.mkdir(parents=True, exist_ok=True)
         with scratch(out.parent, out.name) as place:
             size = _ClipWriter(clip, place).write(progress)
+            if taken:  # an earlier command may have been killed just after it finished
+                if not _has_same_files(place, out):
+                    raise refusal
+                return size
             if out.is_dir():
                 out.rmdir()  # it is empty
             move(place, out)
@@ -50,6 +58,24 @@ def write_clip(clip: Clip, out: Path, progress: Callable[[int], None] = lambda d
             f"{out}: cannot be written ({error.strerror or error}). Free space or name a folder."
         ) from error
     return size
+
+
+def _is_alike(folder: Path, clip: Clip) -> bool:
+    """Return whether a folder holds a finished reel with the frames, groups and texts of a clip."""
+    try:
+        there = ReelReader(folder).manifest
+    except ReelError:
+        return False
+    outline = clip.outline
+    texts = all(getattr(there.presentation, name) == text for name, text in outline.texts.items())
+    same = (there.frames, there.fps, len(there.groups)) == (outline.frames, outline.header.fps, len(outline.groups))
+    return same and texts and not there.live
+
+
+def _has_same_files(a: Path, b: Path) -> bool:
+    """Return whether two folders hold the same files with the same content."""
+    names = [sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file()) for folder in (a, b)]
+    return names[0] == names[1] and all(filecmp.cmp(a / name, b / name, shallow=False) for name in names[0])
 
 
 class _ClipWriter:

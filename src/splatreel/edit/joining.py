@@ -6,13 +6,14 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatreel.codec.fragments import RATE
 from splatreel.codec.presentation import Limits
-from splatreel.edit.clip import Clip, ClipGroup, ClipLayer, ClipSound, LayerSpan, Outline
+from splatreel.edit.changed_clip import ChangedClip
+from splatreel.edit.clip import Clip, ClipGroup, ClipSound, LayerSpan, Outline
+from splatreel.edit.sound_pieces import padded
 from splatreel.errors import UsageError
 
 
-class Joined:
+class Joined(ChangedClip):
     """Two clips, the second after the first, with a hard cut between them. Texts are those of the first.
 
     Raises:
@@ -22,7 +23,8 @@ class Joined:
     def __init__(self, first: Clip, second: Clip) -> None:
         a, b = first.outline, second.outline
         _check(a, b)
-        self._clips = first, second
+        super().__init__(first)
+        self._second = second
         self._groups, self._layers = len(a.groups), len(a.layers)
         frames, groups = a.frames, len(a.groups)
         ending = [LayerSpan(x.born, groups if x.until is None else min(x.until, groups)) for x in a.layers]
@@ -57,17 +59,18 @@ class Joined:
             sound=_sound(a, b),
         )
 
-    def layer(self, index: int) -> ClipLayer:
-        """Return a layer of either clip."""
-        first, second = self._clips
-        return first.layer(index) if index < self._layers else second.layer(index - self._layers)
+    def layer_origin(self, index: int) -> tuple[Clip, int]:
+        """Return either clip, and the index of a layer there."""
+        return (self._clip, index) if index < self._layers else (self._second, index - self._layers)
 
-    def group(self, index: int, rendition: str | None = None) -> ClipGroup:
-        """Return a group of either clip."""
-        first, second = self._clips
+    def group_origin(self, index: int) -> tuple[Clip, int]:
+        """Return either clip, and the index of a group there."""
+        return (self._clip, index) if index < self._groups else (self._second, index - self._groups)
+
+    def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
+        """Return a group with the numbers that its layers have in the joined clip."""
         if index < self._groups:
-            return first.group(index, rendition)
-        found = second.group(index - self._groups, rendition)
+            return found
         return replace(found, alive={layer + self._layers: flags for layer, flags in found.alive.items()})
 
 
@@ -113,20 +116,6 @@ def _sound(a: Outline, b: Outline) -> ClipSound | None:
     if a.sound is None and b.sound is None:
         return None
     channels = max(sound.channels for sound in (a.sound, b.sound) if sound is not None)
-    border = a.seconds
     positions = {sound.position for sound in (a.sound, b.sound) if sound is not None}
-
-    def read(start: float, seconds: float) -> np.ndarray:
-        middle = min(max(border, start), start + seconds)
-        before = _samples(a.sound, channels, start, middle - start)
-        return np.concatenate([before, _samples(b.sound, channels, middle - border, start + seconds - middle)])
-
-    return ClipSound(channels, positions.pop() if len(positions) == 1 else None, read)
-
-
-def _samples(sound: ClipSound | None, channels: int, start: float, seconds: float) -> np.ndarray:
-    """Return samples [n, channels]; silence without sound."""
-    count = max(round(seconds * RATE), 0)
-    if sound is None or not count:
-        return np.zeros((count, channels), np.float32)
-    return np.broadcast_to(sound.read(start, seconds), (count, channels))
+    before, after = (() if sound is None else sound.pieces for sound in (a.sound, b.sound))
+    return ClipSound(channels, positions.pop() if len(positions) == 1 else None, (*padded(before, a.seconds), *after))

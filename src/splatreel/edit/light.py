@@ -6,26 +6,22 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatreel.edit.clip import Clip, ClipGroup, ClipLayer
+from splatreel.edit.changed_clip import ChangedClip
+from splatreel.edit.clip import Clip, ClipGroup
 
 GAMMA = 2.2
 """Exponent between light and colors. An exposure then multiplies colors, as the light of a group does."""
 
 
-class Lit:
+class Lit(ChangedClip):
     """Clip whose colors are multiplied by `gain` [3], also those of the background."""
 
     def __init__(self, clip: Clip, gain: np.ndarray) -> None:
-        self._clip, self._gain = clip, np.asarray(gain, np.float32)
-        self.outline = clip.outline
+        super().__init__(clip)
+        self._gain = np.asarray(gain, np.float32)
 
-    def layer(self, index: int) -> ClipLayer:
-        """Return a layer, unchanged."""
-        return self._clip.layer(index)
-
-    def group(self, index: int, rendition: str | None = None) -> ClipGroup:
+    def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
         """Return a group in another light."""
-        found = self._clip.group(index, rendition)
         light = np.ones((found.group.frames, 3), np.float32) if found.group.light is None else found.group.light
         return replace(found, group=replace(found.group, light=light * self._gain))
 

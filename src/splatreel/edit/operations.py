@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.edit.clip import Clip, ClipGroup, ClipLayer, Outline
+from splatreel.edit.changed_clip import ChangedClip
+from splatreel.edit.clip import Clip
 from splatreel.edit.clip_sound import replace_sound
 from splatreel.edit.floor import floor_height
 from splatreel.edit.joining import Joined
@@ -55,21 +56,6 @@ class Operation:
     apply: Callable[[Clip, str], Clip]
 
 
-class Described:
-    """Clip with other facts."""
-
-    def __init__(self, clip: Clip, outline: Outline) -> None:
-        self._clip, self.outline = clip, outline
-
-    def layer(self, index: int) -> ClipLayer:
-        """Return a layer, unchanged."""
-        return self._clip.layer(index)
-
-    def group(self, index: int, rendition: str | None = None) -> ClipGroup:
-        """Return a group, unchanged."""
-        return self._clip.group(index, rendition)
-
-
 def apply_operations(clip: Clip, texts: Iterable[str]) -> Clip:
     """Return the clip after operations, in their order.
 
@@ -92,7 +78,7 @@ def apply_operations(clip: Clip, texts: Iterable[str]) -> Clip:
 
 def with_texts(clip: Clip, texts: Mapping[str, str]) -> Clip:
     """Return the clip with other texts, by their names in the manifest."""
-    return Described(clip, replace(clip.outline, texts={**clip.outline.texts, **texts}))
+    return ChangedClip(clip, replace(clip.outline, texts={**clip.outline.texts, **texts}))
 
 
 def read_edit_list(file: Path) -> list[str]:
@@ -142,7 +128,7 @@ def _crop(clip: Clip, value: str) -> Clip:
         bounds = inner if (inner[0] < inner[1]).all() else box
     source = header.source and replace(header.source, part=header.source.part or "crop")
     outline = replace(clip.outline, header=replace(header, bounds=bounds, source=source))
-    return Described(Selected(clip, InVolume(volume)), outline)
+    return ChangedClip(Selected(clip, InVolume(volume)), outline)
 
 
 def _remove(clip: Clip, value: str) -> Clip:
@@ -206,7 +192,7 @@ def _move(clip: Clip, value: str) -> Clip:
 def _floor(clip: Clip, value: str) -> Clip:
     up, origin = clip.outline.header.up, clip.outline.header.origin
     moved = Moved(clip, Similarity(shift=-floor_height(clip) * up))
-    return Described(
+    return ChangedClip(
         moved, replace(moved.outline, header=replace(moved.outline.header, origin=origin - (origin @ up) * up))
     )
 
@@ -232,21 +218,21 @@ def _white(clip: Clip, value: str) -> Clip:
 def _background(clip: Clip, value: str) -> Clip:
     header = clip.outline.header
     if value == "transparent":
-        return Described(clip, replace(clip.outline, header=replace(header, transparent=True)))
+        return ChangedClip(clip, replace(clip.outline, header=replace(header, transparent=True)))
     red, green, blue = parse_color("background", value).tolist()
-    return Described(
+    return ChangedClip(
         clip, replace(clip.outline, header=replace(header, transparent=False, background=(red, green, blue)))
     )
 
 
 def _sound(clip: Clip, value: str) -> Clip:
     if value == "none":
-        return Described(clip, replace_sound(clip.outline, None))
+        return ChangedClip(clip, replace_sound(clip.outline, None))
     match = re.fullmatch(r"(.+?)(?:@(-?[0-9.]+)s?)?", value)
     if match is None or not Path(match[1]).is_file():
         raise fail("sound", value, "Name a sound file, or none")
     start = parse_number("sound", match[2], -1e5, 1e5) if match[2] else 0.0
-    return Described(clip, replace_sound(clip.outline, Path(match[1]), start))
+    return ChangedClip(clip, replace_sound(clip.outline, Path(match[1]), start))
 
 
 OPERATIONS = {

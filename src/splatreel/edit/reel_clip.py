@@ -18,6 +18,7 @@ from splatreel.codec.presentation import MAX_TEXT
 from splatreel.codec.reader import ReelReader
 from splatreel.config import COARSENESS
 from splatreel.edit.clip import ClipGroup, ClipLayer, ClipSound, ClipSpan, LayerSpan, Outline
+from splatreel.edit.sound_pieces import SoundPiece
 from splatreel.errors import ReelError, UsageError
 from splatreel.play.reel_sound import ReelSound
 
@@ -114,9 +115,7 @@ def _sound(reader: ReelReader, manifest: Manifest) -> ClipSound | None:
     if sound.channels > 2:
         raise UsageError(f"{reader.name}: has sound of {sound.channels} channels; only 1 or 2 can be written.")
     files = None if begin else (reader, sound)
-    return ClipSound(
-        sound.channels, sound.position, lambda start, seconds: samples.samples(begin + start, seconds), files
-    )
+    return ClipSound(sound.channels, sound.position, (SoundPiece(samples.samples, start=begin),), files)
 
 
 def _cached(cache: OrderedDict, key: object, load: Callable[[], T]) -> T:

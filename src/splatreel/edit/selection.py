@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from splatreel.edit.changed_clip import ChangedClip
 from splatreel.edit.clip import Clip, ClipGroup, ClipLayer
 from splatreel.scene.volumes import Volume
 
@@ -27,22 +28,20 @@ class Selection(Protocol):
         ...
 
 
-class Selected:
+class Selected(ChangedClip):
     """Clip with the points that a selection keeps. A dynamic point that is kept at some frames is transparent at the others."""
 
     def __init__(self, clip: Clip, selection: Selection) -> None:
-        self._clip, self._selection = clip, selection
+        super().__init__(clip)
+        self._selection = selection
         self._kept: dict[int, np.ndarray] = {}
-        self.outline = clip.outline
 
-    def layer(self, index: int) -> ClipLayer:
+    def change_layer(self, index: int, layer: ClipLayer) -> ClipLayer:
         """Return the kept points of a layer."""
-        layer = self._clip.layer(index)
         return layer[self._mask(index, layer)]
 
-    def group(self, index: int, rendition: str | None = None) -> ClipGroup:
+    def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
         """Return a group with the kept points."""
-        found = self._clip.group(index, rendition)
         alive = {layer: flags[self._mask(layer)] for layer, flags in found.alive.items()}
         return replace(keep_at(found, self._selection.moving(self._clip, index, found)), alive=alive)
 
@@ -131,7 +130,7 @@ class LastingEnough:
         return (seen[0] | seen[-1] | (seen.sum(0) >= frames))[None]
 
 
-class Erased:
+class Erased(ChangedClip):
     """Clip without the points that are in a volume during some frames.
 
     Dynamic points are removed from each group in which they are in the volume at one of these frames, static points from
@@ -144,17 +143,18 @@ class Erased:
     """
 
     def __init__(self, clip: Clip, volume: Volume, frames: tuple[int, int]) -> None:
-        self._clip, self._volume, self._frames = clip, volume, frames
+        super().__init__(clip)
+        self._volume, self._frames = volume, frames
         self._inside: dict[int, np.ndarray] = {}
-        self.outline = clip.outline
 
-    def layer(self, index: int) -> ClipLayer:
-        """Return a layer, unchanged."""
-        return self._clip.layer(index)
+    def change_layer(self, index: int, layer: ClipLayer) -> ClipLayer:
+        """Return a layer unchanged, and remember which of its points are in the volume."""
+        self._contained(index, layer)
+        return layer
 
-    def group(self, index: int, rendition: str | None = None) -> ClipGroup:
+    def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
         """Return a group without the points in the volume."""
-        found, span = self._clip.group(index, rendition), self.outline.groups[index]
+        span = self.outline.groups[index]
         begin, end = (min(max(frame - span.first_frame, 0), span.frames) for frame in self._frames)
         if begin >= end:
             return found
@@ -162,9 +162,10 @@ class Erased:
         inside = np.asarray(self._volume.contains(found.group.dynamic.means + found.group.dx[begin:end]).any(0))
         return replace(found[~inside], alive=alive)
 
-    def _contained(self, index: int) -> np.ndarray:
+    def _contained(self, index: int, layer: ClipLayer | None = None) -> np.ndarray:
         if index not in self._inside:
-            self._inside[index] = self._volume.contains(self._clip.layer(index).points.means)
+            layer = self._clip.layer(index) if layer is None else layer
+            self._inside[index] = self._volume.contains(layer.points.means)
         return self._inside[index]
 
 

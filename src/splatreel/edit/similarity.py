@@ -10,6 +10,7 @@ import numpy as np
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.predictive.precision import Precision
 from splatreel.codec.presentation import Limits, Vec3
+from splatreel.edit.changed_clip import ChangedClip
 from splatreel.edit.clip import Clip, ClipGroup, ClipLayer, ClipSound, Outline
 from splatreel.scene import rotations
 from splatreel.scene.camera import Camera
@@ -116,21 +117,20 @@ class Similarity:
         return replace(sound, position=_vector(self.position(np.array(sound.position))))
 
 
-class Moved:
+class Moved(ChangedClip):
     """Clip after a similarity."""
 
     def __init__(self, clip: Clip, similarity: Similarity) -> None:
-        self._clip, self._similarity = clip, similarity
-        self.outline = similarity.outline(clip.outline)
+        super().__init__(clip, similarity.outline(clip.outline))
+        self._similarity = similarity
 
-    def layer(self, index: int) -> ClipLayer:
+    def change_layer(self, index: int, layer: ClipLayer) -> ClipLayer:
         """Return a layer after the map."""
-        layer = self._clip.layer(index)
         return ClipLayer(self._similarity.points(layer.points), self._similarity.precision(layer.precision))
 
-    def group(self, index: int, rendition: str | None = None) -> ClipGroup:
+    def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
         """Return a group after the map."""
-        found, map_ = self._clip.group(index, rendition), self._similarity
+        map_ = self._similarity
         dx = map_.scale * found.group.dx @ map_.matrix.T.astype(np.float32)
         group = replace(found.group, dynamic=map_.points(found.group.dynamic), dx=dx.astype(np.float32))
         return replace(found, group=group, precision=map_.precision(found.precision))

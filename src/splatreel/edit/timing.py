@@ -7,22 +7,24 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatreel.edit.clip import Clip, ClipGroup, ClipLayer, ClipSound, ClipSpan, LayerSpan
+from splatreel.edit.changed_clip import ChangedClip
+from splatreel.edit.clip import Clip, ClipGroup, ClipSpan, LayerSpan
+from splatreel.edit.sound_pieces import padded, part_of
 from splatreel.scene import rotations
 
 
-class Cut:
+class Cut(ChangedClip):
     """Frames `first` to `end` - 1 of a clip.
 
     The clip starts with one group. If `first` lies in a cross-fade, the part starts with the newer group alone.
     """
 
     def __init__(self, clip: Clip, first: int, end: int) -> None:
+        super().__init__(clip)
         source = clip.outline
         spans = source.groups
         self._begin = max(index for index, span in enumerate(spans) if span.first_frame <= first)
         last = max(index for index, span in enumerate(spans) if span.first_frame < end)
-        self._clip, self._first, self._last = clip, first, end
         chosen = spans[self._begin : last + 1]
         self._ranges = [(max(span.first_frame, first), min(span.end, end)) for span in chosen]
         groups = [
@@ -38,21 +40,20 @@ class Cut:
         layers = tuple(
             LayerSpan(max(x.born - self._begin, 0), self._until(x.until, len(groups))) for x in spans_of_layers
         )
-        start = first / source.header.fps
-        self.outline = replace(
-            source.with_source(first),
-            groups=tuple(groups),
-            layers=layers,
-            sound=source.sound and _shifted(source.sound, start),
-        )
+        sound, start = source.sound, first / source.header.fps
+        sound = sound and replace(sound, files=None, pieces=part_of(sound.pieces, start))
+        self.outline = replace(source.with_source(first), groups=tuple(groups), layers=layers, sound=sound)
 
-    def layer(self, index: int) -> ClipLayer:
-        """Return a layer of the part."""
-        return self._clip.layer(self._layers[index])
+    def layer_origin(self, index: int) -> tuple[Clip, int]:
+        """Return the whole clip, and the index of a layer there."""
+        return self._clip, self._layers[index]
 
-    def group(self, index: int, rendition: str | None = None) -> ClipGroup:
-        """Return a group of the part."""
-        found = self._clip.group(self._begin + index, rendition)
+    def group_origin(self, index: int) -> tuple[Clip, int]:
+        """Return the whole clip, and the index of a group there."""
+        return self._clip, self._begin + index
+
+    def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
+        """Return the frames of a group that the part has."""
         numbers = {layer: number for number, layer in enumerate(self._layers)}
         found = replace(found, alive={numbers[layer]: flags for layer, flags in found.alive.items()})
         span = self._clip.outline.groups[self._begin + index]
@@ -63,12 +64,13 @@ class Cut:
         return None if until is None or until - self._begin >= groups else until - self._begin
 
 
-class Reversed:
+class Reversed(ChangedClip):
     """Clip backwards. Cross-fades stay where they were."""
 
     def __init__(self, clip: Clip) -> None:
+        super().__init__(clip)
         source = self._source = clip.outline
-        self._clip, count, frames = clip, len(source.groups), source.frames
+        count, frames = len(source.groups), source.frames
         groups, before = [], -1
         for index in range(count - 1, -1, -1):
             first = max(frames - 1 - self._newest(index), before + 1)
@@ -80,23 +82,19 @@ class Reversed:
         )
         sound = source.sound
         if sound is not None:
-            read, seconds = sound.read, source.seconds
-            backwards = replace(
-                sound, files=None, read=lambda start, length: read(seconds - start - length, length)[::-1]
-            )
-            sound = backwards
+            forward = padded(sound.pieces, source.seconds)
+            sound = replace(sound, files=None, pieces=tuple(piece.reversed() for piece in reversed(forward)))
         self.outline = replace(source.with_source(None), groups=tuple(groups), layers=layers, sound=sound)
 
-    def layer(self, index: int) -> ClipLayer:
-        """Return a layer."""
-        return self._clip.layer(index)
+    def group_origin(self, index: int) -> tuple[Clip, int]:
+        """Return the clip forwards, and the index of a group there."""
+        return self._clip, len(self._source.groups) - 1 - index
 
-    def group(self, index: int, rendition: str | None = None) -> ClipGroup:
-        """Return a group, backwards."""
-        number = len(self._source.groups) - 1 - index
-        old, new = self._source.groups[number], self.outline.groups[index]
+    def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
+        """Return a group backwards."""
+        old, new = self._source.groups[-1 - index], self.outline.groups[index]
         frames = self._source.frames - 1 - np.arange(new.first_frame, new.end)
-        return _at_frames(self._clip.group(number, rendition), np.clip(frames - old.first_frame, 0, old.frames - 1))
+        return _at_frames(found, np.clip(frames - old.first_frame, 0, old.frames - 1))
 
     def _newest(self, index: int) -> int:
         """Return the last frame that shows a group: the end of the cross-fade to the next, where its weight is 0."""
@@ -112,12 +110,13 @@ class Reversed:
         return groups[index + 1].overlap if index + 1 < len(groups) else groups[index].overlap
 
 
-class Retimed:
+class Retimed(ChangedClip):
     """Clip at another frame rate. Everything stays where it was at every second; motion between frames is interpolated."""
 
     def __init__(self, clip: Clip, fps: float) -> None:
+        super().__init__(clip)
         source = self._source = clip.outline
-        self._clip, ratio = clip, fps / source.header.fps
+        ratio = fps / source.header.fps
         self._ratio, frames = ratio, max(round(source.frames * ratio), 1)
         starts = [math.ceil(span.first_frame * ratio - 1e-9) for span in source.groups]
         self._chosen = [
@@ -152,13 +151,17 @@ class Retimed:
         retimed = replace(source, header=header, groups=tuple(groups), layers=tuple(layers))
         self.outline = retimed.with_source(0 if ratio == 1 else None)
 
-    def layer(self, index: int) -> ClipLayer:
-        """Return a layer."""
-        return self._clip.layer(self._layers[index])
+    def layer_origin(self, index: int) -> tuple[Clip, int]:
+        """Return the clip at its own frame rate, and the index of a layer there."""
+        return self._clip, self._layers[index]
 
-    def group(self, index: int, rendition: str | None = None) -> ClipGroup:
+    def group_origin(self, index: int) -> tuple[Clip, int]:
+        """Return the clip at its own frame rate, and the index of a group there."""
+        return self._clip, self._chosen[index]
+
+    def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
         """Return a group at the times of the new frames."""
-        found, span = self._clip.group(self._chosen[index], rendition), self.outline.groups[index]
+        span = self.outline.groups[index]
         numbers = {layer: number for number, layer in enumerate(self._layers)}
         found = replace(found, alive={numbers[layer]: f for layer, f in found.alive.items() if layer in numbers})
         old = self._source.groups[self._chosen[index]]
@@ -191,8 +194,3 @@ def _at_times(found: ClipGroup, times: np.ndarray) -> ClipGroup:
     dq = rotations.normalize((1 - share) * a + share * near).astype(np.float32)
     shade = None if group.shade is None else between(group.shade)
     return found.with_motion(between(group.dx), dq, shade, None if group.light is None else between(group.light))
-
-
-def _shifted(sound: ClipSound, start: float) -> ClipSound:
-    """Return sound that starts later by some seconds."""
-    return replace(sound, files=None, read=lambda begin, seconds: sound.read(start + begin, seconds))

@@ -49,6 +49,6 @@ def parse_range(name: str, value: str, outline: Outline) -> tuple[int, int]:
 def _frame(name: str, text: str, fps: float) -> int:
     if text.endswith("s"):
         return round(parse_number(name, text[:-1], 0, 1e7) * fps)
-    if not text.isdigit():
+    if re.fullmatch("[0-9]{1,15}", text) is None:
         raise fail(name, text, "Give a whole number of frames, or seconds like 1.5s")
     return int(text)

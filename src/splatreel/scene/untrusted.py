@@ -14,7 +14,6 @@ import pickle
 import re
 import stat
 import zipfile
-import zlib
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from tokenize import TokenError
@@ -23,6 +22,7 @@ from typing import IO, Any, TypeGuard
 import numpy as np
 
 from splatreel.errors import SplatreelError
+from splatreel.scene.archives import check_array_member, naming_damage
 from splatreel.scene.memory_budget import allowed_memory, in_megabytes
 
 JSON_BYTES = 64 << 20
@@ -37,6 +37,8 @@ _BLOCK = 1 << 20
 _ARCHIVE = b"PK\3\4"
 _HEADER = 10_000
 """Maximum size of a NumPy array header in bytes."""
+
+_NO_ARRAYS = "not an archive of arrays, or damaged"
 
 Kind = Callable[[str], SplatreelError]
 """Constructor of the error for a message: a class, or a function that adds a remedy."""
@@ -132,34 +134,26 @@ def read_arrays(path: Path, names: Iterable[str], kind: Kind, most: int | None =
         SplatreelError: Of the given kind, for a damaged or encrypted archive, a missing name, an unpacked size above
             the limit, or an array of anything but plain numbers.
     """
-    try:
-        with open_regular(path, kind) as file, zipfile.ZipFile(file) as archive:
-            size = os.fstat(file.fileno()).st_size
-            members = {info.filename: info for info in archive.infolist()}
-            wanted = {name: members.get(f"{name}.npy") for name in names}
-            missing = next((name for name, info in wanted.items() if info is None), None)
-            if missing is not None:
-                raise kind(f"{path}: has no {missing}.")
-            found = {name: info for name, info in wanted.items() if info is not None}
-            unpacked, limit = sum(info.file_size for info in found.values()), most or allowed_memory(size)
-            if unpacked > limit:
-                raise kind(
-                    f"{path}: would unpack {size:,} bytes to {unpacked:,}, more than the {limit:,} that it may. If you trust it, allow "
-                    f"more: --max-memory {in_megabytes(unpacked)}."
-                )
-            arrays = {}
-            for name, info in found.items():
-                if info.flag_bits & 1:
-                    raise kind(f"{path}: {name} is encrypted. Save it without a password.")
-                with archive.open(info) as member:
-                    arrays[name] = _array(member, info.file_size, f"{path}: {name}", kind)
-            return arrays
-    except OSError as error:
-        raise kind(f"{path}: cannot be read ({error.strerror or error}).") from error
-    except (ValueError, EOFError, KeyError, IndexError, NotImplementedError, RuntimeError) as error:
-        raise kind(f"{path}: is not an archive of arrays, or damaged ({error}).") from error
-    except (zipfile.BadZipFile, zlib.error) as error:
-        raise kind(f"{path}: is not an archive of arrays, or damaged ({error}).") from error
+    with naming_damage(str(path), kind, _NO_ARRAYS), open_regular(path, kind) as file, zipfile.ZipFile(file) as archive:
+        size = os.fstat(file.fileno()).st_size
+        members = {info.filename: info for info in archive.infolist()}
+        wanted = {name: members.get(f"{name}.npy") for name in names}
+        missing = next((name for name, info in wanted.items() if info is None), None)
+        if missing is not None:
+            raise kind(f"{path}: has no {missing}.")
+        found = {name: info for name, info in wanted.items() if info is not None}
+        unpacked, limit = sum(info.file_size for info in found.values()), most or allowed_memory(size)
+        if unpacked > limit:
+            raise kind(
+                f"{path}: would unpack {size:,} bytes to {unpacked:,}, more than the {limit:,} that it may. If you trust it, allow "
+                f"more: --max-memory {in_megabytes(unpacked)}."
+            )
+        arrays = {}
+        for name, info in found.items():
+            check_array_member(info, f"{path}: {name}", kind)
+            with archive.open(info) as member:
+                arrays[name] = _array(member, info.file_size, f"{path}: {name}", kind)
+        return arrays
 
 
 def load_arrays(data: bytes | io.BytesIO) -> Any:
@@ -198,18 +192,15 @@ class ArrayRows:
 
     def __init__(self, path: Path, name: str, kind: Kind) -> None:
         self._subject, self._kind = f"{path}: {name}", kind
-        try:
+        with naming_damage(str(path), kind, _NO_ARRAYS):
             self._archive = zipfile.ZipFile(path)
+            if f"{name}.npy" not in self._archive.namelist():
+                raise kind(f"{path}: has no {name}.")
             info = self._archive.getinfo(f"{name}.npy")
-            if info.flag_bits & 1:
-                raise kind(f"{path}: {name} is encrypted. Save it without a password.")
+            check_array_member(info, self._subject, kind)
             self._member = self._archive.open(info)
             self.shape, in_columns, self.dtype = _header(self._member, info.file_size, self._subject, kind)
             self._start = self._member.tell()
-        except KeyError as error:
-            raise kind(f"{path}: has no {name}.") from error
-        except (OSError, ValueError, EOFError, NotImplementedError, zipfile.BadZipFile, zlib.error) as error:
-            raise kind(f"{path}: is not an archive of arrays, or damaged ({error}).") from error
         if in_columns and len(self.shape) > 1:
             raise kind(f"{self._subject} is stored column by column. Save it with numpy.ascontiguousarray.")
 
@@ -219,11 +210,9 @@ class ArrayRows:
     def __getitem__(self, row: int) -> np.ndarray:
         """Return a row. Rows in increasing order are fast, also in a compressed archive."""
         size = math.prod(self.shape[1:]) * self.dtype.itemsize
-        try:
+        with naming_damage(self._subject, self._kind):
             self._member.seek(self._start + row * size)
             data = self._member.read(size)
-        except (OSError, EOFError, zipfile.BadZipFile, zlib.error) as error:
-            raise self._kind(f"{self._subject} is damaged ({error}). Copy it again.") from error
         if len(data) < size:
             raise self._kind(f"{self._subject} ends within row {row}. Copy it again.")
         return np.frombuffer(data, self.dtype).reshape(self.shape[1:])

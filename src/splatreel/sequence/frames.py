@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import tempfile
 import zipfile
-import zlib
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path, PurePosixPath
@@ -13,6 +12,7 @@ from typing import Protocol
 import numpy as np
 
 from splatreel.errors import GaussiansError
+from splatreel.scene.archives import copy_member, naming_damage
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.memory_budget import UNRAISED, MemoryBudget
 from splatreel.scene.remarks import Remarks
@@ -23,7 +23,6 @@ from splatreel.sequence.splat_file import columns_of, is_antialiased, read_splat
 
 OTHER_MARK = "Points are marked differently for antialiasing than those of the first frame, and are drawn as those"
 """Remark on files whose marks differ."""
-_BLOCK = 1 << 20
 
 
 class Frames(Protocol):
@@ -115,10 +114,8 @@ class ZipFrames:
     def __init__(self, path: Path, gaps: Gaps = "refuse", budget: MemoryBudget = UNRAISED) -> None:
         self.path, self.size = path, path.stat().st_size
         self.remarks = Remarks()
-        try:
+        with naming_damage(str(path), GaussiansError, "not a zip archive, or damaged"):
             self._archive = zipfile.ZipFile(path)
-        except (OSError, zipfile.BadZipFile) as error:
-            raise GaussiansError(f"{path}: is not a zip archive, or damaged ({error}). Copy it again.") from error
         members = find_members(path, self._archive)
         if not members:
             raise GaussiansError(f"{path}: holds no files of Gaussians (.ply, .splat, .ksplat, .spz or .sog).")
@@ -164,13 +161,11 @@ class ZipFrames:
         budget, source = MemoryBudget(self._budget.most, info.compress_size), f"{self.path}: {info.filename}"
         budget.check(info.file_size, info.compress_size, source, f"{info.file_size:,} unpacked bytes")
         with tempfile.TemporaryDirectory() as folder:
-            file = Path(folder) / PurePosixPath(info.filename).name
-            try:
-                with self._archive.open(info) as packed, file.open("wb") as target:
-                    while block := packed.read(_BLOCK):
-                        target.write(block)
-            except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as error:
-                raise GaussiansError(f"{source} is damaged ({error}). Copy it again.") from error
+            file = (
+                Path(folder) / f"frame{PurePosixPath(info.filename).suffix.lower()}"
+            )  # names of members can be too long
+            with naming_damage(source, GaussiansError), file.open("wb") as target:
+                copy_member(self._archive, info, target)
             try:
                 yield file
             except GaussiansError as error:

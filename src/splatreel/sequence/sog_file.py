@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import io
 import zipfile
-import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,6 +18,7 @@ import numpy as np
 from PIL import Image
 
 from splatreel.errors import GaussiansError
+from splatreel.scene.archives import naming_damage, read_member
 from splatreel.scene.memory_budget import UNRAISED, MemoryBudget, allowed_memory, points_memory
 from splatreel.scene.ply_table import Columns
 from splatreel.scene.untrusted import numbers, parse_json, read_file
@@ -70,7 +70,7 @@ def is_sog_antialiased(path: Path) -> bool:
 @contextmanager
 def _opened(path: Path) -> Iterator[_Package]:
     """Open the files of a scene. Any fault of them is raised as `GaussiansError`."""
-    try:
+    with naming_damage(str(path), GaussiansError, "a damaged SOG file", "Export it again."):
         if path.name == META:
             folder = path.parent
             size = sum(file.stat().st_size for file in (path, *folder.glob("*.webp")))
@@ -78,12 +78,6 @@ def _opened(path: Path) -> Iterator[_Package]:
             return
         with zipfile.ZipFile(path) as archive:
             yield _Package(path, lambda name: _member(archive, name), path.stat().st_size)
-    except OSError as error:
-        raise GaussiansError(f"{path}: cannot be read ({error.strerror or error}).") from error
-    except (KeyError, IndexError, TypeError, ValueError, EOFError, NotImplementedError, RuntimeError) as error:
-        raise GaussiansError(f"{path}: is a damaged SOG file ({error!s:.80}). Export it again.") from error
-    except (zipfile.BadZipFile, zlib.error, Image.DecompressionBombError) as error:
-        raise GaussiansError(f"{path}: is a damaged SOG file ({error!s:.80}). Export it again.") from error
 
 
 def _member(archive: zipfile.ZipFile, name: str) -> bytes:
@@ -91,7 +85,7 @@ def _member(archive: zipfile.ZipFile, name: str) -> bytes:
     most = META_BYTES if name == META else MOST_BYTES
     if info.file_size > most or (name != META and info.file_size > allowed_memory(info.compress_size)):
         raise ValueError(f"{name} has {info.file_size:,} bytes")
-    return archive.read(info)
+    return read_member(archive, info)
 
 
 def _read_meta(package: _Package) -> dict[str, Any]:
@@ -176,10 +170,13 @@ class _Sog:
         data = self._package.load(name)
         width, height = _webp_size(data)
         self._check(_PIXEL * width * height, f"{name} of {width:,} x {height:,} pixels")
-        with Image.open(io.BytesIO(data), formats=["WEBP"]) as image:
-            if image.size != (width, height):
-                raise ValueError(f"{name} states two sizes")
-            return np.asarray(image.convert("RGBA"))
+        try:
+            with Image.open(io.BytesIO(data), formats=["WEBP"]) as image:
+                if image.size != (width, height):
+                    raise ValueError(f"{name} states two sizes")
+                return np.asarray(image.convert("RGBA"))
+        except Image.DecompressionBombError as error:
+            raise ValueError(str(error)) from error
 
 
 def _webp_size(data: bytes) -> tuple[int, int]:

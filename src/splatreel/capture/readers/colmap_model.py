@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.util
 import re
 import shutil
 import signal
@@ -19,6 +20,7 @@ import numpy as np
 from splatreel.capture.files import list_folder, natural_key
 from splatreel.command_line import install_command
 from splatreel.errors import CaptureError, MissingDependencyError
+from splatreel.process import signals_held
 
 PLACES = ("sparse", "sparse_", "colmap/sparse", ".")
 """Folders that hold a model, or numbered folders with a model each. 4DGaussians uses `sparse_`."""
@@ -112,16 +114,25 @@ def stem(image: Any) -> str:
 def import_pycolmap() -> ModuleType:
     """Return the module pycolmap. Raise `MissingDependencyError` if it is not installed.
 
-    PyAV must be loaded before pycolmap, otherwise either may crash.
+    PyAV must be loaded before pycolmap, otherwise either may crash. The import installs a handler of SIGTERM that prints
+    a stack trace and can hang. The signal is held until the previous handler is back.
     """
-    ended_by = signal.getsignal(signal.SIGTERM)
-    try:
-        import pycolmap
-    except ImportError as error:
-        raise MissingDependencyError(NO_PYCOLMAP) from error
-    if ended_by is not None and threading.current_thread() is threading.main_thread():
-        signal.signal(signal.SIGTERM, ended_by)  # pycolmap's logging treats the signal as a crash and aborts
+    with signals_held(signal.SIGTERM):
+        ended_by = signal.getsignal(signal.SIGTERM)
+        try:
+            import pycolmap
+        except ImportError as error:
+            raise MissingDependencyError(NO_PYCOLMAP) from error
+        finally:
+            if ended_by is not None and threading.current_thread() is threading.main_thread():
+                signal.signal(signal.SIGTERM, ended_by)
     return pycolmap
+
+
+def require_pycolmap() -> None:
+    """Raise `MissingDependencyError` if pycolmap is not installed. This does not import it, as `import_pycolmap` does."""
+    if importlib.util.find_spec("pycolmap") is None:
+        raise MissingDependencyError(NO_PYCOLMAP)
 
 
 def _suffix(folder: Path) -> str | None:

@@ -17,7 +17,7 @@ import torch
 
 from splatreel import threads
 from splatreel.errors import UsageError
-from splatreel.process import interrupts_held
+from splatreel.process import signals_held
 from splatreel.progress import Progress, Silent, parts_of
 from splatreel.recon.encode.group_writer import PresentationHook, no_presentation
 from splatreel.recon.jobs import ChapteredRun, scene_job
@@ -206,7 +206,7 @@ class WorkerPool:
         place = self._places.popleft()
         arguments = (self._spec, self._threads, place, theirs)
         process = context.Process(target=serve_chapters, args=arguments, name="splatreel worker", daemon=True)
-        with interrupts_held():
+        with signals_held(signal.SIGINT):
             process.start()
         theirs.close()
         self._workers.append(Worker(process, mine, place))

@@ -1,3 +1,4 @@
+import time
 from pathlib import Path
 
 import numpy as np
@@ -44,3 +45,43 @@ def test_damaged_matrices_are_named(tmp_path: Path, old: str, new: str, message:
     (tmp_path / "a.yml").write_text(text.replace(old, new))
     with pytest.raises(CaptureError, match=message):
         OpenCVStorage(tmp_path / "a.yml").matrix("K")
+
+
+def seconds(file: Path, text: str) -> float:
+    """Return the processor time that reading a text takes."""
+    file.write_text("%YAML:1.0\n---\n" + text)
+    start = time.process_time()
+    OpenCVStorage(file)
+    return time.process_time() - start
+
+
+@pytest.mark.parametrize(
+    "part", [" ", "\n", "\t", "k: [ 1\n", "k: !!opencv-matrix\n rows: 1\n cols: 1\n dt: d\n data: [ 1\n"]
+)
+def test_time_is_linear_in_the_size_of_the_file(tmp_path: Path, part: str) -> None:
+    """Quadratic time would be a hundred times longer for ten times the size."""
+    small, large = (seconds(tmp_path / "a.yml", f"a: 1{part * count}x\n") for count in (4_000, 40_000))
+    assert large < 40 * max(small, 0.02)
+
+
+def test_value_keeps_no_blanks_at_its_end(tmp_path: Path) -> None:
+    (tmp_path / "a.yml").write_text("%YAML:1.0\n---\nwidth: 160 \t \nmodel: a b  \n")
+    assert OpenCVStorage(tmp_path / "a.yml").number("width") == 160
+
+
+@pytest.mark.parametrize("encoding", ["utf-7", "utf-32", "no-such", "idna", "utf-16"])
+def test_declared_encodings_of_xml_raise_no_other_errors(tmp_path: Path, encoding: str) -> None:
+    text = f'<?xml version="1.0" encoding="{encoding}"?><opencv_storage><width>160</width></opencv_storage>'
+    (tmp_path / "a.xml").write_text(text)
+    assert OpenCVStorage(tmp_path / "a.xml").number("width") == 160
+
+
+def test_numbers_of_thousands_of_digits_are_refused(tmp_path: Path) -> None:
+    rows = "9" * 5000
+    text = f"%YAML:1.0\n---\nK: !!opencv-matrix\n   rows: {rows}\n   cols: 2\n   dt: d\n   data: [ 1., 2. ]\n"
+    (tmp_path / "a.yml").write_text(text)
+    with pytest.raises(CaptureError, match=r"a\.yml: cannot be read"):
+        OpenCVStorage(tmp_path / "a.yml")
+    (tmp_path / "a.xml").write_text(f"<opencv_storage><K><rows>{rows}</rows><data>1</data></K></opencv_storage>")
+    with pytest.raises(CaptureError, match=r"a\.xml"):
+        OpenCVStorage(tmp_path / "a.xml")

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from splatreel.capture.opening import open_capture
+from splatreel.capture.readers.calibrations.toml_cameras import read_toml
 from splatreel.errors import CaptureError
 from tests.capture import blobs, folders
 
@@ -141,3 +142,20 @@ def test_two_files_must_agree(tmp_path: Path) -> None:
     (tmp_path / "b.toml").write_text(text.replace("translation = [", "translation = [0.1, 0.2, 3.0]\nother = ["))
     with pytest.raises(CaptureError, match=r"two calibrations, a\.toml and b\.toml, whose cameras differ"):
         open_capture(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        (".".join(["a"] * 100_000) + " = 1", "a key with more than 16 dots"),
+        ("[" + " . ".join(['"a b"', "c"] * 50_000) + "]", "a key with more than 16 dots"),
+        ("a" * 1_000_000, "is no TOML file"),
+        ("a = " + "9" * 5000, "is no TOML file"),
+        ("a = " + "[" * 5000, "is no TOML file"),
+    ],
+    ids=["dotted", "quoted", "long", "digits", "nested"],
+)
+def test_hostile_lines_are_refused_at_once(tmp_path: Path, line: str, message: str) -> None:
+    (tmp_path / "a.toml").write_text(line)
+    with pytest.raises(CaptureError, match=rf"a\.toml: .*{message}"):
+        read_toml(tmp_path / "a.toml")

@@ -18,12 +18,13 @@ from splatreel.capture.readers.calibrations.rig import naming, read_text, read_x
 from splatreel.errors import CaptureError
 
 MATRIX = re.compile(
-    r"^([\w.-]+):\s*!!opencv-(?:nd-)?matrix\s+(rows:\s*\d+\s+cols:\s*\d+|sizes:\s*\[[^\]]*\])\s+dt:\s*\S+\s+data:\s*\[([^\]]*)\]",
+    r"^([\w.-]+):\s*!!opencv-(?:nd-)?matrix\s+(rows:\s*\d+\s+cols:\s*\d+|sizes:\s*\[[^\[\]]*\])\s+dt:\s*\S+\s+data:\s*"
+    r"\[([^\[\]]*)\]",  # an unclosed bracket ends at the next one, so that the search stays linear
     re.MULTILINE,
 )
-SCALAR = re.compile(r"^([\w.-]+):[ \t]*([^\s!\[{\"][^\n]*?)[ \t]*$", re.MULTILINE)
+SCALAR = re.compile(r"^([\w.-]+):[ \t]*([^\s!\[{\"][^\n]*)$", re.MULTILINE)
 TEXT = re.compile(r'^(\w+):[ \t]*"([^"\n]*)"[ \t]*$', re.MULTILINE)
-LIST = re.compile(r"^(\w+):[ \t]*((?:\n[ \t]+-[^\n]*)+|\[[^\]]*\])", re.MULTILINE)
+LIST = re.compile(r"^(\w+):[ \t]*((?:\n[ \t]+-[^\n]*)+|\[[^\[\]]*\])", re.MULTILINE)
 ENTRY = re.compile(r'"([^"]*)"|([^\s,\[\]"]+)')
 
 
@@ -39,11 +40,12 @@ class OpenCVStorage:
         self._matrices: dict[str, tuple[list[int], str]] = {}
         self._scalars: dict[str, str] = {}
         self._strings: dict[str, list[str]] = {}
-        if file.suffix.lower() == ".xml":
-            for node in read_xml(file):
-                self._add_xml(node)
-        else:
-            self._add_yaml(read_text(file).replace("\r\n", "\n"))
+        with naming(str(file)):
+            if file.suffix.lower() == ".xml":
+                for node in read_xml(file):
+                    self._add_xml(node)
+            else:
+                self._add_yaml(read_text(file).replace("\r\n", "\n"))
         self.known = {*self._matrices, *self._scalars, *self._strings}
 
     def first(self, keys: tuple[str, ...]) -> np.ndarray | None:
@@ -89,7 +91,7 @@ class OpenCVStorage:
     def _add_yaml(self, text: str) -> None:
         for key, shape, data in MATRIX.findall(text):
             self._matrices[key] = [int(number) for number in re.findall(r"\d+", shape)], data
-        self._scalars = dict(SCALAR.findall(text))
+        self._scalars = {key: value.rstrip(" \t") for key, value in SCALAR.findall(text)}
         self._strings = {key: _entries(part) for key, part in LIST.findall(text)}
         self._strings |= {key: [value] for key, value in TEXT.findall(text)}
 

@@ -98,8 +98,8 @@ def read_xml(file: Path) -> ElementTree.Element:
     if "<!DOCTYPE" in text or "<!ENTITY" in text:
         raise CaptureError(f"{file}: declares a document type, which no calibration needs. Export it again.")
     try:
-        return ElementTree.fromstring(text.encode())
-    except ElementTree.ParseError as error:
+        return ElementTree.fromstring(text)  # a text is not decoded again, whatever encoding it declares
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
         raise CaptureError(f"{file}: is no complete XML file ({error}). Export the calibration again.") from error
 
 

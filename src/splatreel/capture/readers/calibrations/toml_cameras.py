@@ -21,6 +21,11 @@ from splatreel.errors import CaptureError
 
 KEYS = (rb"(?m)^\s*matrix\s*=", rb"(?m)^\s*translation\s*=", rb"(?m)^\s*size\s*=")
 
+DEEPEST = 16
+"""Maximum number of dots in a key. The parser takes quadratic time for long ones."""
+_PART = r"""(?:"[^"\n]*+"|'[^'\n]*+'|[\w-]++)"""
+_DEEP_KEY = re.compile(rf"(?<![\w-])(?:{_PART}[ \t]*+\.[ \t]*+){{{DEEPEST + 1}}}")
+
 
 def is_toml(file: Path, head: bytes) -> bool:
     """Return whether the start of a file is that of a calibration in TOML."""
@@ -30,9 +35,11 @@ def is_toml(file: Path, head: bytes) -> bool:
 def read_toml(file: Path) -> Rig:
     """Return the cameras of a TOML file. Cameras without a pose are left out."""
     text = read_text(file)
+    if _DEEP_KEY.search(text) is not None:
+        raise CaptureError(f"{file}: has a key with more than {DEEPEST} dots. Export the calibration again.")
     try:
         content = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+    except (ValueError, RecursionError) as error:  # also integers of thousands of digits
         raise CaptureError(f"{file}: is no TOML file ({error}). Export the calibration again.") from error
     nested = content.get("cameras")
     tables = {f"cam_{key}": table for key, table in nested.items()} if isinstance(nested, dict) else content
