@@ -1,11 +1,10 @@
 /** Files of a reel without a network: dropped on the page, or embedded in it. */
 import { PLAIN, ReelError, messageOf } from "../base/errors";
-import { utf8 } from "../reel/json";
 import { isIntact } from "./checksum";
 import type { LocalFile, Source, Watcher } from "./source";
 
 /** Maximum bytes of a manifest and of an image after decompression. */
-export const LONGEST_MANIFEST = 16 << 20;
+const LONGEST_MANIFEST = 16 << 20;
 const LONGEST_PICTURE = 64 << 20;
 
 /** The files of one local reel. */
@@ -30,7 +29,7 @@ export class LocalFiles {
     const part = this.find("manifest.json");
     if (!part) throw new ReelError(`${this.name} is not a reel: it has no manifest.json.`, { plain: `${this.name} is not a reel: it has no manifest.json.` });
     try {
-      return utf8(await (await unpacked(part, LONGEST_MANIFEST)).arrayBuffer());
+      return await (await unpacked(part, LONGEST_MANIFEST)).text();
     } catch (error) {
       throw new ReelError(`The manifest.json of ${this.name} cannot be read: ${messageOf(error)}.`, { cause: error });
     }
