@@ -65,9 +65,8 @@ except splatreel.SplatreelError as error:
 
 
 def test_rendered_images_are_within_0_and_1() -> None:
-    bright = splatreel.Gaussians(
-        means=[[0, 0, 2]], quats=[[1, 0, 0, 0]], scales=[[0.5] * 3], opacities=[0.99], sh=[[[9.0, 9.0, 9.0]]]
-    )
+    values = [[0, 0, 2]], [[1, 0, 0, 0]], [[0.5] * 3], [0.99], [[[9.0, 9.0, 9.0]]]
+    bright = splatreel.Gaussians(*(np.array(value, np.float32) for value in values))
     camera = splatreel.Camera("view", np.eye(4), np.array([[16, 0, 8], [0, 16, 8], [0, 0, 1]]), 16, 16)
     image = splatreel.render(bright, camera)
     assert image.max() == 1

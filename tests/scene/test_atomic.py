@@ -102,7 +102,7 @@ def shared(fails: int, winerror: int, act: Callable[..., None]) -> Callable[...,
         if left[0]:
             left[0] -= 1
             error = PermissionError(13, "The process cannot access the file")
-            error.winerror = winerror
+            setattr(error, "winerror", winerror)  # noqa: B010 - an attribute on Windows only
             raise error
         act(*arguments, **options)
 
