@@ -37,7 +37,7 @@ class NotebookBars:
         self.close()
         self._estimate.stage(total, span)
         self._name, self._numbers, self._drawn = name, "", self._clock()
-        self._bar = self._display(self._picture(), raw=True, display_id=True)
+        self._bar = self._display(self._bundle(), raw=True, display_id=True)
 
     def update(self, done: int, **numbers: float) -> None:
         """Report finished steps."""
@@ -56,9 +56,9 @@ class NotebookBars:
 
     def _draw(self) -> None:
         self._drawn = self._clock()
-        self._bar.update(self._picture(), raw=True)
+        self._bar.update(self._bundle(), raw=True)
 
-    def _picture(self) -> dict[str, str]:
+    def _bundle(self) -> dict[str, str]:
         """Return the bar as HTML and as text, by MIME type."""
         estimate = self._estimate
         seconds, left = format_seconds(estimate.stage_seconds), estimate.seconds_left()

@@ -14,7 +14,7 @@ from tests.evaluation import scenes
 
 SOURCE = ReelSource(0, ("cam03",))
 OPENED = {"tables": None, "width": scenes.WIDTH, "scale": None, "frames": (0, 5), "held_out": ["cam03"]}
-"""How a capture is opened for a reel whose manifest has `SOURCE`."""
+"""Arguments with which a capture is opened for a reel whose manifest has `SOURCE`."""
 
 
 @pytest.fixture

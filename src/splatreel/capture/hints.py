@@ -7,7 +7,7 @@ from pathlib import Path
 
 from splatreel.capture.base import MIN_CAMERAS
 from splatreel.capture.files import list_folder
-from splatreel.capture.image_sequences import flat_pictures
+from splatreel.capture.image_sequences import flat_images
 from splatreel.capture.readers.colmap import camera_folders, unread_videos, video_files
 
 MOST_NAMED = 4
@@ -44,7 +44,7 @@ def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
                 f"{place} holds pictures of {len(pictures)} cameras ({_listed(list(pictures))}) without poses of these cameras. Run "
                 f"`splatreel capture calibrate {place}`."
             )
-    return next((advice for place in [folder, *inside] if (advice := flat_pictures(place))), None)
+    return next((advice for place in [folder, *inside] if (advice := flat_images(place))), None)
 
 
 def _listed(names: list[str]) -> str:

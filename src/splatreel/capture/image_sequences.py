@@ -129,7 +129,7 @@ def image_files(folder: Path) -> list[Path]:
     return [file for file in list_folder(folder) if file.suffix.lower() in IMAGE_SUFFIXES and file.is_file()]
 
 
-def flat_pictures(folder: Path) -> str | None:
+def flat_images(folder: Path) -> str | None:
     """Return advice about a folder that holds the pictures of several cameras itself, such as cam00_0001.png, or None."""
     files = image_files(folder)
     for pattern in (FRAME_FIRST, CAMERA_FIRST):

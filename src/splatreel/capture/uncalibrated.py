@@ -9,7 +9,7 @@ import numpy as np
 
 from splatreel.capture.base import MIN_CAMERAS, Request
 from splatreel.capture.file_capture import FrameSource
-from splatreel.capture.image_sequences import flat_pictures
+from splatreel.capture.image_sequences import flat_images
 from splatreel.capture.readers.colmap import camera_folders, is_colmap, unread_videos, videos_but
 from splatreel.capture.readers.neu3dv import POSES
 from splatreel.capture.sidecar import read_sidecar
@@ -35,7 +35,7 @@ def uncalibrated_files(path: Path, leave_out: Sequence[str]) -> CameraFiles:
     files = camera_files(path, leave_out)
     if len(files) < MIN_CAMERAS:
         others = "".join(f" {sentence}." for sentence in unread_videos(path))
-        others += f" {flat}" if (flat := flat_pictures(path) or flat_pictures(path / "images")) else ""
+        others += f" {flat}" if (flat := flat_images(path) or flat_images(path / "images")) else ""
         raise CaptureError(
             f"{path}: videos or folders of pictures of {len(files)} cameras ({', '.join(files) or 'none'}), at least {MIN_CAMERAS} are "
             f"needed. Add the others.{others}"

@@ -20,7 +20,7 @@ from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import Files, list_folder
 from splatreel.capture.growing.segmented_video import segment_files
-from splatreel.capture.image_sequences import IMAGE_SUFFIXES, flat_pictures, image_files
+from splatreel.capture.image_sequences import IMAGE_SUFFIXES, flat_images, image_files
 from splatreel.capture.images import image_size
 from splatreel.capture.lens import Lens, common_size, undistorted_camera
 from splatreel.capture.readers.colmap_model import FRAME, Model, ModelCamera, model_folders, read_model
@@ -275,7 +275,7 @@ def _image_folders(
             missing.append(f"{folder} lacks {len(absent)} of {len(names)}, the first is {absent[0]}")
     if not folders:
         there = f" There are {', '.join(found)}." if found else ""
-        flat = [advice for folder in (path, path / "images") if (advice := flat_pictures(folder))]
+        flat = [advice for folder in (path, path / "images") if (advice := flat_images(folder))]
         there += f" {flat[0]}" if flat else ""
         raise CaptureError(
             f"{path}: no folder images, images_2, ... holds the images of all {len(names)} cameras of the model"

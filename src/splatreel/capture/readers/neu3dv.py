@@ -17,7 +17,7 @@ import numpy as np
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import natural_key
-from splatreel.capture.image_sequences import flat_pictures
+from splatreel.capture.image_sequences import flat_images
 from splatreel.capture.lens import common_size, fitted_camera
 from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.readers.calibrated import is_calibrated
@@ -95,7 +95,7 @@ def _names(path: Path, found: list[str], rows: int, request: Request, notes: lis
     kept = [name for name in everything if name not in request.left_out]
     names = next((names for names in (everything, found, kept) if len(names) == rows), None)
     if names is None or not kept or not set(kept) <= set(found):
-        flat = None if found else flat_pictures(path) or flat_pictures(path / "images")
+        flat = None if found else flat_images(path) or flat_images(path / "images")
         advice = f" {flat}" if flat else ""
         raise CaptureError(
             f"{path}: {len(found)} videos (cam*.mp4, or of another kind) or folders of pictures, but {rows} rows in {POSES}. There are "

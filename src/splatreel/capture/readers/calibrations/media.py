@@ -14,7 +14,7 @@ from typing import Any
 
 from splatreel.capture.files import list_folder
 from splatreel.capture.growing.segmented_video import segment_files
-from splatreel.capture.image_sequences import IMAGE_SUFFIXES, flat_pictures, image_files
+from splatreel.capture.image_sequences import IMAGE_SUFFIXES, flat_images, image_files
 from splatreel.capture.video import VIDEO_SUFFIXES
 from splatreel.errors import CaptureError
 
@@ -173,7 +173,7 @@ def _unpaired(path: Path, names: list[str], origin: Path, groups: list[_Group]) 
     place = best.folder.relative_to(path).as_posix()
     alike = get_close_matches(absent[0], list(best.files), 1)
     hint = f" Is it {alike[0]!r}?" if alike else ""
-    if flat := flat_pictures(best.folder):
+    if flat := flat_images(best.folder):
         hint = f" {flat}"
     return CaptureError(
         f"{path}: no {best.kind} in {place} belong to {len(absent)} of the {len(names)} cameras in {origin.name}, the first is "
