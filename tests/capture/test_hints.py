@@ -49,7 +49,7 @@ def test_capture_in_a_subfolder_is_named(tmp_path: Path) -> None:
     ],
 )
 @pytest.mark.parametrize("kind", ["alone", "poses_bounds", "colmap"])
-def test_pictures_of_all_cameras_in_one_folder(tmp_path: Path, name: str, camera: str, kind: str) -> None:
+def test_images_of_all_cameras_in_one_folder(tmp_path: Path, name: str, camera: str, kind: str) -> None:
     place = tmp_path / ("images" if kind == "colmap" else "")
     if kind == "colmap":
         pytest.importorskip("pycolmap")
@@ -64,7 +64,7 @@ def test_pictures_of_all_cameras_in_one_folder(tmp_path: Path, name: str, camera
         open_capture(tmp_path)
 
 
-def test_pictures_of_one_camera_get_no_such_advice(tmp_path: Path) -> None:
+def test_images_of_one_camera_get_no_such_advice(tmp_path: Path) -> None:
     for t in range(6):
         Image.new("RGB", (4, 4)).save(tmp_path / f"IMG_{t:04d}.png")
     with pytest.raises(CaptureError, match="holds none of these"):

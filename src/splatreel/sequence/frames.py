@@ -161,9 +161,8 @@ class ZipFrames:
         budget, source = MemoryBudget(self._budget.most, info.compress_size), f"{self.path}: {info.filename}"
         budget.check(info.file_size, info.compress_size, source, f"{info.file_size:,} unpacked bytes")
         with tempfile.TemporaryDirectory() as folder:
-            file = (
-                Path(folder) / f"frame{PurePosixPath(info.filename).suffix.lower()}"
-            )  # names of members can be too long
+            # The file does not bear the name of the member, which can be too long.
+            file = Path(folder) / f"frame{PurePosixPath(info.filename).suffix.lower()}"
             with naming_damage(source, GaussiansError), file.open("wb") as target:
                 copy_member(self._archive, info, target)
             try:

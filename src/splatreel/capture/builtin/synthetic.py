@@ -112,9 +112,8 @@ def make_capture(
             folder.mkdir()
             if not trace and _is_shipped(recipe):
                 for file in SHIPPED.iterdir():
-                    shutil.copyfile(
-                        file, folder / file.name
-                    )  # without the permissions of the package, which may be read-only
+                    # Without the permissions of the package, which may be read-only.
+                    shutil.copyfile(file, folder / file.name)
             else:
                 _write(folder, recipe, progress or (lambda share: None))
             move(folder, path)
