@@ -72,10 +72,11 @@ def test_warmup_reports_progress_while_waiting(monkeypatch: pytest.MonkeyPatch) 
         return subprocess.Popen([sys.executable, "-c", program], stdin=pipe, stdout=pipe, text=True)
 
     monkeypatch.setattr(warmup, "_start", slow)
-    monkeypatch.setattr(warmup, "NOTE_AFTER", 0.0)
     notes = Notes()
     running = warmup.BackgroundWarmup(notes, ["one", "two"], processes=1)
-    running.wait_for("one")
+    while "one" not in running._done:
+        time.sleep(0.01)
+    monkeypatch.setattr(warmup, "NOTE_AFTER", 0.0)
     waiting = threading.Thread(target=running.wait_for, args=("two",))
     waiting.start()
     while not notes.lines:
