@@ -11,14 +11,14 @@ from typing import Annotated
 import tyro
 
 from record import record
+from splatreel.base.process import keep_freed_memory
+from splatreel.base.progress import console
 from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed, parse_settings
 from splatreel.evaluation.bench.paper_bench import PaperBench
 from splatreel.evaluation.bench.paper_pictures import PICTURES
 from splatreel.evaluation.bench.paper_run import TITLES, write_table
-from splatreel.process import keep_freed_memory
-from splatreel.progress import console
 
 Names = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
 

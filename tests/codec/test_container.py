@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from safetensors.numpy import load
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.container import FileHeader, pack_file, unpack_file, write_atomically
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
 from splatreel.codec.section import Section
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReelError
 from tests.codec.reels import CONFIG, new_group, points
 
 HEADER = FileHeader("group", 3, 7, 90, 35)

@@ -7,6 +7,7 @@ import json
 import numpy as np
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec import writer as writer_module
 from splatreel.codec.container import write_atomically
 from splatreel.codec.edit import edit_reel
@@ -17,7 +18,6 @@ from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReelError
 from tests.codec.reels import QUICK, add_chapter_group, new_group, new_writer, points, write_chapters
 from tests.files import contents
 

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
+from splatreel.base.errors import UsageError
 from splatreel.capture import opening
 from splatreel.codec.container import write_atomically
 from splatreel.codec.reader import ReelReader
 from splatreel.edit.clip_writer import write_clip
 from splatreel.edit.operations import apply_operations
 from splatreel.edit.reel_clip import ReelClip
-from splatreel.errors import UsageError
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.reel_capture import open_reel_capture, work_of
 from splatreel.scene.reel_source import ReelSource

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from splatreel.base.errors import ReelError
 from splatreel.codec import container
 from splatreel.codec.verify import verify_reel
 from splatreel.codec.writer import ReelWriter
-from splatreel.errors import ReelError
 from splatreel.play.presentation_writer import PresentationWriter, jpeg_within
 from splatreel.play.timeline import open_reel
 from tests.codec.reels import new_group, new_writer, points

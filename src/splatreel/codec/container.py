@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import safetensors.numpy
 
+from splatreel.base.atomic import replacing
+from splatreel.base.errors import ReelError
 from splatreel.codec import budget
 from splatreel.codec.document import parse_object
 from splatreel.codec.quantize import integer
 from splatreel.codec.section import Section, Sections
-from splatreel.errors import ReelError
-from splatreel.scene.atomic import replacing
 
 VERSION = 1
 """Version of layer and group files. Manifests have their own version."""

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
+from splatreel.base.atomic import sweep
+from splatreel.base.errors import ReelError
 from splatreel.codec.container import write_atomically
 from splatreel.codec.manifest import Manifest, parse_manifest
 from splatreel.codec.presentation import check_text
 from splatreel.codec.source import open_source
-from splatreel.errors import ReelError
-from splatreel.scene.atomic import sweep
 
 
 def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.base.atomic import remove
+from splatreel.base.errors import ReelError
 from splatreel.codec.container import write_atomically
 from splatreel.codec.encoder import EncodedLayer, ReelEncoder
 from splatreel.codec.file_entry import FileEntry, birth_order
@@ -25,8 +27,6 @@ from splatreel.codec.written_reel import (
     read_written_manifest,
 )
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReelError
-from splatreel.scene.atomic import remove
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 

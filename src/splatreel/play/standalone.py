@@ -7,11 +7,11 @@ from base64 import b64encode
 from dataclasses import replace
 from pathlib import Path
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.container import unpack_file, write_atomically
 from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.presentation import Asset
 from splatreel.codec.reader import ReelReader
-from splatreel.errors import ReelError
 from splatreel.play.player_page import STATIC, with_metadata
 
 LOADER = re.compile(r'<script type="module" data-early>.*?</script>', re.S)

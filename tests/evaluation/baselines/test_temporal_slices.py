@@ -9,7 +9,7 @@ from splatreel.evaluation.baselines.shared_start import SharedStart
 from splatreel.evaluation.baselines.temporal_slices import SpaceTimePoints, TemporalSlices, train_slices
 from splatreel.evaluation.metrics import psnr
 from splatreel.kernels.image import render_image
-from splatreel.recon.train.points import default_rates
+from splatreel.method.train.points import default_rates
 from splatreel.scene.gaussians import Gaussians
 from tests.evaluation import scenes
 from tests.evaluation.baselines.starts import write_start

@@ -3,16 +3,16 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.base.errors import UsageError
+from splatreel.base.progress import Silent
 from splatreel.cli.main import main
 from splatreel.config import Config
-from splatreel.errors import UsageError
 from splatreel.evaluation.bench import paper_bench
 from splatreel.evaluation.bench.paper_bench import FULL, METHODS, PER_FRAME, PaperBench
-from splatreel.progress import Silent
-from splatreel.recon.machines.estimate import Estimate
-from splatreel.recon.machines.scaling import Division
-from splatreel.recon.pipeline import Result
-from splatreel.recon.run.store import StoredGroup, StoredLayer
+from splatreel.run.machines.estimate import Estimate
+from splatreel.run.machines.scaling import Division
+from splatreel.run.pipeline import Result
+from splatreel.run.store import StoredGroup, StoredLayer
 from tests.evaluation import scenes
 from tests.evaluation.baselines.starts import SECONDS, write_start
 from tests.evaluation.baselines.test_part_by_part import Clock, Sliding

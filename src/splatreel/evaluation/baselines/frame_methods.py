@@ -13,9 +13,9 @@ from splatreel.config import EncodeConfig
 from splatreel.evaluation.baselines.frame_training import add_points, move_points, train_freely, train_in_place
 from splatreel.evaluation.baselines.part_by_part import Frames
 from splatreel.evaluation.baselines.shared_start import SharedStart
-from splatreel.recon.encode.group_writer import group_importance
-from splatreel.recon.encode.importance import weigh
-from splatreel.recon.train.pictures import Pictures
+from splatreel.method.encode.importance import weigh
+from splatreel.method.train.pictures import Pictures
+from splatreel.run.output.group_writer import group_importance
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group

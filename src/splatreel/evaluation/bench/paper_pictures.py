@@ -28,8 +28,8 @@ from splatreel.evaluation.bench.picture_crops import (
 from splatreel.evaluation.pictures import layers_overlay, write_png
 from splatreel.evaluation.report import write_text
 from splatreel.play.timeline import open_reel
-from splatreel.recon.encode.reencode import reencode
-from splatreel.recon.run.device import pick_device
+from splatreel.run.device import pick_device
+from splatreel.run.output.reencode import reencode
 
 METHODS_SHOWN = (FULL, PER_FRAME, STREAMING, VIDEO, INDEPENDENT)
 PROGRESSIVE = (FULL, "w/o Prg.")

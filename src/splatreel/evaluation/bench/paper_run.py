@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from splatreel.errors import MissingDependencyError, UsageError
+from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.evaluation.bench.paper_bench import FULL, INDEPENDENT, PaperBench
 from splatreel.evaluation.bench.paper_comparisons import COMPARISONS
 from splatreel.evaluation.bench.paper_pictures import PICTURES, write_figure
