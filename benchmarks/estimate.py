@@ -40,7 +40,7 @@ def measure(case: Case, out: Path) -> dict:
     quiet_threads()
     threads.use(1)
     keep_freed_memory()
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.run.machine_speed import measure_speed
     from splatreel.run.machines.estimate import estimate
     from splatreel.run.machines.local_processes import division_of

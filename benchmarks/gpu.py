@@ -28,8 +28,8 @@ from curve import reconstruct_until
 from parity import differences, drawing
 from record import RESULTS, ROOT, record
 from splatreel.base import threads
+from splatreel.base.display import console
 from splatreel.base.process import keep_freed_memory
-from splatreel.base.progress import console
 from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed

@@ -10,8 +10,8 @@ from pathlib import Path
 import tyro
 
 from record import machine, record
+from splatreel.base.display import console
 from splatreel.base.process import peak_memory_bytes
-from splatreel.base.progress import console
 from splatreel.capture.opening import open_capture
 from splatreel.cli.options import parse_frames, parse_names, parse_numbers, reel_folder
 from splatreel.config import Quality, preset

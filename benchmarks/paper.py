@@ -11,8 +11,8 @@ from typing import Annotated
 import tyro
 
 from record import record
+from splatreel.base.display import console
 from splatreel.base.process import keep_freed_memory
-from splatreel.base.progress import console
 from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed, parse_settings

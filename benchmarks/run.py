@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from record import machine, record, summary
+from splatreel.base.display import console
 from splatreel.base.process import keep_freed_memory
-from splatreel.base.progress import console
 from splatreel.capture.base import Capture
 from splatreel.codec.info import reel_info
 from splatreel.config import Config

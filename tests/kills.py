@@ -112,7 +112,7 @@ class Moments:
 
     def watch(self) -> None:
         """Let everything count from now on."""
-        from splatreel.base.progress import Lines
+        from splatreel.base.display import Lines
         from splatreel.method.train.group import GroupTrainer
         from splatreel.method.train.keyframe import KeyframeTrainer
 

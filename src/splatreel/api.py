@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from splatreel.base.command_line import missing_package
+from splatreel.base.display import console
 from splatreel.base.errors import MissingDependencyError
-from splatreel.base.progress import Cancellable, Progress, Silent, console
+from splatreel.base.progress import Cancellable, Progress, Silent
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
 from splatreel.codec.source import find_reel

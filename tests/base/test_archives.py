@@ -13,7 +13,7 @@ import pytest
 from splatreel.base.archives import naming_damage, read_member
 from splatreel.base.errors import GaussiansError
 from splatreel.base.untrusted import ArrayRows, read_arrays
-from splatreel.formats.sog_file import read_sog
+from splatreel.formats.sog import read_sog
 from splatreel.sequence.frames import ZipFrames
 from tests.sequence.films import frame, write_film
 

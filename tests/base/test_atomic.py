@@ -13,7 +13,7 @@ import pytest
 
 from splatreel.base import atomic
 from splatreel.base.atomic import lock, move, open_lock, remove, replacing, scratch, sweep, write_bytes
-from splatreel.base.errors import GaussiansError
+from splatreel.base.errors import StorageError
 from tests.windows import simulate_windows_locks
 
 KILLED = """
@@ -90,7 +90,7 @@ def test_replacing_accepts_long_names(tmp_path: Path) -> None:
 
 def test_write_error_names_the_file(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
-    with pytest.raises(GaussiansError, match=r"file/a\.ply: could not be written"):
+    with pytest.raises(StorageError, match=r"file/a\.ply: could not write"):
         write_bytes(tmp_path / "file" / "a.ply", b"")
 
 
@@ -130,7 +130,7 @@ def test_files_that_stay_open_are_an_error_in_the_end(tmp_path: Path, monkeypatc
     waits: list[float] = []
     monkeypatch.setattr(atomic, "time", SimpleNamespace(sleep=waits.append))
     monkeypatch.setattr(os, "replace", shared(1000, 32, os.replace))
-    with pytest.raises(GaussiansError, match=r"a\.ply: could not be written"):
+    with pytest.raises(StorageError, match=r"a\.ply: could not write"):
         write_bytes(tmp_path / "a.ply", b"")
     assert 5 < sum(waits) < 30
     assert names(tmp_path) == []

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
+from splatreel.base.display import console
 from splatreel.base.notebook import NotebookBars
-from splatreel.base.progress import console
 
 
 class Cell:

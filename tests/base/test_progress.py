@@ -4,16 +4,8 @@ import time
 
 import pytest
 
-from splatreel.base.progress import (
-    Estimate,
-    Lines,
-    Silent,
-    Terminal,
-    console,
-    format_numbers,
-    format_rounded,
-    format_seconds,
-)
+from splatreel.base.display import Lines, Terminal, console
+from splatreel.base.progress import Estimate, Silent, format_numbers, format_rounded, format_seconds
 
 
 class Clock:

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.base.display import Lines
 from splatreel.base.errors import UsageError
-from splatreel.base.progress import Lines
 from splatreel.cli import demo_player
 from splatreel.cli.demo_player import DemoPlayer
 from splatreel.codec.preview_writer import write_preview

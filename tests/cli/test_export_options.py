@@ -8,13 +8,11 @@ from typing import get_args
 import numpy as np
 import pytest
 
-from splatreel.cli.export import ProgramName
 from splatreel.cli.main import main
 from splatreel.formats.ply import read_columns, read_ply
-from splatreel.formats.programs import PROGRAMS
-from splatreel.formats.registry import FRAME_FORMATS
+from splatreel.formats.programs import PROGRAMS, FrameKind, ProgramName
+from splatreel.formats.registry import FRAME_FORMATS, is_antialiased, read_splats
 from splatreel.formats.remarks import Remarks
-from splatreel.formats.splat_file import is_antialiased, read_splats
 from splatreel.play.gaussian_export import GaussianExport
 from splatreel.play.timeline import Timeline, open_reel
 from splatreel.scene.volumes import Sphere
@@ -117,6 +115,7 @@ def far_reel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_names_of_programs_are_those_of_the_table() -> None:
     assert set(get_args(ProgramName)) == set(PROGRAMS)
+    assert set(get_args(FrameKind)) == set(FRAME_FORMATS)
     assert {kind for program in PROGRAMS.values() for kind in program.formats} <= set(FRAME_FORMATS)
 
 

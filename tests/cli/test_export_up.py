@@ -7,7 +7,7 @@ import pytest
 
 from splatreel.cli.main import main
 from splatreel.formats.ply import read_ply
-from splatreel.formats.spz_file import read_spz
+from splatreel.formats.spz import read_spz
 from splatreel.play.timeline import open_reel
 from tests.sequence.films import frame, write_film
 

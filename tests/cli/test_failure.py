@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from splatreel.base.errors import ReelError, SplatreelError
+from splatreel.base.errors import SplatreelError, StorageError
 from splatreel.cli.failure import explain
 from splatreel.cli.main import main
 
@@ -20,14 +20,14 @@ def caused(error: BaseException, cause: BaseException) -> BaseException:
 @pytest.mark.parametrize("code", [errno.ENOSPC, errno.EDQUOT])
 def test_full_disk_behind_an_error_of_ours_keeps_its_remedy(code: int) -> None:
     full = OSError(code, "No space left on device")
-    for error in (caused(ReelError("a.json: could not write 3 bytes."), full), full):
+    for error in (caused(StorageError("a.json: could not write 3 bytes."), full), full):
         found = explain(error, ["edit", "a"])
         assert found is not None
         text, exit_code = found
         assert exit_code == 1
         assert "the disk is full" in text
         assert "free some space, then run\n  splatreel edit a" in text
-    assert "a.json" in (explain(caused(ReelError("a.json: x."), full), []) or ("", 0))[0]
+    assert "a.json" in (explain(caused(StorageError("a.json: x."), full), []) or ("", 0))[0]
 
 
 def test_other_errors_of_ours_are_no_full_disk() -> None:

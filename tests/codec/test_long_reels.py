@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from splatreel.base.errors import ReelError
+from splatreel.base.atomic import write_bytes
+from splatreel.base.errors import ReelError, StorageError
 from splatreel.codec import writer as writer_module
-from splatreel.codec.container import write_atomically
 from splatreel.codec.edit import edit_reel
 from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.group_file import decode_group
@@ -234,7 +234,7 @@ def test_killed_writer_leaves_a_valid_reel_that_resumes(tmp_path, monkeypatch):
     for kind in ("layer", "group"):  # encoded once, taken from there each time
         monkeypatch.setattr(ReelEncoder, kind, remembering(getattr(ReelEncoder, kind)))
     go(tmp_path / "whole")
-    monkeypatch.setattr(writer_module, "write_atomically", may_be_killed(writer_module.write_atomically))
+    monkeypatch.setattr(writer_module, "write_bytes", may_be_killed(writer_module.write_bytes))
     monkeypatch.setattr(ReelWriter, "_delete", may_be_killed(ReelWriter._delete))
     killed = 0
     while left <= 0:
@@ -256,12 +256,12 @@ def test_full_disk_at_a_page_leaves_a_valid_reel(tmp_path, monkeypatch):
 
     def full(path, data):
         if path.parent.name == "pages":
-            raise ReelError(f"{path}: could not write")
-        write_atomically(path, data)
+            raise StorageError(f"{path}: could not write")
+        write_bytes(path, data)
 
     with monkeypatch.context() as patch:
-        patch.setattr(writer_module, "write_atomically", full)
-        with pytest.raises(ReelError, match="could not write"):
+        patch.setattr(writer_module, "write_bytes", full)
+        with pytest.raises(StorageError, match="could not write"):
             add_chapter_group(writer, 3, 4)
     assert verify_reel(tmp_path).groups == 3
     add_chapter_group(writer, 3, 4)

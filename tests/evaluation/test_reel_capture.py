@@ -8,9 +8,9 @@ from typing import Any
 
 import pytest
 
+from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import UsageError
 from splatreel.capture import opening
-from splatreel.codec.container import write_atomically
 from splatreel.codec.reader import ReelReader
 from splatreel.edit.clip_writer import write_clip
 from splatreel.edit.operations import apply_operations
@@ -58,7 +58,7 @@ def without_source(reel: Path, folder: Path) -> Path:
     """Return a copy of a reel as earlier versions wrote it."""
     shutil.copytree(reel, folder)
     manifest = replace(ReelReader(reel).manifest, source=None)
-    write_atomically(folder / "manifest.json", manifest.to_json().encode())
+    write_bytes(folder / "manifest.json", manifest.to_json().encode())
     return folder
 
 

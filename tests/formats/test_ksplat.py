@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from splatreel.base.errors import GaussiansError
+from splatreel.formats.registry import read_splats
 from splatreel.formats.remarks import Remarks
-from splatreel.formats.splat_file import read_splats
 from splatreel.scene.gaussians import C0, Gaussians
 from tests.golden import random_gaussians
 

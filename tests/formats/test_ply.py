@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from splatreel.base.errors import GaussiansError
+from splatreel.base.errors import GaussiansError, StorageError
 from splatreel.formats.ply import read_ply, write_ply
 from splatreel.formats.remarks import Remarks
 from splatreel.scene.gaussians import Gaussians
@@ -103,8 +103,9 @@ def test_ply_refuses_other_files(tmp_path, text, message):
 def test_ply_names_unusable_paths(tmp_path):
     with pytest.raises(GaussiansError, match="cannot be read"):
         read_ply(tmp_path / "none.ply")
-    with pytest.raises(GaussiansError, match="could not be written"):
-        write_ply(tmp_path / "none" / "a.ply", points())
+    (tmp_path / "file").touch()
+    with pytest.raises(StorageError, match=r"a\.ply: could not write"):
+        write_ply(tmp_path / "file" / "a.ply", points())
 
 
 @settings(max_examples=80, deadline=None)

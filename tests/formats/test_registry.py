@@ -5,9 +5,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.formats.registry import FRAME_FORMATS, Placement, format_of
+from splatreel.formats.registry import FRAME_FORMATS, HALF_TURN, Placement, format_of, read_splats
 from splatreel.formats.remarks import Remarks
-from splatreel.formats.splat_file import HALF_TURN, read_splats
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.turning import turned
 from tests.golden import random_gaussians

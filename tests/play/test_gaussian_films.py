@@ -5,8 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.formats.fourdgs import FourdgsScene
-from splatreel.formats.fourdgs_writer import write_fourdgs
+from splatreel.formats.fourdgs import FourdgsScene, write_fourdgs
 from splatreel.formats.usd import estimate_bytes, write_usd
 from splatreel.play.gaussian_export import GaussianExport
 from splatreel.play.timeline import open_reel

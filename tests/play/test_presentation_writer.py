@@ -146,7 +146,7 @@ def test_killed_edit_resumes_to_same_reel(tmp_path: Path, monkeypatch: pytest.Mo
         complete(writer, present)
 
     run(tmp_path / "whole")
-    writes, first = 0, container.write_atomically
+    writes, first = 0, container.write_bytes
 
     def write(path: Path, data: bytes) -> None:
         nonlocal writes
@@ -155,7 +155,7 @@ def test_killed_edit_resumes_to_same_reel(tmp_path: Path, monkeypatch: pytest.Mo
             raise KeyboardInterrupt
         first(path, data)
 
-    monkeypatch.setattr("splatreel.codec.writer.write_atomically", write)
+    monkeypatch.setattr("splatreel.codec.writer.write_bytes", write)
     for fatal in range(1, 30):
         writes = 0
         folder = tmp_path / str(fatal)

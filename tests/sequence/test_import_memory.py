@@ -14,9 +14,8 @@ import pytest
 
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import FLOOR, points_memory
-from splatreel.formats.registry import FRAME_FORMATS, Placement
+from splatreel.formats.registry import FRAME_FORMATS, Placement, read_splats
 from splatreel.formats.remarks import Remarks
-from splatreel.formats.splat_file import read_splats
 from splatreel.sequence.opening import open_frames
 from tests.golden import random_gaussians
 

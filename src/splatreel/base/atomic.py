@@ -18,7 +18,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from splatreel.base.errors import GaussiansError
+from splatreel.base.errors import StorageError
 
 
 def _import(name: str) -> Any:
@@ -105,17 +105,20 @@ def _until_closed(act: Callable[[], None]) -> None:
 
 
 def write_bytes(path: Path, data: bytes) -> None:
-    """Write a file completely or not at all.
+    """Write a file completely or not at all. Missing folders are created.
 
     Raises:
-        GaussiansError: The file cannot be written.
+        StorageError: The file cannot be written.
     """
     try:
+        path.parent.mkdir(parents=True, exist_ok=True)
         with replacing(path) as temporary:
             temporary.write_bytes(data)
     except OSError as error:
-        raise GaussiansError(
-            f"{path}: could not be written ({error.strerror}). Free space or choose a path."
+        raise StorageError(
+            f"{path}: could not write {len(data)} bytes ({error.strerror or error}). Free space or fix the "
+            "permissions, then run the same command again.",
+            lasting=True,
         ) from error
 
 

@@ -79,7 +79,7 @@ def codec(
         return show(bench_codec(points, frames, repeats), json)
     if capture is None or every < 1:
         raise UsageError("bench codec RUN needs the CAPTURE after it, and --every 1 or more.")
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.evaluation.bench.rate_distortion import Sweep, curves, rate_distortion_points, table
     from splatreel.evaluation.reel_capture import open_reel_capture
 
@@ -151,7 +151,7 @@ def oracle(
     config = configure(quality, None, None, seed)
     if iterations is not None:
         config = changed(config, {"keyframe.first_iterations": iterations})
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.bench.oracle import oracle as measure
     from splatreel.evaluation.reel_capture import open_reel_capture
@@ -207,7 +207,7 @@ def reconstruct(
     if repeats < 1 or against == quality:
         raise UsageError("bench reconstruct needs --repeats 1 or more, and an --against that is another quality.")
     configs = {name: configure(name, None, None, seed) for name in (quality, against) if name is not None}
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.evaluation.bench.provenance import append, label
     from splatreel.evaluation.bench.speed import bench_reconstruct
     from splatreel.run.device import pick_device
@@ -259,7 +259,7 @@ def paper(
     """
     use_threads(threads)
     config = with_set(configure(quality, None, None, seed), settings)
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.evaluation.bench.paper_bench import PaperBench
     from splatreel.evaluation.bench.paper_run import variants_of, write_table
 

@@ -52,7 +52,7 @@ def capture_check(
     """
     import numpy as np
 
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.capture.opening import open_capture
     from splatreel.capture.soundtrack import choose
 
@@ -153,7 +153,7 @@ def _say_each(sentences: Sequence[str], said: list[str]) -> None:
 
 def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bool) -> Coverage:
     """Measure how cameras cover the scene. `images`: [C, H, W, 3] uint8 of the first frame. `quick` leaves out the trial."""
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.method.coverage.coverage import cover
     from splatreel.run.device import pick_device
 
@@ -203,7 +203,7 @@ def capture_calibrate(
             )
         _calibrate_by_board(capture, board, board_videos, leave_out)
         return
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.calibration.calibrate import calibrate
     from splatreel.calibration.learned_matches import find_matcher
     from splatreel.calibration.uncalibrated import MODEL
@@ -222,7 +222,7 @@ def capture_calibrate(
 
 def _calibrate_by_board(capture: Path, spec: str, videos: Path | None, leave_out: str | None) -> None:
     """Calibrate by the sightings of a board, and report the result."""
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.calibration.board_calibration import calibrate_by_board
     from splatreel.calibration.boards.board import parse_board
     from splatreel.calibration.uncalibrated import MODEL
@@ -272,7 +272,7 @@ def capture_sync(capture: Positional[Path], /, leave_out: str | None = None, dry
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
         dry_run: Print what is found, and write nothing.
     """
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.calibration.synchronization.sync import synchronize
     from splatreel.capture.readers.colmap import unread_videos
 
@@ -312,7 +312,7 @@ def capture_convert(
         frames: Frames A to B - 1, as A:B; by default all.
         format: File format of the pictures. PNG keeps every pixel.
     """
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.capture.conversion import convert_capture
     from splatreel.capture.opening import open_capture
 
@@ -351,7 +351,7 @@ def capture_film(
         threads: Number of threads; by default one per core.
     """
     use_threads(threads)
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.capture.builtin.synthetic import HELD_OUT, film_with_progress, make_cameras
 
     with closing(console()) as progress:

@@ -59,7 +59,7 @@ def demo(
     """
     use_threads(threads)
     config = with_renditions(with_set(demo_config(quality, seed), settings), ())
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
 
     progress = console()
     with demo_player(progress, out, serve) as player:

@@ -75,7 +75,7 @@ def _edit_texts(reel: str | Path, given: dict[str, str]) -> None:
 
 def _edit_points(reel: str | Path, operations: list[str], out: Path, given: dict[str, str]) -> None:
     """Write the edited reel."""
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.edit.clip_writer import write_clip
     from splatreel.edit.operations import apply_operations, with_texts
     from splatreel.edit.reel_clip import ReelClip

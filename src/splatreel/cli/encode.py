@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 from tyro.conf import Positional
 
@@ -11,12 +11,9 @@ from splatreel.base.errors import UsageError
 from splatreel.cli.info import describe
 from splatreel.cli.options import Set, check_no_reel, parse_renditions, parse_set
 from splatreel.cli.printing import say
-from splatreel.cli.reconstruct import Codec
-from splatreel.config import COARSENESS, EncodeConfig, Rate
+from splatreel.config import COARSENESS, Codec, EncodeConfig, Rate, Source
 from splatreel.config.settings import changed
 from splatreel.config.settings import settings as known_settings
-
-Source = Literal["ofs", "ori", "dif", "raw"]
 
 
 def encode(
@@ -52,7 +49,7 @@ def encode(
             as float32. The web player plays ofs only.
         settings: Any setting of encode that `splatreel config` lists, such as encode.h265.crf_rotation=30; may be repeated.
     """
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.codec.info import reel_info
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.run.device import pick_device

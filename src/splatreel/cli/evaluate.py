@@ -55,7 +55,7 @@ def evaluate(
         raise UsageError(f"--lpips-every {lpips_every} is out of range. Choose 0 or more.")
     use_threads(threads)
     span, names, most = parse_frames(frames), parse_names(cameras, "--cameras"), megabytes(max_memory)
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.codec.reader import ReelReader
     from splatreel.evaluation.evaluate import evaluate as compare
     from splatreel.evaluation.reel_capture import open_reel_capture, work_of

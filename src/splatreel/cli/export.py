@@ -12,11 +12,11 @@ from splatreel.base.atomic import sweep
 from splatreel.base.errors import UsageError
 from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_frames, reel_folder
 from splatreel.cli.printing import counted, say
+from splatreel.formats.programs import FrameKind, Program, ProgramName
 
 if TYPE_CHECKING:
     import numpy as np
 
-    from splatreel.formats.programs import Program
     from splatreel.play.gaussian_export import GaussianExport
     from splatreel.play.timeline import Timeline
 
@@ -24,8 +24,6 @@ WIDEST = 8192
 """Largest side of a film in pixels, about what H.264 allows."""
 FILMS, FILM_UP = (".usdz", ".usdc", ".usda", ".4dgs"), "y"
 """Suffixes of files of Gaussians that hold all frames, and the axis that points up in them."""
-FrameKind = Literal["ply", "compressed-ply", "splat", "sog", "spz", "spz2", "spz4", "glb"]
-ProgramName = Literal["unity", "blender", "blender-kiri", "unreal", "supersplat", "three", "spark", "babylon"]
 LARGE = 100_000_000
 """Bytes of an export above which its size is said before it is written."""
 
@@ -128,7 +126,7 @@ def export(
     _say_losses(film, out, kind)
 
 
-def _kind(out: Path, format: FrameKind | None) -> str | None:
+def _kind(out: Path, format: FrameKind | None) -> FrameKind | None:
     """Return the format of files of one frame, or None for a file that holds all frames.
 
     Raises:
@@ -153,7 +151,7 @@ def _program(name: ProgramName | None) -> Program | None:
     return None if name is None else PROGRAMS[name]
 
 
-def _kind_for(program: Program, name: str, out: Path, format: FrameKind | None) -> str:
+def _kind_for(program: Program, name: str, out: Path, format: FrameKind | None) -> FrameKind:
     """Return the format of files for a program.
 
     Raises:
@@ -234,7 +232,7 @@ def _write_folder(film: GaussianExport, out: Path, kind: str, every: int) -> Non
 
 def _write_gaussian_film(film: GaussianExport, out: Path, every: int) -> None:
     """Write all frames into one file of Gaussians."""
-    from splatreel.formats.fourdgs_writer import write_fourdgs
+    from splatreel.formats.fourdgs import write_fourdgs
     from splatreel.formats.usd import estimate_bytes, write_usd
 
     times = list(film.seconds)
@@ -285,7 +283,7 @@ def _write_page(reel: str, out: Path, rendition: str | None) -> None:
 
 
 def _write_film(source: Timeline, times: list[float], out: Path, width: int | None, path: Path | None) -> None:
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.play.camera_path import read_path
     from splatreel.play.film import film_along_path, film_through_cameras, write_film
 

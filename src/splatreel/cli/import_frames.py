@@ -110,7 +110,7 @@ def import_frames(
         raise UsageError("--fit takes the up axis from --cameras. Leave out --up.")
     edit = changes.edit()
     use_threads(threads)
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.sequence.edits import edited
     from splatreel.sequence.opening import open_frames

@@ -33,7 +33,7 @@ def publish(reel: Positional[Path], url: Annotated[Positional[str], arg(metavar=
         url: Destination, such as s3://BUCKET/REEL or gs://BUCKET/REEL (needs splatreel[cloud]), or a folder.
         keep: Hours that files stay there after the reel does not need them any more. Viewers that have the reel open may ask for them.
     """
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.codec.publication import HOUR, Publication
     from splatreel.storage.retrying import RetryingFolder
 

@@ -15,12 +15,10 @@ from splatreel.cli.options import CaptureAddress, CaptureOptions, Set, parse_ren
 from splatreel.cli.printing import say
 from splatreel.cli.publish import publishing
 from splatreel.cli.reel_texts import ReelTexts
-from splatreel.config import Config, Quality, Rate, preset
+from splatreel.config import Codec, Config, Deformation, Quality, Rate, preset
 from splatreel.config.settings import changed
 
 Device = Literal["auto", "cpu", "cuda"]
-Codec = Literal["predictive", "h265"]
-Deformation = Literal["trajectory", "hashgrid"]
 
 
 @dataclass(frozen=True)
@@ -118,7 +116,7 @@ def reconstruct(
     if following.follow and (subject.masks is not None or config.region):
         raise UsageError("--masks and --region are for captures that are complete. Leave them out, or --follow.")
     machines.check(out, follow=following.follow, estimate=estimate)
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.evaluation.page.report_writer import ReportWriter
     from splatreel.evaluation.profile import profiled
     from splatreel.evaluation.tensorboard import EventWriter, check_tensorboard

@@ -14,7 +14,7 @@ def warmup(threads: int | None = None) -> None:
     """
     use_threads(threads)
     from splatreel.base import threads as limit
-    from splatreel.base.progress import console
+    from splatreel.base.display import console
     from splatreel.kernels.warmup import compile_kernels
 
     progress = console()

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 import safetensors.numpy
 
-from splatreel.base.atomic import replacing
 from splatreel.base.errors import ReelError
 from splatreel.codec import budget
 from splatreel.codec.document import parse_object
@@ -96,23 +94,6 @@ def unpack_file(data: bytes, most: int | None = None) -> tuple[FileHeader, Secti
     sections = {name: Section(_tensor(body, tensors, name), p) for name, p in parameters.items()}
     budget.check_memory(header.points, header.frames, sections, len(data), most)
     return header, sections
-
-
-def write_atomically(path: Path, data: bytes) -> None:
-    """Replace a file completely or not at all.
-
-    Raises:
-        ReelError: The disk refuses the write.
-    """
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as temporary:
-            temporary.write_bytes(data)
-    except OSError as error:
-        raise ReelError(
-            f"{path}: could not write {len(data)} bytes ({error.strerror or error}). Free space or fix the "
-            "permissions, then run the same command again."
-        ) from error
 
 
 def _tensor(body: memoryview, tensors: dict[str, Any], name: str) -> bytes:

@@ -10,6 +10,8 @@ from splatreel.config.values import Bits, Crf, Range, check
 Rate = Literal["high", "medium", "low"]
 COARSENESS: dict[Rate, float] = {"high": 0.3, "medium": 0.65, "low": 2.5}
 """Coarseness of each rate of the predictive codec, best first. The rate low has about half of the bytes of medium."""
+Codec = Literal["predictive", "h265"]
+Source = Literal["ofs", "ori", "dif", "raw"]
 
 
 @dataclass(frozen=True)
@@ -30,7 +32,7 @@ class H265Config:
     """Bits of a component of c_base, and of the codebook of c_rest."""
     weighted_codebook: bool = True
     """Weight points by their importance in the codebook of c_rest; in the paper all points count alike."""
-    source: Literal["ofs", "ori", "dif", "raw"] = "ofs"
+    source: Source = "ofs"
     """Coded form of the motion (Table 10): ofs, offsets; ori, positions and rotations; dif, differences from frame to frame; raw,
     offsets as float32. The web player plays ofs only."""
     crf: Crf = 20
@@ -51,7 +53,7 @@ class H265Config:
 class EncodeConfig:
     """Settings of the codec of a reel: the predictive codec, or the paper's codec."""
 
-    codec: Literal["predictive", "h265"] = "predictive"
+    codec: Codec = "predictive"
     """Codec: predictive, or h265 as in the paper, which has settings of its own."""
     coarseness: Annotated[float, Range(1e-3)] = 0.65
     """Factor on all quantization steps of the predictive codec. A reconstruction chooses its steps for the default. Higher is

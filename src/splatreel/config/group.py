@@ -8,6 +8,8 @@ from typing import Annotated, Literal
 from splatreel.base.errors import UsageError
 from splatreel.config.values import Count, Range, Share, Weight, check
 
+Deformation = Literal["trajectory", "hashgrid"]
+
 
 @dataclass(frozen=True)
 class GroupConfig:
@@ -17,7 +19,7 @@ class GroupConfig:
     """Frames of a group without the overlap."""
     overlap: Annotated[int, Range(0)] = 5
     """Frames that a group shares with the next one, in which the two cross-fade; less than length."""
-    deformation: Literal["trajectory", "hashgrid"] = "trajectory"
+    deformation: Deformation = "trajectory"
     """Model of motion: a spline for each point, or the paper's 4D hash grid."""
     iterations_per_frame: Count = 110
     """Training iterations for each frame of the group, overlap included."""

@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
+
+FrameKind = Literal["ply", "compressed-ply", "splat", "sog", "spz", "spz2", "spz4", "glb"]
+"""Formats of files of one frame, by the name that `splatreel export --format` takes."""
+ProgramName = Literal["unity", "blender", "blender-kiri", "unreal", "supersplat", "three", "spark", "babylon"]
 
 
 @dataclass(frozen=True)
@@ -17,12 +22,12 @@ class Program:
     """
 
     name: str
-    formats: tuple[str, ...]
+    formats: tuple[FrameKind, ...]
     degree: int | None = None
     reads_double: bool = True
 
 
-PROGRAMS = {
+PROGRAMS: dict[ProgramName, Program] = {
     # aras-p/UnityGaussianSplatting, package/Editor/Utils. SPZFileReader.cs: "header version unexpected" for any version but 2; it reads
     # 15 coefficients per point whatever the degree. PLYFileReader.cs and GaussianFileReader.cs: binary little endian, x to rot_3 must
     # be float; f_rest_N is taken as one of 45, so that degrees 1 and 2 are misread.

@@ -14,9 +14,14 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.base.atomic import write_bytes
-from splatreel.scene.gaussians import Gaussians
+from splatreel.base.errors import GaussiansError
+from splatreel.base.memory_budget import MemoryBudget, points_memory
+from splatreel.base.untrusted import read_file
+from splatreel.formats.ply_table import Columns
+from splatreel.scene.gaussians import C0, Gaussians
 
-SPLAT = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("color", "u1", 4), ("turn", "u1", 4)])
+MOST_BYTES = 1 << 34
+_POINT = np.dtype([("means", "<f4", 3), ("scales", "<f4", 3), ("color", "u1", 4), ("turn", "u1", 4)])
 """One point of a file."""
 
 
@@ -31,7 +36,7 @@ def write_splat(path: str | Path, gaussians: Gaussians) -> None:
         GaussiansError: The file cannot be written.
     """
     points = gaussians[np.argsort(-gaussians.opacities * gaussians.scales.prod(1), kind="stable")]
-    table = np.empty(len(points), SPLAT)
+    table = np.empty(len(points), _POINT)
     table["means"], table["scales"] = points.means, points.scales
     table["color"] = to_bytes(255 * np.concatenate([points.base_colors, points.opacities[:, None]], 1))
     table["turn"] = to_bytes(128 + 128 * points.quats)
@@ -41,3 +46,19 @@ def write_splat(path: str | Path, gaussians: Gaussians) -> None:
 def to_bytes(values: np.ndarray) -> np.ndarray:
     """Return values rounded and clamped to 0..255, uint8."""
     return np.rint(np.clip(values, 0, 255)).astype(np.uint8)
+
+
+def read_splat(path: Path, budget: MemoryBudget) -> Columns:
+    """Return the columns of a .splat file: 32 bytes per point, without view-dependent color."""
+    data = read_file(path, MOST_BYTES, GaussiansError)
+    if len(data) % _POINT.itemsize:
+        raise GaussiansError(f"{path}: has {len(data)} bytes, no multiple of {_POINT.itemsize}. Copy it again.")
+    count = len(data) // _POINT.itemsize
+    budget.check(len(data) + points_memory(count), len(data), str(path), f"{count:,} points")
+    table = np.frombuffer(data, _POINT)
+    base = (table["color"][:, :3] / 255 - 0.5) / C0
+    quats = (table["turn"].astype(np.float64) - 128) / 128
+    found = {name: table["means"][:, i] for i, name in enumerate("xyz")} | {"opacity": table["color"][:, 3]}
+    scales = np.log(np.maximum(table["scales"], np.finfo(np.float32).tiny))
+    found |= {f"scale_{i}": scales[:, i] for i in range(3)} | {f"f_dc_{i}": base[:, i] for i in range(3)}
+    return found | {f"rot_{i}": quats[:, i] for i in range(4)}

@@ -20,7 +20,7 @@ from splatreel.base.memory_budget import UNRAISED, MemoryBudget
 from splatreel.base.untrusted import read_json
 from splatreel.formats.ply_table import Columns
 from splatreel.formats.remarks import Remarks
-from splatreel.formats.sog_file import is_sog_antialiased, read_sog
+from splatreel.formats.sog import is_sog_antialiased, read_sog
 
 LOD_META = "lod-meta.json"
 VERSION = 1

@@ -14,7 +14,7 @@ import numpy as np
 from splatreel.base.atomic import move, scratch
 from splatreel.base.command_line import install_command
 from splatreel.base.errors import GaussiansError
-from splatreel.play.gaussian_export import GaussianExport
+from splatreel.formats.registry import Film
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.turning import turned
 
@@ -32,7 +32,7 @@ _SHOWN = 3.0
 """Standard deviations of a point that its extent covers."""
 
 
-def write_usd(path: Path, film: GaussianExport, fps: float) -> None:
+def write_usd(path: Path, film: Film, fps: float) -> None:
     """Write the Gaussians at all times as one USD file, atomically. Its y axis is up, its unit the meter, its colors sRGB.
 
     A value is written where it differs from the frame before. It is then also written at that frame, since programs
@@ -90,7 +90,7 @@ def write_usd(path: Path, film: GaussianExport, fps: float) -> None:
         ) from error
 
 
-def estimate_bytes(path: Path, film: GaussianExport) -> int:
+def estimate_bytes(path: Path, film: Film) -> int:
     """Return about how many bytes `write_usd` will write, from some pairs of neighboring frames.
 
     Args:

@@ -11,9 +11,9 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
+from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import ReconstructionError, SplatreelError
 from splatreel.base.untrusted import read_json
-from splatreel.codec.container import write_atomically
 from splatreel.scene.gaussians import Gaussians
 
 T = TypeVar("T")
@@ -29,7 +29,7 @@ def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
     Raises:
         ReelError: The disk is full or cannot be written.
     """
-    write_atomically(path, save({name: np.ascontiguousarray(value) for name, value in arrays.items()}))
+    write_bytes(path, save({name: np.ascontiguousarray(value) for name, value in arrays.items()}))
 
 
 def load_arrays(path: Path) -> dict[str, np.ndarray]:
@@ -72,7 +72,7 @@ def save_json(path: Path, value: Any) -> None:
     Raises:
         ReelError: The disk is full or cannot be written.
     """
-    write_atomically(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())
+    write_bytes(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())
 
 
 def load_json(path: Path) -> Any:

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import torch
 
+from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import ReconstructionError
 from splatreel.base.progress import Progress
 from splatreel.capture.base import Capture
 from splatreel.capture.frame_table import load_tables, pack_tables
-from splatreel.codec.container import write_atomically
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.run.groups import reconstruct_groups
@@ -156,7 +156,7 @@ def save_frame_tables(run: ChapteredRun) -> None:
     """Save the frame tables of the videos, unless they are saved, for all processes that open the capture later."""
     tables, file = run.capture.frame_tables(), run.store.tables_file
     if tables and load_tables(file).keys() != tables.keys():
-        write_atomically(file, pack_tables(tables))
+        write_bytes(file, pack_tables(tables))
 
 
 def chapter_job(

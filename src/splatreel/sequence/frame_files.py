@@ -7,7 +7,7 @@ import zipfile
 from pathlib import Path, PurePosixPath
 
 from splatreel.base.errors import GaussiansError
-from splatreel.formats.splat_file import SOG_FOLDERS, SUFFIXES
+from splatreel.formats.registry import SOG_FOLDERS, SUFFIXES
 from splatreel.formats.streamed_sog import LOD_META
 from splatreel.sequence.training_folders import check_is_frame, check_is_member_frame, is_mark
 

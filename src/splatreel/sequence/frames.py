@@ -14,9 +14,9 @@ import numpy as np
 from splatreel.base.archives import copy_member, naming_damage
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget
+from splatreel.formats.registry import columns_of, is_antialiased, read_splats, size_of
 from splatreel.formats.remarks import Remarks
 from splatreel.formats.splat_columns import MANY, Encoding, encoding_of
-from splatreel.formats.splat_file import columns_of, is_antialiased, read_splats, size_of
 from splatreel.scene.gaussians import Gaussians
 from splatreel.sequence.frame_files import find_files, find_members
 from splatreel.sequence.frame_names import Gaps, Order, order_frames

@@ -10,14 +10,13 @@ from threading import Thread
 
 import numpy as np
 
-from splatreel.base.atomic import remove
+from splatreel.base.atomic import remove, write_bytes
 from splatreel.base.errors import SplatreelError
 from splatreel.base.progress import Progress
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.follower import Follower
 from splatreel.capture.growing.growing_sound import choose_growing_track
 from splatreel.capture.growing.growing_videos import GrowingVideos
-from splatreel.codec.container import write_atomically
 from splatreel.codec.fragments import RATE, initialization
 from splatreel.codec.opus_sound import SEGMENT_SECONDS, TYPE, SoundEncoder
 from splatreel.codec.presentation import Sound, SoundSegment
@@ -61,7 +60,7 @@ class LiveSoundtrack:
     def __enter__(self) -> LiveSoundtrack:
         """Start the thread."""
         if self.camera is not None:
-            write_atomically(self.folder / _INIT, initialization(self._channels))
+            write_bytes(self.folder / _INIT, initialization(self._channels))
             self._thread.start()
         return self
 
@@ -183,4 +182,4 @@ class LiveSoundtrack:
         """Save a segment. It replaces a shorter version that an earlier run saved."""
         for old in self.folder.glob(f"{index:06d}-*.m4s"):
             remove(old)
-        write_atomically(self.folder / f"{index:06d}-{samples}.m4s", data)
+        write_bytes(self.folder / f"{index:06d}-{samples}.m4s", data)

@@ -7,8 +7,8 @@ import time
 from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 
+from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import ReelError, StorageError
-from splatreel.codec.container import write_atomically
 from splatreel.run.job_log import read_log
 from splatreel.run.jobs import ChapteredRun, chapter_name, has_chapter
 from splatreel.storage.addresses import open_folder
@@ -98,7 +98,7 @@ class RunStatus:
         }
         data = (json.dumps(content, indent=1) + "\n").encode()
         with suppress(ReelError):  # a full disk is reported where checkpoints are written
-            write_atomically(self._run.out / STATUS, data)
+            write_bytes(self._run.out / STATUS, data)
         if self._elsewhere is not None:
             with suppress(StorageError):
                 self._elsewhere.write(STATUS, data)
