@@ -10,13 +10,13 @@ from splatreel.config import LayeringConfig
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.images.change import changed_pixels
 from splatreel.method.images.flow import make_flow
-from splatreel.method.init.planesweep import inside, project
 from splatreel.method.layering.lift import DYNAMIC, lift, shares
 from splatreel.method.layering.light import changes_of_light
 from splatreel.method.layering.masks import make_segmenter, motion_masks
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.projection import inside, project
 from splatreel.scene.static_points import StaticPoints
 
 
