@@ -1,24 +1,30 @@
-"""Measure the paper's tables on captures, and record them for docs/paper-tables.md.
+"""Measure tables and figures of the paper on captures: reconstruct each capture in all variants, and average as the paper does.
 
-python benchmarks/paper.py BUILTIN basketball kitchen --out OUT --quality draft, then python benchmarks/table.py
+python benchmarks/paper.py CAPTURE --out OUT --table 6 measures one table of your capture. The same command continues. Tables share
+reconstructions; tables 4, 8, 9 and 10 encode one of them in several ways. Without --table all tables are measured. Each is written
+to OUT and appended to benchmarks/results.jsonl, of which python benchmarks/table.py makes docs/paper-tables.md.
 """
 
 import json
+import math
+import sys
 from contextlib import closing
 from pathlib import Path
 from typing import Annotated
 
 import tyro
 
+from paper_tables.paper_bench import PaperBench
+from paper_tables.paper_pictures import PICTURES
+from paper_tables.paper_run import TITLES, variants_of, write_table
 from record import record
 from splatreel.base.display import console
+from splatreel.base.errors import SplatreelError, UsageError
 from splatreel.base.process import keep_freed_memory
 from splatreel.capture.opening import open_capture
+from splatreel.cli.reconstruct import Device
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed, parse_settings
-from splatreel.evaluation.bench.paper_bench import PaperBench
-from splatreel.evaluation.bench.paper_pictures import PICTURES
-from splatreel.evaluation.bench.paper_run import TITLES, write_table
 
 Names = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
 
@@ -34,32 +40,49 @@ def main(
     every: int = 4,
     set: Names = (),
     minutes: float | None = None,
+    estimate: bool = False,
+    device: Device = "auto",
+    seed: int = 0,
     note: str = "",
 ) -> None:
     """Measure tables and append one record for each.
 
     Args:
         captures: Folders of the captures; their names stand in the tables.
-        out: Folder of the reconstructions, which all tables share.
+        out: OUT/table-N.md gets a table, .csv and .tex the same for other programs; OUT/CAPTURE gets the reconstructions.
         quality: Preset of settings.
-        table: Number of a table; may be repeated. By default all.
+        table: 1 to 10, 12, 13, 14 (as Tables 14 to 17), baselines, figure7 to figure12, figure15. May be repeated; by default all tables.
         width: Width of the images, in pixels, at most; narrower captures keep theirs.
         frames: Number of frames, at most.
         every: Distance of the frames that encodings are compared at.
         set: Setting as NAME=VALUE; may be repeated.
-        minutes: Minutes that each baseline trains; by default as many as ours took.
+        minutes: Minutes that each baseline trains, our first keyframe included; by default as many as ours took.
+        estimate: Only estimate time and memory. Nothing is written.
+        device: Device that trains; auto uses a GPU if there is one.
+        seed: Seed of all random numbers.
         note: Note in the record.
     """
     keep_freed_memory()  # as the command line does
+    names = [path.resolve().name for path in captures]
+    if every < 1 or len({*names}) < len(names) or not names:
+        raise UsageError("benchmarks/paper.py needs captures with different folder names, and --every 1 or more.")
+    if minutes is not None and not 0 < minutes < math.inf:
+        raise UsageError(f"--minutes {minutes:g} is out of range. Choose more than 0.")
+    variants = {number: variants_of(number) for number in table or [name for name in TITLES if name not in PICTURES]}
     sources = {}
-    for path in captures:
+    for name, path in zip(names, captures, strict=True):
         with closing(open_capture(path)) as source:
             wide, long = min(width or source.width, source.width), min(frames or source.frames, source.frames)
-        sources[path.name] = open_capture(path, width=wide, frames=(0, long))
+        sources[name] = open_capture(path, width=wide, frames=(0, long))
+    config = changed(preset(quality), parse_settings(set) | {"seed": seed})
     progress = console()
     try:
-        bench = PaperBench(sources, changed(preset(quality), parse_settings(set)), out, "auto", progress, minutes)
-        for number in table or [name for name in TITLES if name not in PICTURES]:
+        bench = PaperBench(sources, config, out, device, progress, minutes)
+        plan = bench.plan(tuple(dict.fromkeys(name for found in variants.values() for name in found)))
+        if estimate:
+            return print(plan)
+        progress.note(plan)
+        for number in variants:
             text = write_table(bench, number, every)
             shapes = {name: f"{s.frames} at {s.width}x{s.height}" for name, s in sources.items()}
             values = {"captures": shapes, "quality": quality, "settings": list(set), "markdown": text}
@@ -68,7 +91,12 @@ def main(
             print(text)
     finally:
         progress.close()
+        for source in sources.values():
+            source.close()
 
 
 if __name__ == "__main__":
-    tyro.cli(main)
+    try:
+        tyro.cli(main)
+    except SplatreelError as error:
+        sys.exit(f"Error: {error}")

@@ -1,10 +1,9 @@
-"""`splatreel bench`: measurements of speed on this machine, of the best possible quality of single frames, and the paper's tables."""
+"""`splatreel bench`: measurements of speed on this machine, and of the best possible quality of single frames."""
 
 from __future__ import annotations
 
 import dataclasses
 import json as json_format
-import math
 import sys
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from tyro.extras import SubcommandApp
 
 from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.options import CaptureOptions, Set, parse_frames, parse_names, parse_numbers, reel_folder, with_set
+from splatreel.cli.options import CaptureOptions, parse_frames, parse_names, parse_numbers, reel_folder
 from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
@@ -54,7 +53,6 @@ def codec(
     every: int = 4,
     width: int | None = None,
     span: str | None = None,
-    tables: bool = False,
     out: Path | None = None,
     json: bool = False,
 ) -> None:
@@ -69,7 +67,6 @@ def codec(
         every: Distance of the frames of a run that are compared with the held-out cameras.
         width: Width of the capture's images, in pixels; by default that of the reel's cameras.
         span: Frames of the capture to compare with, as A:B; by default those of the run.
-        tables: Print also the paper's Tables 4, 8, 9 and 10 with the numbers of the run.
         out: Folder for codec.md, codec.svg and codec.jsonl, from which the same command continues.
         json: Print one JSON object per line.
     """
@@ -90,10 +87,6 @@ def codec(
         sweep = Sweep(run, source, shown[::every], progress, record)
         rows = rate_distortion_points(sweep)
         text = table(rows)
-        if tables:
-            from splatreel.evaluation.bench.paper_tables import paper_tables
-
-            text += "\n" + paper_tables(sweep, Sweep(run, source, [0], progress, record))
     finally:
         progress.close()
         source.close()
@@ -224,65 +217,6 @@ def reconstruct(
     show(rows, json)
 
 
-def paper(
-    captures: Positional[tuple[Path, ...]],
-    /,
-    out: Path,
-    table: str,
-    images: OmitArgPrefixes[CaptureOptions] = CaptureOptions(),  # noqa: B008 - it is frozen
-    quality: Quality = "standard",
-    settings: Set = (),
-    every: int = 4,
-    minutes: float | None = None,
-    estimate: bool = False,
-    device: Device = "auto",
-    seed: int = 0,
-    threads: int | None = None,
-) -> None:
-    """Measure a table of the paper: reconstruct each capture in all variants, and average as the paper does.
-
-    The same command continues. Tables share reconstructions. Tables 4, 8, 9 and 10 encode one of them in several ways.
-
-    Args:
-        captures: Folders of the captures.
-        out: OUT/table-N.md gets the table, .csv and .tex the same for other programs; OUT/CAPTURE gets the reconstructions.
-        table: 1 to 10, 12, 13, 14 (as Tables 14 to 17), baselines, or figure7 to figure12 and figure15.
-        images: Size, frames and cameras to train on.
-        quality: Preset of settings; it decides how long training takes.
-        settings: Any setting that `splatreel config` lists, such as group.lambda_arap=0; may be repeated.
-        every: Distance of the frames that encodings are compared at, for Tables 4, 8, 9 and 10.
-        minutes: Minutes that each baseline trains, our first keyframe included; by default as many as ours took.
-        estimate: Only estimate time and memory. Nothing is written.
-        device: Device that trains; auto uses a CUDA GPU if there is one.
-        seed: Seed of all random numbers.
-        threads: Number of threads; by default one per core.
-    """
-    use_threads(threads)
-    config = with_set(configure(quality, None, None, seed), settings)
-    from splatreel.base.display import console
-    from splatreel.evaluation.bench.paper_bench import PaperBench
-    from splatreel.evaluation.bench.paper_run import variants_of, write_table
-
-    variants, names = variants_of(table), [capture.resolve().name for capture in captures]
-    if every < 1 or len(set(names)) < len(names) or not names:
-        raise UsageError("bench paper needs captures with different folder names, and --every 1 or more.")
-    if minutes is not None and not 0 < minutes < math.inf:
-        raise UsageError(f"--minutes {minutes:g} is out of range. Choose more than 0.")
-    sources = {name: images.source(capture)() for name, capture in zip(names, captures, strict=True)}
-    progress = console()
-    try:
-        bench = PaperBench(sources, config, out, device, progress, minutes)
-        plan = bench.plan(variants)
-        if not estimate:
-            progress.note(plan)
-        text = plan if estimate else write_table(bench, table, every)
-    finally:
-        progress.close()
-        for source in sources.values():
-            source.close()
-    say(text)
-
-
 def show(rows: list[dict[str, float | int | str]], json: bool) -> None:
     """Print measurements, one per line."""
     for row in rows:
@@ -297,10 +231,9 @@ def show(rows: list[dict[str, float | int | str]], json: bool) -> None:
 def build() -> SubcommandApp:
     """Return the app with all kinds of measurements."""
     app = SubcommandApp()
-    app.__doc__ = "Measure speed on this machine, the best possible quality of single frames, and the paper's tables."
+    app.__doc__ = "Measure speed on this machine, and the best possible quality of single frames."
     app.command(kernels)
     app.command(codec)
     app.command(oracle)
     app.command(reconstruct)
-    app.command(paper)
     return app

@@ -1,6 +1,5 @@
-"""Bytes against quality of one run in many encodings, and the paper's tables."""
+"""Bytes against quality of one run in many encodings."""
 
-import re
 import sys
 from pathlib import Path
 from xml.etree import ElementTree
@@ -8,13 +7,10 @@ from xml.etree import ElementTree
 import pytest
 
 from splatreel.base.errors import MissingDependencyError, UsageError
-from splatreel.base.progress import Silent
 from splatreel.evaluation.bench import rate_distortion
-from splatreel.evaluation.bench.paper_tables import paper_tables
 from splatreel.evaluation.bench.rate_chart import rate_chart
 from splatreel.evaluation.bench.rate_distortion import (
     RatePoint,
-    Sweep,
     bd_rate,
     bytes_at,
     curves,
@@ -65,34 +61,6 @@ def test_sweep_measures_each_configuration_once(run: Path, tmp_path: Path, monke
 def test_unknown_configuration_is_named(run: Path) -> None:
     with pytest.raises(UsageError, match=r"No configuration is called 'best'\. Known are paper, "):
         rate_distortion_points(sweep_of(run, scenes.capture(run), 5), ["best"])
-
-
-def cells(text: str, title: str) -> list[list[str]]:
-    """Return the rows of a table below its header."""
-    found = text[text.index(title) :].split("\n\n")[1]
-    return [[cell.strip() for cell in line.strip("|").split("|")] for line in found.splitlines()[2:]]
-
-
-def test_paper_tables_have_all_rows(run: Path) -> None:
-    capture = scenes.capture(run)
-    sweep, first = (Sweep(run, capture, frames, Silent()) for frames in ([0, 4], [0]))
-    text = paper_tables(sweep, first)
-    nine, ten = cells(text, "Table 9."), cells(text, "Table 10.")
-    assert [row[0] for row in nine] == ["#1", "#2", "#3", "#4", "#5", "#6"]
-    assert [row[1] for row in ten] == ["-", "ofs", "ofs", "ofs", "ofs", "ori", "dif"]
-    assert float(nine[0][6]) == pytest.approx(first.before, abs=0.01)  # float32 is what was trained
-    assert (nine[0][8], ten[0][6]) == ("100.0%", "100.0%")
-    sizes = [float(row[7]) for row in nine]
-    assert sizes[0] > sizes[1] > sizes[2] > sizes[3]
-    assert float(nine[2][6]) > float(nine[3][6])  # scales with 8 linear bits
-    eight = {row[0]: row[1:] for row in cells(text, "Table 8.")}
-    for column in range(4):
-        parts = float(eight["Size (points)"][column]) + float(eight["Size (deformations)"][column])
-        assert parts == pytest.approx(float(eight["Size (whole model)"][column]), rel=0.02)
-    assert eight["Time"][3] == "1.5"
-    four = {row[0]: row[1:] for row in cells(text, "Table 4.")}
-    assert float(four["Size"][0]) > float(four["Size"][2])
-    assert re.fullmatch(r"\d+\.\d\d", four["PSNR"][1])
 
 
 def test_bd_rate_known_answers() -> None:

@@ -9,11 +9,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Protocol
 
+from baselines.budget import Budget, Spent
+from baselines.shared_start import SharedStart
 from splatreel.base.atomic import move
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Progress
-from splatreel.evaluation.baselines.budget import Budget, Spent
-from splatreel.evaluation.baselines.shared_start import SharedStart
 from splatreel.method.train.pictures import Pictures
 from splatreel.run import checkpoint
 from splatreel.scene.gaussians import Gaussians

@@ -4,15 +4,15 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.evaluation.baselines.part_by_part import Frames
-from splatreel.evaluation.baselines.shared_start import SharedStart
-from splatreel.evaluation.baselines.temporal_slices import SpaceTimePoints, TemporalSlices, train_slices
+from baselines.part_by_part import Frames
+from baselines.shared_start import SharedStart
+from baselines.temporal_slices import SpaceTimePoints, TemporalSlices, train_slices
 from splatreel.evaluation.metrics import psnr
 from splatreel.kernels.image import render_image
 from splatreel.method.train.points import default_rates
 from splatreel.scene.gaussians import Gaussians
+from tests.benchmarks.baselines.starts import write_start
 from tests.evaluation import scenes
-from tests.evaluation.baselines.starts import write_start
 
 UNIT = 3.0
 

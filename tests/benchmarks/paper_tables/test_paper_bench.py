@@ -3,19 +3,18 @@ from pathlib import Path
 
 import pytest
 
+from paper_tables import paper_bench
+from paper_tables.paper_bench import FULL, METHODS, PER_FRAME, PaperBench
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Silent
-from splatreel.cli.main import main
 from splatreel.config import Config
-from splatreel.evaluation.bench import paper_bench
-from splatreel.evaluation.bench.paper_bench import FULL, METHODS, PER_FRAME, PaperBench
 from splatreel.run.machines.estimate import Estimate
 from splatreel.run.machines.scaling import Division
 from splatreel.run.pipeline import Result
 from splatreel.run.store import StoredGroup, StoredLayer
+from tests.benchmarks.baselines.starts import SECONDS, write_start
+from tests.benchmarks.baselines.test_part_by_part import Clock, Sliding
 from tests.evaluation import scenes
-from tests.evaluation.baselines.starts import SECONDS, write_start
-from tests.evaluation.baselines.test_part_by_part import Clock, Sliding
 
 
 @pytest.fixture
@@ -101,23 +100,26 @@ def test_captures_need_a_held_out_camera(tmp_path: Path) -> None:
         PaperBench({"toy": scenes.capture(tmp_path, [])}, Config(), tmp_path, "cpu", Silent())
 
 
-def test_command_refuses_captures_of_one_name(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_command_refuses_captures_of_one_name(benchmarks: Path, tmp_path: Path) -> None:
+    from paper import main
+
     for folder in ("a", "b"):
         (tmp_path / folder / "film").mkdir(parents=True)
-    paths = [str(tmp_path / folder / "film") for folder in ("a", "b")]
-    assert main(["bench", "paper", *paths, "--out", str(tmp_path / "out"), "--table", "6"]) == 2
-    assert "captures with different folder names" in capsys.readouterr().err
+    paths = tuple(tmp_path / folder / "film" for folder in ("a", "b"))
+    with pytest.raises(UsageError, match="captures with different folder names"):
+        main(paths, out=tmp_path / "out", table=("6",))
 
 
-def test_command_refuses_baselines_without_time(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    command = ["bench", "paper", str(tmp_path), "--out", str(tmp_path / "out"), "--table", "baselines"]
-    assert main([*command, "--minutes", "0"]) == 2
-    assert "--minutes 0 is out of range" in capsys.readouterr().err
+def test_command_refuses_baselines_without_time(benchmarks: Path, tmp_path: Path) -> None:
+    from paper import main
+
+    with pytest.raises(UsageError, match="--minutes 0 is out of range"):
+        main((tmp_path,), out=tmp_path / "out", table=("baselines",), minutes=0)
 
 
 @pytest.mark.slow
 def test_table_10_encodes_one_reconstruction_in_seven_ways(runs: list, tmp_path: Path) -> None:
-    from splatreel.evaluation.bench.paper_run import write_table
+    from paper_tables.paper_run import write_table
 
     text = write_table(bench(tmp_path), "10", 4)
     assert text.startswith("toy. Table 10. Ablation on deformation encoding.")

@@ -5,11 +5,11 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from baselines.shared_start import SharedStart
 from splatreel.capture.base import Capture
 from splatreel.codec.reader import ReelReader
 from splatreel.config import Config
 from splatreel.config.settings import changed
-from splatreel.evaluation.baselines.shared_start import SharedStart
 from splatreel.method.init.layout import Layout
 from splatreel.run import checkpoint
 from splatreel.run.store import Store

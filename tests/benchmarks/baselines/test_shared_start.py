@@ -5,8 +5,8 @@ import pytest
 
 from splatreel.base.errors import UsageError
 from splatreel.run.stages.camera_stages import EvenExposures
+from tests.benchmarks.baselines.starts import SECONDS, write_start
 from tests.evaluation import scenes
-from tests.evaluation.baselines.starts import SECONDS, write_start
 
 
 def test_baselines_start_from_the_cameras_images_and_points_of_our_run(tmp_path: Path) -> None:

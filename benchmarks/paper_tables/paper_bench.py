@@ -9,17 +9,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from baselines.frame_methods import AttributeVideo, PerFrame, Streaming
+from baselines.independent_groups import run_independent_groups
+from baselines.part_by_part import PartMethod, run_in_parts
+from baselines.shared_start import SharedStart
+from baselines.temporal_slices import TemporalSlices
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Progress, format_rounded
 from splatreel.capture.base import Capture
 from splatreel.codec.info import reel_info
 from splatreel.config import Config
 from splatreel.config.settings import changed
-from splatreel.evaluation.baselines.frame_methods import AttributeVideo, PerFrame, Streaming
-from splatreel.evaluation.baselines.independent_groups import run_independent_groups
-from splatreel.evaluation.baselines.part_by_part import PartMethod, run_in_parts
-from splatreel.evaluation.baselines.shared_start import SharedStart
-from splatreel.evaluation.baselines.temporal_slices import TemporalSlices
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.report import Report
 from splatreel.evaluation.uncompressed import uncompressed_frames

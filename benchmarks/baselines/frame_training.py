@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from baselines.motion_field import MotionField
+from baselines.shared_start import SharedStart
 from splatreel.base.progress import Silent
 from splatreel.config import KeyframeConfig
-from splatreel.evaluation.baselines.motion_field import MotionField
-from splatreel.evaluation.baselines.shared_start import SharedStart
 from splatreel.method.train.density import GROWTH_GRADIENT, GradientMeter, KeyframeDensity, children, select_growth
 from splatreel.method.train.keyframe import LAMBDA_DSSIM, KeyframeTrainer
 from splatreel.method.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC

@@ -4,13 +4,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.evaluation.baselines import frame_training
-from splatreel.evaluation.baselines.shared_start import SharedStart
+from baselines import frame_training
+from baselines.shared_start import SharedStart
 from splatreel.evaluation.metrics import psnr
 from splatreel.kernels.image import render_image
 from splatreel.scene.gaussians import Gaussians
+from tests.benchmarks.baselines.starts import still, write_start
 from tests.evaluation import scenes
-from tests.evaluation.baselines.starts import still, write_start
 
 SHIFT = np.array([0.06, 0.0, 0.0], np.float32)
 

@@ -10,9 +10,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.evaluation.baselines.frame_methods import group_ranges, write_groups
-from splatreel.evaluation.baselines.part_by_part import Frames
-from splatreel.evaluation.baselines.shared_start import SharedStart
+from baselines.frame_methods import group_ranges, write_groups
+from baselines.part_by_part import Frames
+from baselines.shared_start import SharedStart
 from splatreel.kernels import splat
 from splatreel.method.deform.adam import Adam, step
 from splatreel.method.train.density import (

@@ -3,9 +3,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from baselines.independent_groups import Stretch, run_independent_groups
 from splatreel.base.progress import Silent
 from splatreel.codec.reader import ReelReader
-from splatreel.evaluation.baselines.independent_groups import Stretch, run_independent_groups
 from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.play.timeline import Timeline
 from splatreel.scene.reel_source import ReelSource
