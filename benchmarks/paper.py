@@ -51,7 +51,7 @@ def main(
         captures: Folders of the captures; their names stand in the tables.
         out: OUT/table-N.md gets a table, .csv and .tex the same for other programs; OUT/CAPTURE gets the reconstructions.
         quality: Preset of settings.
-        table: 1 to 10, 12, 13, 14 (as Tables 14 to 17), baselines, figure7 to figure12, figure15. May be repeated; by default all tables.
+        table: 1 to 10, 12, 13, 14 (as Tables 14 to 17), baselines, figure7 to 12 or figure15; by default all. May be repeated.
         width: Width of the images, in pixels, at most; narrower captures keep theirs.
         frames: Number of frames, at most.
         every: Distance of the frames that encodings are compared at.
