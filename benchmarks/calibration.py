@@ -21,13 +21,13 @@ import numpy as np
 import tyro
 
 from record import record
+from splatreel.base.errors import CaptureError
+from splatreel.base.progress import Silent
+from splatreel.calibration.calibrate import calibrate
+from splatreel.calibration.learned_matches import find_matcher
 from splatreel.capture.base import Capture
 from splatreel.capture.builtin.synthetic import make_capture
-from splatreel.capture.calibrate import calibrate
-from splatreel.capture.learned_matches import find_matcher
 from splatreel.capture.opening import open_capture
-from splatreel.errors import CaptureError
-from splatreel.progress import Silent
 from splatreel.scene.camera import Camera
 
 BUILT_IN = "built-in"

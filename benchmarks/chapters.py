@@ -4,7 +4,7 @@ python benchmarks/chapters.py CAPTURE --width 240
 
 Every job runs in a process of its own, from copies of one scene. Beside seconds there is processor time, which tells more where the
 machine is not idle: of the main thread, and of all. What the main thread has more than the others with it is what threads do not
-gain; SERIAL_SCENE and SERIAL_CHAPTER in recon/machines/scaling.py are this measurement's.
+gain; SERIAL_SCENE and SERIAL_CHAPTER in run/machines/scaling.py are this measurement's.
 """
 
 import multiprocessing
@@ -18,12 +18,12 @@ from typing import Any
 import tyro
 
 from record import machine, record
-from splatreel import threads
+from splatreel.base import threads
+from splatreel.base.process import keep_freed_memory, peak_memory_bytes, quiet_threads
 from splatreel.cli.options import parse_frames
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed
-from splatreel.process import keep_freed_memory, peak_memory_bytes, quiet_threads
-from splatreel.recon.machines.scaling import divide, run_time
+from splatreel.run.machines.scaling import divide, run_time
 
 MACHINES = {"16 cores": (16, 1), "8 x 16 cores": (16, 8)}
 """Cores of each, and how many."""
@@ -38,11 +38,11 @@ def work(connection: Connection, capture: Path, options: Row, settings: Row, out
     quiet_threads()
     threads.use(count)
     keep_freed_memory()
+    from splatreel.base.progress import Silent
     from splatreel.capture.opening import open_capture
-    from splatreel.progress import Silent
-    from splatreel.recon.encode.group_writer import no_presentation
-    from splatreel.recon.jobs import chapter_job, reel_job, scene_job
-    from splatreel.recon.pipeline import RunSpec
+    from splatreel.run.jobs import chapter_job, reel_job, scene_job
+    from splatreel.run.output.group_writer import no_presentation
+    from splatreel.run.pipeline import RunSpec
 
     config = changed(preset(settings["quality"]), settings["set"])
     with RunSpec(partial(open_capture, capture, **options), out, config, device="cpu").opened() as run:

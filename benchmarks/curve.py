@@ -13,21 +13,21 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from splatreel.base.process import peak_memory_bytes
+from splatreel.base.progress import Estimate, Progress, Span
 from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.evaluation.bench.oracle import held_out_views
 from splatreel.evaluation.evaluate import evaluate
-from splatreel.process import peak_memory_bytes
-from splatreel.progress import Estimate, Progress, Span
-from splatreel.recon.encode.group_writer import no_presentation
-from splatreel.recon.jobs import ChapteredRun
-from splatreel.recon.pipeline import plan_run, reconstruct_run
-from splatreel.recon.train.group import GroupResult, GroupTrainer
-from splatreel.recon.train.keyframe import KeyframeTrainer
-from splatreel.recon.train.losses import psnr
-from splatreel.recon.train.pictures import Pictures
-from splatreel.recon.train.points import to_params
-from splatreel.recon.train.render import Splats, View, activate, deformed, draw, splats
+from splatreel.method.train.group import GroupResult, GroupTrainer
+from splatreel.method.train.keyframe import KeyframeTrainer
+from splatreel.method.train.losses import psnr
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.points import to_params
+from splatreel.method.train.render import Splats, View, activate, deformed, draw, splats
+from splatreel.run.jobs import ChapteredRun
+from splatreel.run.output.group_writer import no_presentation
+from splatreel.run.pipeline import plan_run, reconstruct_run
 
 POINTS = 40
 """Of a curve, at most."""

@@ -14,11 +14,11 @@ from typing import Literal
 import tyro
 
 from record import record
-from splatreel import threads
+from splatreel.base import threads
+from splatreel.base.process import keep_freed_memory, peak_memory_bytes, quiet_threads
 from splatreel.capture.builtin.synthetic import make_capture
 from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
-from splatreel.process import keep_freed_memory, peak_memory_bytes, quiet_threads
 
 Case = tuple[Quality, int, int, int]
 CASES: tuple[Case, ...] = (("draft", 160, 90, 30), ("standard", 160, 90, 45), ("draft", 320, 180, 10))
@@ -40,11 +40,12 @@ def measure(case: Case, out: Path) -> dict:
     quiet_threads()
     threads.use(1)
     keep_freed_memory()
-    from splatreel.progress import console
-    from splatreel.recon.machines.estimate import estimate
-    from splatreel.recon.machines.local_processes import division_of
-    from splatreel.recon.pipeline import RunSpec, reconstruct_run
-    from splatreel.recon.run.machine_speed import measure_speed
+    from splatreel.base.display import console
+
+    from splatreel.run.machine_speed import measure_speed
+    from splatreel.run.machines.estimate import estimate
+    from splatreel.run.machines.local_processes import division_of
+    from splatreel.run.pipeline import RunSpec, reconstruct_run
 
     quality, width, height, frames = case
     folder = out / f"{quality}-{width}x{height}-{frames}"

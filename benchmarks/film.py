@@ -14,7 +14,7 @@ import numpy as np
 
 from ball import found
 from run import run
-from splatreel import threads
+from splatreel.base import threads
 from splatreel.capture.builtin.raytracer import StaticView, trace_frame, trace_static
 from splatreel.capture.builtin.solids import Shapes
 from splatreel.capture.builtin.synthetic import VideoWriter, llff_row

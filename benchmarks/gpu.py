@@ -21,20 +21,20 @@ from typing import Any
 
 import torch
 import tyro
+from splatreel.base.display import console
 
 import kernels
 import kitchen
 from curve import reconstruct_until
 from parity import differences, drawing
 from record import RESULTS, ROOT, record
-from splatreel import threads
+from splatreel.base import threads
+from splatreel.base.process import keep_freed_memory
 from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed
 from splatreel.kernels import splat
-from splatreel.process import keep_freed_memory
-from splatreel.progress import console
-from splatreel.recon.run.memory import free_memory
+from splatreel.run.memory import free_memory
 
 COMPILER_BYTES = 3e9
 """Memory that one process of CUDA's compiler is given."""

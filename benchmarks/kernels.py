@@ -14,7 +14,7 @@ import tyro
 from torch import Tensor
 
 from record import record
-from splatreel import threads
+from splatreel.base import threads
 from splatreel.evaluation.bench.timing import median_ms
 from splatreel.kernels import splat, twin
 

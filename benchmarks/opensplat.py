@@ -21,19 +21,19 @@ import numpy as np
 import tyro
 
 from record import record
-from splatreel import threads
+from splatreel.base import threads
+from splatreel.base.process import keep_freed_memory
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
 from splatreel.config import Config
 from splatreel.config.settings import changed
 from splatreel.evaluation.bench.oracle import held_out_views
 from splatreel.evaluation.metrics import psnr, ssim
+from splatreel.formats.ply import read_ply
 from splatreel.kernels.image import render_image
-from splatreel.process import keep_freed_memory
-from splatreel.recon.train.single_frame import lay_out, reconstruct_single_frame
+from splatreel.method.train.single_frame import lay_out, reconstruct_single_frame
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.ply import read_ply
 
 OPENGL = np.diag([1.0, -1.0, -1.0, 1.0])
 """From the axes of our cameras to those of nerfstudio's."""

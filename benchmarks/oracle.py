@@ -8,16 +8,16 @@ import time
 from pathlib import Path
 
 import tyro
+from splatreel.base.display import console
 
 from record import machine, record
+from splatreel.base.process import peak_memory_bytes
 from splatreel.capture.opening import open_capture
 from splatreel.cli.options import parse_frames, parse_names, parse_numbers, reel_folder
 from splatreel.config import Quality, preset
 from splatreel.evaluation.bench.oracle import oracle
 from splatreel.evaluation.bench.oracle_report import OracleReport
 from splatreel.evaluation.reel_capture import open_reel_capture
-from splatreel.process import peak_memory_bytes
-from splatreel.progress import console
 
 
 def main(

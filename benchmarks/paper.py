@@ -9,16 +9,16 @@ from pathlib import Path
 from typing import Annotated
 
 import tyro
+from paper_tables.paper_bench import PaperBench
+from paper_tables.paper_pictures import PICTURES
+from paper_tables.paper_run import TITLES, write_table
+from splatreel.base.display import console
 
 from record import record
+from splatreel.base.process import keep_freed_memory
 from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed, parse_settings
-from splatreel.evaluation.bench.paper_bench import PaperBench
-from splatreel.evaluation.bench.paper_pictures import PICTURES
-from splatreel.evaluation.bench.paper_run import TITLES, write_table
-from splatreel.process import keep_freed_memory
-from splatreel.progress import console
 
 Names = Annotated[tuple[str, ...], tyro.conf.UseAppendAction]
 

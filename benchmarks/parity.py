@@ -11,9 +11,9 @@ from splatreel.evaluation.bench.microbenchmarks import cloud, front_camera
 from splatreel.evaluation.bench.step_timings import NEAR, UNIT
 from splatreel.evaluation.bench.timing import median_ms
 from splatreel.kernels import splat
+from splatreel.method.train.points import TrainablePoints, default_rates
+from splatreel.method.train.render import StaticCache, View, deformed, draw
 from splatreel.play.renderers import renderer
-from splatreel.recon.train.points import TrainablePoints, default_rates
-from splatreel.recon.train.render import StaticCache, View, deformed, draw
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 

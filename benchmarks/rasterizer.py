@@ -33,7 +33,7 @@ def main(repeats: int = 9, note: str = "", save: Annotated[bool, tyro.conf.arg(n
         save: Append a line to results.jsonl.
     """
     with contextlib.suppress(ImportError):  # earlier revisions have no threads of their own
-        from splatreel import threads
+        from splatreel.base import threads
 
         threads.use(1)
     if hasattr(os, "sched_setaffinity"):

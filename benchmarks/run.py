@@ -5,15 +5,16 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
+from splatreel.base.display import console
+
 from record import machine, record, summary
+from splatreel.base.process import keep_freed_memory
 from splatreel.capture.base import Capture
 from splatreel.codec.info import reel_info
 from splatreel.config import Config
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.uncompressed import uncompressed_frames
-from splatreel.process import keep_freed_memory
-from splatreel.progress import console
-from splatreel.recon.pipeline import reconstruct
+from splatreel.run.pipeline import reconstruct
 
 
 def run(

@@ -30,14 +30,14 @@ import tyro
 import scaling_page
 from record import RESULTS, ROOT, machine, record
 from resident import Resident
-from splatreel import threads
+from splatreel.base import threads
+from splatreel.base.errors import SplatreelError
+from splatreel.base.process import keep_freed_memory, quiet_threads
 from splatreel.config import preset
 from splatreel.config.settings import changed
-from splatreel.errors import SplatreelError
-from splatreel.process import keep_freed_memory, quiet_threads
 
 if TYPE_CHECKING:
-    from splatreel.recon.run.store import Store
+    from splatreel.run.store import Store
 
 Row = dict[str, Any]
 
@@ -254,9 +254,9 @@ def measure(case: Case, film: Path, out: Path) -> Row:
     threads.use(case.threads)
     keep_freed_memory()
     from splatreel.capture.opening import open_capture
-    from splatreel.recon.machines.local_processes import reconstruct_here
-    from splatreel.recon.pipeline import RunSpec
-    from splatreel.recon.run.store import Store
+    from splatreel.run.machines.local_processes import reconstruct_here
+    from splatreel.run.pipeline import RunSpec
+    from splatreel.run.store import Store
 
     threads.use(case.threads)  # once more: torch takes no more than cores by itself
     shutil.rmtree(out, ignore_errors=True)

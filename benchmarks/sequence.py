@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from record import record
+from splatreel.base.progress import Silent
 from splatreel.capture.opening import open_capture
 from splatreel.cli.import_frames import import_frames
 from splatreel.cli.options import parse_frames
@@ -31,14 +32,13 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.config import COARSENESS, EncodeConfig, Quality, preset
 from splatreel.config.settings import changed
 from splatreel.evaluation.metrics import psnr
+from splatreel.formats.ply import read_ply, write_ply
+from splatreel.method.train.single_frame import reconstruct_single_frame
 from splatreel.play.renderers import draw_on_cpu
 from splatreel.play.timeline import open_reel
-from splatreel.progress import Silent
-from splatreel.recon.run.device import pick_device
-from splatreel.recon.train.single_frame import reconstruct_single_frame
+from splatreel.run.device import pick_device
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.ply import read_ply, write_ply
 from splatreel.sequence.edits import first_points
 from splatreel.sequence.frames import Frames
 from splatreel.sequence.opening import open_frames

@@ -23,15 +23,15 @@ from splatreel.config import EncodeConfig
 from splatreel.evaluation.bench.rate_distortion import bd_rate
 from splatreel.evaluation.metrics import psnr, ssim
 from splatreel.evaluation.reel_capture import open_reel_capture
+from splatreel.method.cameras.exposure import remove_exposure
+from splatreel.method.cameras.group_input import GroupInput
+from splatreel.method.cameras.rig import Rig
+from splatreel.method.coverage.coverage import Coverage
+from splatreel.method.encode.step_choice import encode_group_by_slope, encode_layer_by_slope
 from splatreel.play.timeline import Moment, Timeline
-from splatreel.recon.cameras.exposure import remove_exposure
-from splatreel.recon.cameras.group_input import GroupInput
-from splatreel.recon.cameras.rig import Rig
-from splatreel.recon.coverage.coverage import Coverage
-from splatreel.recon.encode.step_choice import encode_group_by_slope, encode_layer_by_slope
-from splatreel.recon.run.store import Store
-from splatreel.recon.stages.camera_stages import EvenExposures
-from splatreel.recon.stages.keyframe_stages import FirstKeyframe
+from splatreel.run.stages.camera_stages import EvenExposures
+from splatreel.run.stages.keyframe_stages import FirstKeyframe
+from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.spans import GroupSpan

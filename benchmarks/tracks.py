@@ -25,8 +25,8 @@ from splatreel.capture.builtin.raytracer import trace_cover, trace_static
 from splatreel.capture.builtin.solids import HALF, POSITION, ROTATION, Shapes
 from splatreel.capture.opening import open_capture
 from splatreel.config import preset
-from splatreel.motion.flow import make_flow
-from splatreel.motion.track import PointTracks, Tracker, identity_quats
+from splatreel.method.images.flow import make_flow
+from splatreel.method.tracking.track import PointTracks, Tracker, identity_quats
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 

@@ -9,7 +9,7 @@ import tyro
 from tyro.conf import Positional
 
 import splatreel
-from splatreel.scene.ply import write_ply
+from splatreel.formats.ply import write_ply
 
 
 def main(reel: Positional[str], out: Path = Path("frames"), every: int = 1) -> None:

@@ -14,11 +14,11 @@ import torch
 import tyro
 
 import splatreel
-from splatreel.recon.cameras.color_gains import CameraGains
-from splatreel.recon.layering.tracking import GroupStart
-from splatreel.recon.train.group import GroupTrainer
-from splatreel.recon.train.pictures import Pictures
-from splatreel.recon.train.render import View
+from splatreel.method.cameras.color_gains import CameraGains
+from splatreel.method.tracking.tracking import GroupStart
+from splatreel.method.train.group import GroupTrainer
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.render import View
 from splatreel.scene.static_points import StaticPoints
 
 FRAMES, WIDTH, HEIGHT = 5, 96, 64

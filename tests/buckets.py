@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from splatreel.errors import StorageError
+from splatreel.base.errors import StorageError
 from splatreel.storage.folder import PLAIN, Folder, Headers
 
 CREDENTIALS = {"AWS_ACCESS_KEY_ID": "key", "AWS_SECRET_ACCESS_KEY": "secret", "AWS_DEFAULT_REGION": "us-east-1"}

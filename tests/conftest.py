@@ -23,15 +23,15 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 TOGETHER = (
-    "tests/recon/machines/test_batch.py",
-    "tests/recon/machines/test_driver_ends.py",
-    "tests/recon/machines/test_local_processes.py",
+    "tests/run/machines/test_batch.py",
+    "tests/run/machines/test_driver_ends.py",
+    "tests/run/machines/test_local_processes.py",
 )
-TOGETHER += ("tests/recon/machines/test_ray_cluster.py",)
+TOGETHER += ("tests/run/machines/test_ray_cluster.py",)
 """Files whose tests share what is expensive to make once a process: the run and the reel of `recon/machines/conftest.py`."""
-FIRST = ("tests/cli/test_kills.py", TOGETHER[0], "tests/player/test_source.py", "tests/recon/test_jobs.py")
-FIRST += ("tests/recon/live/test_following.py", "tests/benchmarks/test_gpu.py", "tests/player/test_follow.py")
-FIRST += ("tests/recon/cameras/test_poses.py", "tests/cli/test_demo.py", "tests/capture/test_calibrate.py")
+FIRST = ("tests/cli/test_kills.py", TOGETHER[0], "tests/player/test_source.py", "tests/run/test_jobs.py")
+FIRST += ("tests/run/live/test_following.py", "tests/benchmarks/test_gpu.py", "tests/player/test_follow.py")
+FIRST += ("tests/method/cameras/test_poses.py", "tests/cli/test_demo.py", "tests/calibration/test_calibrate.py")
 FIRST += ("tests/benchmarks/test_curve.py", "tests/cli/test_interruption.py", "tests/kernels/test_rasterize.py")
 """Files that take longest: begun last, one process would be busy with them while the others are done."""
 

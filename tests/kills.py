@@ -29,8 +29,8 @@ from safetensors.numpy import load
 
 from tests.capture import folders
 from tests.files import contents
-from tests.recon.captures import WallCapture
-from tests.recon.small import FEW
+from tests.method.captures import WallCapture
+from tests.method.small import FEW
 from tests.sequence import films
 
 FRAMES = 4
@@ -112,9 +112,10 @@ class Moments:
 
     def watch(self) -> None:
         """Let everything count from now on."""
-        from splatreel.progress import Lines
-        from splatreel.recon.train.group import GroupTrainer
-        from splatreel.recon.train.keyframe import KeyframeTrainer
+        from splatreel.base.display import Lines
+
+        from splatreel.method.train.group import GroupTrainer
+        from splatreel.method.train.keyframe import KeyframeTrainer
 
         sys.addaudithook(self._hear)
         self._around(os, "fsync")
@@ -316,7 +317,7 @@ def run(kills: dict[str, int], seed: int) -> list[Found]:
     import splatreel.evaluation.evaluate
     import splatreel.play.film
     import splatreel.play.presentation_writer
-    import splatreel.recon.pipeline
+    import splatreel.run.pipeline
     import splatreel.sequence.reel  # noqa: F401
 
     with tempfile.TemporaryDirectory() as place:

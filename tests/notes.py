@@ -1,6 +1,6 @@
 """Remembers what a run says beside its bar."""
 
-from splatreel.progress import Silent
+from splatreel.base.progress import Silent
 
 
 class Notes(Silent):

@@ -101,7 +101,7 @@ def run(tries: int, names: list[str], limit: float = LIMIT, longest: float = 60.
     import splatreel.cli.main
     import splatreel.evaluation.evaluate
     import splatreel.play.film
-    import splatreel.recon.pipeline
+    import splatreel.run.pipeline
     import splatreel.sequence.reel  # noqa: F401
 
     with tempfile.TemporaryDirectory() as place:

@@ -13,10 +13,10 @@ import numpy as np
 import pytest
 
 import splatreel
+from splatreel.base.progress import Silent
 from splatreel.capture.builtin.synthetic import make_capture
-from splatreel.progress import Silent
 from tests.golden import GOLDEN, PREDICTIVE
-from tests.recon.small import small
+from tests.method.small import small
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = [

@@ -94,7 +94,7 @@ def ladder_fault(room: str, imported: str) -> str | None:
 
 
 def test_the_ladder_judges_right() -> None:
-    assert ladder_fault("recon", "splatreel.motion.flow.dis") is None
+    assert ladder_fault("recon", "splatreel.method.images.flow.dis") is None
     assert ladder_fault("codec", "numpy") is None
     assert ladder_fault("codec", "splatreel.kernels.image.render_image") is not None
     assert ladder_fault("scene", "splatreel.codec.reel") is not None

@@ -4,7 +4,7 @@ import os
 
 import pytest
 
-from splatreel.scene import atomic
+from splatreel.base import atomic
 
 fcntl = atomic.fcntl
 

@@ -11,13 +11,13 @@ from scipy.spatial import KDTree
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
+from splatreel.formats.ply import read_ply, write_ply
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import open_reel
 from splatreel.scene import rotations
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
-from splatreel.scene.ply import read_ply, write_ply
 
 LARGEST = 0.03
 """Standard deviation of the largest splat of a point cloud, world units: the players clamp larger ones differently."""

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from splatreel.api import evaluate, reconstruct, render
+    from splatreel.base.errors import CancelledError, SplatreelError
     from splatreel.capture.array_capture import capture_from_arrays
     from splatreel.capture.opening import open_capture
     from splatreel.config import Config, preset
-    from splatreel.errors import CancelledError, SplatreelError
     from splatreel.play.timeline import open_reel
     from splatreel.scene.camera import Camera
     from splatreel.scene.gaussians import Gaussians
@@ -36,10 +36,10 @@ __all__ = [
 
 _HOMES = {
     "Camera": "splatreel.scene.camera",
-    "CancelledError": "splatreel.errors",
+    "CancelledError": "splatreel.base.errors",
     "Config": "splatreel.config",
     "Gaussians": "splatreel.scene.gaussians",
-    "SplatreelError": "splatreel.errors",
+    "SplatreelError": "splatreel.base.errors",
     "capture_from_arrays": "splatreel.capture.array_capture",
     "evaluate": "splatreel.api",
     "open_capture": "splatreel.capture.opening",

@@ -10,21 +10,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from splatreel.base.command_line import missing_package
+from splatreel.base.display import console
+from splatreel.base.errors import MissingDependencyError
+from splatreel.base.progress import Cancellable, Progress, Silent
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
 from splatreel.codec.source import find_reel
-from splatreel.command_line import missing_package
 from splatreel.config import Config, Quality, preset
-from splatreel.errors import MissingDependencyError
 from splatreel.kernels.image import render_image
-from splatreel.progress import Cancellable, Progress, Silent, console
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
 if TYPE_CHECKING:
     from splatreel.evaluation.report import Report
-    from splatreel.recon.encode.group_writer import PresentationHook
-    from splatreel.recon.pipeline import Result
+    from splatreel.run.output.group_writer import PresentationHook
+    from splatreel.run.pipeline import Result
 
 
 def reconstruct(
@@ -61,8 +62,8 @@ def reconstruct(
         CaptureError: The capture cannot be read.
     """
     with _needing_packages():
-        from splatreel.recon import pipeline
-        from splatreel.recon.encode.group_writer import no_presentation
+        from splatreel.run import pipeline
+        from splatreel.run.output.group_writer import no_presentation
 
         settings = preset(config) if isinstance(config, str) else config
         with _opened(capture) as source, _shown(progress, cancel) as display:

@@ -7,12 +7,12 @@ from typing import Any
 
 import pytest
 
-from splatreel.errors import UsageError
-from splatreel.progress import Progress, Silent
-from splatreel.recon.train.group import GroupTrainer
-from splatreel.recon.train.keyframe import KeyframeTrainer
-from tests.recon.captures import WallCapture
-from tests.recon.small import small
+from splatreel.base.errors import UsageError
+from splatreel.base.progress import Progress, Silent
+from splatreel.method.train.group import GroupTrainer
+from splatreel.method.train.keyframe import KeyframeTrainer
+from tests.method.captures import WallCapture
+from tests.method.small import small
 
 FRAMES = 4
 ROUNDED = 0.03

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from splatreel.kernels.image import render_image
-from tests.recon.captures import WallCapture, blots
+from tests.method.captures import WallCapture, blots
 
 PROGRAM = """#!{python}
 import shutil, sys
@@ -24,7 +24,7 @@ def opensplat(benchmarks: Path) -> ModuleType:
 
 
 def test_both_are_measured_on_the_held_out_cameras(opensplat: ModuleType, tmp_path: Path) -> None:
-    from splatreel.scene.ply import write_ply
+    from splatreel.formats.ply import write_ply
 
     program, ply = tmp_path / "program", tmp_path / "made.ply"
     write_ply(ply, blots(500, [-3, -2, 0.9], [3, 2, 1.0], 0.12, 0))

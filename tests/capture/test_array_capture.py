@@ -5,10 +5,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.array_capture import capture_from_arrays
-from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
-from tests.recon.scenes import ring
+from tests.method.scenes import ring
 
 T, WIDTH, HEIGHT = 3, 8, 6
 CAMERAS: list[Camera] = ring(4, width=WIDTH, height=HEIGHT)

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.base import WIDEST, Capture, Request
-from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 from tests.capture import folders
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.camera_images import CameraImages, same_shape
 from splatreel.capture.files import LOCAL
-from splatreel.errors import CaptureError
 
 SIDEWAYS = 6
 """Number in EXIF of images whose top is at the right."""

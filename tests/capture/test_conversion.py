@@ -4,12 +4,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import CaptureError
+from splatreel.base.progress import Silent
 from splatreel.capture.base import Request
 from splatreel.capture.conversion import convert_capture
 from splatreel.capture.opening import open_capture
 from splatreel.capture.readers.colmap import ColmapCapture
-from splatreel.errors import CaptureError
-from splatreel.progress import Silent
 from tests.capture import blobs, folders
 from tests.capture.readers import test_transforms
 from tests.capture.readers.calibrations import test_metashape

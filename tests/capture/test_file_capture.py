@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.opening import open_capture
 from splatreel.capture.srgb import BT2020
 from splatreel.capture.video import VideoFile
-from splatreel.errors import CaptureError
 from tests.capture import folders
 from tests.capture.colors import COLORS, SIDE, squares, write_colors, write_display_matrix
 from tests.capture.growing.recorder import Recorder

@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Capture
 from splatreel.capture.follower import Follower, open_growing
 from splatreel.capture.growing.growing_pictures import is_complete_picture
 from splatreel.capture.growing.growth import END, Growth
-from splatreel.errors import CaptureError
 from tests.capture import folders
 from tests.capture.growing.recorder import KINDS, Recorder, marks
 

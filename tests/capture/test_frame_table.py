@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture import video as video_module
 from splatreel.capture.files import LOCAL, RemoteCaptureFiles, open_media
 from splatreel.capture.frame_table import ARRAYS, FrameTable, load_tables, pack_tables, scan
 from splatreel.capture.opening import CaptureSource, open_capture
 from splatreel.capture.soundtrack import Track, choose
 from splatreel.capture.video import VideoFile
-from splatreel.errors import CaptureError
 from splatreel.storage.addresses import open_folder
 from splatreel.storage.folder import LocalFolder
 from splatreel.storage.ranged_file import BLOCK, RangedFile

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from PIL import Image, ImageCms, ImageOps
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.images import image_size, read_header, read_image
-from splatreel.errors import CaptureError
 from tests.capture.colors import COLORS, display_p3_profile, png_chunk, write_png16
 
 NOISE = np.random.default_rng(0).integers(0, 256, (24, 32, 3), np.uint8)

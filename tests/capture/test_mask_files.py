@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
-from splatreel.errors import CaptureError
 from tests.capture import folders
 from tests.capture.folders import HEIGHT, WIDTH
 

@@ -11,7 +11,7 @@ from splatreel.capture.opening import open_capture
 from splatreel.scene.camera import Camera
 from splatreel.scene.reel_source import ReelSource
 from tests.capture import folders
-from tests.recon.captures import WallCapture
+from tests.method.captures import WallCapture
 
 
 class Ramp:

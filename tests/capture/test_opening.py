@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.opening import open_capture
-from splatreel.errors import CaptureError
 
 
 @pytest.mark.parametrize("make", [True, False], ids=["empty folder", "no folder"])

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.picture_pairs import pair_pictures
-from splatreel.errors import CaptureError
 
 Names = dict[str, list[str]]
 

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.picture_times import Keys, moments
-from splatreel.errors import CaptureError
 
 RNG = np.random.default_rng(0)
 

@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Capture
 from splatreel.capture.prefetch import FramePrefetcher
-from splatreel.errors import CaptureError
 from tests.capture import folders
 
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Request
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.soundtrack import RATE, Track, choose, read_sound
 from splatreel.capture.videos import Videos
-from splatreel.errors import CaptureError
 from tests.capture.films import HEARD, film
 
 HERE = Path("capture")

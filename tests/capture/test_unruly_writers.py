@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.opening import open_capture
-from splatreel.errors import CaptureError
 from tests.capture.growing.recorder import Recorder
 from tests.capture.test_follower import BEGUN, expected, following, shown
 

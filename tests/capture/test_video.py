@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.video import VIDEO_SUFFIXES, VideoFile
-from splatreel.errors import CaptureError
 from tests.capture import folders
 from tests.capture.colors import write_display_matrix
 

@@ -7,10 +7,10 @@ import av
 import numpy as np
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.srgb import BT2020, HLG, P3, PQ
 from splatreel.capture.video import VideoFile
 from splatreel.capture.video_color import VideoColor
-from splatreel.errors import CaptureError
 from tests.capture.colors import COLORS, SIDE, squares, write_colors
 
 TO_BT2020 = np.array([[0.6274, 0.3293, 0.0433], [0.0691, 0.9195, 0.0114], [0.0164, 0.0880, 0.8956]])

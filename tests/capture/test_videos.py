@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from av.stream import Disposition
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.opening import open_capture
-from splatreel.errors import CaptureError
 from tests.capture import folders
 
 FRAMES = 10

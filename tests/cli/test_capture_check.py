@@ -10,7 +10,7 @@ from PIL import Image
 
 from splatreel.cli.main import main
 from splatreel.scene.camera import Camera
-from tests.recon import corner
+from tests.method import corner
 
 COUNT = 5
 

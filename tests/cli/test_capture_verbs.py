@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from splatreel.capture import calibrate, sync
+from splatreel.calibration import calibrate
+from splatreel.calibration.synchronization import sync
 from splatreel.capture.sidecar import SyncEvidence
 from splatreel.cli.main import main
 from tests.capture import folders

@@ -10,7 +10,7 @@ from splatreel.cli.main import main
 from splatreel.config import Config, preset
 from splatreel.config.settings import parse_settings, settings
 from tests.capture import folders
-from tests.recon.captures import WallCapture
+from tests.method.captures import WallCapture
 
 
 def test_config_lists_every_setting_in_the_form_of_set(capsys: pytest.CaptureFixture[str]) -> None:

@@ -10,8 +10,8 @@ from splatreel.cli import demo
 from splatreel.cli.main import main
 from splatreel.cli.options import with_set
 from splatreel.config import preset
-from splatreel.recon.encode import keyframe_preview
-from tests.recon.small import small
+from splatreel.run.output import keyframe_preview
+from tests.method.small import small
 
 
 @pytest.fixture

@@ -9,13 +9,13 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+from splatreel.base.display import Lines
 
+from splatreel.base.errors import UsageError
 from splatreel.cli import demo_player
 from splatreel.cli.demo_player import DemoPlayer
 from splatreel.codec.preview_writer import write_preview
-from splatreel.errors import UsageError
 from splatreel.play import sample_reel
-from splatreel.progress import Lines
 from tests.codec.reels import new_header, points, write_reel
 from tests.golden import PREDICTIVE
 

@@ -10,10 +10,10 @@ import pytest
 from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
-from splatreel.recon.pipeline import reconstruct
-from splatreel.recon.run.run_lock import lock_reel
-from tests.recon.captures import WallCapture
-from tests.recon.small import small
+from splatreel.run.pipeline import reconstruct
+from splatreel.run.run_lock import lock_reel
+from tests.method.captures import WallCapture
+from tests.method.small import small
 
 
 @pytest.fixture(scope="module")

@@ -8,13 +8,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from splatreel import threads
+from splatreel.base import threads
 from splatreel.cli.main import main
-from splatreel.recon.machines import ray_cluster
-from splatreel.recon.run import machine_speed, memory
-from splatreel.recon.run.machine_speed import describe_processor
+from splatreel.run import machine_speed, memory
+from splatreel.run.machine_speed import describe_processor
+from splatreel.run.machines import ray_cluster
 from tests.capture import folders
-from tests.recon.captures import WallCapture
+from tests.method.captures import WallCapture
 
 
 @pytest.fixture

@@ -10,14 +10,13 @@ import pytest
 
 from splatreel.cli.export import ProgramName
 from splatreel.cli.main import main
+from splatreel.formats.ply import read_columns, read_ply
+from splatreel.formats.programs import PROGRAMS
+from splatreel.formats.registry import FRAME_FORMATS, is_antialiased, read_splats
+from splatreel.formats.remarks import Remarks
 from splatreel.play.gaussian_export import GaussianExport
 from splatreel.play.timeline import Timeline, open_reel
-from splatreel.scene.frame_formats import FRAME_FORMATS
-from splatreel.scene.ply import read_columns, read_ply
-from splatreel.scene.programs import PROGRAMS
-from splatreel.scene.remarks import Remarks
 from splatreel.scene.volumes import Sphere
-from splatreel.sequence.splat_file import is_antialiased, read_splats
 from tests.golden import GOLDEN
 from tests.sequence.films import frame, write_film
 

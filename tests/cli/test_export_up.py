@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from splatreel.cli.main import main
+from splatreel.formats.ply import read_ply
+from splatreel.formats.spz import read_spz
 from splatreel.play.timeline import open_reel
-from splatreel.scene.ply import read_ply
-from splatreel.sequence.spz_file import read_spz
 from tests.sequence.films import frame, write_film
 
 

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.base.errors import ReelError, SplatreelError
 from splatreel.cli.failure import explain
 from splatreel.cli.main import main
-from splatreel.errors import ReelError, SplatreelError
 
 
 def caused(error: BaseException, cause: BaseException) -> BaseException:

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
-from splatreel.errors import ReelError
-from splatreel.scene.ply import write_ply
-from splatreel.scene.ply_table import read_comments
+from splatreel.formats.ply import write_ply
+from splatreel.formats.ply_table import read_comments
 from splatreel.sequence.reel import SequenceEncoder
 from tests.sequence.films import BALL, WALL, cameras, frame, write_film
 from tests.sequence.test_viewpoints import entry

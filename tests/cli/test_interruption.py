@@ -17,12 +17,12 @@ from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from tests.capture import folders
-from tests.recon.captures import WallCapture
+from tests.method.captures import WallCapture
 
 SHORT = """
 import sys
 from splatreel import config
-from tests.recon.small import small
+from tests.method.small import small
 
 config.preset = lambda quality: small({"group.length": 3, "group.iterations_per_frame": 4, "keyframe.refine_iterations": 10})
 

@@ -12,13 +12,13 @@ from pathlib import Path
 
 import pytest
 
-from splatreel import errors
+from splatreel.base import errors
+from splatreel.base.command_line import EXTRAS
+from splatreel.base.errors import CaptureError
+from splatreel.base.process import quiet_threads
 from splatreel.cli import main as cli
 from splatreel.cli.failure import LIGHTER, Terminated, explain
 from splatreel.cli.main import main
-from splatreel.command_line import EXTRAS
-from splatreel.errors import CaptureError
-from splatreel.process import quiet_threads
 from tests.capture import folders
 
 VERBS = [

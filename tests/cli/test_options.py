@@ -2,10 +2,10 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.base.errors import UsageError
 from splatreel.cli.main import main
 from splatreel.cli.options import parse_frames, parse_held_out, parse_names, parse_numbers, reel_folder, with_set
 from splatreel.config import Config
-from splatreel.errors import UsageError
 
 
 def test_frames() -> None:

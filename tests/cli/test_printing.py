@@ -4,8 +4,8 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.base.progress import printable
 from splatreel.cli.printing import say, serving
-from splatreel.progress import printable
 
 
 @pytest.mark.parametrize(

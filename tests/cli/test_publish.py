@@ -21,8 +21,8 @@ from tests.buckets import BreakingFolder
 from tests.capture import folders
 from tests.golden import GOLDEN, PREDICTIVE
 from tests.golden_long import LONG
-from tests.recon.captures import WallCapture
-from tests.recon.small import small
+from tests.method.captures import WallCapture
+from tests.method.small import small
 
 
 def test_reel_is_published_and_read_from_its_bucket(bucket, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -155,8 +155,8 @@ def watch_groups(monkeypatch: pytest.MonkeyPatch, url: str) -> list[int]:
     """Count the published groups after each group that was made, and wait for them."""
     import time
 
+    from splatreel.base.errors import ReelError
     from splatreel.codec.reader import ReelReader
-    from splatreel.errors import ReelError
 
     seen: list[int] = []
     changed = background_publication.BackgroundPublication.changed

@@ -13,8 +13,8 @@ import pytest
 from splatreel.cli.main import main
 from splatreel.play.timeline import open_reel
 from splatreel.scene.turning import turn_upright, turned
+from tests.formats.test_glb import read_glb
 from tests.golden import PREDICTIVE
-from tests.scene.test_gltf import read_glb
 
 GOLDEN = Path(__file__).parent.parent / "data" / "golden"
 
@@ -82,7 +82,7 @@ def test_verify_finds_a_flipped_bit(tmp_path: Path, capsys: pytest.CaptureFixtur
 
 
 def test_export(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    pytest.importorskip("splatreel.scene.ply")
+    pytest.importorskip("splatreel.formats.ply")
     target = tmp_path / "made" / "frame.ply"
     assert main(["export", str(GOLDEN), "--frame", "3", "--out", str(target)]) == 0
     assert target.read_bytes().startswith(b"ply\n")

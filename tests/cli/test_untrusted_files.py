@@ -10,13 +10,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import ReelError, UsageError
 from splatreel.cli.main import main
 from splatreel.codec.document import parse_object
-from splatreel.errors import ReelError, UsageError
+from splatreel.formats.ply import write_ply
 from splatreel.play.camera_path import CameraPath, Keyframe
 from splatreel.play.film import film_along_path
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.ply import write_ply
 from tests.sequence.films import cameras, frame, write_film
 
 GOLDEN = Path(__file__).parent.parent / "data" / "golden"

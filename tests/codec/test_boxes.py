@@ -4,8 +4,8 @@ import struct
 
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.boxes import check_samples
-from splatreel.errors import ReelError
 
 
 def box(name: str, *parts: bytes) -> bytes:

@@ -6,15 +6,15 @@ import sys
 import numpy as np
 import pytest
 
+from splatreel.base.errors import ReelError
+from splatreel.base.memory_budget import A_BYTE, FLOOR, allowed_memory
 from splatreel.codec.budget import claimed_memory
 from splatreel.codec.container import unpack_file
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
 from splatreel.codec.reader import ReelReader
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReelError
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
-from splatreel.scene.memory_budget import A_BYTE, FLOOR, allowed_memory
 from tests.codec.reels import points, write_reel
 from tests.golden import random_motion
 

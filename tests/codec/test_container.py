@@ -9,11 +9,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from safetensors.numpy import load
 
-from splatreel.codec.container import FileHeader, pack_file, unpack_file, write_atomically
+from splatreel.base.atomic import write_bytes
+from splatreel.base.errors import ReelError
+from splatreel.codec.container import FileHeader, pack_file, unpack_file
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
 from splatreel.codec.section import Section
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReelError
 from tests.codec.reels import CONFIG, new_group, points
 
 HEADER = FileHeader("group", 3, 7, 90, 35)
@@ -115,14 +116,14 @@ def test_damaged_file_raises_reel_error_or_decodes(file, data):
 
 def test_full_disk_keeps_the_old_file(tmp_path, monkeypatch):
     file = tmp_path / "sub" / "a.bin"
-    write_atomically(file, b"old")
+    write_bytes(file, b"old")
 
     def full(_):
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr("os.fsync", full)
     with pytest.raises(ReelError, match=r"a\.bin: could not write 3 bytes \(No space left on device\)"):
-        write_atomically(file, b"new")
+        write_bytes(file, b"new")
     assert file.read_bytes() == b"old"
     assert [p.name for p in file.parent.iterdir()] == ["a.bin"]
 

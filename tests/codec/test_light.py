@@ -3,10 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.container import pack_file, unpack_file
 from splatreel.codec.group_file import decode_group, encode_group
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReelError
 from tests.codec.reels import new_group
 
 LIGHT = np.geomspace((1, 1, 1), (0.3, 2, 5), 3, dtype=np.float32)

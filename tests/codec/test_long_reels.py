@@ -7,8 +7,9 @@ import json
 import numpy as np
 import pytest
 
+from splatreel.base.atomic import write_bytes
+from splatreel.base.errors import ReelError
 from splatreel.codec import writer as writer_module
-from splatreel.codec.container import write_atomically
 from splatreel.codec.edit import edit_reel
 from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.group_file import decode_group
@@ -17,7 +18,6 @@ from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReelError
 from tests.codec.reels import QUICK, add_chapter_group, new_group, new_writer, points, write_chapters
 from tests.files import contents
 
@@ -234,7 +234,7 @@ def test_killed_writer_leaves_a_valid_reel_that_resumes(tmp_path, monkeypatch):
     for kind in ("layer", "group"):  # encoded once, taken from there each time
         monkeypatch.setattr(ReelEncoder, kind, remembering(getattr(ReelEncoder, kind)))
     go(tmp_path / "whole")
-    monkeypatch.setattr(writer_module, "write_atomically", may_be_killed(writer_module.write_atomically))
+    monkeypatch.setattr(writer_module, "write_bytes", may_be_killed(writer_module.write_bytes))
     monkeypatch.setattr(ReelWriter, "_delete", may_be_killed(ReelWriter._delete))
     killed = 0
     while left <= 0:
@@ -257,10 +257,10 @@ def test_full_disk_at_a_page_leaves_a_valid_reel(tmp_path, monkeypatch):
     def full(path, data):
         if path.parent.name == "pages":
             raise ReelError(f"{path}: could not write")
-        write_atomically(path, data)
+        write_bytes(path, data)
 
     with monkeypatch.context() as patch:
-        patch.setattr(writer_module, "write_atomically", full)
+        patch.setattr(writer_module, "write_bytes", full)
         with pytest.raises(ReelError, match="could not write"):
             add_chapter_group(writer, 3, 4)
     assert verify_reel(tmp_path).groups == 3

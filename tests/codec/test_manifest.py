@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.header import BLACK
 from splatreel.codec.manifest import MAX_BYTES, parse_manifest
-from splatreel.errors import ReelError
 from splatreel.scene.clearance import NONE, Clearance
 from tests.golden import GOLDEN
 

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.manifest import Manifest, parse_manifest
 from splatreel.codec.manifest_pages import MAX_PAGE_BYTES, PAGE, make_page
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
-from splatreel.errors import ReelError
 from tests.codec.reels import edit_manifest, write_chapters
 from tests.golden import GOLDEN
 

@@ -5,10 +5,10 @@ import shutil
 
 import pytest
 
+from splatreel.base.errors import ReelError, StorageError
 from splatreel.codec.publication import HOUR, RECORD, Publication, file_entries, is_published_name, published_name
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
-from splatreel.errors import ReelError, StorageError
 from splatreel.storage.addresses import open_folder
 from splatreel.storage.folder import LocalFolder
 from tests.buckets import BreakingFolder

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from splatreel.base.errors import ReelError
 from splatreel.codec import quantize
-from splatreel.errors import ReelError
 
 
 def test_pack_known_answers():

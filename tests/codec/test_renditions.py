@@ -5,11 +5,11 @@ from dataclasses import fields
 import numpy as np
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.container import unpack_file
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.config import COARSENESS, EncodeConfig
-from splatreel.errors import ReelError
 from splatreel.play.timeline import open_reel
 from tests.codec.reels import new_group, new_writer, points
 from tests.golden import write_golden

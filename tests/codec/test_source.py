@@ -16,10 +16,10 @@ from urllib.parse import urlsplit
 
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.source import _SameHost, open_source
 from splatreel.codec.verify import verify_reel
-from splatreel.errors import ReelError
 from tests.golden import GOLDEN
 from tests.golden_long import LONG, WINDOW
 

@@ -5,12 +5,12 @@ import struct
 
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.container import pack_file, unpack_file
 from splatreel.codec.info import reel_info
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.section import Section
 from splatreel.codec.verify import verify_reel
-from splatreel.errors import ReelError
 from tests.codec.reels import edit_manifest, replace_file, write_reel
 from tests.golden import GOLDEN
 

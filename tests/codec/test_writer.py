@@ -7,12 +7,12 @@ import json
 import numpy as np
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.group_file import encode_layer
 from splatreel.codec.presentation import Poster, Presentation
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReelError
 from tests.codec.reels import new_group, new_writer, points, write_reel
 from tests.files import contents
 from tests.golden import camera

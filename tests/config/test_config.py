@@ -4,10 +4,10 @@ from typing import Any, get_args
 
 import pytest
 
+from splatreel.base.errors import UsageError
 from splatreel.config import Config, EncodeConfig, GroupConfig, H265Config, Quality, preset
 from splatreel.config.presets import BEYOND_THE_PAPER, SECTION_5_1, TABLE_11
 from splatreel.config.settings import changed
-from splatreel.errors import UsageError
 
 LEAST = {
     "seed": 0,

@@ -6,13 +6,13 @@ from typing import Any
 
 import pytest
 
+from splatreel.base.errors import ReconstructionError
 from splatreel.config import Config
 from splatreel.config.records import ADDED_SETTINGS, FORMER_DEFAULTS, complete_settings, with_former_defaults
 from splatreel.config.settings import changed, settings
-from splatreel.errors import ReconstructionError
-from splatreel.recon.run.run_lock import RunLock
-from splatreel.recon.run.run_record import run_record
-from tests.recon.captures import WallCapture
+from splatreel.run.run_lock import RunLock
+from splatreel.run.run_record import run_record
+from tests.method.captures import WallCapture
 
 
 def enter(tmp_path: Path, changes: dict[str, Any]) -> None:

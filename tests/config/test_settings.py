@@ -1,8 +1,8 @@
 import pytest
 
+from splatreel.base.errors import UsageError
 from splatreel.config import Config
 from splatreel.config.settings import changed, parse_settings, settings
-from splatreel.errors import UsageError
 
 
 def test_every_setting_is_documented() -> None:

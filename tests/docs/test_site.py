@@ -109,7 +109,7 @@ def test_names_break_in_tables_and_not_in_blocks_of_code(hooks: ModuleType) -> N
     assert hooks.on_page_content(block) == block
     inline = "<p>In <code>.venv/bin/pip</code>.</p>"
     assert hooks.on_page_content(inline) == inline
-    cell = "<td><code>capture/readers/</code> and <code>recon/run/store.py</code></td>"
+    cell = "<td><code>capture/readers/</code> and <code>run/store.py</code></td>"
     assert "<code>recon/<wbr>run/<wbr>store.py</code>" in hooks.on_page_content(cell)
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import UsageError
 from splatreel.edit.operations import OPERATIONS, apply_operations, read_edit_list
 from splatreel.edit.reel_clip import ReelClip
-from splatreel.errors import UsageError
 from splatreel.play.timeline import open_reel
 from tests.edit.clips import edit, picture, psnr, write_reel
 from tests.flashes import clicks

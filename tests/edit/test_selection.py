@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import UsageError
 from splatreel.edit.operations import apply_operations
 from splatreel.edit.reel_clip import ReelClip
-from splatreel.errors import UsageError
 from splatreel.play.timeline import Timeline, open_reel
 from splatreel.scene.camera import facing
 from splatreel.scene.gaussians import Gaussians

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import UsageError
 from splatreel.codec.verify import verify_reel
 from splatreel.edit.operations import apply_operations
 from splatreel.edit.reel_clip import ReelClip
-from splatreel.errors import UsageError
 from splatreel.play.timeline import Timeline, open_reel
 from tests.codec.reels import new_group, new_writer, points, write_chapters
 from tests.edit.clips import edit, picture, psnr, worst, write_reel

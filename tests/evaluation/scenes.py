@@ -11,7 +11,7 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.evaluation.bench.microbenchmarks import cloud, front_camera, swinging_group
 from splatreel.kernels.image import render_image
-from splatreel.recon.run.store import Store, StoredGroup, StoredLayer
+from splatreel.run.store import Store, StoredGroup, StoredLayer
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group

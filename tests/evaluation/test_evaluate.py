@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from splatreel.base.errors import UsageError
 from splatreel.codec.reader import ReelReader
-from splatreel.errors import UsageError
 from splatreel.evaluation.evaluate import check_same_capture, choose_frames, evaluate
 from splatreel.evaluation.report import Report
 from tests.evaluation import scenes, small_lpips

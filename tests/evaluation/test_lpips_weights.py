@@ -6,7 +6,7 @@ import pytest
 
 torch = pytest.importorskip("torch")
 
-from splatreel.errors import MissingDependencyError  # noqa: E402
+from splatreel.base.errors import MissingDependencyError  # noqa: E402
 from splatreel.evaluation import lpips_weights  # noqa: E402
 from splatreel.evaluation.lpips_weights import FILES, load_weights, package_folder  # noqa: E402
 from tests.evaluation import small_lpips  # noqa: E402

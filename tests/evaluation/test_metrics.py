@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from splatreel.errors import UsageError
+from splatreel.base.errors import UsageError
 from splatreel.evaluation.metrics import PSNR_MAX, dssim, psnr, psnr_per_channel, ssim, ssim_skimage
 
 

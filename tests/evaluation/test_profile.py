@@ -4,12 +4,12 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture import opening
 from splatreel.cli.main import main
-from splatreel.errors import CaptureError
 from splatreel.evaluation.profile import profiled, table
 from tests.evaluation import scenes
-from tests.recon.small import FEW
+from tests.method.small import FEW
 
 
 def test_profile_lists_longest_functions_first() -> None:

@@ -8,13 +8,13 @@ from typing import Any
 
 import pytest
 
+from splatreel.base.atomic import write_bytes
+from splatreel.base.errors import UsageError
 from splatreel.capture import opening
-from splatreel.codec.container import write_atomically
 from splatreel.codec.reader import ReelReader
 from splatreel.edit.clip_writer import write_clip
 from splatreel.edit.operations import apply_operations
 from splatreel.edit.reel_clip import ReelClip
-from splatreel.errors import UsageError
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.reel_capture import open_reel_capture, work_of
 from splatreel.scene.reel_source import ReelSource
@@ -58,7 +58,7 @@ def without_source(reel: Path, folder: Path) -> Path:
     """Return a copy of a reel as earlier versions wrote it."""
     shutil.copytree(reel, folder)
     manifest = replace(ReelReader(reel).manifest, source=None)
-    write_atomically(folder / "manifest.json", manifest.to_json().encode())
+    write_bytes(folder / "manifest.json", manifest.to_json().encode())
     return folder
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from splatreel.errors import UsageError
+from splatreel.base.errors import UsageError
 from splatreel.evaluation.report import Number, Report, compared_size, describe_flicker, megabytes, report_numbers
 
 FIELDS = {

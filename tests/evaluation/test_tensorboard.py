@@ -5,12 +5,12 @@ from typing import Any
 
 import pytest
 
+from splatreel.base.errors import MissingDependencyError, UsageError
+from splatreel.base.progress import Silent
 from splatreel.codec.reader import ReelReader
-from splatreel.errors import MissingDependencyError, UsageError
 from splatreel.evaluation.page.report_writer import ReportWriter
 from splatreel.evaluation.tensorboard import STEPS_PER_GROUP, EventWriter, check_tensorboard
-from splatreel.progress import Silent
-from splatreel.recon.run.run_history import RecordedProgress
+from splatreel.run.run_history import RecordedProgress
 from tests.evaluation import scenes
 
 pytest.importorskip("tensorboardX")

@@ -12,9 +12,9 @@ from PIL import Image
 
 import splatreel
 from splatreel.capture.builtin.synthetic import make_capture
-from splatreel.scene.ply import read_ply
+from splatreel.formats.ply import read_ply
 from tests.golden import GOLDEN
-from tests.recon.small import small
+from tests.method.small import small
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import hashlib
 import json
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.container import unpack_file
 from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.codec.manifest import parse_manifest
 from splatreel.codec.opus_sound import decode_sound
-from splatreel.errors import ReelError
 from tests.fuzz.seeds import DOCUMENTS, FIRST_PAGE, files, pages
 
 NAME = "some/file"

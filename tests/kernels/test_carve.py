@@ -3,7 +3,7 @@
 import numpy as np
 
 from splatreel.kernels import carve
-from tests.recon.scenes import ring
+from tests.method.scenes import ring
 
 CAMERAS = ring(7, width=40, height=30)
 NEAR, LEAST, SHARE = 0.8, 3.0, 0.6

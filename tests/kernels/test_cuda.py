@@ -8,7 +8,7 @@ import sys
 import pytest
 import torch
 
-from splatreel.errors import MissingDependencyError
+from splatreel.base.errors import MissingDependencyError
 from splatreel.kernels import cuda_backend as cuda
 from splatreel.kernels import splat, twin
 from tests.kernels.compare import camera, gaussians, splats

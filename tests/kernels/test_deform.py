@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 import torch
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.kernels import splat, twin
 from splatreel.kernels.backend import Backend
 from splatreel.kernels.backends import BACKENDS

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.kernels import cuda_backend as cuda
 from splatreel.kernels import splat, twin
 

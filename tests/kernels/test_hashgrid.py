@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.kernels import motion, twin
 from tests.kernels.compare import assert_parity
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.kernels import splat
 from splatreel.kernels.image import Backdrop, render_image
 from splatreel.scene.camera import Camera

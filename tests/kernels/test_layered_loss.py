@@ -6,7 +6,7 @@
 import pytest
 import torch
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.kernels import splat
 from tests.kernels.test_freeze import HEIGHT, WIDTH, splats
 

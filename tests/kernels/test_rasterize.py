@@ -14,8 +14,8 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from splatreel import threads
-from splatreel.errors import GaussiansError
+from splatreel.base import threads
+from splatreel.base.errors import GaussiansError
 from splatreel.kernels import splat, twin
 from splatreel.kernels.cpu import binning
 from tests.kernels.compare import assert_parity, splats

@@ -7,7 +7,7 @@ from splatreel.kernels import rigid
 from splatreel.kernels.cpu.rigid import CAP, PAIRS
 from splatreel.kernels.rigid import Template, Views
 from splatreel.scene import rotations
-from tests.recon.scenes import ring
+from tests.method.scenes import ring
 
 WIDTH, HEIGHT = 96, 64
 CAMERAS = ring(4, width=WIDTH, height=HEIGHT)

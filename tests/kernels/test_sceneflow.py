@@ -3,7 +3,7 @@
 import numpy as np
 
 from splatreel.kernels import sceneflow
-from tests.recon.scenes import ring
+from tests.method.scenes import ring
 
 CAMERAS = ring(6, width=64, height=48)
 POSES, LENSES = np.stack([c.viewmat for c in CAMERAS]), np.stack([c.K for c in CAMERAS])

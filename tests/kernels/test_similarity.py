@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.kernels import splat, twin
 from tests.kernels.compare import assert_parity
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.kernels import splat, twin
 from splatreel.kernels.image import render_image
 from splatreel.scene import rotations

@@ -3,7 +3,7 @@
 import numpy as np
 
 from splatreel.kernels import translation
-from tests.recon.scenes import ring
+from tests.method.scenes import ring
 
 CAMERAS = ring(6, width=40, height=30)
 NEAR = 0.8

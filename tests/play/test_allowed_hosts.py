@@ -6,7 +6,7 @@ from urllib.parse import urlsplit
 
 import pytest
 
-from splatreel.errors import UsageError
+from splatreel.base.errors import UsageError
 from splatreel.play.allowed_hosts import AllowedHosts
 from splatreel.play.server import serve
 from tests.golden import GOLDEN

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from splatreel.errors import UsageError
+from splatreel.base.errors import UsageError
 from splatreel.play.camera_path import CameraPath, Keyframe, read_path
 
 GOLDEN = Path(__file__).parents[1] / "data" / "golden-paths.json"

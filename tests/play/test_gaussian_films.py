@@ -5,14 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.play.fourdgs_film import write_fourdgs
+from splatreel.formats.fourdgs import FourdgsScene, write_fourdgs
+from splatreel.formats.usd import estimate_bytes, write_usd
 from splatreel.play.gaussian_export import GaussianExport
 from splatreel.play.timeline import open_reel
-from splatreel.play.usd_film import estimate_bytes, write_usd
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.turning import turned
 from splatreel.scene.volumes import Box
-from splatreel.sequence.fourdgs_scene import FourdgsScene
 from tests.golden import PREDICTIVE
 
 

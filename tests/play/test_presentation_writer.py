@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from splatreel.base.errors import ReelError
 from splatreel.codec import container
 from splatreel.codec.verify import verify_reel
 from splatreel.codec.writer import ReelWriter
-from splatreel.errors import ReelError
 from splatreel.play.presentation_writer import PresentationWriter, jpeg_within
 from splatreel.play.timeline import open_reel
 from tests.codec.reels import new_group, new_writer, points
@@ -146,7 +146,7 @@ def test_killed_edit_resumes_to_same_reel(tmp_path: Path, monkeypatch: pytest.Mo
         complete(writer, present)
 
     run(tmp_path / "whole")
-    writes, first = 0, container.write_atomically
+    writes, first = 0, container.write_bytes
 
     def write(path: Path, data: bytes) -> None:
         nonlocal writes
@@ -155,7 +155,7 @@ def test_killed_edit_resumes_to_same_reel(tmp_path: Path, monkeypatch: pytest.Mo
             raise KeyboardInterrupt
         first(path, data)
 
-    monkeypatch.setattr("splatreel.codec.writer.write_atomically", write)
+    monkeypatch.setattr("splatreel.codec.writer.write_bytes", write)
     for fatal in range(1, 30):
         writes = 0
         folder = tmp_path / str(fatal)

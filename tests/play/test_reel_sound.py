@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.opus_sound import encode_sound
-from splatreel.errors import ReelError
 from splatreel.play.server import serve
 from splatreel.play.timeline import open_reel
 from tests import flashes, golden

@@ -6,8 +6,8 @@ import urllib.request
 
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.publication import Publication
-from splatreel.errors import ReelError
 from splatreel.play import remote_files
 from splatreel.play.remote_files import RemoteFiles
 from splatreel.play.server import serve

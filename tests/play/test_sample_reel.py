@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
-from splatreel.errors import ReelError
 from splatreel.play import sample_reel
 
 

@@ -8,9 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.edit import edit_reel
 from splatreel.codec.manifest import parse_manifest
-from splatreel.errors import ReelError
 from splatreel.play import standalone
 from splatreel.play.standalone import write_standalone
 from tests.golden import GOLDEN, PREDICTIVE, write_golden

@@ -6,8 +6,8 @@ from dataclasses import FrozenInstanceError, replace
 import numpy as np
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.reader import ReelReader
-from splatreel.errors import ReelError
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import open_reel
 from splatreel.scene.gaussians import Gaussians

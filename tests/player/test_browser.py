@@ -18,8 +18,8 @@ from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
 from tests.codec.reels import edit_manifest
 from tests.golden import GOLDEN
+from tests.method.scenes import look_at
 from tests.player.pages import PLAYER, open_player
-from tests.recon.scenes import look_at
 
 pytestmark = pytest.mark.browser
 

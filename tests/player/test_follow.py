@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 from playwright.sync_api import Page
 
+from splatreel.base.progress import Silent
 from splatreel.capture.follower import Follower, open_growing
 from splatreel.capture.growing.growth import Growth
 from splatreel.codec.reader import ReelReader
 from splatreel.play.server import serve
-from splatreel.progress import Silent
-from splatreel.recon.live.following import Live, reconstruct_following
+from splatreel.run.live.following import Live, reconstruct_following
 from tests.capture.growing.recorder import Recorder
-from tests.recon.captures import WallCapture
-from tests.recon.small import small
+from tests.method.captures import WallCapture
+from tests.method.small import small
 
 PLAYER = "document.querySelector('splat-reel')?.player"
 """The page makes its element when it has seen what there is to play."""

@@ -10,11 +10,11 @@ import torch
 pytest.importorskip("playwright.sync_api", reason="the browser tests need the playwright package")
 from playwright.sync_api import Page
 
+from splatreel.base.progress import Silent
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.play.server import serve
 from splatreel.play.timeline import open_reel
-from splatreel.progress import Silent
 from splatreel.scene.gaussians import Gaussians
 from splatreel.sequence.opening import open_frames
 from splatreel.sequence.reel import header_of, write_reel

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from splatreel.errors import CaptureError
+from splatreel.base.errors import CaptureError
 from splatreel.scene.camera import Camera, focus_point
 
 K = np.array([[100, 0, 50], [0, 110, 40], [0, 0, 1.0]])

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from splatreel.scene.clearance import NONE, Clearance
-from tests.recon.scenes import look_at
+from tests.method.scenes import look_at
 
 ROOM = Clearance((0.0, 0.0, 0.0), 0.25)
 

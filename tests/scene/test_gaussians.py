@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.kernels.image import render_image
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.scene import rotations
 from splatreel.scene.group import Group
 from tests.golden import random_gaussians, random_motion

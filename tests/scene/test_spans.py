@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from splatreel.errors import UsageError
+from splatreel.base.errors import UsageError
 from splatreel.scene.spans import group_spans
 
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.formats.ply import write_ply
 from splatreel.scene import rotations
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.ply import write_ply
 from tests.golden import random_gaussians
 
 WALL, BALL = 300, 150

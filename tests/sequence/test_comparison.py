@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from splatreel.cli.main import main
+from splatreel.formats.ply import read_ply
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.ply import read_ply
 from splatreel.sequence import comparison
 from tests.sequence.films import cameras, frame, write_film
 from tests.sequence.test_viewpoints import entry

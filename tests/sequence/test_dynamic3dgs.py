@@ -4,7 +4,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.scene.gaussians import C0
 from splatreel.sequence.opening import open_frames
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.scene.gaussians import Gaussians
 from splatreel.sequence.edits import Edit, EditedFrames, distant_origin, first_points
 from splatreel.sequence.opening import open_frames

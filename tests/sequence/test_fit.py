@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import GaussiansError
+from splatreel.base.progress import Silent
 from splatreel.cli.main import main
 from splatreel.codec.header import ReelHeader
 from splatreel.config.settings import changed
-from splatreel.errors import GaussiansError
 from splatreel.play.timeline import open_reel
-from splatreel.progress import Silent
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.reel_source import ReelSource
 from splatreel.sequence.fit import FilmCapture, fit_config, fit_reel, steadied

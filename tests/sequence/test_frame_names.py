@@ -2,7 +2,7 @@
 
 import pytest
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.sequence.frame_names import order_frames
 
 

@@ -12,12 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.errors import GaussiansError
-from splatreel.scene.frame_formats import FRAME_FORMATS, Placement
-from splatreel.scene.memory_budget import FLOOR, points_memory
-from splatreel.scene.remarks import Remarks
+from splatreel.base.errors import GaussiansError
+from splatreel.base.memory_budget import FLOOR, points_memory
+from splatreel.formats.registry import FRAME_FORMATS, Placement, read_splats
+from splatreel.formats.remarks import Remarks
 from splatreel.sequence.opening import open_frames
-from splatreel.sequence.splat_file import read_splats
 from tests.golden import random_gaussians
 
 MANY = 8_000_000

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.errors import GaussiansError
-from splatreel.scene.ply import write_ply
+from splatreel.base.errors import GaussiansError
+from splatreel.formats.ply import write_ply
 from splatreel.sequence.opening import open_frames
 from tests.sequence.films import frame, scene, write_film
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
+from splatreel.base.errors import GaussiansError
+from splatreel.base.progress import Silent
 from splatreel.codec.verify import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import COARSENESS, EncodeConfig
-from splatreel.errors import GaussiansError
+from splatreel.formats.remarks import Remarks
 from splatreel.play.timeline import open_reel
-from splatreel.progress import Silent
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.remarks import Remarks
 from splatreel.sequence import reel as module
 from splatreel.sequence.comparison import Comparison
 from splatreel.sequence.opening import open_frames

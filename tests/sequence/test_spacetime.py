@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.scene.gaussians import C0
 from splatreel.sequence.opening import open_frames
 from splatreel.sequence.spacetime import SpacetimeGaussians

@@ -5,12 +5,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from splatreel.errors import CaptureError
+from splatreel.base.errors import CaptureError
 from splatreel.play.renderers import draw_on_cpu
 from splatreel.scene.camera import Camera
 from splatreel.sequence.viewpoints import RING, read_cameras, ring
 from tests.capture import folders
-from tests.recon.captures import WallCapture
+from tests.method.captures import WallCapture
 from tests.sequence.films import cameras, scene
 
 

@@ -3,7 +3,7 @@ import sys
 
 import pytest
 
-from splatreel.errors import StorageError, UsageError
+from splatreel.base.errors import StorageError, UsageError
 from splatreel.storage.addresses import is_url, local_path, open_folder
 from splatreel.storage.folder import Headers, LocalFolder, is_plain
 from splatreel.storage.remote_folder import RemoteFolder, header_arguments

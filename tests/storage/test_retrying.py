@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from splatreel.errors import StorageError
+from splatreel.base.errors import StorageError
 from splatreel.storage.folder import LocalFolder
 from splatreel.storage.retrying import RetryingFolder
 from tests.buckets import BreakingFolder

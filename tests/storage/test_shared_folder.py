@@ -2,7 +2,7 @@ import hashlib
 
 import pytest
 
-from splatreel.errors import StorageError
+from splatreel.base.errors import StorageError
 from splatreel.storage import shared_folder
 from splatreel.storage.addresses import open_folder
 from splatreel.storage.shared_folder import SharedFolder

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Capture
-from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 
 UNEVEN = 0.05

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel import threads
+from splatreel.base import threads
 from splatreel.capture.files import Files
 from splatreel.capture.images import ImageHeader, read_header, read_image
 from splatreel.capture.orientation import STORED

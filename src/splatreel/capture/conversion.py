@@ -18,14 +18,14 @@ import numpy as np
 from PIL import Image
 from scipy.spatial.transform import Rotation
 
-from splatreel import threads
+from splatreel.base import threads
+from splatreel.base.atomic import move, scratch
+from splatreel.base.errors import CaptureError
+from splatreel.base.progress import Progress
 from splatreel.capture.base import Capture
 from splatreel.capture.lens import import_cv2
 from splatreel.capture.readers.easyvolcap import EXTRINSICS, INTRINSICS
 from splatreel.capture.sidecar import SIDECAR
-from splatreel.errors import CaptureError
-from splatreel.progress import Progress
-from splatreel.scene.atomic import move, scratch
 from splatreel.scene.camera import Camera
 
 Format = Literal["jpg", "png"]

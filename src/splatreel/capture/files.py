@@ -13,8 +13,8 @@ import av
 from av.container import InputContainer
 from av.stream import Disposition
 
-from splatreel.errors import CaptureError
-from splatreel.scene.atomic import scratch
+from splatreel.base.atomic import scratch
+from splatreel.base.errors import CaptureError
 from splatreel.storage.addresses import open_folder
 from splatreel.storage.ranged_file import RangedFile
 from splatreel.storage.retrying import RetryingFolder

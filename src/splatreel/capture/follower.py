@@ -9,6 +9,7 @@ from pathlib import Path
 from threading import Condition, Thread
 from typing import Any
 
+from splatreel.base.errors import CaptureError, SplatreelError
 from splatreel.capture.base import Capture
 from splatreel.capture.file_capture import FileCapture, GrowingSource
 from splatreel.capture.growing.growth import END, Growth
@@ -18,7 +19,6 @@ from splatreel.capture.readers.easyvolcap import is_easyvolcap
 from splatreel.capture.readers.neu3dv import POSES
 from splatreel.capture.readers.panoptic import is_panoptic
 from splatreel.capture.readers.technicolor import is_technicolor
-from splatreel.errors import CaptureError, SplatreelError
 
 STALL = 3.0
 """Seconds without frames, while other cameras continue, after which a camera is reported as stopped."""

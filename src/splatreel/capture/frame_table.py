@@ -16,9 +16,9 @@ from av.sidedata.sidedata import Type
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.orientation import STORED, Orientation, display_orientation
 from splatreel.capture.video_color import declared_color
-from splatreel.errors import CaptureError
 
 WITHOUT_TIMES = ("avi", "mxf")
 """FFmpeg's names of containers that may lack presentation times although the codec reorders frames."""

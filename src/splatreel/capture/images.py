@@ -14,10 +14,10 @@ import numpy as np
 from av.video.reformatter import Interpolation
 from PIL import Image, ImageCms, UnidentifiedImageError
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.files import LOCAL, Files
 from splatreel.capture.orientation import EXIF, STORED, Orientation
 from splatreel.capture.srgb import over_black
-from splatreel.errors import CaptureError
 
 ORIENTATION = 0x112
 """Number of the orientation in EXIF."""

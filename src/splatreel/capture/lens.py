@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from splatreel.command_line import install_command
-from splatreel.errors import CaptureError, MissingDependencyError
+from splatreel.base.command_line import install_command
+from splatreel.base.errors import CaptureError, MissingDependencyError
 from splatreel.scene.camera import Camera
 
 FOCAL_LENGTHS = {"SIMPLE_PINHOLE": 1, "PINHOLE": 2, "SIMPLE_RADIAL": 1, "RADIAL": 1, "OPENCV": 2, "FULL_OPENCV": 2}

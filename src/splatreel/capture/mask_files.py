@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.camera_images import same_shape
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import list_folder
@@ -16,7 +17,6 @@ from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
 from splatreel.capture.images import image_size, read_image
 from splatreel.capture.own_frames import CountedSource, OwnFrames
 from splatreel.capture.video import VideoFile
-from splatreel.errors import CaptureError
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi")
 DARKEST_WHITE = 128

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Capture, Color, Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import LOCAL, Files, RemoteCaptureFiles
@@ -24,7 +25,6 @@ from splatreel.capture.readers.panoptic import PanopticCapture, is_panoptic
 from splatreel.capture.readers.technicolor import TechnicolorCapture, is_technicolor
 from splatreel.capture.readers.transforms import TransformsCapture, is_transforms
 from splatreel.capture.sidecar import calibration_error
-from splatreel.errors import CaptureError
 from splatreel.storage.addresses import local_path
 
 LOOKED_FOR = """\

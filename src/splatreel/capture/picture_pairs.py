@@ -10,10 +10,10 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.files import natural_key
 from splatreel.capture.gaps import used_steps
 from splatreel.capture.picture_times import NUMBER, TICK, moments
-from splatreel.errors import CaptureError
 
 MOST_STRAY = 0.25
 """Maximum share of the pictures of a folder whose names may differ from the others' by more than numbers. They are skipped."""

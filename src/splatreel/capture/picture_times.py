@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from splatreel.errors import CaptureError
+from splatreel.base.errors import CaptureError
 
 NUMBER = re.compile("([0-9]+)")
 TICK = 10

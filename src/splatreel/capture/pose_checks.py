@@ -2,7 +2,7 @@
 
 Matrices that are not rotations or that mirror are refused. A matrix alone does not show whether it is inverted. Sparse
 points must be in front of the cameras. Without points only doubts are reported, because a rig may face outwards. Images
-then decide (`recon/cameras/pose_conventions.py`).
+then decide (`method/cameras/pose_conventions.py`).
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatreel.errors import CaptureError
+from splatreel.base.errors import CaptureError
 from splatreel.scene.camera import Camera
 
 NEEDED = "Needed are matrices of world to camera, in OpenCV's axes: x right, y down, z forward"

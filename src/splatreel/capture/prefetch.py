@@ -8,8 +8,8 @@ from threading import Event
 
 import numpy as np
 
+from splatreel.base.paged_arrays import frame_array, release_pages
 from splatreel.capture.base import Capture
-from splatreel.capture.frame_file import frame_array, release_pages
 
 CHUNK = 4
 """Frames decoded between checks whether the result is still needed, so that Ctrl-C takes effect quickly."""

@@ -9,10 +9,10 @@ from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from splatreel.base.atomic import write_bytes
+from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import is_number, read_json
 from splatreel.capture.video_color import TRANSFERS
-from splatreel.errors import CaptureError
-from splatreel.scene.atomic import write_bytes
-from splatreel.scene.untrusted import is_number, read_json
 
 SIDECAR = "splatreel.json"
 SIDECAR_BYTES = 1 << 20

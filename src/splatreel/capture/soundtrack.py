@@ -13,9 +13,9 @@ import av
 import numpy as np
 from av.error import FFmpegError
 
-from splatreel import threads
+from splatreel.base import threads
+from splatreel.base.errors import CaptureError
 from splatreel.capture.files import LOCAL, Files, main_video, open_media
-from splatreel.errors import CaptureError
 
 RATE = 48_000
 """Samples per second."""

@@ -11,9 +11,9 @@ import av
 import numpy as np
 from av.video.reformatter import Interpolation
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.orientation import Orientation
 from splatreel.capture.srgb import BT2020, HLG, P3, PQ, over_black, srgb_conversion
-from splatreel.errors import CaptureError
 
 UPSAMPLE_CHROMA = Interpolation.BICUBIC | Interpolation.FULL_CHR_H_INT | Interpolation.ACCURATE_RND
 """FFmpeg interpolates 4:2:0 chroma only on request. The default, repetition, costs 2 dB at saturated edges."""

@@ -7,7 +7,8 @@ from statistics import median_low
 
 import numpy as np
 
-from splatreel import threads
+from splatreel.base import threads
+from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Request
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.gaps import OUT_OF_STEP, describe_gaps, used_steps
@@ -20,7 +21,6 @@ from splatreel.capture.sidecar import SIDECAR, Sidecar
 from splatreel.capture.soundtrack import Track
 from splatreel.capture.video import VideoFile
 from splatreel.capture.video_color import video_conversions
-from splatreel.errors import CaptureError
 
 CompleteVideo = VideoFile | SegmentedVideo
 

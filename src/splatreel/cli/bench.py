@@ -11,13 +11,13 @@ from pathlib import Path
 from tyro.conf import OmitArgPrefixes, Positional
 from tyro.extras import SubcommandApp
 
+from splatreel.base.errors import MissingDependencyError, UsageError
+from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import CaptureOptions, Set, parse_frames, parse_names, parse_numbers, reel_folder, with_set
 from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
 from splatreel.config.settings import changed
-from splatreel.errors import MissingDependencyError, UsageError
-from splatreel.threads import use as use_threads
 
 
 def kernels(
@@ -79,9 +79,9 @@ def codec(
         return show(bench_codec(points, frames, repeats), json)
     if capture is None or every < 1:
         raise UsageError("bench codec RUN needs the CAPTURE after it, and --every 1 or more.")
+    from splatreel.base.display import console
     from splatreel.evaluation.bench.rate_distortion import Sweep, curves, rate_distortion_points, table
     from splatreel.evaluation.reel_capture import open_reel_capture
-    from splatreel.progress import console
 
     source, shown = open_reel_capture(run / "reel", capture, width=width, frames=parse_frames(span))
     progress = console()
@@ -91,7 +91,7 @@ def codec(
         rows = rate_distortion_points(sweep)
         text = table(rows)
         if tables:
-            from splatreel.evaluation.bench.paper_tables import paper_tables
+            from paper_tables.paper_tables import paper_tables
 
             text += "\n" + paper_tables(sweep, Sweep(run, source, [0], progress, record))
     finally:
@@ -151,10 +151,10 @@ def oracle(
     config = configure(quality, None, None, seed)
     if iterations is not None:
         config = changed(config, {"keyframe.first_iterations": iterations})
+    from splatreel.base.display import console
     from splatreel.capture.opening import open_capture
     from splatreel.evaluation.bench.oracle import oracle as measure
     from splatreel.evaluation.reel_capture import open_reel_capture
-    from splatreel.progress import console
 
     reel = None if reel is None else reel_folder(reel)
     size = {"width": width, "scale": scale, "held_out": held_out}
@@ -207,10 +207,10 @@ def reconstruct(
     if repeats < 1 or against == quality:
         raise UsageError("bench reconstruct needs --repeats 1 or more, and an --against that is another quality.")
     configs = {name: configure(name, None, None, seed) for name in (quality, against) if name is not None}
+    from splatreel.base.display import console
     from splatreel.evaluation.bench.provenance import append, label
     from splatreel.evaluation.bench.speed import bench_reconstruct
-    from splatreel.progress import console
-    from splatreel.recon.run.device import pick_device
+    from splatreel.run.device import pick_device
 
     source = request()
     made, progress = label(source, pick_device(device).type), console()
@@ -259,9 +259,10 @@ def paper(
     """
     use_threads(threads)
     config = with_set(configure(quality, None, None, seed), settings)
-    from splatreel.evaluation.bench.paper_bench import PaperBench
-    from splatreel.evaluation.bench.paper_run import variants_of, write_table
-    from splatreel.progress import console
+    from paper_tables.paper_bench import PaperBench
+    from paper_tables.paper_run import variants_of, write_table
+
+    from splatreel.base.display import console
 
     variants, names = variants_of(table), [capture.resolve().name for capture in captures]
     if every < 1 or len(set(names)) < len(names) or not names:

@@ -10,17 +10,17 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import Positional
 
+from splatreel.base.command_line import install_command, quoted
+from splatreel.base.errors import ReconstructionError, UsageError
+from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out, parse_left_out
 from splatreel.cli.printing import counted, say
-from splatreel.command_line import install_command, quoted
-from splatreel.errors import ReconstructionError, UsageError
-from splatreel.threads import use as use_threads
 
 if TYPE_CHECKING:
     import numpy as np
 
     from splatreel.capture.base import Capture
-    from splatreel.recon.coverage.coverage import CaptureVerdict, Coverage
+    from splatreel.method.coverage.coverage import CaptureVerdict, Coverage
     from splatreel.scene.camera import Camera
 
 CHUNK = 8
@@ -52,9 +52,9 @@ def capture_check(
     """
     import numpy as np
 
+    from splatreel.base.display import console
     from splatreel.capture.opening import open_capture
     from splatreel.capture.soundtrack import choose
-    from splatreel.progress import console
 
     chosen = {
         "frames": parse_frames(frames),
@@ -119,8 +119,8 @@ def _judge(
         ReconstructionError: Reconstruction would refuse the capture.
     """
     from splatreel.config import Config
-    from splatreel.recon.run.memory import check_memory
-    from splatreel.recon.run.requirements import check_capture, check_pictures
+    from splatreel.run.memory import check_memory
+    from splatreel.run.requirements import check_capture, check_pictures
 
     check_capture(source)
     check_memory(source, Config())
@@ -129,8 +129,8 @@ def _judge(
     if any(importlib.util.find_spec(name) is None for name in ("cv2", "torch")):
         _say_each([f"poses are not compared with the images, which needs {install_command('recon')}"], said)
         return None
-    from splatreel.recon.cameras.poses import inspect_poses
-    from splatreel.recon.coverage.coverage import judge_capture
+    from splatreel.method.cameras.poses import inspect_poses
+    from splatreel.method.coverage.coverage import judge_capture
 
     training = [camera.name for camera in source.training_cameras]
     shown = frames[:, [names.index(name) for name in training]]
@@ -153,9 +153,9 @@ def _say_each(sentences: Sequence[str], said: list[str]) -> None:
 
 def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bool) -> Coverage:
     """Measure how cameras cover the scene. `images`: [C, H, W, 3] uint8 of the first frame. `quick` leaves out the trial."""
-    from splatreel.progress import console
-    from splatreel.recon.coverage.coverage import cover
-    from splatreel.recon.run.device import pick_device
+    from splatreel.base.display import console
+    from splatreel.method.coverage.coverage import cover
+    from splatreel.run.device import pick_device
 
     device = None if quick else pick_device("auto")
     with closing(console()) as progress:
@@ -190,7 +190,7 @@ def capture_calibrate(
             Then only the board is used, for cameras that share no texture. `capture board` prints one.
         board_videos: Folder of the videos that show the board, with the cameras' names; by default the videos of the capture.
     """
-    from splatreel.capture.board import parse_board
+    from splatreel.calibration.boards.board import parse_board
 
     if board is None and board_videos is not None:
         raise UsageError("--board-videos needs the board that they show, such as --board 5x7:0.035.")
@@ -203,10 +203,10 @@ def capture_calibrate(
             )
         _calibrate_by_board(capture, board, board_videos, leave_out)
         return
-    from splatreel.capture.calibrate import calibrate
-    from splatreel.capture.learned_matches import find_matcher
-    from splatreel.capture.uncalibrated import MODEL
-    from splatreel.progress import console
+    from splatreel.base.display import console
+    from splatreel.calibration.calibrate import calibrate
+    from splatreel.calibration.learned_matches import find_matcher
+    from splatreel.calibration.uncalibrated import MODEL
 
     matcher, scale = find_matcher(), distance if scale_board is None else parse_board(scale_board)
     with closing(console()) as progress:
@@ -222,10 +222,10 @@ def capture_calibrate(
 
 def _calibrate_by_board(capture: Path, spec: str, videos: Path | None, leave_out: str | None) -> None:
     """Calibrate by the sightings of a board, and report the result."""
-    from splatreel.capture.board import parse_board
-    from splatreel.capture.board_calibration import calibrate_by_board
-    from splatreel.capture.uncalibrated import MODEL
-    from splatreel.progress import console
+    from splatreel.base.display import console
+    from splatreel.calibration.board_calibration import calibrate_by_board
+    from splatreel.calibration.boards.board import parse_board
+    from splatreel.calibration.uncalibrated import MODEL
 
     with closing(console()) as progress:
         found = calibrate_by_board(capture, parse_board(spec), progress, videos, parse_left_out(leave_out))
@@ -251,8 +251,8 @@ def capture_board(file: Positional[Path], /, board: str = "5x7:0.035") -> None:
         board: Columns x rows : meters of a square; 5x7:0.035 fits A4 and 5x7:0.14 A0. A third part names another dictionary of
             OpenCV, as 5x7:0.035:5X5_100, or a board without markers, as 10x7:0.025:checkerboard.
     """
-    from splatreel.capture.board import parse_board
-    from splatreel.capture.board_print import write_board
+    from splatreel.calibration.boards.board import parse_board
+    from splatreel.calibration.boards.board_print import write_board
 
     made = parse_board(board)
     width, height = write_board(made, file)
@@ -272,9 +272,9 @@ def capture_sync(capture: Positional[Path], /, leave_out: str | None = None, dry
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
         dry_run: Print what is found, and write nothing.
     """
+    from splatreel.base.display import console
+    from splatreel.calibration.synchronization.sync import synchronize
     from splatreel.capture.readers.colmap import unread_videos
-    from splatreel.capture.sync import synchronize
-    from splatreel.progress import console
 
     with closing(console()) as progress:
         found = synchronize(capture, progress, parse_left_out(leave_out), dry_run)
@@ -312,9 +312,9 @@ def capture_convert(
         frames: Frames A to B - 1, as A:B; by default all.
         format: File format of the pictures. PNG keeps every pixel.
     """
+    from splatreel.base.display import console
     from splatreel.capture.conversion import convert_capture
     from splatreel.capture.opening import open_capture
-    from splatreel.progress import console
 
     source = open_capture(capture, width=width, frames=parse_frames(frames))
     with closing(source), closing(console()) as progress:
@@ -351,8 +351,8 @@ def capture_film(
         threads: Number of threads; by default one per core.
     """
     use_threads(threads)
+    from splatreel.base.display import console
     from splatreel.capture.builtin.synthetic import HELD_OUT, film_with_progress, make_cameras
-    from splatreel.progress import console
 
     with closing(console()) as progress:
         film_with_progress(out, progress, width=width, height=height, frames=frames, seed=seed, trace=trace)

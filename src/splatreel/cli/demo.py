@@ -8,18 +8,18 @@ import time
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from splatreel.base.threads import use as use_threads
 from splatreel.cli.demo_player import demo_player
 from splatreel.cli.options import Set, with_set
 from splatreel.cli.printing import say, serving
 from splatreel.cli.reconstruct import Device, configure, with_renditions
 from splatreel.cli.serve import wait_for_viewers
 from splatreel.config import Config, Quality
-from splatreel.threads import use as use_threads
 
 if TYPE_CHECKING:
+    from splatreel.base.progress import Progress
     from splatreel.evaluation.report import Report
-    from splatreel.progress import Progress
-    from splatreel.recon.pipeline import Result
+    from splatreel.run.pipeline import Result
 
 WORDS = {
     "title": "A toy room",
@@ -59,7 +59,7 @@ def demo(
     """
     use_threads(threads)
     config = with_renditions(with_set(demo_config(quality, seed), settings), ())
-    from splatreel.progress import console
+    from splatreel.base.display import console
 
     progress = console()
     with demo_player(progress, out, serve) as player:
@@ -89,7 +89,7 @@ def reconstruct_demo(
         film: Arguments of `make_capture`.
         progress: Display of the progress.
     """
-    from splatreel import threads
+    from splatreel.base import threads
     from splatreel.capture.builtin.synthetic import film_with_progress
     from splatreel.capture.opening import open_capture
     from splatreel.kernels.warmup import background_warmup
@@ -98,8 +98,8 @@ def reconstruct_demo(
         from splatreel.evaluation.evaluate import evaluate
         from splatreel.evaluation.uncompressed import uncompressed_frames
         from splatreel.play.presentation_writer import PresentationWriter
-        from splatreel.recon import pipeline
-        from splatreel.recon.run.store import Store
+        from splatreel.run import pipeline
+        from splatreel.run.store import Store
 
         start = time.monotonic()
         folder = film_with_progress(out / "capture", progress, **film)

@@ -7,10 +7,10 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
+from splatreel.base.errors import UsageError
+from splatreel.base.progress import Estimate, Progress, Span
 from splatreel.cli.browser import open_browser
 from splatreel.cli.printing import say
-from splatreel.errors import UsageError
-from splatreel.progress import Estimate, Progress, Span
 
 
 class DemoPlayer:

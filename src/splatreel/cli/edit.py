@@ -7,10 +7,10 @@ from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
 
+from splatreel.base.errors import UsageError
 from splatreel.cli.options import ReelAddress, reel_folder
 from splatreel.cli.printing import playable, say
 from splatreel.cli.reel_texts import ReelTexts
-from splatreel.errors import UsageError
 
 
 def edit(
@@ -75,10 +75,10 @@ def _edit_texts(reel: str | Path, given: dict[str, str]) -> None:
 
 def _edit_points(reel: str | Path, operations: list[str], out: Path, given: dict[str, str]) -> None:
     """Write the edited reel."""
+    from splatreel.base.display import console
     from splatreel.edit.clip_writer import write_clip
     from splatreel.edit.operations import apply_operations, with_texts
     from splatreel.edit.reel_clip import ReelClip
-    from splatreel.progress import console
 
     source = ReelClip(reel)
     clip = with_texts(apply_operations(source, operations), given)

@@ -7,6 +7,7 @@ from typing import Any, Literal
 
 from tyro.conf import Positional
 
+from splatreel.base.errors import UsageError
 from splatreel.cli.info import describe
 from splatreel.cli.options import Set, check_no_reel, parse_renditions, parse_set
 from splatreel.cli.printing import say
@@ -14,7 +15,6 @@ from splatreel.cli.reconstruct import Codec
 from splatreel.config import COARSENESS, EncodeConfig, Rate
 from splatreel.config.settings import changed
 from splatreel.config.settings import settings as known_settings
-from splatreel.errors import UsageError
 
 Source = Literal["ofs", "ori", "dif", "raw"]
 
@@ -52,12 +52,12 @@ def encode(
             as float32. The web player plays ofs only.
         settings: Any setting of encode that `splatreel config` lists, such as encode.h265.crf_rotation=30; may be repeated.
     """
+    from splatreel.base.display import console
     from splatreel.codec.info import reel_info
     from splatreel.play.presentation_writer import PresentationWriter
-    from splatreel.progress import console
-    from splatreel.recon.encode.reencode import reencode
-    from splatreel.recon.run.device import pick_device
-    from splatreel.recon.run.run_lock import lock_reel
+    from splatreel.run.device import pick_device
+    from splatreel.run.output.reencode import reencode
+    from splatreel.run.run_lock import lock_reel
 
     _check_folder(run, out)
     options = {

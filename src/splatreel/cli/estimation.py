@@ -5,14 +5,14 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from splatreel.base.progress import format_rounded, format_seconds
 from splatreel.cli.printing import counted
-from splatreel.progress import format_rounded, format_seconds
 
 if TYPE_CHECKING:
-    from splatreel.recon.jobs import ChapteredRun
-    from splatreel.recon.machines.estimate import Estimate
-    from splatreel.recon.machines.ray_cluster import ClusterOptions
-    from splatreel.recon.pipeline import RunSpec
+    from splatreel.run.jobs import ChapteredRun
+    from splatreel.run.machines.estimate import Estimate
+    from splatreel.run.machines.ray_cluster import ClusterOptions
+    from splatreel.run.pipeline import RunSpec
 
 
 def estimated(spec: RunSpec, workers: int | None) -> str:
@@ -21,9 +21,9 @@ def estimated(spec: RunSpec, workers: int | None) -> str:
     Raises:
         SplatreelError: As the run itself would raise it before it starts.
     """
-    from splatreel.recon.machines.estimate import estimate
-    from splatreel.recon.machines.local_processes import division_of
-    from splatreel.recon.run.machine_speed import describe_processor, measure_speed
+    from splatreel.run.machine_speed import describe_processor, measure_speed
+    from splatreel.run.machines.estimate import estimate
+    from splatreel.run.machines.local_processes import division_of
 
     with spec.opened() as run:
         found = estimate(run, division_of(run, workers), measure_speed(run.device))
@@ -37,9 +37,9 @@ def estimated_jobs(spec: RunSpec) -> str:
     Raises:
         SplatreelError: As the run itself would raise it before it starts.
     """
-    from splatreel import threads
-    from splatreel.recon.machines.estimate import estimate_jobs
-    from splatreel.recon.run.machine_speed import measure_speed
+    from splatreel.base import threads
+    from splatreel.run.machine_speed import measure_speed
+    from splatreel.run.machines.estimate import estimate_jobs
 
     with spec.opened() as run:
         count = threads.count()
@@ -68,11 +68,11 @@ def estimated_on_cluster(spec: RunSpec, address: str, options: ClusterOptions) -
     Raises:
         SplatreelError: As the run itself would raise it before it starts.
     """
-    from splatreel.recon.machines.estimate import estimate_jobs
-    from splatreel.recon.machines.ray_cluster import connected
-    from splatreel.recon.machines.ray_nodes import share_nodes
-    from splatreel.recon.run.machine_speed import measure_speed
-    from splatreel.recon.run.memory import needed_memory
+    from splatreel.run.machine_speed import measure_speed
+    from splatreel.run.machines.estimate import estimate_jobs
+    from splatreel.run.machines.ray_cluster import connected
+    from splatreel.run.machines.ray_nodes import share_nodes
+    from splatreel.run.memory import needed_memory
 
     with connected(address) as ray, spec.opened() as run:
         need = needed_memory(run.capture, run.config)
@@ -112,10 +112,10 @@ def _time(run: ChapteredRun, found: Estimate) -> str:
 
 def _stages(found: Estimate) -> list[str]:
     """Return a line for each kind of stage that takes time, in their order."""
-    from splatreel.recon.plan import READING
-    from splatreel.recon.preparation import POINTS_TEXT
-    from splatreel.recon.run.job import POINTS
-    from splatreel.recon.stages.group_stages import GROUP_STAGES
+    from splatreel.run.job import POINTS
+    from splatreel.run.plan import READING
+    from splatreel.run.preparation import POINTS_TEXT
+    from splatreel.run.stages.group_stages import GROUP_STAGES
 
     labels = {READING: "reading images", POINTS: POINTS_TEXT} | {stage.name: stage.label for stage in GROUP_STAGES}
     times = dict.fromkeys(labels.values(), 0.0)
@@ -125,7 +125,7 @@ def _stages(found: Estimate) -> list[str]:
 
 
 def _memory(run: ChapteredRun, found: Estimate) -> list[str]:
-    from splatreel.recon.run.memory import FITS, fitting_width, free_memory
+    from splatreel.run.memory import FITS, fitting_width, free_memory
 
     free, text = free_memory(), f"Memory: about {found.memory / 1e9:.1f} GB at most"
     if free is None:

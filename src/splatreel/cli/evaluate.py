@@ -7,10 +7,10 @@ from typing import Any
 
 from tyro.conf import Positional
 
+from splatreel.base.errors import UsageError
+from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import CaptureAddress, megabytes, parse_frames, parse_left_out, parse_names, reel_folder
 from splatreel.cli.printing import say
-from splatreel.errors import UsageError
-from splatreel.threads import use as use_threads
 
 
 def evaluate(
@@ -55,12 +55,12 @@ def evaluate(
         raise UsageError(f"--lpips-every {lpips_every} is out of range. Choose 0 or more.")
     use_threads(threads)
     span, names, most = parse_frames(frames), parse_names(cameras, "--cameras"), megabytes(max_memory)
+    from splatreel.base.display import console
     from splatreel.codec.reader import ReelReader
     from splatreel.evaluation.evaluate import evaluate as compare
     from splatreel.evaluation.reel_capture import open_reel_capture, work_of
     from splatreel.evaluation.uncompressed import uncompressed_frames
-    from splatreel.progress import console
-    from splatreel.recon.run.store import Store
+    from splatreel.run.store import Store
 
     reel = reel_folder(reel)
     options: dict[str, Any] = {"left_out": parse_left_out(leave_out), "masks": masks, "named": names is not None}

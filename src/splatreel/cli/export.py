@@ -8,17 +8,17 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, arg
 
+from splatreel.base.atomic import sweep
+from splatreel.base.errors import UsageError
 from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_frames, reel_folder
 from splatreel.cli.printing import counted, say
-from splatreel.errors import UsageError
-from splatreel.scene.atomic import sweep
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from splatreel.formats.programs import Program
     from splatreel.play.gaussian_export import GaussianExport
     from splatreel.play.timeline import Timeline
-    from splatreel.scene.programs import Program
 
 WIDEST = 8192
 """Largest side of a film in pixels, about what H.264 allows."""
@@ -113,7 +113,7 @@ def export(
     if out.suffix == ".mp4":
         _write_film(source, times, out, width, path)
         return
-    from splatreel.scene.frame_formats import FRAME_FORMATS
+    from splatreel.formats.registry import FRAME_FORMATS
 
     up = _up(changes.up, FRAME_FORMATS[kind].up if kind else FILM_UP)
     film = GaussianExport(source, times, up, crop, reader)
@@ -134,7 +134,7 @@ def _kind(out: Path, format: FrameKind | None) -> str | None:
     Raises:
         UsageError: The name has no format, or another one than asked for.
     """
-    from splatreel.scene.frame_formats import FRAME_FORMATS, format_of
+    from splatreel.formats.registry import FRAME_FORMATS, format_of
 
     known = format_of(out)
     if out.suffix and known is None and out.suffix not in (*FILMS, ".html", ".mp4"):
@@ -148,7 +148,7 @@ def _kind(out: Path, format: FrameKind | None) -> str | None:
 
 
 def _program(name: ProgramName | None) -> Program | None:
-    from splatreel.scene.programs import PROGRAMS
+    from splatreel.formats.programs import PROGRAMS
 
     return None if name is None else PROGRAMS[name]
 
@@ -159,7 +159,7 @@ def _kind_for(program: Program, name: str, out: Path, format: FrameKind | None) 
     Raises:
         UsageError: The program does not read what was asked for.
     """
-    from splatreel.scene.frame_formats import FRAME_FORMATS
+    from splatreel.formats.registry import FRAME_FORMATS
 
     suffixes = list(dict.fromkeys(FRAME_FORMATS[kind].suffix for kind in program.formats))
     fits = [kind for kind in program.formats if not out.suffix or out.name.endswith(FRAME_FORMATS[kind].suffix)]
@@ -220,7 +220,7 @@ def _span(source: Timeline, times: list[float], every: int) -> str:
 
 def _write_folder(film: GaussianExport, out: Path, kind: str, every: int) -> None:
     """Write a file for each frame."""
-    from splatreel.scene.frame_formats import FRAME_FORMATS
+    from splatreel.formats.registry import FRAME_FORMATS
 
     times = list(film.seconds)
     first = round(times[0] * film.source.fps) if every == 1 else 0
@@ -234,8 +234,8 @@ def _write_folder(film: GaussianExport, out: Path, kind: str, every: int) -> Non
 
 def _write_gaussian_film(film: GaussianExport, out: Path, every: int) -> None:
     """Write all frames into one file of Gaussians."""
-    from splatreel.play.fourdgs_film import write_fourdgs
-    from splatreel.play.usd_film import estimate_bytes, write_usd
+    from splatreel.formats.fourdgs import write_fourdgs
+    from splatreel.formats.usd import estimate_bytes, write_usd
 
     times = list(film.seconds)
     if out.suffix != ".4dgs":
@@ -256,7 +256,7 @@ def _say_size(out: Path, size: int, frames: int, smaller: str) -> None:
 
 def _say_losses(film: GaussianExport, out: Path, kind: str | None) -> None:
     """Report what files lack of the reel: its origin, because they store small coordinates, and its mark of antialiasing."""
-    from splatreel.scene.frame_formats import FRAME_FORMATS
+    from splatreel.formats.registry import FRAME_FORMATS
 
     if kind is None:
         suffix, origin, antialias = out.suffix, out.suffix != ".4dgs", False
@@ -285,9 +285,9 @@ def _write_page(reel: str, out: Path, rendition: str | None) -> None:
 
 
 def _write_film(source: Timeline, times: list[float], out: Path, width: int | None, path: Path | None) -> None:
+    from splatreel.base.display import console
     from splatreel.play.camera_path import read_path
     from splatreel.play.film import film_along_path, film_through_cameras, write_film
-    from splatreel.progress import console
 
     start = source.manifest.camera
     if width is not None:

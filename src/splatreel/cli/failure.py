@@ -10,8 +10,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
 
-from splatreel.command_line import missing_package, quoted
-from splatreel.errors import SplatreelError
+from splatreel.base.command_line import missing_package, quoted
+from splatreel.base.errors import SplatreelError
 
 ADVICE = {
     "--width": "smaller images (--width)",

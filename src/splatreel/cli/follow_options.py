@@ -7,15 +7,15 @@ from contextlib import closing
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Literal
 
+from splatreel.base.errors import UsageError
 from splatreel.cli.printing import playable
-from splatreel.errors import UsageError
 from splatreel.storage.addresses import local_path
 
 if TYPE_CHECKING:
+    from splatreel.base.progress import Progress
     from splatreel.capture.opening import CaptureSource
-    from splatreel.progress import Progress
-    from splatreel.recon.encode.group_writer import PresentationHook
-    from splatreel.recon.pipeline import RunSpec
+    from splatreel.run.output.group_writer import PresentationHook
+    from splatreel.run.pipeline import RunSpec
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class FollowOptions:
             )
         from splatreel.capture.follower import Follower, open_growing
         from splatreel.capture.growing.growth import Growth
-        from splatreel.recon.live.following import Live, reconstruct_following
+        from splatreel.run.live.following import Live, reconstruct_following
 
         growth = Growth(path, self.follow_timeout)
         with (

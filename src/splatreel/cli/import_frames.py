@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional
 
+from splatreel.base.errors import UsageError
+from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import AXES, check_no_reel
 from splatreel.cli.options import megabytes as memory_limit
 from splatreel.cli.printing import playable, say
 from splatreel.config import COARSENESS, EncodeConfig, Quality, Rate
-from splatreel.errors import UsageError
-from splatreel.threads import use as use_threads
 
 if TYPE_CHECKING:
     import numpy as np
 
+    from splatreel.base.progress import Progress
     from splatreel.codec.header import ReelHeader
     from splatreel.codec.presentation import Limits
-    from splatreel.progress import Progress
-    from splatreel.recon.encode.group_writer import PresentationHook
+    from splatreel.run.output.group_writer import PresentationHook
     from splatreel.sequence.comparison import Comparison
     from splatreel.sequence.edits import Edit
     from splatreel.sequence.frames import Frames
@@ -110,8 +110,8 @@ def import_frames(
         raise UsageError("--fit takes the up axis from --cameras. Leave out --up.")
     edit = changes.edit()
     use_threads(threads)
+    from splatreel.base.display import console
     from splatreel.play.presentation_writer import PresentationWriter
-    from splatreel.progress import console
     from splatreel.sequence.edits import edited
     from splatreel.sequence.opening import open_frames
 
@@ -166,8 +166,8 @@ def _write(
     """Write the points of a sequence to a new reel."""
     check_no_reel(out)
     from splatreel.codec.writer import ReelWriter
-    from splatreel.recon.run.device import pick_device
-    from splatreel.recon.run.run_lock import lock_reel
+    from splatreel.run.device import pick_device
+    from splatreel.run.run_lock import lock_reel
     from splatreel.sequence.reel import write_reel
 
     with lock_reel(out):

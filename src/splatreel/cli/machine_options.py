@@ -11,17 +11,17 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from splatreel import threads
+from splatreel.base import threads
+from splatreel.base.errors import UsageError
 from splatreel.cli.printing import playable
-from splatreel.errors import UsageError
-from splatreel.recon.machines.share import JobName, Share, parse_share, share_of_task
+from splatreel.run.machines.share import JobName, Share, parse_share, share_of_task
 from splatreel.storage.addresses import is_url, local_path
 
 if TYPE_CHECKING:
-    from splatreel.progress import Progress
-    from splatreel.recon.encode.group_writer import PresentationHook
-    from splatreel.recon.machines.ray_cluster import ClusterOptions
-    from splatreel.recon.pipeline import RunSpec
+    from splatreel.base.progress import Progress
+    from splatreel.run.machines.ray_cluster import ClusterOptions
+    from splatreel.run.output.group_writer import PresentationHook
+    from splatreel.run.pipeline import RunSpec
 
 
 @dataclass(frozen=True)
@@ -86,7 +86,7 @@ class MachineOptions:
     @contextmanager
     def folder(self, out: str) -> Iterator[Path]:
         """Give the folder on this machine to work in: OUT, or a temporary one if OUT is elsewhere."""
-        from splatreel.scene.atomic import scratch
+        from splatreel.base.atomic import scratch
 
         if _is_remote(out):
             with scratch(Path(tempfile.gettempdir()), "splatreel-driver") as place:
@@ -120,10 +120,10 @@ class MachineOptions:
         if self.cluster is not None:
             return self._reconstruct_on_cluster(spec, self.cluster, out, progress, present)
         if self.job is not None:
-            from splatreel.recon.machines.batch import run_job
+            from splatreel.run.machines.batch import run_job
 
             return run_job(spec, self.job, self.share(), progress, present)
-        from splatreel.recon.machines.local_processes import reconstruct_here
+        from splatreel.run.machines.local_processes import reconstruct_here
 
         return playable(reconstruct_here(spec, workers=self.workers, progress=progress, present=present).reel)
 
@@ -138,7 +138,7 @@ class MachineOptions:
     def _reconstruct_on_cluster(
         self, spec: RunSpec, address: str, out: str, progress: Progress, present: PresentationHook
     ) -> str:
-        from splatreel.recon.machines.ray_cluster import reconstruct_on_cluster
+        from splatreel.run.machines.ray_cluster import reconstruct_on_cluster
 
         url = out if _is_remote(out) else None
         result = reconstruct_on_cluster(
@@ -147,7 +147,7 @@ class MachineOptions:
         return playable(result.reel) if url is None else f"{out.rstrip('/')}/reel: the reel is complete."
 
     def _cluster_options(self) -> ClusterOptions:
-        from splatreel.recon.machines.ray_cluster import ClusterOptions
+        from splatreel.run.machines.ray_cluster import ClusterOptions
 
         return ClusterOptions(self.cluster_retries, self.cluster_wait, threads.chosen())
 

@@ -9,6 +9,9 @@ from collections.abc import Sequence
 from tyro.extras import SubcommandApp
 
 from splatreel import __version__
+from splatreel.base.compile_cache import choose_compile_cache
+from splatreel.base.process import keep_freed_memory, open_standard_streams, quiet_threads
+from splatreel.base.progress import printable
 from splatreel.cli import bench
 from splatreel.cli.capture import (
     capture_board,
@@ -35,9 +38,6 @@ from splatreel.cli.reconstruct import reconstruct
 from splatreel.cli.serve import serve, view
 from splatreel.cli.verify import verify
 from splatreel.cli.warmup import warmup
-from splatreel.compile_cache import choose_compile_cache
-from splatreel.process import keep_freed_memory, open_standard_streams, quiet_threads
-from splatreel.progress import printable
 
 DESCRIPTION = "Volumetric video from many static cameras: reconstruct, compress, stream and play groups of Gaussians."
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import tyro
 
+from splatreel.base.errors import UsageError
 from splatreel.cli.reel_texts import TEXT_OPTIONS
 from splatreel.config import COARSENESS, Config, Rate
 from splatreel.config.settings import changed, parse_settings
-from splatreel.errors import UsageError
 
 if TYPE_CHECKING:
     from splatreel.capture.opening import CaptureSource

@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from splatreel.command_line import quoted
-from splatreel.progress import printable
+from splatreel.base.command_line import quoted
+from splatreel.base.progress import printable
 
 _PLAIN = str.maketrans("█░", "#.")
 """Replacements of the bars of charts where a terminal has no block characters."""

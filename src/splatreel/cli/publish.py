@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING, Annotated
 
 from tyro.conf import Positional, arg
 
+from splatreel.base.command_line import quoted
+from splatreel.base.errors import ReelError, UsageError
 from splatreel.cli.options import reel_folder
 from splatreel.cli.printing import counted, say
-from splatreel.command_line import quoted
-from splatreel.errors import ReelError, UsageError
 
 if TYPE_CHECKING:
+    from splatreel.base.progress import Progress
     from splatreel.codec.publication import Published
     from splatreel.codec.writer import ReelWriter
-    from splatreel.progress import Progress
-    from splatreel.recon.encode.group_writer import PresentationHook
+    from splatreel.run.output.group_writer import PresentationHook
     from splatreel.storage.folder import Folder
 
 
@@ -33,8 +33,8 @@ def publish(reel: Positional[Path], url: Annotated[Positional[str], arg(metavar=
         url: Destination, such as s3://BUCKET/REEL or gs://BUCKET/REEL (needs splatreel[cloud]), or a folder.
         keep: Hours that files stay there after the reel does not need them any more. Viewers that have the reel open may ask for them.
     """
+    from splatreel.base.display import console
     from splatreel.codec.publication import HOUR, Publication
-    from splatreel.progress import console
     from splatreel.storage.retrying import RetryingFolder
 
     folder, hours = reel_folder(reel), checked_hours(keep, "--keep")

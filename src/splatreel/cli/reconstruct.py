@@ -7,6 +7,8 @@ from typing import Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, arg
 
+from splatreel.base.errors import UsageError
+from splatreel.base.threads import use as use_threads
 from splatreel.cli.follow_options import FollowOptions
 from splatreel.cli.machine_options import MachineOptions
 from splatreel.cli.options import CaptureAddress, CaptureOptions, Set, parse_renditions, with_set
@@ -15,8 +17,6 @@ from splatreel.cli.publish import publishing
 from splatreel.cli.reel_texts import ReelTexts
 from splatreel.config import Config, Quality, Rate, preset
 from splatreel.config.settings import changed
-from splatreel.errors import UsageError
-from splatreel.threads import use as use_threads
 
 Device = Literal["auto", "cpu", "cuda"]
 Codec = Literal["predictive", "h265"]
@@ -118,13 +118,13 @@ def reconstruct(
     if following.follow and (subject.masks is not None or config.region):
         raise UsageError("--masks and --region are for captures that are complete. Leave them out, or --follow.")
     machines.check(out, follow=following.follow, estimate=estimate)
+    from splatreel.base.display import console
     from splatreel.evaluation.page.report_writer import ReportWriter
     from splatreel.evaluation.profile import profiled
     from splatreel.evaluation.tensorboard import EventWriter, check_tensorboard
     from splatreel.kernels.warmup import background_warmup
     from splatreel.play.presentation_writer import PresentationWriter
-    from splatreel.progress import console
-    from splatreel.recon.pipeline import RunSpec
+    from splatreel.run.pipeline import RunSpec
 
     if tensorboard:
         check_tensorboard(out)

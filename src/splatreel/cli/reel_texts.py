@@ -8,7 +8,7 @@ from typing import Annotated
 
 from tyro.conf import arg
 
-from splatreel.errors import ReelError, UsageError
+from splatreel.base.errors import ReelError, UsageError
 
 TEXT_OPTIONS = ("--title", "--author", "--description", "--license", "--licence")
 """Options whose value may be empty."""

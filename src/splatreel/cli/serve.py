@@ -7,11 +7,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
+from splatreel.base.errors import UsageError
 from splatreel.cli.browser import open_browser
 from splatreel.cli.options import OptionalReel, ReelAddress, megabytes, parse_names, reel_folder
 from splatreel.cli.printing import say
 from splatreel.cli.qr_code import print_qr_code
-from splatreel.errors import UsageError
 from splatreel.play.sample_reel import sample_reel
 
 if TYPE_CHECKING:

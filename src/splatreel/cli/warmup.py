@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from splatreel.base.threads import use as use_threads
 from splatreel.cli.printing import counted, say
-from splatreel.threads import use as use_threads
 
 
 def warmup(threads: int | None = None) -> None:
@@ -13,9 +13,9 @@ def warmup(threads: int | None = None) -> None:
         threads: Number of processes that compile; by default one per core.
     """
     use_threads(threads)
-    from splatreel import threads as limit
+    from splatreel.base import threads as limit
+    from splatreel.base.display import console
     from splatreel.kernels.warmup import compile_kernels
-    from splatreel.progress import console
 
     progress = console()
     try:

@@ -6,8 +6,8 @@ import threading
 from collections.abc import Callable, Iterator
 from itertools import chain, repeat
 
+from splatreel.base.errors import SplatreelError
 from splatreel.codec.publication import Publication, Published
-from splatreel.errors import SplatreelError
 
 PAUSES = (1.0, 2.0, 4.0, 8.0, 16.0, 30.0)
 """Seconds to wait after each consecutive failure. The last pause repeats."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from splatreel.errors import ReelError
+from splatreel.base.errors import ReelError
 
 _PARENTS = {"moov", "trak", "mdia", "minf", "stbl", "edts", "mvex", "moof", "traf"}
 _TABLES = {"stsz", "stz2", "stts", "ctts", "trun"}

@@ -7,8 +7,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from splatreel.errors import ReelError
-from splatreel.scene.memory_budget import A_BYTE, FLOOR, allowed_memory, in_megabytes
+from splatreel.base.errors import ReelError
+from splatreel.base.memory_budget import A_BYTE, FLOOR, allowed_memory, in_megabytes
 
 MOST_FRAMES = 10_000
 """Maximum number of frames of a group."""

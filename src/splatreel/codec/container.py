@@ -10,12 +10,12 @@ from typing import Any
 import numpy as np
 import safetensors.numpy
 
+from splatreel.base.atomic import replacing
+from splatreel.base.errors import ReelError
 from splatreel.codec import budget
 from splatreel.codec.document import parse_object
 from splatreel.codec.quantize import integer
 from splatreel.codec.section import Section, Sections
-from splatreel.errors import ReelError
-from splatreel.scene.atomic import replacing
 
 VERSION = 1
 """Version of layer and group files. Manifests have their own version."""
@@ -98,7 +98,7 @@ def unpack_file(data: bytes, most: int | None = None) -> tuple[FileHeader, Secti
     return header, sections
 
 
-def write_atomically(path: Path, data: bytes) -> None:
+def write_bytes(path: Path, data: bytes) -> None:
     """Replace a file completely or not at all.
 
     Raises:

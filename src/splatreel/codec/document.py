@@ -6,8 +6,8 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from splatreel.errors import ReelError
-from splatreel.scene.untrusted import parse_json
+from splatreel.base.errors import ReelError
+from splatreel.base.untrusted import parse_json
 
 
 def parse_object(text: bytes | str, what: str = "") -> dict[str, Any]:

@@ -6,12 +6,11 @@ from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 
-from splatreel.codec.container import write_atomically
+from splatreel.base.atomic import sweep, write_bytes
+from splatreel.base.errors import ReelError
 from splatreel.codec.manifest import Manifest, parse_manifest
 from splatreel.codec.presentation import check_text
 from splatreel.codec.source import open_source
-from splatreel.errors import ReelError
-from splatreel.scene.atomic import sweep
 
 
 def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:
@@ -39,5 +38,5 @@ def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:
         raise ReelError(f"{file}: {error}") from error
     edited = replace(manifest, presentation=replace(manifest.presentation, **words))
     sweep(folder, file.name)  # what a killed edit left
-    write_atomically(file, edited.to_json().encode())
+    write_bytes(file, edited.to_json().encode())
     return edited

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.budget import MOST_FRAMES, most_points
 from splatreel.codec.presentation import parse_digest, parse_uri
 from splatreel.codec.quantize import integer
-from splatreel.errors import ReelError
 
 MAX_FILE_BYTES = 1 << 30
 """Maximum size of a layer or group file."""

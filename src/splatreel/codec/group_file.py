@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from splatreel.base.errors import ReelError
 from splatreel.codec import quantize
 from splatreel.codec.budget import check_offset_count, check_offsets
 from splatreel.codec.container import FileHeader, pack_file, unpack_file
@@ -19,7 +20,6 @@ from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.predictive.shade import decode_shade, encode_shade
 from splatreel.codec.section import MAX_POINTS, Section, Sections
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReelError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group

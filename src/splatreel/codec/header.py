@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.untrusted import is_number, numbers
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
 from splatreel.scene.reel_source import ReelSource, parse_reel_source
-from splatreel.scene.untrusted import is_number, numbers
 
 BLACK = (0.0, 0.0, 0.0)
 

@@ -7,11 +7,11 @@ from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.container import unpack_file
 from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
-from splatreel.errors import ReelError
 
 MOTION = ("offsets", "dx", "dq", "shade")
 """Sections of a group file that hold the motion of its points and the change of their colors."""

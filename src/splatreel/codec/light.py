@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from splatreel.base.errors import ReelError
 from splatreel.codec import quantize
 from splatreel.codec.section import Section, Sections, named, section_of
-from splatreel.errors import ReelError
 
 BITS = 12
 """Bits of the logarithms. If the light halves, a step is a thirtieth of a gray level."""

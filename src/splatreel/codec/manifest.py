@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.budget import most_points
 from splatreel.codec.document import in_lines, items, parse_object
 from splatreel.codec.file_entry import (
@@ -37,7 +38,6 @@ from splatreel.codec.manifest_pages import (
 )
 from splatreel.codec.presentation import EMPTY, Asset, Presentation, parse_presentation
 from splatreel.codec.quantize import boolean, integer, number, numbers
-from splatreel.errors import ReelError
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
 from splatreel.scene.reel_source import parse_reel_source

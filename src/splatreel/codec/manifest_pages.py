@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from itertools import accumulate, pairwise
 from typing import Any
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.budget import most_points
 from splatreel.codec.document import in_lines, items, parse_object
 from splatreel.codec.file_entry import (
@@ -28,7 +29,6 @@ from splatreel.codec.file_entry import (
 )
 from splatreel.codec.presentation import parse_digest, parse_uri
 from splatreel.codec.quantize import integer
-from splatreel.errors import ReelError
 
 PAGE = 64
 """Groups per page when writing."""

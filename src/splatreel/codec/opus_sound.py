@@ -15,11 +15,11 @@ import av
 import numpy as np
 from av.error import FFmpegError
 
+from splatreel.base.errors import MissingDependencyError, ReelError
 from splatreel.codec.boxes import check_samples
 from splatreel.codec.fragments import PACKET, RATE, initialization, segment
 from splatreel.codec.presentation import Asset, Sound, SoundSegment, Vec3
 from splatreel.codec.writer import ReelWriter
-from splatreel.errors import MissingDependencyError, ReelError
 
 TYPE = 'audio/mp4; codecs="opus"'
 SEGMENT_SECONDS = 2

@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, TypeVar
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.quantize import integer, number, numbers
-from splatreel.errors import ReelError
 
 MAX_ASSET_BYTES = 64 << 20
 """Maximum size of an image or sound file."""

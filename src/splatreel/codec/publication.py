@@ -12,12 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from splatreel.base.errors import ReelError, StorageError
+from splatreel.base.progress import Progress, Silent
 from splatreel.codec.document import in_lines, parse_object
 from splatreel.codec.manifest import MAX_BYTES, parse_manifest
 from splatreel.codec.manifest_pages import Known
 from splatreel.codec.source import open_source
-from splatreel.errors import ReelError, StorageError
-from splatreel.progress import Progress, Silent
 from splatreel.storage.folder import Folder, Headers
 from splatreel.storage.parallel_transfers import transfer_in_threads
 

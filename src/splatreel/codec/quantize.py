@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from splatreel.errors import ReelError
+from splatreel.base.errors import ReelError
 
 _SOME = 1 << 16
 """Integers unpacked at a time, a multiple of 8. As bits they take eight times their size."""

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.codec.manifest import MAX_BYTES, Manifest, parse_manifest
 from splatreel.codec.presentation import Asset
 from splatreel.codec.source import open_source, within_patience
-from splatreel.errors import ReelError
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 

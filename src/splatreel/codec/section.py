@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.quantize import Parameters
-from splatreel.errors import ReelError
 
 MAX_POINTS = 1 << 23
 """Maximum number of points in one file."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Protocol, overload
 from urllib.parse import urljoin, urlsplit
 
-from splatreel.errors import ReelError, StorageError, UsageError
+from splatreel.base.errors import ReelError, StorageError, UsageError
 from splatreel.storage.addresses import is_url, local_path, open_folder
 
 TIMEOUT = 30.0

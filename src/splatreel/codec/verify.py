@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.base.errors import GaussiansError, ReelError
 from splatreel.codec.fragments import RATE
 from splatreel.codec.opus_sound import TYPE, check_sound_size, decode_sound
 from splatreel.codec.reader import ReelReader
-from splatreel.errors import GaussiansError, ReelError
 
 
 @dataclass(frozen=True)

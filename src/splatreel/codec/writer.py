@@ -9,7 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.codec.container import write_atomically
+from splatreel.base.atomic import remove, write_bytes
+from splatreel.base.errors import ReelError
 from splatreel.codec.encoder import EncodedLayer, ReelEncoder
 from splatreel.codec.file_entry import FileEntry, birth_order
 from splatreel.codec.group_file import decode_group, decode_layer
@@ -25,8 +26,6 @@ from splatreel.codec.written_reel import (
     read_written_manifest,
 )
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReelError
-from splatreel.scene.atomic import remove
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 
@@ -189,7 +188,7 @@ class ReelWriter:
 
     def write_asset(self, uri: str, data: bytes) -> Asset:
         """Write an image or sound file for use in a presentation."""
-        write_atomically(self.path / uri, data)
+        write_bytes(self.path / uri, data)
         return Asset(uri, len(data), hashlib.sha256(data).hexdigest())
 
     def present(self, presentation: Presentation) -> None:
@@ -275,7 +274,7 @@ class ReelWriter:
         """Write manifest.json after its pages; delete it if there is no group."""
         manifest = self._paged(replace(manifest, live=live))
         if manifest.groups:
-            write_atomically(self.path / MANIFEST, manifest.to_json().encode())
+            write_bytes(self.path / MANIFEST, manifest.to_json().encode())
         else:
             self._delete(MANIFEST)
         self._manifest = manifest
@@ -289,13 +288,13 @@ class ReelWriter:
         while own >= 2 * self._page:
             groups = manifest.groups[len(manifest.groups) - own :][: self._page]
             page, data = make_page(manifest.layers, groups, manifest.renditions)
-            write_atomically(self.path / page.uri, data)
+            write_bytes(self.path / page.uri, data)
             pages.append(page)
             own -= self._page
         return replace(manifest, pages=tuple(pages))
 
     def _write(self, uri: str, data: bytes, entry: FileEntry) -> FileEntry:
-        write_atomically(self.path / uri, data)
+        write_bytes(self.path / uri, data)
         return replace(entry, bytes=len(data), sha256=hashlib.sha256(data).hexdigest())
 
     def _delete(self, uri: str) -> None:

@@ -6,11 +6,11 @@ import hashlib
 import re
 from pathlib import Path
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.manifest import Manifest, parse_manifest
 from splatreel.codec.presentation import Asset
 from splatreel.codec.source import open_source
-from splatreel.errors import ReelError
 
 MANIFEST = "manifest.json"
 _NUMBERED = re.compile(r"(?:layers|groups|pages)/(\d+)(?:\.[A-Za-z0-9_-]+)?\.(?:safetensors|json)")

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
+from splatreel.base.errors import UsageError
 from splatreel.config.values import Count, Range, Share, Weight, check
-from splatreel.errors import UsageError
 
 
 @dataclass(frozen=True)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from typing import Any, Literal
 
+from splatreel.base.errors import UsageError
 from splatreel.config.config import Config
 from splatreel.config.settings import changed
-from splatreel.errors import UsageError
 
 Quality = Literal["draft", "standard", "paper"]
 

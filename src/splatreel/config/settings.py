@@ -13,9 +13,9 @@ from functools import cache
 from operator import attrgetter
 from typing import Any, TypeVar, cast, get_type_hints
 
+from splatreel.base.errors import UsageError
 from splatreel.config.config import Config
 from splatreel.config.values import Kind, kinds
-from splatreel.errors import UsageError
 
 T = TypeVar("T")
 NEAREST = 3

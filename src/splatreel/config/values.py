@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, is_dataclass
 from functools import cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from splatreel.errors import UsageError
+from splatreel.base.errors import UsageError
 
 
 @dataclass(frozen=True)

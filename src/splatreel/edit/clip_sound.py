@@ -8,13 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.base.errors import UsageError
 from splatreel.capture.soundtrack import channels, read_sound
 from splatreel.codec.fragments import RATE
 from splatreel.codec.opus_sound import encode_sound, write_sound
 from splatreel.codec.writer import ReelWriter
 from splatreel.edit.clip import ClipSound, Outline
 from splatreel.edit.sound_pieces import SoundPiece
-from splatreel.errors import UsageError
 
 BLOCK = 2.0
 """Seconds that are read at a time."""

@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.base.atomic import move, scratch
+from splatreel.base.errors import ReelError, UsageError
 from splatreel.codec.group_file import encode_group_again, encode_layer_again
 from splatreel.codec.predictive.precision import STEPS, Precision, choose_precision
 from splatreel.codec.presentation import EMPTY
@@ -17,9 +19,7 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.config import COARSENESS, EncodeConfig, Rate
 from splatreel.edit.clip import Clip, ClipGroup, LayerSpan
 from splatreel.edit.clip_sound import write_clip_sound
-from splatreel.errors import ReelError, UsageError
 from splatreel.play.presentation_writer import PresentationWriter
-from splatreel.scene.atomic import move, scratch
 from splatreel.scene.gaussians import Gaussians
 
 

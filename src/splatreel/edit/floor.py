@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from splatreel.base.errors import UsageError
 from splatreel.edit.clip import Clip, shown_points
-from splatreel.errors import UsageError
 from splatreel.scene import rotations
 from splatreel.scene.volumes import CaptureVolume
 

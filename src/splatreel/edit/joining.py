@@ -6,11 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from splatreel.base.errors import UsageError
 from splatreel.codec.presentation import Limits
 from splatreel.edit.changed_clip import ChangedClip
 from splatreel.edit.clip import Clip, ClipGroup, ClipSound, LayerSpan, Outline
 from splatreel.edit.sound_pieces import padded
-from splatreel.errors import UsageError
 
 
 class Joined(ChangedClip):

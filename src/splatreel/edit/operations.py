@@ -9,6 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.base.errors import UsageError
+from splatreel.base.untrusted import read_json
 from splatreel.edit.changed_clip import ChangedClip
 from splatreel.edit.clip import Clip
 from splatreel.edit.clip_sound import replace_sound
@@ -29,9 +31,7 @@ from splatreel.edit.similarity import Moved, Similarity
 from splatreel.edit.timing import Cut, Retimed, Reversed
 from splatreel.edit.values import parse_axis, parse_color, parse_range
 from splatreel.edit.visibility import SeenByCameras
-from splatreel.errors import UsageError
 from splatreel.scene.turning import turn_between
-from splatreel.scene.untrusted import read_json
 from splatreel.scene.volume_text import fail, parse_number, parse_numbers, parse_volume
 from splatreel.scene.volumes import Outside, Sphere
 

@@ -10,6 +10,7 @@ from typing import TypeVar
 
 import numpy as np
 
+from splatreel.base.errors import ReelError, UsageError
 from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.group_file import decode_group_to_edit, decode_layer_to_edit
 from splatreel.codec.header import ReelHeader
@@ -19,7 +20,6 @@ from splatreel.codec.reader import ReelReader
 from splatreel.config import COARSENESS
 from splatreel.edit.clip import ClipGroup, ClipLayer, ClipSound, ClipSpan, LayerSpan, Outline
 from splatreel.edit.sound_pieces import SoundPiece
-from splatreel.errors import ReelError, UsageError
 from splatreel.play.reel_sound import ReelSound
 
 CACHED = 4

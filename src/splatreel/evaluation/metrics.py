@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.ndimage import correlate1d, uniform_filter1d
 
-from splatreel.errors import UsageError
+from splatreel.base.errors import UsageError
 
 PSNR_MAX = 100.0
 """PSNR of two equal images. Infinity would break means and JSON."""

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
+from splatreel.base.atomic import replacing
 from splatreel.capture.base import Capture
 from splatreel.play.renderers import draw_on_cpu
 from splatreel.play.timeline import Moment, Timeline
-from splatreel.scene.atomic import replacing
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
 

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from splatreel.base.errors import UsageError
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import CaptureSource
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
-from splatreel.errors import UsageError
-from splatreel.recon.run.run_record import read_run_source
+from splatreel.run.run_record import read_run_source
 from splatreel.scene.reel_source import ReelSource
 from splatreel.storage.addresses import is_url
 

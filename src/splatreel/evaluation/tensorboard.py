@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from splatreel.base.command_line import install_command
+from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.written_reel import read_written_manifest
-from splatreel.command_line import install_command
-from splatreel.errors import MissingDependencyError, UsageError
 from splatreel.evaluation.page.run_facts import GroupFacts, group_facts
-from splatreel.recon.run.run_history import RecordedStage, RunHistory, read_history
+from splatreel.run.run_history import RecordedStage, RunHistory, read_history
 from splatreel.storage.addresses import local_path
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy as np
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.play.timeline import Timeline
-from splatreel.recon.run.store import Store
+from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torch import Tensor
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.kernels.backend import Backend
 from splatreel.kernels.cpu_backend import CpuBackend
 from splatreel.kernels.cuda_backend import CudaBackend

@@ -10,8 +10,8 @@ import torch
 import torch.nn.functional as functional
 from torch import Tensor
 
-from splatreel.command_line import install_command
-from splatreel.errors import MissingDependencyError
+from splatreel.base.command_line import install_command
+from splatreel.base.errors import MissingDependencyError
 from splatreel.kernels.backend import Backend, FrozenSplats, Splats
 from splatreel.kernels.cpu.project import BLUR, FINE_BLUR
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.kernels.cpu import binning, harmonics, project, rasterize
 from splatreel.kernels.cpu.project import BLUR, FINE_BLUR
 from splatreel.scene.camera import Camera

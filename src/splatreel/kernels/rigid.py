@@ -10,7 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from splatreel import threads
+from splatreel.base import threads
 from splatreel.kernels.cpu import rigid as kernel
 from splatreel.kernels.cpu.rigid import Views
 from splatreel.kernels.cpu.scalars import F, finite

@@ -16,7 +16,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.kernels import neighbors
 from splatreel.kernels.backend import FrozenSplats, Pinhole, Splats, antialiased
 from splatreel.kernels.backends import backend_of

@@ -14,8 +14,8 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 
-from splatreel import jit
-from splatreel.progress import Progress
+from splatreel.base import jit
+from splatreel.base.progress import Progress
 
 MODULES = (
     "kernels.cpu.binning",

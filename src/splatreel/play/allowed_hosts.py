@@ -10,7 +10,7 @@ import re
 import socket
 from collections.abc import Iterable
 
-from splatreel.errors import UsageError
+from splatreel.base.errors import UsageError
 
 _HOST = re.compile(r"(?:([A-Za-z0-9._-]{1,253})|\[([0-9A-Fa-f:.]{2,45})\])(?::\d{1,5})?")
 

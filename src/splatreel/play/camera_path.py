@@ -15,9 +15,9 @@ from typing import Any, TypeGuard
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from splatreel.errors import UsageError
+from splatreel.base.errors import UsageError
+from splatreel.base.untrusted import read_json
 from splatreel.scene.camera import Camera
-from splatreel.scene.untrusted import read_json
 
 FORMAT = "splatreel-path"
 VERSION = 1

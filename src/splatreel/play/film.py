@@ -11,11 +11,11 @@ from typing import overload
 import av
 import numpy as np
 
-from splatreel.errors import UsageError
+from splatreel.base.atomic import replacing
+from splatreel.base.errors import UsageError
 from splatreel.play.camera_path import CameraPath, Keyframe, nearest_first
 from splatreel.play.reel_sound import FilmSound
 from splatreel.play.timeline import Timeline
-from splatreel.scene.atomic import replacing
 from splatreel.scene.camera import Camera
 
 Shot = tuple[float, Camera]

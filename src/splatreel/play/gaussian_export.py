@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.errors import ReelError
+from splatreel.base.errors import ReelError
+from splatreel.formats.programs import Program
+from splatreel.formats.registry import FRAME_FORMATS, Placement
 from splatreel.play.timeline import Timeline
-from splatreel.scene.frame_formats import FRAME_FORMATS, Placement
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.programs import Program
 from splatreel.scene.turning import turn_upright
 from splatreel.scene.volumes import Volume
 

@@ -8,11 +8,11 @@ import av
 import numpy as np
 from av.container import OutputContainer
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.fragments import RATE
 from splatreel.codec.opus_sound import PREROLL, TYPE, check_sound_size, decode_sound
 from splatreel.codec.presentation import Asset, Sound
 from splatreel.codec.reader import ReelReader
-from splatreel.errors import ReelError
 
 _CACHED_SEGMENTS = 4
 _BITS_A_SECOND = 96_000

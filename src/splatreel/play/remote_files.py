@@ -8,12 +8,12 @@ import threading
 import time
 from collections import OrderedDict
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.manifest import MAX_BYTES, Manifest, parse_manifest
 from splatreel.codec.manifest_pages import Known, PageEntry
 from splatreel.codec.presentation import Asset, Presentation
 from splatreel.codec.source import open_source
-from splatreel.errors import ReelError
 from splatreel.play.served_files import MANIFEST, OpenFile
 
 FRESH = 1.0

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from splatreel.errors import UsageError
+from splatreel.base.errors import UsageError
 from splatreel.kernels.image import render_image
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians

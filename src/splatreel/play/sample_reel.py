@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from splatreel.errors import ReelError
+from splatreel.base.errors import ReelError
 
 SAMPLE = Path(__file__).parent / "sample"
 """Folder of the sample reel in the package."""

@@ -7,12 +7,12 @@ import threading
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, Protocol
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.manifest import MAX_BYTES, parse_manifest
 from splatreel.codec.manifest_pages import Known
 from splatreel.codec.presentation import EMPTY, Presentation
 from splatreel.codec.preview import newest_preview
 from splatreel.codec.source import open_source
-from splatreel.errors import ReelError
 
 MANIFEST = "manifest.json"
 

@@ -17,8 +17,8 @@ from typing import cast
 
 import uvicorn
 
+from splatreel.base.errors import ReelError, UsageError
 from splatreel.codec.preview import newest_preview
-from splatreel.errors import ReelError, UsageError
 from splatreel.play.allowed_hosts import AllowedHosts
 from splatreel.play.connection import HEAD_BYTES, IDLE_SECONDS, ConnectionLimits
 from splatreel.play.remote_files import RemoteFiles

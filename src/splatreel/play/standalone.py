@@ -7,11 +7,12 @@ from base64 import b64encode
 from dataclasses import replace
 from pathlib import Path
 
-from splatreel.codec.container import unpack_file, write_atomically
+from splatreel.base.atomic import write_bytes
+from splatreel.base.errors import ReelError
+from splatreel.codec.container import unpack_file
 from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.presentation import Asset
 from splatreel.codec.reader import ReelReader
-from splatreel.errors import ReelError
 from splatreel.play.player_page import STATIC, with_metadata
 
 LOADER = re.compile(r'<script type="module" data-early>.*?</script>', re.S)
@@ -36,7 +37,7 @@ def write_standalone(path: Path, location: str | Path, rendition: str | None = N
         ReelError: The reel is damaged, or uses the paper's codec, whose decoders cannot be embedded.
     """
     data = standalone_page(location, rendition).encode()
-    write_atomically(path, data)
+    write_bytes(path, data)
     return len(data)
 
 

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from splatreel.errors import SplatreelError
+from splatreel.base.errors import SplatreelError
 from splatreel.play.renderers import Draw
 from splatreel.play.timeline import Timeline
 from splatreel.scene import rotations

@@ -26,7 +26,7 @@ from starlette.responses import PlainTextResponse, Response, StreamingResponse
 from starlette.staticfiles import StaticFiles
 from starlette.types import ASGIApp, Receive, Scope, Send
 
-from splatreel.errors import ReelError
+from splatreel.base.errors import ReelError
 from splatreel.play.allowed_hosts import AllowedHosts, host_name
 from splatreel.play.player_page import STATIC, with_metadata
 from splatreel.play.served_files import OpenFile, ReelFiles, open_file

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from splatreel.errors import CaptureError
+from splatreel.base.errors import CaptureError
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.untrusted import is_number, numbers
 from splatreel.scene.camera import Camera
-from splatreel.scene.untrusted import is_number, numbers
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatreel.command_line import missing_package
-from splatreel.errors import GaussiansError, MissingDependencyError
+from splatreel.base.command_line import missing_package
+from splatreel.base.errors import GaussiansError, MissingDependencyError
 from splatreel.scene import rotations
 
 if TYPE_CHECKING:

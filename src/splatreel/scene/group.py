@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 from splatreel.scene.gaussians import Gaussians
 
 MARGIN = 0.25

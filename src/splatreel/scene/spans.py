@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from splatreel.errors import UsageError
+from splatreel.base.errors import UsageError
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
-from splatreel.errors import UsageError
+from splatreel.base.errors import UsageError
 from splatreel.scene.camera import Camera
 from splatreel.scene.volumes import Box, CaptureVolume, Cylinder, Sphere, Volume
 

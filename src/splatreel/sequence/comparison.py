@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
+from splatreel.base.progress import Progress
 from splatreel.evaluation.metrics import psnr
 from splatreel.play.renderers import draw_on_cpu
 from splatreel.play.timeline import Timeline, open_reel
-from splatreel.progress import Progress
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.sequence.frames import Frames

@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
+from splatreel.base.memory_budget import UNRAISED, MemoryBudget, points_memory
+from splatreel.base.untrusted import ArrayRows, read_arrays
+from splatreel.formats.plausible import check_plausible
+from splatreel.formats.remarks import Remarks
+from splatreel.formats.splat_columns import drop_nan
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
-from splatreel.scene.memory_budget import UNRAISED, MemoryBudget, points_memory
-from splatreel.scene.remarks import Remarks
-from splatreel.scene.splat_columns import drop_nan
-from splatreel.scene.untrusted import ArrayRows, read_arrays
-from splatreel.sequence.plausible import check_plausible
 
 SHAPES = {
     "means3D": ("T", "N", 3),

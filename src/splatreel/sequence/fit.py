@@ -8,17 +8,17 @@ from threading import Lock
 
 import numpy as np
 
+from splatreel.base.errors import GaussiansError
+from splatreel.base.progress import Progress
 from splatreel.capture.base import Capture
 from splatreel.codec.header import ReelHeader
 from splatreel.config import COARSENESS, Config, Quality, Rate, preset
 from splatreel.config.settings import changed
-from splatreel.errors import GaussiansError
-from splatreel.motion.change import difference, per_camera
-from splatreel.motion.temporal_mean import MAX_DIFFERENCE, mean_of_alike
+from splatreel.method.images.change import difference, per_camera
+from splatreel.method.images.temporal_mean import MAX_DIFFERENCE, mean_of_alike
 from splatreel.play.renderers import draw_on_cpu
-from splatreel.progress import Progress
-from splatreel.recon.encode.group_writer import PresentationHook, no_presentation
-from splatreel.recon.pipeline import reconstruct
+from splatreel.run.output.group_writer import PresentationHook, no_presentation
+from splatreel.run.pipeline import reconstruct
 from splatreel.scene.camera import Camera
 from splatreel.scene.reel_source import ReelSource
 from splatreel.sequence.comparison import BLACK, Comparison, compare

@@ -6,9 +6,9 @@ import re
 import zipfile
 from pathlib import Path, PurePosixPath
 
-from splatreel.errors import GaussiansError
-from splatreel.sequence.splat_file import SOG_FOLDERS, SUFFIXES
-from splatreel.sequence.streamed_sog import LOD_META
+from splatreel.base.errors import GaussiansError
+from splatreel.formats.registry import SOG_FOLDERS, SUFFIXES
+from splatreel.formats.streamed_sog import LOD_META
 from splatreel.sequence.training_folders import check_is_frame, check_is_member_frame, is_mark
 
 _ITERATION = re.compile(r"iteration_([0-9]+)")

@@ -12,7 +12,7 @@ from typing import Literal
 
 import numpy as np
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
 
 Gaps = Literal["refuse", "hold"]
 """Treatment of missing frame numbers: refuse the sequence, or hold the previous frame."""

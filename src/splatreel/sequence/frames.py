@@ -11,15 +11,15 @@ from typing import Protocol
 
 import numpy as np
 
-from splatreel.errors import GaussiansError
-from splatreel.scene.archives import copy_member, naming_damage
+from splatreel.base.archives import copy_member, naming_damage
+from splatreel.base.errors import GaussiansError
+from splatreel.base.memory_budget import UNRAISED, MemoryBudget
+from splatreel.formats.registry import columns_of, is_antialiased, read_splats, size_of
+from splatreel.formats.remarks import Remarks
+from splatreel.formats.splat_columns import MANY, Encoding, encoding_of
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.memory_budget import UNRAISED, MemoryBudget
-from splatreel.scene.remarks import Remarks
-from splatreel.scene.splat_columns import MANY, Encoding, encoding_of
 from splatreel.sequence.frame_files import find_files, find_members
 from splatreel.sequence.frame_names import Gaps, Order, order_frames
-from splatreel.sequence.splat_file import columns_of, is_antialiased, read_splats, size_of
 
 OTHER_MARK = "Points are marked differently for antialiasing than those of the first frame, and are drawn as those"
 """Remark on files whose marks differ."""

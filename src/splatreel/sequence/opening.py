@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from splatreel.errors import GaussiansError
-from splatreel.scene.memory_budget import MemoryBudget
+from splatreel.base.errors import GaussiansError
+from splatreel.base.memory_budget import MemoryBudget
+from splatreel.formats.fourdgs import FourdgsScene
 from splatreel.sequence.dynamic3dgs import Dynamic3DGS
-from splatreel.sequence.fourdgs_scene import FourdgsScene
 from splatreel.sequence.frame_names import Gaps
 from splatreel.sequence.frames import Frames, ZipFrames, open_files
 from splatreel.sequence.spacetime import SpacetimeGaussians, is_spacetime

@@ -8,16 +8,16 @@ from dataclasses import fields, replace
 import numpy as np
 import torch
 
+from splatreel.base.errors import GaussiansError
+from splatreel.base.progress import Progress
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.predictive.precision import COLOR
 from splatreel.codec.presentation import Limits
 from splatreel.codec.writer import ReelWriter
-from splatreel.errors import GaussiansError
-from splatreel.progress import Progress
-from splatreel.recon.encode.group_writer import PresentationHook, no_presentation
-from splatreel.recon.encode.importance import weigh
-from splatreel.recon.init.layout import measure
-from splatreel.recon.init.limits import limits
+from splatreel.method.encode.importance import weigh
+from splatreel.method.init.layout import measure
+from splatreel.method.init.limits import limits
+from splatreel.run.output.group_writer import PresentationHook, no_presentation
 from splatreel.scene.camera import Camera, middle_camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group

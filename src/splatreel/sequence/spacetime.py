@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.errors import GaussiansError
+from splatreel.base.errors import GaussiansError
+from splatreel.base.memory_budget import UNRAISED, MemoryBudget
+from splatreel.base.untrusted import read_file
+from splatreel.formats.plausible import check_plausible
+from splatreel.formats.ply_table import Columns, read_elements
+from splatreel.formats.remarks import Remarks
+from splatreel.formats.splat_columns import drop_nan
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians
-from splatreel.scene.memory_budget import UNRAISED, MemoryBudget
-from splatreel.scene.ply_table import Columns, read_elements
-from splatreel.scene.remarks import Remarks
-from splatreel.scene.splat_columns import drop_nan
-from splatreel.scene.untrusted import read_file
-from splatreel.sequence.plausible import check_plausible
 
 FAINT = 1 / 255
 """Points below this opacity are not drawn and are left out."""

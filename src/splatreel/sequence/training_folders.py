@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from glob import escape
 from pathlib import Path, PurePath
 
-from splatreel.errors import GaussiansError
-from splatreel.scene.moving_columns import EXPORT
+from splatreel.base.errors import GaussiansError
+from splatreel.formats.moving_columns import EXPORT
 
 _ITERATION = re.compile(r"(coarse_)?iteration_\w+")
 _OWN_FRAMES = "Run that method's export_perframe_3DGS.py, and import the folder that it writes."

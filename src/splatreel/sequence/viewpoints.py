@@ -9,14 +9,14 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import is_number, numbers, read_json
 from splatreel.capture.opening import open_capture
 from splatreel.capture.pose_checks import check_camera
 from splatreel.capture.readers.camera_files import read_camera_file
 from splatreel.capture.readers.colmap import is_model_alone, model_views
-from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera, facing
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.untrusted import is_number, numbers, read_json
 
 RING, WIDTH, HEIGHT = 12, 960, 540
 """Number of cameras of a ring, and their size in pixels."""

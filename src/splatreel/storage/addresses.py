@@ -7,7 +7,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
-from splatreel.errors import UsageError
+from splatreel.base.errors import UsageError
 from splatreel.storage.folder import Folder, LocalFolder
 from splatreel.storage.remote_folder import RemoteFolder
 

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from splatreel.errors import StorageError
-from splatreel.scene.atomic import remove, replacing, sweep
+from splatreel.base.atomic import remove, replacing, sweep
+from splatreel.base.errors import StorageError
 
 _NAME = re.compile(r"[^/\\.\x00-\x1f][^/\\\x00-\x1f]*(/[^/\\.\x00-\x1f][^/\\\x00-\x1f]*)*")
 

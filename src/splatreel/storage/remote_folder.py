@@ -7,8 +7,8 @@ import posixpath
 import secrets
 from typing import Any
 
-from splatreel.command_line import install_command
-from splatreel.errors import MissingDependencyError, StorageError, UsageError
+from splatreel.base.command_line import install_command
+from splatreel.base.errors import MissingDependencyError, StorageError, UsageError
 from splatreel.storage.folder import PLAIN, REFUSALS, Headers, is_plain
 
 _WHOLE = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "oss", "obs", "memory")

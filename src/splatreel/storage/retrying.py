@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from splatreel.errors import StorageError
+from splatreel.base.errors import StorageError
 from splatreel.storage.folder import PLAIN, Folder, Headers
 
 T = TypeVar("T")

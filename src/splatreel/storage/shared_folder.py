@@ -8,8 +8,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from splatreel.errors import StorageError
-from splatreel.scene.atomic import replacing, sweep
+from splatreel.base.atomic import replacing, sweep
+from splatreel.base.errors import StorageError
 from splatreel.storage.addresses import open_folder
 from splatreel.storage.folder import is_plain
 from splatreel.storage.retrying import PAUSES, RetryingFolder, ignore_message

@@ -5,13 +5,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.progress import Silent
+from splatreel.calibration.synchronization.sync import synchronize
 from splatreel.capture.builtin import toysound
 from splatreel.capture.builtin.synthetic import make_cameras, make_capture
 from splatreel.capture.builtin.toyroom import BALL_RADIUS, BALL_REACH, ball, impacts
 from splatreel.capture.opening import open_capture
 from splatreel.capture.soundtrack import RATE, choose, read_sound
-from splatreel.capture.sync import synchronize
-from splatreel.progress import Silent
 
 SECONDS = 2.0
 

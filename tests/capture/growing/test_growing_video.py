@@ -3,11 +3,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.growing.growing_video import GrowingVideo
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.srgb import BT2020, HLG
 from splatreel.capture.video import VideoFile
-from splatreel.errors import CaptureError
 from tests.capture.colors import COLORS, SIDE, write_colors, write_display_matrix
 from tests.capture.growing.recorder import CONTAINERS
 

@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.readers.camera_files import read_camera_file
-from splatreel.errors import CaptureError
 from splatreel.sequence.viewpoints import read_cameras
 from tests.capture import blobs
 from tests.capture.readers import test_transforms

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from splatreel.base.errors import CaptureError, MissingDependencyError
+from splatreel.calibration.uncalibrated import camera_files
 from splatreel.capture.opening import open_capture
-from splatreel.capture.uncalibrated import camera_files
-from splatreel.errors import CaptureError, MissingDependencyError
 from splatreel.scene.reel_source import ReelSource
 from tests.capture import folders
 

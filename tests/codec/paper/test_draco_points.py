@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from splatreel.base.errors import MissingDependencyError, ReelError
 from splatreel.codec.paper import draco_points
-from splatreel.errors import MissingDependencyError, ReelError
 from splatreel.play.timeline import open_reel
 from splatreel.scene import morton
 from tests.golden import GOLDEN, PREDICTIVE

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
+from splatreel.base.errors import GaussiansError, ReelError
 from splatreel.codec.paper.gaussians import decode_gaussians, encode_gaussians
 from splatreel.codec.section import Section
 from splatreel.config import EncodeConfig
-from splatreel.errors import GaussiansError, ReelError
 from splatreel.scene.gaussians import Gaussians
 from tests.codec.reels import points
 

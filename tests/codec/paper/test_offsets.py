@@ -7,11 +7,11 @@ import av
 import numpy as np
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.container import pack_file, unpack_file
 from splatreel.codec.group_file import decode_group, encode_group
 from splatreel.codec.paper import maps, offsets
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReelError
 from splatreel.scene import rotations
 from splatreel.scene.group import Group
 from tests.golden import random_gaussians, random_motion

@@ -8,8 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba import njit
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.predictive import entropy
-from splatreel.errors import ReelError
 
 
 def coded(values, contexts, count):

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.predictive import klt
 from splatreel.codec.predictive.entropy import entropy_encode
-from splatreel.errors import ReelError
 
 
 def test_klt_reconstructs_low_rank_samples():

@@ -8,8 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.predictive import lod_prediction
-from splatreel.errors import ReelError
 from splatreel.scene import morton
 
 

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.container import pack_file, unpack_file
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
 from splatreel.codec.predictive import covariance
 from splatreel.codec.predictive.precision import STEPS
-from splatreel.errors import ReelError
 from splatreel.scene import rotations
 from tests.codec.predictive.groups import CONFIG, group, points
 

@@ -5,11 +5,11 @@ import dataclasses
 import numpy as np
 import pytest
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.container import pack_file, unpack_file
 from splatreel.codec.group_file import decode_group, encode_group
 from splatreel.codec.predictive.precision import STEPS
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReelError
 from tests.codec.predictive.groups import CONFIG, group
 from tests.golden import random_shade
 

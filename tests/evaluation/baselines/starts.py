@@ -4,15 +4,15 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from baselines.shared_start import SharedStart
 
 from splatreel.capture.base import Capture
 from splatreel.codec.reader import ReelReader
 from splatreel.config import Config
 from splatreel.config.settings import changed
-from splatreel.evaluation.baselines.shared_start import SharedStart
-from splatreel.recon.init.layout import Layout
-from splatreel.recon.run import checkpoint
-from splatreel.recon.run.store import Store
+from splatreel.method.init.layout import Layout
+from splatreel.run import checkpoint
+from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from tests.evaluation import scenes
 

@@ -1,6 +1,5 @@
 import pytest
-
-from splatreel.evaluation.baselines.budget import Budget, Spent
+from baselines.budget import Budget, Spent
 
 
 def spend_all(budget: Budget, pace: list[float]) -> list[int]:

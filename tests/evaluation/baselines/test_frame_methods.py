@@ -5,17 +5,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from baselines.frame_methods import AttributeVideo, PerFrame, Streaming, chain
+from baselines.part_by_part import Frames, PartMethod, run_in_parts
+from baselines.shared_start import SharedStart
+from baselines.temporal_slices import TemporalSlices
 
+from splatreel.base.progress import Silent
 from splatreel.codec.info import reel_info
 from splatreel.codec.reader import ReelReader
-from splatreel.evaluation.baselines.frame_methods import AttributeVideo, PerFrame, Streaming, chain
-from splatreel.evaluation.baselines.part_by_part import Frames, PartMethod, run_in_parts
-from splatreel.evaluation.baselines.shared_start import SharedStart
-from splatreel.evaluation.baselines.temporal_slices import TemporalSlices
 from splatreel.evaluation.metrics import psnr
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import Timeline
-from splatreel.progress import Silent
 from splatreel.scene.gaussians import Gaussians
 from tests.evaluation import scenes
 from tests.evaluation.baselines.starts import still, write_start

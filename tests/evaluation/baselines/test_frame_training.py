@@ -3,9 +3,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from baselines import frame_training
+from baselines.shared_start import SharedStart
 
-from splatreel.evaluation.baselines import frame_training
-from splatreel.evaluation.baselines.shared_start import SharedStart
 from splatreel.evaluation.metrics import psnr
 from splatreel.kernels.image import render_image
 from splatreel.scene.gaussians import Gaussians

@@ -2,17 +2,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from baselines.independent_groups import Stretch, run_independent_groups
 
+from splatreel.base.progress import Silent
 from splatreel.codec.reader import ReelReader
-from splatreel.evaluation.baselines.independent_groups import Stretch, run_independent_groups
 from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.play.timeline import Timeline
-from splatreel.progress import Silent
 from splatreel.scene.reel_source import ReelSource
 from splatreel.scene.spans import GroupSpan
 from tests.evaluation import scenes
-from tests.recon.captures import WallCapture
-from tests.recon.small import small
+from tests.method.captures import WallCapture
+from tests.method.small import small
 
 
 def test_stretch_reads_the_frames_of_its_span(tmp_path: Path) -> None:

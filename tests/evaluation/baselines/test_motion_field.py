@@ -1,7 +1,6 @@
 import numpy as np
 import torch
-
-from splatreel.evaluation.baselines.motion_field import MotionField
+from baselines.motion_field import MotionField
 
 BOX = np.array([[-1.0, -1, -1], [1, 1, 1]])
 

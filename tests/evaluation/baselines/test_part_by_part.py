@@ -3,14 +3,14 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from baselines.frame_methods import PerFrame
+from baselines.part_by_part import Frames, run_in_parts
+from baselines.shared_start import SharedStart
 
+from splatreel.base.errors import UsageError
+from splatreel.base.progress import Silent
 from splatreel.codec.reader import ReelReader
-from splatreel.errors import UsageError
-from splatreel.evaluation.baselines.frame_methods import PerFrame
-from splatreel.evaluation.baselines.part_by_part import Frames, run_in_parts
-from splatreel.evaluation.baselines.shared_start import SharedStart
-from splatreel.progress import Silent
-from splatreel.recon.train.pictures import Pictures
+from splatreel.method.train.pictures import Pictures
 from splatreel.scene.gaussians import Gaussians
 from tests.evaluation import scenes
 from tests.evaluation.baselines.starts import SECONDS, write_start

@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.errors import UsageError
-from splatreel.recon.stages.camera_stages import EvenExposures
+from splatreel.base.errors import UsageError
+from splatreel.run.stages.camera_stages import EvenExposures
 from tests.evaluation import scenes
 from tests.evaluation.baselines.starts import SECONDS, write_start
 

@@ -3,13 +3,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from baselines.part_by_part import Frames
+from baselines.shared_start import SharedStart
+from baselines.temporal_slices import SpaceTimePoints, TemporalSlices, train_slices
 
-from splatreel.evaluation.baselines.part_by_part import Frames
-from splatreel.evaluation.baselines.shared_start import SharedStart
-from splatreel.evaluation.baselines.temporal_slices import SpaceTimePoints, TemporalSlices, train_slices
 from splatreel.evaluation.metrics import psnr
 from splatreel.kernels.image import render_image
-from splatreel.recon.train.points import default_rates
+from splatreel.method.train.points import default_rates
 from splatreel.scene.gaussians import Gaussians
 from tests.evaluation import scenes
 from tests.evaluation.baselines.starts import write_start

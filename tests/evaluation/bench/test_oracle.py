@@ -9,21 +9,21 @@ import numpy as np
 import pytest
 import torch
 
+from splatreel.base.errors import UsageError
+from splatreel.base.progress import Silent, Span
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config, EncodeConfig
-from splatreel.errors import UsageError
 from splatreel.evaluation.bench.microbenchmarks import cloud, front_camera
 from splatreel.evaluation.bench.oracle import draw_single_frame, oracle
-from splatreel.progress import Silent, Span
-from splatreel.recon.encode.importance import weigh
-from splatreel.recon.init.layout import Layout
-from splatreel.recon.train.single_frame import reconstruct_single_frame
+from splatreel.method.encode.importance import weigh
+from splatreel.method.init.layout import Layout
+from splatreel.method.train.single_frame import reconstruct_single_frame
 from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
-from tests.recon.captures import WallCapture
-from tests.recon.small import small
+from tests.method.captures import WallCapture
+from tests.method.small import small
 
 CONFIG = small({"keyframe.first_iterations": 20})
 FRAMES = 7

@@ -2,17 +2,17 @@ import json
 from pathlib import Path
 
 import pytest
+from paper_tables import paper_bench
+from paper_tables.paper_bench import FULL, METHODS, PER_FRAME, PaperBench
 
+from splatreel.base.errors import UsageError
+from splatreel.base.progress import Silent
 from splatreel.cli.main import main
 from splatreel.config import Config
-from splatreel.errors import UsageError
-from splatreel.evaluation.bench import paper_bench
-from splatreel.evaluation.bench.paper_bench import FULL, METHODS, PER_FRAME, PaperBench
-from splatreel.progress import Silent
-from splatreel.recon.machines.estimate import Estimate
-from splatreel.recon.machines.scaling import Division
-from splatreel.recon.pipeline import Result
-from splatreel.recon.run.store import StoredGroup, StoredLayer
+from splatreel.run.machines.estimate import Estimate
+from splatreel.run.machines.scaling import Division
+from splatreel.run.pipeline import Result
+from splatreel.run.store import StoredGroup, StoredLayer
 from tests.evaluation import scenes
 from tests.evaluation.baselines.starts import SECONDS, write_start
 from tests.evaluation.baselines.test_part_by_part import Clock, Sliding
@@ -117,7 +117,7 @@ def test_command_refuses_baselines_without_time(tmp_path: Path, capsys: pytest.C
 
 @pytest.mark.slow
 def test_table_10_encodes_one_reconstruction_in_seven_ways(runs: list, tmp_path: Path) -> None:
-    from splatreel.evaluation.bench.paper_run import write_table
+    from paper_tables.paper_run import write_table
 
     text = write_table(bench(tmp_path), "10", 4)
     assert text.startswith("toy. Table 10. Ablation on deformation encoding.")

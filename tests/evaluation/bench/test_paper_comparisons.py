@@ -1,10 +1,10 @@
 from pathlib import Path
 
 import pytest
+from paper_tables.paper_bench import BASELINES, NO_LAYERS
+from paper_tables.paper_comparisons import COMPARISONS
+from paper_tables.published import TABLE_1, TABLE_2, comparable, dataset_of, published_rows
 
-from splatreel.evaluation.bench.paper_bench import BASELINES, NO_LAYERS
-from splatreel.evaluation.bench.paper_comparisons import COMPARISONS
-from splatreel.evaluation.bench.published import TABLE_1, TABLE_2, comparable, dataset_of, published_rows
 from tests.evaluation import scenes
 from tests.evaluation.bench.test_paper_results import MadeUpBench
 

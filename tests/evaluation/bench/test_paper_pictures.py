@@ -2,11 +2,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paper_tables.paper_bench import Measured
+from paper_tables.paper_run import write_table
+from paper_tables.picture_crops import LABEL, SIDE
 from PIL import Image
 
-from splatreel.evaluation.bench.paper_bench import Measured
-from splatreel.evaluation.bench.paper_run import write_table
-from splatreel.evaluation.bench.picture_crops import LABEL, SIDE
 from tests.evaluation import scenes
 from tests.evaluation.bench.test_paper_results import MadeUpBench
 from tests.evaluation.test_report import report

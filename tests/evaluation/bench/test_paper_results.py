@@ -2,16 +2,16 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from paper_tables.paper_bench import BASELINES, FULL, INDEPENDENT, VARIANTS, Measured, PaperBench
+from paper_tables.paper_comparisons import COMPARISONS
+from paper_tables.paper_pictures import PICTURES
+from paper_tables.paper_results import RESULTS, chained_groups
+from paper_tables.paper_run import TITLES, variants_of, write_table
 
+from splatreel.base.errors import UsageError
+from splatreel.base.progress import Silent
 from splatreel.capture.base import Capture
 from splatreel.config import Config, preset
-from splatreel.errors import UsageError
-from splatreel.evaluation.bench.paper_bench import BASELINES, FULL, INDEPENDENT, VARIANTS, Measured, PaperBench
-from splatreel.evaluation.bench.paper_comparisons import COMPARISONS
-from splatreel.evaluation.bench.paper_pictures import PICTURES
-from splatreel.evaluation.bench.paper_results import RESULTS, chained_groups
-from splatreel.evaluation.bench.paper_run import TITLES, variants_of, write_table
-from splatreel.progress import Silent
 from tests.evaluation import scenes
 from tests.evaluation.test_report import report
 

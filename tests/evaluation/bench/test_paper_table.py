@@ -1,7 +1,7 @@
 import csv
 import io
 
-from splatreel.evaluation.bench.paper_table import PaperTable
+from paper_tables.paper_table import PaperTable
 
 TABLE = PaperTable("Table 6. 50% of x_y.", ["Methods", "PSNR ↑"], [["Full", "31.5"], ["w/o A & B, #1", "30"]])
 

@@ -2,9 +2,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from paper_tables.picture_crops import LABEL, SIDE, Crop, anywhere, fast, find_crop, new, strip, truth_of
 
 from splatreel.capture.base import Capture
-from splatreel.evaluation.bench.picture_crops import LABEL, SIDE, Crop, anywhere, fast, find_crop, new, strip, truth_of
 from splatreel.scene.camera import Camera
 from tests.evaluation import scenes
 

@@ -6,10 +6,11 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
+from paper_tables.paper_tables import paper_tables
 
-from splatreel.errors import MissingDependencyError, UsageError
+from splatreel.base.errors import MissingDependencyError, UsageError
+from splatreel.base.progress import Silent
 from splatreel.evaluation.bench import rate_distortion
-from splatreel.evaluation.bench.paper_tables import paper_tables
 from splatreel.evaluation.bench.rate_chart import rate_chart
 from splatreel.evaluation.bench.rate_distortion import (
     RatePoint,
@@ -21,7 +22,6 @@ from splatreel.evaluation.bench.rate_distortion import (
     sweep_of,
     table,
 )
-from splatreel.progress import Silent
 from tests.evaluation import scenes
 
 NAMES = ["paper", "predictive 0.3 (--rate high)", "predictive 4"]

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
+from splatreel.base.errors import UsageError
 from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.config import Config, preset
-from splatreel.errors import UsageError
 from splatreel.evaluation.bench import speed
 from splatreel.evaluation.bench.provenance import append, label
 from splatreel.evaluation.bench.speed import bench_reconstruct
-from tests.recon.captures import WallCapture
+from tests.method.captures import WallCapture
 
 
 def config(iterations: int) -> Config:

@@ -10,7 +10,7 @@ from splatreel.capture.opening import open_capture
 from splatreel.capture.sidecar import SyncEvidence, write_starts
 from splatreel.cli.main import main
 from splatreel.evaluation.page.check_page import CheckFacts, check_page
-from splatreel.recon.coverage.coverage import Coverage
+from splatreel.method.coverage.coverage import Coverage
 from tests.capture import folders
 from tests.evaluation.page.test_report_page import parse
 

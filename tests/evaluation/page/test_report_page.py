@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
+from splatreel.base.progress import Silent
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.page.report_page import report_page, write_report_page
 from splatreel.evaluation.page.run_facts import RunFacts
-from splatreel.progress import Silent
-from splatreel.recon.run.run_history import RecordedProgress
+from splatreel.run.run_history import RecordedProgress
 from tests.evaluation import scenes
 
 VOID = {"meta", "img", "path", "circle", "rect", "polyline", "br"}

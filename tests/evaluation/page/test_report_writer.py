@@ -2,8 +2,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+from splatreel.base.progress import Silent
 from splatreel.evaluation.page.report_writer import LEAST_SECONDS, ReportWriter
-from splatreel.progress import Silent
 from tests.evaluation import scenes
 
 WRITER: Any = SimpleNamespace()

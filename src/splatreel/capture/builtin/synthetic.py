@@ -19,17 +19,17 @@ from typing import Any
 import av
 import numpy as np
 
-from splatreel import threads
+from splatreel.base import threads
+from splatreel.base.atomic import move, scratch
+from splatreel.base.errors import CaptureError, UsageError
+from splatreel.base.progress import Progress
+from splatreel.base.untrusted import read_json
 from splatreel.capture.builtin import toyroom
 from splatreel.capture.builtin.raytracer import trace_frame, trace_static
 from splatreel.capture.builtin.toysound import render_sound
 from splatreel.capture.sidecar import SIDECAR, SIDECAR_BYTES
 from splatreel.capture.soundtrack import RATE
-from splatreel.errors import CaptureError, UsageError
-from splatreel.progress import Progress
-from splatreel.scene.atomic import move, scratch
 from splatreel.scene.camera import Camera, facing
-from splatreel.scene.untrusted import read_json
 
 VERSION = 4
 """Increase when the same arguments produce another capture."""

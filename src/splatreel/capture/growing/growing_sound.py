@@ -10,8 +10,8 @@ import av
 import numpy as np
 from av.error import FFmpegError
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.soundtrack import GAP, RATE, Track, channels, choose
-from splatreel.errors import CaptureError
 
 Packets = Iterator[tuple[float, av.Packet]]
 """Packets of one sound track, possibly from several files, each with the seconds by which its time exceeds the camera's."""

@@ -14,6 +14,7 @@ import numpy as np
 from av.container import InputContainer
 from av.error import FFmpegError
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.files import main_video
 from splatreel.capture.frame_table import frame_orientation
 from splatreel.capture.growing.growing_sound import Packets, sound_errors
@@ -21,7 +22,6 @@ from splatreel.capture.growing.growth import Growth
 from splatreel.capture.orientation import STORED
 from splatreel.capture.video import check_size
 from splatreel.capture.video_color import VideoColor, declared_color
-from splatreel.errors import CaptureError
 
 
 class Tail:

@@ -8,6 +8,7 @@ from typing import Protocol
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.gaps import OUT_OF_STEP
 from splatreel.capture.growing.growing_sound import Packets, read_packets
@@ -17,7 +18,6 @@ from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, 
 from splatreel.capture.sidecar import Sidecar
 from splatreel.capture.soundtrack import Track
 from splatreel.capture.video_color import VideoColor, video_conversions
-from splatreel.errors import CaptureError
 
 
 class GrowingCamera(Protocol):

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.files import LOCAL, Files, list_folder, open_media
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.growing_sound import Packets, sound_errors
 from splatreel.capture.growing.growing_video import JUMP
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.video import VIDEO_SUFFIXES, VideoFile
-from splatreel.errors import CaptureError
 
 NUMBERED = re.compile(r"(.*?)(\d+)")
 CHAPTER = re.compile("(?:GOPR|G[HXLP]([0-9]{2}))([0-9]{4})", re.IGNORECASE)

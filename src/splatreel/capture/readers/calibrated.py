@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import list_folder
@@ -32,7 +33,6 @@ from splatreel.capture.readers.calibrations.toml_cameras import is_toml, read_to
 from splatreel.capture.readers.calibrations.zju_mocap import is_zju_mocap, read_zju_mocap
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source, video_source
-from splatreel.errors import CaptureError
 from splatreel.scene.camera import middle_camera
 
 HEAD = 1 << 16

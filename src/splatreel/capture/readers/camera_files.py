@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.lens import undistorted_camera
 from splatreel.capture.readers.calibrated import read_rig
 from splatreel.capture.readers.calibrations.rig import Rig, RigCamera
 from splatreel.capture.readers.transforms import META, TRAIN, read_transforms
-from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 
 

@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import Files, list_folder
@@ -27,7 +28,6 @@ from splatreel.capture.readers.colmap_model import FRAME, Model, ModelCamera, mo
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source, video_source
 from splatreel.capture.video import OTHER_VIDEOS, VIDEO_SUFFIXES
-from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera, middle_camera
 
 VIDEOS = ("videos", "synchronized_videos", ".")

@@ -17,10 +17,10 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.command_line import install_command
+from splatreel.base.errors import CaptureError, MissingDependencyError
+from splatreel.base.process import signals_held
 from splatreel.capture.files import list_folder, natural_key
-from splatreel.command_line import install_command
-from splatreel.errors import CaptureError, MissingDependencyError
-from splatreel.process import signals_held
 
 PLACES = ("sparse", "sparse_", "colmap/sparse", ".")
 """Folders that hold a model, or numbered folders with a model each. 4DGaussians uses `sparse_`."""

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.lens import Lens, common_size, undistorted_camera
@@ -22,7 +23,6 @@ from splatreel.capture.readers.colmap import pictures_by_camera, video_files
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source, video_source
-from splatreel.errors import CaptureError
 from splatreel.scene.camera import middle_camera
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"

@@ -14,6 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import read_array
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import natural_key
@@ -25,9 +27,7 @@ from splatreel.capture.readers.colmap import camera_folders, is_colmap, video_fi
 from splatreel.capture.readers.transforms import is_transforms
 from splatreel.capture.sidecar import calibration_error, read_sidecar
 from splatreel.capture.sources import picture_source, video_source
-from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
-from splatreel.scene.untrusted import read_array
 
 POSES = "poses_bounds.npy"
 EXPECTED = "3x5 pose, near and far in a row"

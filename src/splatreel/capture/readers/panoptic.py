@@ -11,14 +11,14 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import is_number, read_json
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.image_sequences import ImageSequences
 from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.sidecar import Sidecar
-from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
-from splatreel.scene.untrusted import is_number, read_json
 
 META = ("train_meta.json", "test_meta.json")
 META_BYTES, META_VALUES = 256 << 20, 10_000_000

@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import read_file
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.image_sequences import image_files
@@ -20,9 +22,7 @@ from splatreel.capture.lens import common_size, fitted_camera
 from splatreel.capture.pose_checks import check_center
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source
-from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
-from splatreel.scene.untrusted import read_file
 
 PARAMETER_BYTES = 1 << 20
 PARAMETERS = "cameras_parameters.txt"

@@ -20,6 +20,8 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import is_number, numbers, read_json
 from splatreel.capture.base import Request
 from splatreel.capture.files import natural_key
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
@@ -29,8 +31,6 @@ from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, naming, p
 from splatreel.capture.readers.calibrations.transforms_lens import transforms_lens
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.video import VIDEO_SUFFIXES
-from splatreel.errors import CaptureError
-from splatreel.scene.untrusted import is_number, numbers, read_json
 
 META, TRAIN, TEST = "transforms.json", "transforms_train.json", "transforms_test.json"
 META_BYTES, META_VALUES = 256 << 20, 10_000_000

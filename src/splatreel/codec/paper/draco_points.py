@@ -14,8 +14,8 @@ from types import ModuleType
 
 import numpy as np
 
+from splatreel.base.errors import MissingDependencyError, ReelError
 from splatreel.codec.quantize import Parameters, integer, number, numbers
-from splatreel.errors import MissingDependencyError, ReelError
 from splatreel.scene import morton
 
 _KD_TREE_LEVEL = 10

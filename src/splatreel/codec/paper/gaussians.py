@@ -8,13 +8,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from splatreel.base.errors import ReelError
 from splatreel.codec import quantize
 from splatreel.codec.paper import draco_points, maps, vector
 from splatreel.codec.paper.hevc import decode_tracks, encode_tracks
 from splatreel.codec.quantize import Parameters, boolean, integer, numbers
 from splatreel.codec.section import MAX_POINTS, Section, Sections, named, required, section_of
 from splatreel.config import EncodeConfig
-from splatreel.errors import ReelError
 from splatreel.scene import morton, rotations
 from splatreel.scene.gaussians import Gaussians
 

@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.paper import maps
 from splatreel.codec.paper.hevc import MAX_PIXELS, decode_tracks, encode_tracks
 from splatreel.codec.quantize import Parameters, boolean, numbers
 from splatreel.config import H265Config
-from splatreel.errors import ReelError
 
 
 def encode(dx: np.ndarray, dq: np.ndarray, config: H265Config) -> tuple[bytes, Parameters]:

@@ -8,8 +8,8 @@ import av
 import numpy as np
 from av.error import FFmpegError
 
+from splatreel.base.errors import MissingDependencyError, ReelError
 from splatreel.codec.boxes import check_samples
-from splatreel.errors import MissingDependencyError, ReelError
 
 _X265 = (
     "keyint={frames}:min-keyint={frames}:scenecut=0:open-gop=0:bframes=0:repeat-headers=0:info=0:range=full:"

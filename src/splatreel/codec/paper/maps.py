@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.quantize import Parameters, integer
-from splatreel.errors import ReelError
 
 BLOCK = 16
 """Side of the blocks in pixels; widths and heights are multiples of it."""

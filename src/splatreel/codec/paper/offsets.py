@@ -15,11 +15,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.budget import check_offset_count, check_offsets
 from splatreel.codec.paper import h265
 from splatreel.codec.quantize import Parameters, decode_float32, encode_float32
 from splatreel.config import H265Config
-from splatreel.errors import ReelError
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 

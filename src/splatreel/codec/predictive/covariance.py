@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
-from splatreel.jit import EXACT
+from splatreel.base.jit import EXACT
 from splatreel.scene import rotations
 
 NUMBERS = 6

@@ -14,8 +14,8 @@ import struct
 import numpy as np
 from numba import njit
 
-from splatreel.errors import ReelError
-from splatreel.jit import EXACT
+from splatreel.base.errors import ReelError
+from splatreel.base.jit import EXACT
 
 MAX_VALUE = (1 << 52) - 1
 TOKENS = 128

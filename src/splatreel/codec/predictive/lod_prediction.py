@@ -12,9 +12,9 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from splatreel.base.errors import ReelError
+from splatreel.base.jit import EXACT
 from splatreel.codec.predictive.entropy import Stream, entropy_encode, take, zigzag
-from splatreel.errors import ReelError
-from splatreel.jit import EXACT
 
 FIRST_LEVEL = 64
 """The coarsest level has between this many points and twice as many. Its prediction is zero."""

@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 from numba import njit
 
+from splatreel.base.jit import EXACT
 from splatreel.codec.predictive.klt import blocks, decode_klt, encode_klt
 from splatreel.codec.predictive.points import EncodedPoints
 from splatreel.codec.predictive.precision import MOTION
 from splatreel.codec.predictive.predictor import Predictor
 from splatreel.codec.section import Section, Sections, named, section_of
-from splatreel.jit import EXACT
 from splatreel.scene import rotations
 
 

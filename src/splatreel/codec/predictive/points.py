@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.predictive import covariance
 from splatreel.codec.predictive.klt import blocks, decode_klt, encode_klt, read_basis
 from splatreel.codec.predictive.lod_prediction import MAX_CLASS, levels_of
@@ -27,7 +28,6 @@ from splatreel.codec.predictive.quantized_positions import (
 )
 from splatreel.codec.quantize import integer
 from splatreel.codec.section import MAX_POINTS, Section, Sections, named, section_of
-from splatreel.errors import ReelError
 from splatreel.scene.gaussians import Gaussians
 
 COLORS = np.array([[1, 1, 1], [1, 0, -1], [-1, 2, -1]]) / np.sqrt([[3], [2], [6]])

@@ -7,9 +7,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from splatreel.base.errors import ReelError
 from splatreel.codec.predictive.entropy import Stream, entropy_encode
 from splatreel.codec.quantize import Parameters, number, numbers
-from splatreel.errors import ReelError
 from splatreel.scene import morton
 
 MAX_BITS = 17

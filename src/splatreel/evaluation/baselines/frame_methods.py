@@ -7,15 +7,15 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from baselines.frame_training import add_points, move_points, train_freely, train_in_place
+from baselines.part_by_part import Frames
+from baselines.shared_start import SharedStart
 
 from splatreel.codec.group_file import encode_layer
 from splatreel.config import EncodeConfig
-from splatreel.evaluation.baselines.frame_training import add_points, move_points, train_freely, train_in_place
-from splatreel.evaluation.baselines.part_by_part import Frames
-from splatreel.evaluation.baselines.shared_start import SharedStart
-from splatreel.recon.encode.group_writer import group_importance
-from splatreel.recon.encode.importance import weigh
-from splatreel.recon.train.pictures import Pictures
+from splatreel.method.encode.importance import weigh
+from splatreel.method.train.pictures import Pictures
+from splatreel.run.output.group_writer import group_importance
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group

@@ -6,17 +6,17 @@ from dataclasses import replace
 
 import numpy as np
 import torch
+from baselines.motion_field import MotionField
+from baselines.shared_start import SharedStart
 
+from splatreel.base.progress import Silent
 from splatreel.config import KeyframeConfig
-from splatreel.evaluation.baselines.motion_field import MotionField
-from splatreel.evaluation.baselines.shared_start import SharedStart
-from splatreel.progress import Silent
-from splatreel.recon.train.density import GROWTH_GRADIENT, GradientMeter, KeyframeDensity, children, select_growth
-from splatreel.recon.train.keyframe import LAMBDA_DSSIM, KeyframeTrainer
-from splatreel.recon.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC
-from splatreel.recon.train.pictures import Pictures
-from splatreel.recon.train.points import TrainablePoints, default_rates
-from splatreel.recon.train.render import Comparable, View, deformed, draw
+from splatreel.method.train.density import GROWTH_GRADIENT, GradientMeter, KeyframeDensity, children, select_growth
+from splatreel.method.train.keyframe import LAMBDA_DSSIM, KeyframeTrainer
+from splatreel.method.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.points import TrainablePoints, default_rates
+from splatreel.method.train.render import Comparable, View, deformed, draw
 from splatreel.scene.gaussians import Gaussians
 
 DENSIFICATIONS = 5

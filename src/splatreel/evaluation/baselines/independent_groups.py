@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.base.progress import Progress
 from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.config.settings import changed
-from splatreel.progress import Progress
-from splatreel.recon.encode.group_writer import open_writer
-from splatreel.recon.pipeline import reconstruct
-from splatreel.recon.run.store import Store
+from splatreel.run.output.group_writer import open_writer
+from splatreel.run.pipeline import reconstruct
+from splatreel.run.store import Store
 from splatreel.scene.reel_source import ReelSource
 from splatreel.scene.spans import GroupSpan, group_spans
 

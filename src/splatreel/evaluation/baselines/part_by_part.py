@@ -9,13 +9,14 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Protocol
 
-from splatreel.errors import UsageError
-from splatreel.evaluation.baselines.budget import Budget, Spent
-from splatreel.evaluation.baselines.shared_start import SharedStart
-from splatreel.progress import Progress
-from splatreel.recon.run import checkpoint
-from splatreel.recon.train.pictures import Pictures
-from splatreel.scene.atomic import move
+from baselines.budget import Budget, Spent
+from baselines.shared_start import SharedStart
+
+from splatreel.base.atomic import move
+from splatreel.base.errors import UsageError
+from splatreel.base.progress import Progress
+from splatreel.method.train.pictures import Pictures
+from splatreel.run import checkpoint
 from splatreel.scene.gaussians import Gaussians
 
 RECORD = "parts.json"

@@ -9,22 +9,22 @@ from pathlib import Path
 import numpy as np
 import torch
 
+from splatreel.base.errors import ReconstructionError, UsageError
 from splatreel.capture.base import Capture
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config, EncodeConfig
-from splatreel.errors import ReconstructionError, UsageError
-from splatreel.recon.cameras.color_gains import CameraGains
-from splatreel.recon.cameras.exposure import Exposure, remove_exposure
-from splatreel.recon.cameras.rig import Rig
-from splatreel.recon.init.layout import Layout
-from splatreel.recon.run.run_history import read_history
-from splatreel.recon.run.store import Store
-from splatreel.recon.stages.camera_stages import EvenExposures
-from splatreel.recon.stages.group_stages import restored_rig
-from splatreel.recon.stages.keyframe_stages import FirstKeyframe
-from splatreel.recon.train.pictures import Pictures
-from splatreel.recon.train.render import View
+from splatreel.method.cameras.color_gains import CameraGains
+from splatreel.method.cameras.exposure import Exposure, remove_exposure
+from splatreel.method.cameras.rig import Rig
+from splatreel.method.init.layout import Layout
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.render import View
+from splatreel.run.run_history import read_history
+from splatreel.run.stages.camera_stages import EvenExposures
+from splatreel.run.stages.group_stages import restored_rig
+from splatreel.run.stages.keyframe_stages import FirstKeyframe
+from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.spans import GroupSpan, group_spans
 

@@ -8,14 +8,14 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from baselines.frame_methods import group_ranges, write_groups
+from baselines.part_by_part import Frames
+from baselines.shared_start import SharedStart
 from torch import Tensor
 
-from splatreel.evaluation.baselines.frame_methods import group_ranges, write_groups
-from splatreel.evaluation.baselines.part_by_part import Frames
-from splatreel.evaluation.baselines.shared_start import SharedStart
 from splatreel.kernels import splat
-from splatreel.recon.deform.adam import Adam, step
-from splatreel.recon.train.density import (
+from splatreel.method.deform.adam import Adam, step
+from splatreel.method.train.density import (
     CULL_OPACITY,
     GROWTH_GRADIENT,
     SPLIT_FROM,
@@ -24,11 +24,11 @@ from splatreel.recon.train.density import (
     select_growth,
     too_large,
 )
-from splatreel.recon.train.keyframe import LAMBDA_DSSIM
-from splatreel.recon.train.losses import GROWTH
-from splatreel.recon.train.pictures import Pictures
-from splatreel.recon.train.points import TrainablePoints, default_rates
-from splatreel.recon.train.render import View, activate, draw, relative_distances, splats
+from splatreel.method.train.keyframe import LAMBDA_DSSIM
+from splatreel.method.train.losses import GROWTH
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.points import TrainablePoints, default_rates
+from splatreel.method.train.render import View, activate, draw, relative_distances, splats
 from splatreel.scene.gaussians import Gaussians
 
 RATES = {"centers": 0.02, "log_durations": 0.01, "velocities": 1e-3}

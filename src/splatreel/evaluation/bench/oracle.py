@@ -18,11 +18,12 @@ from typing import Any
 import numpy as np
 import torch
 
+from splatreel.base.errors import UsageError
+from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
 from splatreel.codec.group_file import decode_layer, encode_layer
 from splatreel.config import Config
 from splatreel.config.records import complete_settings
-from splatreel.errors import UsageError
 from splatreel.evaluation.bench.oracle_report import OracleReport, Score, SingleFrame
 from splatreel.evaluation.evaluate import check_same_capture, check_unseen
 from splatreel.evaluation.moving_pixels import median_pictures, moving_pixels
@@ -30,15 +31,14 @@ from splatreel.evaluation.perceptual import Lpips, load_lpips
 from splatreel.evaluation.quality import ImageComparison, Quality
 from splatreel.evaluation.report import write_text
 from splatreel.kernels.image import render_image
+from splatreel.method.encode.importance import weigh
+from splatreel.method.init.layout import Layout
+from splatreel.method.train.single_frame import reconstruct_single_frame
 from splatreel.play.timeline import Timeline, open_reel
-from splatreel.progress import Progress, Silent
-from splatreel.recon.encode.importance import weigh
-from splatreel.recon.init.layout import Layout
-from splatreel.recon.run import checkpoint
-from splatreel.recon.run.device import pick_device
-from splatreel.recon.run.requirements import check_capture
-from splatreel.recon.run.run_record import differences
-from splatreel.recon.train.single_frame import reconstruct_single_frame
+from splatreel.run import checkpoint
+from splatreel.run.device import pick_device
+from splatreel.run.requirements import check_capture
+from splatreel.run.run_record import differences
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 

@@ -9,25 +9,26 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from baselines.frame_methods import AttributeVideo, PerFrame, Streaming
+from baselines.independent_groups import run_independent_groups
+from baselines.part_by_part import PartMethod, run_in_parts
+from baselines.shared_start import SharedStart
+from baselines.temporal_slices import TemporalSlices
+
+from splatreel.base.errors import UsageError
+from splatreel.base.progress import Progress, format_rounded
 from splatreel.capture.base import Capture
 from splatreel.codec.info import reel_info
 from splatreel.config import Config
 from splatreel.config.settings import changed
-from splatreel.errors import UsageError
-from splatreel.evaluation.baselines.frame_methods import AttributeVideo, PerFrame, Streaming
-from splatreel.evaluation.baselines.independent_groups import run_independent_groups
-from splatreel.evaluation.baselines.part_by_part import PartMethod, run_in_parts
-from splatreel.evaluation.baselines.shared_start import SharedStart
-from splatreel.evaluation.baselines.temporal_slices import TemporalSlices
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.report import Report
 from splatreel.evaluation.uncompressed import uncompressed_frames
-from splatreel.progress import Progress, format_rounded
-from splatreel.recon.machines.estimate import estimate
-from splatreel.recon.machines.local_processes import division_of
-from splatreel.recon.pipeline import plan_run, reconstruct
-from splatreel.recon.run.device import pick_device
-from splatreel.recon.run.machine_speed import measure_speed
+from splatreel.run.device import pick_device
+from splatreel.run.machine_speed import measure_speed
+from splatreel.run.machines.estimate import estimate
+from splatreel.run.machines.local_processes import division_of
+from splatreel.run.pipeline import plan_run, reconstruct
 
 FULL = "Full"
 NO_LAYERS = "All points move"

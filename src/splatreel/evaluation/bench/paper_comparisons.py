@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from statistics import fmean
 
-from splatreel.codec.reader import ReelReader
-from splatreel.evaluation.bench.paper_bench import (
+from paper_tables.paper_bench import (
     BASELINES,
     FULL,
     INDEPENDENT,
@@ -16,17 +15,11 @@ from splatreel.evaluation.bench.paper_bench import (
     VIDEO,
     PaperBench,
 )
-from splatreel.evaluation.bench.paper_results import PaperResult, means
-from splatreel.evaluation.bench.paper_table import PaperTable
-from splatreel.evaluation.bench.published import (
-    TABLE_1,
-    TABLE_2,
-    TABLE_3,
-    TABLE_5,
-    comparable,
-    has_own,
-    published_rows,
-)
+from paper_tables.paper_results import PaperResult, means
+from paper_tables.paper_table import PaperTable
+from paper_tables.published import TABLE_1, TABLE_2, TABLE_3, TABLE_5, comparable, has_own, published_rows
+
+from splatreel.codec.reader import ReelReader
 
 MEASURED = "measured"
 ALL = (*BASELINES, NO_LAYERS, FULL)

@@ -8,28 +8,17 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from paper_tables.paper_bench import FULL, INDEPENDENT, PER_FRAME, STREAMING, VIDEO, PaperBench
+from paper_tables.paper_comparisons import name_of
+from paper_tables.paper_tables import TABLE_9, TABLE_10, write_first_frame
+from paper_tables.picture_crops import Crop, Render, Weight, anywhere, fast, find_crop, new, renderer, strip, truth_of
 
 from splatreel.config import EncodeConfig
-from splatreel.evaluation.bench.paper_bench import FULL, INDEPENDENT, PER_FRAME, STREAMING, VIDEO, PaperBench
-from splatreel.evaluation.bench.paper_comparisons import name_of
-from splatreel.evaluation.bench.paper_tables import TABLE_9, TABLE_10, write_first_frame
-from splatreel.evaluation.bench.picture_crops import (
-    Crop,
-    Render,
-    Weight,
-    anywhere,
-    fast,
-    find_crop,
-    new,
-    renderer,
-    strip,
-    truth_of,
-)
 from splatreel.evaluation.pictures import layers_overlay, write_png
 from splatreel.evaluation.report import write_text
 from splatreel.play.timeline import open_reel
-from splatreel.recon.encode.reencode import reencode
-from splatreel.recon.run.device import pick_device
+from splatreel.run.device import pick_device
+from splatreel.run.output.reencode import reencode
 
 METHODS_SHOWN = (FULL, PER_FRAME, STREAMING, VIDEO, INDEPENDENT)
 PROGRESSIVE = (FULL, "w/o Prg.")

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from splatreel.errors import MissingDependencyError, UsageError
-from splatreel.evaluation.bench.paper_bench import FULL, INDEPENDENT, PaperBench
-from splatreel.evaluation.bench.paper_comparisons import COMPARISONS
-from splatreel.evaluation.bench.paper_pictures import PICTURES, write_figure
-from splatreel.evaluation.bench.paper_results import CODEC_TABLES, RESULTS, PaperResult, codec_table
-from splatreel.evaluation.bench.paper_table import PaperTable
+from paper_tables.paper_bench import FULL, INDEPENDENT, PaperBench
+from paper_tables.paper_comparisons import COMPARISONS
+from paper_tables.paper_pictures import PICTURES, write_figure
+from paper_tables.paper_results import CODEC_TABLES, RESULTS, PaperResult, codec_table
+from paper_tables.paper_table import PaperTable
+
+from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.evaluation.bench.rate_chart import line_chart
 from splatreel.evaluation.report import write_text
 

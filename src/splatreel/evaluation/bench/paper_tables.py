@@ -16,8 +16,8 @@ from splatreel.codec.reader import ReelReader
 from splatreel.config import EncodeConfig
 from splatreel.evaluation.bench.rate_distortion import PRINTED, RatePoint, Sweep
 from splatreel.evaluation.uncompressed import UncompressedReel
-from splatreel.recon.encode.group_writer import open_writer
-from splatreel.recon.run.store import Store
+from splatreel.run.output.group_writer import open_writer
+from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 

@@ -9,7 +9,8 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from splatreel import __version__, threads
+from splatreel import __version__
+from splatreel.base import threads
 from splatreel.capture.base import Capture
 
 

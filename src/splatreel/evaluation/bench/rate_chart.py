@@ -5,8 +5,8 @@ from __future__ import annotations
 import io
 from collections.abc import Mapping, Sequence
 
-from splatreel.command_line import install_command
-from splatreel.errors import MissingDependencyError
+from splatreel.base.command_line import install_command
+from splatreel.base.errors import MissingDependencyError
 
 Series = Mapping[str, Sequence[tuple[float, float]]]
 """Pairs (x, y) of each line, by its name."""

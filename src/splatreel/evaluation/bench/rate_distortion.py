@@ -13,20 +13,20 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import PchipInterpolator
 
+from splatreel.base.errors import UsageError
+from splatreel.base.progress import Progress, Silent
+from splatreel.base.untrusted import JSON_BYTES, parse_json, read_file
 from splatreel.capture.base import Capture
 from splatreel.codec.info import MOTION, reel_info
 from splatreel.codec.reader import ReelReader
 from splatreel.config import COARSENESS, EncodeConfig
-from splatreel.errors import UsageError
 from splatreel.evaluation.evaluate import check_same_capture, check_unseen, choose_cameras, choose_frames, read_frames
 from splatreel.evaluation.metrics import psnr
 from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.play.timeline import Timeline
-from splatreel.progress import Progress, Silent
-from splatreel.recon.encode.reencode import reencode
-from splatreel.recon.run.device import pick_device
+from splatreel.run.device import pick_device
+from splatreel.run.output.reencode import reencode
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.untrusted import JSON_BYTES, parse_json, read_file
 
 PAPER = EncodeConfig(codec="h265").with_h265(weighted_codebook=False)
 """The paper's codec with logarithms of scales and folded bytes, which cost no quality. `PRINTED` is without them."""

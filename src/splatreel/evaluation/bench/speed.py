@@ -9,25 +9,25 @@ from pathlib import Path
 import numpy as np
 import torch
 
-from splatreel import threads
+from splatreel.base import threads
+from splatreel.base.errors import UsageError
+from splatreel.base.process import peak_memory_bytes
+from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
 from splatreel.config import Config
-from splatreel.errors import UsageError
 from splatreel.evaluation.bench.timing import Timing, medians_ms, ratio
 from splatreel.evaluation.evaluate import evaluate
-from splatreel.process import peak_memory_bytes
-from splatreel.progress import Progress, Silent
-from splatreel.recon.cameras.group_input import GroupInput
-from splatreel.recon.cameras.rig import Rig
-from splatreel.recon.layering.tracking import GroupStart
-from splatreel.recon.pipeline import Result, reconstruct
-from splatreel.recon.run.machine_speed import on_one_thread
-from splatreel.recon.run.store import Store
-from splatreel.recon.stages.group_stages import restored_rig
-from splatreel.recon.train.density import MEASURE_EVERY
-from splatreel.recon.train.group import GroupTrainer
-from splatreel.recon.train.render import draw
-from splatreel.recon.train.training import group_trainer
+from splatreel.method.cameras.group_input import GroupInput
+from splatreel.method.cameras.rig import Rig
+from splatreel.method.tracking.tracking import GroupStart
+from splatreel.method.train.density import MEASURE_EVERY
+from splatreel.method.train.group import GroupTrainer
+from splatreel.method.train.render import draw
+from splatreel.method.train.training import group_trainer
+from splatreel.run.machine_speed import on_one_thread
+from splatreel.run.pipeline import Result, reconstruct
+from splatreel.run.stages.group_stages import restored_rig
+from splatreel.run.store import Store
 from splatreel.scene.spans import GroupSpan
 from splatreel.scene.static_points import StaticPoints
 

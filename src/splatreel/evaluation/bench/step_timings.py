@@ -7,11 +7,11 @@ from collections.abc import Callable
 import numpy as np
 import torch
 
-from splatreel import threads
+from splatreel.base import threads
 from splatreel.evaluation.bench.timing import Timing, medians_ms, ratio
-from splatreel.recon.run.machine_speed import on_one_thread
-from splatreel.recon.train.points import TrainablePoints, default_rates
-from splatreel.recon.train.render import StaticCache, View, deformed, draw, moving_tiles
+from splatreel.method.train.points import TrainablePoints, default_rates
+from splatreel.method.train.render import StaticCache, View, deformed, draw, moving_tiles
+from splatreel.run.machine_speed import on_one_thread
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 

@@ -13,8 +13,8 @@ from splatreel.capture.base import Capture
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.evaluation.page.html import html_list, html_page, html_table, jpeg_url, rig_drawings, section
 from splatreel.evaluation.page.rig_plan import RigPlan
-from splatreel.recon.coverage.coverage import Coverage
-from splatreel.recon.init.layout import upright
+from splatreel.method.coverage.coverage import Coverage
+from splatreel.method.init.layout import upright
 
 THUMBNAIL = 320
 """Longer side of a camera's picture, in pixels."""

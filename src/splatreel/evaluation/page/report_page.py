@@ -10,7 +10,7 @@ from typing import Literal
 
 from PIL import Image
 
-from splatreel.errors import ReelError
+from splatreel.base.errors import ReelError
 from splatreel.evaluation.page.charts import Series, line_chart
 from splatreel.evaluation.page.findings import failing_moments, findings
 from splatreel.evaluation.page.html import html_list, html_page, html_table, jpeg_url, rig_drawings, section, with_code

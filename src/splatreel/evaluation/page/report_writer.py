@@ -6,11 +6,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+from splatreel.base.errors import SplatreelError
+from splatreel.base.progress import Progress
 from splatreel.codec.writer import ReelWriter
-from splatreel.errors import SplatreelError
 from splatreel.evaluation.page.report_page import Player, write_report_page
-from splatreel.progress import Progress
-from splatreel.recon.encode.group_writer import PresentationHook
+from splatreel.run.output.group_writer import PresentationHook
 
 LEAST_SECONDS = 30.0
 """Smallest time between two pages of a run."""

@@ -10,19 +10,19 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.errors import SplatreelError
+from splatreel.base.untrusted import read_json
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.config import preset
 from splatreel.config.presets import Quality
 from splatreel.config.records import complete_settings
-from splatreel.errors import SplatreelError
 from splatreel.evaluation.reel_capture import work_of
 from splatreel.evaluation.report import Report
-from splatreel.recon.run.run_history import RunHistory, read_history
-from splatreel.recon.run.run_record import FILE, differences
-from splatreel.recon.run.store import Store
+from splatreel.run.run_history import RunHistory, read_history
+from splatreel.run.run_record import FILE, differences
+from splatreel.run.store import Store
 from splatreel.scene.camera import Camera
-from splatreel.scene.untrusted import read_json
 
 PRESETS: tuple[Quality, ...] = ("draft", "standard", "paper")
 

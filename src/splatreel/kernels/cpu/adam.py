@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from splatreel.jit import F1, FLOAT, INT, range_kernel
+from splatreel.base.jit import F1, FLOAT, INT, range_kernel
 from splatreel.kernels.cpu.scalars import ONE, F, U
 
 CHUNK = 4096

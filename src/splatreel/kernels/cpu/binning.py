@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from splatreel.jit import B1, F1, F2, I1, I2, INT, U1, kernel, range_kernel
+from splatreel.base.jit import B1, F1, F2, I1, I2, INT, U1, kernel, range_kernel
 from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 
 TILE = 16

@@ -16,7 +16,7 @@ from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
 
-from splatreel.jit import BOOL, F2, F3, I1, L1, U1, range_kernel
+from splatreel.base.jit import BOOL, F2, F3, I1, L1, U1, range_kernel
 from splatreel.kernels.cpu.binning import DEPTH, MIN_ALPHA, TILE
 from splatreel.kernels.cpu.rows import Memory, Row, Sums, counted, prefetch, row_loop, spread, stack_floats
 from splatreel.kernels.cpu.scalars import HALF, ONE, ZERO, F, U

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from splatreel.jit import B3, F2, F3, FLOAT, U4, range_kernel
+from splatreel.base.jit import B3, F2, F3, FLOAT, U4, range_kernel
 from splatreel.kernels.cpu.scalars import ONE, ZERO, F
 
 HIDDEN = F(1.05)

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from splatreel.jit import BOOL, F1, F2, F3, I1, range_kernel
+from splatreel.base.jit import BOOL, F1, F2, F3, I1, range_kernel
 from splatreel.kernels.cpu.harmonics import color_one, color_one_backward
 from splatreel.kernels.cpu.motion import product, unit_gradient
 from splatreel.kernels.cpu.project import (

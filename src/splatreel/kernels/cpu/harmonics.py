@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from splatreel.jit import BOOL, F1, F2, F3, INT, range_kernel
+from splatreel.base.jit import BOOL, F1, F2, F3, INT, range_kernel
 from splatreel.kernels.cpu.rows import stack_floats
 from splatreel.kernels.cpu.scalars import HALF, ONE, ZERO, F
 

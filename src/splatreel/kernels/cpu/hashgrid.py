@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from splatreel.jit import B1, F2, F3, array, range_kernel
+from splatreel.base.jit import B1, F2, F3, array, range_kernel
 from splatreel.kernels.cpu.scalars import ONE, ZERO, F
 
 GRIDS = array(np.uint32, 2)

@@ -10,7 +10,7 @@ from contextlib import contextmanager
 
 import numpy as np
 
-from splatreel.jit import F2, F3, F4, L1, range_kernel
+from splatreel.base.jit import F2, F3, F4, L1, range_kernel
 from splatreel.kernels.cpu import rasterize, similarity
 from splatreel.kernels.cpu.binning import TILE, Bins, tiles_of
 

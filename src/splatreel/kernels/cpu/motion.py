@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numba import njit
 
-from splatreel.jit import F1, F2, F3, FLOAT, L1, L2, kernel, range_kernel
+from splatreel.base.jit import F1, F2, F3, FLOAT, L1, L2, kernel, range_kernel
 from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 
 Skin = tuple[np.ndarray, np.ndarray]

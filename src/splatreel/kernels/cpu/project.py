@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 from numba import njit, types
 
-from splatreel.jit import F1, F2, FLOAT, I1, range_kernel
+from splatreel.base.jit import F1, F2, FLOAT, I1, range_kernel
 from splatreel.kernels.cpu.rows import choose, stack_floats
 from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 

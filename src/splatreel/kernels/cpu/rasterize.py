@@ -8,8 +8,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from splatreel import threads
-from splatreel.jit import F1, F2, I1, INT, L1, kernel, range_kernel
+from splatreel.base import threads
+from splatreel.base.jit import F1, F2, I1, INT, L1, kernel, range_kernel
 from splatreel.kernels.cpu import blending
 from splatreel.kernels.cpu.binning import LOG2_E, LOG_OPACITY, Bins, tiles_of
 from splatreel.kernels.cpu.blending import CHANNELS, PARTS

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit, types
 
-from splatreel.jit import B1, B2, F1, F2, F3, F4, FAST, FLOAT, L1, L2, L3, U4, range_kernel
+from splatreel.base.jit import B1, B2, F1, F2, F3, F4, FAST, FLOAT, L1, L2, L3, U4, range_kernel
 from splatreel.kernels.cpu import sceneflow
 from splatreel.kernels.cpu.scalars import HALF, ONE, ZERO, F
 

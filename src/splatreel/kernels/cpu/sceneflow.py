@@ -7,7 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
-from splatreel.jit import B3, DOUBLE, F1, F2, F3, array, range_kernel
+from splatreel.base.jit import B3, DOUBLE, F1, F2, F3, array, range_kernel
 
 HALVES = array(np.uint16, 4)
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, types
 
-from splatreel.jit import B1, B2, F1, F2, F3, FLOAT, L1, U2, Kernel, kernel, range_kernel
+from splatreel.base.jit import B1, B2, F1, F2, F3, FLOAT, L1, U2, Kernel, kernel, range_kernel
 from splatreel.kernels.cpu.scalars import ONE, TWO, ZERO, F, U
 
 RADIUS = 5

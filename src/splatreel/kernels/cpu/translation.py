@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from splatreel.jit import F1, F2, F3, FLOAT, U4, range_kernel
+from splatreel.base.jit import F1, F2, F3, FLOAT, U4, range_kernel
 from splatreel.kernels.cpu.carve import HIDDEN
 from splatreel.kernels.cpu.scalars import ONE, ZERO, F
 

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.readers.calibrations.media import find_media
-from splatreel.errors import CaptureError
 
 
 def touch(path: Path, *files: str) -> Path:

@@ -3,8 +3,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.opening import open_capture
-from splatreel.errors import CaptureError
 from tests.capture import blobs
 
 cv2 = pytest.importorskip("cv2")

@@ -4,8 +4,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.readers.calibrations.opencv_storage import OpenCVStorage
-from splatreel.errors import CaptureError
 
 cv2 = pytest.importorskip("cv2")
 

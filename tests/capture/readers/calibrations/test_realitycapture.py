@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.opening import open_capture
-from splatreel.errors import CaptureError
 from tests.capture import blobs
 
 pytest.importorskip("pycolmap")

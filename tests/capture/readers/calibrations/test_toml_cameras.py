@@ -4,9 +4,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.opening import open_capture
 from splatreel.capture.readers.calibrations.toml_cameras import read_toml
-from splatreel.errors import CaptureError
 from tests.capture import blobs, folders
 
 cv2 = pytest.importorskip("cv2")

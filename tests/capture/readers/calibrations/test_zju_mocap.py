@@ -5,8 +5,8 @@ import cv2
 import numpy as np
 import pytest
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.opening import open_capture
-from splatreel.errors import CaptureError
 from tests.capture import blobs
 
 pytest.importorskip("pycolmap")

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import numbers, read_json
 from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, image_size, naming, pose
 from splatreel.capture.readers.colmap_model import import_pycolmap
-from splatreel.errors import CaptureError
-from splatreel.scene.untrusted import numbers, read_json
 
 KEYS = (b'"orientation"', b'"position"', b'"principal_point"', b'"radial_distortion"')
 FISHEYE = "fisheye"

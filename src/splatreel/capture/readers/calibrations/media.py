@@ -12,11 +12,11 @@ from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.files import list_folder
 from splatreel.capture.growing.segmented_video import segment_files
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, flat_images, image_files
 from splatreel.capture.video import VIDEO_SUFFIXES
-from splatreel.errors import CaptureError
 
 PREFERRED = ("synchronized_videos", "videos-sync", "videos", "hdVideos", ".", "images", "hdImgs")
 """Folders of a capture that are read before others, in this order."""

@@ -20,6 +20,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.readers.calibrations.rig import (
     Rig,
     RigCamera,
@@ -31,7 +32,6 @@ from splatreel.capture.readers.calibrations.rig import (
     read_xml,
 )
 from splatreel.capture.readers.colmap_model import import_pycolmap
-from splatreel.errors import CaptureError
 
 COEFFICIENTS = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")
 

@@ -17,9 +17,9 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.readers.calibrations.opencv_storage import OpenCVStorage
 from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, image_size, naming, opencv_lens, pose
-from splatreel.errors import CaptureError
 
 SUFFIXES = (".yml", ".yaml", ".xml")
 MATRIX = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "intrinsic_matrix", "K", "M", "mtx")

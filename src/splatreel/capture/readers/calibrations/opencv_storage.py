@@ -14,8 +14,8 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.readers.calibrations.rig import naming, read_text, read_xml
-from splatreel.errors import CaptureError
 
 MATRIX = re.compile(
     r"^([\w.-]+):\s*!!opencv-(?:nd-)?matrix\s+(rows:\s*\d+\s+cols:\s*\d+|sizes:\s*\[[^\[\]]*\])\s+dt:\s*\S+\s+data:\s*"

@@ -12,9 +12,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import read_json
 from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, image_size, naming, opencv_lens, pose
-from splatreel.errors import CaptureError
-from splatreel.scene.untrusted import read_json
 
 
 def is_panoptic_studio(file: Path, head: bytes) -> bool:

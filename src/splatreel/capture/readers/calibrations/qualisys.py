@@ -16,6 +16,7 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
 from splatreel.capture.readers.calibrations.rig import (
     OPENCV_CENTER,
     Rig,
@@ -26,7 +27,6 @@ from splatreel.capture.readers.calibrations.rig import (
     pose,
     read_xml,
 )
-from splatreel.errors import CaptureError
 
 SUBPIXELS = 64
 VIDEO_MODELS = ("video", "hybrid", "none")

@@ -12,11 +12,11 @@ from xml.etree import ElementTree
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import numbers, read_file
 from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.readers.calibrations.brown_lens import BrownLens
 from splatreel.capture.readers.colmap_model import import_pycolmap
-from splatreel.errors import CaptureError
-from splatreel.scene.untrusted import numbers, read_file
 
 CALIBRATION_BYTES = 64 << 20
 """Maximum size of a calibration file."""

@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable
 from typing import Any
 
+from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import is_number
 from splatreel.capture.readers.calibrations.rig import brown_lens, image_size, naming
 from splatreel.capture.readers.colmap_model import import_pycolmap
-from splatreel.errors import CaptureError
-from splatreel.scene.untrusted import is_number
 
 PERSPECTIVE = ("", "PERSPECTIVE", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "OPENCV")
 FISHEYE = "OPENCV_FISHEYE"

@@ -16,9 +16,9 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import load_arrays, read_file
 from splatreel.capture.readers.calibrations.rig import CALIBRATION_BYTES, Rig, RigCamera, naming, opencv_lens, pose
-from splatreel.errors import CaptureError
-from splatreel.scene.untrusted import load_arrays, read_file
 
 NAME = "annots.npy"
 MILLIMETERS = 1000.0

@@ -1,0 +1,1 @@
+"""Calibration and synchronization of the cameras of a capture."""

@@ -1,0 +1,1 @@
+"""Calibration boards: printing, finding and measuring them."""

@@ -1,0 +1,1 @@
+"""Synchronization of videos by sound, by what they show, or by timecode."""

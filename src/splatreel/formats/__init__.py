@@ -1,0 +1,1 @@
+"""File formats of Gaussians, one file per format with its reader and its writer."""

@@ -1,0 +1,107 @@
+"""Scenes in the container format .4dgs, which is continuous in time and is sampled here."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from splatreel.base.command_line import install_command
+from splatreel.base.errors import GaussiansError
+from splatreel.base.memory_budget import UNRAISED, MemoryBudget
+from splatreel.base.untrusted import read_file
+from splatreel.formats.fourdgs import check_memory
+from splatreel.formats.plausible import check_plausible
+from splatreel.formats.remarks import Remarks
+from splatreel.formats.splat_columns import drop_nan
+from splatreel.scene import rotations
+from splatreel.scene.gaussians import C0, Gaussians
+
+MOST_FRAMES, MOST_BYTES = 1_000_000, 1 << 34
+FPS = 30.0
+_LOWEST, _HIGHEST = -4.0, 4.0
+"""Range of the bytes that store view-dependent color."""
+_AXES = ("x", "y", "z", "-x", "-y", "-z")
+
+
+class FourdgsScene:
+    """Sequence of samples of a .4dgs file, at the middle of each frame.
+
+    Args:
+        path: Input file.
+        fps: Samples per second; None takes 30.
+        budget: Memory that reading may take.
+
+    Raises:
+        GaussiansError: The file cannot be read, or takes too much memory.
+    """
+
+    antialias = False
+
+    def __init__(self, path: Path, fps: float | None, budget: MemoryBudget = UNRAISED) -> None:
+        self.path, self.size = path, path.stat().st_size
+        self.remarks = Remarks()
+        self.fps: float | None = fps or FPS
+        self._scene = _read(path, budget)
+        self._rate = fps or FPS
+        self._length = max(math.floor(self._scene.duration_sec * self._rate + 1e-6), 1)
+        if self._length > MOST_FRAMES:
+            raise GaussiansError(
+                f"{path}: has {self._length:,} frames at {self._rate:g} a second. Choose a lower --fps."
+            )
+        points, self._sh = self._scene.gaussians, _harmonics(self._scene.gaussians)
+        self._scales = np.asarray(points.scales, np.float32)
+        if self._scene.truncated:
+            self.remarks.add("The file ends early: the scene up to its damage was read", path)
+        if self._scene.audio_sources:
+            self.remarks.add("The sound of the file was left out", path)
+        frame = self._scene.provenance.frame
+        if frame is not None:
+            self.remarks.add(f"The file states that {_AXES[frame.up_axis]} points up: import it with --up", path)
+
+    def __len__(self) -> int:
+        return self._length
+
+    def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
+        """Return the Gaussians of a frame."""
+        state = self._scene.state_at((frame + 0.5) / self._rate)
+        rows = state["indices"]
+        points = Gaussians(
+            means=state["centers"] - (0.0 if origin is None else origin),
+            quats=rotations.normalize(np.roll(state["orientations"], 1, axis=1)),
+            scales=self._scales[rows],
+            opacities=np.clip(state["opacity"], 0, 1),
+            sh=self._sh[rows],
+        )
+        return check_plausible(drop_nan(points, str(self.path), self.remarks), f"{self.path}, frame {frame}")
+
+
+def _read(path: Path, budget: MemoryBudget) -> Any:
+    """Return the scene of a file, decoded by the package fourdgs."""
+    data = read_file(path, MOST_BYTES, GaussiansError)
+    try:
+        import fourdgs  # pyright: ignore[reportMissingImports] - optional
+
+        check_memory(data, str(path), budget)
+        return fourdgs.read(data)
+    except GaussiansError:
+        raise
+    except ImportError as error:
+        raise GaussiansError(
+            f"{path}: needs a package to be read ({error.name}). Run\n  {install_command('splats')}"
+        ) from error
+    except Exception as error:
+        raise GaussiansError(f"{path}: is damaged, or of another version ({error!s:.100}). Export it again.") from error
+
+
+def _harmonics(points: Any) -> np.ndarray:
+    """Return spherical harmonics [N, (degree + 1)^2, 3] float32. The file stores red first, then green, then blue."""
+    base = (np.asarray(points.colors, np.float64)[:, None, :3] - 0.5) / C0
+    degree = min(int(points.sh_degree), 3) if points.sh is not None else 0
+    if not degree:
+        return base.astype(np.float32)
+    stored = np.asarray(points.sh).reshape(len(base), 3, -1)[..., : (degree + 1) ** 2 - 1]
+    rest = _LOWEST + stored.transpose(0, 2, 1) * ((_HIGHEST - _LOWEST) / 255)
+    return np.concatenate([base, rest], 1).astype(np.float32)

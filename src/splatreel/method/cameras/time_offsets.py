@@ -1,0 +1,142 @@
+"""Time offsets of the cameras, learned with the motion that they show (beyond the paper)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.method.deform.adam import Restore
+from splatreel.method.deform.protocol import Deformation
+
+RATE = 0.03
+"""Frames that an offset may change in one step at first. In the end it is a tenth of that."""
+MOST_FRAMES = 1.5
+"""Largest offset in frames. Tracks of a camera that is farther off are wrong in any case."""
+LATER = 0.3
+"""Change of an undetermined offset in the second half of the steps, as a share of its random walk over all steps, by the step sizes."""
+CERTAIN = 4.0
+"""Multiple of its uncertainty that an offset must have to be reported."""
+FADES = (0.8, 0.95)
+"""Shares of the mean slope and of the mean square that a step keeps."""
+
+
+@dataclass(frozen=True)
+class LearnedOffsets:
+    """Time offsets that a group learned.
+
+    Attributes:
+        values: Frames [C] by which each camera is late.
+        moved: RMS change in frames in the second half of training.
+    """
+
+    values: np.ndarray
+    moved: float
+
+    def uncertainty(self, ends: list[np.ndarray]) -> np.ndarray:
+        """Return the uncertainty [C] of each offset in frames.
+
+        An offset that the images do not determine goes on a random walk, another one in each group. The uncertainty is therefore
+        estimated from the changes in the second half of training, and from group to group.
+
+        Args:
+            ends: Offsets [C] at the end of each group so far, this group last.
+        """
+        moved = self.moved / LATER
+        changes = np.square(np.diff(np.stack(ends), axis=0))
+        if not len(changes):
+            return np.full(len(self.values), moved)
+        return np.maximum(np.sqrt(changes.mean(0)), max(moved, np.sqrt(changes.mean())))
+
+
+class TimeOffsets:
+    """Frames [C] by which each camera is late. Their mean stays zero, so that a camera that was never seen needs none.
+
+    Phones that are started by the same clap are up to half a frame apart, and fast things are elsewhere in every view. An image is
+    compared with the model at the time when it was taken. The gradient by this time is the gradient by the motion offsets, times
+    their velocity. Steps are those of Adam.
+
+    Args:
+        cameras: Number of cameras.
+        enabled: False keeps all offsets at zero.
+    """
+
+    def __init__(self, cameras: int, enabled: bool = True) -> None:
+        """Start with offsets of zero."""
+        self.enabled = enabled
+        self.load(np.zeros(cameras))
+
+    def load(self, values: np.ndarray) -> None:
+        """Set the offsets [C]."""
+        self.values = np.array(values, np.float64)
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the optimizer's momentum, as a run that is continued from a checkpoint does."""
+        self._slopes, self._squares, self._rounds = (np.zeros(len(self.values)) for _ in range(3))
+        self._halfway = self.values.copy()
+        self._pending: list[tuple[int, Tensor]] = []
+
+    def moment(self, frame: int, camera: int, frames: int) -> float:
+        """Return the time when a camera took a frame, in frames of the group, clipped to the group."""
+        return float(np.clip(frame + self.values[camera], 0, frames - 1)) if self.enabled else frame
+
+    def note(self, camera: int, slope: Tensor, share: float) -> None:
+        """Collect a slope. A step follows when there are as many slopes as cameras.
+
+        Args:
+            camera: Index of the camera.
+            slope: Gradient [] of the loss by the camera's time.
+            share: Share of the training that is done, 0..1.
+        """
+        self._pending.append((camera, slope))
+        if len(self._pending) == len(self.values):
+            cameras, slopes = zip(*self._pending, strict=True)
+            self._step(np.array(cameras), torch.stack(slopes).double().cpu().numpy(), RATE * 0.1**share)
+            self._pending.clear()
+            if share < 0.5:
+                self._halfway = self.values.copy()
+
+    def snapshot(self) -> Restore:
+        """Return a function that restores the offsets, without the optimizer's momentum."""
+        values, halfway = self.values.copy(), self._halfway.copy()
+
+        def restore() -> None:
+            self.load(values)
+            self._halfway = halfway.copy()
+
+        return restore
+
+    def learned(self) -> LearnedOffsets:
+        """Return the offsets that the training of a group found."""
+        moved = float(np.sqrt(np.mean(np.square(self.values - self._halfway))))
+        return LearnedOffsets(self.values.copy(), moved)
+
+    def _step(self, cameras: np.ndarray, slopes: np.ndarray, rate: float) -> None:
+        """Step the offsets of the cameras that were seen, by the mean of their slopes."""
+        counts = np.bincount(cameras, minlength=len(self.values))
+        seen, (fade, fade_square) = counts > 0, FADES
+        mean = np.bincount(cameras, slopes, len(self.values))[seen] / counts[seen]
+        self._rounds[seen] += 1
+        self._slopes[seen] += (1 - fade) * (mean - self._slopes[seen])
+        self._squares[seen] += (1 - fade_square) * (np.square(mean) - self._squares[seen])
+        momentum = self._slopes[seen] / (1 - fade ** self._rounds[seen])
+        square = self._squares[seen] / (1 - fade_square ** self._rounds[seen])
+        self.values[seen] -= rate * momentum / (np.sqrt(square) + 1e-15)
+        self.values = np.clip(self.values - self.values.mean(), -MOST_FRAMES, MOST_FRAMES)
+
+
+def slope(model: Deformation, means: Tensor, moment: float, frames: int, offsets: tuple[Tensor, Tensor]) -> Tensor:
+    """Return the gradient [] of the loss by a camera's time, per frame.
+
+    Args:
+        model: Deformation of the points.
+        means: Points [N, 3] at the keyframe.
+        moment: Time in frames of the group.
+        frames: Number of frames of the group, at least two.
+        offsets: dx and dq at the moment, with the gradients of the loss.
+    """
+    before, after = max(moment - 0.5, 0.0), min(moment + 0.5, frames - 1.0)
+    return model.change(means, (before, after), offsets) / (after - before)

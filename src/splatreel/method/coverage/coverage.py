@@ -1,0 +1,259 @@
+"""Measures of how well cameras cover a scene, the quality of novel views to expect, and the verdict of `capture check`."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+import torch
+
+from splatreel.base.progress import Progress
+from splatreel.base.untrusted import is_number, numbers
+from splatreel.method.coverage.trial import Trial, leave_one_out, narrow_camera, resize_image
+from splatreel.method.init.layout import clearance_of
+from splatreel.method.init.limits import LEAST_DEGREES
+from splatreel.method.init.triangulate import Tracks, triangulate
+from splatreel.scene.camera import Camera, angles_apart, focus_point
+
+MARKS = "20 dB is poor, 30 dB is good, 40 dB is hardly distinguishable"
+SCALE = f"PSNR measures how close images are to the camera's: {MARKS}."
+FAIR, GOOD, EXCELLENT = 24.0, 28.0, 38.0
+"""Smallest PSNR in dB of fair, good and very good images. Below the first they are poor."""
+WIDTH = 480
+"""Largest width in pixels of the images that shared points are searched in."""
+NEIGHBORS = 6
+"""Number of nearest cameras that each camera is compared with."""
+FEWEST_SHARED = 20
+"""Number of points shared with two other cameras, below which a camera is named."""
+SAME = 0.004
+"""Distance below which two points are one, as a share of the scene's distance."""
+TWIN_DEGREES, TWIN_SHARE = 0.01, 1e-4
+"""Largest difference of two poses that are the same: degrees of rotation, and distance as a share of the scene's."""
+UNCONFIRMED = 5
+"""Number of points shared with two others, below which a pose is unconfirmed where most cameras share enough."""
+NAMED = 6
+"""Number of cameras that a sentence names."""
+
+
+def rating(psnr: float) -> str:
+    """Return the word for a PSNR in dB: very good, good, fair or poor."""
+    for least, word in ((EXCELLENT, "very good"), (GOOD, "good"), (FAIR, "fair")):
+        if psnr >= least:
+            return word
+    return "poor"
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Coverage of the scene by the training cameras.
+
+    Attributes:
+        names: Names of the cameras.
+        angles: Degrees from each camera to the nearest other one, seen from the middle of the scene.
+        shared: For each camera, the number of its points that at least two other cameras show.
+        points: Number of points that at least three cameras show.
+        trial: Result of the trial that left a camera out; None without a trial.
+        twins: Pairs of names of cameras that have the same pose.
+        pairs: Number of points in common of each two cameras, [C, C] int; None if a run's record gave the coverage.
+    """
+
+    names: list[str]
+    angles: list[float]
+    shared: list[int]
+    points: int
+    trial: Trial | None = None
+    twins: list[list[str]] = field(default_factory=list)
+    pairs: np.ndarray | None = field(default=None, compare=False)
+
+    @property
+    def angle(self) -> float | None:
+        """Degrees from a camera within which novel views hold, where the trial failed; None where it did not fail."""
+        if self.trial is None or self.trial.holds:
+            return None
+        return round(min(LEAST_DEGREES, self.trial.angle / 2), 2)
+
+    def sentences(self) -> list[str]:
+        """Return sentences that describe the coverage."""
+        far, few = int(np.argmax(self.angles)), [c for c, count in enumerate(self.shared) if count < FEWEST_SHARED]
+        least, most = f"{min(self.angles):.0f}", f"{max(self.angles):.0f}"
+        sentences = [
+            f"cameras are {least if least == most else f'{least} to {most}'} degrees from the nearest other one, seen from the middle "
+            f"of the scene ({self.names[far]} is the farthest)",
+            f"{self.points:,} points are seen by three or more cameras, and each camera sees {min(self.shared):,} to "
+            f"{max(self.shared):,} of them",
+        ]
+        if few:
+            listed = ", ".join(f"{self.names[c]} ({self.shared[c]})" for c in few[:NAMED])
+            more = f" and {len(few) - NAMED} more" if len(few) > NAMED else ""
+            sentences.append(f"hardly any points in common with two other cameras: {listed}{more}")
+        sentences += [f"{one} and {other} have the same pose" for one, other in self.twins]
+        return sentences + self._trial_sentences()
+
+    def _trial_sentences(self) -> list[str]:
+        """Return sentences about the result of the trial."""
+        if self.trial is None:
+            return []
+        trial = self.trial
+        tried = f"Quick trial without {trial.camera}, {trial.angle:.0f} degrees from the nearest other camera: {trial.psnr:.1f} dB"
+        without = f"the nearest camera's picture has {trial.nearest:.1f} dB there, one flat color {trial.flat:.1f} dB"
+        remedy = "Set the cameras closer together, or add some between them."
+        if not trial.holds:
+            return [
+                f"{tried}, hardly better than no reconstruction ({without}): novel views more than {self.angle:.0f} degrees from "
+                f"a camera will not be usable. {remedy}"
+            ]
+        word = rating(trial.psnr)
+        found = f"{tried} ({without}). Expect novel views between the cameras to be {word}, about {trial.psnr:.0f} dB: {MARKS}."
+        return [f"{found} {remedy}" if word == "poor" else found]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for JSON, without `pairs`."""
+        return {name: value for name, value in asdict(self).items() if name != "pairs"}
+
+    @staticmethod
+    def from_dict(value: dict[str, Any]) -> Coverage:
+        """Return the coverage from plain data.
+
+        Raises:
+            Exception: AttributeError, KeyError, TypeError or ValueError for other data.
+        """
+        plain = dict(value)
+        trial = plain.pop("trial", None)
+        names = plain["names"]
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise TypeError("names are not a list of texts")
+        for field_name in ("angles", "shared"):
+            numbers(plain[field_name], len(names))
+        if not all(isinstance(name, str) for pair in plain.get("twins", []) for name in pair):
+            raise TypeError("twins are not names")
+        if trial is not None and not all(is_number(trial[name]) for name in ("angle", "psnr", "flat", "nearest")):
+            raise TypeError("the trial holds a value that is not a number")
+        return Coverage(**plain, trial=None if trial is None else Trial(**trial))
+
+
+def cover(
+    cameras: list[Camera],
+    images: np.ndarray,
+    *,
+    points: np.ndarray | None = None,
+    point_colors: np.ndarray | None = None,
+    near: float | None = None,
+    device: torch.device | None,
+    progress: Progress,
+) -> Coverage:
+    """Measure how well cameras cover what they show at one moment.
+
+    Args:
+        cameras: Training cameras.
+        images: Their images [C, H, W, 3] uint8.
+        points: Sparse points [P, 3] of the capture, if it has any.
+        point_colors: Their colors [P, 3] 0..1.
+        near: Near plane of the capture, if it has one.
+        device: Device of the trial; None makes no trial.
+        progress: Display of the progress.
+    """
+    small = [narrow_camera(camera, WIDTH) for camera in cameras]
+    progress.stage("matching points that several cameras show", len(cameras))
+    shown = np.stack([resize_image(image, camera) for image, camera in zip(images, small, strict=True)])
+    tracks = triangulate(small, shown, NEIGHBORS)
+    progress.update(len(cameras))
+    seen = tracks.points if points is None else np.asarray(points, np.float64)
+    focus = np.array(clearance_of(cameras, seen).focus) if len(seen) >= FEWEST_SHARED else focus_point(cameras)
+    trial = None
+    if device is not None:
+        trial = leave_one_out(cameras, shown, focus, points, point_colors, near, device, progress)
+    distance = float(np.median([np.linalg.norm(camera.center - focus) for camera in cameras]))
+    seen_by = _places(tracks, distance)
+    return Coverage(
+        [camera.name for camera in cameras],
+        [round(float(angle), 2) for angle in angles_apart(cameras, focus).min(1)],
+        [int(count) for count in seen_by.sum(0)],
+        len(seen_by),
+        trial,
+        _twins(cameras, distance),
+        seen_by.T.astype(np.int64) @ seen_by,
+    )
+
+
+def _places(tracks: Tracks, distance: float) -> np.ndarray:
+    """Return [P, C] bool: which cameras show each place. Points of several cameras at one place are one."""
+    cells = np.floor(tracks.points / (SAME * distance)).astype(np.int64)
+    _, index = np.unique(cells, axis=0, return_inverse=True)
+    index = index.reshape(-1)
+    seen = np.zeros((int(index.max(initial=-1)) + 1, tracks.seen.shape[1]), bool)
+    np.logical_or.at(seen, index, tracks.seen)
+    return seen
+
+
+def _twins(cameras: list[Camera], distance: float) -> list[list[str]]:
+    """Return pairs of names of cameras that have the same pose. `distance` is that of the scene in world units."""
+    centers = np.stack([camera.center for camera in cameras]).astype(np.float64)
+    turns = np.stack([camera.viewmat[:3, :3] for camera in cameras]).astype(np.float64)
+    gaps = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
+    apart = np.linalg.norm(turns[:, None] - turns[None], axis=(2, 3)) / np.sqrt(2)  # radians, for small angles
+    same = (gaps < TWIN_SHARE * distance) & (apart < np.radians(TWIN_DEGREES))
+    return [[cameras[i].name, cameras[j].name] for i, j in zip(*np.nonzero(np.triu(same, 1)), strict=True)]
+
+
+@dataclass(frozen=True)
+class CaptureVerdict:
+    """The conclusion about a capture.
+
+    Attributes:
+        faults: Faults to correct before reconstructing; empty if there are none.
+        expected: Expected quality of novel views.
+    """
+
+    faults: list[str]
+    expected: str = ""
+
+    def text(self, command: str) -> str:
+        """Return the closing lines of the check. `command` is the command that reconstructs the capture."""
+        if self.faults:
+            listed = "\n".join(f"  - {fault}" for fault in self.faults)
+            return f"Do not reconstruct it as it is:\n{listed}\nTo try anyway, run\n  {command}"
+        return f"It can be reconstructed, {self.expected}. Run\n  {command}"
+
+
+def judge_capture(coverage: Coverage, misfits: list[str]) -> CaptureVerdict:
+    """Judge a capture by its coverage, and by the names of cameras whose poses do not fit each other."""
+    faults = []
+    if misfits:
+        faults.append(f"the poses or lenses of {', '.join(misfits)} do not fit each other: calibrate again")
+    faults += [
+        f"{one} and {other} have the same pose: correct one of the two, or leave that camera out"
+        for one, other in coverage.twins
+    ]
+    typical = float(np.median(coverage.shared))
+    if typical >= FEWEST_SHARED:
+        faults += [
+            f"{name} has {count} points in common with two other cameras, where {typical:.0f} are usual here: check its pose and its "
+            f"video, or leave it out"
+            for name, count in zip(coverage.names, coverage.shared, strict=True)
+            if count < UNCONFIRMED
+        ]
+    elif not _trial_confirms_poses(coverage):
+        few = f"{typical:.0f} points or fewer" if typical >= 1 else "no points"
+        faults.append(
+            f"the images do not confirm the poses: half of the cameras have {few} in common with two others. "
+            f"The poses are wrong, or the cameras show too little in common: check the calibration, or add cameras in between"
+        )
+    return CaptureVerdict(faults, "" if faults else _expectation(coverage))
+
+
+def _trial_confirms_poses(coverage: Coverage) -> bool:
+    """Return True if the trial alone shows that the poses fit the images."""
+    trial = coverage.trial
+    return trial is not None and trial.holds and rating(trial.psnr) != "poor"
+
+
+def _expectation(coverage: Coverage) -> str:
+    trial = coverage.trial
+    if trial is None:
+        return "but no trial of novel views was made"
+    if not trial.holds:
+        return f"but only views within {coverage.angle:.0f} degrees of a camera will be usable"
+    word = rating(trial.psnr)
+    but = "but" if word == "poor" else "and"
+    return f"{but} novel views between the cameras will be {word} (about {trial.psnr:.0f} dB)"

@@ -1,0 +1,143 @@
+"""Trial that predicts the quality of novel views: a quick, small reconstruction without one training camera.
+
+Training views do not predict it. With cameras far apart they look good, while novel views between them are fog. Only a
+camera that was left out tells, and training on all cameras leaves none out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import torch
+
+from splatreel.base.progress import Progress
+from splatreel.config import preset
+from splatreel.kernels.image import render_image
+from splatreel.method.train.single_frame import reconstruct_single_frame
+from splatreel.scene.camera import Camera, angles_apart, middle_camera
+
+TRIAL_WIDTH = 192
+"""Largest width in pixels of the images."""
+OTHERS = 8
+"""Number of cameras that are trained on: the nearest to the one that is left out, which show the same things."""
+ITERATIONS, POINTS = 400, 8000
+MARGIN = 1.0
+"""Decibels by which the reconstruction must be better than an image without any reconstruction."""
+BEST = 99.0
+"""Decibels of identical images."""
+GAINS = 0.5, 2.0
+"""Range of the factor on a color by which an image is fitted, since the exposures of cameras differ."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """Result of a trial.
+
+    Attributes:
+        camera: Name of the camera that was left out.
+        angle: Degrees between this camera and the nearest other one, seen from the focus.
+        psnr: PSNR in dB of its image as reconstructed from the others.
+        flat: PSNR in dB of one flat color, the mean of the image.
+        nearest: PSNR in dB of the nearest camera's image in its place.
+    """
+
+    camera: str
+    angle: float
+    psnr: float
+    flat: float
+    nearest: float
+
+    @property
+    def holds(self) -> bool:
+        """True if the reconstruction is better than no reconstruction at all."""
+        return self.psnr > max(self.flat, self.nearest) + MARGIN
+
+
+def leave_one_out(
+    cameras: list[Camera],
+    images: np.ndarray,
+    focus: np.ndarray,
+    points: np.ndarray | None,
+    colors: np.ndarray | None,
+    near: float | None,
+    device: torch.device,
+    progress: Progress,
+) -> Trial:
+    """Leave the middle camera out of a small reconstruction. It takes some seconds, whatever the size of the capture.
+
+    Args:
+        cameras: Training cameras.
+        images: Their images [C, H, W, 3] uint8 at one moment.
+        focus: Place [3] that the cameras look at.
+        points: Sparse points [P, 3] of the capture, if it has any.
+        colors: Their colors [P, 3] 0..1.
+        near: Near plane of the capture, if it has one.
+        device: Device that trains.
+        progress: Display of the progress.
+    """
+    left, angles = middle_camera(cameras, focus), angles_apart(cameras, focus)
+    others = np.argsort(angles[left], kind="stable")[: min(OTHERS, len(cameras) - 1)].tolist()
+    small = [narrow_camera(camera, TRIAL_WIDTH) for camera in cameras]
+    shown = {c: resize_image(images[c], small[c]) for c in [left, *others]}
+    config = preset("draft")
+    keyframe = replace(config.keyframe, first_iterations=ITERATIONS, max_points=POINTS, densify_every=50)
+    config = replace(config, keyframe=keyframe)
+    progress.stage(f"quick trial without {cameras[left].name} (predicts novel-view quality)", ITERATIONS)
+    gaussians, layout = reconstruct_single_frame(
+        [small[c] for c in others],
+        np.stack([shown[c] for c in others]),
+        config,
+        points=points,
+        point_colors=colors,
+        near=near,
+        device=device,
+        progress=_StepsOnly(progress),
+    )
+    drawn = render_image(
+        gaussians, small[left], near=layout.near, antialias=config.antialias, background=layout.background
+    )
+    truth = shown[left].astype(np.float64) / 255
+    flat = np.broadcast_to(truth.mean((0, 1)), truth.shape)
+    return Trial(
+        cameras[left].name,
+        round(float(angles[left].min()), 2),
+        _psnr(np.clip(drawn, 0, 1), truth),
+        _psnr(flat, truth),
+        _psnr(shown[others[0]].astype(np.float64) / 255, truth),
+    )
+
+
+def narrow_camera(camera: Camera, width: int) -> Camera:
+    """Return a camera resized to at most that width."""
+    if camera.width <= width:
+        return camera
+    return camera.resized(width, max(round(camera.height * width / camera.width), 1))
+
+
+def resize_image(image: np.ndarray, camera: Camera) -> np.ndarray:
+    """Return an image [H, W, 3] uint8 resized to the size of a camera."""
+    size = camera.width, camera.height
+    return image if image.shape[1::-1] == size else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+
+
+def _psnr(picture: np.ndarray, truth: np.ndarray) -> float:
+    """Return the PSNR in dB of an image [H, W, 3] 0..1, fitted to the exposure of the true image."""
+    gain = (picture * truth).sum((0, 1)) / np.maximum((picture * picture).sum((0, 1)), 1e-9)
+    error = np.square(picture * np.clip(gain, *GAINS) - truth).mean()
+    return round(min(float(-10 * np.log10(max(error, 1e-12))), BEST), 2)
+
+
+class _StepsOnly:
+    """Progress that shows steps, but no texts: findings about the scene without one camera do not hold for the whole scene."""
+
+    def __init__(self, progress: Progress) -> None:
+        self._progress = progress
+
+    def stage(self, name: str, total: int, span: tuple[float, float] | None = None) -> None: ...
+
+    def update(self, done: int, **numbers: float) -> None:
+        self._progress.update(done)
+
+    def note(self, text: str) -> None: ...

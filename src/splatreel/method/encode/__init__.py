@@ -1,0 +1,1 @@
+"""Choice of quantization steps, and the importance of points."""

@@ -1,0 +1,1 @@
+"""Measurements in images: optical flow, change, exposure, clean plates."""

@@ -1,0 +1,81 @@
+"""Pretrained networks whose packages and weights may be missing. Nothing is downloaded."""
+
+from __future__ import annotations
+
+import importlib
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+
+from splatreel.base.command_line import install_command
+from splatreel.base.errors import MissingDependencyError
+
+
+@dataclass(frozen=True)
+class Pretrained:
+    """A network of the extra `splatreel[models]`.
+
+    Attributes:
+        purpose: First words of error messages: the feature that needs the network.
+        package: Package, as named in messages.
+        module: Module that builds the network.
+        file: File of its weights.
+        url: Address of the weights.
+        variable: Environment variable with the path of the weights.
+        remedy: Alternative to suggest to the user.
+        install: Further advice on installation.
+    """
+
+    purpose: str
+    package: str
+    module: str
+    file: str
+    url: str
+    variable: str
+    remedy: str
+    install: str = ""
+
+    def check(self) -> None:
+        """Check that the package and the weights are on this machine, without loading the weights.
+
+        Raises:
+            MissingDependencyError: If one is missing.
+        """
+        self.import_module()
+        self.find_weights(None)
+
+    def import_module(self) -> ModuleType:
+        """Return the module that builds the network.
+
+        Raises:
+            MissingDependencyError: If the import fails.
+        """
+        try:
+            return importlib.import_module(self.module)
+        except (ImportError, RuntimeError) as error:  # RuntimeError: built for another version of torch
+            raise MissingDependencyError(
+                f"{self.purpose} needs {self.package}, which cannot be imported ({error}). "
+                f"Run: {install_command('models')}{self.install}; or {self.remedy}."
+            ) from error
+
+    def find_weights(self, given: Path | None) -> Path:
+        """Return the file of the weights: the given path, the environment variable's, or the one in torch's download cache.
+
+        Raises:
+            MissingDependencyError: If there is no such file.
+        """
+        path = Path(given or os.environ.get(self.variable) or cached_weights(self.file))
+        if not path.is_file():
+            raise MissingDependencyError(
+                f"{self.purpose} needs its weights, but {path} does not exist. Download {self.url} to that path, or set "
+                f"{self.variable} to the path of the file; or {self.remedy}."
+            )
+        return path
+
+
+def cached_weights(file: str) -> Path:
+    """Return the path at which torch stores a downloaded file of weights."""
+    import torch
+
+    return Path(torch.hub.get_dir()) / "checkpoints" / file

@@ -1,0 +1,107 @@
+"""Changes of light on resting content, such as shadows and lamps (beyond the paper).
+
+Flow sees a shadow move, or nothing at all; in truth the content changes color and stays in place. All views that see a point
+see it darken by the same factor. Of a body that passes in front of it, each view shows another part.
+"""
+
+from __future__ import annotations
+
+from functools import partial
+
+import cv2
+import numpy as np
+import torch
+
+from splatreel.base import threads
+from splatreel.method.layering.lift import SplatTensors, gather_images
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+MIN_CHANGE = 0.08
+"""Minimum change of light, as a logarithm of brightness."""
+MIN_FRAMES = 2
+"""Minimum number of frames with a change. Noise is gone in the next frame."""
+MIN_VIEWS = 3
+"""Minimum number of cameras that must see a point."""
+MIN_AGREEING_SHARE = 0.6
+"""Share of these cameras that must be within `ABSOLUTE_TOLERANCE` of the median, or within `RELATIVE_TOLERANCE` times the median."""
+ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE = 0.04, 0.35
+MAX_PIXELS = 1e5
+"""Larger images are shrunk to this size. Shadows are larger than a pixel, and 36 images of a 4K camera would fill the memory."""
+BLUR = 0.8
+"""Standard deviation of the blur, pixels, against noise and misaligned edges."""
+MIN_SEEN_PIXELS = 0.3
+"""Minimum number of pixels of such an image that a point must fill to be seen."""
+DARK_OFFSET = 8.0
+"""Gray levels added to all brightness, so that noise of dark pixels is no change of light."""
+MAX_CHANGED_SHARE = 0.2
+"""Maximum share of points that change light; if there are more, the strongest changes count."""
+
+
+def changes_of_light(
+    points: Gaussians, cameras: list[Camera], frames: np.ndarray, near: float, device: torch.device | str = "cpu"
+) -> np.ndarray:
+    """Return the logarithm [T, N] float32 of the brightness of resting points, relative to the keyframe; 0 for no change.
+
+    Points are 0 in all frames if the views disagree, or if they change like most of an image.
+
+    Args:
+        points: N points.
+        cameras: All cameras.
+        frames: [T, C, H, W, 3] uint8, the keyframe first.
+        near: Near plane, world units.
+        device: Device on which points are drawn.
+    """
+    found = np.zeros((len(frames), len(points)), np.float32)
+    if len(frames) <= MIN_FRAMES or len(points) == 0:
+        return found
+    shown = _brightness_of(points, cameras, frames, near, device)
+    changed = (np.abs(shown) > MIN_CHANGE).sum(2) >= MIN_FRAMES  # unseen points are NaN, which compares false
+    index = np.flatnonzero(changed.sum(0) >= MIN_VIEWS)
+    light = np.stack([_common_change(shown[:, point]) for point in index], 1) if len(index) else found[:, :0]
+    strength = np.where((np.abs(light) > MIN_CHANGE).sum(0) >= MIN_FRAMES, np.abs(light).sum(0), 0)
+    room = min(int(MAX_CHANGED_SHARE * len(points)), np.count_nonzero(strength))
+    strongest = np.argsort(-strength, kind="stable")[:room]
+    found[:, index[strongest]] = light[:, strongest]
+    return found
+
+
+def _brightness_of(
+    points: Gaussians, cameras: list[Camera], frames: np.ndarray, near: float, device: torch.device | str
+) -> np.ndarray:
+    """Return the log brightness [C, N, T] of each point in each view, relative to the keyframe; NaN where not seen."""
+    splats, shown = (
+        SplatTensors.of(points, device),
+        np.full((len(cameras), len(points), len(frames)), np.nan, np.float32),
+    )
+    for row, camera, film in zip(shown, cameras, frames.swapaxes(0, 1), strict=True):
+        small = _shrunk(camera)
+        bright = partial(_brightness, width=small.width, height=small.height)
+        pictures = np.stack(threads.map_parallel(bright, film), 2)
+        pictures -= pictures[..., :1].copy()
+        pictures -= np.median(pictures[::3, ::3], (0, 1))  # remove exposure and light of the whole scene
+        pictures = np.concatenate([pictures, np.ones_like(pictures[..., :1])], 2)
+        sums = gather_images(splats, small, torch.from_numpy(pictures).to(device), near).cpu().numpy()
+        seen = sums[:, -1] > MIN_SEEN_PIXELS
+        row[seen] = sums[seen, :-1] / sums[seen, -1:]
+    return shown
+
+
+def _shrunk(camera: Camera) -> Camera:
+    """Return the camera with an image of at most `MAX_PIXELS`."""
+    shrink = min(1.0, (MAX_PIXELS / (camera.width * camera.height)) ** 0.5)
+    return camera.resized(max(1, round(shrink * camera.width)), max(1, round(shrink * camera.height)))
+
+
+def _brightness(picture: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Return the log brightness [h, w] of an image [H, W, 3] uint8 at another size."""
+    gray = cv2.cvtColor(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
+    return np.log(cv2.GaussianBlur(gray.astype(np.float32), (0, 0), BLUR) + DARK_OFFSET)
+
+
+def _common_change(shown: np.ndarray) -> np.ndarray:
+    """Return the change [T] on which most of the views [C, T] agree; 0 in frames without agreement."""
+    seen = shown[~np.isnan(shown[:, 0])]
+    middle = np.median(seen, 0)
+    alike = np.abs(seen - middle) < np.maximum(ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE * np.abs(middle))
+    return np.where(alike.mean(0) >= MIN_AGREEING_SHARE, middle, 0)

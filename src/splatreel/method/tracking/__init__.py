@@ -1,0 +1,1 @@
+"""Tracking of dynamic points through the frames of a group."""

@@ -1,0 +1,385 @@
+"""Density control of keyframes and groups: densification (3DGS), conversion of static points (paper section 4.1) and pruning."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.config import Config, KeyframeConfig
+from splatreel.config.layering import PAPER_WIDTH
+from splatreel.kernels import splat
+from splatreel.method.layering.lift import NEIGHBORS
+from splatreel.method.train.losses import GROWTH
+from splatreel.method.train.moving import MovingPoints
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.points import TrainablePoints
+from splatreel.method.train.render import Comparable, StaticCache, View, contributions, relative_distances
+from splatreel.scene.volumes import Volume
+
+CULL_OPACITY = 0.05
+"""Opacity below which points are pruned (paper section 5.1). Fainter points hardly show, and cost bytes and time."""
+GROWTH_GRADIENT = 2e-4
+"""Mean screen-space gradient above which points are densified, in normalized device units; the value of 3DGS."""
+ABSOLUTE_GRADIENT = 6e-4
+"""Threshold of the absolute gradient, where it is measured. Gradients of a large splat over fine detail cancel each other in the
+signed sum, but not in this one (AbsGS)."""
+LARGEST_SCALE = 0.5
+"""Largest scale of a point, in typical viewing distances, multiplied by `relative_distances`."""
+
+
+class GradientMeter:
+    """Mean length of every point's screen-space positional gradient over the views that see it, in normalized device units."""
+
+    def __init__(self, count: int, device: torch.device) -> None:
+        """Start with no views of `count` points."""
+        self.sum = torch.zeros(count, device=device)
+        self.seen = torch.zeros(count, device=device)
+
+    def add(self, grad: Tensor, width: int, height: int, index: Tensor | None = None) -> None:
+        """Add the gradients of one view.
+
+        Args:
+            grad: [M, 2] dL/d(pixels).
+            width: Image width, pixels.
+            height: Image height, pixels.
+            index: [M] points that the rows of `grad` belong to; None means all points.
+        """
+        length = torch.hypot(grad[:, 0] * (width / 2), grad[:, 1] * (height / 2))
+        if index is None:
+            self.sum += length
+            self.seen += length > 0
+        else:
+            self.sum.index_add_(0, index, length)
+            self.seen.index_add_(0, index, (length > 0).float())
+
+    def mean(self) -> Tensor:
+        """Return the mean [N]."""
+        return self.sum / self.seen.clamp_min(1)
+
+
+def select_growth(meter: GradientMeter, threshold: float, budget: int) -> Tensor:
+    """Return the mask of the points to densify: at most `budget` points, with the largest gradients above the threshold."""
+    gradient = meter.mean()
+    grow = gradient > threshold
+    if int(grow.sum()) > budget:
+        if budget <= 0:
+            return torch.zeros_like(grow)
+        cut = torch.topk(gradient, budget).values[-1]
+        grow &= gradient >= cut
+    return grow
+
+
+def inside(region: Volume, means: Tensor) -> Tensor:
+    """Return [N] bool, the points [N, 3] that are within a volume."""
+    return torch.from_numpy(region.contains(means.detach().cpu().numpy())).to(means.device)
+
+
+def too_large(scales: Tensor, distances: Tensor, unit: float) -> Tensor:
+    """Return the mask [N] of points that are too large for their distance.
+
+    Args:
+        scales: [N, 3] standard deviations, world units.
+        distances: [N], see `relative_distances`.
+        unit: Typical viewing distance, world units.
+    """
+    return scales.amax(1) > LARGEST_SCALE * unit * distances
+
+
+def children(points: TrainablePoints, split: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
+    """Return two children of every split point, sampled from the parent's Gaussian and 1.6 times smaller (3DGS section 5.2)."""
+    rows = points.rows(split)
+    twice = {name: torch.cat([value, value]) for name, value in rows.items()}
+    noise = torch.randn(twice["means"].shape, generator=generator).to(twice["means"].device)
+    offset = noise * twice["log_scales"].exp()
+    twice["means"] = twice["means"] + rotate(torch.nn.functional.normalize(twice["quats"], dim=-1), offset)
+    twice["log_scales"] = twice["log_scales"] - math.log(1.6)
+    return twice
+
+
+def rotate(quats: Tensor, vectors: Tensor) -> Tensor:
+    """Rotate vectors [N, 3] by unit quaternions [N, 4]."""
+    w, xyz = quats[:, :1], quats[:, 1:]
+    cross = 2 * torch.linalg.cross(xyz, vectors)
+    return vectors + w * cross + torch.linalg.cross(xyz, cross)
+
+
+PRUNE_EVERY = 500
+"""Iterations between two prunings once no points are added."""
+
+SPLIT_FROM = 0.01
+"""Scale above which a point is split instead of cloned, in typical viewing distances."""
+
+
+class KeyframeDensity:
+    """Density control of a keyframe. It changes the rows of `points`.
+
+    Attributes:
+        distances: [N], see `relative_distances`; ones before `restart` was called.
+    """
+
+    def __init__(
+        self, points: TrainablePoints, config: KeyframeConfig, max_points: int, seed: int, region: Volume | None = None
+    ) -> None:
+        """Create the density control of a keyframe.
+
+        Args:
+            points: Points whose rows are changed.
+            config: Keyframe settings.
+            max_points: Maximum number of points.
+            seed: Seed of the positions of split points.
+            region: Volume in which points are densified; None is everywhere.
+        """
+        self.points, self.config, self.max_points, self.region = points, config, max_points, region
+        self.generator = torch.Generator().manual_seed(seed)
+        self.distances = torch.ones(len(points), device=points.means.device)
+
+    def restart(self, pictures: Pictures) -> None:
+        """Restart the measurements, after points were added or removed or the images changed."""
+        self.meter = GradientMeter(len(self.points), self.points.means.device)
+        self.distances = relative_distances(
+            self.points.means, pictures.views, pictures.unit, self.config.far_step_scale
+        )
+
+    def update(
+        self, done: int, share: float, drawing: Comparable, view: View, pictures: Pictures, settled: bool
+    ) -> None:
+        """Add and prune points after an iteration, if due.
+
+        Args:
+            done: Number of finished iterations.
+            share: Share of training that is over, 0..1.
+            drawing: Drawing of the iteration, with gradients.
+            view: View that was drawn.
+            pictures: Training images.
+            settled: Values are being averaged; no point is removed any more.
+        """
+        measured = drawing.absolute if self.config.detail else None
+        every = self.config.densify_every
+        grad = drawing.means2d.grad if measured is None else measured.grad
+        assert grad is not None
+        if share <= GROWTH:
+            self.meter.add(grad[: drawing.moving], view.width, view.height)
+            if done % every == 0 and done >= 2 * every:
+                self.densify(pictures.unit, share, GROWTH_GRADIENT if measured is None else ABSOLUTE_GRADIENT)
+                self.restart(pictures)
+        elif done % PRUNE_EVERY == 0 and not settled:
+            self.prune(pictures.unit, share)
+            self.restart(pictures)
+
+    def densify(self, unit: float, share: float, threshold: float) -> None:
+        """Clone small points with gradients above a threshold, split large ones, and prune."""
+        points = self.points
+        points.check()
+        if self.region is not None:
+            self.meter.sum *= inside(self.region, points.means)
+        grow = select_growth(self.meter, threshold, self.room)
+        dropped = self._dropped(unit, share)
+        large = points.scales.detach().amax(1) > SPLIT_FROM * unit
+        split, clone = grow & large & ~dropped, grow & ~large & ~dropped
+        clones, halves = points.rows(clone), children(points, split, self.generator)
+        points.keep(~(dropped | split))
+        points.append({name: torch.cat([clones[name], halves[name]]) for name in clones})
+
+    @property
+    def room(self) -> int:
+        """Number of points that may still be added."""
+        return self.max_points - len(self.points)
+
+    def add(self, params: Mapping[str, Tensor], pictures: Pictures) -> None:
+        """Add points, without those outside of the region. params: unconstrained tensors, as in `TrainablePoints`."""
+        if self.region is not None:
+            kept = inside(self.region, params["means"])
+            params = {name: value[kept] for name, value in params.items()}
+        self.points.append(params)
+        self.restart(pictures)
+
+    def prune(self, unit: float, share: float) -> None:
+        """Prune points, but never all of them."""
+        self.points.check()
+        dropped = self._dropped(unit, share)
+        if bool(dropped.any()) and not bool(dropped.all()):
+            self.points.keep(~dropped)
+
+    def _dropped(self, unit: float, share: float) -> Tensor:
+        """Return [N] bool, the points that are too faint or too large for their distance.
+
+        The threshold of opacity rises until half of training. At the end size does not matter, since no point could fill the
+        hole in a plain wall.
+        """
+        faint = CULL_OPACITY * min(1.0, max(0.1, 2 * share))
+        with torch.no_grad():
+            dropped = self.points.opacities < faint
+            if share < 1:
+                dropped |= too_large(self.points.scales, self.distances, unit)
+        return dropped
+
+
+CONVERT_FROM, CONVERT_TO = 0.25, 0.8
+"""Range of training, as shares, in which points are converted and cloned. Earlier all moving points have large gradients;
+later a new point could not be trained."""
+
+LEAST_BUDGET = 2000
+"""Minimum number of points that a group may gain. The budget is half of the initial points if that is more."""
+
+FAINT_AT = (0.4, 0.7)
+"""Shares of training at which the faintest points are pruned. By then misplaced points have faded, and the remaining ones can
+fill in."""
+
+FAINT_PICTURES = 60
+"""Number of drawings by which faint points are found."""
+
+MEASURE_EVERY = 8
+"""Iterations between two measurements of the gradients of static points, which must be drawn for it."""
+
+
+class GroupDensity:
+    """Density control of a group. It changes the rows of `points` and the living points of `static`.
+
+    Attributes:
+        convertible: [S] bool, static points that may become dynamic.
+        budget: Number of points that may still be added.
+        rng: Source of the cameras by which faint points are found.
+    """
+
+    def __init__(
+        self,
+        points: MovingPoints,
+        static: StaticCache,
+        convertible: Tensor,
+        config: Config,
+        iterations: int,
+        rng: np.random.Generator,
+        region: Volume | None = None,
+    ) -> None:
+        """Create the density control of a group.
+
+        Args:
+            points: Points whose rows are changed.
+            static: Static points, of which some may be converted.
+            convertible: [S] bool, static points that may become dynamic.
+            config: Settings.
+            iterations: Iterations of training.
+            rng: Source of the cameras by which faint points are found.
+            region: Volume in which points are cloned; None is everywhere.
+        """
+        self.region = region
+        self.points, self.static, self.convertible, self.config, self.rng = points, static, convertible, config, rng
+        self.every, self.iterations = config.layering.adapt_every, iterations
+        self.faint_at = {round(share * iterations) for share in FAINT_AT} if config.group.faint_share else set()
+        self.budget = max(LEAST_BUDGET, len(points) // 2)
+        self.restart()
+
+    def restart(self) -> None:
+        """Restart the measurements, after points were added or removed."""
+        device = self.points.means.device
+        self.moving_meter = GradientMeter(len(self.points), device)
+        self.static_meter = GradientMeter(len(self.static), device)
+
+    def measured_static(self, iteration: int) -> Tensor | None:
+        """Return [S] bool, the static points whose gradients an iteration measures; None if it draws moving tiles only."""
+        due = self._measures(iteration) and iteration % MEASURE_EVERY == 0
+        return self.convertible & self.static.alive if due else None
+
+    def measure(self, iteration: int, drawing: Comparable, view: View) -> None:
+        """Add the gradients of an iteration, after its backward pass."""
+        if not self._measures(iteration):
+            return
+        grad = drawing.means2d.grad
+        assert grad is not None
+        self.moving_meter.add(grad[: drawing.moving], view.width, view.height)
+        if drawing.index is not None:
+            self.static_meter.add(grad[drawing.moving :], view.width, view.height, drawing.index)
+
+    def update(self, done: int, pictures: Pictures) -> bool:
+        """Add and prune points after `done` iterations, if due. Return whether anything was due."""
+        due, faint_due = self.every > 0 and done % self.every == 0, done in self.faint_at
+        if due or faint_due:
+            self.points.check()
+        if due and self._converts(done):
+            self.convert_and_clone(pictures)
+        if due:
+            self.prune(pictures)
+        if faint_due:
+            self.drop_faint(pictures)
+        if due or faint_due:
+            self.restart()
+        return due or faint_due
+
+    def convert_and_clone(self, pictures: Pictures) -> None:
+        """Convert static points (paper section 4.1), then clone dynamic points with large gradients (4.2)."""
+        layering, alive = self.config.layering, self.static.alive
+        threshold = layering.adapt_gradient * (PAPER_WIDTH / pictures.views[0].width)
+        pull_static, pull_moving = self.static_meter.mean(), self.moving_meter.mean()
+        convert = alive & (pull_static > threshold) | alive & self._surrounded(alive)
+        converted = self._within_budget(convert & self.convertible, pull_static)
+        growing = pull_moving > threshold
+        if self.region is not None:
+            growing &= inside(self.region, self.points.means)
+        clones = self._within_budget(growing, pull_moving)
+        self.points.clone(clones)
+        self.convert(converted)
+
+    def convert(self, index: Tensor) -> None:
+        """Make static points [M] int64 dynamic."""
+        if len(index) == 0:
+            return
+        rows = {name: value[index] for name, value in self.static.params.items()}
+        alive = self.static.alive.clone()
+        alive[index] = False
+        self.static.set_alive(alive)
+        self.points.append(rows)
+
+    def prune(self, pictures: Pictures) -> None:
+        """Drop points that hardly show and points that are too large for their distance."""
+        config, points = self.config.keyframe, self.points
+        with torch.no_grad():
+            keep = points.highest_logits().sigmoid() >= CULL_OPACITY
+            distances = relative_distances(points.means, pictures.views, pictures.unit, config.far_step_scale)
+            keep &= ~too_large(points.canonical.scales, distances, pictures.unit)
+        if not bool(keep.all()):
+            points.keep(torch.nonzero(keep)[:, 0])
+
+    def drop_faint(self, pictures: Pictures) -> None:
+        """Drop the points that together fill a small share of the images (`GroupConfig.faint_share`): often half of all points."""
+        total = torch.zeros(len(self.points), device=self.points.means.device)
+        for k in range(FAINT_PICTURES):
+            frame = k * (pictures.count - 1) // (FAINT_PICTURES - 1)
+            camera = int(self.rng.integers(len(pictures.views)))
+            view = pictures.views[camera]
+            with torch.no_grad():
+                splats = self.points.at(frame, view, pictures.near)
+            total += contributions(splats, view, self.static.view(camera))
+        order = total.argsort()
+        held = total[order].cumsum(0) / total.sum().clamp_min(1e-9)
+        self.points.keep(order[held >= self.config.group.faint_share].sort().values)
+
+    def _converts(self, done: int) -> bool:
+        return CONVERT_FROM <= done / self.iterations <= CONVERT_TO
+
+    def _measures(self, iteration: int) -> bool:
+        """Return whether points are converted at the end of this interval."""
+        return self.every > 0 and self._converts((iteration // self.every + 1) * self.every)
+
+    def _within_budget(self, chosen: Tensor, pull: Tensor) -> Tensor:
+        """Return up to `budget` points [M] int64 of a mask, those with the largest gradients, and reduce the budget."""
+        index = torch.nonzero(chosen)[:, 0]
+        if len(index) > self.budget:
+            index = index[torch.topk(pull[index], self.budget).indices]
+        self.budget -= len(index)
+        return index
+
+    def _surrounded(self, alive: Tensor) -> Tensor:
+        """Return [S] bool, the static points of whose nearest neighbors more than lambda_adp^nn are dynamic."""
+        index = torch.nonzero(alive)[:, 0]
+        everything = torch.cat([self.static.means[index], self.points.means.detach()])
+        k = min(NEIGHBORS, len(everything) - 1)
+        surrounded = torch.zeros_like(alive)
+        if len(index) and k > 0:
+            neighbors = splat.nearest_neighbors(everything, k)[0][: len(index)]
+            dynamic = (neighbors >= len(index)).float().mean(1)
+            surrounded[index] = dynamic > self.config.layering.adapt_neighbors
+        return surrounded

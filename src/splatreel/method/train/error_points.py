@@ -1,0 +1,109 @@
+"""New points of a first keyframe in the pixels that differ most from the training images.
+
+Gradients of positions are small where a detail is missing altogether, such as a dot on a plain wall. Errors show it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.regularizers import Depths
+from splatreel.method.train.render import Splats, View
+from splatreel.scene.gaussians import C0
+
+ADDED_AT = (0.3, 0.4, 0.5, 0.6)
+"""Shares of training after which points are added."""
+ADDED_SHARE = 0.2
+"""Points added at each of these times, as a share of all points."""
+SIZE = 0.7
+"""Standard deviation of an added point, pixels."""
+OPACITY = 0.3
+"""Opacity of an added point."""
+MIN_ALPHA = 0.5
+"""Alpha above which a pixel has a depth."""
+
+Draw = Callable[[int], tuple[Splats, Tensor]]
+"""Function that returns the projected points of a camera and the image [H, W, 3] that the camera would take of them."""
+
+
+@torch.no_grad()
+def points_at_errors(
+    draw: Draw, pictures: Pictures, gains: Tensor, bands: int, count: int, rng: np.random.Generator
+) -> dict[str, Tensor]:
+    """Return new points in random pixels. The probability of a pixel is its absolute error times its loss of similarity (1 - SSIM).
+
+    A point takes the rendered depth and the color of its pixel.
+
+    Args:
+        draw: Draws the current points.
+        pictures: Training images.
+        gains: [C, 3] color gains of the cameras.
+        bands: Number of harmonics of a point beyond the constant.
+        count: Number of points to add, over all cameras.
+        rng: Source of the pixels.
+
+    Returns:
+        Unconstrained tensors of up to `count` points, as in `TrainablePoints`.
+    """
+    found = []
+    for camera, view in enumerate(pictures.views):
+        splats, image = draw(camera)
+        target = pictures.target(camera, image, None).float() / 255
+        depths = Depths.of(splats, view, pictures.near)
+        weights = _errors(image.cpu().numpy(), target.cpu().numpy()) * (depths.alpha > MIN_ALPHA).cpu().numpy()
+        chosen = torch.from_numpy(_choose(weights, count // len(pictures.views), rng)).to(image.device)
+        depth = pictures.near * depths.moments[..., 0].flatten()[chosen].exp()
+        found.append((*_unproject(view, chosen, depth), target.flatten(0, 1)[chosen] / gains[camera]))
+    means, sizes, colors = (torch.cat(column) for column in zip(*found, strict=True))
+    added = len(means)
+    quats = means.new_zeros(added, 4)
+    quats[:, 0] = 1
+    return {
+        "means": means,
+        "quats": quats,
+        "log_scales": sizes.log()[:, None].repeat(1, 3),
+        "logit_opacities": means.new_full((added,), math.log(OPACITY / (1 - OPACITY))),
+        "sh_base": ((colors - 0.5) / C0)[:, None],
+        "sh_rest": means.new_zeros(added, bands, 3),
+    }
+
+
+def _errors(image: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Return the absolute error times the loss of similarity (1 - SSIM) at every pixel [H, W] of images [H, W, 3], 0..1.
+
+    OpenCV's filters give the same bits in every run. Those of torch depend on the address of the image.
+    """
+    first, second = (_blurred(x) for x in (image, target))
+    variances = _blurred(image * image) - first * first, _blurred(target * target) - second * second
+    covariance = _blurred(image * target) - first * second
+    c1, c2 = 0.01**2, 0.03**2
+    similarity = (2 * first * second + c1) * (2 * covariance + c2)
+    similarity /= (first * first + second * second + c1) * (variances[0] + variances[1] + c2)
+    return np.abs(image - target).mean(-1) * np.clip(1 - similarity, 0, 1).mean(-1)
+
+
+def _blurred(image: np.ndarray) -> np.ndarray:
+    return cv2.GaussianBlur(image, (11, 11), 1.5)
+
+
+def _choose(weights: np.ndarray, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Return up to `count` different pixels [M] int64 of an image of weights [H, W], each with a probability by its weight."""
+    flat = weights.astype(np.float64).ravel()
+    count = min(count, int((flat > 0).sum()))
+    return rng.choice(len(flat), count, replace=False, p=flat / flat.sum()) if count else np.zeros(0, np.int64)
+
+
+def _unproject(view: View, pixels: Tensor, depth: Tensor) -> tuple[Tensor, Tensor]:
+    """Return the positions [M, 3] of pixels [M] at depths [M], and the sizes [M] there, world units."""
+    row, column = pixels // view.width, pixels % view.width
+    x = (column + 0.5 - view.K[0, 2]) / view.K[0, 0] * depth
+    y = (row + 0.5 - view.K[1, 2]) / view.K[1, 1] * depth
+    local = torch.stack([x, y, depth], 1)
+    return (local - view.viewmat[:3, 3]) @ view.viewmat[:3, :3], SIZE * depth / view.K[0, 0]

@@ -1,0 +1,299 @@
+"""Training of a group (paper section 4.2): dynamic points and their deformation, fitted to all frames of one group."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.base.errors import GaussiansError
+from splatreel.base.progress import Progress
+from splatreel.config import Config
+from splatreel.method.cameras.color_gains import CameraGains
+from splatreel.method.cameras.time_offsets import LearnedOffsets, TimeOffsets, slope
+from splatreel.method.deform.adam import Restore, merge_snapshots
+from splatreel.method.layering.lift import NEIGHBORS
+from splatreel.method.tracking.tracking import GroupStart
+from splatreel.method.train.density import GroupDensity
+from splatreel.method.train.losses import GROUP, GroupStep, backward, psnr
+from splatreel.method.train.moving import Changes, MovingPoints
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.recovery import Recovery
+from splatreel.method.train.regularizers import Neighbors
+from splatreel.method.train.render import StaticCache, draw, moving_tiles
+from splatreel.method.train.schedule import FrameSchedule
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.volumes import Volume
+
+GIVE_BACK_EVERY = 50
+"""Iterations between two releases of image pages. Every iteration reads one image, so all of them accumulate in memory."""
+SHOW_EVERY = 50
+"""Iterations between two progress updates."""
+SAMPLES = 12
+"""Training images over which the PSNR of a group is averaged."""
+
+
+@dataclass(frozen=True)
+class GroupResult:
+    """Result of a group's training.
+
+    Attributes:
+        dynamic: Canonical points.
+        dx: [T, N, 3] position offsets at every frame, world units.
+        dq: [T, N, 4] rotation offsets at every frame.
+        alive: [S] bool, static points that are still static.
+        shade: [T, N, 4] as in `Group`; None if appearance is fixed.
+        time_offsets: Learned time offsets of the cameras.
+    """
+
+    dynamic: Gaussians
+    dx: np.ndarray
+    dq: np.ndarray
+    alive: np.ndarray
+    shade: np.ndarray | None
+    time_offsets: LearnedOffsets
+
+
+@torch.no_grad()
+def group_result(points: MovingPoints, frames: int, alive: Tensor, offsets: LearnedOffsets) -> GroupResult:
+    """Collect a group's points and their changes at every frame as arrays.
+
+    Args:
+        points: Trained points.
+        frames: Number of frames, T.
+        alive: [S] bool, static points that are still static.
+        offsets: Learned time offsets.
+    """
+    changes = [points.changes(frame) for frame in range(frames)]
+    dx, dq = torch.stack([c.dx for c in changes]), torch.stack([c.dq for c in changes])
+    logits = points.canonical.params["logit_opacities"]
+    shades = [_shade(c.shade, logits) for c in changes if c.shade is not None]
+    shade = torch.stack(shades).cpu().numpy() if shades else None
+    arrays = dx.cpu().numpy(), dq.cpu().numpy(), alive.cpu().numpy()
+    return GroupResult(points.canonical.gaussians(), *arrays, shade, offsets)
+
+
+def _shade(shade: Tensor, logits: Tensor) -> Tensor:
+    """Return [N, 4] as in `Group`: the change of the opacity instead of the change of its logit."""
+    return torch.cat([shade[:, :3], ((logits + shade[:, 3]).sigmoid() - logits.sigmoid())[:, None]], 1)
+
+
+@torch.no_grad()
+def training_psnr(
+    points: MovingPoints,
+    static: StaticCache,
+    pictures: Pictures,
+    gains: Tensor,
+    time_offsets: TimeOffsets,
+    available: np.ndarray,
+) -> float:
+    """Return the mean PSNR, dB, over a few training images spread over frames and cameras.
+
+    Args:
+        points: Trained points.
+        static: Static points.
+        pictures: Training images.
+        gains: [C, 3] color gains.
+        time_offsets: Learned time offsets.
+        available: [T, C] bool, images that exist.
+    """
+    values = []
+    for k in range(SAMPLES):
+        frame = k * (pictures.count - 1) // (SAMPLES - 1)
+        cameras = np.flatnonzero(available[frame])
+        camera = int(cameras[(k * 7) % len(cameras)])
+        view, moment = pictures.views[camera], time_offsets.moment(frame, camera, pictures.count)
+        image = draw(points.at(moment, view, pictures.near), view, static.view(camera)).image
+        values.append(psnr(image * gains[camera], pictures.images[frame, camera]))
+    return float(np.mean(values))
+
+
+class GroupTrainer:
+    """Trainer of one group. Static points stay frozen unless density control makes them dynamic (paper section 4.1).
+
+    Attributes:
+        pictures: Images in use, smaller ones at first.
+        larger_pictures: Images of larger sizes, each with the iteration at which its use begins.
+    """
+
+    def __init__(
+        self,
+        pictures: Pictures,
+        start: GroupStart,
+        static: StaticPoints,
+        config: Config,
+        *,
+        gains: CameraGains,
+        time_offsets: TimeOffsets | None = None,
+        may_move: np.ndarray | None = None,
+        seed: int = 0,
+        missing: np.ndarray | None = None,
+        region: Volume | None = None,
+    ) -> None:
+        """Prepare the training of a group.
+
+        Args:
+            pictures: Training images at full size.
+            start: Initial state.
+            static: Static points.
+            config: Settings.
+            gains: Color gains of the cameras.
+            time_offsets: Time offsets of the cameras, to be refined; None if all cameras are synchronized.
+            may_move: [S] bool, static points that density control may make dynamic; None allows all living points.
+            seed: Seed of all random choices.
+            missing: [T, C] bool, images that are not trained on; None trains on all.
+            region: Volume in which points are cloned; None is everywhere.
+        """
+        device, group = pictures.images.device, config.group
+        self.config, self.gains = config, gains
+        self.iterations = group.iterations_per_frame * pictures.count
+        sizes = pictures.sizes(self.iterations, group.coarse_share, config.training_megapixels)
+        self.pictures = sizes[0][1]
+        self.larger_pictures = [(end, larger) for (end, _), (_, larger) in pairwise(sizes)]
+        self.time_offsets = time_offsets or TimeOffsets(len(pictures.views), enabled=False)
+        self.points = MovingPoints.of(start, self.pictures, group, seed)
+        self.static = StaticCache(static.points, self.pictures.views, pictures.near, device)
+        self.static.set_alive(torch.from_numpy(static.alive).to(device))
+        available = np.ones((pictures.count, len(pictures.views)), bool) if missing is None else ~missing
+        self.schedule = FrameSchedule(available, self.iterations, group.progressive_share, seed)
+        self.rng = np.random.default_rng(seed)
+        movable = torch.from_numpy(static.alive if may_move is None else may_move).to(device)
+        self.density = GroupDensity(self.points, self.static, movable, config, self.iterations, self.rng, region)
+        self.find_neighbors()
+        self.recovery = Recovery()
+
+    def train(self, progress: Progress) -> GroupResult:
+        """Run all iterations."""
+        if len(self.points) == 0:
+            progress.note("nothing moves in this group: it has no dynamic points")
+            return self.result()
+        done = 0
+        self.recovery.save_state(done, self)
+        while done < self.iterations:
+            try:
+                self._iterate(done, progress)
+                done += 1
+            except GaussiansError as error:
+                done = self.recovery.restore(done + 1, error, progress)
+        self.recovery.release_state()
+        quality = self.psnr()
+        progress.update(self.iterations, moving=len(self.points), psnr=quality)
+        progress.note(f"PSNR of the group's training images: {quality:.1f} dB")
+        return self.result()
+
+    def _iterate(self, iteration: int, progress: Progress) -> None:
+        """Run one iteration and the actions that are due after it. Raise `GaussiansError` for NaN or infinity."""
+        while self.larger_pictures and iteration >= self.larger_pictures[0][0]:
+            self._use_pictures(self.larger_pictures.pop(0)[1])
+        loss, done = self.step(iteration), iteration + 1
+        if done % GIVE_BACK_EVERY == 0:
+            self.pictures.release_pages()
+        self.recovery.check_iteration(done, loss, self)
+        if self.density.update(done, self.pictures):
+            self.find_neighbors()
+        if self._shows(iteration) or done == self.iterations:
+            self.points.check()
+            progress.update(done, loss=float(loss), moving=len(self.points))
+
+    def snapshot(self) -> Restore:
+        """Copy everything that training changes."""
+        parts = merge_snapshots([self.points.snapshot(), self.time_offsets.snapshot()])
+        alive, budget = self.static.alive, self.density.budget
+
+        def restore() -> None:
+            parts()
+            self.static.revive(alive)
+            self.density.budget = budget
+            self.density.restart()
+            self.find_neighbors()
+
+        return restore
+
+    def check(self) -> None:
+        """Check all values.
+
+        Raises:
+            GaussiansError: If a value is NaN or infinite.
+        """
+        self.points.check()
+
+    def step(self, iteration: int) -> Tensor:
+        """Run one iteration on one image and return its photometric loss []."""
+        share = iteration / self.iterations
+        frame, camera = self.schedule.draw(iteration)
+        last_frame = self.schedule.frontier(iteration)
+        self.points.deformation.extend_to(last_frame)
+        moment = self.time_offsets.moment(frame, camera, self.pictures.count)
+        changes = self.points.changes(moment)
+        if self.time_offsets.enabled:  # the hash grid's offsets are not leaf tensors
+            changes.dx.retain_grad()
+            changes.dq.retain_grad()
+
+        view = self.pictures.views[camera]
+        splats = self.points.splats(changes, view, self.pictures.near)
+        static, also = self.static.view(camera), self.density.measured_static(iteration)
+        whole = self._shows(iteration)  # the reported loss covers the whole image
+        drawing = draw(splats, view, static) if whole else moving_tiles(splats, view, static, also)
+
+        drawn = GroupStep(
+            iteration=iteration,
+            share=share,
+            view=view,
+            drawing=drawing,
+            target=self.pictures.images[frame, camera],
+            gain=self.gains.values[camera],
+            lambda_dssim=self.config.group.lambda_dssim,
+            unit=self.pictures.unit,
+            points=self.points,
+            changes=changes,
+            neighbors=self.neighbors,
+            frame=frame,
+            frames=self.pictures.count,
+            last=last_frame,
+            rng=self.rng,
+        )
+        loss = backward(GROUP, drawn, self.config.group)["photometric"].detach()
+
+        self._learn_time_offset(camera, moment, changes, share)
+        if not whole and also is None:  # otherwise the loss covers another set of pixels
+            self.schedule.record_loss(frame, camera, loss)
+        self.density.measure(iteration, drawing, view)
+        self.points.step(share, self.recovery.pace)
+        return loss
+
+    def find_neighbors(self) -> None:
+        """Find the neighbors of every point again, after points were added, removed or moved."""
+        self.neighbors = Neighbors.of(self.points.means, NEIGHBORS)
+
+    def result(self) -> GroupResult:
+        """Return the trained points and their changes."""
+        return group_result(self.points, self.pictures.count, self.static.alive, self.time_offsets.learned())
+
+    def psnr(self) -> float:
+        """Return the mean PSNR, dB, over a few training images."""
+        return training_psnr(
+            self.points, self.static, self.pictures, self.gains.values, self.time_offsets, self.schedule.available
+        )
+
+    def _use_pictures(self, pictures: Pictures) -> None:
+        """Switch to images of another size."""
+        self.pictures = pictures
+        self.static.set_views(pictures.views)
+        self.density.restart()
+        self.find_neighbors()
+
+    def _learn_time_offset(self, camera: int, moment: float, changes: Changes, share: float) -> None:
+        """Refine a camera's time offset by the derivative of the loss with respect to the moment that was drawn."""
+        frames = self.pictures.count
+        if not self.time_offsets.enabled or frames < 2:
+            return
+        if changes.dx.grad is not None:
+            gained = slope(self.points.deformation, self.points.means, moment, frames, (changes.dx, changes.dq))
+            self.time_offsets.note(camera, gained, share)
+
+    def _shows(self, iteration: int) -> bool:
+        return (iteration + 1) % SHOW_EVERY == 0

@@ -1,0 +1,158 @@
+"""Dynamic points of a group during training: canonical Gaussians, their motion and their appearance."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import torch
+from torch import Tensor
+
+from splatreel.config import GroupConfig
+from splatreel.method.deform.adam import Restore, merge_snapshots
+from splatreel.method.deform.appearance import Appearance, detect_cuts
+from splatreel.method.deform.models import make_deformation
+from splatreel.method.deform.protocol import Deformation
+from splatreel.method.tracking.tracking import GroupStart
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.points import TrainablePoints
+from splatreel.method.train.render import Splats, View, deformed
+
+CANONICAL_RATES = {
+    "means": 3.6e-4,
+    "quats": 8e-3,
+    "log_scales": 2.4e-2,
+    "logit_opacities": 8e-2,
+    "sh_base": 1.6e-2,
+    "sh_rest": 4e-4,
+}
+"""Learning rates; of means per viewing distance. They are higher than a keyframe's, since moving points may be hidden at the
+keyframe, and added points are guesses."""
+
+
+@dataclass(frozen=True)
+class Changes:
+    """Difference from the keyframe at a moment.
+
+    Attributes:
+        dx: [N, 3] position offsets, world units.
+        dq: [N, 4] rotation offsets.
+        shade: [N, 4] as `Appearance.at`; None if appearance is fixed.
+    """
+
+    dx: Tensor
+    dq: Tensor
+    shade: Tensor | None
+
+
+class MovingPoints:
+    """Dynamic points in three parts, whose rows are added and removed together.
+
+    Attributes:
+        canonical: Gaussians at the keyframe.
+        deformation: Motion.
+        appearance: Change of color and opacity; None if fixed.
+    """
+
+    def __init__(self, canonical: TrainablePoints, deformation: Deformation, appearance: Appearance | None) -> None:
+        """Combine the three parts, see the attributes."""
+        self.canonical, self.deformation, self.appearance = canonical, deformation, appearance
+
+    @staticmethod
+    def of(start: GroupStart, pictures: Pictures, config: GroupConfig, seed: int) -> MovingPoints:
+        """Create the points from which a group's training starts, on the device of its images."""
+        device = pictures.images.device
+        rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * pictures.unit}
+        canonical = TrainablePoints.from_gaussians(start.dynamic, rates, device)
+        tracks, shades = (None if a is None else torch.from_numpy(a).to(device) for a in (start.tracks, start.shades))
+        fixed = None if shades is None else shades.any(2).any(0)
+        means = canonical.means.detach()
+        deformation = make_deformation(config.deformation, means, pictures.count, pictures.unit, seed, tracks, fixed)
+        if not config.appearance:
+            return MovingPoints(canonical, deformation, None)
+        cuts = detect_cuts(pictures.images)
+        return MovingPoints(canonical, deformation, Appearance(pictures.count, len(canonical), device, shades, cuts))
+
+    def __len__(self) -> int:
+        """Return the number of points."""
+        return len(self.canonical)
+
+    @property
+    def means(self) -> Tensor:
+        """Positions at the keyframe, [N, 3] world."""
+        return self.canonical.means
+
+    def changes(self, moment: float) -> Changes:
+        """Return the changes at a moment, in frames of the group. The next step follows gradients of the returned tensors."""
+        dx, dq = self.deformation.offsets(self.means, moment)
+        return Changes(dx, dq, None if self.appearance is None else self.appearance.at(moment))
+
+    def splats(self, changes: Changes, view: View, near: float) -> Splats:
+        """Project the points with these changes."""
+        return deformed(self.canonical.params, (changes.dx, changes.dq), changes.shade, view, near)
+
+    def at(self, moment: float, view: View, near: float) -> Splats:
+        """Project the points at a moment, in frames of the group."""
+        return self.splats(self.changes(moment), view, near)
+
+    def highest_logits(self) -> Tensor:
+        """Return the logits [N] of the opacities, each at the moment of its maximum."""
+        logits = self.canonical.params["logit_opacities"]
+        return logits if self.appearance is None else logits + self.appearance.highest
+
+    def step(self, share: float, pace: float = 1.0) -> None:
+        """Follow the gradients and clear them.
+
+        Args:
+            share: Share of training that is over, 0..1.
+            pace: Factor for the learning rates.
+        """
+        self.canonical.scale_rates({}, default=pace * 0.1**share)
+        self.canonical.step()
+        self.deformation.step(share, pace)
+        if self.appearance is not None:
+            self.appearance.step(share, pace)
+
+    def snapshot(self) -> Restore:
+        """Copy everything that training changes."""
+        return merge_snapshots([part.snapshot() for part in self._parts])
+
+    def check(self) -> None:
+        """Check all values.
+
+        Raises:
+            GaussiansError: If a value is NaN or infinite.
+        """
+        for part in self._parts:
+            part.check()
+
+    def keep(self, index: Tensor) -> None:
+        """Keep the rows of an index [M] int64, in its order; keep all if the index is empty."""
+        if len(index) == 0:
+            return
+        self.canonical.keep(index)
+        self.deformation.keep(index)
+        if self.appearance is not None:
+            self.appearance.keep(index)
+
+    def clone(self, index: Tensor) -> None:
+        """Add copies of rows [M] int64, with their motion and appearance."""
+        self._append(self.canonical.rows(index), index)
+
+    def append(self, params: Mapping[str, Tensor]) -> None:
+        """Add points at rest. params: unconstrained tensors, as in `TrainablePoints`."""
+        self._append(params, None)
+
+    @property
+    def _parts(self) -> list[TrainablePoints | Deformation | Appearance]:
+        parts: list[TrainablePoints | Deformation | Appearance] = [self.canonical, self.deformation]
+        return parts if self.appearance is None else [*parts, self.appearance]
+
+    def _append(self, params: Mapping[str, Tensor], parents: Tensor | None) -> None:
+        count = len(params["means"])
+        if count == 0:
+            return
+        self.canonical.append(params)
+        self.deformation.append(params["means"], parents)
+        if self.appearance is not None:
+            self.appearance.append(count, parents)

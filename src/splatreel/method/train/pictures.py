@@ -1,0 +1,125 @@
+"""Training images and the views that took them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.base import threads
+from splatreel.base.paged_arrays import frame_array, release_pages
+from splatreel.method.train.render import View
+
+
+@dataclass(frozen=True)
+class Pictures:
+    """Training images at one resolution.
+
+    Attributes:
+        images: [T, C, H, W, 3] uint8. A keyframe has T = 1.
+        views: C views.
+        near: Near plane, world units.
+        unit: Typical viewing distance, world units.
+        unknown: [C, H, W] bool, pixels of a keyframe without a valid value; None if all are valid.
+        array: The array of `frame_array` that `images` is a view of, if there is one.
+    """
+
+    images: Tensor
+    views: list[View]
+    near: float
+    unit: float
+    unknown: Tensor | None = None
+    array: np.ndarray | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of frames, T."""
+        return self.images.shape[0]
+
+    def target(self, camera: int, drawn: Tensor, gain: Tensor | None) -> Tensor:
+        """Return the target image [H, W, 3] uint8 of a keyframe's camera.
+
+        Unknown pixels repeat the drawing, so that they cause no loss.
+
+        Args:
+            camera: Number of the camera.
+            drawn: [H, W, 3] current drawing, 0..1, before the color gain.
+            gain: [3] color gain of the camera; None is 1.
+        """
+        image = self.images[0, camera]
+        if self.unknown is None:
+            return image
+        shown = drawn.detach() if gain is None else drawn.detach() * gain.detach()
+        as_shown = (shown.clamp(0, 1) * 255).round().to(torch.uint8)
+        return torch.where(self.unknown[camera][..., None], as_shown, image)
+
+    def sizes(self, iterations: int, coarse_share: float, afforded: float) -> list[tuple[int, Pictures]]:
+        """Return the resolutions that training uses, smallest first, each with the iteration at which its use ends.
+
+        Args:
+            iterations: Iterations of training.
+            coarse_share: Share of the iterations at half size.
+            afforded: See `Config.training_megapixels`.
+        """
+        *_, height, width, _ = self.images.shape
+        sizes, shown = [], self
+        for end in size_ends(1e-6 * width * height, coarse_share, afforded):
+            if sizes:
+                shown = shown.halved()
+            sizes.append((round(end * iterations), shown))
+        return sizes[::-1]
+
+    def release_pages(self) -> None:
+        """Release the memory pages of images that are backed by a file. They are read again when needed."""
+        if self.array is not None:
+            release_pages(self.array)
+
+    def halved(self) -> Pictures:
+        """Return the images at half size. Frames are converted one at a time, since a group's images as floats take much memory."""
+        count, cameras, height, width, channels = self.images.shape
+        shape = (count, cameras, height // 2, width // 2, channels)
+        array = None if self.images.is_cuda else frame_array(shape)
+        small = self.images.new_empty(shape) if array is None else torch.from_numpy(array)
+
+        def halve(frame: int) -> None:
+            small[frame].copy_(halved(self.images[frame]))
+            self.release_pages()
+
+        threads.map_parallel(halve, range(count))
+        unknown = self.unknown
+        if unknown is not None:  # unknown if any of the four pixels is
+            unknown = torch.nn.functional.max_pool2d(unknown[:, None].float(), 2)[:, 0] > 0
+        views = [view.halved() for view in self.views]
+        return replace(self, images=small, views=views, unknown=unknown, array=array)
+
+
+def size_ends(megapixels: float, coarse_share: float, afforded: float) -> list[float]:
+    """Return the shares of training at which the use of images halved 0, 1, 2 times and so on ends.
+
+    Large images use each size for the iterations that are afforded. The smallest of these sizes then counts as full size, which
+    the coarse iterations halve.
+
+    Args:
+        megapixels: Size of the images.
+        coarse_share: Share of training at half size.
+        afforded: See `Config.training_megapixels`; 0 is no limit.
+    """
+    ends = [1.0]
+    while afforded and (share := afforded / megapixels) < ends[-1] - coarse_share:
+        ends.append(ends[-1] - share)
+        megapixels /= 4
+    return [*ends, coarse_share] if coarse_share else ends
+
+
+def halved(images: Tensor) -> Tensor:
+    """Average images [C, H, W, 3] uint8 over blocks of 2 x 2 pixels. An odd row or column is cut off."""
+    if images.is_cuda:
+        small = torch.nn.functional.avg_pool2d(images.permute(0, 3, 1, 2).float(), 2)
+        return small.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
+    height, width = images.shape[1] // 2, images.shape[2] // 2
+    even = images[:, : 2 * height, : 2 * width].numpy()
+    small = [cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) for image in even]
+    return torch.from_numpy(np.stack(small))

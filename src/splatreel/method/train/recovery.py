@@ -1,0 +1,112 @@
+"""Recovery of training from NaN and infinity: return to the last good state, and continue at lower learning rates."""
+
+from __future__ import annotations
+
+import math
+from typing import Protocol
+
+from torch import Tensor
+
+from splatreel.base.errors import GaussiansError, ReconstructionError
+from splatreel.base.progress import Progress
+from splatreel.method.deform.adam import Restore
+
+KEEP_EVERY = 250
+"""Iterations between two saved states. Saving one takes a fraction of an iteration."""
+SLOWDOWN = 0.5
+"""Factor by which learning rates are multiplied at each recovery."""
+ATTEMPTS = 4
+"""Recoveries before training fails."""
+
+
+class Training(Protocol):
+    """A training whose state can be restored."""
+
+    def snapshot(self) -> Restore:
+        """Copy everything that training changes."""
+        ...
+
+    def check(self) -> None:
+        """Check all values.
+
+        Raises:
+            GaussiansError: If a value is NaN or infinite.
+        """
+        ...
+
+
+class Recovery:
+    """Last good state of a training.
+
+    A single failure may be chance: the pace returns to 1 once training has passed it. After a second failure the pace stays
+    low.
+
+    Attributes:
+        pace: Factor for the learning rates.
+    """
+
+    def __init__(self) -> None:
+        """Start without a saved state, at pace 1."""
+        self.pace = 1.0
+        self._attempts, self._failed = 0, 0
+        self._done = 0
+        self._restore: Restore | None = None
+
+    def save_state(self, done: int, training: Training) -> None:
+        """Save the state after `done` iterations."""
+        training.check()
+        self._done, self._restore = done, training.snapshot()
+
+    def release_state(self) -> None:
+        """Release the saved state. It refers to the training, and the training to this object, so both would stay in memory."""
+        self._restore = None
+
+    def check_iteration(self, done: int, loss: Tensor, training: Training) -> None:
+        """Check an iteration, and save the state if due.
+
+        On a GPU only saved states are checked, since reading a value waits for the GPU.
+
+        Args:
+            done: Number of finished iterations.
+            loss: Loss [] of the last iteration.
+            training: The training.
+
+        Raises:
+            GaussiansError: If a value is NaN or infinite.
+        """
+        due = done >= self._done + KEEP_EVERY
+        if (due or not loss.is_cuda) and not math.isfinite(loss.item()):
+            raise GaussiansError(f"the training error is {loss.item()}")
+        if due:
+            self.save_state(done, training)
+            if self._attempts == 1 and done > self._failed:
+                self.pace = 1.0
+
+    def restore(self, failed: int, error: GaussiansError, progress: Progress) -> int:
+        """Restore the last good state and lower the learning rates.
+
+        Args:
+            failed: Iteration after which NaN or infinity was found.
+            error: The error that was raised.
+            progress: Receives a note.
+
+        Returns:
+            Number of iterations that are done in the restored state.
+
+        Raises:
+            ReconstructionError: After too many recoveries.
+        """
+        if self._attempts == ATTEMPTS:
+            raise ReconstructionError(
+                f"Training ends in NaN or infinity, even at {self.pace:g} times its learning rates: {error}. Look for a camera with "
+                "a wrong image or pose (splatreel capture check), and leave it out. Finished groups are kept."
+            ) from error
+        self._attempts, self._failed = self._attempts + 1, failed
+        self.pace = SLOWDOWN**self._attempts
+        progress.note(
+            f"NaN or infinity at iteration {failed:,} ({str(error).rstrip('.')}): training continues from iteration "
+            f"{self._done:,}, at {self.pace:g} times its learning rates"
+        )
+        if self._restore is not None:
+            self._restore()
+        return self._done

@@ -1,0 +1,163 @@
+"""Reconstruction of one frame as a static scene with 3DGS: the first keyframe of a run, and a baseline."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import torch
+
+from splatreel.base.progress import Progress, Silent
+from splatreel.config import Config
+from splatreel.method.cameras.color_gains import CameraGains
+from splatreel.method.init.initial_points import InitialPoints, initial_points, near_plane
+from splatreel.method.init.layout import Layout, border_color, measure
+from splatreel.method.train.keyframe import KeyframeTrainer, starting_points
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.render import View
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.volumes import Volume
+
+LOW_PSNR = 20.0
+"""PSNR of training images, dB, below which the user is warned. Noise and short training alone give more."""
+
+
+@dataclass(frozen=True)
+class Subject:
+    """The subject that masks show.
+
+    Attributes:
+        hull: Space within the masks of the first frame.
+        backgrounds: Color behind the subject in the images of each camera, 0..1.
+    """
+
+    hull: Volume
+    backgrounds: dict[str, tuple[float, float, float]]
+
+
+def reconstruct_single_frame(
+    cameras: list[Camera],
+    images: np.ndarray,
+    config: Config,
+    *,
+    points: np.ndarray | None = None,
+    point_colors: np.ndarray | None = None,
+    near: float | None = None,
+    device: torch.device | None = None,
+    progress: Progress | None = None,
+) -> tuple[Gaussians, Layout]:
+    """Reconstruct one frame as a static scene, like the first keyframe of a run (paper section 5.1). It is not encoded.
+
+    Args:
+        cameras: Training cameras.
+        images: [C, H, W, 3] uint8 of the training cameras.
+        config: Settings.
+        points: [P, 3] sparse points of this frame; None triangulates them.
+        point_colors: [P, 3] 0..1, colors of `points`.
+        near: Minimum distance of content from a camera, world units.
+        device: Device to train on; the CPU by default.
+        progress: Receives one step per iteration.
+
+    Raises:
+        ReconstructionError: If images and cameras do not match.
+        GaussiansError: If training ends in NaN or infinity.
+    """
+    config = config.for_video(1)
+    keyframe = config.keyframe
+    seeds, layout = lay_out(cameras, images, config, points, point_colors, near)
+    gains = CameraGains(len(cameras), device or torch.device("cpu"), config.correct_colors)
+    trainer = first_keyframe_trainer(seeds.points, seeds.colors, layout, cameras, gains, config)
+    progress = progress or Silent()
+    train_frame(trainer, cameras, images, layout, keyframe.first_iterations, keyframe.coarse_share, config, progress)
+    gaussians = trainer.points.gaussians()
+    gaussians.check_finite("The static reconstruction")
+    return gaussians, layout
+
+
+def lay_out(
+    cameras: list[Camera],
+    images: np.ndarray,
+    config: Config,
+    points: np.ndarray | None = None,
+    point_colors: np.ndarray | None = None,
+    near: float | None = None,
+    subject: Subject | None = None,
+) -> tuple[InitialPoints, Layout]:
+    """Find the initial points of a frame and the measures of the scene.
+
+    `subject` is what masks show, if there are any. The other arguments and errors are those of `initial_points`.
+    """
+    within = None if subject is None else subject.hull
+    seeds = initial_points(cameras, images, points, point_colors, near, config.seed, within)
+    layout = replace(measure(cameras, seeds.points, near_plane(cameras, seeds.points)), region=config.region)
+    if subject is not None:
+        return seeds, replace(layout, backgrounds=subject.backgrounds)
+    return seeds, replace(layout, background=border_color(images)) if config.background else layout
+
+
+def first_keyframe_trainer(
+    positions: np.ndarray,
+    colors: np.ndarray,
+    layout: Layout,
+    cameras: list[Camera],
+    gains: CameraGains,
+    config: Config,
+) -> KeyframeTrainer:
+    """Create a trainer of all points of a frame, on the device of the gains.
+
+    Args:
+        positions: [P, 3] world.
+        colors: [P, 3] 0..1.
+        layout: Measures of the scene.
+        cameras: Training cameras.
+        gains: Color gains.
+        config: Settings.
+    """
+    keyframe = config.keyframe
+    points = starting_points(positions, colors, keyframe, layout.unit, gains.values.device)
+    pixels = cameras[0].width * cameras[0].height
+    most = min(keyframe.max_points, round(keyframe.points_per_pixel * pixels))
+    return KeyframeTrainer(points, gains, keyframe, max_points=most, seed=config.seed, region=layout.volume(cameras))
+
+
+def train_frame(
+    trainer: KeyframeTrainer,
+    cameras: list[Camera],
+    images: np.ndarray,
+    layout: Layout,
+    iterations: int,
+    coarse_share: float,
+    config: Config,
+    progress: Progress,
+    unknown: np.ndarray | None = None,
+) -> None:
+    """Train on one frame, first at smaller sizes (`Pictures.sizes`).
+
+    Args:
+        trainer: Trainer of the points.
+        cameras: Training cameras.
+        images: [C, H, W, 3] uint8.
+        layout: Measures of the scene.
+        iterations: Iterations of training.
+        coarse_share: Share of the iterations at half size.
+        config: Settings.
+        progress: Receives the current iteration.
+        unknown: [C, H, W] bool, pixels without a valid value; None if all are valid.
+    """
+    device = trainer.points.means.device
+    views = [
+        View.of(camera, device, config.antialias, layout, gain)
+        for camera, gain in zip(cameras, trainer.gains.values, strict=True)
+    ]
+    mask = None if unknown is None else torch.from_numpy(unknown).to(device)
+    pictures = Pictures(torch.from_numpy(images).to(device)[None], views, layout.near, layout.unit, mask)
+    begin = 0
+    for end, shown in pictures.sizes(iterations, coarse_share, config.training_megapixels):
+        if end > begin:
+            trainer.train(shown, end - begin, iterations, progress)
+            begin = end
+    progress.update(iterations, points=len(trainer.points))
+    if trainer.static is None and (psnr := trainer.psnr(pictures)) < LOW_PSNR:
+        why = "the cameras disagree. Check their poses, intrinsics and synchronization"
+        progress.note(f"low PSNR of the training images, {psnr:.1f} dB: {why}")

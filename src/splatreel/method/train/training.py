@@ -1,0 +1,137 @@
+"""Training stages of a run: the first keyframe, later keyframes and groups."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import torch
+
+from splatreel.base.progress import Progress
+from splatreel.config import Config
+from splatreel.method.cameras.color_gains import CameraGains
+from splatreel.method.cameras.group_input import GroupInput
+from splatreel.method.cameras.time_offsets import TimeOffsets
+from splatreel.method.images.temporal_mean import temporal_mean
+from splatreel.method.layering.labels import convertible
+from splatreel.method.tracking.tracking import GroupStart
+from splatreel.method.train.group import GroupResult, GroupTrainer
+from splatreel.method.train.keyframe import KeyframeResult, KeyframeTrainer
+from splatreel.method.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.points import TrainablePoints, default_rates
+from splatreel.method.train.render import View
+from splatreel.method.train.single_frame import first_keyframe_trainer, train_frame
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.static_points import StaticPoints
+
+
+def train_first_keyframe(
+    data: GroupInput,
+    positions: np.ndarray,
+    colors: np.ndarray,
+    config: Config,
+    progress: Progress,
+    unknown: np.ndarray | None = None,
+    watch: Callable[[Callable[[], Gaussians]], None] | None = None,
+) -> KeyframeResult:
+    """Train all points of the first group's keyframe, from initial points.
+
+    Args:
+        data: Training views of the group.
+        positions: [P, 3] world.
+        colors: [P, 3] 0..1.
+        config: Settings.
+        progress: Receives the current iteration.
+        unknown: [C, H, W] bool, pixels without a valid value; None if all are valid.
+        watch: Called during training with a function that returns the points as they are now.
+    """
+    keyframe, gains = config.keyframe, known_gains(data, config)
+    trainer = first_keyframe_trainer(positions, colors, data.layout, data.cameras, gains, config)
+    trainer.watch = watch
+    return _trained(data, trainer, keyframe.first_iterations, keyframe.coarse_share, config, progress, unknown)
+
+
+def train_keyframe(
+    data: GroupInput, dynamic: Gaussians, static: StaticPoints, config: Config, progress: Progress
+) -> KeyframeResult:
+    """Train the dynamic points of a later keyframe, starting from the previous group, in front of frozen static points."""
+    keyframe = config.keyframe
+    points = TrainablePoints.from_gaussians(dynamic, default_rates(data.unit, keyframe.rate_scale), data.device)
+    most = len(points) + max(1000, len(points) // 3)
+    gains, behind = known_gains(data, config), static.living
+    trainer = KeyframeTrainer(
+        points,
+        gains,
+        keyframe,
+        static=behind,
+        max_points=most,
+        losses=KEYFRAME_BEFORE_STATIC if len(behind) else KEYFRAME,
+        seed=data.seed,
+        region=data.layout.volume(data.cameras),
+    )
+    return _trained(data, trainer, keyframe.refine_iterations, 0.0, config, progress)
+
+
+def train_group(
+    data: GroupInput, start: GroupStart, static: StaticPoints, config: Config, progress: Progress
+) -> GroupResult:
+    """Train the motion of a group's dynamic points from an initial state."""
+    trainer = group_trainer(data, start, static, config, convertible(data, static, config.layering.adapt_changed_share))
+    return trainer.train(progress)
+
+
+def group_trainer(
+    data: GroupInput, start: GroupStart, static: StaticPoints, config: Config, may_move: np.ndarray | None = None
+) -> GroupTrainer:
+    """Create the trainer of a group.
+
+    Args:
+        data: Training views of the group.
+        start: Initial state.
+        static: Static points.
+        config: Settings.
+        may_move: [S] bool, static points that may be converted; None allows all living points.
+    """
+    images = torch.from_numpy(data.images).to(data.device)
+    gains = known_gains(data, config)
+    views = [
+        View.of(camera, data.device, data.antialias, data.layout, gain)
+        for camera, gain in zip(data.cameras, gains.values, strict=True)
+    ]
+    time_offsets = TimeOffsets(len(data.cameras), config.group.time_offsets)
+    time_offsets.load(data.time_offsets)
+    return GroupTrainer(
+        Pictures(images, views, data.near, data.unit, array=None if images.is_cuda else data.images),
+        start,
+        static,
+        config,
+        gains=gains,
+        time_offsets=time_offsets,
+        may_move=may_move,
+        seed=data.seed + data.span.index,
+        missing=data.missing,
+        region=data.layout.volume(data.cameras),
+    )
+
+
+def known_gains(data: GroupInput, config: Config) -> CameraGains:
+    """Return the color gains that are known so far, to be refined."""
+    gains = CameraGains(len(data.cameras), data.device, config.correct_colors)
+    gains.load(torch.from_numpy(data.gains).to(data.device))
+    return gains
+
+
+def _trained(
+    data: GroupInput,
+    trainer: KeyframeTrainer,
+    iterations: int,
+    coarse: float,
+    config: Config,
+    progress: Progress,
+    unknown: np.ndarray | None = None,
+) -> KeyframeResult:
+    images = temporal_mean(data.images) if config.keyframe.temporal_mean else data.images[0]
+    unknown = data.unknown if unknown is None else unknown
+    train_frame(trainer, data.cameras, images, data.layout, iterations, coarse, config, progress, unknown)
+    return KeyframeResult(trainer.points.gaussians(), trainer.gains.values.cpu().numpy())

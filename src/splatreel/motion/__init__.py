@@ -1,1 +1,0 @@
-"""Motion in images: optical flow, masks, tracks, new points, exposure and light."""

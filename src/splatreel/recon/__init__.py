@@ -1,1 +1,0 @@
-"""Reconstruction of captures into reels."""

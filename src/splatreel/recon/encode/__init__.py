@@ -1,1 +1,0 @@
-"""Encoding of checkpoints to reels: choice of quantization steps, sound, and writing of finished groups."""

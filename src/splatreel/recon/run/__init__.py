@@ -1,1 +1,0 @@
-"""Files, locks, plan, device, time and memory of a run."""

@@ -1,0 +1,1 @@
+"""Runs: groups and chapters in order, checkpoints, estimates, machines, live captures."""

@@ -1,0 +1,107 @@
+"""Reconstruction of groups, one after the other: each starts from the state that the group before it passed on."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+
+from splatreel.capture.base import Capture
+from splatreel.capture.prefetch import FramePrefetcher
+from splatreel.codec.preview import remove_previews
+from splatreel.method.cameras.group_input import GroupInput
+from splatreel.method.cameras.rig import Rig
+from splatreel.method.init.layout import Layout
+from splatreel.method.tracking.tracking import VelocityPrior
+from splatreel.run.device import check_room
+from splatreel.run.job import Job
+from splatreel.run.output.group_output import Output
+from splatreel.run.stages.group_stages import GROUP_STAGES, restored_rig
+from splatreel.run.stages.stage import GroupState, Handover, NextGroup
+from splatreel.scene.group import Group
+from splatreel.scene.spans import GroupSpan
+from splatreel.scene.static_points import StaticPoints
+
+
+def reconstruct_groups(
+    job: Job,
+    spans: list[GroupSpan],
+    capture: Capture,
+    layout: Layout,
+    before: Handover,
+    output: Output,
+    plates: np.ndarray | None = None,
+) -> None:
+    """Reconstruct groups in order, from the first that is not finished. A thread decodes the frames of the next group ahead.
+
+    Args:
+        job: The run, or the chapter.
+        spans: Its groups.
+        capture: The capture that the frames are read from.
+        layout: Measures of the scene.
+        before: State that the first of the groups starts from.
+        output: Destination of finished layers and groups.
+        plates: Images [C, H, W, 3] uint8 of the shared scene, for a chapter.
+    """
+    finished = min(job.store.finished_groups(spans[0].index), len(spans))
+    for place, span in enumerate(spans[:finished]):
+        before = restore_group(job, span, before)
+        output.restore(span.index, last=place + 1 == finished)
+    todo = spans[finished:]
+    with FramePrefetcher(capture, before.rig.names, [(span.first, span.count) for span in todo]) as stretches:
+        for span, frames in zip(todo, stretches, strict=True):
+            missing = capture.missing(span.first, span.count, before.rig.names)
+            before = reconstruct_group(job, span, frames, before, layout, output, plates, missing)
+
+
+def reconstruct_group(
+    job: Job,
+    span: GroupSpan,
+    frames: np.ndarray,
+    before: Handover,
+    layout: Layout,
+    output: Output,
+    plates: np.ndarray | None = None,
+    missing: np.ndarray | None = None,
+) -> NextGroup:
+    """Reconstruct one group: train its keyframe, separate static from dynamic points, track and train their motion, write it.
+
+    Args:
+        job: The run.
+        span: Frames of the group.
+        frames: Images [T, C, H, W, 3] uint8, which this function changes.
+        before: State that the group before it passed on.
+        layout: Measures of the scene.
+        output: Destination of the finished layer and group.
+        plates: Images [C, H, W, 3] uint8 of the shared scene, for a chapter.
+        missing: [T, C] bool, images that the cameras lack; None if all exist.
+
+    Returns:
+        State for the next group.
+    """
+    if job.device.type == "cuda":
+        check_room(frames.nbytes, torch.cuda.mem_get_info(job.device)[0], frames.shape[3])
+    config = job.config
+    if missing is not None:  # an image that stands in for a frame without any is better than none
+        missing = missing & ~missing.all(1, keepdims=True)
+        missing = missing if missing.any() else None
+    data = GroupInput(span, frames, before.rig, None, layout, job.device, config.seed, config.antialias, missing)
+    state = GroupState(job, before, data, output, plates)
+    for stage in GROUP_STAGES:
+        stage.execute(state)
+    remove_previews(job.store.work.parent)  # players now show the group
+    return hand_over(span, state.rig, state.static, state.group)
+
+
+def restore_group(job: Job, span: GroupSpan, before: Handover) -> NextGroup:
+    """Return the state that a finished group passed on, from its checkpoints."""
+    store = job.store.group(span.index)
+    layer, static = store.layer(), before.static
+    if layer is not None:
+        static = static.with_layer(layer.decoded)
+    return hand_over(span, restored_rig(before.rig, store, span.own), static, store.group().group)
+
+
+def hand_over(span: GroupSpan, rig: Rig, static: StaticPoints, group: Group) -> NextGroup:
+    """Return the state at the next keyframe, with the dynamic points deformed to it (paper section 4)."""
+    velocity = VelocityPrior.of(group, span.own)
+    return NextGroup(rig, static.with_alive(group.alive), group.at(span.own), velocity)

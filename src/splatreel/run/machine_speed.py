@@ -1,0 +1,180 @@
+"""Processor of this machine, and its speed: two timed training steps, compared with the machine that costs were measured on."""
+
+from __future__ import annotations
+
+import functools
+import platform
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import llvmlite.binding as llvm
+import numpy as np
+import torch
+
+from splatreel.base import threads
+from splatreel.kernels import splat
+from splatreel.method.train.points import TrainablePoints, default_rates
+from splatreel.method.train.render import View, deformed, draw
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+KERNEL_GAIN = 0.75
+"""Time of a step with the present training kernels, as a share of that with the kernels that costs were measured with: 0.73 with
+AVX-512, 0.85 with AVX2. Other work did not become faster."""
+NEAR, DISTANCE = 0.1, 4.0
+CPUINFO = Path("/proc/cpuinfo")
+WIDTHS = {"avx512f": "AVX-512", "avx2": "AVX2", "sve": "SVE", "neon": "NEON"}
+"""Widest vector instructions that kernels are compiled for, by LLVM's name of the feature, the widest first."""
+
+
+@dataclass(frozen=True)
+class Probe:
+    """A training step on random points that is timed.
+
+    Attributes:
+        points: Number of points.
+        width: Width of the image in pixels.
+        height: Height of the image in pixels.
+        scale: Mean logarithm of the points' scales.
+        seconds: Seconds of the step on one thread of the machine that `workload` was measured on.
+        repeats: Number of steps. The fastest counts, so that other programs hardly matter.
+    """
+
+    points: int
+    width: int
+    height: int
+    scale: float
+    seconds: float
+    repeats: int
+
+    @property
+    def megapixels(self) -> float:
+        """Megapixels of the image."""
+        return self.width * self.height / 1e6
+
+
+SMALL = Probe(20_000, 320, 180, -4.2, 0.0215, 9)
+"""The step took 0.019 s on that machine (AMD Zen 5) when it was idle, and 0.0235 s when it was busy. Costs were measured at both
+times."""
+LARGE = Probe(46_000, 1280, 720, -4.6, 0.172, 5)
+"""Number of points that images of this size get. Measured on an Intel Sapphire Rapids, which also has AVX-512, and scaled by the time
+of the small step on both machines."""
+
+
+@dataclass(frozen=True)
+class MachineSpeed:
+    """Seconds of work on this machine as a multiple of those on the machine that was measured.
+
+    Processors differ in the ratio of `small` and `large`: large images need memory bandwidth, small images fit into caches.
+
+    Attributes:
+        small: Training with images of the size of `SMALL`.
+        large: Training with images of the size of `LARGE`.
+        other: Everything else, which runs on the CPU.
+    """
+
+    small: float = 1.0
+    large: float = 1.0
+    other: float = 1.0
+
+    def training(self, megapixels: float) -> float:
+        """Return the factor of training with images of that size, interpolated between the two by its logarithm."""
+        ends = np.log([SMALL.megapixels, LARGE.megapixels])
+        return float(np.exp(np.interp(np.log(max(megapixels, 1e-6)), ends, np.log([self.small, self.large]))))
+
+
+def measure_speed(device: torch.device) -> MachineSpeed:
+    """Time both steps. This takes two seconds, and longer where kernels must be compiled first."""
+    small, large = (_seconds(probe, device) / probe.seconds for probe in (SMALL, LARGE))
+    on_cpu = small if device.type == "cpu" else _seconds(SMALL, torch.device("cpu")) / SMALL.seconds
+    return MachineSpeed(small, large, on_cpu / KERNEL_GAIN)
+
+
+def on_one_thread(work: Callable[[], None]) -> None:
+    """Run a function on one thread."""
+    with threads.limited(1):
+        work()
+
+
+def _seconds(probe: Probe, device: torch.device) -> float:
+    """Return the seconds of a step. On the CPU it is processor time of one thread."""
+    step, found = _step(probe, device), list[float]()
+
+    def work() -> None:
+        step()
+        clock = time.process_time if device.type == "cpu" else time.perf_counter
+        for _ in range(probe.repeats):
+            start = clock()
+            step()
+            found.append(clock() - start)
+
+    on_one_thread(work)
+    return min(found)
+
+
+def _step(probe: Probe, device: torch.device) -> Callable[[], None]:
+    """Return one training step, gradients included, on small random points in a box in front of a camera."""
+    rng, count = np.random.default_rng(0), probe.points
+    sh = rng.normal(0, 0.02, (count, 16, 3))
+    sh[:, 0] = rng.normal(0, 0.5, (count, 3))
+    quats = rng.normal(size=(count, 4))
+    gaussians = Gaussians(
+        means=rng.uniform(-1, 1, (count, 3)) * [1.6, 0.9, 1.0],
+        quats=quats / np.linalg.norm(quats, axis=1, keepdims=True),
+        scales=np.exp(rng.normal(probe.scale, 0.5, (count, 3))),
+        opacities=rng.uniform(0.1, 1, count),
+        sh=sh,
+    )
+    viewmat = np.eye(4)
+    viewmat[2, 3] = DISTANCE
+    width, height = probe.width, probe.height
+    K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]])
+    view = View.of(Camera("front", viewmat, K, width, height), device)
+    points = TrainablePoints.from_gaussians(gaussians, default_rates(DISTANCE), device)
+    target = torch.zeros((height, width, 3), dtype=torch.uint8, device=device)
+
+    def step() -> None:
+        drawing = draw(deformed(points.params, None, None, view, NEAR), view, None)
+        splat.photometric_loss(drawing.image, target, tiles=drawing.tiles).backward()
+        points.clear()
+        if device.type == "cuda":
+            torch.cuda.synchronize(device)
+
+    return step
+
+
+@functools.cache
+def processor_name() -> str:
+    """Return the model, such as `AMD EPYC 7763 64-Core Processor`, or the architecture where the system does not tell the model."""
+    return " ".join((_model() or platform.processor() or platform.machine() or "unknown processor").split())
+
+
+def describe_processor() -> str:
+    """Return a description such as `AMD EPYC 7763 64-Core Processor with AVX2, 2 cores`."""
+    features, cores = llvm.get_host_cpu_features(), threads.available()
+    width = next((f" with {name}" for feature, name in WIDTHS.items() if features.get(feature)), "")
+    return f"{processor_name()}{width}, {cores} core{'s'[: cores > 1]}"
+
+
+def _model() -> str:
+    """Return the model as the operating system tells it, or an empty text."""
+    try:
+        if sys.platform == "linux":
+            lines = CPUINFO.read_text(encoding="utf-8", errors="replace").splitlines()
+            fields = dict(reversed([[part.strip() for part in line.split(":", 1)] for line in lines if ":" in line]))
+            return fields.get("model name") or fields.get("Model") or ""
+        if sys.platform == "darwin":
+            command = ["sysctl", "-n", "machdep.cpu.brand_string"]
+            return subprocess.run(command, capture_output=True, text=True, check=True, timeout=10).stdout
+        if sys.platform == "win32":
+            import winreg
+
+            with winreg.OpenKey(winreg.HKEY_LOCAL_MACHINE, r"HARDWARE\DESCRIPTION\System\CentralProcessor\0") as key:
+                return str(winreg.QueryValueEx(key, "ProcessorNameString")[0])
+    except (OSError, subprocess.SubprocessError):
+        pass
+    return ""

@@ -1,0 +1,327 @@
+"""A run on a Ray cluster: its jobs are Ray tasks. Ray places them, and gives the job of a lost node to another one."""
+
+from __future__ import annotations
+
+import logging
+import pickle
+import socket
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from splatreel.base.command_line import install_command
+from splatreel.base.errors import MissingDependencyError, ReconstructionError, UsageError
+from splatreel.base.progress import Progress, Silent, parts_of
+from splatreel.run.job_log import log_file
+from splatreel.run.jobs import ChapteredRun, has_scene, save_frame_tables
+from splatreel.run.machines.driver import Driver
+from splatreel.run.machines.exchange import Exchange
+from splatreel.run.machines.node import NodeTask, make_chapter, make_scene
+from splatreel.run.machines.ray_nodes import ClusterPlan, Resources, share_nodes
+from splatreel.run.machines.reports import ChapterEnded, GroupDone, Noted, Reached, Report
+from splatreel.run.memory import needed_memory
+from splatreel.run.output.group_writer import PresentationHook, no_presentation
+from splatreel.run.pipeline import Result, RunSpec, reconstruct_sequence, result_of
+
+TIMEOUT = 10.0
+"""Seconds within which the head of a cluster must answer."""
+INTERVAL = 0.5
+"""Seconds between two looks at the reports of nodes."""
+
+
+@dataclass(frozen=True)
+class ClusterOptions:
+    """Options of a run on a cluster.
+
+    Attributes:
+        retries: How often a job is given to another node when its node is lost or its process is killed.
+        wait: Seconds to wait for a node that can hold a chapter, while an autoscaler starts it.
+        threads: Threads of each job; None chooses by the nodes' cores.
+    """
+
+    retries: int = 3
+    wait: float = 0.0
+    threads: int | None = None
+
+
+class Mailbox:
+    """Actor beside the driver that collects the reports of nodes."""
+
+    def __init__(self) -> None:
+        """Start empty."""
+        self._reports: list[Report] = []
+
+    def put(self, report: Report) -> None:
+        """Add a report."""
+        self._reports.append(report)
+
+    def take(self) -> list[Report]:
+        """Return the reports since the last call."""
+        taken, self._reports = self._reports, []
+        return taken
+
+
+def reconstruct_on_cluster(
+    spec: RunSpec,
+    address: str,
+    *,
+    url: str | None = None,
+    options: ClusterOptions = ClusterOptions(),
+    progress: Progress | None = None,
+    present: PresentationHook = no_presentation,
+) -> Result:
+    """Reconstruct a run like `pipeline.reconstruct`; nodes of a Ray cluster make the scene and the chapters. The reel is written here.
+
+    Args:
+        spec: The run. All nodes read its capture by the same path or address.
+        address: auto, or HOST:PORT of the cluster's head.
+        url: Address of a folder where nodes exchange checkpoints (see `open_folder`); None if all nodes share the spec's folder.
+        options: Options of the cluster.
+        progress: Display of the progress of all nodes.
+        present: Adds poster and thumbnails to the reel.
+
+    Raises:
+        MissingDependencyError: Ray is not installed.
+        UsageError: No cluster answers, or no node of it can hold a chapter.
+        SplatreelError: As `local_processes.reconstruct_here` raises it.
+    """
+    progress = progress or Silent()
+    exchange = None if url is None else Exchange(url, spec.out, progress.note)
+    with connected(address) as cluster:  # before anything is read
+        if exchange is not None:
+            exchange.fetch_scene()  # it may have the frame tables, which opening the capture needs
+        with spec.opened() as run:
+            if len(run.chapters) == 1:
+                progress.note("The video is one chapter. It is reconstructed on this machine, not on the cluster.")
+                reconstruct_sequence(run, progress, present)
+            else:
+                with run.lock(), _ray_log(log_file(run.store.work, "ray")):
+                    _Cluster(cluster, run, spec, url, exchange, progress, options).make(present)
+            return result_of(run)
+
+
+class _Cluster:
+    """A connected cluster that makes a run.
+
+    Args:
+        ray: The module ray, connected.
+        run: The run.
+        spec: The same run, to be sent to nodes.
+        url: Address where checkpoints are exchanged, if any.
+        exchange: Exchange of the driver's own folder with that address.
+        progress: Display of the progress.
+        options: Options of the cluster.
+    """
+
+    def __init__(
+        self,
+        ray: Any,
+        run: ChapteredRun,
+        spec: RunSpec,
+        url: str | None,
+        exchange: Exchange | None,
+        progress: Progress,
+        options: ClusterOptions,
+    ) -> None:
+        """Wait for nodes, and start the mailbox."""
+        self.ray, self.run, self.exchange, self.progress, self.url = ray, run, exchange, progress, url
+        self.options = options
+        need = needed_memory(run.capture, run.config)
+        self.plan = wait_for_nodes(ray, len(run.chapters), spec.device, need, options, progress.note)
+        self.spec = pickle.dumps(spec)
+        self.mailbox = _mailbox(ray)
+
+    def make(self, present: PresentationHook) -> None:
+        """Make the scene, the chapters and the reel."""
+        save_frame_tables(self.run)
+        if self.exchange is not None:
+            self.exchange.send_tables()
+        if not has_scene(self.run):
+            self._make_scene(parts_of(self.progress, self.run.costs())[0])
+        if self.exchange is not None:
+            self.exchange.fetch_scene()
+            self.exchange.fetch_finished()
+        with Driver(
+            self.run, self.progress, present, min(self.plan.at_once, len(self.run.chapters)), self.url
+        ) as driver:
+            jobs = {chapter: (make_chapter, chapter) for chapter in driver.todo}
+            self._run(jobs, self._fetching(driver.receive), self.plan.chapter)
+            driver.finish()
+
+    def _make_scene(self, progress: Progress) -> None:
+        ended: list[str | None] = []
+
+        def receive(report: Report) -> None:
+            match report:
+                case Reached(_, share):
+                    progress.update(round(100 * share))
+                case Noted(_, text):
+                    progress.note(text)
+                case ChapterEnded(_, error):
+                    ended.append(error)
+                case _:
+                    pass
+
+        progress.stage("training the scene that all chapters share, on a node", 100, (0.0, 1.0))
+        self._run({0: (make_scene,)}, receive, self.plan.scene)
+        if ended[-1] is not None:
+            raise ReconstructionError(f"{self.run.out}: the scene that chapters share failed. {ended[-1]}")
+        progress.update(100)
+
+    def _run(self, jobs: dict[int, tuple[Any, ...]], receive: Callable[[Report], None], wanted: Resources) -> None:
+        """Run jobs until all have ended.
+
+        Args:
+            jobs: By number, a function and its arguments between the task and the way to send reports.
+            receive: Called with each report.
+            wanted: Resources of each job.
+        """
+        options = {"num_cpus": wanted.cores, "num_gpus": wanted.gpus, "memory": wanted.memory}
+        task = NodeTask(self.spec, self.url, self.options.threads or wanted.cores)
+        remote = self.ray.remote(max_retries=self.options.retries, scheduling_strategy="SPREAD", **options)(_on_node)
+        refs = {remote.remote(task, self.mailbox, *job): number for number, job in jobs.items()}
+        try:
+            while refs:
+                ready, _ = self.ray.wait(list(refs), timeout=INTERVAL)
+                for report in self.ray.get(self.mailbox.take.remote()):
+                    receive(report)
+                for ref in ready:
+                    receive(ChapterEnded(refs.pop(ref), self._outcome(ref)))
+        finally:
+            for ref in refs:
+                self.ray.cancel(ref, force=True)
+
+    def _outcome(self, ref: Any) -> str | None:
+        """Return the error of a job or of its node; None for success."""
+        try:
+            return self.ray.get(ref)
+        except self.ray.exceptions.RayError as error:
+            lines = str(error).strip().splitlines() or [type(error).__name__]
+            return f"Ray gave up after {1 + self.options.retries} attempts: {' '.join(lines[-1].split()):.400}"
+
+    def _fetching(self, receive: Callable[[Report], None]) -> Callable[[Report], None]:
+        """Return a receiver that fetches finished groups to this machine before it hands their report on."""
+
+        def fetch_and_receive(report: Report) -> None:
+            if self.exchange is not None and isinstance(report, GroupDone):
+                self.exchange.fetch_finished([report.group])
+            elif self.exchange is not None and isinstance(report, ChapterEnded) and report.error is None:
+                groups = self.run.chapters[report.chapter].groups
+                self.exchange.fetch_finished(span.index for span in groups)
+            receive(report)
+
+        return fetch_and_receive
+
+
+def _on_node(task: NodeTask, mailbox: Any, make: Callable[..., str | None], *arguments: Any) -> str | None:
+    return make(task, *arguments, mailbox.put.remote)
+
+
+def wait_for_nodes(
+    ray: Any, chapters: int, device: str, need: int, options: ClusterOptions, tell: Callable[[str], None]
+) -> ClusterPlan:
+    """Return how the jobs share a cluster, once one of its nodes can hold a job. An autoscaler is asked for such a node.
+
+    Args:
+        ray: The module ray, connected.
+        chapters: Number of chapters.
+        device: auto, cpu or cuda.
+        need: Bytes of memory of a job.
+        options: Options of the cluster.
+        tell: Receives a message if there is something to wait for.
+
+    Raises:
+        UsageError: No such node appeared in time.
+    """
+    end, asked = time.monotonic() + options.wait, False
+    while True:
+        try:
+            return share_nodes(ray.nodes(), chapters, device, need, options.threads)
+        except UsageError:
+            if time.monotonic() >= end:
+                raise
+        if not asked:
+            tell(f"Waiting up to {options.wait:g} s for a node of the cluster that can hold a chapter")
+            _ask_autoscaler(ray, need, options.threads or 1)
+            asked = True
+        time.sleep(INTERVAL)
+
+
+def _ask_autoscaler(ray: Any, need: int, cores: int) -> None:
+    from ray.autoscaler.sdk import request_resources
+
+    request_resources(bundles=[{"CPU": cores, "memory": need}])
+
+
+@contextmanager
+def connected(address: str) -> Iterator[Any]:
+    """Give the module ray, connected to a running cluster.
+
+    Args:
+        address: auto, or HOST:PORT.
+
+    Raises:
+        MissingDependencyError: Ray is not installed.
+        UsageError: No cluster answers.
+    """
+    if address.startswith("ray://"):
+        raise UsageError(
+            f"--cluster {address}: Ray Client is not supported, since the driver would have no node of its own. Run the command on a "
+            "machine of the cluster with --cluster auto, or submit it there with `ray job submit`."
+        )
+    try:
+        import ray
+    except ModuleNotFoundError as error:
+        raise MissingDependencyError(
+            f"--cluster: the package ray is not installed. Run `{install_command('cluster')}`."
+        ) from error
+    with _ray_log(None):
+        try:
+            _check_port(address)
+            ray.init(address=address, log_to_driver=False, configure_logging=False, include_dashboard=False)
+        except (OSError, ValueError, RuntimeError) as error:
+            raise UsageError(
+                f"--cluster {address}: no Ray cluster answers there ({' '.join(str(error).split()):.300}). Start one with "
+                "`ray start --head`, and give its address."
+            ) from error
+        try:
+            yield ray
+        finally:
+            ray.shutdown()
+
+
+@contextmanager
+def _ray_log(path: Path | None) -> Iterator[None]:
+    """Send the messages of Ray's own logger, such as lost nodes, to a file, and not to the terminal. None drops them."""
+    logger = logging.getLogger("ray")
+    before, propagated, level = list(logger.handlers), logger.propagate, logger.level
+    if path is not None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+    handler = logging.NullHandler() if path is None else logging.FileHandler(path, encoding="utf-8", delay=True)
+    handler.setFormatter(logging.Formatter("%(asctime)s %(levelname)s %(message)s"))
+    logger.handlers, logger.propagate = [handler], False
+    logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        handler.close()
+        logger.handlers, logger.propagate = before, propagated
+        logger.setLevel(level)
+
+
+def _check_port(address: str) -> None:
+    """Raise OSError if no process listens at HOST:PORT. Ray itself would try for minutes."""
+    host, _, port = address.rpartition(":")
+    if host and port.isdecimal() and "/" not in host:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=TIMEOUT).close()
+
+
+def _mailbox(ray: Any) -> Any:
+    from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+
+    here = NodeAffinitySchedulingStrategy(ray.get_runtime_context().get_node_id(), soft=True)
+    options = {"num_cpus": 0, "max_restarts": -1, "max_task_retries": -1, "scheduling_strategy": here}
+    return ray.remote(Mailbox).options(**options).remote()

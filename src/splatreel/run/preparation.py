@@ -1,0 +1,154 @@
+"""Steps before the first group: check the cameras, place the initial points, measure the scene, write the reel's header."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from splatreel.base.errors import ReconstructionError
+from splatreel.capture.base import Capture
+from splatreel.codec.writer import ReelWriter
+from splatreel.config import Config
+from splatreel.method.cameras.rig import Rig, check_first_poses
+from splatreel.method.coverage.coverage import Coverage, cover
+from splatreel.method.init.layout import Layout
+from splatreel.method.init.limits import limits
+from splatreel.method.init.visual_hull import VisualHull
+from splatreel.method.train.single_frame import Subject, lay_out
+from splatreel.run.job import POINTS, Job
+from splatreel.run.output.group_writer import header_of, open_writer
+from splatreel.run.output.soundtrack import Soundtrack, save_soundtrack
+from splatreel.run.requirements import check_pictures
+from splatreel.run.run_lock import RunLock
+from splatreel.run.stages.camera_stages import load_poses, save_poses
+from splatreel.run.store import GroupStore
+from splatreel.run.workload import Workload
+
+POINTS_TEXT = "placing the initial points"
+
+
+def points_seconds(work: Workload, config: Config) -> float:
+    """Return the expected seconds of the initial points, the check of the poses and the trial of novel views."""
+    seconds = 1.0 + work.cameras * (0.07 + 0.45 * work.megapixels)
+    if config.check_poses:
+        seconds += work.cameras * (0.22 + 0.5 * work.megapixels)
+    if config.check_coverage:
+        seconds += 3.5
+    return seconds
+
+
+def prepare(job: Job, capture: Capture, middle: int, lock: RunLock) -> tuple[Rig, Layout]:
+    """Check the training cameras, and save the initial points and the measures of the scene.
+
+    Args:
+        job: The run.
+        capture: The capture.
+        middle: Frame in the middle of the first group. Poses are checked at the first frame and at this one.
+        lock: Lock of the run, which learns that the folder belongs to it.
+
+    Returns:
+        The cameras that are trained on, and the measures.
+    """
+    store, rig = job.store, Rig.of(capture.training_cameras)
+    if (layout := store.layout()) is not None:
+        poses = load_poses(store.group(0))
+        return (rig if poses is None else rig.with_poses(poses)), layout
+    with job.timed(POINTS):
+        job.progress.stage("reading the first frame, checking the cameras", 1, (0.0, 0.0))
+        frames = np.concatenate([capture.scene.read(frame, 1, rig.names) for frame in (0, middle)])
+        rig, frames = check_cameras(job, capture, rig, frames, store.group(0))
+        job.progress.update(1)
+        coverage = report_coverage(job, capture, rig, frames[0]) if job.config.check_coverage else None
+        job.show(POINTS_TEXT, 1)
+        known = capture.points, capture.point_colors, capture.near
+        images, subject = first_images(capture, rig, frames[0])
+        seeds, layout = lay_out(rig.cameras, images, job.config, *known, subject)
+        check_region_holds(layout, rig, seeds.points)
+        job.progress.update(1, points=len(seeds.points))
+    lock.save_record()
+    if coverage is not None:
+        store.save_coverage(coverage)
+    store.save_layout(layout, seeds.points, seeds.colors)
+    return rig, layout
+
+
+def first_images(capture: Capture, rig: Rig, images: np.ndarray) -> tuple[np.ndarray, Subject | None]:
+    """Return the images that initial points are found in, and the subject that masks show.
+
+    Args:
+        capture: The capture.
+        rig: The cameras that are trained on.
+        images: Their images [C, H, W, 3] uint8 of the first frame, which show the whole scene.
+    """
+    alpha = capture.alpha(0, 1, rig.names)
+    if alpha is None:
+        return images, None
+    hull = VisualHull(rig.cameras, alpha[0], capture.near or 0.0)
+    return capture.read(0, 1, rig.names)[0], Subject(hull, capture.backgrounds)
+
+
+def check_region_holds(layout: Layout, rig: Rig, points: np.ndarray) -> None:
+    """Raise `ReconstructionError` if no initial point [P, 3] is within the region."""
+    volume = layout.volume(rig.cameras)
+    if volume is not None and not volume.contains(points).any():
+        low, high = (", ".join(f"{value:.3g}" for value in corner) for corner in layout.bounds)
+        raise ReconstructionError(
+            f"region={layout.region}: nothing of the scene is there in the first frame. Most of the scene is between {low} and {high}."
+        )
+
+
+def save_header(job: Job, capture: Capture, rig: Rig, layout: Layout, sound: Soundtrack | None) -> None:
+    """Save what the reel says before its first group: the header, the limits of views, the sound."""
+    store = job.store
+    coverage = store.coverage()
+    farthest = None if coverage is None else coverage.angle
+    holds = limits(rig.cameras, store.initial_points()[0], layout, farthest)
+    store.save_header(header_of(rig.cameras, capture.fps, job.config, layout, capture.reel_source()), holds)
+    save_soundtrack(store.work, sound)
+
+
+def open_reel_writer(job: Job, lock: RunLock) -> ReelWriter:
+    """Return the writer of a run's reel, which continues an interrupted one."""
+    return open_writer(job.store, lock.reel, job.config.encode, resume=True)
+
+
+def check_cameras(
+    job: Job, capture: Capture, rig: Rig, frames: np.ndarray, store: GroupStore
+) -> tuple[Rig, np.ndarray]:
+    """Correct the poses of the cameras, and leave out cameras that show something else.
+
+    Args:
+        job: The run.
+        capture: The capture.
+        rig: The training cameras.
+        frames: Images [T, C, H, W, 3] uint8 of some moments. The first and the middle one are compared.
+        store: Checkpoints that keep the poses.
+
+    Returns:
+        The cameras that are left, and their images.
+    """
+    compared = frames[[0, len(frames) // 2]]
+    check_pictures(capture, rig.names, compared)
+    for sentence in [*capture.notes, *capture.doubts]:
+        job.progress.note(sentence)
+    if not job.config.check_poses:
+        return rig, frames
+    poses = check_first_poses(rig, compared, str(capture.origin), job.progress)
+    save_poses(store, poses)
+    assert poses.kept is not None
+    return rig.with_poses(poses), frames[:, poses.kept]
+
+
+def report_coverage(job: Job, capture: Capture, rig: Rig, images: np.ndarray) -> Coverage:
+    """Measure and report how well the cameras cover the scene, before anything is trained.
+
+    Args:
+        job: The run.
+        capture: The capture.
+        rig: The cameras that are trained on.
+        images: Their images [C, H, W, 3] uint8 of the first frame.
+    """
+    known = {"points": capture.points, "point_colors": capture.point_colors, "near": capture.near}
+    found = cover(rig.cameras, images, **known, device=job.device, progress=job.progress)
+    for sentence in found.sentences():
+        job.progress.note(sentence)
+    return found

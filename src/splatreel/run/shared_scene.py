@@ -1,0 +1,153 @@
+"""The scene that all chapters of a long video share: points that are always there, trained once and then frozen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from splatreel.capture.base import Capture
+from splatreel.codec.encoder import ReelEncoder
+from splatreel.codec.group_file import decode_parts
+from splatreel.method.cameras.exposure import measure_exposure, remove_exposure
+from splatreel.method.cameras.group_input import GroupInput
+from splatreel.method.cameras.rig import Rig
+from splatreel.method.encode.importance import weigh
+from splatreel.method.encode.step_choice import encode_layer_by_slope
+from splatreel.method.images.clean_plates import CleanPlates, clean_plates
+from splatreel.method.init.initial_points import initial_points, near_plane
+from splatreel.method.init.layout import Layout, border_color, measure
+from splatreel.method.layering.lift import shares
+from splatreel.method.train.keyframe import KeyframeResult
+from splatreel.method.train.training import train_first_keyframe
+from splatreel.run.job import POINTS, Job
+from splatreel.run.output.soundtrack import Soundtrack
+from splatreel.run.preparation import POINTS_TEXT, check_cameras, check_region_holds, report_coverage, save_header
+from splatreel.run.run_lock import RunLock
+from splatreel.run.stages.group_stages import restored_rig
+from splatreel.run.stages.keyframe_stages import FirstKeyframe
+from splatreel.run.store import GroupStore, StoredLayer
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.spans import GroupSpan
+
+SCENE_TEXT = "training the scene that all chapters share"
+SCENE_POINTS = 2.0
+"""Time of the initial points of several moments, as a multiple of that of one."""
+SAMPLES = 24
+"""Frames of the video that the clean plates are made from. A passer-by hides a place in few of them."""
+MOMENTS = 3
+"""Sampled frames whose own points count in the measures of the scene. Moving people are not in the plates."""
+UNKNOWN = 0.5
+"""Share of a point's visible area that may lie where the plates are unknown."""
+PLATE = GroupSpan(0, 0, 1, 1)
+"""The plates of all cameras, taken as a group of one frame."""
+
+
+def reconstruct_shared_scene(job: Job, capture: Capture, sound: Soundtrack | None, lock: RunLock) -> None:
+    """Make clean plates, train them as the first keyframe of a video, and encode the points as a layer."""
+    store = job.store.scene
+    if store.has_layer():
+        return
+    rig, layout, plates = _prepare_scene(job, capture, lock)
+    save_header(job, capture, rig, layout, sound)
+    config = job.config
+    data = GroupInput(PLATE, plates.images[None], rig, None, layout, job.device, config.seed, config.antialias)
+    keyframe = FirstKeyframe()
+    found = keyframe.load(store)
+    if found is None:
+        found = _train(job, data, plates)
+        keyframe.save(store, found)
+    _save_layer(job, data, found.points, plates)
+
+
+def shared_rig(job: Job, capture: Capture) -> Rig:
+    """Return the cameras as the shared scene found them. Each chapter begins with these."""
+    return restored_rig(Rig.of(capture.training_cameras), job.store.scene, 1)
+
+
+def load_plates(store: GroupStore) -> CleanPlates | None:
+    """Return the saved clean plates; None where there are none."""
+    arrays = store.load("plates")
+    return None if arrays is None else CleanPlates(arrays["images"], arrays["unknown"])
+
+
+def _prepare_scene(job: Job, capture: Capture, lock: RunLock) -> tuple[Rig, Layout, CleanPlates]:
+    """Return cameras, measures of the scene and plates, from frames sampled through the video; save the initial points."""
+    store = job.store
+    if (layout := store.layout()) is not None and (plates := load_plates(store.scene)) is not None:
+        return shared_rig(job, capture), layout, plates
+    with job.timed(POINTS):
+        rig = Rig.of(capture.training_cameras)
+        frames = _sample_frames(job, capture, rig)
+        rig, frames = check_cameras(job, capture, rig, frames, store.scene)
+        coverage = report_coverage(job, capture, rig, frames[0]) if job.config.check_coverage else None
+        job.show(POINTS_TEXT, MOMENTS + 1)
+        if job.config.even_exposure:
+            remove_exposure(frames, measure_exposure(rig, frames))
+        plates = clean_plates(frames)
+        layout, points, colors = _lay_out(job, rig, plates, frames)
+    lock.save_record()
+    if coverage is not None:
+        store.save_coverage(coverage)
+    store.scene.save("plates", plates._asdict())
+    store.save_layout(layout, points, colors)
+    return rig, layout, plates
+
+
+def _sample_frames(job: Job, capture: Capture, rig: Rig) -> np.ndarray:
+    """Return images [T, C, H, W, 3] uint8 of frames spread over the video."""
+    at = np.linspace(0, capture.frames - 1, min(SAMPLES, capture.frames)).round().astype(int)
+    job.progress.stage("reading frames of the whole video", len(at), (0.0, 0.0))
+    frames = np.empty((len(at), len(rig.names), capture.height, capture.width, 3), np.uint8)
+    for place, frame in enumerate(at):
+        frames[place] = capture.read(int(frame), 1, rig.names)[0]
+        job.progress.update(place + 1)
+    return frames
+
+
+def _lay_out(job: Job, rig: Rig, plates: CleanPlates, frames: np.ndarray) -> tuple[Layout, np.ndarray, np.ndarray]:
+    """Return the measures of the scene with everything that moves in it, and the plates' initial points [P, 3] and colors [P, 3]."""
+    seeds = initial_points(rig.cameras, plates.images, seed=job.config.seed)
+    job.progress.update(1, points=len(seeds.points))
+    seen = [seeds.points]
+    for number, place in enumerate(np.linspace(0, len(frames) - 1, MOMENTS).round().astype(int)):
+        seen.append(initial_points(rig.cameras, frames[place], seed=job.config.seed).points)
+        job.progress.update(number + 2)
+    everything = np.concatenate(seen)
+    layout = replace(measure(rig.cameras, everything, near_plane(rig.cameras, everything)), region=job.config.region)
+    check_region_holds(layout, rig, everything)
+    if job.config.background:
+        layout = replace(layout, background=border_color(plates.images))
+    return layout, seeds.points, seeds.colors
+
+
+def _train(job: Job, data: GroupInput, plates: CleanPlates) -> KeyframeResult:
+    """Train the plates as a keyframe. Unknown pixels teach nothing."""
+    with job.timed(FirstKeyframe.name):
+        job.show(SCENE_TEXT, job.config.keyframe.first_iterations)
+        seeds = job.store.initial_points()
+        found = train_first_keyframe(data, *seeds, job.config, job.progress, plates.unknown)
+    found.points.check_finite("The scene that all chapters share")
+    return found
+
+
+def _save_layer(job: Job, data: GroupInput, points: Gaussians, plates: CleanPlates) -> None:
+    """Encode the points that the plates show, and save them as trained and as decoded."""
+    store = job.store.scene
+    hidden = shares(points, data.cameras, plates.unknown, data.near, data.device)
+    known = points[
+        ~(hidden > UNKNOWN)
+    ]  # the share is NaN for a point that no camera sees; the comparison is then false
+    if len(known) == 0:
+        return store.save_layer(StoredLayer(known, known))
+    with job.timed("encode"):
+        job.progress.stage("encoding the scene that all chapters share", 1, (1.0, 1.0))
+        importance = weigh([known], data.cameras, data.near, job.device, data.antialias)
+        none = known[:0]
+        (files, order), steps = encode_layer_by_slope(
+            ReelEncoder(job.config.encode, data.cameras), data, known, none, 0, importance, job.trial
+        )
+        store.save_encoded_layer(files)
+        decoded = decode_parts(files, "The layer that all chapters share")
+        store.save_layer(StoredLayer(known[order], decoded, importance[order], steps))
+        job.progress.update(1, points=len(known))

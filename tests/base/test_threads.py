@@ -1,0 +1,142 @@
+"""The number of threads and the thread pool of the kernels."""
+
+import itertools
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+
+import cv2
+import pytest
+import torch
+
+from splatreel.base import threads
+from splatreel.base.errors import UsageError
+from splatreel.cli.main import main
+
+
+@pytest.fixture(autouse=True)
+def restored(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+        monkeypatch.setenv(name, "1")
+    monkeypatch.setattr(threads, "_limit", None)
+    before = torch.get_num_threads(), cv2.getNumThreads()
+    yield
+    torch.set_num_threads(before[0])
+    cv2.setNumThreads(before[1])
+
+
+def test_count_is_all_cores_unless_limited() -> None:
+    threads.use(None)
+    assert threads.count() == threads.available() >= 1
+
+
+def test_limit_applies_to_loaded_libraries() -> None:
+    threads.use(1)
+    assert (threads.count(), torch.get_num_threads(), cv2.getNumThreads()) == (1, 1, 1)
+
+
+def test_limit_applies_to_libraries_loaded_later() -> None:
+    program = (
+        "from splatreel import threads; threads.use(1)\n"
+        "import torch, cv2; print(torch.get_num_threads(), cv2.getNumThreads())"
+    )
+    assert subprocess.check_output([sys.executable, "-c", program], text=True).split() == ["1", "1"]
+
+
+@pytest.mark.parametrize("number", [0, -1, 10_000])
+def test_limit_rejects_number_out_of_range(number: int) -> None:
+    with pytest.raises(
+        UsageError, match=rf"--threads {number} is out of range: this process has \d+ cores?\. Choose 1 to"
+    ):
+        threads.use(number)
+    assert threads.count() == threads.available()
+
+
+def test_threads_option_error_names_the_range(capsys: pytest.CaptureFixture[str]) -> None:
+    for verb in (["reconstruct", "x", "--out", "y"], ["bench", "kernels"], ["evaluate", "x", "y", "--out", "z"]):
+        assert main([*verb, "--threads", "10000"]) == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err.startswith("Error: --threads 10000 is out of range")
+        assert len(captured.err.splitlines()) == 1
+
+
+@pytest.mark.parametrize("items", [0, 1, 7, 100])
+@pytest.mark.parametrize("workers", [1, 2, 4, 16])
+@pytest.mark.parametrize("chunks", [None, 1, 5, 64])
+def test_ranges_cover_all_items_once(items: int, workers: int, chunks: int | None) -> None:
+    found: list[int] = []
+    with threads.limited(workers):
+        threads.run_ranges(lambda first, last, into: into.extend(range(first, last)), items, (found,), 1, chunks)
+    assert sorted(found) == list(range(items))
+
+
+def test_few_items_are_not_divided() -> None:
+    calls: list[tuple[int, int]] = []
+    with threads.limited(4):
+        threads.run_ranges(lambda first, last: calls.append((first, last)), 99, (), grain=50)
+    assert calls == [(0, 99)]
+
+
+def test_pool_thread_runs_a_range() -> None:
+    """The first range waits for the second one, so it can only end if another thread runs the second one."""
+    arrived = threading.Barrier(2)
+    with threads.limited(2):
+        threads.run_ranges(lambda first, last: arrived.wait(timeout=60), 2, ())
+    assert not arrived.broken
+
+
+def test_pool_raises_error_of_any_range_and_continues() -> None:
+    def fail_at(first: int, last: int, bad: int) -> None:
+        time.sleep(0.001)
+        if first == bad:
+            raise ValueError(f"range {bad}")
+
+    with threads.limited(4):
+        for bad in range(8):
+            with pytest.raises(ValueError, match=f"range {bad}"):
+                threads.run_ranges(fail_at, 8, (bad,), 1, 8)
+        test_ranges_cover_all_items_once(100, 4, 8)
+
+
+def test_many_threads_use_the_pool_at_once() -> None:
+    totals = [0] * 6
+    counter = itertools.count()
+
+    def add(first: int, last: int, into: list[int]) -> None:
+        into.append(last - first)
+        next(counter)
+
+    def call(k: int) -> None:
+        for _ in range(50):
+            found: list[int] = []
+            threads.run_ranges(add, 40, (found,), 1, 8)
+            totals[k] += sum(found)
+
+    with threads.limited(3):
+        callers = [threading.Thread(target=call, args=(k,)) for k in range(6)]
+        for caller in callers:
+            caller.start()
+        for caller in callers:
+            caller.join()
+    assert totals == [50 * 40] * 6
+
+
+@pytest.mark.skipif(not hasattr(__import__("os"), "fork"), reason="only POSIX systems fork")
+def test_forked_process_has_its_own_pool() -> None:
+    program = (
+        "import os; from splatreel import threads\n"
+        "def run():\n"
+        "    found = []\n"
+        "    with threads.limited(3): threads.run_ranges(lambda a, b: found.extend(range(a, b)), 30, (), 1, 9)\n"
+        "    return sorted(found) == list(range(30))\n"
+        "assert run()\n"
+        "child = os.fork()\n"
+        "if child == 0: os._exit(0 if run() else 3)\n"
+        "print(os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))"
+    )
+    assert (
+        subprocess.check_output([sys.executable, "-W", "ignore", "-c", program], text=True, timeout=60).strip() == "0"
+    )

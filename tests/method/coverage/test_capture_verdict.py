@@ -1,0 +1,67 @@
+"""The verdict of `capture check`: poor views, equal poses and unconfirmed poses fail."""
+
+import pytest
+
+from splatreel.method.coverage.coverage import SCALE, Coverage, judge_capture, rating
+from splatreel.method.coverage.trial import Trial
+
+NAMES = [f"cam{number}" for number in range(5)]
+
+
+def coverage(
+    psnr: float | None = 31.0, shared: list[int] | None = None, twins: list[list[str]] | None = None
+) -> Coverage:
+    trial = None if psnr is None else Trial("cam2", 30.0, psnr, 17.8, 14.2)
+    return Coverage(NAMES, [30.0] * 5, shared or [90, 120, 80, 70, 100], 200, trial, twins or [])
+
+
+@pytest.mark.parametrize(
+    ("psnr", "word"), [(20.2, "poor"), (23.9, "poor"), (25.0, "fair"), (30.0, "good"), (40.0, "very good")]
+)
+def test_views_are_rated_on_the_scale_of_the_report(psnr: float, word: str) -> None:
+    found = coverage(psnr)
+    assert rating(psnr) == word
+    assert f"Expect novel views between the cameras to be {word}, about {psnr:.0f} dB" in found.sentences()[-1]
+    assert "will hold" not in found.sentences()[-1]
+    verdict = judge_capture(found, [])
+    assert verdict.faults == []
+    assert f"will be {word} (about {psnr:.0f} dB)" in verdict.text("CMD")
+    assert ("closer together" in found.sentences()[-1]) == (word == "poor")
+    assert "20 dB is poor, 30 dB is good" in SCALE
+
+
+def test_trial_that_fails_limits_the_views() -> None:
+    assert "only views within 10 degrees of a camera will be usable. Run\n  CMD" in judge_capture(
+        coverage(16.0), []
+    ).text("CMD")
+
+
+def test_without_a_trial_novel_views_are_not_mentioned() -> None:
+    assert (
+        judge_capture(coverage(None), [])
+        .text("CMD")
+        .startswith("It can be reconstructed, but no trial of novel views was made")
+    )
+
+
+@pytest.mark.parametrize(
+    ("found", "misfits", "said"),
+    [
+        (coverage(twins=[["cam1", "cam3"]]), [], "cam1 and cam3 have the same pose"),
+        (coverage(shared=[90, 0, 80, 70, 100]), [], "cam1 has 0 points in common with two other cameras, where 80"),
+        (coverage(shared=[0] * 5, psnr=None), [], "the images do not confirm the poses"),
+        (coverage(shared=[0] * 5, psnr=20.2), [], "the images do not confirm the poses"),
+        (coverage(shared=[0] * 5, psnr=12.0), [], "the images do not confirm the poses"),
+        (coverage(), ["cam0", "cam4"], "the poses or lenses of cam0, cam4 do not fit each other"),
+    ],
+)
+def test_faults_fail_the_verdict(found: Coverage, misfits: list[str], said: str) -> None:
+    verdict = judge_capture(found, misfits)
+    assert len(verdict.faults) == 1
+    assert said in verdict.text("CMD")
+    assert verdict.text("CMD").startswith("Do not reconstruct it as it is:")
+    assert "It can be reconstructed" not in verdict.text("CMD")
+
+
+def test_good_trial_confirms_poses_of_plain_walls() -> None:
+    assert judge_capture(coverage(shared=[0] * 5, psnr=31.0), []).faults == []

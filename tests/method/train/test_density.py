@@ -1,0 +1,58 @@
+"""Common parts of density control."""
+
+import torch
+
+from splatreel.method.train.density import GradientMeter, children, rotate, select_growth
+from splatreel.method.train.points import TrainablePoints, default_rates
+from tests.method.scenes import random_gaussians
+
+
+def test_gradient_meter_averages_over_views_that_see_a_point():
+    meter = GradientMeter(3, torch.device("cpu"))
+    meter.add(torch.tensor([[0.03, 0.04], [0.0, 0.0], [1.0, 0.0]]), 2, 2)
+    meter.add(torch.tensor([[0.06, 0.08], [0.0, 0.0]]), 2, 2, index=torch.tensor([0, 1]))
+    torch.testing.assert_close(meter.mean(), torch.tensor([0.075, 0.0, 1.0]))
+
+
+def test_gradient_meter_uses_normalized_device_units():
+    meter = GradientMeter(1, torch.device("cpu"))
+    meter.add(torch.tensor([[1e-3, 0.0]]), 320, 180)
+    torch.testing.assert_close(meter.mean(), torch.tensor([0.16]))
+
+
+def test_select_growth_takes_largest_gradients_within_budget():
+    meter = GradientMeter(4, torch.device("cpu"))
+    meter.add(torch.tensor([[0.1, 0], [0.4, 0], [0.2, 0], [0.3, 0]]), 2, 2)
+    assert select_growth(meter, 0.15, 10).tolist() == [False, True, True, True]
+    assert select_growth(meter, 0.15, 2).tolist() == [False, True, False, True]
+    assert not select_growth(meter, 0.15, 0).any()
+
+
+def test_children_are_near_parent_and_smaller():
+    points = TrainablePoints.from_gaussians(random_gaussians(50), default_rates(1.0), torch.device("cpu"))
+    split = torch.zeros(50, dtype=torch.bool)
+    split[:10] = True
+    rows = children(points, split, torch.Generator().manual_seed(0))
+    assert len(rows["means"]) == 20
+    parent = points.rows(split)
+    torch.testing.assert_close(rows["log_scales"][:10].exp() * 1.6, parent["log_scales"].exp())
+    reach = parent["log_scales"].exp().amax(1)
+    assert ((rows["means"][:10] - parent["means"]).norm(dim=1) < 5 * reach).all()
+
+
+def test_children_follow_parent_gaussian():
+    """Samples use the parent's axes and scales: the children of a needle lie along it."""
+    gaussians = random_gaussians(400)
+    gaussians.scales[:] = 0.5, 0.05, 0.005
+    points = TrainablePoints.from_gaussians(gaussians, default_rates(1.0), torch.device("cpu"))
+    rows = children(points, torch.ones(400, dtype=torch.bool), torch.Generator().manual_seed(0))
+    turned_back = points.rows(torch.ones(400, dtype=torch.bool))["quats"].repeat(2, 1) * torch.tensor([1.0, -1, -1, -1])
+    offsets = rotate(turned_back, rows["means"] - points.means.detach().repeat(2, 1))
+    torch.testing.assert_close(offsets.std(0), torch.tensor([0.5, 0.05, 0.005]), rtol=0.1, atol=0)
+    for name in ("quats", "logit_opacities", "sh_base", "sh_rest"):
+        assert torch.equal(rows[name], points.params[name].detach().repeat(2, *[1] * (rows[name].ndim - 1)))
+
+
+def test_rotate_turns_x_to_y_about_z():
+    quarter = torch.tensor([[0.5**0.5, 0, 0, 0.5**0.5]])
+    torch.testing.assert_close(rotate(quarter, torch.tensor([[1.0, 0, 0]])), torch.tensor([[0.0, 1, 0]]))

@@ -1,0 +1,296 @@
+"""Training of groups of a tiny rendered scene: a cluster passes in front of a wall."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from splatreel.base.progress import Silent
+from splatreel.config import Config
+from splatreel.config.settings import changed
+from splatreel.kernels.image import render_image
+from splatreel.method.cameras.color_gains import CameraGains
+from splatreel.method.deform.hashgrid import HashGrid
+from splatreel.method.deform.trajectory import Trajectory
+from splatreel.method.tracking.tracking import GroupStart
+from splatreel.method.train.group import GroupResult, GroupTrainer
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.render import View
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+from splatreel.scene.static_points import StaticPoints
+from tests.method.captures import blots
+from tests.method.scenes import ring
+from tests.method.small import plain
+
+CPU = torch.device("cpu")
+CAMERAS = ring(4, width=48, height=32)
+FRAMES, NEAR, UNIT = 5, 0.1, 4.0
+SPEED = 0.06
+WALL = blots(400, [-3, -2, 0.9], [3, 2, 1.0], 0.14, 0)
+THING = blots(48, [-0.8, -0.6, -0.4], [0.2, 0.6, 0.2], 0.14, 1)
+
+
+def moved(points: Gaussians, frame: float) -> Gaussians:
+    means = points.means + np.array([SPEED * frame, 0, 0])
+    return Gaussians(means, points.quats, points.scales, points.opacities, points.sh)
+
+
+def frames(thing: Gaussians = THING, count: int = FRAMES) -> Pictures:
+    scenes = [Gaussians.concatenate([WALL, moved(thing, t)]) for t in range(count)]
+    images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
+    pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
+    return Pictures(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
+
+
+@pytest.fixture(scope="module")
+def filmed() -> Pictures:
+    return frames()
+
+
+def config(deformation="trajectory", iterations=30, **layering) -> Config:
+    group = {"length": FRAMES, "overlap": 0, "deformation": deformation, "iterations_per_frame": iterations}
+    layering = {"adapt_every": 0, **layering}
+    return plain(
+        {f"group.{name}": value for name, value in group.items()}
+        | {f"layering.{name}": value for name, value in layering.items()}
+    )
+
+
+def trainer(
+    filmed: Pictures,
+    config: Config,
+    dynamic: Gaussians = THING,
+    static: Gaussians = WALL,
+    tracks=None,
+    may_move=None,
+):
+    gains = CameraGains(len(CAMERAS), CPU, enabled=False)
+    resting = StaticPoints(static, np.ones(len(static), bool))
+    return GroupTrainer(filmed, GroupStart(dynamic, tracks), resting, config, gains=gains, may_move=may_move)
+
+
+def with_group(config: Config, **changes) -> Config:
+    return replace(config, group=replace(config.group, **changes))
+
+
+class Losses(Silent):
+    def __init__(self) -> None:
+        self.values: list[float] = []
+
+    def update(self, done: int, **numbers: float) -> None:
+        if "loss" in numbers:
+            self.values.append(numbers["loss"])
+
+
+def quality(filmed: Pictures, result: GroupResult, static: Gaussians = WALL) -> float:
+    """Return the PSNR over all frames and cameras, drawn as by a viewer."""
+    squares = []
+    group = Group(0, 0, result.dynamic, result.dx, result.dq, result.alive, result.shade)
+    for frame, images in enumerate(filmed.images.numpy()):
+        scene = Gaussians.concatenate([static[result.alive], group.at(frame)])
+        squares += [
+            np.square(np.clip(render_image(scene, camera, near=NEAR), 0, 1) - image / 255).mean()
+            for camera, image in zip(CAMERAS, images, strict=True)
+        ]
+    return float(-10 * np.log10(np.mean(squares)))
+
+
+@pytest.mark.parametrize(("deformation", "least"), [("trajectory", 28), ("hashgrid", 30)])
+def test_group_learns_motion(filmed: Pictures, deformation: str, least: float) -> None:
+    group, losses = trainer(filmed, config(deformation, 60)), Losses()
+    assert isinstance(group.points.deformation, HashGrid if deformation == "hashgrid" else Trajectory)
+    assert quality(filmed, group.result()) < 27, "standing still is not good enough"
+    result = group.train(losses)
+    assert quality(filmed, result) > least
+    assert len(losses.values) == 60 * FRAMES // 50
+    assert np.isfinite(losses.values).all()
+    assert result.dx.shape == (FRAMES, len(result.dynamic), 3)
+    assert result.dq.shape == (FRAMES, len(result.dynamic), 4)
+    assert result.alive.all()
+
+
+def test_group_learns_darkening_and_fading() -> None:
+    """The object rests; one half darkens, the other half vanishes."""
+    scenes = []
+    for t in range(FRAMES):
+        share, half = t / (FRAMES - 1), np.arange(len(THING)) % 2
+        shade = np.stack([-0.8 * share * half] * 3 + [-share * (1 - half) * THING.opacities], 1)
+        scenes.append(Gaussians.concatenate([WALL, THING.shaded(shade.astype(np.float32))]))
+    images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
+    pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
+    dark = Pictures(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
+    whole = config(iterations=60)
+    with_shade = with_group(whole, appearance=True)
+    without, found = (trainer(dark, c).train(Silent()) for c in (whole, with_shade))
+    assert without.shade is None
+    assert found.shade is not None
+    assert found.shade.shape == (FRAMES, len(found.dynamic), 4)
+    assert (found.dynamic.opacities + found.shade[..., 3] >= 0).all()
+    assert quality(dark, found) > quality(dark, without) + 3
+
+
+def test_group_training_starts_with_small_images(filmed: Pictures, monkeypatch: pytest.MonkeyPatch) -> None:
+    group = trainer(filmed, with_group(config(iterations=60), coarse_share=0.25))
+    heights, step = [], group.step
+    monkeypatch.setattr(group, "step", lambda n: heights.append(group.pictures.images.shape[2]) or step(n))
+    result = group.train(Silent())
+    assert heights == [16] * 75 + [32] * 225
+    assert quality(filmed, result) > 28
+
+
+@pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
+def test_group_starts_well_from_true_tracks(filmed: Pictures, deformation: str) -> None:
+    tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
+    group = trainer(filmed, config(deformation), tracks=tracks)
+    assert quality(filmed, group.result()) > 35
+    assert group.psnr() > 35
+
+
+def test_lambda_sh_reduces_view_dependent_color(filmed: Pictures) -> None:
+    """The object looks the same from everywhere, but starts with view-dependent color."""
+    sheen = np.full((len(THING), 3, 3), 0.1, np.float32)
+    sheeny = replace(THING, sh=np.concatenate([THING.sh, sheen], 1))
+
+    def trained(price: float) -> GroupResult:
+        return trainer(filmed, with_group(config(iterations=40), lambda_sh=price), sheeny).train(Silent())
+
+    free, priced = trained(0.0), trained(1.0)
+    assert np.abs(priced.dynamic.sh[:, 1:]).mean() < 0.9 * np.abs(free.dynamic.sh[:, 1:]).mean()
+    assert quality(filmed, priced) > quality(filmed, free) - 0.5
+
+
+def test_group_training_is_deterministic_per_seed(filmed: Pictures) -> None:
+    a, b = (trainer(filmed, config(iterations=6)).train(Silent()) for _ in range(2))
+    np.testing.assert_array_equal(a.dx, b.dx)
+    np.testing.assert_array_equal(a.dynamic.means, b.dynamic.means)
+
+
+def test_conversion_makes_moving_static_points_dynamic(filmed: Pictures) -> None:
+    """A few moving points start as static ones. They are converted, and no point of the wall is."""
+    few = np.arange(len(THING)) % 8 == 0
+    static = Gaussians.concatenate([WALL, THING[few]])
+    group = trainer(filmed, config(iterations=60, adapt_every=30, adapt_neighbors=0.4), THING[~few], static)
+    result = group.train(Silent())
+    converted = ~result.alive
+    assert converted[len(WALL) :].mean() > 0.7
+    assert converted[: len(WALL)].mean() < 0.1
+    assert len(result.dynamic) >= (~few).sum() + converted[len(WALL) :].sum() - 5
+    assert result.dx.shape[1] == len(result.dynamic)
+
+
+def test_conversion_by_gradient_alone(filmed: Pictures) -> None:
+    few = np.arange(len(THING)) % 8 == 0
+    static = Gaussians.concatenate([WALL, THING[few]])
+    settings = {"adapt_every": 40, "adapt_neighbors": 2.0}
+    strict = trainer(filmed, config(iterations=40, adapt_gradient=1e9, **settings), THING[~few], static)
+    assert strict.train(Silent()).alive.all(), "nothing is converted, nor by its neighbors"
+    loose = trainer(filmed, config(iterations=40, adapt_gradient=3e-4, **settings), THING[~few], static)
+    alive = loose.train(Silent()).alive
+    assert (~alive[len(WALL) :]).mean() > 0.3
+    assert (~alive[: len(WALL)]).mean() < 0.05, "the wall stands still"
+
+
+def test_conversion_respects_may_move(filmed: Pictures) -> None:
+    settings = config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0)
+    may = np.arange(len(WALL)) % 2 == 0
+    alive = trainer(filmed, settings, may_move=may).train(Silent()).alive
+    assert alive[~may].all()
+    assert not alive[may].all()
+
+
+def test_conversion_and_cloning_stop_at_budget(filmed: Pictures) -> None:
+    group = trainer(filmed, config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0))
+    group.density.budget = 50
+    before = len(group.points)
+    result = group.train(Silent())
+    assert before < len(result.dynamic) <= before + 50
+    assert group.density.budget == 0
+    assert len(result.dynamic) >= before + (~result.alive).sum() - 5
+
+
+@pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
+def test_prune_keeps_points_and_motion_aligned(filmed: Pictures, deformation: str) -> None:
+    """Every third point fades; the others keep position and motion."""
+    tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
+    tracks[..., 1] += np.linspace(0, 0.1, FRAMES)[:, None] * np.arange(len(THING))  # every point has another motion
+    group = trainer(filmed, config(deformation), tracks=tracks)
+    before = group.result()
+    faint = torch.arange(len(THING)) % 3 == 0
+    with torch.no_grad():
+        group.points.canonical.params["logit_opacities"][faint] = -8
+    group.density.prune(group.pictures)
+    after, kept = group.result(), ~faint.numpy()
+    np.testing.assert_array_equal(after.dynamic.means, before.dynamic.means[kept])
+    np.testing.assert_allclose(after.dx, before.dx[:, kept], atol=1e-6)
+    group.density.restart()
+    group.find_neighbors()
+    group.step(0)  # the optimizers match the rows
+
+
+def test_prune_keeps_large_far_points(filmed: Pictures) -> None:
+    """Pruning a far wall that became dynamic, because of a shadow, would leave a hole."""
+    wide = 0.8 * filmed.unit
+    two = replace(THING[:2], means=np.array([[0, 0, 0], [0, 0, 4 * filmed.unit]], np.float32))
+    two = replace(two, scales=np.full((2, 3), wide, np.float32), opacities=np.full(2, 0.9, np.float32))
+    group = trainer(filmed, changed(config(), {"keyframe.far_step_scale": 8.0}), two)
+    group.density.prune(group.pictures)
+    np.testing.assert_allclose(group.points.means[:, 2].detach(), [4 * filmed.unit], atol=1e-5)
+
+
+def test_prune_never_removes_all_points(filmed: Pictures) -> None:
+    group = trainer(filmed, config(), THING.faded(0.001))
+    group.density.prune(group.pictures)
+    assert len(group.points) == len(THING)
+    group = trainer(filmed, config(), moved(THING, 1e4))
+    group.density.drop_faint(group.pictures)
+    assert len(group.points) == len(THING), "out of sight"
+
+
+def test_drop_faint_removes_invisible_points(filmed: Pictures) -> None:
+    """Some points lie behind the wall, where no camera sees them."""
+    hidden = blots(30, [-0.8, -0.6, 1.3], [0.2, 0.6, 1.5], 0.05, 2)
+    tracks = np.stack([moved(Gaussians.concatenate([THING, hidden]), t).means for t in range(FRAMES)])
+    settings = with_group(config(), faint_share=0.01)
+    wall = Gaussians(WALL.means, WALL.quats, WALL.scales, np.full(len(WALL), 0.999), WALL.sh)
+    group = trainer(filmed, settings, Gaussians.concatenate([THING, hidden]), wall, tracks)
+    assert quality(filmed, group.result(), wall) > 38
+    group.density.drop_faint(group.pictures)
+    result = group.result()
+    assert len(result.dynamic) < len(THING) + 0.5 * len(hidden)
+    assert (result.dynamic.means[:, 2] < 1).sum() > 0.8 * len(THING)
+    assert quality(filmed, result, wall) > 38
+
+
+@pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
+def test_group_without_motion(filmed: Pictures, deformation: str) -> None:
+    notes = Losses()
+    result = trainer(filmed, config(deformation), Gaussians.empty(0)).train(notes)
+    assert len(result.dynamic) == 0
+    assert result.dx.shape == (FRAMES, 0, 3)
+    assert result.dq.shape == (FRAMES, 0, 4)
+    assert result.alive.all()
+    assert not notes.values
+
+
+def test_group_with_one_dynamic_and_no_static_point() -> None:
+    filmed = frames(THING[:1], 2)
+    settings = config(iterations=4, adapt_every=2)
+    result = trainer(filmed, settings, THING[:1], Gaussians.empty(0)).train(Silent())
+    assert len(result.dynamic) >= 1
+    assert np.isfinite(result.dx).all()
+
+
+def test_group_applies_gains_without_changing_them(filmed: Pictures) -> None:
+    """A camera that records at half brightness does not change the scene."""
+    dim = replace(filmed, images=(filmed.images * torch.tensor([1, 1, 0.5, 1])[:, None, None, None]).round().byte())
+    gains = CameraGains(len(CAMERAS), CPU)
+    gains.load(torch.tensor([[1.0] * 3, [1.0] * 3, [0.5] * 3, [1.0] * 3]))
+    kept = gains.values.detach().clone()
+    wall = StaticPoints(WALL, np.ones(len(WALL), bool))
+    tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
+    group = GroupTrainer(dim, GroupStart(THING, tracks), wall, config(iterations=2), gains=gains)
+    assert group.psnr() > 35
+    group.train(Silent())
+    torch.testing.assert_close(gains.values.detach(), kept)

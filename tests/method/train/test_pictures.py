@@ -1,0 +1,44 @@
+"""Image sizes of training and their durations."""
+
+import pytest
+import torch
+
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.render import View
+from tests.method.scenes import ring
+
+CPU = torch.device("cpu")
+
+
+def pictures(width: int, height: int) -> Pictures:
+    images = torch.full((1, 1, height, width, 3), 100, dtype=torch.uint8)
+    return Pictures(images, [View.of(ring(1, width=width, height=height)[0], CPU)], 0.1, 4.0)
+
+
+def sizes(width: int, height: int, coarse: float, afforded: float) -> list[tuple[int, int]]:
+    """Return the iteration of 1000 at which each size ends, and its width."""
+    return [(end, shown.images.shape[3]) for end, shown in pictures(width, height).sizes(1000, coarse, afforded)]
+
+
+def test_sizes_of_small_images_end_at_full_size():
+    assert sizes(100, 80, 0.25, 0.4) == [(250, 50), (1000, 100)]
+    assert sizes(100, 80, 0.0, 0.4) == [(1000, 100)]
+
+
+def test_sizes_of_large_images_share_pixels_equally():
+    """8,000 pixels with a limit of 2,000: full size in a quarter of the iterations, then half size and coarse sizes."""
+    assert sizes(100, 80, 0.25, 0.002) == [(250, 25), (750, 50), (1000, 100)]
+    assert sizes(100, 80, 0.0, 0.002) == [(750, 50), (1000, 100)]
+    assert sizes(100, 80, 0.25, 0.0005) == [(250, 12), (688, 25), (938, 50), (1000, 100)]
+
+
+def test_sizes_without_limit_use_full_size():
+    assert sizes(100, 80, 0.25, 0.0) == [(250, 50), (1000, 100)]
+
+
+@pytest.mark.parametrize("width", [101, 100])
+def test_halved_views_project_to_half_pixels(width: int):
+    shown = pictures(width, 80).halved()
+    assert shown.images.shape[2:4] == (40, 50)
+    assert (shown.images == 100).all()
+    assert (shown.views[0].width, shown.views[0].height) == (50, 40)

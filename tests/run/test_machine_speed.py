@@ -1,0 +1,85 @@
+import platform
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import torch
+
+from splatreel.base import threads
+from splatreel.run import machine_speed
+from splatreel.run.machine_speed import (
+    LARGE,
+    SMALL,
+    MachineSpeed,
+    Probe,
+    describe_processor,
+    measure_speed,
+    processor_name,
+)
+
+
+def test_steps_of_both_sizes_over_those_of_the_reference(monkeypatch: pytest.MonkeyPatch) -> None:
+    """On a slow and busy machine, too: only the order of magnitude is asked for."""
+    before = threads.count()
+    monkeypatch.setattr(machine_speed, "LARGE", replace(LARGE, repeats=1))
+    found = measure_speed(torch.device("cpu"))
+    assert found.other == pytest.approx(found.small / machine_speed.KERNEL_GAIN)
+    assert all(0.02 < pace < 200 for pace in (found.small, found.large))
+    assert 0.1 < found.large / found.small < 10
+    assert threads.count() == before
+    assert 10 * SMALL.megapixels < LARGE.megapixels < 1.5
+
+
+def test_gpu_trains_and_the_processor_does_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:
+    def seconds(probe: Probe, device: torch.device) -> float:
+        return probe.seconds * {"cpu": 2.0, "cuda": 0.2 if probe is SMALL else 0.1}[device.type]
+
+    monkeypatch.setattr(machine_speed, "_seconds", seconds)
+    found = measure_speed(torch.device("cuda"))
+    assert (found.small, found.large, found.other) == pytest.approx((0.2, 0.1, 2.0 / machine_speed.KERNEL_GAIN))
+
+
+def test_training_factor_depends_on_image_size() -> None:
+    speed = MachineSpeed(small=1.0, large=4.0)
+    between = (SMALL.megapixels * LARGE.megapixels) ** 0.5
+    sizes = (0.0, 0.01, SMALL.megapixels, between, LARGE.megapixels, 5.0)
+    assert [speed.training(size) for size in sizes] == pytest.approx([1, 1, 1, 2, 4, 4])
+
+
+@pytest.fixture(autouse=True)
+def forgotten() -> None:
+    processor_name.cache_clear()
+
+
+def test_this_machine_has_a_name_and_cores() -> None:
+    assert processor_name()
+    assert re.fullmatch(rf"{re.escape(processor_name())}( with [A-Z]\S+)?, \d+ cores?", describe_processor())
+
+
+@pytest.mark.parametrize(
+    ("text", "name"),
+    [
+        ("processor\t: 0\nmodel name\t: AMD EPYC  7763 \nprocessor\t: 1\nmodel name\t: other\n", "AMD EPYC 7763"),
+        ("processor\t: 0\nBogoMIPS\t: 108.00\n\nModel\t\t: Raspberry Pi 5\n", "Raspberry Pi 5"),
+        ("processor : 0\nCPU part : 0xd40\n", "aarch64"),
+        (None, "aarch64"),
+    ],
+)
+def test_name_on_linux(text: str | None, name: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setattr(machine_speed.sys, "platform", "linux")
+    monkeypatch.setattr(platform, "processor", lambda: "")
+    monkeypatch.setattr(platform, "machine", lambda: "aarch64")
+    monkeypatch.setattr(machine_speed, "CPUINFO", tmp_path / "cpuinfo")
+    if text is not None:
+        machine_speed.CPUINFO.write_text(text)
+    assert processor_name() == name
+    processor_name.cache_clear()
+
+
+def test_processor_name_on_other_systems(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(machine_speed.sys, "platform", "darwin")
+    answer = type("Answer", (), {"stdout": "Apple M2\n"})
+    monkeypatch.setattr(machine_speed.subprocess, "run", lambda *_, **__: answer)
+    assert processor_name() == "Apple M2"
+    processor_name.cache_clear()

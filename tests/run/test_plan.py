@@ -1,0 +1,138 @@
+"""Expected seconds against measured ones: one thread, or two idle threads, which take 0.64 of it (`scaling.SERIAL_CHAPTER`)."""
+
+from itertools import pairwise
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from splatreel.config import Config, Quality, preset
+from splatreel.config.records import FORMER_DEFAULTS
+from splatreel.config.settings import changed
+from splatreel.run.plan import (
+    chapter_plan,
+    chapter_seconds,
+    scene_plan,
+    scene_seconds,
+    sequence_plan,
+    sequence_seconds,
+)
+from splatreel.run.preparation import POINTS_TEXT
+from splatreel.run.workload import Workload
+from splatreel.scene.spans import group_spans
+
+TWO_THREADS = 0.64
+QUICK_PAPER = {"keyframe.first_iterations": 1000, "keyframe.refine_iterations": 250, "group.iterations_per_frame": 20}
+UNTRIED = {"check_coverage": False}
+MEASURED = {
+    # megapixels, training cameras, share that moves, how far they look one way, frames, quality, settings, seconds of one thread
+    "basketball 160x90": (0.0144, 27, 0.12, 0.35, 10, "standard", {}, 51.6),
+    "basketball 160x90, paper": (0.0144, 27, 0.12, 0.35, 10, "paper", QUICK_PAPER, 44.4),
+    "basketball 320x180, draft": (0.0576, 27, 0.12, 0.35, 10, "draft", {}, 73.6),
+    "basketball 320x180": (0.0576, 27, 0.2, 0.35, 60, "standard", {}, 217 / TWO_THREADS),  # 3a19254
+    "basketball 640x360": (0.2304, 27, 0.2, 0.35, 60, "standard", {}, 733.8),  # de618e4
+    "built-in 256x192": (0.049152, 12, 0.2, 0.96, 60, "standard", {}, 225 / TWO_THREADS),  # a798874
+    "yard 400x225": (0.09, 10, 0.141, 0.73, 40, "standard", {}, 248.2),  # 0c612b2
+    "studio 320x180": (0.0576, 17, 0.377, 0.56, 45, "standard", {}, 343.2),  # de618e4
+    "juggle 320x180": (0.0576, 26, 0.128, 0.29, 60, "standard", {}, 322.9),  # de618e4
+    "hearth 336x252": (0.084672, 16, 0.134, 0.99, 45, "standard", {}, 390.2),  # de618e4
+    "built-in 160x90, draft": (0.0144, 12, 0.204, 0.96, 30, "draft", {}, 60.1),
+    "kitchen 1352x1014": (1.370928, 17, 0.034, 0.99, 10, "standard", {}, 388 / TWO_THREADS),
+    "kitchen 728x546, draft": (0.397488, 8, 0.034, 0.99, 6, "draft", UNTRIED, 173.4),  # ec91c6c
+    "kitchen 1352x1014, draft": (1.370928, 8, 0.034, 0.99, 6, "draft", UNTRIED, 396.9),  # d76ba1f
+    "kitchen 2576x1932, draft": (4.976832, 8, 0.034, 0.99, 6, "draft", UNTRIED, 662.5),  # 7914854
+    "flame_steak 1345x1008": (1.35576, 20, 0.0, 0.94, 1, "standard", {}, 669.6),
+}
+"""Of `benchmarks/results.jsonl` at the revision named, or measured when this was written; processor time without compiling."""
+
+
+def total(work: Workload, frames: int, config: Config = Config()) -> float:  # noqa: B008 - it is frozen
+    return sum(sequence_seconds(work, group_spans(frames, 30, 5), config.for_video(frames)).values())
+
+
+@pytest.mark.parametrize("name", MEASURED)
+def test_seconds_match_measurements(name: str) -> None:
+    *work, frames, quality, settings, seconds = MEASURED[name]
+    former = {name: FORMER_DEFAULTS[name] for name in ("keyframe.first_iterations", "keyframe.coarse_share")}
+    said = total(
+        Workload(*work), frames, changed(preset(quality), settings | (former if quality == "standard" else {}))
+    )
+    assert 0.7 <= said / seconds <= 1.3
+
+
+def test_more_work_takes_more_seconds() -> None:
+    usual = total(Workload(0.1, 10, 0.1, 0.5), 60)
+    assert usual < total(Workload(0.2, 10, 0.1, 0.5), 60) < 2 * usual
+    assert usual < total(Workload(0.1, 20, 0.1, 0.5), 60) < 2 * usual
+    assert usual < total(Workload(0.1, 10, 0.2, 0.5), 60) < 2 * usual
+    assert usual < total(Workload(0.1, 10, 0.1, 1.0), 60) < 1.5 * usual
+    first, second, third = (
+        total(Workload(0.1, 10, 0.1, 0.5), frames) for frames in (600, 1200, 1800)
+    )  # beyond the most iterations
+    assert third - second == pytest.approx(second - first)
+    draft, standard, paper = (
+        total(Workload(0.1, 10, 0.1, 0.5), 60, preset(name)) for name in ("draft", "standard", "paper")
+    )
+    assert draft < standard / 1.5
+    assert paper > 5 * standard
+
+
+def test_single_frame_has_no_motion_stages() -> None:
+    found = sequence_seconds(Workload(0.1, 10, 0.1, 0.5), group_spans(1, 30, 5), Config())
+    assert {"layering", "tracking", "group"}.isdisjoint(found)
+
+
+def test_chapter_seconds_match_long_video() -> None:
+    """`benchmarks/long.py`: 205 s a chapter of 300 frames, the median of twenty, on two threads."""
+    quick = {"keyframe.refine_iterations": 100, "group.iterations_per_frame": 6}
+    config, spans = changed(preset("draft"), quick), group_spans(305, 30, 5)
+    said = sum(chapter_seconds(Workload(0.0144, 5, 0.194, 0.96), spans, config).values())
+    assert 0.7 <= said * TWO_THREADS / 205 <= 1.3
+
+
+def test_chapters_add_scene_and_first_keyframes() -> None:
+    work, spans, config = Workload(0.1, 10, 0.1, 0.5), group_spans(300, 30, 5), Config()
+    scene, chapter = scene_seconds(work, config), chapter_seconds(work, tuple(spans), config)
+    sequence = sequence_seconds(work, spans, config)
+    assert chapter["group"] == sequence["group"]
+    assert "group" not in scene
+    whole = sum(sequence.values())
+    assert whole < sum(scene.values()) + sum(chapter.values()) < 1.3 * whole
+
+
+WORK = Workload(0.1, 10, 0.1, 0.5)
+
+
+def test_plan_and_seconds_agree() -> None:
+    spans, config = group_spans(100, 30, 5), Config()
+    seconds = sequence_seconds(WORK, spans, config)
+    assert sequence_plan(WORK, spans, config).total == pytest.approx(sum(seconds.values()) - seconds["reading"])
+    seconds = chapter_seconds(WORK, spans, config)
+    assert chapter_plan(WORK, spans, config).total == pytest.approx(sum(seconds.values()) - seconds["reading"])
+    assert scene_plan(WORK, config).total == pytest.approx(sum(scene_seconds(WORK, config).values()))
+
+
+@given(st.integers(1, 400), st.sampled_from(["draft", "standard", "paper"]))
+def test_shares_follow_each_other_and_fill_the_job(frames: int, quality: Quality) -> None:
+    spans = group_spans(frames, 30, 5)
+    plan = sequence_plan(WORK, spans, preset(quality))
+    shares = [plan.share(text, group) for text, group, _ in plan.steps if text]
+    assert shares[0] == plan.share(POINTS_TEXT, None)
+    assert shares[0][0] == 0
+    assert shares[-1][1] == pytest.approx(1)
+    for before, after in pairwise(shares):
+        assert before[0] <= before[1] == pytest.approx(after[0])
+
+
+def test_more_iterations_are_a_larger_share() -> None:
+    def share(iterations: int) -> float:
+        config = changed(Config(), {"group.iterations_per_frame": iterations})
+        begin, end = sequence_plan(WORK, group_spans(30, 30, 5), config).share("training the motion", 0)
+        return end - begin
+
+    assert share(100) < share(200) < share(400)
+
+
+def test_share_of_missing_group_is_an_error() -> None:
+    with pytest.raises(KeyError):
+        sequence_plan(WORK, group_spans(30, 30, 5), Config()).share("training the motion", 1)
