@@ -20,18 +20,18 @@ from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.errors import ReconstructionError
 from splatreel.progress import Progress
+from splatreel.recon.algorithm import Handover
 from splatreel.recon.encode.group_output import ChapterOutput, ignore_group
 from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook, open_writer
 from splatreel.recon.encode.soundtrack import select_soundtrack
 from splatreel.recon.groups import reconstruct_groups
 from splatreel.recon.plan import chapter_plan, scene_plan, sequence_plan
+from splatreel.recon.run.costs import Workload
 from splatreel.recon.run.job import Job, Plan
 from splatreel.recon.run.job_log import LoggedProgress, logged
 from splatreel.recon.run.run_lock import RunLock
 from splatreel.recon.run.store import Store
-from splatreel.recon.run.workload import Workload
 from splatreel.recon.shared_scene import load_plates, reconstruct_shared_scene, shared_rig
-from splatreel.recon.stages.stage import FirstOfChapter
 from splatreel.scene.spans import ChapterSpan, GroupSpan, chapter_spans, group_spans
 from splatreel.scene.static_points import StaticPoints
 
@@ -197,7 +197,7 @@ def _reconstruct_chapter(run: ChapteredRun, chapter: ChapterSpan, job: Job, outp
     if shared is None or plates is None or layout is None:
         raise _scene_is_missing(run)
     static = StaticPoints.none(run.config.keyframe.sh_degree).with_layer(shared.decoded)
-    before = FirstOfChapter(shared_rig(job, run.capture), static)
+    before = Handover(shared_rig(job, run.capture), static)
     reconstruct_groups(job, list(chapter.groups), run.capture, layout, before, output, plates.images)
 
 

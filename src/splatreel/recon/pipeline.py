@@ -13,6 +13,7 @@ from splatreel.codec.preview import remove_previews
 from splatreel.config import Config
 from splatreel.config.records import with_former_defaults
 from splatreel.progress import Progress, Silent, parts_of
+from splatreel.recon.algorithm import Handover
 from splatreel.recon.encode.group_output import ReelOutput, RegionOutput
 from splatreel.recon.encode.group_writer import GroupWriter, PresentationHook, no_presentation
 from splatreel.recon.encode.soundtrack import select_soundtrack
@@ -25,7 +26,6 @@ from splatreel.recon.run.memory import check_memory
 from splatreel.recon.run.requirements import check_capture, check_networks
 from splatreel.recon.run.run_record import recorded_settings
 from splatreel.recon.run.store import Store
-from splatreel.recon.stages.stage import FirstOfVideo
 from splatreel.scene.static_points import StaticPoints
 
 
@@ -112,7 +112,8 @@ def reconstruct_sequence(run: ChapteredRun, progress: Progress, present: Present
         rig, layout = prepare(job, run.capture, run.groups[0].count // 2, lock)
         save_header(job, run.capture, rig, layout, soundtrack)
         writer = open_reel_writer(job, lock)
-        before = FirstOfVideo(rig, StaticPoints.none(run.config.keyframe.sh_degree))
+        static, seeds = StaticPoints.none(run.config.keyframe.sh_degree), job.store.initial_points()
+        before = Handover(rig, static, seeds=seeds)
         make_output = RegionOutput if layout.region else ReelOutput
         output = make_output(writer, GroupWriter(writer, job.store, job.device), present)
         reconstruct_groups(job, run.groups, run.capture, layout, before, output)

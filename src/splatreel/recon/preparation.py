@@ -6,7 +6,6 @@ import numpy as np
 
 from splatreel.capture.base import Capture
 from splatreel.codec.writer import ReelWriter
-from splatreel.config import Config
 from splatreel.errors import ReconstructionError
 from splatreel.recon.cameras.rig import Rig, check_first_poses
 from splatreel.recon.coverage.coverage import Coverage, cover
@@ -15,25 +14,12 @@ from splatreel.recon.encode.soundtrack import Soundtrack, save_soundtrack
 from splatreel.recon.init.layout import Layout
 from splatreel.recon.init.limits import limits
 from splatreel.recon.init.visual_hull import VisualHull
-from splatreel.recon.run.job import POINTS, Job
+from splatreel.recon.run.job import Job
 from splatreel.recon.run.requirements import check_pictures
 from splatreel.recon.run.run_lock import RunLock
+from splatreel.recon.run.step_checkpoints import POSES
 from splatreel.recon.run.store import GroupStore
-from splatreel.recon.run.workload import Workload
-from splatreel.recon.stages.camera_stages import load_poses, save_poses
 from splatreel.recon.train.single_frame import Subject, lay_out
-
-POINTS_TEXT = "placing the initial points"
-
-
-def points_seconds(work: Workload, config: Config) -> float:
-    """Return the expected seconds of the initial points, the check of the poses and the trial of novel views."""
-    seconds = 1.0 + work.cameras * (0.07 + 0.45 * work.megapixels)
-    if config.check_poses:
-        seconds += work.cameras * (0.22 + 0.5 * work.megapixels)
-    if config.check_coverage:
-        seconds += 3.5
-    return seconds
 
 
 def prepare(job: Job, capture: Capture, middle: int, lock: RunLock) -> tuple[Rig, Layout]:
@@ -50,15 +36,15 @@ def prepare(job: Job, capture: Capture, middle: int, lock: RunLock) -> tuple[Rig
     """
     store, rig = job.store, Rig.of(capture.training_cameras)
     if (layout := store.layout()) is not None:
-        poses = load_poses(store.group(0))
+        poses = POSES.load(store.group(0))
         return (rig if poses is None else rig.with_poses(poses)), layout
-    with job.timed(POINTS):
+    with job.timed("points"):
         job.progress.stage("reading the first frame, checking the cameras", 1, (0.0, 0.0))
         frames = np.concatenate([capture.scene.read(frame, 1, rig.names) for frame in (0, middle)])
         rig, frames = check_cameras(job, capture, rig, frames, store.group(0))
         job.progress.update(1)
         coverage = report_coverage(job, capture, rig, frames[0]) if job.config.check_coverage else None
-        job.show(POINTS_TEXT, 1)
+        job.show("points", 1)
         known = capture.points, capture.point_colors, capture.near
         images, subject = first_images(capture, rig, frames[0])
         seeds, layout = lay_out(rig.cameras, images, job.config, *known, subject)
@@ -133,7 +119,7 @@ def check_cameras(
     if not job.config.check_poses:
         return rig, frames
     poses = check_first_poses(rig, compared, str(capture.origin), job.progress)
-    save_poses(store, poses)
+    POSES.save(store, poses)
     assert poses.kept is not None
     return rig.with_poses(poses), frames[:, poses.kept]
 

@@ -22,8 +22,8 @@ from splatreel.recon.cameras.rig import Rig
 from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.pipeline import Result, reconstruct
 from splatreel.recon.run.machine_speed import on_one_thread
+from splatreel.recon.run.step_checkpoints import restored_rig
 from splatreel.recon.run.store import Store
-from splatreel.recon.stages.group_stages import restored_rig
 from splatreel.recon.train.density import MEASURE_EVERY
 from splatreel.recon.train.group import GroupTrainer
 from splatreel.recon.train.render import draw
