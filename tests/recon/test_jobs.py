@@ -17,8 +17,8 @@ from splatreel.recon.encode.group_writer import no_presentation
 from splatreel.recon.encode.reencode import reencode
 from splatreel.recon.jobs import ChapteredRun, chapter_job, reel_job, scene_job
 from splatreel.recon.pipeline import Result, plan_run, reconstruct
+from splatreel.recon.run.step_checkpoints import CHAPTER
 from splatreel.recon.run.store import Store
-from splatreel.recon.stages.keyframe_stages import ChapterKeyframe
 from tests.recon.captures import WallCapture
 from tests.recon.small import small
 from tests.recon.test_pipeline import Stop, Trace, content, finish_despite
@@ -59,8 +59,9 @@ def test_scene_holds_the_wall_and_chapters_the_moving_cluster(whole: Result) -> 
     seen = shared.decoded.opacities > 0.5
     assert np.median(shared.decoded.means[seen, 2]) == pytest.approx(0.95, abs=0.2)
     for chapter in planned(whole.reel.parent).chapters:
-        start = ChapterKeyframe().load(store.group(chapter.first))
+        start = CHAPTER.load(store.group(chapter.first))
         assert start is not None
+        assert start.alive is not None
         assert len(start.points) > 0
         assert start.alive.mean() > 0.5
 

@@ -79,7 +79,7 @@ _TRACKING, _MOTION = "tracking moving points", "training the motion"
 STEPS = {
     "points": Step("points", _POINTS, _POINTS),
     "exposure": Step("exposure", _CAMERAS, checkpoint=EXPOSURE),
-    "evening": Step("exposure", _CAMERAS),
+    "even exposures": Step("exposure", _CAMERAS),
     "poses": Step("poses", _CAMERAS, checkpoint=POSES),
     "scene keyframe": Step(
         "keyframe",
