@@ -140,7 +140,7 @@ ROOMS_OF_RECON = (
     ("coverage",),
     ("run",),
     ("encode",),
-    ("stages",),
+    ("algorithm",),
     ("preparation",),
     ("groups", "shared_scene"),
     ("plan",),
