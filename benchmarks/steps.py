@@ -29,8 +29,7 @@ from splatreel.method.cameras.rig import Rig
 from splatreel.method.coverage.coverage import Coverage
 from splatreel.method.encode.step_choice import encode_group_by_slope, encode_layer_by_slope
 from splatreel.play.timeline import Moment, Timeline
-from splatreel.run.stages.camera_stages import EvenExposures
-from splatreel.run.stages.keyframe_stages import FirstKeyframe
+from splatreel.run.step_checkpoints import EXPOSURE, KEYFRAME
 from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -61,9 +60,9 @@ class FirstGroup:
         """Return the steps of the layer and of the group that this revision chooses."""
         names, group = [camera.name for camera in self.manifest.cameras], self.stored.group
         images = np.ascontiguousarray(self.capture.read(0, group.frames, names))
-        if (exposure := EvenExposures().load(self.work)) is not None:
+        if (exposure := EXPOSURE.load(self.work)) is not None:
             remove_exposure(images, exposure)
-        span, keyframe = GroupSpan(0, 0, group.frames, group.frames), FirstKeyframe().load(self.work)
+        span, keyframe = GroupSpan(0, 0, group.frames, group.frames), KEYFRAME.load(self.work)
         layout, cpu, antialias = self.store.layout(), torch.device("cpu"), self.manifest.antialias
         if keyframe is None or layout is None or self.layer.importance is None or self.stored.importance is None:
             raise SystemExit("The run lacks a keyframe, a layout or measured importances.")

@@ -21,9 +21,8 @@ from splatreel.method.init.layout import Layout
 from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.render import View
 from splatreel.run.run_history import read_history
-from splatreel.run.stages.camera_stages import EvenExposures
-from splatreel.run.stages.group_stages import restored_rig
-from splatreel.run.stages.keyframe_stages import FirstKeyframe
+from splatreel.run.step_checkpoints import EXPOSURE, KEYFRAME, restored_rig
+from splatreel.run.steps import STEPS
 from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.spans import GroupSpan, group_spans
@@ -79,7 +78,7 @@ class SharedStart:
         Raises:
             UsageError: The run has several chapters, which have no common first keyframe.
         """
-        found = FirstKeyframe().load(self.store.group(0))
+        found = KEYFRAME.load(self.store.group(0))
         if found is None:
             raise UsageError(
                 f"{self.run}: has no first keyframe to start baselines from. Use fewer frames, or --set chapter_frames=0."
@@ -137,7 +136,7 @@ class SharedStart:
     def keyframe_seconds(self) -> float:
         """Seconds of training the first keyframe; those of all keyframes if the run has no history."""
         stages = read_history(self.store.work).stages
-        trained = sum(stage.seconds for stage in stages if stage.name == FirstKeyframe.text)
+        trained = sum(stage.seconds for stage in stages if stage.name == STEPS["first keyframe"].text)
         return trained or self.store.seconds().get("keyframe", 0.0)
 
     @property
@@ -157,4 +156,4 @@ class SharedStart:
     def _exposure(self, frame: int) -> tuple[Exposure | None, int]:
         """Return the exposures of the group of a frame, and the frame's place in the group."""
         span = next(span for span in self.spans if frame < span.first + span.own)
-        return EvenExposures().load(self.store.group(span.index)), frame - span.first
+        return EXPOSURE.load(self.store.group(span.index)), frame - span.first

@@ -17,7 +17,7 @@ from splatreel.run.jobs import ChapteredRun, chapter_job, reel_job, scene_job
 from splatreel.run.output.group_writer import no_presentation
 from splatreel.run.output.reencode import reencode
 from splatreel.run.pipeline import Result, plan_run, reconstruct
-from splatreel.run.stages.keyframe_stages import ChapterKeyframe
+from splatreel.run.step_checkpoints import CHAPTER
 from splatreel.run.store import Store
 from tests.method.captures import WallCapture
 from tests.method.small import small
@@ -59,8 +59,9 @@ def test_scene_holds_the_wall_and_chapters_the_moving_cluster(whole: Result) -> 
     seen = shared.decoded.opacities > 0.5
     assert np.median(shared.decoded.means[seen, 2]) == pytest.approx(0.95, abs=0.2)
     for chapter in planned(whole.reel.parent).chapters:
-        start = ChapterKeyframe().load(store.group(chapter.first))
+        start = CHAPTER.load(store.group(chapter.first))
         assert start is not None
+        assert start.alive is not None
         assert len(start.points) > 0
         assert start.alive.mean() > 0.5
 

@@ -9,16 +9,10 @@ from hypothesis import strategies as st
 from splatreel.config import Config, Quality, preset
 from splatreel.config.records import FORMER_DEFAULTS
 from splatreel.config.settings import changed
-from splatreel.run.plan import (
-    chapter_plan,
-    chapter_seconds,
-    scene_plan,
-    scene_seconds,
-    sequence_plan,
-    sequence_seconds,
-)
-from splatreel.run.preparation import POINTS_TEXT
-from splatreel.run.workload import Workload
+from splatreel.run.costs import COSTS, Workload
+from splatreel.run.job import Plan
+from splatreel.run.plan import chapter_plan, scene_plan, sequence_plan
+from splatreel.run.steps import STEPS
 from splatreel.scene.spans import group_spans
 
 TWO_THREADS = 0.64
@@ -47,7 +41,7 @@ MEASURED = {
 
 
 def total(work: Workload, frames: int, config: Config = Config()) -> float:  # noqa: B008 - it is frozen
-    return sum(sequence_seconds(work, group_spans(frames, 30, 5), config.for_video(frames)).values())
+    return sum(sequence_plan(work, group_spans(frames, 30, 5), config.for_video(frames)).seconds.values())
 
 
 @pytest.mark.parametrize("name", MEASURED)
@@ -78,7 +72,7 @@ def test_more_work_takes_more_seconds() -> None:
 
 
 def test_single_frame_has_no_motion_stages() -> None:
-    found = sequence_seconds(Workload(0.1, 10, 0.1, 0.5), group_spans(1, 30, 5), Config())
+    found = sequence_plan(Workload(0.1, 10, 0.1, 0.5), group_spans(1, 30, 5), Config()).seconds
     assert {"layering", "tracking", "group"}.isdisjoint(found)
 
 
@@ -86,14 +80,14 @@ def test_chapter_seconds_match_long_video() -> None:
     """`benchmarks/long.py`: 205 s a chapter of 300 frames, the median of twenty, on two threads."""
     quick = {"keyframe.refine_iterations": 100, "group.iterations_per_frame": 6}
     config, spans = changed(preset("draft"), quick), group_spans(305, 30, 5)
-    said = sum(chapter_seconds(Workload(0.0144, 5, 0.194, 0.96), spans, config).values())
+    said = sum(chapter_plan(Workload(0.0144, 5, 0.194, 0.96), spans, config).seconds.values())
     assert 0.7 <= said * TWO_THREADS / 205 <= 1.3
 
 
 def test_chapters_add_scene_and_first_keyframes() -> None:
     work, spans, config = Workload(0.1, 10, 0.1, 0.5), group_spans(300, 30, 5), Config()
-    scene, chapter = scene_seconds(work, config), chapter_seconds(work, tuple(spans), config)
-    sequence = sequence_seconds(work, spans, config)
+    scene, chapter = scene_plan(work, config).seconds, chapter_plan(work, tuple(spans), config).seconds
+    sequence = sequence_plan(work, spans, config).seconds
     assert chapter["group"] == sequence["group"]
     assert "group" not in scene
     whole = sum(sequence.values())
@@ -103,21 +97,34 @@ def test_chapters_add_scene_and_first_keyframes() -> None:
 WORK = Workload(0.1, 10, 0.1, 0.5)
 
 
-def test_plan_and_seconds_agree() -> None:
+def test_seconds_of_plan_are_those_of_its_steps_and_of_reading() -> None:
     spans, config = group_spans(100, 30, 5), Config()
-    seconds = sequence_seconds(WORK, spans, config)
-    assert sequence_plan(WORK, spans, config).total == pytest.approx(sum(seconds.values()) - seconds["reading"])
-    seconds = chapter_seconds(WORK, spans, config)
-    assert chapter_plan(WORK, spans, config).total == pytest.approx(sum(seconds.values()) - seconds["reading"])
-    assert scene_plan(WORK, config).total == pytest.approx(sum(scene_seconds(WORK, config).values()))
+    for plan in (sequence_plan(WORK, spans, config), chapter_plan(WORK, spans, config)):
+        assert plan.total == pytest.approx(sum(plan.seconds.values()) - plan.seconds["reading"])
+    plan = scene_plan(WORK, config)
+    assert plan.total == pytest.approx(sum(plan.seconds.values()))
+
+
+def test_steps_with_costs_are_known_and_planned() -> None:
+    spans, config = group_spans(100, 30, 5), Config()
+    plans = sequence_plan(WORK, spans, config), chapter_plan(WORK, spans, config), scene_plan(WORK, config)
+    assert {step for plan in plans for step, *_ in plan.steps} == set(COSTS) <= set(STEPS)
+    shown = {name for name, step in STEPS.items() if step.text}
+    assert shown < set(COSTS), "the progress display needs the share of a step that it shows"
+
+
+def test_step_without_text_is_added_to_the_next_one() -> None:
+    plan = Plan((("points", None, 1.0), ("poses", 0, 2.0), ("keyframe", 0, 1.0)))
+    assert plan.share("points", None) == (0.0, 0.25)
+    assert plan.share("keyframe", 0) == (0.25, 1.0)
 
 
 @given(st.integers(1, 400), st.sampled_from(["draft", "standard", "paper"]))
 def test_shares_follow_each_other_and_fill_the_job(frames: int, quality: Quality) -> None:
     spans = group_spans(frames, 30, 5)
     plan = sequence_plan(WORK, spans, preset(quality))
-    shares = [plan.share(text, group) for text, group, _ in plan.steps if text]
-    assert shares[0] == plan.share(POINTS_TEXT, None)
+    shares = [plan.share(step, group) for step, group, _ in plan.steps if STEPS[step].text]
+    assert shares[0] == plan.share("points", None)
     assert shares[0][0] == 0
     assert shares[-1][1] == pytest.approx(1)
     for before, after in pairwise(shares):
@@ -127,7 +134,7 @@ def test_shares_follow_each_other_and_fill_the_job(frames: int, quality: Quality
 def test_more_iterations_are_a_larger_share() -> None:
     def share(iterations: int) -> float:
         config = changed(Config(), {"group.iterations_per_frame": iterations})
-        begin, end = sequence_plan(WORK, group_spans(30, 30, 5), config).share("training the motion", 0)
+        begin, end = sequence_plan(WORK, group_spans(30, 30, 5), config).share("motion", 0)
         return end - begin
 
     assert share(100) < share(200) < share(400)
@@ -135,4 +142,4 @@ def test_more_iterations_are_a_larger_share() -> None:
 
 def test_share_of_missing_group_is_an_error() -> None:
     with pytest.raises(KeyError):
-        sequence_plan(WORK, group_spans(30, 30, 5), Config()).share("training the motion", 1)
+        sequence_plan(WORK, group_spans(30, 30, 5), Config()).share("motion", 1)

@@ -7,10 +7,10 @@ import pytest
 
 from splatreel.base.progress import Silent
 from splatreel.capture.base import Capture
-from splatreel.method.train.chapter_keyframe import ChapterStart
+from splatreel.method.train.keyframe import KeyframeResult
 from splatreel.run.jobs import ChapteredRun, chapter_job, scene_job
 from splatreel.run.pipeline import plan_run
-from splatreel.run.stages.keyframe_stages import ChapterKeyframe
+from splatreel.run.step_checkpoints import CHAPTER
 from splatreel.scene.gaussians import Gaussians
 from tests.method.captures import HEIGHT, WIDTH, picture
 from tests.method.scenes import ring
@@ -49,10 +49,17 @@ def made(capture: Capture, out: Path, chapters: list[int]) -> ChapteredRun:
     return run
 
 
-def started(run: ChapteredRun, chapter: int) -> ChapterStart:
-    start = ChapterKeyframe().load(run.store.group(run.chapters[chapter].first))
+def started(run: ChapteredRun, chapter: int) -> KeyframeResult:
+    start = CHAPTER.load(run.store.group(run.chapters[chapter].first))
     assert start is not None
     return start
+
+
+def alive(run: ChapteredRun, chapter: int) -> np.ndarray:
+    """Shared static points that a chapter keeps."""
+    found = started(run, chapter).alive
+    assert found is not None
+    return found
 
 
 def cluster(points: Gaussians) -> np.ndarray:
@@ -67,10 +74,10 @@ def test_scene_holds_mostly_resting_points_and_chapter_removes_absent_ones(tmp_p
     assert shared is not None
     there = cluster(shared.decoded)
     assert there.sum() > 20
-    assert started(run, 0).alive[there].mean() > 0.9
-    last = started(run, 2)
-    assert last.alive[there].mean() < 0.3
-    assert last.alive[~there].mean() > 0.9
+    assert alive(run, 0)[there].mean() > 0.9
+    last = alive(run, 2)
+    assert last[there].mean() < 0.3
+    assert last[~there].mean() > 0.9
     assert run.store.group(run.groups[-1].index).group().group.alive[: len(there)][there].mean() < 0.3
 
 
@@ -78,9 +85,8 @@ def test_drifting_light_adds_no_points_and_is_restored_in_playback(tmp_path: Pat
     run = made(ChangingWall(leaves=FRAMES, brighter=0.04), tmp_path, [0, 2])
     lights = []
     for chapter in (run.chapters[0], run.chapters[2]):
-        start = started(run, chapter.index)
-        assert len(start.points) == 0
-        assert start.alive.all()
+        assert len(started(run, chapter.index).points) == 0
+        assert alive(run, chapter.index).all()
         light = run.store.group(chapter.first).group().group.light
         assert light is not None
         lights.append(light.mean(1))

@@ -112,12 +112,10 @@ def _time(run: ChapteredRun, found: Estimate) -> str:
 
 def _stages(found: Estimate) -> list[str]:
     """Return a line for each kind of stage that takes time, in their order."""
-    from splatreel.run.job import POINTS
-    from splatreel.run.plan import READING
-    from splatreel.run.preparation import POINTS_TEXT
-    from splatreel.run.stages.group_stages import GROUP_STAGES
+    from splatreel.run.job import READING
+    from splatreel.run.steps import STEPS
 
-    labels = {READING: "reading images", POINTS: POINTS_TEXT} | {stage.name: stage.label for stage in GROUP_STAGES}
+    labels = {READING: "reading images"} | {step.timing: step.label for step in STEPS.values()}
     times = dict.fromkeys(labels.values(), 0.0)
     for name, label in labels.items():
         times[label] += found.seconds.get(name, 0.0)

@@ -8,18 +8,17 @@ import torch
 from splatreel.capture.base import Capture
 from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.codec.preview import remove_previews
+from splatreel.method.algorithm import Handover, hand_over, reconstruct_group
 from splatreel.method.cameras.group_input import GroupInput
-from splatreel.method.cameras.rig import Rig
 from splatreel.method.init.layout import Layout
-from splatreel.method.tracking.tracking import VelocityPrior
+from splatreel.method.train.group import GroupResult
 from splatreel.run.device import check_room
 from splatreel.run.job import Job
 from splatreel.run.output.group_output import Output
-from splatreel.run.stages.group_stages import GROUP_STAGES, restored_rig
-from splatreel.run.stages.stage import GroupState, Handover, NextGroup
-from splatreel.scene.group import Group
+from splatreel.run.output.keyframe_preview import KeyframePreview
+from splatreel.run.step_checkpoints import OFFSETS, restored_rig
+from splatreel.run.step_run import StepRun
 from splatreel.scene.spans import GroupSpan
-from splatreel.scene.static_points import StaticPoints
 
 
 def reconstruct_groups(
@@ -50,10 +49,10 @@ def reconstruct_groups(
     with FramePrefetcher(capture, before.rig.names, [(span.first, span.count) for span in todo]) as stretches:
         for span, frames in zip(todo, stretches, strict=True):
             missing = capture.missing(span.first, span.count, before.rig.names)
-            before = reconstruct_group(job, span, frames, before, layout, output, plates, missing)
+            before = run_group(job, span, frames, before, layout, output, plates, missing)
 
 
-def reconstruct_group(
+def run_group(
     job: Job,
     span: GroupSpan,
     frames: np.ndarray,
@@ -62,8 +61,8 @@ def reconstruct_group(
     output: Output,
     plates: np.ndarray | None = None,
     missing: np.ndarray | None = None,
-) -> NextGroup:
-    """Reconstruct one group: train its keyframe, separate static from dynamic points, track and train their motion, write it.
+) -> Handover:
+    """Reconstruct one group, with checkpoints, and write it.
 
     Args:
         job: The run.
@@ -80,28 +79,28 @@ def reconstruct_group(
     """
     if job.device.type == "cuda":
         check_room(frames.nbytes, torch.cuda.mem_get_info(job.device)[0], frames.shape[3])
-    config = job.config
+    config, store = job.config, job.store.group(span.index)
     if missing is not None:  # an image that stands in for a frame without any is better than none
         missing = missing & ~missing.all(1, keepdims=True)
         missing = missing if missing.any() else None
-    data = GroupInput(span, frames, before.rig, None, layout, job.device, config.seed, config.antialias, missing)
-    state = GroupState(job, before, data, output, plates)
-    for stage in GROUP_STAGES:
-        stage.execute(state)
+    data = GroupInput(
+        span, frames, before.rig, None, layout, job.device, config.seed, config.antialias, missing, plates
+    )
+
+    def save_offsets(found: GroupResult) -> None:
+        if found.time_offsets is not None:
+            OFFSETS.save(store, found.time_offsets.values)
+
+    run = StepRun(job, store, span, {"layer": output.add_layer, "motion": save_offsets, "encode": output.add_group})
+    after = reconstruct_group(data, before, config, output.coding, run, KeyframePreview(job.store))
     remove_previews(job.store.work.parent)  # players now show the group
-    return hand_over(span, state.rig, state.static, state.group)
+    return after
 
 
-def restore_group(job: Job, span: GroupSpan, before: Handover) -> NextGroup:
+def restore_group(job: Job, span: GroupSpan, before: Handover) -> Handover:
     """Return the state that a finished group passed on, from its checkpoints."""
     store = job.store.group(span.index)
     layer, static = store.layer(), before.static
     if layer is not None:
         static = static.with_layer(layer.decoded)
-    return hand_over(span, restored_rig(before.rig, store, span.own), static, store.group().group)
-
-
-def hand_over(span: GroupSpan, rig: Rig, static: StaticPoints, group: Group) -> NextGroup:
-    """Return the state at the next keyframe, with the dynamic points deformed to it (paper section 4)."""
-    velocity = VelocityPrior.of(group, span.own)
-    return NextGroup(rig, static.with_alive(group.alive), group.at(span.own), velocity)
+    return hand_over(restored_rig(before.rig, store, span.own), static, store.group().group, span.own)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 
@@ -12,45 +12,64 @@ import torch
 from splatreel.base.process import give_back_freed_memory
 from splatreel.base.progress import Progress, Span
 from splatreel.config import Config
-from splatreel.method.coverage.trial import Trial
 from splatreel.run.run_history import RecordedProgress
+from splatreel.run.steps import STEPS
 from splatreel.run.store import Store
 from splatreel.scene.spans import GroupSpan
 
-POINTS = "points"
-"""Name of the stage before the first group: the initial points, the cameras and the measures of the scene."""
+READING = "reading"
+"""Name of the seconds of reading images."""
+Seconds = dict[str, float]
+"""Seconds by the names that measured seconds have (`Step.timing`)."""
+
+
+def sum_seconds(parts: Iterable[Seconds]) -> Seconds:
+    """Return the sum of several parts, name by name."""
+    found: Seconds = {}
+    for part in parts:
+        for name, seconds in part.items():
+            found[name] = found.get(name, 0.0) + seconds
+    return found
 
 
 @dataclass(frozen=True)
 class Plan:
-    """The stages of a job in their order, with the seconds that each is expected to take.
+    """The steps of a job in their order, with the seconds that each is expected to take.
 
     Attributes:
-        steps: Text of the progress display, group (None for the stage before the groups) and seconds of each stage. The progress
-            display does not show a stage without a text, and adds its seconds to the next stage.
+        steps: Name, group (None for a step outside of groups) and seconds of each step. The progress display does not show a step
+            without a text, and adds its seconds to the next step.
+        reading: Seconds of reading the images, during which no step is shown.
     """
 
     steps: tuple[tuple[str, int | None, float], ...]
+    reading: float = 0.0
 
     @property
     def total(self) -> float:
-        """Seconds of all stages."""
+        """Seconds of all steps."""
         return sum(seconds for *_, seconds in self.steps)
 
-    def share(self, text: str, group: int | None) -> Span:
-        """Return where a stage begins and ends, as shares 0..1 of the whole job.
+    @property
+    def seconds(self) -> Seconds:
+        """Seconds by name, without those that take no time."""
+        parts = [{STEPS[step].timing: seconds} for step, _, seconds in self.steps if seconds]
+        return sum_seconds([*parts, {READING: self.reading}] if self.reading else parts)
+
+    def share(self, step: str, group: int | None) -> Span:
+        """Return where a step begins and ends, as shares 0..1 of the whole job.
 
         Raises:
-            KeyError: The job has no such stage.
+            KeyError: The job has no such step.
         """
         total, begin, end = self.total, 0.0, 0.0
         for name, index, seconds in self.steps:
             end += seconds
-            if (name, index) == (text, group):
+            if (name, index) == (step, group):
                 return begin / total, end / total
-            if name:
+            if STEPS[name].text:
                 begin = end
-        raise KeyError((text, group))
+        raise KeyError((step, group))
 
 
 @dataclass
@@ -82,12 +101,6 @@ class Job:
         self.progress = RecordedProgress(self.progress, self.store.work, self.part, self.device.type)
         self.seconds = self.store.seconds(self.part)
 
-    @property
-    def trial(self) -> Trial | None:
-        """Result of the trial that left a camera out; None where no trial was made."""
-        coverage = self.store.coverage()
-        return coverage and coverage.trial
-
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:
         """Add the seconds spent in the block to a stage, and return freed memory to the system at its end."""
@@ -97,14 +110,15 @@ class Job:
         self.seconds[stage] = round(self.seconds.get(stage, 0.0) + time.monotonic() - start, 3)
         self.store.save_seconds(self.seconds, self.part)
 
-    def show(self, text: str, steps: int, span: GroupSpan | None = None) -> None:
-        """Begin the progress bar of a stage.
+    def show(self, step: str, steps: int, span: GroupSpan | None = None) -> None:
+        """Begin the progress bar of a step.
 
         Args:
-            text: Text of the stage, as the plan has it.
+            step: Name of the step.
             steps: Number of steps of the bar.
-            span: Group of the stage; None for the stage before the groups.
+            span: Group of the step; None outside of groups.
         """
         group = None if span is None else span.index
         number = "" if group is None else f"group {group + 1}{f'/{self.groups}' if self.plan else ''}: "
-        self.progress.stage(number + text, steps, None if self.plan is None else self.plan.share(text, group))
+        share = None if self.plan is None else self.plan.share(step, group)
+        self.progress.stage(number + STEPS[step].text, steps, share)

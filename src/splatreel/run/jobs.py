@@ -20,6 +20,8 @@ from splatreel.capture.base import Capture
 from splatreel.capture.frame_table import load_tables, pack_tables
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
+from splatreel.method.algorithm import Handover
+from splatreel.run.costs import Workload
 from splatreel.run.groups import reconstruct_groups
 from splatreel.run.job import Job, Plan
 from splatreel.run.job_log import LoggedProgress, logged
@@ -29,9 +31,7 @@ from splatreel.run.output.soundtrack import select_soundtrack
 from splatreel.run.plan import chapter_plan, scene_plan, sequence_plan
 from splatreel.run.run_lock import RunLock
 from splatreel.run.shared_scene import load_plates, reconstruct_shared_scene, shared_rig
-from splatreel.run.stages.stage import FirstOfChapter
 from splatreel.run.store import Store
-from splatreel.run.workload import Workload
 from splatreel.scene.spans import ChapterSpan, GroupSpan, chapter_spans, group_spans
 from splatreel.scene.static_points import StaticPoints
 
@@ -197,7 +197,7 @@ def _reconstruct_chapter(run: ChapteredRun, chapter: ChapterSpan, job: Job, outp
     if shared is None or plates is None or layout is None:
         raise _scene_is_missing(run)
     static = StaticPoints.none(run.config.keyframe.sh_degree).with_layer(shared.decoded)
-    before = FirstOfChapter(shared_rig(job, run.capture), static)
+    before = Handover(shared_rig(job, run.capture), static)
     reconstruct_groups(job, list(chapter.groups), run.capture, layout, before, output, plates.images)
 
 

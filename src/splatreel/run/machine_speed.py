@@ -40,7 +40,7 @@ class Probe:
         width: Width of the image in pixels.
         height: Height of the image in pixels.
         scale: Mean logarithm of the points' scales.
-        seconds: Seconds of the step on one thread of the machine that `workload` was measured on.
+        seconds: Seconds of the step on one thread of the machine that `costs` was measured on.
         repeats: Number of steps. The fastest counts, so that other programs hardly matter.
     """
 

@@ -13,6 +13,7 @@ from splatreel.capture.opening import CaptureSource
 from splatreel.codec.preview import remove_previews
 from splatreel.config import Config
 from splatreel.config.records import with_former_defaults
+from splatreel.method.algorithm import Handover
 from splatreel.method.init.layout import check_region
 from splatreel.run.device import pick_device
 from splatreel.run.groups import reconstruct_groups
@@ -24,7 +25,6 @@ from splatreel.run.output.soundtrack import select_soundtrack
 from splatreel.run.preparation import open_reel_writer, prepare, save_header
 from splatreel.run.requirements import check_capture, check_networks
 from splatreel.run.run_record import recorded_settings
-from splatreel.run.stages.stage import FirstOfVideo
 from splatreel.run.store import Store
 from splatreel.scene.static_points import StaticPoints
 
@@ -112,7 +112,8 @@ def reconstruct_sequence(run: ChapteredRun, progress: Progress, present: Present
         rig, layout = prepare(job, run.capture, run.groups[0].count // 2, lock)
         save_header(job, run.capture, rig, layout, soundtrack)
         writer = open_reel_writer(job, lock)
-        before = FirstOfVideo(rig, StaticPoints.none(run.config.keyframe.sh_degree))
+        static, seeds = StaticPoints.none(run.config.keyframe.sh_degree), job.store.initial_points()
+        before = Handover(rig, static, seeds=seeds)
         make_output = RegionOutput if layout.region else ReelOutput
         output = make_output(writer, GroupWriter(writer, job.store, job.device), present)
         reconstruct_groups(job, run.groups, run.capture, layout, before, output)

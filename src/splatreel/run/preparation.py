@@ -7,33 +7,19 @@ import numpy as np
 from splatreel.base.errors import ReconstructionError
 from splatreel.capture.base import Capture
 from splatreel.codec.writer import ReelWriter
-from splatreel.config import Config
 from splatreel.method.cameras.rig import Rig, check_first_poses
 from splatreel.method.coverage.coverage import Coverage, cover
 from splatreel.method.init.layout import Layout
 from splatreel.method.init.limits import limits
 from splatreel.method.init.visual_hull import VisualHull
 from splatreel.method.train.single_frame import Subject, lay_out
-from splatreel.run.job import POINTS, Job
+from splatreel.run.job import Job
 from splatreel.run.output.group_writer import header_of, open_writer
 from splatreel.run.output.soundtrack import Soundtrack, save_soundtrack
 from splatreel.run.requirements import check_pictures
 from splatreel.run.run_lock import RunLock
-from splatreel.run.stages.camera_stages import load_poses, save_poses
+from splatreel.run.step_checkpoints import POSES
 from splatreel.run.store import GroupStore
-from splatreel.run.workload import Workload
-
-POINTS_TEXT = "placing the initial points"
-
-
-def points_seconds(work: Workload, config: Config) -> float:
-    """Return the expected seconds of the initial points, the check of the poses and the trial of novel views."""
-    seconds = 1.0 + work.cameras * (0.07 + 0.45 * work.megapixels)
-    if config.check_poses:
-        seconds += work.cameras * (0.22 + 0.5 * work.megapixels)
-    if config.check_coverage:
-        seconds += 3.5
-    return seconds
 
 
 def prepare(job: Job, capture: Capture, middle: int, lock: RunLock) -> tuple[Rig, Layout]:
@@ -50,15 +36,15 @@ def prepare(job: Job, capture: Capture, middle: int, lock: RunLock) -> tuple[Rig
     """
     store, rig = job.store, Rig.of(capture.training_cameras)
     if (layout := store.layout()) is not None:
-        poses = load_poses(store.group(0))
+        poses = POSES.load(store.group(0))
         return (rig if poses is None else rig.with_poses(poses)), layout
-    with job.timed(POINTS):
+    with job.timed("points"):
         job.progress.stage("reading the first frame, checking the cameras", 1, (0.0, 0.0))
         frames = np.concatenate([capture.scene.read(frame, 1, rig.names) for frame in (0, middle)])
         rig, frames = check_cameras(job, capture, rig, frames, store.group(0))
         job.progress.update(1)
         coverage = report_coverage(job, capture, rig, frames[0]) if job.config.check_coverage else None
-        job.show(POINTS_TEXT, 1)
+        job.show("points", 1)
         known = capture.points, capture.point_colors, capture.near
         images, subject = first_images(capture, rig, frames[0])
         seeds, layout = lay_out(rig.cameras, images, job.config, *known, subject)
@@ -133,7 +119,7 @@ def check_cameras(
     if not job.config.check_poses:
         return rig, frames
     poses = check_first_poses(rig, compared, str(capture.origin), job.progress)
-    save_poses(store, poses)
+    POSES.save(store, poses)
     assert poses.kept is not None
     return rig.with_poses(poses), frames[:, poses.kept]
 

@@ -8,31 +8,26 @@ import numpy as np
 
 from splatreel.capture.base import Capture
 from splatreel.codec.encoder import ReelEncoder
-from splatreel.codec.group_file import decode_parts
 from splatreel.method.cameras.exposure import measure_exposure, remove_exposure
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
-from splatreel.method.encode.importance import weigh
-from splatreel.method.encode.step_choice import encode_layer_by_slope
+from splatreel.method.encode.compression import Coding, compress_layer
 from splatreel.method.images.clean_plates import CleanPlates, clean_plates
 from splatreel.method.init.initial_points import initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure
 from splatreel.method.layering.lift import shares
 from splatreel.method.train.keyframe import KeyframeResult
 from splatreel.method.train.training import train_first_keyframe
-from splatreel.run.job import POINTS, Job
+from splatreel.run.job import Job
 from splatreel.run.output.soundtrack import Soundtrack
-from splatreel.run.preparation import POINTS_TEXT, check_cameras, check_region_holds, report_coverage, save_header
+from splatreel.run.preparation import check_cameras, check_region_holds, report_coverage, save_header
 from splatreel.run.run_lock import RunLock
-from splatreel.run.stages.group_stages import restored_rig
-from splatreel.run.stages.keyframe_stages import FirstKeyframe
+from splatreel.run.step_checkpoints import restored_rig
+from splatreel.run.step_run import StepRun
 from splatreel.run.store import GroupStore, StoredLayer
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.spans import GroupSpan
 
-SCENE_TEXT = "training the scene that all chapters share"
-SCENE_POINTS = 2.0
-"""Time of the initial points of several moments, as a multiple of that of one."""
 SAMPLES = 24
 """Frames of the video that the clean plates are made from. A passer-by hides a place in few of them."""
 MOMENTS = 3
@@ -52,11 +47,7 @@ def reconstruct_shared_scene(job: Job, capture: Capture, sound: Soundtrack | Non
     save_header(job, capture, rig, layout, sound)
     config = job.config
     data = GroupInput(PLATE, plates.images[None], rig, None, layout, job.device, config.seed, config.antialias)
-    keyframe = FirstKeyframe()
-    found = keyframe.load(store)
-    if found is None:
-        found = _train(job, data, plates)
-        keyframe.save(store, found)
+    found = StepRun(job, store)("scene keyframe", _train, data, job, plates)
     _save_layer(job, data, found.points, plates)
 
 
@@ -76,12 +67,12 @@ def _prepare_scene(job: Job, capture: Capture, lock: RunLock) -> tuple[Rig, Layo
     store = job.store
     if (layout := store.layout()) is not None and (plates := load_plates(store.scene)) is not None:
         return shared_rig(job, capture), layout, plates
-    with job.timed(POINTS):
+    with job.timed("points"):
         rig = Rig.of(capture.training_cameras)
         frames = _sample_frames(job, capture, rig)
         rig, frames = check_cameras(job, capture, rig, frames, store.scene)
         coverage = report_coverage(job, capture, rig, frames[0]) if job.config.check_coverage else None
-        job.show(POINTS_TEXT, MOMENTS + 1)
+        job.show("points", MOMENTS + 1)
         if job.config.even_exposure:
             remove_exposure(frames, measure_exposure(rig, frames))
         plates = clean_plates(frames)
@@ -121,33 +112,25 @@ def _lay_out(job: Job, rig: Rig, plates: CleanPlates, frames: np.ndarray) -> tup
     return layout, seeds.points, seeds.colors
 
 
-def _train(job: Job, data: GroupInput, plates: CleanPlates) -> KeyframeResult:
+def _train(data: GroupInput, job: Job, plates: CleanPlates) -> KeyframeResult:
     """Train the plates as a keyframe. Unknown pixels teach nothing."""
-    with job.timed(FirstKeyframe.name):
-        job.show(SCENE_TEXT, job.config.keyframe.first_iterations)
-        seeds = job.store.initial_points()
-        found = train_first_keyframe(data, *seeds, job.config, job.progress, plates.unknown)
+    seeds = job.store.initial_points()
+    found = train_first_keyframe(data, *seeds, job.config, job.progress, plates.unknown)
     found.points.check_finite("The scene that all chapters share")
     return found
 
 
 def _save_layer(job: Job, data: GroupInput, points: Gaussians, plates: CleanPlates) -> None:
     """Encode the points that the plates show, and save them as trained and as decoded."""
-    store = job.store.scene
+    store, scene = job.store, job.store.scene
     hidden = shares(points, data.cameras, plates.unknown, data.near, data.device)
-    known = points[
-        ~(hidden > UNKNOWN)
-    ]  # the share is NaN for a point that no camera sees; the comparison is then false
+    known = points[~(hidden > UNKNOWN)]  # NaN for a point that no camera sees, which compares false
     if len(known) == 0:
-        return store.save_layer(StoredLayer(known, known))
+        return scene.save_layer(StoredLayer(known, known))
     with job.timed("encode"):
         job.progress.stage("encoding the scene that all chapters share", 1, (1.0, 1.0))
-        importance = weigh([known], data.cameras, data.near, job.device, data.antialias)
-        none = known[:0]
-        (files, order), steps = encode_layer_by_slope(
-            ReelEncoder(job.config.encode, data.cameras), data, known, none, 0, importance, job.trial
-        )
-        store.save_encoded_layer(files)
-        decoded = decode_parts(files, "The layer that all chapters share")
-        store.save_layer(StoredLayer(known[order], decoded, importance[order], steps))
+        none, coding = known[:0], Coding(ReelEncoder(job.config.encode, data.cameras), store.header()[0], store.trial())
+        layer = compress_layer(data, known, none, none, coding)
+        scene.save_encoded_layer(layer.files)
+        scene.save_layer(StoredLayer(layer.trained, layer.decoded, layer.importance, layer.steps))
         job.progress.update(1, points=len(known))

@@ -1,8 +1,8 @@
 """Checkpoints of a run, OUT/work: the names of the files and of the arrays in them.
 
 Each result is saved as soon as it is computed, so that a run can be killed at any time and continued. Loading a result that is not
-there returns None. Two files are kept elsewhere: run.json (`run_record`) and the sound (`encode/soundtrack.py`). The stages say
-what their own checkpoints hold (`Stage.pack`).
+there returns None. Two files are kept elsewhere: run.json (`run_record`) and the sound (`encode/soundtrack.py`).
+`step_checkpoints.py` names the files of the steps of a group.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from splatreel.codec.header import ReelHeader
 from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.codec.presentation import Limits, Presentation, parse_presentation
 from splatreel.method.coverage.coverage import Coverage
+from splatreel.method.coverage.trial import Trial
 from splatreel.method.init.layout import Layout
 from splatreel.run import checkpoint
 from splatreel.run.checkpoint import Arrays
@@ -266,6 +267,11 @@ class Store:
         if not path.exists():
             return None
         return checkpoint.load_checked(path, Coverage.from_dict)
+
+    def trial(self) -> Trial | None:
+        """Return the result of the trial that left a camera out; None where no trial was made."""
+        coverage = self.coverage()
+        return coverage and coverage.trial
 
     def save_coverage(self, coverage: Coverage) -> None:
         """Save how well the cameras cover the scene."""

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from splatreel.base.errors import UsageError
-from splatreel.run.stages.camera_stages import EvenExposures
+from splatreel.run.step_checkpoints import EXPOSURE
 from tests.benchmarks.baselines.starts import SECONDS, write_start
 from tests.evaluation import scenes
 
@@ -25,7 +25,7 @@ def test_changes_of_exposure_are_removed_as_in_our_run(tmp_path: Path) -> None:
     change[1, 0] = np.log(0.5)
     light = np.zeros((scenes.FRAMES, 3), np.float32)
     light[2] = np.log(2.0)
-    start.store.group(0).save(EvenExposures.checkpoint, {"change": change, "light": light})
+    start.store.group(0).save(EXPOSURE.name, {"change": change, "light": light})
     plain, evened = capture.read(1, 1, start.rig.names)[0], start.pictures(1).images[0].numpy()
     dark = plain[0] < 120
     np.testing.assert_allclose(evened[0][dark], 2.0 * plain[0][dark], atol=1.5)

@@ -12,9 +12,7 @@ from splatreel.method.cameras.poses import PoseFindings
 from splatreel.method.cameras.rig import Rig, check_first_poses, check_later_poses, report_offsets
 from splatreel.method.cameras.time_offsets import LearnedOffsets
 from splatreel.method.train.keyframe import KeyframeResult
-from splatreel.run.stages.camera_stages import EvenExposures, save_poses
-from splatreel.run.stages.group_stages import restored_rig
-from splatreel.run.stages.keyframe_stages import FirstKeyframe
+from splatreel.run.step_checkpoints import EXPOSURE, KEYFRAME, POSES, restored_rig
 from splatreel.run.store import GroupStore
 from splatreel.scene.gaussians import Gaussians
 from tests.method.cameras.test_poses import apart, turned
@@ -34,7 +32,7 @@ def test_exposures_carry_over_and_restored_rig_is_equal(tmp_path: Path) -> None:
     rig = again = replace(Rig.of(CAMERAS), gains=np.random.default_rng(0).random((len(NAMES), 3), np.float32))
     for first, store in ((0, GroupStore(tmp_path / "a")), (3, GroupStore(tmp_path / "b"))):
         frames = CAPTURE.read(first, min(4, 6 - first), NAMES)
-        EvenExposures().save(store, exposure := measure_exposure(rig, frames))
+        EXPOSURE.save(store, exposure := measure_exposure(rig, frames))
         report_exposure(rig, exposure, notes)
         remove_exposure(frames, exposure)
         assert np.abs(frames.astype(float) - CAPTURE.read(0, 1, NAMES)[0]).mean() < 1.5
@@ -42,7 +40,7 @@ def test_exposures_carry_over_and_restored_rig_is_equal(tmp_path: Path) -> None:
         rig = at_next_keyframe(rig, exposure, 3).with_offsets(learned.values)
         store.save("delays", {"delays": learned.values})
         report_offsets(rig, learned, notes)
-        FirstKeyframe().save(store, KeyframeResult(Gaussians.empty(), rig.gains))
+        KEYFRAME.save(store, KeyframeResult(Gaussians.empty(), rig.gains))
         again = restored_rig(again, store, 3)
         assert np.array_equal(again.exposure, rig.exposure)
         assert np.array_equal(again.time_offsets, rig.time_offsets)
@@ -72,7 +70,7 @@ def test_light_is_removed_and_carries_over(tmp_path: Path) -> None:
     frames = np.rint(still * dusk[:, None, None, None, None]).astype(np.uint8)
     for first, store in ((0, GroupStore(tmp_path / "a")), (3, GroupStore(tmp_path / "b"))):
         own = frames[first : first + 4].copy()
-        EvenExposures().save(store, exposure := measure_exposure(rig, own))
+        EXPOSURE.save(store, exposure := measure_exposure(rig, own))
         report_exposure(rig, exposure, notes)
         remove_exposure(own, exposure)
         light, rig = exposure.light_factors, at_next_keyframe(rig, exposure, 3)
@@ -97,7 +95,7 @@ def test_moved_camera_is_corrected_and_stranger_left_out(tmp_path: Path) -> None
     frames[:, 6] = frames[:, 6, ::-1, ::-1]
     said = [turned(camera, 1.0) if number == 2 else camera for number, camera in enumerate(CORNER)]
     notes, store = Notes(), GroupStore(tmp_path)
-    save_poses(store, poses := check_first_poses(Rig.of(said), frames, "The capture", notes))
+    POSES.save(store, poses := check_first_poses(Rig.of(said), frames, "The capture", notes))
     rig = Rig.of(said).with_poses(poses)
     others = [camera for camera in CORNER if camera.name != "cam6"]
     assert rig.names == [camera.name for camera in others]
@@ -115,7 +113,7 @@ def test_moved_camera_is_corrected_and_stranger_left_out(tmp_path: Path) -> None
 @pytest.mark.slow
 def test_camera_moved_later_is_corrected_in_the_next_group(tmp_path: Path) -> None:
     rig, notes, store = Rig.of([*CORNER[:4], turned(CORNER[4], 1.0), *CORNER[5:]]), Notes(), GroupStore(tmp_path)
-    save_poses(store, poses := check_later_poses(rig, PICTURES, notes))
+    POSES.save(store, poses := check_later_poses(rig, PICTURES, notes))
     rig = rig.with_poses(poses)
     assert apart(rig.cameras[4], CORNER[4]) < 0.3
     restored = restored_rig(Rig.of(CORNER), store, 3)

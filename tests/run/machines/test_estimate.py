@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 import torch
 
+from splatreel.run.costs import facing
 from splatreel.run.machine_speed import MachineSpeed
 from splatreel.run.machines.estimate import estimate, moving_share
 from splatreel.run.machines.scaling import Division
 from splatreel.run.memory import needed_memory
-from splatreel.run.workload import facing
 from splatreel.scene.camera import Camera
 from splatreel.scene.spans import chapter_spans, group_spans
 from tests.method.captures import WallCapture

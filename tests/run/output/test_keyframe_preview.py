@@ -34,6 +34,7 @@ def unwanted() -> Gaussians:
 def test_previews_are_written_after_some_seconds_and_then_every_few_seconds(store: Store, tmp_path: Path) -> None:
     clock = Clock()
     preview = KeyframePreview(store, clock)
+    preview.show(unwanted)  # training begins
     clock.now += FIRST_AFTER - 0.1
     preview.show(unwanted)
     clock.now += 0.2
@@ -73,6 +74,7 @@ def test_short_trainings_and_trainings_without_a_reel_have_no_preview(store: Sto
     preview.finish(points(5))
     assert newest_preview(tmp_path) is None
     (store.work / "header.json").unlink()
+    preview.show(unwanted)
     clock.now += 100
     preview.show(lambda: points(5))
     clock.now += 100

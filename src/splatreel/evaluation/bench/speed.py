@@ -26,7 +26,7 @@ from splatreel.method.train.render import draw
 from splatreel.method.train.training import group_trainer
 from splatreel.run.machine_speed import on_one_thread
 from splatreel.run.pipeline import Result, reconstruct
-from splatreel.run.stages.group_stages import restored_rig
+from splatreel.run.step_checkpoints import restored_rig
 from splatreel.run.store import Store
 from splatreel.scene.spans import GroupSpan
 from splatreel.scene.static_points import StaticPoints

@@ -36,6 +36,8 @@ class GroupInput:
         antialias: True if splats are drawn antialiased (see `render_image`).
         missing: [T, C] bool, images that the cameras lack and that images of nearby frames stand in for; None if all exist.
             They are not trained on.
+        plates: Images [C, H, W, 3] uint8 of the scene that all chapters share, which the exposures of a chapter are measured
+            against; None outside of chapters.
     """
 
     span: GroupSpan
@@ -47,6 +49,7 @@ class GroupInput:
     seed: int
     antialias: bool
     missing: np.ndarray | None = None
+    plates: np.ndarray | None = None
 
     @property
     def cameras(self) -> list[Camera]:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import cv2
 import numpy as np
 
@@ -14,7 +12,7 @@ from splatreel.method.images.temporal_mean import temporal_mean
 from splatreel.method.init.initial_points import InitialPoints, initial_points
 from splatreel.method.layering.lift import shares
 from splatreel.method.tracking.new_points import error_masks
-from splatreel.method.train.keyframe import KeyframeTrainer, starting_points
+from splatreel.method.train.keyframe import KeyframeResult, KeyframeTrainer, starting_points
 from splatreel.method.train.losses import CHAPTER_KEYFRAME
 from splatreel.method.train.single_frame import train_frame
 from splatreel.method.train.training import known_gains
@@ -33,22 +31,7 @@ MISSING_SHARE = 0.5
 """Share of the cameras seeing a place, at least two, in whose images content must be missing there."""
 
 
-@dataclass(frozen=True)
-class ChapterStart:
-    """Result of a chapter's first keyframe.
-
-    Attributes:
-        points: New points beside the static ones.
-        gains: [C, 3] color gains of the cameras.
-        alive: [S] bool, shared static points that are kept.
-    """
-
-    points: Gaussians
-    gains: np.ndarray
-    alive: np.ndarray
-
-
-def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progress: Progress) -> ChapterStart:
+def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progress: Progress) -> KeyframeResult:
     """Remove shared static points that the first frame contradicts, and train new points where content is missing.
 
     The static points stay frozen. New points start at the initial points of the first frame where cameras agree that content is
@@ -57,14 +40,14 @@ def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progre
     keyframe = config.keyframe
     missing = missing_in(data, static)
     if not missing.any():
-        return ChapterStart(Gaussians.empty(keyframe.sh_degree), data.gains, static.alive)
+        return KeyframeResult(Gaussians.empty(keyframe.sh_degree), data.gains, static.alive)
     pixels = data.cameras[0].width * data.cameras[0].height
     most = min(keyframe.max_points, round(keyframe.points_per_pixel * pixels))
     found = initial_points(data.cameras, data.images[0], seed=data.seed)
     static, missing = _remove_departed(data, static, missing, _occluders(data, found, missing, config))
     points, colors = _thinned(*_places(data, found, missing), most / max(len(found.points), 1), data.seed)
     if len(points) == 0:
-        return ChapterStart(Gaussians.empty(keyframe.sh_degree), data.gains, static.alive)
+        return KeyframeResult(Gaussians.empty(keyframe.sh_degree), data.gains, static.alive)
     gains = known_gains(data, config)
     trainer = KeyframeTrainer(
         starting_points(points, colors, keyframe, data.unit, data.device),
@@ -88,7 +71,7 @@ def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progre
         progress,
         data.unknown,
     )
-    return ChapterStart(trainer.points.gaussians(), gains.values.cpu().numpy(), static.alive)
+    return KeyframeResult(trainer.points.gaussians(), gains.values.cpu().numpy(), static.alive)
 
 
 def missing_in(data: GroupInput, static: StaticPoints) -> np.ndarray:

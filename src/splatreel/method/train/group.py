@@ -26,6 +26,8 @@ from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import StaticCache, draw, moving_tiles
 from splatreel.method.train.schedule import FrameSchedule
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.group import Group
+from splatreel.scene.spans import GroupSpan
 from splatreel.scene.static_points import StaticPoints
 from splatreel.scene.volumes import Volume
 
@@ -47,7 +49,7 @@ class GroupResult:
         dq: [T, N, 4] rotation offsets at every frame.
         alive: [S] bool, static points that are still static.
         shade: [T, N, 4] as in `Group`; None if appearance is fixed.
-        time_offsets: Learned time offsets of the cameras.
+        time_offsets: Learned time offsets of the cameras; None if they are not learned.
     """
 
     dynamic: Gaussians
@@ -55,18 +57,23 @@ class GroupResult:
     dq: np.ndarray
     alive: np.ndarray
     shade: np.ndarray | None
-    time_offsets: LearnedOffsets
+    time_offsets: LearnedOffsets | None
+
+    def as_group(self, span: GroupSpan, light: np.ndarray | None) -> Group:
+        """Return the group of a span of frames. `light`: see `Group`."""
+        arrays = self.dynamic, self.dx, self.dq, self.alive, self.shade, light
+        return Group(span.index, span.first, *arrays)
 
 
 @torch.no_grad()
-def group_result(points: MovingPoints, frames: int, alive: Tensor, offsets: LearnedOffsets) -> GroupResult:
+def group_result(points: MovingPoints, frames: int, alive: Tensor, offsets: LearnedOffsets | None) -> GroupResult:
     """Collect a group's points and their changes at every frame as arrays.
 
     Args:
         points: Trained points.
         frames: Number of frames, T.
         alive: [S] bool, static points that are still static.
-        offsets: Learned time offsets.
+        offsets: Learned time offsets; None if they are not learned.
     """
     changes = [points.changes(frame) for frame in range(frames)]
     dx, dq = torch.stack([c.dx for c in changes]), torch.stack([c.dq for c in changes])
@@ -271,7 +278,8 @@ class GroupTrainer:
 
     def result(self) -> GroupResult:
         """Return the trained points and their changes."""
-        return group_result(self.points, self.pictures.count, self.static.alive, self.time_offsets.learned())
+        offsets = self.time_offsets.learned() if self.time_offsets.enabled else None
+        return group_result(self.points, self.pictures.count, self.static.alive, offsets)
 
     def psnr(self) -> float:
         """Return the mean PSNR, dB, over a few training images."""

@@ -89,10 +89,12 @@ class KeyframeResult:
     Attributes:
         points: Gaussians of the keyframe.
         gains: [C, 3] float32, learned color gains of the cameras.
+        alive: [S] bool, static points that the first keyframe of a chapter keeps; None for all other keyframes, which keep all.
     """
 
     points: Gaussians
     gains: np.ndarray
+    alive: np.ndarray | None = None
 
 
 def starting_points(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 import torch
@@ -24,6 +25,18 @@ from splatreel.method.train.render import View
 from splatreel.method.train.single_frame import first_keyframe_trainer, train_frame
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
+
+
+class KeyframeWatch(Protocol):
+    """Receiver of the points of the first keyframe of a video."""
+
+    def show(self, gaussians: Callable[[], Gaussians]) -> None:
+        """Look at the points during training. `gaussians` returns the points as they are now."""
+        ...
+
+    def finish(self, points: Gaussians) -> None:
+        """Look at the trained points of a keyframe."""
+        ...
 
 
 def train_first_keyframe(
@@ -52,7 +65,7 @@ def train_first_keyframe(
     return _trained(data, trainer, keyframe.first_iterations, keyframe.coarse_share, config, progress, unknown)
 
 
-def train_keyframe(
+def refine_keyframe(
     data: GroupInput, dynamic: Gaussians, static: StaticPoints, config: Config, progress: Progress
 ) -> KeyframeResult:
     """Train the dynamic points of a later keyframe, starting from the previous group, in front of frozen static points."""
@@ -78,7 +91,9 @@ def train_group(
 ) -> GroupResult:
     """Train the motion of a group's dynamic points from an initial state."""
     trainer = group_trainer(data, start, static, config, convertible(data, static, config.layering.adapt_changed_share))
-    return trainer.train(progress)
+    found = trainer.train(progress)
+    found.dynamic.check_finite(f"Group {data.span.index}")
+    return found
 
 
 def group_trainer(

@@ -15,14 +15,18 @@ from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Progress, Silent
 from splatreel.capture.follower import Follower
 from splatreel.capture.prefetch import FramePrefetcher
+from splatreel.codec.encoder import EncodedLayer
+from splatreel.codec.predictive.precision import STEPS
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.config.records import with_former_defaults
+from splatreel.method.algorithm import Handover
 from splatreel.method.cameras.rig import Rig
-from splatreel.method.encode.importance import weigh
+from splatreel.method.encode.compression import CompressedGroup, CompressedLayer
+from splatreel.method.encode.importance import group_importance, weigh
 from splatreel.method.init.layout import Layout
 from splatreel.run.device import pick_device
-from splatreel.run.groups import reconstruct_group, restore_group
+from splatreel.run.groups import restore_group, run_group
 from splatreel.run.job import Job
 from splatreel.run.live.lateness import Lateness, WhenLate
 from splatreel.run.live.live_soundtrack import LiveSoundtrack
@@ -38,16 +42,14 @@ from splatreel.run.live.retention import (
     trained_points,
 )
 from splatreel.run.memory import check_memory
-from splatreel.run.output.group_output import EncodedLayer, Output, ReelOutput
+from splatreel.run.output.group_output import Output, ReelOutput
 from splatreel.run.output.group_writer import GroupWriter, PresentationHook, no_presentation, open_writer
 from splatreel.run.pipeline import Result
 from splatreel.run.preparation import prepare, save_header
 from splatreel.run.requirements import check_capture, check_networks
 from splatreel.run.run_lock import RunLock
 from splatreel.run.run_record import recorded_settings
-from splatreel.run.stages.stage import AfterGap, FirstOfVideo, Handover, NextGroup, RetiredStatic
-from splatreel.run.stages.write_stages import write_group
-from splatreel.run.store import Store, StoredLayer
+from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.spans import GroupSpan, group_spans
@@ -183,7 +185,7 @@ class _LiveRun:
         self.edge = frames[span.own].copy() if span.own < len(frames) else None
         before = self._begin_group(span, before)
         missing = self.follower.capture.missing(span.first, span.count, before.rig.names)
-        before = reconstruct_group(self.job(settings), span, frames, before, layout, output, missing=missing)
+        before = run_group(self.job(settings), span, frames, before, layout, output, missing=missing)
         self.window.drop_old_groups(output.writer)
         self._report(span, live)
         return before
@@ -191,8 +193,7 @@ class _LiveRun:
     def _skip_group(self, span: GroupSpan, before: Handover, layout: Layout, output: LiveOutput) -> Handover:
         """Write a skipped group."""
         before = self._begin_group(span, before)
-        assert isinstance(before, NextGroup)  # the first group of all is never skipped
-        edge = before.reference if isinstance(before, AfterGap) else self.edge
+        edge = self.edge if before.reference is None else before.reference
         if edge is None:
             edge = self.follower.capture.read(span.first, 1, before.rig.names)[0]
         before = write_skipped_group(self.job(self.config), span, before, edge, layout, output)
@@ -204,8 +205,7 @@ class _LiveRun:
         self.window.record_rig(span.index, before.rig)
         save_epochs(self.store, span.index)
         if starts_epoch(span.index):
-            static, trained = before.static, trained_points(self.store, span.index - 1)
-            return replace(before, static=RetiredStatic(static.points, static.alive, trained))
+            return replace(before, retired=trained_points(self.store, span.index - 1))
         return before
 
     def _restore(self, rig: Rig, output: LiveOutput) -> tuple[Handover, int]:
@@ -217,7 +217,9 @@ class _LiveRun:
             self.store.group(done).forget()
         rig = load_rig(self.store, rig)
         static = static_before(self.store, first, degree)
-        before: Handover = NextGroup(rig, static, Gaussians.empty(degree), None) if first else FirstOfVideo(rig, static)
+        before = Handover(rig, static, Gaussians.empty(degree))
+        if first == 0:
+            before = Handover(rig, static, seeds=self.store.initial_points())
         live = self.spans(first)
         output.restore_layers(self.store, first, live)
         for index in range(first, done):
@@ -247,9 +249,11 @@ class _LiveRun:
 class LiveOutput(ReelOutput):
     """Output to a live reel. Layers are written with the group at which they are retired."""
 
-    def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
-        """See `Output`."""
-        return self.writer.add_layer(group, first_frame, points, encoded=encoded, until=retirement_group(group))[0]
+    def _write_layer(self, layer: CompressedLayer) -> None:
+        self._write_files(layer.group, layer.first_frame, layer.trained, layer.encoded)
+
+    def _write_files(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> None:
+        self.writer.add_layer(group, first_frame, points, encoded=encoded, until=retirement_group(group))
 
     def restore_layers(self, store: Store, first: int, spans: LiveSpans) -> None:
         """Write the layers of earlier groups that the first kept group shows."""
@@ -258,7 +262,7 @@ class LiveOutput(ReelOutput):
             if layer is not None and not self.writer.manifest.groups:
                 frame, points = spans.span(index).first, layer.trained
                 encoded = self.encoder.layer(index, frame, points, layer.importance, layer.steps)
-                self.add_layer(index, frame, points, encoded)
+                self._write_files(index, frame, points, encoded)
             self.group_writer.skip(index)
 
     def restore(self, index: int, last: bool) -> None:
@@ -268,8 +272,8 @@ class LiveOutput(ReelOutput):
 
 
 def write_skipped_group(
-    job: Job, span: GroupSpan, before: NextGroup, edge: np.ndarray, layout: Layout, output: Output
-) -> AfterGap:
+    job: Job, span: GroupSpan, before: Handover, edge: np.ndarray, layout: Layout, output: Output
+) -> Handover:
     """Write a group in which nothing moves, since a reel needs every frame. The next group starts from the same state.
 
     Args:
@@ -280,34 +284,37 @@ def write_skipped_group(
         layout: Measures of the scene.
         output: Destination of the group.
     """
-    static = before.static
-    if isinstance(static, RetiredStatic):
-        static = _rewrite_static(job, span, before, static, layout, output)
     still, count = before.dynamic, span.count
+    assert still is not None  # the first group of all is never skipped
+    static = _rewrite_static(job, span, before, still, layout, output)
     dq = np.tile(np.array([1, 0, 0, 0], np.float32), (count, len(still), 1))
     light = np.tile(np.exp(before.rig.light), (count, 1)) if before.rig.light.any() else None
     group = Group(
         span.index, span.first, still, np.zeros((count, len(still), 3), np.float32), dq, static.alive, light=light
     )
+    encoder = output.encoder
     with job.timed("encode"):
-        write_group(job, None, group, static, output)
-    return AfterGap(before.rig, static, still, None, edge)
+        importance = group_importance(output.header, encoder.config, static.points, group, job.device)[0]
+        output.add_group(CompressedGroup(group, importance, STEPS, encoder.group(group, importance)))
+    return Handover(before.rig, static, still, reference=edge)
 
 
 def _rewrite_static(
-    job: Job, span: GroupSpan, before: NextGroup, static: RetiredStatic, layout: Layout, output: Output
+    job: Job, span: GroupSpan, before: Handover, still: Gaussians, layout: Layout, output: Output
 ) -> StaticPoints:
-    """Write the living static points again."""
+    """Write the living static points again if their layers end at a skipped group. still: dynamic points of the group."""
+    if before.retired is None:
+        return before.static
     none = StaticPoints.none(job.config.keyframe.sh_degree)
-    living = static.trained[static.alive]
+    living = before.retired[before.static.alive]
     if not len(living):
         return none
-    seen = Gaussians.concatenate([living, before.dynamic])
+    seen = Gaussians.concatenate([living, still])
     importance = weigh([seen], before.rig.cameras, layout.near, job.device, job.config.antialias)[: len(living)]
     encoded = output.encoder.layer(span.index, span.first, living, importance)
-    decoded, order = output.add_layer(span.index, span.first, living, encoded), encoded[1]
-    job.store.group(span.index).save_layer(StoredLayer(living[order], decoded, importance[order]))
-    return none.with_layer(decoded)
+    layer = CompressedLayer.of(span, living, importance, STEPS, encoded)
+    output.add_layer(layer)
+    return none.with_layer(layer.decoded)
 
 
 class LiveSpans:

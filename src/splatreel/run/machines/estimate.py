@@ -9,6 +9,8 @@ import numpy as np
 
 from splatreel.capture.base import Capture
 from splatreel.method.images.change import changed_pixels
+from splatreel.run.costs import Workload
+from splatreel.run.job import Seconds, sum_seconds
 from splatreel.run.jobs import ChapteredRun
 from splatreel.run.machine_speed import MachineSpeed
 from splatreel.run.machines.scaling import (
@@ -19,15 +21,14 @@ from splatreel.run.machines.scaling import (
     job_time,
 )
 from splatreel.run.memory import PROCESS, needed_memory
-from splatreel.run.plan import chapter_seconds, scene_seconds, sequence_seconds
-from splatreel.run.stages.group_stages import GROUP_STAGES
-from splatreel.run.workload import Seconds, Workload, sum_seconds
+from splatreel.run.plan import chapter_plan, scene_plan, sequence_plan
+from splatreel.run.steps import STEPS
 
 LOOKS = 3
 """Number of frames of the first group that are compared to measure how much moves."""
 LOOKED_AT = 6e6
 """Largest number of pixels that are compared per frame, of all cameras. At least two and at most six cameras are used."""
-TRAINING = {stage.name for stage in GROUP_STAGES if stage.trains}
+TRAINING = {step.timing for step in STEPS.values() if step.trains}
 
 
 @dataclass(frozen=True)
@@ -68,11 +69,11 @@ def estimate(run: ChapteredRun, division: Division, speed: MachineSpeed, moving:
     work, pace = _measure(run, speed, moving)
     need = needed_memory(capture, config)
     if len(run.chapters) == 1:
-        seconds = pace.job(sequence_seconds(work, run.groups, config), SERIAL_CHAPTER, division.threads)
+        seconds = pace.job(sequence_plan(work, run.groups, config).seconds, SERIAL_CHAPTER, division.threads)
         return Estimate(seconds, need, work.moving, division)
     cores = division.workers * division.threads
-    seconds = pace.job(scene_seconds(work, config), SERIAL_SCENE, cores)
-    of_all = sum_seconds(chapter_seconds(work, chapter.groups, config) for chapter in run.chapters)
+    seconds = pace.job(scene_plan(work, config).seconds, SERIAL_SCENE, cores)
+    of_all = sum_seconds(chapter_plan(work, chapter.groups, config).seconds for chapter in run.chapters)
     seconds = sum_seconds([seconds, pace.chapters(of_all, len(run.chapters), division)])
     memory = need if division.workers == 1 else round(division.workers * need + PROCESS)
     return Estimate(seconds, memory, work.moving, division)
@@ -118,10 +119,10 @@ def estimate_jobs(
     capture, config = run.capture, run.config
     work, pace = _measure(run, speed)
     count = len(run.chapters)
-    scene, parts = 0.0, [sequence_seconds(work, run.groups, config)]
+    scene, parts = 0.0, [sequence_plan(work, run.groups, config).seconds]
     if count > 1:
-        scene = sum(pace.job(scene_seconds(work, config), SERIAL_SCENE, scene_threads).values())
-        parts = [chapter_seconds(work, chapter.groups, config) for chapter in run.chapters]
+        scene = sum(pace.job(scene_plan(work, config).seconds, SERIAL_SCENE, scene_threads).values())
+        parts = [chapter_plan(work, chapter.groups, config).seconds for chapter in run.chapters]
     chapter = max(sum(pace.job(part, SERIAL_CHAPTER, threads).values()) for part in parts)
     at_once = min(at_once or count, count)
     total = scene + math.ceil(count / at_once) * chapter

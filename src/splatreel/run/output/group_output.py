@@ -2,48 +2,51 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable
-from typing import Protocol
+from functools import cached_property
 
-from splatreel.codec.encoder import EncodedLayer, ReelEncoder
-from splatreel.codec.group_file import decode_parts
+from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
+from splatreel.method.encode.compression import Coding, CompressedGroup, CompressedLayer
 from splatreel.run.output.group_writer import GroupWriter, PresentationHook
-from splatreel.run.store import Store
-from splatreel.scene.gaussians import Gaussians
+from splatreel.run.store import Store, StoredGroup, StoredLayer
 from splatreel.scene.group import Group
 
 
-class Output(Protocol):
-    """Destination of a run's layers and groups."""
+class Output(ABC):
+    """Destination of a run's layers and groups. It saves them as checkpoints and writes their files.
 
-    @property
-    def header(self) -> ReelHeader:
-        """Header of the reel."""
-        ...
+    Attributes:
+        store: Checkpoints.
+        header: Header of the reel.
+        encoder: Encoder of layers and groups.
+    """
 
-    @property
-    def encoder(self) -> ReelEncoder:
-        """Encoder of layers and groups."""
-        ...
+    def __init__(self, store: Store, header: ReelHeader, encoder: ReelEncoder) -> None:
+        """Create an output, see the attributes."""
+        self.store, self.header, self.encoder = store, header, encoder
 
-    def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
-        """Add a layer and return its points as decoded, in the order of the reel.
+    @cached_property
+    def coding(self) -> Coding:
+        """Encoder, and the properties of the run that it depends on."""
+        return Coding(self.encoder, self.header, self.store.trial())
 
-        Args:
-            group: Group at which the layer is born.
-            first_frame: First frame of this group.
-            points: Points as trained.
-            encoded: Result of `encoder.layer` for these points.
-        """
-        ...
+    def add_layer(self, layer: CompressedLayer) -> None:
+        """Add a layer."""
+        self._write_layer(layer)
+        stored = StoredLayer(layer.trained, layer.decoded, layer.importance, layer.steps)
+        self.store.group(layer.group).save_layer(stored)
 
-    def add_group(self, group: Group, encoded: dict[str, bytes]) -> None:
-        """Add a group. encoded: result of `encoder.group`."""
-        ...
+    def add_group(self, found: CompressedGroup) -> None:
+        """Add a group. It is saved before it is written: a group that a reel holds is never trained again."""
+        stored = StoredGroup(found.group, found.importance, found.steps)
+        self.store.group(found.group.index).save_group(stored)
+        self._write_group(found.group, found.files)
 
+    @abstractmethod
     def restore(self, index: int, last: bool) -> None:
         """Add a group that an earlier run finished, if it is missing here.
 
@@ -51,10 +54,17 @@ class Output(Protocol):
             index: Number of the group.
             last: No later group was finished.
         """
-        ...
+
+    @abstractmethod
+    def _write_layer(self, layer: CompressedLayer) -> None:
+        """Write the files of a layer."""
+
+    @abstractmethod
+    def _write_group(self, group: Group, files: dict[str, bytes]) -> None:
+        """Write the files of a group."""
 
 
-class ReelOutput:
+class ReelOutput(Output):
     """Output to a reel.
 
     Attributes:
@@ -65,26 +75,8 @@ class ReelOutput:
 
     def __init__(self, writer: ReelWriter, group_writer: GroupWriter, present: PresentationHook) -> None:
         """Create an output, see the attributes."""
+        super().__init__(group_writer.store, writer.manifest, writer.encoder)
         self.writer, self.group_writer, self.present = writer, group_writer, present
-
-    @property
-    def header(self) -> ReelHeader:
-        """See `Output`."""
-        return self.writer.manifest
-
-    @property
-    def encoder(self) -> ReelEncoder:
-        """See `Output`."""
-        return self.writer.encoder
-
-    def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
-        """See `Output`."""
-        return self.writer.add_layer(group, first_frame, points, encoded=encoded)[0]
-
-    def add_group(self, group: Group, encoded: dict[str, bytes]) -> None:
-        """See `Output`."""
-        self.writer.add_group(group, encoded=encoded)
-        self.present(self.writer, group.index)
 
     def restore(self, index: int, last: bool) -> None:
         """See `Output`."""
@@ -95,16 +87,21 @@ class ReelOutput:
         if last:
             self.present(self.writer, index)
 
+    def _write_layer(self, layer: CompressedLayer) -> None:
+        self.writer.add_layer(layer.group, layer.first_frame, layer.trained, encoded=layer.encoded)
+
+    def _write_group(self, group: Group, files: dict[str, bytes]) -> None:
+        self.writer.add_group(group, encoded=files)
+        self.present(self.writer, group.index)
+
 
 class RegionOutput(ReelOutput):
-    """Output to a reel that holds a region only. It writes finished groups from their checkpoints."""
+    """Output to a reel that holds a region only. It writes finished groups, with their layers, from their checkpoints."""
 
-    def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
-        """See `Output`. The layer is written with its group."""
-        return decode_parts(encoded[0], f"The layer of group {group}")
+    def _write_layer(self, layer: CompressedLayer) -> None:
+        """Write nothing."""
 
-    def add_group(self, group: Group, encoded: dict[str, bytes]) -> None:
-        """See `Output`."""
+    def _write_group(self, group: Group, files: dict[str, bytes]) -> None:
         self.group_writer.write(group.index)
         self.present(self.writer, group.index)
 
@@ -113,37 +110,31 @@ def ignore_group(group: int) -> None:
     """Ignore a finished group."""
 
 
-class ChapterOutput:
+class ChapterOutput(Output):
     """Output of encoded files to the checkpoints of a chapter.
 
     Chapters are made in any order, on any machine. A later job writes the reel.
 
     Attributes:
-        store: Checkpoints.
-        header: Header of the reel.
-        encoder: Encoder of layers and groups.
         after_group: Called with the index of each finished group.
     """
 
     def __init__(
         self, store: Store, header: ReelHeader, config: EncodeConfig, after_group: Callable[[int], None] = ignore_group
     ) -> None:
-        """Create an output, see the attributes."""
-        self.store, self.header, self.after_group = store, header, after_group
-        self.encoder = ReelEncoder(config, header.cameras)
-
-    def add_layer(self, group: int, first_frame: int, points: Gaussians, encoded: EncodedLayer) -> Gaussians:
-        """See `Output`."""
-        self.store.group(group).save_encoded_layer(encoded[0])
-        return decode_parts(encoded[0], f"The layer of group {group}")
-
-    def add_group(self, group: Group, encoded: dict[str, bytes]) -> None:
-        """See `Output`."""
-        self.store.group(group.index).save_encoded_group(encoded)
-        self.after_group(group.index)
+        """Create an output, see the attributes. config: settings of the encoder."""
+        super().__init__(store, header, ReelEncoder(config, header.cameras))
+        self.after_group = after_group
 
     def restore(self, index: int, last: bool) -> None:
         """See `Output`."""
         if not self.store.group(index).has_encoded_group():
             stored = self.store.group(index).group()
-            self.add_group(stored.group, self.encoder.group(stored.group, stored.importance, stored.steps))
+            self._write_group(stored.group, self.encoder.group(stored.group, stored.importance, stored.steps))
+
+    def _write_layer(self, layer: CompressedLayer) -> None:
+        self.store.group(layer.group).save_encoded_layer(layer.files)
+
+    def _write_group(self, group: Group, files: dict[str, bytes]) -> None:
+        self.store.group(group.index).save_encoded_group(files)
+        self.after_group(group.index)

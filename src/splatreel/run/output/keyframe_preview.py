@@ -21,20 +21,22 @@ class KeyframePreview:
     """Writer of a preview every few seconds of training. Previews do not change the training."""
 
     def __init__(self, store: Store, clock: Callable[[], float] = time.monotonic) -> None:
-        """Begin to count the time.
+        """Prepare the writer. The time counts from the first call of `show`.
 
         Args:
             store: Checkpoints of the run in OUT/work.
             clock: Time in seconds.
         """
         self._store, self._clock = store, clock
-        self._due = clock() + FIRST_AFTER
+        self._due: float | None = None
         self.written: Path | None = None
         """Folder of the last preview; None if none was due yet."""
 
     def show(self, gaussians: Callable[[], Gaussians]) -> None:
         """Write a preview if it is time for one. `gaussians` returns the points as they are now."""
-        if self._clock() >= self._due:
+        if self._due is None:
+            self._due = self._clock() + FIRST_AFTER
+        elif self._clock() >= self._due:
             self._write(gaussians())
 
     def finish(self, points: Gaussians) -> None:

@@ -1,1 +1,0 @@
-"""Stages of the reconstruction of a group, one class per stage."""
