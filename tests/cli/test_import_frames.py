@@ -76,9 +76,24 @@ def test_import_keeps_existing_reels_and_restarts_interrupted_ones(
         assert main(["import", film, "--out", "reel"]) == 1
     assert main(["import", film, "--out", "reel"]) == 0
     before = Path("reel/manifest.json").read_bytes()
-    assert main(["import", film, "--out", "reel"]) == 2
+    assert main(["import", film, "--out", "reel", "--rate", "low"]) == 2
     assert "reel: holds a reel already" in capsys.readouterr().err
     assert Path("reel/manifest.json").read_bytes() == before
+
+
+def test_import_that_is_complete_already_says_so(film: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A command may be killed just after it finished. A reel that differs only in its texts is not taken for it."""
+    assert main(["import", film, "--out", "reel"]) == 0
+    before = {file: file.read_bytes() for file in Path("reel").rglob("*") if file.is_file()}
+    capsys.readouterr()
+    assert main(["import", film, "--out", "reel"]) == 0
+    text = capsys.readouterr().out
+    assert "reel: was complete already, with the same content" in text
+    assert "dB PSNR" in text
+    assert main(["import", film, "--out", "reel", "--title", "Another"]) == 2
+    assert "reel: holds a reel already" in capsys.readouterr().err
+    assert {file: file.read_bytes() for file in Path("reel").rglob("*") if file.is_file()} == before
+    assert not list(Path().glob(".*"))
 
 
 def test_reel_of_a_run_is_not_written_over_while_it_is_made(film: str, capsys: pytest.CaptureFixture[str]) -> None:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Literal
 from tyro.conf import Positional
 
 from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out, parse_left_out
-from splatreel.cli.printing import counted, say
+from splatreel.cli.printing import already_complete, counted, say
 from splatreel.command_line import install_command, quoted
 from splatreel.errors import ReconstructionError, UsageError
 from splatreel.threads import use as use_threads
@@ -315,10 +315,13 @@ def capture_convert(
     from splatreel.capture.conversion import convert_capture
     from splatreel.capture.opening import open_capture
     from splatreel.progress import console
+    from splatreel.scene.new_folder import is_taken
 
-    source = open_capture(capture, width=width, frames=parse_frames(frames))
+    source, existed = open_capture(capture, width=width, frames=parse_frames(frames)), is_taken(out)
     with closing(source), closing(console()) as progress:
         names = convert_capture(source, out, format, progress)
+    if existed:
+        say(already_complete(out))
     say(f"{out}: {len(names)} cameras and {source.frames} frames of {source.width} x {source.height} pixels")
     say("  intri.yml and extri.yml of EasyVolcap, the COLMAP model sparse/0, and images/CAMERA/; sound is not copied")
     _say_each(source.notes, [])

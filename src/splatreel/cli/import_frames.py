@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING, Literal
 
 from tyro.conf import OmitArgPrefixes, Positional
 
-from splatreel.cli.options import AXES, check_no_reel
+from splatreel.cli.new_reel import new_reel
+from splatreel.cli.options import AXES
 from splatreel.cli.options import megabytes as memory_limit
-from splatreel.cli.printing import playable, say
+from splatreel.cli.printing import already_complete, playable, say
 from splatreel.config import COARSENESS, EncodeConfig, Quality, Rate
 from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
@@ -120,9 +121,12 @@ def import_frames(
     present = PresentationWriter({"title": title} if title else {}, {"title": frames.name})
     with closing(console()) as progress:
         if fit is None:
-            found, reel = _write(film, out, header, limits, rate or "high", progress, present), out
+            (found, existed), reel = _write(film, out, header, limits, rate or "high", progress, present), out
         else:
             found, reel = _fit(film, out, header, cameras is None, fit, rate or "medium", progress, present)
+            existed = False
+    if existed:
+        say(already_complete(out))
     _say_result(film, found, reel)
     _say_changes(film, edit, fps)
     if fit is None:
@@ -162,18 +166,17 @@ def _write(
     rate: Rate,
     progress: Progress,
     present: PresentationHook,
-) -> Comparison:
-    """Write the points of a sequence to a new reel."""
-    check_no_reel(out)
+) -> tuple[Comparison, bool]:
+    """Write the points of a sequence to a new reel. Return the comparison, and whether the reel was complete already."""
     from splatreel.codec.writer import ReelWriter
     from splatreel.recon.run.device import pick_device
-    from splatreel.recon.run.run_lock import lock_reel
     from splatreel.sequence.reel import write_reel
 
-    with lock_reel(out):
-        check_no_reel(out)  # another process may have finished it meanwhile
-        writer = ReelWriter(out, header, config=EncodeConfig(coarseness=COARSENESS[rate]))
-        return write_reel(film, writer, progress, pick_device("auto"), limits, present)
+    with new_reel(out) as made:
+        writer = ReelWriter(made.path, header, config=EncodeConfig(coarseness=COARSENESS[rate]))
+        checked = made.checked(progress, "layers", "groups")
+        found = write_reel(film, writer, checked, pick_device("auto"), limits, present)
+    return found, made.existing is not None
 
 
 def _fit(

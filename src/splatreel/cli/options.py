@@ -229,18 +229,3 @@ def reel_folder(path: str | Path) -> str | Path:
             f"{path}: is a capture, not a reel. Make a reel of it with `splatreel reconstruct {path} --out OUT`, and give OUT."
         )
     return folder
-
-
-def check_no_reel(out: Path) -> None:
-    """Check that writing a reel into --out destroys no reel.
-
-    An unfinished reel is what an interrupted command left, and may be continued, unless it belongs to a run.
-
-    Raises:
-        UsageError: The folder holds a finished reel, or the reel of a run.
-    """
-    from splatreel.codec.reader import ReelReader
-
-    of_a_run = out.name == "reel" and (out.parent / "work").is_dir()
-    if (out / "manifest.json").is_file() and (of_a_run or not ReelReader(out).manifest.live):
-        raise UsageError(f"--out {out}: holds a reel already. Choose another folder, or delete that reel.")
