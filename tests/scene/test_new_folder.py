@@ -39,9 +39,13 @@ def test_folder_appears_when_it_is_complete(tmp_path: Path, empty: bool) -> None
 
 
 def test_nothing_is_left_of_a_failure(tmp_path: Path) -> None:
-    with pytest.raises(KeyboardInterrupt), new_folder(tmp_path / "out", REFUSAL) as made:
-        write(made.path, FILES)
-        raise KeyboardInterrupt
+    def fail() -> None:
+        with new_folder(tmp_path / "out", REFUSAL) as made:
+            write(made.path, FILES)
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fail()
     assert list(tmp_path.iterdir()) == []
 
 
@@ -82,10 +86,15 @@ def test_names_that_are_no_folder_are_refused_at_once(tmp_path: Path, kind: str)
 def test_difference_stops_at_the_first_file(tmp_path: Path) -> None:
     write(tmp_path / "out", {"groups/0": "1", "groups/1": "old", "manifest": "2"})
     steps = []
-    with pytest.raises(UsageError, match="exists already"), new_folder(tmp_path / "out", REFUSAL) as made:
-        progress = made.checked(Silent(), "groups")
-        for number, text in enumerate(["1", "2", "3"]):
-            write(made.path, {f"groups/{number}": text, "manifest": str(number)})
-            progress.update(number)
-            steps.append(number)
+
+    def run() -> None:
+        with new_folder(tmp_path / "out", REFUSAL) as made:
+            progress = made.checked(Silent(), "groups")
+            for number, text in enumerate(["1", "2", "3"]):
+                write(made.path, {f"groups/{number}": text, "manifest": str(number)})
+                progress.update(number)
+                steps.append(number)
+
+    with pytest.raises(UsageError, match="exists already"):
+        run()
     assert steps == [0]

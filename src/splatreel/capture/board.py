@@ -145,9 +145,8 @@ class Board:
         """Detectors of the pattern of OpenCV from 4.6 on and of older ones, which differ for an even number of rows."""
         aruco = import_cv2("Finding a board").aruco
         made, markers = [], dictionary(self.kind)
-        marker = self.square * (
-            1 - 2 * BORDER / self.square_cells
-        )  # corners are in the middle between markers of any size
+        # Corners are in the middle between markers of any size.
+        marker = self.square * (1 - 2 * BORDER / self.square_cells)
         for legacy in (False, True) if self.rows % 2 == 0 else (False,):
             board = aruco.CharucoBoard((self.columns, self.rows), self.square, marker, markers)
             board.setLegacyPattern(legacy)

@@ -65,7 +65,8 @@ class NewFolder:
         self.check()
 
     def _compare(self, name: Path) -> None:
-        assert self.existing is not None and self.refusal is not None
+        assert self.existing is not None
+        assert self.refusal is not None
         there = self.existing / name
         if not there.is_file() or not filecmp.cmp(self.path / name, there, shallow=False):
             raise self.refusal

@@ -67,9 +67,8 @@ class ColmapCapture(FileCapture):
             pictures, (width, height) = _choose(path, cameras, found, shape, request)
             source = picture_source(path, pictures, sidecar, request, upright=False)
         first, _ = request.range(source.frames, path)
-        points, colors = (
-            _points(model.reconstruction) if first == 0 else (None, None)
-        )  # the model was made from the first frame
+        # The model was made from the first frame.
+        points, colors = _points(model.reconstruction) if first == 0 else (None, None)
         lenses: dict[str, Lens] = {}
         views = [_camera(model.folder, camera, width, height, lenses) for camera in everything]
         middle = names[middle_camera(request.kept(views, path))]
