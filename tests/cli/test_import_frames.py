@@ -1,7 +1,9 @@
 """`splatreel import`: its output, and protection of existing reels."""
 
 import json
+import os
 import re
+import shutil
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -144,6 +146,19 @@ def test_only_frames_with_points_can_share_none(
     write_film(tmp_path / "film", [first[:0] if empty else unrelated, first])
     assert main(["import", "film", "--out", "reel"]) == 0
     assert ("No point could be followed" in capsys.readouterr().out) != empty
+
+
+def test_any_name_of_a_folder_becomes_the_title(film: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, title in ((os.fsdecode(b"caf\xe9"), "caf\ufffd"), ("x" * 250, "x" * 200)):
+        shutil.copytree(film, name)
+        assert main(["import", name, "--out", "reel"]) == 0
+        assert ReelReader("reel").manifest.presentation.title == title
+        shutil.rmtree("reel")
+    capsys.readouterr()
+    for title, said in (("x" * 201, "201 characters, at most 200"), (os.fsdecode(b"\xe9"), "is not text")):
+        assert main(["import", film, "--out", "reel", "--title", title]) == 2
+        assert f"--title: {said}" in capsys.readouterr().err
+        assert not Path("reel").exists()
 
 
 @pytest.mark.parametrize("packed", [False, True])

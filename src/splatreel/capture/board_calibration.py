@@ -24,6 +24,7 @@ from splatreel.capture.calibrate import move_into_place
 from splatreel.capture.calibration_agreement import CalibratedCamera, CalibratedRig, agreeing
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.uncalibrated import camera_files, open_uncalibrated, uncalibrated_files
+from splatreel.command_line import option, quoted
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress
 from splatreel.scene.atomic import scratch
@@ -85,7 +86,7 @@ def calibrate_by_board(
     if absent := [name for name in names if name not in films]:
         raise CaptureError(
             f"{folder}: shows the board in no video of {', '.join(absent)}; there are {', '.join(films) or 'none'}. Name each video as "
-            f"in {path}, or leave cameras out (--leave-out {','.join(absent)})."
+            f"in {path}, or leave cameras out ({quoted(option('--leave-out', ','.join(absent)))})."
         )
     colmap = import_pycolmap()
     colmap.logging.minloglevel = colmap.logging.Level.FATAL.value
@@ -122,7 +123,7 @@ def check_sightings(folder: Path, board: Board, names: Sequence[str], sightings:
     found = "; ".join(f"{phrase} of {', '.join(cameras)}" for phrase, cameras in phrases.items())
     raise CaptureError(
         f"{folder}: each camera must show the board {board.spec} in {FRAMES} frames or more. It is in {found}. Check --board, hold the "
-        f"board closer and tilted to all sides, or leave cameras out (--leave-out {','.join(few)})."
+        f"board closer and tilted to all sides, or leave cameras out ({quoted(option('--leave-out', ','.join(few)))})."
     )
 
 

@@ -34,6 +34,7 @@ from splatreel.capture.rig_refinement import refine_by_moments, refine_lenses
 from splatreel.capture.sidecar import write_failure
 from splatreel.capture.uncalibrated import MODEL, CameraFiles, open_uncalibrated, uncalibrated_files
 from splatreel.child_process import ChildEndedError, Send, run_in_child
+from splatreel.command_line import quoted
 from splatreel.errors import CaptureError
 from splatreel.progress import Progress, Span
 from splatreel.scene.atomic import move, scratch
@@ -271,7 +272,8 @@ def check_distance(distance: Distance, path: Path, names: Iterable[str]) -> None
         )
     if one == other or not (math.isfinite(meters) and meters > 0):
         raise CaptureError(
-            f"the distance {one} {other} {meters:g} is not one of two cameras in meters. Give it as: --distance {one} OTHER 2.5"
+            f"the distance {one} {other} {meters:g} is not one of two cameras in meters. Give it as: "
+            f"{quoted(['--distance', one, 'OTHER', 2.5])}"
         )
 
 

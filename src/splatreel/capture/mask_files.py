@@ -16,6 +16,7 @@ from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
 from splatreel.capture.images import image_size, read_image
 from splatreel.capture.own_frames import CountedSource, OwnFrames
 from splatreel.capture.video import VideoFile
+from splatreel.command_line import option, quoted
 from splatreel.errors import CaptureError
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi")
@@ -129,7 +130,7 @@ class MaskFiles:
         if not found:
             raise CaptureError(
                 f"{self.folder}: there are no masks of camera {name}. Add a folder {name} with a picture for each frame, or a video "
-                f"{name}.mp4, or leave the camera out with --leave-out {name}."
+                f"{name}.mp4, or leave the camera out with {quoted(option('--leave-out', name))}."
             )
         return found[0]
 

@@ -12,7 +12,7 @@ from tyro.conf import Positional
 
 from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out, parse_left_out
 from splatreel.cli.printing import already_complete, counted, say
-from splatreel.command_line import install_command, quoted
+from splatreel.command_line import install_command, option, quoted
 from splatreel.errors import ReconstructionError, UsageError
 from splatreel.threads import use as use_threads
 
@@ -89,7 +89,7 @@ def capture_check(
     images = np.concatenate(moments)
     coverage, verdict = _judge(source, names, images, quick, said) or (None, None)
     given = {"--width": width, "--frames": frames, "--hold-out": hold_out, "--leave-out": leave_out}
-    options = [part for option, value in given.items() if value is not None for part in (option, str(value))]
+    options = [part for name, value in given.items() if value is not None for part in option(name, value)]
     command = quoted(["splatreel", "reconstruct", capture, "--out", "OUT", *options])
     text = f"It can be read; nothing else was checked. Run\n  {command}" if verdict is None else verdict.text(command)
     if page is not None:
@@ -259,7 +259,7 @@ def capture_board(file: Positional[Path], /, board: str = "5x7:0.035") -> None:
     squares = f"{made.columns} x {made.rows} squares of {1000 * made.square:g} mm"
     say(f"{file}: {squares}, {1000 * width:.0f} x {1000 * height:.0f} mm with its margin")
     say("  print it at 100 %, glue it onto something flat, measure a square, and use it with that size:")
-    say(f"  splatreel capture calibrate CAPTURE --board {made.spec}")
+    say(f"  {quoted(['splatreel', 'capture', 'calibrate', 'CAPTURE', '--board', made.spec])}")
 
 
 def capture_sync(capture: Positional[Path], /, leave_out: str | None = None, dry_run: bool = False) -> None:

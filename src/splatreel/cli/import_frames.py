@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
@@ -14,6 +15,7 @@ from splatreel.cli.new_reel import new_reel
 from splatreel.cli.options import AXES
 from splatreel.cli.options import megabytes as memory_limit
 from splatreel.cli.printing import already_complete, playable, say
+from splatreel.cli.reel_texts import ReelTexts
 from splatreel.config import COARSENESS, EncodeConfig, Quality, Rate
 from splatreel.errors import UsageError
 from splatreel.threads import use as use_threads
@@ -109,7 +111,7 @@ def import_frames(
     _check_options(fps, length, up)
     if fit and cameras and up:
         raise UsageError("--fit takes the up axis from --cameras. Leave out --up.")
-    edit = changes.edit()
+    edit, words = changes.edit(), ReelTexts(title=title).given()
     use_threads(threads)
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.progress import console
@@ -118,7 +120,7 @@ def import_frames(
 
     film, edit = edited(open_frames(frames, gaps, fps, length, memory_limit(max_memory)), edit)
     header, limits = _describe(film, edit, cameras, up, fps, antialiased)
-    present = PresentationWriter({"title": title} if title else {}, {"title": frames.name})
+    present = PresentationWriter(words, {"title": _name_as_title(frames)})
     with closing(console()) as progress:
         if fit is None:
             (found, existed), reel = _write(film, out, header, limits, rate or "high", progress, present), out
@@ -134,6 +136,13 @@ def import_frames(
     if cameras is None:
         _say_ring(up)
     say(playable(reel))
+
+
+def _name_as_title(frames: Path) -> str:
+    """Return the name of a file or folder as a title. Bytes that are not UTF-8 are replaced, and a long name is cut."""
+    from splatreel.codec.presentation import MAX_TEXT
+
+    return os.fsencode(frames.name).decode("utf-8", "replace")[: MAX_TEXT["title"]]
 
 
 def _describe(

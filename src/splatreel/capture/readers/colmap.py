@@ -27,6 +27,7 @@ from splatreel.capture.readers.colmap_model import FRAME, Model, ModelCamera, mo
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source, video_source
 from splatreel.capture.video import OTHER_VIDEOS, VIDEO_SUFFIXES
+from splatreel.command_line import option, quoted
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera, middle_camera
 
@@ -254,7 +255,8 @@ def _of_cameras(path: Path, files: dict[str, Path], names: list[str]) -> dict[st
     if absent:
         raise CaptureError(
             f"{path}: the model has {len(names)} cameras, and {len(absent)} of them no video, the first is {absent[0]}; there are "
-            f"{', '.join(files)}. Name each video as its image in the model, or leave cameras out (--leave-out {','.join(absent)})."
+            f"{', '.join(files)}. Name each video as its image in the model, or leave cameras out "
+            f"({quoted(option('--leave-out', ','.join(absent)))})."
         )
     return {name: files[name] for name in names}
 

@@ -22,6 +22,7 @@ from splatreel.capture.readers.colmap import pictures_by_camera, video_files
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.capture.sources import picture_source, video_source
+from splatreel.command_line import option, quoted
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import middle_camera
 
@@ -46,7 +47,7 @@ class EasyVolcapCapture(FileCapture):
             raise CaptureError(
                 f"{path}: {len(absent)} of the {len(names)} cameras in {INTRINSICS} have neither pictures in images/NAME/ nor a "
                 f"video videos/NAME.mp4, the first is {absent[0]!r}. Copy them there, or leave cameras out "
-                f"(--leave-out {','.join(absent)})."
+                f"({quoted(option('--leave-out', ','.join(absent)))})."
             )
         if pictures:
             source = picture_source(path, pictures, sidecar, request)

@@ -25,6 +25,7 @@ from splatreel.capture.readers.colmap import camera_folders, is_colmap, video_fi
 from splatreel.capture.readers.transforms import is_transforms
 from splatreel.capture.sidecar import calibration_error, read_sidecar
 from splatreel.capture.sources import picture_source, video_source
+from splatreel.command_line import quoted
 from splatreel.errors import CaptureError
 from splatreel.scene.camera import Camera
 from splatreel.scene.untrusted import read_array
@@ -114,7 +115,7 @@ def _read_poses(file: Path) -> np.ndarray:
             raise failure
         raise CaptureError(
             f"{file}: is missing. A Neu3DV folder needs it beside its videos; LLFF's imgs2poses makes one, and so, as a COLMAP "
-            f"model, does `splatreel capture calibrate {file.parent}`."
+            f"model, does `{quoted(['splatreel', 'capture', 'calibrate', file.parent])}`."
         )
     poses = read_array(file, lambda text: CaptureError(f"{text} LLFF's imgs2poses makes one: {EXPECTED}."))
     if poses.ndim != 2 or poses.shape[1] != 17 or poses.dtype.kind not in "fiu":
