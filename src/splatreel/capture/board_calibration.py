@@ -65,7 +65,12 @@ class BoardCalibration:
 
 
 def calibrate_by_board(
-    path: Path, board: Board, progress: Progress, shown_in: Path | None = None, leave_out: Sequence[str] = ()
+    path: Path,
+    board: Board,
+    progress: Progress,
+    shown_in: Path | None = None,
+    leave_out: Sequence[str] = (),
+    record: dict[str, Any] | None = None,
 ) -> BoardCalibration:
     """Write the COLMAP model `sparse/0` of a folder of videos, in meters, by the sightings of a board.
 
@@ -75,6 +80,7 @@ def calibrate_by_board(
         progress: Progress display.
         shown_in: Folder of the videos that show the board, with the same names; by default the videos of `path`.
         leave_out: Names of videos that are not used.
+        record: `calibration_record` of the command, to be written beside the model.
 
     Raises:
         CaptureError: The folder is calibrated already, a camera does not see the board often enough, frames do not connect
@@ -82,6 +88,8 @@ def calibrate_by_board(
     """
     names = list(uncalibrated_files(path, leave_out))
     folder = path if shown_in is None else shown_in
+    if not folder.is_dir():
+        raise CaptureError(f"{folder}: is not a folder. Name the folder of the videos that show the board.")
     films = camera_files(folder, ())
     if absent := [name for name in names if name not in films]:
         raise CaptureError(
@@ -105,7 +113,7 @@ def calibrate_by_board(
     found = _judged(folder, views, rig, halves, [*notes, *_uncovered(views, sizes)])
     with scratch(path, "calibrate") as temporary:
         _write_model(colmap, rig, list(found.placed), temporary / "model")
-        move_into_place(temporary / "model", path)
+        move_into_place(temporary / "model", path, record)
     return found
 
 

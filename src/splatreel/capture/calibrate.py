@@ -24,6 +24,7 @@ from splatreel.capture.board import Board
 from splatreel.capture.board_scale import board_scale
 from splatreel.capture.board_sightings import find_board
 from splatreel.capture.calibration_agreement import FIELD, CalibratedRig, rig_of, trusted, unanimous
+from splatreel.capture.calibration_record import write_record
 from splatreel.capture.file_capture import FrameSource
 from splatreel.capture.learned_matches import INSTALL, Matcher
 from splatreel.capture.moment_solver import MomentSolver
@@ -77,6 +78,7 @@ def calibrate(
     matcher: Matcher | None = None,
     scale: Distance | Board | None = None,
     same_lens: bool = False,
+    record: dict[str, Any] | None = None,
 ) -> Calibration:
     """Write the COLMAP model `sparse/0` of a folder of videos or folders of pictures, one per camera, from frames spread over them.
 
@@ -90,6 +92,7 @@ def calibrate(
         matcher: Network of `find_matcher`, which is asked if COLMAP's own features place no cameras.
         scale: Known distance of two cameras, or a board that the videos show, which makes the world's unit a meter.
         same_lens: True if all cameras have the same lens and zoom. Then fewer matches place them.
+        record: `calibration_record` of the command, to be written beside the model.
 
     Raises:
         CaptureError: The folder is calibrated already, has too few cameras, lacks a camera of `scale`, or fewer than
@@ -113,12 +116,14 @@ def calibrate(
         if isinstance(found, str):
             write_failure(path, found)
             raise CaptureError(f"{path}: the calibration failed, and nothing was kept of it: {found}")
-        move_into_place(folder / "model", path)
+        move_into_place(folder / "model", path, record)
     return found
 
 
-def move_into_place(made: Path, path: Path) -> None:
-    """Move a model into a capture, completely or not at all, and forget that a calibration failed."""
+def move_into_place(made: Path, path: Path, record: dict[str, Any] | None) -> None:
+    """Move a model into a capture, with its record, completely or not at all, and forget that a calibration failed."""
+    if record is not None:
+        write_record(made, record)
     place = path / MODEL
     place.parent.mkdir(exist_ok=True)
     shutil.rmtree(place, ignore_errors=True)

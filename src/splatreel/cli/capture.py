@@ -6,7 +6,7 @@ import importlib.util
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from tyro.conf import Positional
 
@@ -196,21 +196,30 @@ def capture_calibrate(
         raise UsageError("--board-videos needs the board that they show, such as --board 5x7:0.035.")
     if distance is not None and scale_board is not None:
         raise UsageError("--distance and --scale-board both give the scale. Leave out one of them.")
+    from splatreel.capture.calibration_record import calibration_record, is_made_by
+    from splatreel.capture.uncalibrated import MODEL
+
+    options = {"also": also, "leave_out": leave_out, "distance": distance, "scale_board": scale_board}
+    options |= {"same_lens": same_lens, "board": board, "board_videos": board_videos}
+    given = {name: str(value) for name, value in options.items() if value is not None and value is not False}
+    record = calibration_record(capture, given, [folder for folder in (also, board_videos) if folder is not None])
+    if is_made_by(capture, record):
+        say(f"{capture / MODEL}: was complete already, made by the same command from the same files")
+        return
     if board is not None:
         if also is not None or distance is not None or scale_board is not None or same_lens:
             raise UsageError(
                 "--board gives lenses, poses and meters. Leave out --also, --distance, --scale-board and --same-lens."
             )
-        _calibrate_by_board(capture, board, board_videos, leave_out)
+        _calibrate_by_board(capture, board, board_videos, leave_out, record)
         return
     from splatreel.capture.calibrate import calibrate
     from splatreel.capture.learned_matches import find_matcher
-    from splatreel.capture.uncalibrated import MODEL
     from splatreel.progress import console
 
     matcher, scale = find_matcher(), distance if scale_board is None else parse_board(scale_board)
     with closing(console()) as progress:
-        found = calibrate(capture, progress, also, parse_left_out(leave_out), matcher, scale, same_lens)
+        found = calibrate(capture, progress, also, parse_left_out(leave_out), matcher, scale, same_lens, record)
     agreed = f", placed alike at {found.moments} moments" if found.moments > 1 else ""
     say(f"{capture / MODEL}: {len(found.placed)} cameras{agreed}; points are off by {found.error:.2f} pixels")
     _say_each(found.notes, [])
@@ -220,7 +229,9 @@ def capture_calibrate(
         say(f"  doubtful, since they see few points: {', '.join(f'{n} ({found.placed[n]})' for n in found.doubtful)}")
 
 
-def _calibrate_by_board(capture: Path, spec: str, videos: Path | None, leave_out: str | None) -> None:
+def _calibrate_by_board(
+    capture: Path, spec: str, videos: Path | None, leave_out: str | None, record: dict[str, Any]
+) -> None:
     """Calibrate by the sightings of a board, and report the result."""
     from splatreel.capture.board import parse_board
     from splatreel.capture.board_calibration import calibrate_by_board
@@ -228,7 +239,7 @@ def _calibrate_by_board(capture: Path, spec: str, videos: Path | None, leave_out
     from splatreel.progress import console
 
     with closing(console()) as progress:
-        found = calibrate_by_board(capture, parse_board(spec), progress, videos, parse_left_out(leave_out))
+        found = calibrate_by_board(capture, parse_board(spec), progress, videos, parse_left_out(leave_out), record)
     off = max(found.errors[name] for name in found.placed)
     say(f"{capture / MODEL}: {len(found.placed)} cameras, up to {found.extent:.3g} m apart")
     say(f"  corners of the board are off by {off:.2f} pixels at most, in the median of a camera")
