@@ -14,7 +14,7 @@ from tyro.conf import OmitArgPrefixes, Positional
 from splatreel.cli.new_reel import new_reel
 from splatreel.cli.options import AXES
 from splatreel.cli.options import megabytes as memory_limit
-from splatreel.cli.printing import already_complete, playable, say
+from splatreel.cli.printing import already_complete, counted, playable, say
 from splatreel.cli.reel_texts import ReelTexts
 from splatreel.config import COARSENESS, EncodeConfig, Quality, Rate
 from splatreel.errors import UsageError
@@ -214,7 +214,7 @@ def _say_result(film: Frames, found: Comparison, reel: Path) -> None:
 
     size = sum(file.bytes for file in open_reel(reel).manifest.files)
     say(
-        f"{len(film)} frames in {megabytes(size)}, {compared_size(size, film.size)} the {megabytes(film.size)} of "
+        f"{counted(len(film), 'frame')} in {megabytes(size)}, {compared_size(size, film.size)} the {megabytes(film.size)} of "
         f"{film.path}. Its images have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
     )
 
