@@ -46,11 +46,14 @@ class FourdgsScene:
         self.fps: float | None = fps or FPS
         self._scene = _read(path, budget)
         self._rate = fps or FPS
-        self._length = max(math.floor(self._scene.duration_sec * self._rate + 1e-6), 1)
-        if self._length > MOST_FRAMES:
+        seconds = self._scene.duration_sec
+        if not (math.isfinite(seconds) and seconds >= 0):
+            raise GaussiansError(f"{path}: states that it lasts {seconds:g} seconds. Export it again.")
+        if seconds * self._rate > MOST_FRAMES:
             raise GaussiansError(
-                f"{path}: has {self._length:,} frames at {self._rate:g} a second. Choose a lower --fps."
+                f"{path}: has {seconds * self._rate:,.6g} frames at {self._rate:g} a second. Choose a lower --fps."
             )
+        self._length = max(math.floor(seconds * self._rate + 1e-6), 1)
         points, self._sh = self._scene.gaussians, _harmonics(self._scene.gaussians)
         self._scales = np.asarray(points.scales, np.float32)
         if self._scene.truncated:

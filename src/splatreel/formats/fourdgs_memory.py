@@ -70,12 +70,15 @@ def _streams_memory(block: bytes) -> int:
 
 
 def _zstd_size(frame: bytes) -> int:
-    """Return the size that a zstd frame states, or 0."""
+    """Return the size that a zstd frame states; 0 if it states none, or is damaged.
+
+    Its reader refuses a damaged frame, or skips it if it belongs to an unknown attribute and goes on with the next chunk.
+    """
     try:
         import zstandard  # pyright: ignore[reportMissingImports] - optional
-
-        return max(zstandard.frame_content_size(frame), 0)
-    except (ImportError, ValueError):
+    except ImportError:
         return 0
-    except Exception as error:  # zstandard.ZstdError, if the frame is damaged
-        raise ValueError(str(error)) from error
+    try:
+        return max(zstandard.frame_content_size(frame), 0)
+    except (ValueError, zstandard.ZstdError):
+        return 0
