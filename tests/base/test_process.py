@@ -1,8 +1,12 @@
+import re
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import pytest
+
+from splatreel.base.process import steady_clock
 
 TAKE_AND_FREE = """
 import numpy as np
@@ -27,3 +31,29 @@ def test_freed_memory_is_kept_until_returned() -> None:
     before, after = map(int, done.stdout.split())
     assert before < 20e6
     assert after > 150e6
+
+
+def test_steady_clock_ignores_that_the_clock_is_set(monkeypatch: pytest.MonkeyPatch) -> None:
+    now, clock = time.time(), steady_clock()
+    monkeypatch.setattr(time, "time", lambda: now - 1e9)
+    first, second = clock(), clock()
+    assert now - 1 <= first <= second
+
+
+def test_durations_are_not_measured_by_a_clock_that_can_be_set() -> None:
+    """Only dates of files that are served, and the beginning of `steady_clock`, are times of day."""
+    root = Path(__file__).parent.parent
+    found = [
+        f"{file.relative_to(root / 'src' / 'splatreel')}"
+        for file in sorted((root / "src").rglob("*.py"))
+        if re.search(r"\btime\.time(_ns)?\b|datetime\.(now|today|utcnow)", file.read_text(encoding="utf-8"))
+    ]
+    assert found == [
+        "evaluation/bench/provenance.py",
+        "play/remote_files.py",
+        "play/web_app.py",
+        "base/process.py",
+    ]
+    scripts = [*(root / "player" / "src").rglob("*.ts"), *(root / "player" / "packages").glob("*/src/**/*.ts")]
+    assert scripts
+    assert [file.name for file in scripts if re.search(r"Date\.now|new Date\(", file.read_text("utf-8"))] == []

@@ -65,9 +65,8 @@ def test_rows_say_what_was_measured_and_what_was_not(table: ModuleType) -> None:
         assert f"| {cell} |" in row
     assert row.count(table.MISSING) == 1  # psnr_undecoded
     assert "| coffee, 320 wide, each frame on its own | 4 at 320x180 |" in text
-    assert (
-        text.splitlines()[2].count(table.MISSING) == len(table.COLUMNS) - 3
-    )  # the built-in capture, without LPIPS and fitted colors
+    # The built-in capture, without LPIPS and fitted colors.
+    assert text.splitlines()[2].count(table.MISSING) == len(table.COLUMNS) - 3
     assert text.endswith("Measured on 2 cores.")
 
 

@@ -1,4 +1,6 @@
 import shutil
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Silent
 from splatreel.calibration.board_calibration import calibrate_by_board
-from splatreel.calibration.boards.board import Board
+from splatreel.calibration.boards.board import Board, parse_board
 from splatreel.capture.opening import open_capture
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.cli.main import main
@@ -97,3 +99,40 @@ def test_options_that_contradict_each_other_are_refused(
         folders.write_video(tmp_path / f"cam{c}.mp4", [folders.frame(c, 0)])
     assert main(["capture", "calibrate", str(tmp_path), *options]) == 2
     assert said in capsys.readouterr().err
+
+
+def png(width: int, height: int, content: bytes = b"") -> bytes:
+    """Return a PNG file that claims a size."""
+    parts = [(b"IHDR", struct.pack(">IIBBBBB", width, height, 8, 2, 0, 0, 0)), (b"IDAT", content), (b"IEND", b"")]
+    return b"\x89PNG\r\n\x1a\n" + b"".join(
+        struct.pack(">I", len(data)) + name + data + struct.pack(">I", zlib.crc32(name + data)) for name, data in parts
+    )
+
+
+BLACK = zlib.compress(bytes(48 * (1 + 3 * 64)))
+BOMB = zlib.compress(bytes(3 * 20_000 * 1_000))
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("0.png", b"", r"0\.png: cannot be read"),
+        ("0.png", b"no image", r"0\.png: cannot be read"),
+        ("0.png", png(64, 48, BLACK)[:60], r"0\.png: cannot be read"),
+        ("0.png", png(1_000_000, 1_000_000), r"0\.png: cannot be read"),
+        ("0.png", png(20_000, 15_000, BOMB), r"0\.png: cannot be read"),
+        ("0.png", png(64, 48, BLACK), "each camera must show the board"),
+        ("../{camera}.mp4", b"no video", r"\.mp4: cannot be decoded"),
+        (None, b"", "is not a folder"),
+    ],
+)
+def test_hostile_videos_of_a_board_are_named(tmp_path: Path, name: str | None, content: bytes, said: str) -> None:
+    scene, shown = tmp_path / "scene", tmp_path / "shown"
+    for camera in ("a", "b", "c"):
+        for folder, file, data in ((scene, "0.png", png(64, 48, BLACK)), (shown, name, content)):
+            if file is not None:
+                (folder / camera).mkdir(parents=True)
+                (folder / camera / file.format(camera=camera)).write_bytes(data)
+    with pytest.raises(CaptureError, match=said):
+        calibrate_by_board(scene, parse_board("5x7:0.035"), Silent(), shown)
+    assert sorted(path.name for path in scene.iterdir()) == ["a", "b", "c"]

@@ -31,3 +31,20 @@ def test_existing_folders_are_refused(tmp_path: Path, capsys: pytest.CaptureFixt
     scene = folders.panoptic(tmp_path / "scene")
     assert main(["capture", "convert", str(scene), str(scene)]) == 1
     assert "scene: exists already. Name a new folder." in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("kind", ["jpg", "png"])
+def test_conversion_that_is_complete_already_says_so(
+    tmp_path: Path, kind: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A command may be killed just after it finished. Another conversion is not taken for it."""
+    scene, out = folders.panoptic(tmp_path / "scene"), tmp_path / "out"
+    command = ["capture", "convert", str(scene), str(out), "--format", kind]
+    assert main(command) == 0
+    before = {file: file.read_bytes() for file in out.rglob("*") if file.is_file()}
+    capsys.readouterr()
+    assert main(command) == 0
+    assert f"{out}: was complete already, with the same content" in capsys.readouterr().out
+    assert main([*command, "--width", "16"]) == 1
+    assert f"{out}: exists already. Name a new folder." in capsys.readouterr().err
+    assert {file: file.read_bytes() for file in out.rglob("*") if file.is_file()} == before

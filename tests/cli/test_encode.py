@@ -129,6 +129,21 @@ def test_existing_reels_are_not_overwritten(
     assert verify_reel("run/reel").groups == 1
 
 
+@pytest.mark.parametrize("options", [[], ["--codec", "h265"], ["--target-mbps", "2"]])
+def test_encode_that_is_complete_already_says_so(
+    run: Path, options: list[str], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A command may be killed just after it finished."""
+    assert main(["encode", "run", "--out", "other", *options]) == 0
+    before = {file: file.read_bytes() for file in Path("other").rglob("*") if file.is_file()}
+    capsys.readouterr()
+    assert main(["encode", "run", "--out", "other", *options]) == 0
+    assert "other: was complete already, with the same content" in capsys.readouterr().out
+    assert main(["encode", "run", "--out", "other", "--rate", "low"]) == 2
+    assert "other: holds a reel already" in capsys.readouterr().err
+    assert {file: file.read_bytes() for file in Path("other").rglob("*") if file.is_file()} == before
+
+
 @pytest.mark.parametrize(
     ("options", "range"),
     [

@@ -1,7 +1,9 @@
 """`splatreel import`: its output, and protection of existing reels."""
 
 import json
+import os
 import re
+import shutil
 import zipfile
 from dataclasses import replace
 from pathlib import Path
@@ -76,9 +78,24 @@ def test_import_keeps_existing_reels_and_restarts_interrupted_ones(
         assert main(["import", film, "--out", "reel"]) == 1
     assert main(["import", film, "--out", "reel"]) == 0
     before = Path("reel/manifest.json").read_bytes()
-    assert main(["import", film, "--out", "reel"]) == 2
+    assert main(["import", film, "--out", "reel", "--rate", "low"]) == 2
     assert "reel: holds a reel already" in capsys.readouterr().err
     assert Path("reel/manifest.json").read_bytes() == before
+
+
+def test_import_that_is_complete_already_says_so(film: str, capsys: pytest.CaptureFixture[str]) -> None:
+    """A command may be killed just after it finished. A reel that differs only in its texts is not taken for it."""
+    assert main(["import", film, "--out", "reel"]) == 0
+    before = {file: file.read_bytes() for file in Path("reel").rglob("*") if file.is_file()}
+    capsys.readouterr()
+    assert main(["import", film, "--out", "reel"]) == 0
+    text = capsys.readouterr().out
+    assert "reel: was complete already, with the same content" in text
+    assert "dB PSNR" in text
+    assert main(["import", film, "--out", "reel", "--title", "Another"]) == 2
+    assert "reel: holds a reel already" in capsys.readouterr().err
+    assert {file: file.read_bytes() for file in Path("reel").rglob("*") if file.is_file()} == before
+    assert not list(Path().glob(".*"))
 
 
 def test_reel_of_a_run_is_not_written_over_while_it_is_made(film: str, capsys: pytest.CaptureFixture[str]) -> None:
@@ -129,6 +146,19 @@ def test_only_frames_with_points_can_share_none(
     write_film(tmp_path / "film", [first[:0] if empty else unrelated, first])
     assert main(["import", "film", "--out", "reel"]) == 0
     assert ("No point could be followed" in capsys.readouterr().out) != empty
+
+
+def test_any_name_of_a_folder_becomes_the_title(film: str, capsys: pytest.CaptureFixture[str]) -> None:
+    for name, title in ((os.fsdecode(b"caf\xe9"), "caf\ufffd"), ("x" * 250, "x" * 200)):
+        shutil.copytree(film, name)
+        assert main(["import", name, "--out", "reel"]) == 0
+        assert ReelReader("reel").manifest.presentation.title == title
+        shutil.rmtree("reel")
+    capsys.readouterr()
+    for title, said in (("x" * 201, "201 characters, at most 200"), (os.fsdecode(b"\xe9"), "is not text")):
+        assert main(["import", film, "--out", "reel", "--title", title]) == 2
+        assert f"--title: {said}" in capsys.readouterr().err
+        assert not Path("reel").exists()
 
 
 @pytest.mark.parametrize("packed", [False, True])

@@ -120,3 +120,16 @@ def test_capture_in_the_place_of_a_reel_is_named(
     error = capsys.readouterr().err
     assert f"is a capture, not a reel. Make a reel of it with `splatreel reconstruct {tmp_path} --out OUT`" in error
     assert "encode" not in error
+
+
+@pytest.mark.parametrize(("name", "written"), [("-f", "./-f"), ("-my $film", "'./-my $film'")])
+def test_names_that_start_with_a_dash_are_explained(
+    tmp_path: Path, name: str, written: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(["info", "REEL", "--out", name]) == 2
+    option = f"--out={written}" if written[0] == "." else "'--out=./-my $film'"
+    assert f"--out {name}: a name that starts with - is taken for an option. Write {option}." in capsys.readouterr().err
+    Path(name).mkdir()
+    assert main(["info", name]) == 2
+    assert f"{name}: a name that starts with - is taken for an option. Write {written}." in capsys.readouterr().err

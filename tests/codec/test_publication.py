@@ -2,6 +2,7 @@
 
 import json
 import shutil
+import time
 
 import pytest
 
@@ -218,6 +219,54 @@ def test_lost_record_extends_the_grace_period(tmp_path, reel):
         published = Publication(reel, folder, keep=10, clock=clock).update()
         assert published is not None
         assert published.removed == 0
+
+
+@pytest.mark.parametrize("left", ["1e999", '"inf"', '"-inf"', '"nan"'])
+def test_record_without_times_extends_the_grace_period(tmp_path, reel, left):
+    clock, folder = Clock(), LocalFolder(tmp_path / "there")
+    Publication(reel, folder, keep=10, clock=clock).update()
+    old = copy_of(folder)
+    write_reel(reel, 1)
+    folder.write(RECORD, f'{{"left": {{{", ".join(f"{json.dumps(name)}: {left}" for name in sorted(old))}}}}}'.encode())
+    removed = []
+    for seconds in (0, 9, 1):
+        clock.now += seconds
+        published = Publication(reel, folder, keep=10, clock=clock).update()
+        assert published is not None
+        removed.append(published.removed)
+    assert removed[:2] == [0, 0]
+    assert removed[2] > 0
+
+
+def test_clock_that_is_set_back_restarts_the_grace_period(tmp_path, reel):
+    clock, folder = Clock(), LocalFolder(tmp_path / "there")
+    Publication(reel, folder, keep=10, clock=clock).update()
+    write_reel(reel, 1)
+    Publication(reel, folder, keep=10, clock=clock).update()
+    removed = []
+    for seconds in (-1000, 9, 1):
+        clock.now += seconds
+        published = Publication(reel, folder, keep=10, clock=clock).update()
+        assert published is not None
+        removed.append(published.removed)
+    assert removed[:2] == [0, 0]
+    assert removed[2] > 0
+
+
+@pytest.mark.parametrize("jump", [-1e9, 1e9])
+def test_clock_that_is_set_while_a_reel_is_published_deletes_nothing(tmp_path, reel, jump, monkeypatch):
+    folder = LocalFolder(tmp_path / "there")
+    publication, now = Publication(reel, folder), time.time()
+    publication.update()
+    old = copy_of(folder)
+    write_reel(reel, 1)
+    publication.update()
+    monkeypatch.setattr(time, "time", lambda: now + jump)
+    for _ in range(2):
+        published = publication.update()
+        assert published is not None
+        assert published.removed == 0
+    assert old <= copy_of(folder)
 
 
 def test_foreign_files_are_never_deleted(tmp_path, reel):

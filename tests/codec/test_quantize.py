@@ -13,9 +13,8 @@ from splatreel.codec import quantize
 
 def test_pack_known_answers():
     assert quantize.pack(np.array([1, 0, 1, 1]), 1) == bytes([0b1101])
-    assert quantize.pack(np.array([0x123, 0x456]), 12) == bytes(
-        [0x23, 0x56, 0x41]
-    )  # low bytes, then 1 and 4, low first
+    # Low bytes, then 1 and 4, low first.
+    assert quantize.pack(np.array([0x123, 0x456]), 12) == bytes([0x23, 0x56, 0x41])
     assert quantize.pack(np.array([0x1234]), 16) == bytes([0x34, 0x12])
     assert quantize.pack(np.array([7, 200]), 8) == bytes([7, 200])
 

@@ -56,9 +56,8 @@ def test_files_are_read_over_http(url, end):
 def test_reel_is_read_over_http(url):
     here = verify_reel(GOLDEN)
     assert here.strangers == ["expected.json", "expected.npz"]
-    assert verify_reel(f"{url}/golden") == dataclasses.replace(
-        here, strangers=[]
-    )  # a server does not say what else it has
+    # A server does not say what else it has.
+    assert verify_reel(f"{url}/golden") == dataclasses.replace(here, strangers=[])
 
 
 def test_paged_reel_is_read_over_http(url):

@@ -1,5 +1,6 @@
 """Scenes in the .4dgs format, written by its own library."""
 
+import tracemalloc
 from pathlib import Path
 from typing import Any
 
@@ -52,3 +53,75 @@ def test_damaged_file_is_named(tmp_path: Path) -> None:
     (tmp_path / "scene.4dgs").write_bytes(b"no scene")
     with pytest.raises(GaussiansError, match=r"scene\.4dgs: is damaged"):
         open_frames(tmp_path / "scene.4dgs")
+
+
+def stream(attribute: int, count: int, channels: int, value: int = 0) -> bytes:
+    """Return a stream that repeats a value, in a few bytes."""
+    from fourdgs import serialization
+
+    known = serialization.encode_stream(attribute, np.full((2, channels), value), channels=channels)
+    head = serialization._STREAM_HEADER
+    *start, _, length = head.unpack_from(known)
+    return head.pack(*start, count, length) + known[head.size :]
+
+
+def bomb(path: Path, chunks: int, count: int, before: bytes = b"") -> None:
+    """Write a file whose chunks repeat one point. `before`: streams at the start of each chunk."""
+    from fourdgs import opcode, records, serialization
+
+    write_scene(path)
+    parts = [serialization.MAGIC]
+    for record in serialization.iter_records(path.read_bytes(), len(serialization.MAGIC)):
+        if record.opcode in (opcode.HEADER, opcode.QUANTIZATION, opcode.WINDOW_TABLE):
+            parts.append(serialization.put_record(record.opcode, bytes(record.content)))
+    streams = [stream(name, count, opcode.ATTRIBUTE_CHANNELS[name]) for name in opcode.REQUIRED_ATTRIBUTES]
+    parts += chunks * [records.encode_chunk(0.0, 2.0, 0, count, before + b"".join(streams))]
+    path.write_bytes(b"".join(parts))
+
+
+def test_bomb_is_a_scene_if_it_is_small(tmp_path: Path) -> None:
+    bomb(tmp_path / "scene.4dgs", 2, 3)
+    assert len(open_frames(tmp_path / "scene.4dgs").read(0)) == 6
+
+
+UNKNOWN = (200, 1, 0, 1, 1, 4, 4)
+"""Header of a stream of an unknown attribute, coded as zstd, with 4 bytes of content."""
+
+
+@pytest.mark.parametrize("damaged", [False, True])
+@pytest.mark.parametrize(("chunks", "count"), [(1, 20_000_000), (100, 20_000)])
+def test_repeated_points_that_take_too_much_memory_are_refused(
+    tmp_path: Path, chunks: int, count: int, damaged: bool
+) -> None:
+    """A stream of an unknown attribute is skipped by the reader, and does not end the check if it is damaged."""
+    from fourdgs import serialization
+
+    before = serialization._STREAM_HEADER.pack(*UNKNOWN) + b"\xff\xff\xff\xff" if damaged else b""
+    bomb(tmp_path / "scene.4dgs", chunks, count, before)
+    assert (tmp_path / "scene.4dgs").stat().st_size < 100_000
+    tracemalloc.start()
+    try:
+        with pytest.raises(GaussiansError, match=r"scene\.4dgs: .*--max-memory"):
+            open_frames(tmp_path / "scene.4dgs")
+        assert tracemalloc.get_traced_memory()[1] < 50e6
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("seconds", [np.inf, -np.inf, np.nan, 1e300, -1.0])
+def test_impossible_durations_are_refused(tmp_path: Path, seconds: float) -> None:
+    from fourdgs import opcode, records, serialization
+
+    path = tmp_path / "scene.4dgs"
+    write_scene(path)
+    data, parts = path.read_bytes(), [serialization.MAGIC]
+    for record in serialization.iter_records(data, len(serialization.MAGIC)):
+        if record.opcode == opcode.HEADER:
+            header = records.Header.parse(record.content)
+            header.duration_sec = seconds
+            parts.append(header.encode())
+        elif record.opcode in (opcode.QUANTIZATION, opcode.WINDOW_TABLE, opcode.CHUNK):
+            parts.append(serialization.put_record(record.opcode, bytes(record.content)))
+    path.write_bytes(b"".join(parts))
+    with pytest.raises(GaussiansError, match=r"scene\.4dgs: "):
+        open_frames(path)

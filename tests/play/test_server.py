@@ -118,6 +118,9 @@ def test_server_answers_head_and_not_modified(server: Server):
     assert (again.status, body) == (304, b"")
     since, _ = request(server, "/reel/manifest.json", If_Modified_Since=response.headers["Last-Modified"])
     assert since.status == 304
+    # A file that was written after the clock was set back has an earlier date.
+    later, _ = request(server, "/reel/manifest.json", If_Modified_Since="Fri, 31 Dec 2100 23:59:59 GMT")
+    assert later.status == 200
 
 
 @pytest.mark.parametrize(

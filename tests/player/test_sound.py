@@ -206,9 +206,8 @@ def test_sound_comes_from_its_place(page: Page, server: Server):
     play(page)
     panner = f"{TRACK}.spatial.panner"
     place = f"['X', 'Y', 'Z'].map((axis) => {panner}['position' + axis].value)"
-    page.wait_for_function(
-        f"{panner}?.positionX.value > 0.05 && Math.abs(Math.hypot(...{place}) - 1) < 0.05"
-    )  # it glides there
+    # It glides there.
+    page.wait_for_function(f"{panner}?.positionX.value > 0.05 && Math.abs(Math.hypot(...{place}) - 1) < 0.05")
     page.evaluate(f"{PLAYER}.camera.orbit(2.6, 0), {PLAYER}.invalidate()")
     page.wait_for_function(f"{panner}.positionX.value < -0.05")  # on the other side now
     page.locator("splat-reel").get_by_role("button", name="Settings").click()

@@ -103,9 +103,8 @@ def test_a_title_of_a_chapter_does_not_push_the_thumbnail_out(page: Page, server
     track = '<track kind="chapters" src="chapters.vtt">'
     open_body(page, server, f'<splat-reel src="reel/manifest.json" controls style="{style}">{track}</splat-reel>')
     page.wait_for_function("document.querySelector('splat-reel').player.tracks?.chapters.length === 1")
-    page.evaluate(
-        "document.querySelector('splat-reel').currentTime = 0.1"
-    )  # low embeds show no bar below the big button
+    # Low embeds show no bar below the big button.
+    page.evaluate("document.querySelector('splat-reel').currentTime = 0.1")
     seek = page.locator("splat-reel .seek").bounding_box()
     assert seek
     for part in (0.05, 0.3, 0.31):

@@ -60,9 +60,8 @@ def test_more_work_takes_more_seconds() -> None:
     assert usual < total(Workload(0.1, 20, 0.1, 0.5), 60) < 2 * usual
     assert usual < total(Workload(0.1, 10, 0.2, 0.5), 60) < 2 * usual
     assert usual < total(Workload(0.1, 10, 0.1, 1.0), 60) < 1.5 * usual
-    first, second, third = (
-        total(Workload(0.1, 10, 0.1, 0.5), frames) for frames in (600, 1200, 1800)
-    )  # beyond the most iterations
+    # Beyond the most iterations.
+    first, second, third = (total(Workload(0.1, 10, 0.1, 0.5), frames) for frames in (600, 1200, 1800))
     assert third - second == pytest.approx(second - first)
     draft, standard, paper = (
         total(Workload(0.1, 10, 0.1, 0.5), 60, preset(name)) for name in ("draft", "standard", "paper")

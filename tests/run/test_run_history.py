@@ -1,5 +1,8 @@
 import json
+import time
 from pathlib import Path
+
+import pytest
 
 from splatreel.base.progress import Silent
 from splatreel.run.run_history import RecordedProgress, RunHistory, read_history
@@ -87,3 +90,24 @@ def test_damaged_lines_are_skipped(tmp_path: Path) -> None:
 def test_a_full_disk_does_not_stop_a_run(tmp_path: Path) -> None:
     (tmp_path / "logs").write_text("a file where the folder should be")
     assert len(record(tmp_path).seen) == 207
+
+
+def test_clock_that_is_set_back_makes_no_negative_duration(tmp_path: Path) -> None:
+    times = iter([2000.0, 2000.0, 500.0, 501.0])
+    progress = RecordedProgress(Silent(), tmp_path, "", "cpu", lambda: next(times))
+    progress.stage("group 1/1: training the keyframe", 1)
+    progress.update(1)
+    assert [stage.seconds for stage in read_history(tmp_path).stages] == [0.0]
+    assert read_history(tmp_path).group_seconds() == {0: 0.0}
+
+
+def test_clock_that_is_set_while_a_run_goes_on_does_not_change_its_times(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now = time.time()
+    progress = RecordedProgress(Silent(), tmp_path, "", "cpu")
+    progress.stage("preparing", 1)
+    monkeypatch.setattr(time, "time", lambda: now - 1e9)
+    progress.update(1)
+    (stage,) = read_history(tmp_path).stages
+    assert stage.end >= stage.begin >= now - 1

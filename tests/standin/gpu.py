@@ -38,9 +38,8 @@ def gpu() -> Iterator[None]:
         patch.setattr(torch.cuda, "get_device_capability", lambda device=None: (9, 0))
         for nothing in ("synchronize", "reset_peak_memory_stats", "empty_cache"):
             patch.setattr(torch.cuda, nothing, lambda device=None: None)
-        torch.__future__.set_overwrite_module_params_on_conversion(
-            True
-        )  # because the data of a wrapper cannot be swapped
+        # Because the data of a wrapper cannot be swapped.
+        torch.__future__.set_overwrite_module_params_on_conversion(True)
         WAITS.clear()
         try:
             with Asked():

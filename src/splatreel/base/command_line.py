@@ -7,6 +7,9 @@ import re
 import shlex
 import subprocess
 from collections.abc import Sequence
+from pathlib import PurePath
+
+from splatreel.base.progress import printable
 
 _PLAIN = re.compile(r"[\w@+=:,./-]+", re.ASCII)
 _PLAIN_ON_WINDOWS = re.compile(r"[\w@+=:,./\\-]+")
@@ -18,13 +21,20 @@ EXTRAS = {"torch": "recon", "cv2": "recon", "pycolmap": "recon", "gsplat": "cuda
 def quoted(arguments: Sequence[object], windows: bool = os.name == "nt") -> str:
     """Return a command line, with double quotes where a name needs quotes.
 
-    Shells of Linux, macOS and Windows all know double quotes; cmd.exe takes single quotes as a part of a name.
+    Shells of Linux, macOS and Windows all know double quotes; cmd.exe takes single quotes as a part of a name. Characters that
+    cannot be printed, and bytes of a name that are not UTF-8, become escapes that bash and zsh read, in $'...'.
 
     Args:
-        arguments: The command and its arguments.
+        arguments: The command and its arguments. Give names of files as paths: a path that starts with a dash gets ./ before it.
         windows: True for cmd.exe and PowerShell, False for POSIX shells.
     """
-    return " ".join(_quoted_for_windows(str(a)) if windows else _quoted_for_posix(str(a)) for a in arguments)
+    write = _quoted_for_windows if windows else _quoted_for_posix
+    return " ".join(write(_named(argument)) for argument in arguments)
+
+
+def option(name: str, value: object) -> list[str]:
+    """Return the arguments of an option. A value that starts with a dash would be taken for another option after a blank."""
+    return [f"{name}={value}"] if str(value).startswith("-") else [name, str(value)]
 
 
 def install_command(extra: str, *packages: str) -> str:
@@ -44,11 +54,30 @@ def missing_package(module: str | None) -> str | None:
     return f"the Python package {module!r} is needed and not installed. Run\n  {install_command(EXTRAS[module])}"
 
 
+def _named(argument: object) -> str:
+    """Return an argument as text. A path that starts with a dash would be taken for an option."""
+    text = str(argument)
+    return f"./{text}" if isinstance(argument, PurePath) and text.startswith("-") else text
+
+
 def _quoted_for_posix(argument: str) -> str:
-    if _PLAIN.fullmatch(argument):
+    if _PLAIN.fullmatch(argument) and not argument.startswith("="):  # zsh replaces =NAME by the path of a program
         return argument
+    if printable(argument) != argument or set(argument) & set("\n\t"):
+        return f"$'{''.join(map(_escaped_for_posix, argument))}'"
     # Within double quotes these characters keep a meaning.
     return shlex.quote(argument) if set(argument) & set('"$`\\!\n') else f'"{argument}"'
+
+
+def _escaped_for_posix(character: str) -> str:
+    r"""Return a character between $' and ', which has the escapes of C. ! would be replaced by an earlier command."""
+    if character.isprintable() and character not in "'\\!":
+        return character
+    try:
+        data = character.encode("utf-8", "surrogateescape")  # a byte of a name that is not UTF-8
+    except UnicodeEncodeError:
+        data = character.encode("utf-8", "surrogatepass")
+    return "".join(f"\\x{byte:02x}" for byte in data)
 
 
 def _quoted_for_windows(argument: str) -> str:

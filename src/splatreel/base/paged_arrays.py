@@ -31,9 +31,8 @@ def frame_array(shape: tuple[int, ...], smallest: int = SMALLEST) -> np.ndarray:
         return np.empty(shape, np.uint8)
     try:
         with tempfile.TemporaryFile(prefix="splatreel-frames", dir=folder) as file:
-            os.posix_fallocate(
-                file.fileno(), 0, size
-            )  # allocate now: a write to a mapped file without disk space kills the process
+            # Allocate now: a write to a mapped file without disk space kills the process.
+            os.posix_fallocate(file.fileno(), 0, size)
             mapped = mmap.mmap(file.fileno(), size)
     except OSError:
         return np.empty(shape, np.uint8)

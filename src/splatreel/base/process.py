@@ -1,4 +1,4 @@
-"""Process-wide settings: standard streams, threads, memory and signals."""
+"""Process-wide settings: standard streams, threads, memory, signals and time."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ import functools
 import os
 import signal
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 
@@ -89,3 +90,9 @@ def signals_held(*numbers: int) -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def steady_clock() -> Callable[[], float]:
+    """Return a clock of seconds since 1970 that runs on evenly when the clock of the system is set."""
+    offset = time.time() - time.monotonic()
+    return lambda: offset + time.monotonic()

@@ -17,6 +17,7 @@ from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
 from splatreel.base.atomic import scratch
+from splatreel.base.command_line import option, quoted
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Progress
 from splatreel.calibration.boards.board import Board
@@ -64,7 +65,12 @@ class BoardCalibration:
 
 
 def calibrate_by_board(
-    path: Path, board: Board, progress: Progress, shown_in: Path | None = None, leave_out: Sequence[str] = ()
+    path: Path,
+    board: Board,
+    progress: Progress,
+    shown_in: Path | None = None,
+    leave_out: Sequence[str] = (),
+    record: dict[str, Any] | None = None,
 ) -> BoardCalibration:
     """Write the COLMAP model `sparse/0` of a folder of videos, in meters, by the sightings of a board.
 
@@ -74,6 +80,7 @@ def calibrate_by_board(
         progress: Progress display.
         shown_in: Folder of the videos that show the board, with the same names; by default the videos of `path`.
         leave_out: Names of videos that are not used.
+        record: `calibration_record` of the command, to be written beside the model.
 
     Raises:
         CaptureError: The folder is calibrated already, a camera does not see the board often enough, frames do not connect
@@ -81,11 +88,13 @@ def calibrate_by_board(
     """
     names = list(uncalibrated_files(path, leave_out))
     folder = path if shown_in is None else shown_in
+    if not folder.is_dir():
+        raise CaptureError(f"{folder}: is not a folder. Name the folder of the videos that show the board.")
     films = camera_files(folder, ())
     if absent := [name for name in names if name not in films]:
         raise CaptureError(
             f"{folder}: shows the board in no video of {', '.join(absent)}; there are {', '.join(films) or 'none'}. Name each video as "
-            f"in {path}, or leave cameras out (--leave-out {','.join(absent)})."
+            f"in {path}, or leave cameras out ({quoted(option('--leave-out', ','.join(absent)))})."
         )
     colmap = import_pycolmap()
     colmap.logging.minloglevel = colmap.logging.Level.FATAL.value
@@ -104,7 +113,7 @@ def calibrate_by_board(
     found = _judged(folder, views, rig, halves, [*notes, *_uncovered(views, sizes)])
     with scratch(path, "calibrate") as temporary:
         _write_model(colmap, rig, list(found.placed), temporary / "model")
-        move_into_place(temporary / "model", path)
+        move_into_place(temporary / "model", path, record)
     return found
 
 
@@ -122,7 +131,7 @@ def check_sightings(folder: Path, board: Board, names: Sequence[str], sightings:
     found = "; ".join(f"{phrase} of {', '.join(cameras)}" for phrase, cameras in phrases.items())
     raise CaptureError(
         f"{folder}: each camera must show the board {board.spec} in {FRAMES} frames or more. It is in {found}. Check --board, hold the "
-        f"board closer and tilted to all sides, or leave cameras out (--leave-out {','.join(few)})."
+        f"board closer and tilted to all sides, or leave cameras out ({quoted(option('--leave-out', ','.join(few)))})."
     )
 
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from splatreel.base.atomic import move, scratch
 from splatreel.base.child_process import ChildEndedError, Send, run_in_child
+from splatreel.base.command_line import quoted
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Progress, Span
 from splatreel.calibration.boards.board import Board
@@ -34,6 +35,7 @@ from splatreel.calibration.resection import MatchedFeatures, place_lost
 from splatreel.calibration.rig_refinement import refine_by_moments, refine_lenses
 from splatreel.calibration.uncalibrated import MODEL, CameraFiles, open_uncalibrated, uncalibrated_files
 from splatreel.capture.base import MIN_CAMERAS
+from splatreel.capture.calibration_record import write_record
 from splatreel.capture.file_capture import FrameSource
 from splatreel.capture.readers.colmap_model import import_pycolmap, require_pycolmap
 from splatreel.capture.sidecar import write_failure
@@ -76,6 +78,7 @@ def calibrate(
     matcher: Matcher | None = None,
     scale: Distance | Board | None = None,
     same_lens: bool = False,
+    record: dict[str, Any] | None = None,
 ) -> Calibration:
     """Write the COLMAP model `sparse/0` of a folder of videos or folders of pictures, one per camera, from frames spread over them.
 
@@ -89,6 +92,7 @@ def calibrate(
         matcher: Network of `find_matcher`, which is asked if COLMAP's own features place no cameras.
         scale: Known distance of two cameras, or a board that the videos show, which makes the world's unit a meter.
         same_lens: True if all cameras have the same lens and zoom. Then fewer matches place them.
+        record: `calibration_record` of the command, to be written beside the model.
 
     Raises:
         CaptureError: The folder is calibrated already, has too few cameras, lacks a camera of `scale`, or fewer than
@@ -112,12 +116,14 @@ def calibrate(
         if isinstance(found, str):
             write_failure(path, found)
             raise CaptureError(f"{path}: the calibration failed, and nothing was kept of it: {found}")
-        move_into_place(folder / "model", path)
+        move_into_place(folder / "model", path, record)
     return found
 
 
-def move_into_place(made: Path, path: Path) -> None:
-    """Move a model into a capture, completely or not at all, and forget that a calibration failed."""
+def move_into_place(made: Path, path: Path, record: dict[str, Any] | None) -> None:
+    """Move a model into a capture, with its record, completely or not at all, and forget that a calibration failed."""
+    if record is not None:
+        write_record(made, record)
     place = path / MODEL
     place.parent.mkdir(exist_ok=True)
     shutil.rmtree(place, ignore_errors=True)
@@ -271,7 +277,8 @@ def check_distance(distance: Distance, path: Path, names: Iterable[str]) -> None
         )
     if one == other or not (math.isfinite(meters) and meters > 0):
         raise CaptureError(
-            f"the distance {one} {other} {meters:g} is not one of two cameras in meters. Give it as: --distance {one} OTHER 2.5"
+            f"the distance {one} {other} {meters:g} is not one of two cameras in meters. Give it as: "
+            f"{quoted(['--distance', one, 'OTHER', 2.5])}"
         )
 
 

@@ -19,7 +19,6 @@ from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from splatreel.base import threads
-from splatreel.base.atomic import move, scratch
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Progress
 from splatreel.capture.base import Capture
@@ -27,6 +26,7 @@ from splatreel.capture.lens import import_cv2
 from splatreel.capture.readers.easyvolcap import EXTRINSICS, INTRINSICS
 from splatreel.capture.sidecar import SIDECAR
 from splatreel.scene.camera import Camera
+from splatreel.scene.new_folder import new_folder
 
 Format = Literal["jpg", "png"]
 QUALITY: dict[Format, dict[str, Any]] = {"jpg": {"quality": 97, "subsampling": 0}, "png": {"compress_level": 1}}
@@ -42,7 +42,7 @@ def convert_capture(capture: Capture, out: Path, kind: Format, progress: Progres
 
     Args:
         capture: Open capture.
-        out: New folder.
+        out: New folder. It may hold the same output of an earlier command.
         kind: File format of the images.
         progress: Progress display.
 
@@ -50,28 +50,20 @@ def convert_capture(capture: Capture, out: Path, kind: Format, progress: Progres
         The new name of each camera.
 
     Raises:
-        CaptureError: The folder exists and is not empty, or two names become equal.
+        CaptureError: The folder holds something else, or two names become equal.
     """
-    if out.exists() and (not out.is_dir() or any(out.iterdir())):
-        raise CaptureError(f"{out}: exists already. Name a new folder.")
     names = {camera.name: UNUSUAL.sub("_", camera.name) for camera in capture.cameras}
     if len(set(names.values())) < len(names):
         raise CaptureError(
             f"{capture.path}: cameras would have equal names: {', '.join(names)}. Use letters, digits, - and _ in names."
         )
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with scratch(out.parent, out.name) as place:
-        folder = place / "capture"
-        folder.mkdir()
+    with new_folder(out, CaptureError(f"{out}: exists already. Name a new folder.")) as made:
         cameras = {names[camera.name]: camera for camera in capture.cameras}
-        _write_easyvolcap(folder, cameras)
-        _write_model(folder / "sparse" / "0", cameras, capture, kind)
+        _write_easyvolcap(made.path, cameras)
+        _write_model(made.path / "sparse" / "0", cameras, capture, kind)
         facts = {"fps": capture.fps, "held_out": [names[name] for name in capture.held_out]}
-        (folder / SIDECAR).write_text(json.dumps(facts, indent=1) + "\n")
-        _write_images(folder / "images", capture, names, kind, progress)
-        if out.exists():
-            out.rmdir()
-        move(folder, out)
+        (made.path / SIDECAR).write_text(json.dumps(facts, indent=1) + "\n")
+        _write_images(made.path / "images", capture, names, kind, made.checked(progress))
     return names
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
+from splatreel.base.command_line import quoted
 from splatreel.capture.base import MIN_CAMERAS
 from splatreel.capture.files import list_folder
 from splatreel.capture.image_sequences import flat_images
@@ -32,7 +33,7 @@ def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
         if len(videos) >= MIN_CAMERAS:
             return (
                 f"{place} holds {len(videos)} videos ({_listed(list(videos))}) without poses of their cameras. If they do not start "
-                f"together, run `splatreel capture sync {place}`. Then run `splatreel capture calibrate {place}`."
+                f"together, run `{_command('sync', place)}`. Then run `{_command('calibrate', place)}`."
             )
     for place in [folder, *inside]:
         if others := unread_videos(place):
@@ -42,9 +43,13 @@ def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
         if len(pictures) >= MIN_CAMERAS:
             return (
                 f"{place} holds pictures of {len(pictures)} cameras ({_listed(list(pictures))}) without poses of these cameras. Run "
-                f"`splatreel capture calibrate {place}`."
+                f"`{_command('calibrate', place)}`."
             )
     return next((advice for place in [folder, *inside] if (advice := flat_images(place))), None)
+
+
+def _command(verb: str, folder: Path) -> str:
+    return quoted(["splatreel", "capture", verb, folder])
 
 
 def _listed(names: list[str]) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from splatreel.base.command_line import option, quoted
 from splatreel.base.errors import CaptureError
 from splatreel.capture.camera_images import same_shape
 from splatreel.capture.file_capture import FileCapture
@@ -129,7 +130,7 @@ class MaskFiles:
         if not found:
             raise CaptureError(
                 f"{self.folder}: there are no masks of camera {name}. Add a folder {name} with a picture for each frame, or a video "
-                f"{name}.mp4, or leave the camera out with --leave-out {name}."
+                f"{name}.mp4, or leave the camera out with {quoted(option('--leave-out', name))}."
             )
         return found[0]
 

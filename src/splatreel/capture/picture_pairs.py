@@ -160,9 +160,8 @@ def _in_order(path: Path, files: Mapping[str, list[Path]], notes: list[str]) -> 
 def _skipped_numbers(labels: list[int]) -> list[str]:
     """Return a sentence about numbers that no camera has."""
     apart = np.diff(labels)
-    usual = (
-        apart.min(initial=1) if len(apart) == 0 or apart.min() < TICK else 1.5 * np.median(apart)
-    )  # times are rounded
+    # Numbers of at least a tick are times, which are rounded.
+    usual = apart.min(initial=1) if len(apart) == 0 or apart.min() < TICK else 1.5 * np.median(apart)
     wide = np.flatnonzero(apart > usual)
     if not len(wide):
         return []

@@ -77,8 +77,6 @@ class FramePrefetcher:
             source.read_into(frames[at : at + part], first + at, self.cameras)
             release_pages(frames)
         shared = min(self.shared, count)
-        self._kept = (
-            first + count - shared,
-            frames[count - shared :].copy(),
-        )  # copied, because the caller modifies its array
+        # Copied, because the caller modifies its array.
+        self._kept = first + count - shared, frames[count - shared :].copy()
         return frames

@@ -6,15 +6,15 @@ import importlib.util
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from tyro.conf import Positional
 
-from splatreel.base.command_line import install_command, quoted
+from splatreel.base.command_line import install_command, option, quoted
 from splatreel.base.errors import ReconstructionError, UsageError
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out, parse_left_out
-from splatreel.cli.printing import counted, say
+from splatreel.cli.printing import already_complete, counted, say
 
 if TYPE_CHECKING:
     import numpy as np
@@ -89,7 +89,7 @@ def capture_check(
     images = np.concatenate(moments)
     coverage, verdict = _judge(source, names, images, quick, said) or (None, None)
     given = {"--width": width, "--frames": frames, "--hold-out": hold_out, "--leave-out": leave_out}
-    options = [part for option, value in given.items() if value is not None for part in (option, str(value))]
+    options = [part for name, value in given.items() if value is not None for part in option(name, value)]
     command = quoted(["splatreel", "reconstruct", capture, "--out", "OUT", *options])
     text = f"It can be read; nothing else was checked. Run\n  {command}" if verdict is None else verdict.text(command)
     if page is not None:
@@ -196,21 +196,30 @@ def capture_calibrate(
         raise UsageError("--board-videos needs the board that they show, such as --board 5x7:0.035.")
     if distance is not None and scale_board is not None:
         raise UsageError("--distance and --scale-board both give the scale. Leave out one of them.")
+    from splatreel.calibration.uncalibrated import MODEL
+    from splatreel.capture.calibration_record import calibration_record, is_made_by
+
+    options = {"also": also, "leave_out": leave_out, "distance": distance, "scale_board": scale_board}
+    options |= {"same_lens": same_lens, "board": board, "board_videos": board_videos}
+    given = {name: str(value) for name, value in options.items() if value is not None and value is not False}
+    record = calibration_record(capture, given, [folder for folder in (also, board_videos) if folder is not None])
+    if is_made_by(capture, record):
+        say(f"{capture / MODEL}: was complete already, made by the same command from the same files")
+        return
     if board is not None:
         if also is not None or distance is not None or scale_board is not None or same_lens:
             raise UsageError(
                 "--board gives lenses, poses and meters. Leave out --also, --distance, --scale-board and --same-lens."
             )
-        _calibrate_by_board(capture, board, board_videos, leave_out)
+        _calibrate_by_board(capture, board, board_videos, leave_out, record)
         return
     from splatreel.base.display import console
     from splatreel.calibration.calibrate import calibrate
     from splatreel.calibration.learned_matches import find_matcher
-    from splatreel.calibration.uncalibrated import MODEL
 
     matcher, scale = find_matcher(), distance if scale_board is None else parse_board(scale_board)
     with closing(console()) as progress:
-        found = calibrate(capture, progress, also, parse_left_out(leave_out), matcher, scale, same_lens)
+        found = calibrate(capture, progress, also, parse_left_out(leave_out), matcher, scale, same_lens, record)
     agreed = f", placed alike at {found.moments} moments" if found.moments > 1 else ""
     say(f"{capture / MODEL}: {len(found.placed)} cameras{agreed}; points are off by {found.error:.2f} pixels")
     _say_each(found.notes, [])
@@ -220,7 +229,9 @@ def capture_calibrate(
         say(f"  doubtful, since they see few points: {', '.join(f'{n} ({found.placed[n]})' for n in found.doubtful)}")
 
 
-def _calibrate_by_board(capture: Path, spec: str, videos: Path | None, leave_out: str | None) -> None:
+def _calibrate_by_board(
+    capture: Path, spec: str, videos: Path | None, leave_out: str | None, record: dict[str, Any]
+) -> None:
     """Calibrate by the sightings of a board, and report the result."""
     from splatreel.base.display import console
     from splatreel.calibration.board_calibration import calibrate_by_board
@@ -228,7 +239,7 @@ def _calibrate_by_board(capture: Path, spec: str, videos: Path | None, leave_out
     from splatreel.calibration.uncalibrated import MODEL
 
     with closing(console()) as progress:
-        found = calibrate_by_board(capture, parse_board(spec), progress, videos, parse_left_out(leave_out))
+        found = calibrate_by_board(capture, parse_board(spec), progress, videos, parse_left_out(leave_out), record)
     off = max(found.errors[name] for name in found.placed)
     say(f"{capture / MODEL}: {len(found.placed)} cameras, up to {found.extent:.3g} m apart")
     say(f"  corners of the board are off by {off:.2f} pixels at most, in the median of a camera")
@@ -259,7 +270,7 @@ def capture_board(file: Positional[Path], /, board: str = "5x7:0.035") -> None:
     squares = f"{made.columns} x {made.rows} squares of {1000 * made.square:g} mm"
     say(f"{file}: {squares}, {1000 * width:.0f} x {1000 * height:.0f} mm with its margin")
     say("  print it at 100 %, glue it onto something flat, measure a square, and use it with that size:")
-    say(f"  splatreel capture calibrate CAPTURE --board {made.spec}")
+    say(f"  {quoted(['splatreel', 'capture', 'calibrate', 'CAPTURE', '--board', made.spec])}")
 
 
 def capture_sync(capture: Positional[Path], /, leave_out: str | None = None, dry_run: bool = False) -> None:
@@ -315,10 +326,13 @@ def capture_convert(
     from splatreel.base.display import console
     from splatreel.capture.conversion import convert_capture
     from splatreel.capture.opening import open_capture
+    from splatreel.scene.new_folder import is_taken
 
-    source = open_capture(capture, width=width, frames=parse_frames(frames))
+    source, existed = open_capture(capture, width=width, frames=parse_frames(frames)), is_taken(out)
     with closing(source), closing(console()) as progress:
         names = convert_capture(source, out, format, progress)
+    if existed:
+        say(already_complete(out))
     say(f"{out}: {len(names)} cameras and {source.frames} frames of {source.width} x {source.height} pixels")
     say("  intri.yml and extri.yml of EasyVolcap, the COLMAP model sparse/0, and images/CAMERA/; sound is not copied")
     _say_each(source.notes, [])

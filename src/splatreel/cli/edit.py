@@ -9,7 +9,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from splatreel.base.errors import UsageError
 from splatreel.cli.options import ReelAddress, reel_folder
-from splatreel.cli.printing import playable, say
+from splatreel.cli.printing import already_complete, playable, say
 from splatreel.cli.reel_texts import ReelTexts
 
 
@@ -79,10 +79,11 @@ def _edit_points(reel: str | Path, operations: list[str], out: Path, given: dict
     from splatreel.edit.clip_writer import write_clip
     from splatreel.edit.operations import apply_operations, with_texts
     from splatreel.edit.reel_clip import ReelClip
+    from splatreel.scene.new_folder import is_taken
 
     source = ReelClip(reel)
     clip = with_texts(apply_operations(source, operations), given)
-    existed = (out / "manifest.json").is_file()
+    existed = is_taken(out)
     progress = console()
     try:
         progress.stage("writing the groups", len(clip.outline.groups))
@@ -90,7 +91,7 @@ def _edit_points(reel: str | Path, operations: list[str], out: Path, given: dict
     finally:
         progress.close()
     if existed:
-        say(f"{out}: was complete already, with the same content")
+        say(already_complete(out))
     old, new = source.outline, clip.outline
     say(
         f"{reel}: {old.frames} frames, {old.seconds:.2f} s, {source.bytes / 1e6:.2f} MB. {out}: {new.frames} frames, "

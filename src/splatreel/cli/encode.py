@@ -9,8 +9,9 @@ from tyro.conf import Positional
 
 from splatreel.base.errors import UsageError
 from splatreel.cli.info import describe
-from splatreel.cli.options import Set, check_no_reel, parse_renditions, parse_set
-from splatreel.cli.printing import say
+from splatreel.cli.new_reel import new_reel
+from splatreel.cli.options import Set, parse_renditions, parse_set
+from splatreel.cli.printing import already_complete, say
 from splatreel.config import COARSENESS, Codec, EncodeConfig, Rate, Source
 from splatreel.config.settings import changed
 from splatreel.config.settings import settings as known_settings
@@ -54,7 +55,6 @@ def encode(
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.run.device import pick_device
     from splatreel.run.output.reencode import reencode
-    from splatreel.run.run_lock import lock_reel
 
     _check_folder(run, out)
     options = {
@@ -75,19 +75,21 @@ def encode(
     _check_rate(config, rate, target_mbps, papers)
     progress = console()
     try:
-        with lock_reel(out):
-            _check_folder(run, out)  # another process may have finished it meanwhile
+        with new_reel(out) as made:
             reencode(
                 run / "work",
-                out,
+                made.path,
                 config,
                 pick_device("auto"),
-                progress,
+                # The search for a rate writes reels that are not final.
+                progress if target_mbps is not None else made.checked(progress, "layers", "groups"),
                 target_mbps,
                 PresentationWriter(_texts_of(run)),
             )
     finally:
         progress.close()
+    if made.existing is not None:
+        say(already_complete(out))
     say(describe(str(out), reel_info(out)))
 
 
@@ -133,4 +135,3 @@ def _check_rate(config: EncodeConfig, rate: Rate | None, mbps: float | None, pap
 def _check_folder(run: Path, out: Path) -> None:
     if out.resolve() in (run.resolve(), (run / "reel").resolve(), (run / "work").resolve()):
         raise UsageError(f"--out {out}: belongs to the run itself. Choose another folder.")
-    check_no_reel(out)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,9 +13,11 @@ from tyro.conf import OmitArgPrefixes, Positional
 
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.options import AXES, check_no_reel
+from splatreel.cli.new_reel import new_reel
+from splatreel.cli.options import AXES
 from splatreel.cli.options import megabytes as memory_limit
-from splatreel.cli.printing import playable, say
+from splatreel.cli.printing import already_complete, counted, playable, say
+from splatreel.cli.reel_texts import ReelTexts
 from splatreel.config import COARSENESS, EncodeConfig, Quality, Rate
 
 if TYPE_CHECKING:
@@ -108,7 +111,7 @@ def import_frames(
     _check_options(fps, length, up)
     if fit and cameras and up:
         raise UsageError("--fit takes the up axis from --cameras. Leave out --up.")
-    edit = changes.edit()
+    edit, words = changes.edit(), ReelTexts(title=title).given()
     use_threads(threads)
     from splatreel.base.display import console
     from splatreel.play.presentation_writer import PresentationWriter
@@ -117,12 +120,15 @@ def import_frames(
 
     film, edit = edited(open_frames(frames, gaps, fps, length, memory_limit(max_memory)), edit)
     header, limits = _describe(film, edit, cameras, up, fps, antialiased)
-    present = PresentationWriter({"title": title} if title else {}, {"title": frames.name})
+    present = PresentationWriter(words, {"title": _name_as_title(frames)})
     with closing(console()) as progress:
         if fit is None:
-            found, reel = _write(film, out, header, limits, rate or "high", progress, present), out
+            (found, existed), reel = _write(film, out, header, limits, rate or "high", progress, present), out
         else:
             found, reel = _fit(film, out, header, cameras is None, fit, rate or "medium", progress, present)
+            existed = False
+    if existed:
+        say(already_complete(out))
     _say_result(film, found, reel)
     _say_changes(film, edit, fps)
     if fit is None:
@@ -130,6 +136,13 @@ def import_frames(
     if cameras is None:
         _say_ring(up)
     say(playable(reel))
+
+
+def _name_as_title(frames: Path) -> str:
+    """Return the name of a file or folder as a title. Bytes that are not UTF-8 are replaced, and a long name is cut."""
+    from splatreel.codec.presentation import MAX_TEXT
+
+    return os.fsencode(frames.name).decode("utf-8", "replace")[: MAX_TEXT["title"]]
 
 
 def _describe(
@@ -162,18 +175,17 @@ def _write(
     rate: Rate,
     progress: Progress,
     present: PresentationHook,
-) -> Comparison:
-    """Write the points of a sequence to a new reel."""
-    check_no_reel(out)
+) -> tuple[Comparison, bool]:
+    """Write the points of a sequence to a new reel. Return the comparison, and whether the reel was complete already."""
     from splatreel.codec.writer import ReelWriter
     from splatreel.run.device import pick_device
-    from splatreel.run.run_lock import lock_reel
     from splatreel.sequence.reel import write_reel
 
-    with lock_reel(out):
-        check_no_reel(out)  # another process may have finished it meanwhile
-        writer = ReelWriter(out, header, config=EncodeConfig(coarseness=COARSENESS[rate]))
-        return write_reel(film, writer, progress, pick_device("auto"), limits, present)
+    with new_reel(out) as made:
+        writer = ReelWriter(made.path, header, config=EncodeConfig(coarseness=COARSENESS[rate]))
+        checked = made.checked(progress, "layers", "groups")
+        found = write_reel(film, writer, checked, pick_device("auto"), limits, present)
+    return found, made.existing is not None
 
 
 def _fit(
@@ -202,7 +214,7 @@ def _say_result(film: Frames, found: Comparison, reel: Path) -> None:
 
     size = sum(file.bytes for file in open_reel(reel).manifest.files)
     say(
-        f"{len(film)} frames in {megabytes(size)}, {compared_size(size, film.size)} the {megabytes(film.size)} of "
+        f"{counted(len(film), 'frame')} in {megabytes(size)}, {compared_size(size, film.size)} the {megabytes(film.size)} of "
         f"{film.path}. Its images have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
     )
 

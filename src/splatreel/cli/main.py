@@ -87,9 +87,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             check_arguments(arguments)
             build().cli(prog="splatreel", description=DESCRIPTION, args=arguments)
     except BrokenPipeError:
-        os.dup2(
-            os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
-        )  # the reader of the pipe is gone; print nothing at exit
+        # The reader of the pipe is gone; print nothing at exit.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (Exception, KeyboardInterrupt) as error:
         known = explain(error, arguments)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, overload
 
 import tyro
 
+from splatreel.base.command_line import quoted
 from splatreel.base.errors import UsageError
 from splatreel.cli.reel_texts import TEXT_OPTIONS
 from splatreel.config import COARSENESS, Config, Rate
@@ -79,10 +81,8 @@ def check_arguments(arguments: Sequence[str]) -> None:
         name, _, value = argument.partition("=")
         if "\0" in argument:
             raise UsageError("An argument holds a NUL character, which no file name can hold. Leave it out.")
-        if before == "--out" and argument.startswith("-") and not argument.startswith("--"):
-            raise UsageError(
-                f"--out {argument}: a name that starts with - is taken for an option. Write --out=./{argument}."
-            )
+        if argument.startswith("-") and not argument.startswith("--"):
+            _check_no_name(argument, before)
         if not argument and before not in TEXT_OPTIONS:
             what = before if before.startswith("--") else "An argument"
             raise UsageError(
@@ -93,6 +93,19 @@ def check_arguments(arguments: Sequence[str]) -> None:
                 f"{name} is empty. Write a name, or . for the current folder; is a variable of the shell not set?"
             )
         before = argument
+
+
+def _check_no_name(argument: str, before: str) -> None:
+    """Refuse an argument with one dash that is the name of a file, or of a new one after --out.
+
+    Raises:
+        UsageError: The argument is such a name.
+    """
+    reason = "a name that starts with - is taken for an option"
+    if before == "--out":
+        raise UsageError(f"--out {argument}: {reason}. Write {quoted([f'--out=./{argument}'])}.")
+    if argument not in (*AXES, "-h") and os.path.lexists(argument):
+        raise UsageError(f"{argument}: {reason}. Write {quoted([Path(argument)])}.")
 
 
 def parse_set(texts: tuple[str, ...]) -> dict[str, Any]:
@@ -226,21 +239,7 @@ def reel_folder(path: str | Path) -> str | Path:
 
     if is_capture(folder):
         raise UsageError(
-            f"{path}: is a capture, not a reel. Make a reel of it with `splatreel reconstruct {path} --out OUT`, and give OUT."
+            f"{path}: is a capture, not a reel. Make a reel of it with "
+            f"`{quoted(['splatreel', 'reconstruct', folder, '--out', 'OUT'])}`, and give OUT."
         )
     return folder
-
-
-def check_no_reel(out: Path) -> None:
-    """Check that writing a reel into --out destroys no reel.
-
-    An unfinished reel is what an interrupted command left, and may be continued, unless it belongs to a run.
-
-    Raises:
-        UsageError: The folder holds a finished reel, or the reel of a run.
-    """
-    from splatreel.codec.reader import ReelReader
-
-    of_a_run = out.name == "reel" and (out.parent / "work").is_dir()
-    if (out / "manifest.json").is_file() and (of_a_run or not ReelReader(out).manifest.live):
-        raise UsageError(f"--out {out}: holds a reel already. Choose another folder, or delete that reel.")

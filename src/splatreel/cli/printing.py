@@ -35,3 +35,8 @@ def serving(reel: Path) -> str:
 def playable(reel: Path) -> str:
     """Return the closing message about a new reel."""
     return f"{reel}: play it with\n  {serving(reel)}"
+
+
+def already_complete(out: Path) -> str:
+    """Return the message about an output that an earlier run of the same command finished."""
+    return f"{out}: was complete already, with the same content"

@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import re
 import threading
-import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from splatreel.base.errors import ReelError, StorageError
+from splatreel.base.process import steady_clock
 from splatreel.base.progress import Progress, Silent
 from splatreel.codec.document import in_lines, parse_object
 from splatreel.codec.manifest import MAX_BYTES, parse_manifest
@@ -83,14 +84,17 @@ class Publication:
         reel: Directory of the reel.
         folder: Folder of the copy.
         keep: Grace period in seconds.
-        clock: Function that returns seconds since 1970.
+        clock: Function that returns seconds since 1970; by default the system's clock when the publication begins, which then runs
+            on evenly. A clock that is set meanwhile would end the grace period early or never.
     """
 
-    def __init__(self, reel: Path, folder: Folder, keep: float = KEPT, clock: Callable[[], float] = time.time) -> None:
+    def __init__(
+        self, reel: Path, folder: Folder, keep: float = KEPT, clock: Callable[[], float] | None = None
+    ) -> None:
         self.reel, self.folder = reel, folder
         self.sent = 0
         self._lock = threading.Lock()
-        self._keep, self._clock = keep, clock
+        self._keep, self._clock = keep, clock or steady_clock()
         self._there: dict[str, int] | None = None
         self._manifest_there: bytes | None = None
         self._left: dict[str, float] | None = None
@@ -215,11 +219,13 @@ class Publication:
     def _remove_unreferenced(self, named: set[str]) -> int:
         """Delete files past their grace period and return their number.
 
-        A file beside the manifest records when they were last referenced.
+        A file beside the manifest records when they were last referenced. Times in the future are of a clock that was set back
+        since: the grace period starts again.
         """
         there, now, noted = self._list_folder(), self._clock(), self._read_record()
-        left = {name: noted.get(name, now) for name in sorted(there) if is_published_name(name) and name not in named}
-        if left.keys() != noted.keys():
+        unnamed = [name for name in sorted(there) if is_published_name(name) and name not in named]
+        left = {name: min(noted.get(name, now), now) for name in unnamed}
+        if left != noted:
             self._write_record(left)
         old = [name for name, since in left.items() if now - since >= self._keep]
         for name in old:
@@ -235,8 +241,8 @@ class Publication:
             data = self.folder.read(RECORD, MAX_BYTES) or b"{}"
             try:
                 left = parse_object(data).get("left", {})
-                self._left = {name: float(since) for name, since in dict(left).items()}
-            except (ReelError, TypeError, ValueError):
+                self._left = {name: float(since) for name, since in dict(left).items() if math.isfinite(float(since))}
+            except (ReelError, TypeError, ValueError, OverflowError):
                 self._left = {}
         return self._left
 

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import filecmp
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from splatreel.base.atomic import move, scratch
 from splatreel.base.errors import ReelError, UsageError
 from splatreel.codec.group_file import encode_group_again, encode_layer_again
 from splatreel.codec.predictive.precision import STEPS, Precision, choose_precision
@@ -21,6 +19,7 @@ from splatreel.edit.clip import Clip, ClipGroup, LayerSpan
 from splatreel.edit.clip_sound import write_clip_sound
 from splatreel.play.presentation_writer import PresentationWriter
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.new_folder import is_taken, new_folder
 
 
 def write_clip(clip: Clip, out: Path, progress: Callable[[int], None] = lambda done: None) -> int:
@@ -38,26 +37,21 @@ def write_clip(clip: Clip, out: Path, progress: Callable[[int], None] = lambda d
         UsageError: `out` exists and is not the same reel, or no point is left.
         ReelError: A file of the reel is damaged, or the disk refuses.
     """
-    taken = out.exists() and (not out.is_dir() or any(out.iterdir()))
     refusal = UsageError(f"--out {out}: exists already. Choose another folder, or delete it.")
-    if taken and not _is_alike(out, clip):
+    if is_taken(out) and not _is_alike(out, clip):
         raise refusal
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with scratch(out.parent, out.name) as place:
-            size = _ClipWriter(clip, place).write(progress)
-            if taken:  # an earlier command may have been killed just after it finished
-                if not _has_same_files(place, out):
-                    raise refusal
-                return size
-            if out.is_dir():
-                out.rmdir()  # it is empty
-            move(place, out)
+        with new_folder(out, refusal) as made:
+
+            def update(done: int) -> None:
+                made.check("layers", "groups")
+                progress(done)
+
+            return _ClipWriter(clip, made.path).write(update)
     except OSError as error:
         raise ReelError(
             f"{out}: cannot be written ({error.strerror or error}). Free space or name a folder."
         ) from error
-    return size
 
 
 def _is_alike(folder: Path, clip: Clip) -> bool:
@@ -70,12 +64,6 @@ def _is_alike(folder: Path, clip: Clip) -> bool:
     texts = all(getattr(there.presentation, name) == text for name, text in outline.texts.items())
     same = (there.frames, there.fps, len(there.groups)) == (outline.frames, outline.header.fps, len(outline.groups))
     return same and texts and not there.live
-
-
-def _has_same_files(a: Path, b: Path) -> bool:
-    """Return whether two folders hold the same files with the same content."""
-    names = [sorted(path.relative_to(folder) for path in folder.rglob("*") if path.is_file()) for folder in (a, b)]
-    return names[0] == names[1] and all(filecmp.cmp(a / name, b / name, shallow=False) for name in names[0])
 
 
 class _ClipWriter:

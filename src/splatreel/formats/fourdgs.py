@@ -56,11 +56,14 @@ class FourdgsScene:
         self.fps: float | None = fps or FPS
         self._scene = _read(path, budget)
         self._rate = fps or FPS
-        self._length = max(math.floor(self._scene.duration_sec * self._rate + 1e-6), 1)
-        if self._length > MOST_FRAMES:
+        seconds = self._scene.duration_sec
+        if not (math.isfinite(seconds) and seconds >= 0):
+            raise GaussiansError(f"{path}: states that it lasts {seconds:g} seconds. Export it again.")
+        if seconds * self._rate > MOST_FRAMES:
             raise GaussiansError(
-                f"{path}: has {self._length:,} frames at {self._rate:g} a second. Choose a lower --fps."
+                f"{path}: has {seconds * self._rate:,.6g} frames at {self._rate:g} a second. Choose a lower --fps."
             )
+        self._length = max(math.floor(seconds * self._rate + 1e-6), 1)
         points, self._sh = self._scene.gaussians, _harmonics(self._scene.gaussians)
         self._scales = np.asarray(points.scales, np.float32)
         if self._scene.truncated:
@@ -248,12 +251,15 @@ def _streams_memory(block: bytes) -> int:
 
 
 def _zstd_size(frame: bytes) -> int:
-    """Return the size that a zstd frame states, or 0."""
+    """Return the size that a zstd frame states; 0 if it states none, or is damaged.
+
+    Its reader refuses a damaged frame, or skips it if it belongs to an unknown attribute and goes on with the next chunk.
+    """
     try:
         import zstandard  # pyright: ignore[reportMissingImports] - optional
-
-        return max(zstandard.frame_content_size(frame), 0)
-    except (ImportError, ValueError):
+    except ImportError:
         return 0
-    except Exception as error:  # zstandard.ZstdError, if the frame is damaged
-        raise ValueError(str(error)) from error
+    try:
+        return max(zstandard.frame_content_size(frame), 0)
+    except (ValueError, zstandard.ZstdError):
+        return 0

@@ -104,9 +104,8 @@ class Viewer:
         """Recent rendering time per pixel, in seconds."""
         # viser warns when a browser closes while its image is rendered.
         warnings.filterwarnings("ignore", "Queued a .* on a closed connection")
-        with contextlib.redirect_stdout(
-            io.StringIO()
-        ):  # viser prints its address, which the command line prints as well
+        # Viser prints its address, which the command line prints as well.
+        with contextlib.redirect_stdout(io.StringIO()):
             self._server: Any = viser.ViserServer(host=host, port=port, label="Splatreel", verbose=False)
         self._arrange()
         self._ended = threading.Event()

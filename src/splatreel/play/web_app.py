@@ -185,7 +185,9 @@ class WebApp:
             "Content-Security-Policy": content.policy,
         }
         not_modified = Response(None, 304, headers)
-        if _CONDITIONS.is_not_modified(not_modified.headers, asked):
+        # Dates must be the same: if the clock was set back, a newer file has an earlier date.
+        same_date = "If-None-Match" in asked or asked.get("If-Modified-Since") == headers["Last-Modified"]
+        if same_date and _CONDITIONS.is_not_modified(not_modified.headers, asked):
             content.file.close()
             return not_modified
         whole = asked.get("If-Range", content.tag) != content.tag

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -13,6 +12,7 @@ from typing import Any
 
 from splatreel import __version__
 from splatreel.base.errors import SplatreelError
+from splatreel.base.process import steady_clock
 from splatreel.base.progress import Progress, Span
 from splatreel.base.untrusted import is_number, read_file
 from splatreel.run.job_log import LOGS
@@ -33,13 +33,13 @@ class RecordedProgress:
         work: Folder OUT/work.
         part: Name of the job; empty for a run of one job.
         device: Device that trains.
-        clock: Seconds since 1970.
+        clock: Seconds since 1970; by default those of `steady_clock`.
     """
 
     def __init__(
-        self, progress: Progress, work: Path, part: str, device: str, clock: Callable[[], float] = time.time
+        self, progress: Progress, work: Path, part: str, device: str, clock: Callable[[], float] | None = None
     ) -> None:
-        self._progress, self._clock, self._device = progress, clock, device
+        self._progress, self._clock, self._device = progress, clock or steady_clock(), device
         self._path = work / LOGS / f"history{part and f'-{part}'}.jsonl"
         self._total, self._next = 0, 0
         self._begun = False
@@ -95,8 +95,8 @@ class RecordedStage:
 
     @property
     def seconds(self) -> float:
-        """Seconds that the stage took so far."""
-        return self.end - self.begin
+        """Seconds that the stage took so far; 0 if the clock was set back meanwhile."""
+        return max(self.end - self.begin, 0.0)
 
     def curve(self, name: str) -> list[tuple[float, float]]:
         """Return (share of the stage, value) of a number such as loss."""

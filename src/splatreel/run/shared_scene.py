@@ -124,7 +124,8 @@ def _save_layer(job: Job, data: GroupInput, points: Gaussians, plates: CleanPlat
     """Encode the points that the plates show, and save them as trained and as decoded."""
     store, scene = job.store, job.store.scene
     hidden = shares(points, data.cameras, plates.unknown, data.near, data.device)
-    known = points[~(hidden > UNKNOWN)]  # NaN for a point that no camera sees, which compares false
+    # The share is NaN for a point that no camera sees; the comparison is then false.
+    known = points[~(hidden > UNKNOWN)]
     if len(known) == 0:
         return scene.save_layer(StoredLayer(known, known))
     with job.timed("encode"):

@@ -1,4 +1,5 @@
 import re
+import time
 
 import numpy as np
 import pytest
@@ -83,6 +84,32 @@ def test_pictures_without_a_board_have_none() -> None:
 def test_the_dictionary_of_another_board_is_found(film: FilmedBoard) -> None:
     board = parse_board("5x7:0.12:6X6_250")
     assert family_of_markers(film.picture("cam00", board, held(board, 0))) == "6X6_1000"
+
+
+HOSTILE = [
+    "5x7:nan",
+    "5x7:inf",
+    "5x7:-1",
+    "5x7:1e-2",
+    "5x7:",
+    "\uff15x7:0.035",
+    "5x7:0.035:4X4_50\n",
+    "5x7:0.035:__class__",
+    "5x7:" + "9" * 100_000,
+    "5x7:" + "9" * 100_000 + "x",
+    "5x7:0." + "9" * 100_000 + "x",
+    "5x7:0.035:" + "A" * 100_000,
+    "9" * 100_000 + "x7:1",
+]
+
+
+@pytest.mark.parametrize("spec", HOSTILE, ids=range(len(HOSTILE)))
+def test_hostile_boards_are_refused_at_once(spec: str) -> None:
+    before = time.process_time()
+    with pytest.raises(UsageError) as caught:
+        parse_board(spec)
+    assert time.process_time() - before < 2
+    assert len(str(caught.value)) < 600
 
 
 @pytest.mark.parametrize("spec", ["5x7:0.035", "10x7:0.025:checkerboard", "30x40:0.1:5X5_1000"])

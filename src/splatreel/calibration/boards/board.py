@@ -17,7 +17,7 @@ DICTIONARY = "4X4_50"
 """Default dictionary of markers. Coarse markers are found at the greatest distance."""
 FAMILIES = ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "ARUCO_ORIGINAL")
 """Dictionaries that hold most others, to name that of an unknown board."""
-SPEC = re.compile(r"(\d{1,3})x(\d{1,3}):(\d*\.?\d+)(?::(\w+))?")
+SPEC = re.compile(r"(\d{1,3})x(\d{1,3}):(\d{1,9}|\d{0,9}\.\d{1,20})(?::(\w{1,40}))?", re.ASCII)
 FEWEST = 6
 """Minimum number of corners of a sighting."""
 MARKERS = 4
@@ -145,9 +145,8 @@ class Board:
         """Detectors of the pattern of OpenCV from 4.6 on and of older ones, which differ for an even number of rows."""
         aruco = import_cv2("Finding a board").aruco
         made, markers = [], dictionary(self.kind)
-        marker = self.square * (
-            1 - 2 * BORDER / self.square_cells
-        )  # corners are in the middle between markers of any size
+        # Corners are in the middle between markers of any size.
+        marker = self.square * (1 - 2 * BORDER / self.square_cells)
         for legacy in (False, True) if self.rows % 2 == 0 else (False,):
             board = aruco.CharucoBoard((self.columns, self.rows), self.square, marker, markers)
             board.setLegacyPattern(legacy)
@@ -164,7 +163,7 @@ def parse_board(text: str) -> Board:
     form = "Write columns x rows : meters of a square, such as 5x7:0.035, and :checkerboard for one without markers"
     match = SPEC.fullmatch(text)
     if match is None:
-        raise UsageError(f"the board {text!r} is not understood. {form}.")
+        raise UsageError(f"the board {text!r:.60} is not understood. {form}.")
     columns, rows, square = int(match[1]), int(match[2]), float(match[3])
     board = Board(columns, rows, square, match[4] or DICTIONARY)
     if min(columns, rows) < 3 or max(columns, rows) > 40:

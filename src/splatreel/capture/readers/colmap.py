@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.command_line import option, quoted
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
@@ -67,9 +68,8 @@ class ColmapCapture(FileCapture):
             pictures, (width, height) = _choose(path, cameras, found, shape, request)
             source = picture_source(path, pictures, sidecar, request, upright=False)
         first, _ = request.range(source.frames, path)
-        points, colors = (
-            _points(model.reconstruction) if first == 0 else (None, None)
-        )  # the model was made from the first frame
+        # The model was made from the first frame.
+        points, colors = _points(model.reconstruction) if first == 0 else (None, None)
         lenses: dict[str, Lens] = {}
         views = [_camera(model.folder, camera, width, height, lenses) for camera in everything]
         middle = names[middle_camera(request.kept(views, path))]
@@ -255,7 +255,8 @@ def _of_cameras(path: Path, files: dict[str, Path], names: list[str]) -> dict[st
     if absent:
         raise CaptureError(
             f"{path}: the model has {len(names)} cameras, and {len(absent)} of them no video, the first is {absent[0]}; there are "
-            f"{', '.join(files)}. Name each video as its image in the model, or leave cameras out (--leave-out {','.join(absent)})."
+            f"{', '.join(files)}. Name each video as its image in the model, or leave cameras out "
+            f"({quoted(option('--leave-out', ','.join(absent)))})."
         )
     return {name: files[name] for name in names}
 

@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from splatreel.base.command_line import option, quoted
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
@@ -46,7 +47,7 @@ class EasyVolcapCapture(FileCapture):
             raise CaptureError(
                 f"{path}: {len(absent)} of the {len(names)} cameras in {INTRINSICS} have neither pictures in images/NAME/ nor a "
                 f"video videos/NAME.mp4, the first is {absent[0]!r}. Copy them there, or leave cameras out "
-                f"(--leave-out {','.join(absent)})."
+                f"({quoted(option('--leave-out', ','.join(absent)))})."
             )
         if pictures:
             source = picture_source(path, pictures, sidecar, request)

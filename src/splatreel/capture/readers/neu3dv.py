@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.command_line import quoted
 from splatreel.base.errors import CaptureError
 from splatreel.base.untrusted import read_array
 from splatreel.capture.base import Request
@@ -114,7 +115,7 @@ def _read_poses(file: Path) -> np.ndarray:
             raise failure
         raise CaptureError(
             f"{file}: is missing. A Neu3DV folder needs it beside its videos; LLFF's imgs2poses makes one, and so, as a COLMAP "
-            f"model, does `splatreel capture calibrate {file.parent}`."
+            f"model, does `{quoted(['splatreel', 'capture', 'calibrate', file.parent])}`."
         )
     poses = read_array(file, lambda text: CaptureError(f"{text} LLFF's imgs2poses makes one: {EXPECTED}."))
     if poses.ndim != 2 or poses.shape[1] != 17 or poses.dtype.kind not in "fiu":

@@ -139,9 +139,8 @@ def iteration_row(trainer: GroupTrainer, repeats: int) -> Timing:
     one thread. `tiles` is the mean share of tiles drawn otherwise.
     """
     middle = trainer.iterations // 2 // MEASURE_EVERY * MEASURE_EVERY
-    layered, whole = (
-        _batch(trainer, at) for at in (middle + MEASURE_EVERY // 2, middle)
-    )  # both with the same regularizers
+    # Both have the same regularizers.
+    layered, whole = (_batch(trainer, at) for at in (middle + MEASURE_EVERY // 2, middle))
     layered()  # warm up; the loop below draws the static points of every view
     for camera in range(len(trainer.pictures.views)):
         trainer.static.view(camera)

@@ -10,6 +10,7 @@ from typing import Literal
 
 from PIL import Image
 
+from splatreel.base.command_line import quoted
 from splatreel.base.errors import ReelError
 from splatreel.evaluation.page.charts import Series, line_chart
 from splatreel.evaluation.page.findings import failing_moments, findings
@@ -89,7 +90,9 @@ def _summary(facts: RunFacts) -> str:
         ]
         sentences = findings(report, manifest.fps)
     else:
-        sentences = [f"This reel was not evaluated yet: `splatreel evaluate {facts.reel} CAPTURE --out OUT`."]
+        sentences = [
+            f"This reel was not evaluated yet: `{quoted(['splatreel', 'evaluate', facts.reel, 'CAPTURE', '--out', 'OUT'])}`."
+        ]
     boxes = "".join(f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>" for name, value in tiles)
     outstanding = html_list([*sentences, *facts.coverage])
     return f'<dl class="tiles">{boxes}</dl>\n{section("What stands out", outstanding, "findings")}'
@@ -104,7 +107,7 @@ def _player(facts: RunFacts, player: Player) -> str:
         with suppress(ReelError):  # the paper's codec cannot be embedded
             if size <= LARGEST_REEL:
                 return _opened_on_demand(f'srcdoc="{escape(standalone_page(facts.reel))}"')
-    return f"<p>Play it with <code>splatreel serve {escape(facts.reel)}</code>.</p>"
+    return f"<p>Play it with <code>{escape(quoted(['splatreel', 'serve', facts.reel]))}</code>.</p>"
 
 
 def _opened_on_demand(source: str) -> str:

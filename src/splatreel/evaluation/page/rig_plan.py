@@ -91,8 +91,7 @@ class RigPlan:
             )
             parts.append(f'<g class="{kind}"><title>{escape(camera.name)}</title><path d="{arrow}"/>{mark}</g>')
             if kind == "held" or len(everything) <= 12:
-                at = (
-                    f'x="{x - 6}" text-anchor="end"' if x > SIDE / 2 else f'x="{x + 6}"'
-                )  # names must not leave the drawing
+                # Names must not leave the drawing.
+                at = f'x="{x - 6}" text-anchor="end"' if x > SIDE / 2 else f'x="{x + 6}"'
                 parts.append(f'<text {at} y="{y - 6}">{escape(camera.name)}</text>')
         return "".join([*parts, "</svg>"])

@@ -109,11 +109,8 @@ def _floor(value, least, most):
 @njit(inline="always")
 def _reach(splat):
     """Return R and the determinant 4 a c - b^2 of the ellipse a x^2 + b x y + c y^2 = R, on which alpha is 1/255."""
-    a, b, c = (
-        float(splat[2]),
-        float(splat[3]),
-        float(splat[4]),
-    )  # double precision, because the difference cancels for thin splats
+    # In double precision, because the difference cancels for thin splats.
+    a, b, c = float(splat[2]), float(splat[3]), float(splat[4])
     return splat[5] + LOG2_255, F(4.0 * a * c - b * b)
 
 

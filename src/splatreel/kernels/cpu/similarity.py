@@ -76,9 +76,8 @@ def loss_and_gradient(
     drawn = np.zeros((rows, across * TILES), np.bool_)
     drawn[:, : -(-width // ROWS)] = True if tiles is None else tiles
     changed, compared = _blocks(drawn)
-    maps = np.empty(
-        (3, *lines), np.float32
-    )  # blocks that are not compared stay unset, since no wanted gradient depends on them
+    # Blocks that are not compared stay unset, since no wanted gradient depends on them.
+    maps = np.empty((3, *lines), np.float32)
     d_image = np.zeros(lines, np.float32) if zeros and tiles is not None else np.empty(lines, np.float32)
     similarity, differences = np.empty(len(compared), np.float32), np.empty(len(changed), np.float32)
     products = np.zeros((len(changed), COLUMNS), np.float32)

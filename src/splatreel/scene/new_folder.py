@@ -1,0 +1,124 @@
+"""Output folders that appear when they are complete.
+
+A command that was killed just after it finished finds its output when it runs again. It writes the output once more, into a
+temporary folder, and succeeds if both are the same. Nothing that exists is overwritten.
+"""
+
+from __future__ import annotations
+
+import filecmp
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from splatreel.base.atomic import move, scratch
+from splatreel.base.errors import SplatreelError
+from splatreel.base.progress import Progress, Span
+
+
+@dataclass
+class NewFolder:
+    """Folder that a command writes.
+
+    Attributes:
+        path: Folder to write into.
+        existing: Folder with the output of an earlier command, which must turn out the same; None if there is none.
+        refusal: Error for an existing folder that differs.
+    """
+
+    path: Path
+    existing: Path | None = None
+    refusal: SplatreelError | None = None
+    _compared: set[Path] = field(default_factory=set)
+
+    def check(self, *folders: str) -> None:
+        """Compare files that are final with those of the existing folder, to stop early if these differ.
+
+        Args:
+            *folders: Folders of these files in the new folder; by default all of it.
+
+        Raises:
+            SplatreelError: A file is missing in the existing folder or differs: the refusal.
+        """
+        if self.existing is None:
+            return
+        for root in [self.path / name for name in folders] or [self.path]:
+            for file in sorted(root.rglob("*")):
+                # Names with a dot are those of files that are being written.
+                if file in self._compared or file.name.startswith(".") or not file.is_file():
+                    continue
+                self._compare(file.relative_to(self.path))
+                self._compared.add(file)
+
+    def checked(self, progress: Progress, *folders: str) -> Progress:
+        """Return a progress display that calls `check` whenever steps are done."""
+        return _CheckedProgress(progress, lambda: self.check(*folders))
+
+    def finish(self) -> None:
+        """Compare all files with those of the existing folder. Call it when the output is complete.
+
+        Raises:
+            SplatreelError: A file is missing in the existing folder or differs: the refusal.
+        """
+        self._compared.clear()
+        self.check()
+
+    def _compare(self, name: Path) -> None:
+        assert self.existing is not None
+        assert self.refusal is not None
+        there = self.existing / name
+        if not there.is_file() or not filecmp.cmp(self.path / name, there, shallow=False):
+            raise self.refusal
+
+
+class _CheckedProgress:
+    """Progress display that calls a function whenever steps are done."""
+
+    def __init__(self, progress: Progress, check: Callable[[], None]) -> None:
+        self._progress, self._check = progress, check
+
+    def stage(self, name: str, total: int, span: Span | None = None) -> None:
+        """Show the beginning of a stage."""
+        self._progress.stage(name, total, span)
+
+    def update(self, done: int, **numbers: float) -> None:
+        """Check, and show steps."""
+        self._check()
+        self._progress.update(done, **numbers)
+
+    def note(self, text: str) -> None:
+        """Show a note."""
+        self._progress.note(text)
+
+
+def is_taken(out: Path) -> bool:
+    """Return whether an output folder is a file, or a folder that is not empty."""
+    return out.is_symlink() or (out.exists() and (not out.is_dir() or any(out.iterdir())))
+
+
+@contextmanager
+def new_folder(out: Path, refusal: SplatreelError) -> Iterator[NewFolder]:
+    """Yield a folder to write, which becomes `out` at the end. If `out` has files, they must be the same as the new ones.
+
+    Args:
+        out: Output folder.
+        refusal: Error for an `out` that has other files.
+
+    Raises:
+        SplatreelError: `out` is a file or has other files: the refusal.
+        OSError: The folder cannot be written.
+    """
+    existing = out if is_taken(out) else None
+    if existing is not None and not out.is_dir():
+        raise refusal
+    out.parent.mkdir(parents=True, exist_ok=True)
+    with scratch(out.parent, out.name) as place:
+        made = NewFolder(place / "new", existing, refusal)
+        made.path.mkdir()
+        yield made
+        made.finish()
+        if existing is None:
+            if out.is_dir():
+                out.rmdir()  # it is empty
+            move(made.path, out)
