@@ -11,7 +11,7 @@ from torch import Tensor
 
 from splatreel.kernels import twin
 from splatreel.kernels.cpu.project import kept_area
-from splatreel.kernels.twin import Skin, Step
+from splatreel.kernels.twin import Missed, Skin, Step
 
 Pinhole = tuple[Tensor, Tensor, int, int]
 """viewmat [4, 4], K [3, 3], width, height."""
@@ -152,6 +152,10 @@ class Backend(ABC):
     def adam(self, steps: Sequence[Step]) -> None:
         """Take steps of Adam in place."""
         twin.adam(steps)
+
+    def catch_up(self, missed: Missed) -> None:
+        """Take missed steps of Adam in place."""
+        twin.catch_up(missed)
 
 
 def antialiased(opacities: Tensor, conics: Tensor) -> Tensor:
