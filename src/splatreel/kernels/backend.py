@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from splatreel.kernels import twin
@@ -61,6 +62,16 @@ class Backend(ABC):
         self, splats: Splats, width: int, height: int, absolute: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """Return image and alpha. absolute: see `splat.rasterize`."""
+
+    def gather(
+        self, means2d: Tensor, conics: Tensor, opacities: Tensor, depths: Tensor, radii: Tensor, images: Tensor
+    ) -> Tensor:
+        """Return the sums of images over the pixels of splats."""
+        colors = images.new_zeros(len(means2d), images.shape[2], requires_grad=True)
+        splats = means2d, conics, colors, opacities, depths, radii
+        with torch.enable_grad():
+            drawn = self.rasterize(splats, images.shape[1], images.shape[0])[0]
+        return torch.autograd.grad(drawn, colors, images)[0]
 
     @abstractmethod
     def freeze(self, splats: Splats, width: int, height: int) -> FrozenSplats:

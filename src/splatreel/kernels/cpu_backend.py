@@ -58,6 +58,11 @@ class CpuBackend(Backend):
     ) -> tuple[Tensor, Tensor]:
         return autograd.Rasterize.apply(*splats, width, height, absolute)
 
+    def gather(
+        self, means2d: Tensor, conics: Tensor, opacities: Tensor, depths: Tensor, radii: Tensor, images: Tensor
+    ) -> Tensor:
+        return autograd.gather(means2d, conics, opacities, depths, radii, images)
+
     def freeze(self, splats: Splats, width: int, height: int) -> FrozenSplats:
         held = autograd.freeze(*splats, width, height)
         return FrozenSplats(torch.from_numpy(held.image), torch.from_numpy(held.alpha), held)
