@@ -1,4 +1,4 @@
-"""The interface between the public functions of `splat`, `motion` and `adam` and the kernels of one kind of device."""
+"""The interface between the public functions of `splat`, `gather`, `motion` and `adam` and the kernels of one kind of device."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class FrozenSplats(NamedTuple):
 class Backend(ABC):
     """Kernels for tensors of one kind of device.
 
-    `splat`, `motion` and `adam` document the functions and check their arguments. A backend must implement projection, harmonics and
+    These modules document the functions and check their arguments. A backend must implement projection, harmonics and
     rasterization. Everything else has a default in plain torch, which a backend overrides where it has something faster.
     """
 
