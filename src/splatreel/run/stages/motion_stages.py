@@ -40,11 +40,11 @@ class Layering(Stage[Layers]):
         if frames < 2:
             return 0.0
         layering, cameras, megapixels = config.layering, work.cameras, work.megapixels
-        flow = 4.33 * cameras * min(megapixels, 0.115) * min(layering.flow_frames, frames - 1) / 7
-        light = 0.165 * cameras * frames * min(megapixels, 0.077) if layering.relighting else 0.0
+        flow = 1.44 * cameras * min(megapixels, 0.115) * min(layering.flow_frames, frames - 1) / 7
+        light = 0.033 * cameras * frames * min(megapixels, 0.077) if layering.relighting else 0.0
         lifting = LIFTING * work.full_iteration(config) if layering.lift == "optimize" else 0.0
         completing = GRABCUT * cameras * megapixels if layering.segment != "none" else 0.0
-        return 1.0 + flow + light + lifting + completing
+        return 0.3 + flow + light + lifting + completing
 
     def run(self, state: GroupState) -> Layers:
         """Decide for every point whether it moves in this group."""
@@ -91,7 +91,7 @@ class Tracking(Stage[GroupStart]):
         """Return seconds that grow with frames, images and dynamic points."""
         if frames < 2 or not config.group.tracks:
             return 0.0
-        return frames * (0.25 * work.cameras * work.smaller() + (0.18 + 0.0022 * work.cameras) * work.dynamic(config))
+        return frames * (0.12 * work.cameras * work.smaller() + (0.09 + 0.0011 * work.cameras) * work.dynamic(config))
 
     def steps(self, state: GroupState) -> int:
         """Return the number of frames."""
