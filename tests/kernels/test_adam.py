@@ -54,3 +54,25 @@ def test_adam_steps_many_tensors_and_shared_gradients(kernel):
         kernel([adam.Step(t, g, f, start, len(t.mean), moment) for t, g, f, start in parts])
         for a, b in zip(ours, theirs, strict=True):
             torch.testing.assert_close(a, b.detach(), rtol=1e-5, atol=1e-5)
+
+
+@pytest.mark.parametrize("kernel", [adam.catch_up, twin.catch_up])
+def test_catch_up_takes_missed_steps(kernel):
+    """Rows that missed 0, 1 and 20 steps end where Adam without gradient takes them; other rows are left alone."""
+    generator = torch.Generator().manual_seed(0)
+    start, mean = (torch.randn(5, 40, 3, generator=generator) for _ in range(2))
+    square = mean**2 + 1e-3
+    ours, theirs = ([value.clone() for value in (start, mean, square)] for _ in range(2))
+    counts, lengths, epsilons = np.array([0, 1, 20]), np.zeros(3), np.full(3, EPS)
+    for number in range(1, 21):
+        for row in np.flatnonzero(counts >= number):
+            trained = adam.Trained(*(value[1 + row][None] for value in theirs))
+            twin.adam([twin.Step(trained, torch.zeros(0, 40, 3), ONCE, 0, 1, (RATE, 0.9, 0.999, EPS, 50 + number))])
+            scale = np.sqrt(1 - 0.999 ** (50 + number)) / (1 - 0.9 ** (50 + number))
+            lengths[row] += RATE * scale * (0.9 / np.sqrt(0.999)) ** number
+    decays = [np.power(decay, counts) for decay in (0.9, 0.999)]
+    kernel(adam.Missed(adam.Trained(*ours), 1, *(column.astype(np.float32) for column in (lengths, epsilons, *decays))))
+    for a, b in zip(ours, theirs, strict=True):
+        torch.testing.assert_close(a, b, rtol=1e-5, atol=1e-6)
+    for value, before in zip(ours, (start, mean, square), strict=True):
+        assert torch.equal(value[[0, 4]], before[[0, 4]])

@@ -38,20 +38,33 @@ MEASURED = {
     "flame_steak 1345x1008": (1.35576, 20, 0.0, 0.94, 1, "standard", {}, 669.6),
 }
 """Of `benchmarks/results.jsonl` at the revision named, or measured when this was written; processor time without compiling."""
+FORMER_COST = {"layering": 3.4, "tracking": 2.0}
+"""Time of stages at those revisions, as a multiple of today's: optical flow ended at full size, and light took more passes."""
 
 
 def total(work: Workload, frames: int, config: Config = Config()) -> float:  # noqa: B008 - it is frozen
     return sum(sequence_plan(work, group_spans(frames, 30, 5), config.for_video(frames)).seconds.values())
 
 
+def former_total(seconds: dict[str, float]) -> float:
+    """Return the sum of the seconds of all stages at the measured revisions."""
+    return sum(seconds[stage] * FORMER_COST.get(stage, 1.0) for stage in seconds)
+
+
 @pytest.mark.parametrize("name", MEASURED)
 def test_seconds_match_measurements(name: str) -> None:
     *work, frames, quality, settings, seconds = MEASURED[name]
     former = {name: FORMER_DEFAULTS[name] for name in ("keyframe.first_iterations", "keyframe.coarse_share")}
-    said = total(
-        Workload(*work), frames, changed(preset(quality), settings | (former if quality == "standard" else {}))
-    )
+    config = changed(preset(quality), settings | (former if quality == "standard" else {})).for_video(frames)
+    said = former_total(sequence_seconds(Workload(*work), group_spans(frames, 30, 5), config))
     assert 0.7 <= said / seconds <= 1.3
+
+
+def test_motion_stages_match_measurements() -> None:
+    """A group of the built-in capture: layering, and tracking by the seconds per frame of a half group, on one idle thread."""
+    found = sequence_seconds(Workload(0.049152, 12, 0.15, 0.96), group_spans(35, 30, 5), Config())
+    assert 0.7 <= found["layering"] / 1.8 <= 1.3
+    assert 0.7 <= found["tracking"] / 17.3 <= 1.3
 
 
 def test_more_work_takes_more_seconds() -> None:
@@ -79,7 +92,7 @@ def test_chapter_seconds_match_long_video() -> None:
     """`benchmarks/long.py`: 205 s a chapter of 300 frames, the median of twenty, on two threads."""
     quick = {"keyframe.refine_iterations": 100, "group.iterations_per_frame": 6}
     config, spans = changed(preset("draft"), quick), group_spans(305, 30, 5)
-    said = sum(chapter_plan(Workload(0.0144, 5, 0.194, 0.96), spans, config).seconds.values())
+    said = former_total(chapter_plan(Workload(0.0144, 5, 0.194, 0.96), spans, config).seconds)
     assert 0.7 <= said * TWO_THREADS / 205 <= 1.3
 
 

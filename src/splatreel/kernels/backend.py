@@ -1,4 +1,4 @@
-"""The interface between the public functions of `splat`, `motion` and `adam` and the kernels of one kind of device."""
+"""The interface between the public functions of `splat`, `gather`, `motion` and `adam` and the kernels of one kind of device."""
 
 from __future__ import annotations
 
@@ -7,11 +7,12 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
+import torch
 from torch import Tensor
 
 from splatreel.kernels import twin
 from splatreel.kernels.cpu.project import kept_area
-from splatreel.kernels.twin import Skin, Step
+from splatreel.kernels.twin import Missed, Skin, Step
 
 Pinhole = tuple[Tensor, Tensor, int, int]
 """viewmat [4, 4], K [3, 3], width, height."""
@@ -33,7 +34,7 @@ class FrozenSplats(NamedTuple):
 class Backend(ABC):
     """Kernels for tensors of one kind of device.
 
-    `splat`, `motion` and `adam` document the functions and check their arguments. A backend must implement projection, harmonics and
+    These modules document the functions and check their arguments. A backend must implement projection, harmonics and
     rasterization. Everything else has a default in plain torch, which a backend overrides where it has something faster.
     """
 
@@ -61,6 +62,16 @@ class Backend(ABC):
         self, splats: Splats, width: int, height: int, absolute: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         """Return image and alpha. absolute: see `splat.rasterize`."""
+
+    def gather(
+        self, means2d: Tensor, conics: Tensor, opacities: Tensor, depths: Tensor, radii: Tensor, images: Tensor
+    ) -> Tensor:
+        """Return the sums of images over the pixels of splats."""
+        colors = images.new_zeros(len(means2d), images.shape[2], requires_grad=True)
+        splats = means2d, conics, colors, opacities, depths, radii
+        with torch.enable_grad():
+            drawn = self.rasterize(splats, images.shape[1], images.shape[0])[0]
+        return torch.autograd.grad(drawn, colors, images)[0]
 
     @abstractmethod
     def freeze(self, splats: Splats, width: int, height: int) -> FrozenSplats:
@@ -152,6 +163,10 @@ class Backend(ABC):
     def adam(self, steps: Sequence[Step]) -> None:
         """Take steps of Adam in place."""
         twin.adam(steps)
+
+    def catch_up(self, missed: Missed) -> None:
+        """Take missed steps of Adam in place."""
+        twin.catch_up(missed)
 
 
 def antialiased(opacities: Tensor, conics: Tensor) -> Tensor:

@@ -14,7 +14,7 @@ from torch import Tensor
 from splatreel.kernels.backend import Backend, FrozenSplats, Pinhole, Splats
 from splatreel.kernels.cpu import adam, autograd, motion, project
 from splatreel.kernels.cpu.project import BLUR, FINE_BLUR
-from splatreel.kernels.twin import Skin, Step
+from splatreel.kernels.twin import Missed, Skin, Step
 
 
 class CpuBackend(Backend):
@@ -57,6 +57,11 @@ class CpuBackend(Backend):
         self, splats: Splats, width: int, height: int, absolute: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         return autograd.Rasterize.apply(*splats, width, height, absolute)
+
+    def gather(
+        self, means2d: Tensor, conics: Tensor, opacities: Tensor, depths: Tensor, radii: Tensor, images: Tensor
+    ) -> Tensor:
+        return autograd.gather(means2d, conics, opacities, depths, radii, images)
 
     def freeze(self, splats: Splats, width: int, height: int) -> FrozenSplats:
         held = autograd.freeze(*splats, width, height)
@@ -112,6 +117,11 @@ class CpuBackend(Backend):
     def adam(self, steps: Sequence[Step]) -> None:
         adam.step([_flat(step) for step in steps])
 
+    def catch_up(self, missed: Missed) -> None:
+        trained, begin, *columns = missed
+        size = trained.parameter[0].numel() if len(trained.parameter) else 0
+        adam.catch_up([array[begin * size : (begin + len(missed.lengths)) * size] for array in trained.flat], columns)
+
 
 def _view(
     viewmat: Tensor | np.ndarray, K: Tensor | np.ndarray, width: int, height: int, near: float, antialias: bool
@@ -127,10 +137,10 @@ def _matrix(value: Tensor | np.ndarray) -> np.ndarray:
 
 def _flat(step: Step) -> adam.Flat:
     """Return a step with flat arrays in place of tensors."""
-    gradient, end = step.gradient, step.end
+    gradient, begin, end = step.gradient, step.begin, step.end
     size = gradient[0].numel() if len(gradient) else 0
     parameter, mean, square = step.trained.flat
-    if end < len(step.trained.parameter):
-        parameter, mean, square = parameter[: end * size], mean[: end * size], square[: end * size]
+    if begin or end < len(step.trained.parameter):
+        parameter, mean, square = (array[begin * size : end * size] for array in (parameter, mean, square))
     slope = gradient.contiguous().numpy().reshape(-1)
-    return adam.Flat(parameter, mean, square, slope, step.factors, step.start * size, step.moment)
+    return adam.Flat(parameter, mean, square, slope, step.factors, (step.start - begin) * size, step.moment)

@@ -306,7 +306,8 @@ class Step(NamedTuple):
     """One step of Adam for one tensor.
 
     gradient [G, ...] belongs to consecutive blocks of G rows from row `start` on, one block per factor in factors [f] float32. The
-    gradient of block k is factors[k] * gradient. Other rows before row `end` have a gradient of 0. Rows from `end` on do not change.
+    gradient of block k is factors[k] * gradient. Other rows from `begin` to `end` have a gradient of 0. Rows before `begin` and from
+    `end` on do not change.
     moment: the learning rate, the decays of mean and square, eps, and the number of this step, from 1.
     """
 
@@ -316,6 +317,23 @@ class Step(NamedTuple):
     start: int
     end: int
     moment: tuple[float, float, float, float, int]
+    begin: int = 0
+
+
+class Missed(NamedTuple):
+    """Steps without gradient that consecutive rows of a tensor have missed, from row `begin` on.
+
+    lengths [R] float32: sum of the lengths of a row's missed steps, in units of mean / (sqrt(square) + epsilon) at its last step.
+    epsilons [R] float32: mean epsilon of these steps, likewise.
+    decays, square_decays: [R] float32, factors of mean and square over the missed steps.
+    """
+
+    trained: Trained
+    begin: int
+    lengths: np.ndarray
+    epsilons: np.ndarray
+    decays: np.ndarray
+    square_decays: np.ndarray
 
 
 @torch.no_grad()
@@ -324,7 +342,8 @@ def adam(steps: Sequence[Step]) -> None:
     if not steps:
         return
     parameters, means, squares = (
-        [getattr(step.trained, name)[: step.end] for step in steps] for name in ("parameter", "mean", "square")
+        [getattr(step.trained, name)[step.begin : step.end] for step in steps]
+        for name in ("parameter", "mean", "square")
     )
     rates, decays, square_decays, epsilons, numbers = zip(*(step.moment for step in steps), strict=True)
     torch._foreach_mul_(means, decays)
@@ -340,9 +359,22 @@ def adam(steps: Sequence[Step]) -> None:
     torch._foreach_addcdiv_(parameters, means, denominators, lengths)
 
 
+@torch.no_grad()
+def catch_up(missed: Missed) -> None:
+    """Twin of `adam.catch_up`."""
+    trained, begin, *columns = missed
+    rows = slice(begin, begin + len(missed.lengths))
+    parameter, mean, square = (values[rows] for values in (trained.parameter, trained.mean, trained.square))
+    shape = -1, *(1 for _ in parameter.shape[1:])
+    lengths, epsilons, decays, square_decays = (torch.from_numpy(column).to(mean).view(shape) for column in columns)
+    parameter.sub_(lengths * mean / (square.sqrt() + epsilons))
+    mean.mul_(decays)
+    square.mul_(square_decays)
+
+
 def _blocks(step: Step) -> Iterator[tuple[Tensor, Tensor, Tensor, float, float]]:
     """Yield each block of a step: its rows of mean and square, their gradient, and the weights of gradient and its square."""
-    trained, gradient, factors, start, end, (_, decay, square_decay, _, _) = step
+    trained, gradient, factors, start, end, (_, decay, square_decay, _, _), _ = step
     for k, factor in enumerate(factors.tolist()):
         rows = slice(start + k * len(gradient), min(start + (k + 1) * len(gradient), end))
         mean = trained.mean[rows]

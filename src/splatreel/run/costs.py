@@ -177,11 +177,11 @@ def _layering(work: Workload, frames: int, config: Config) -> float:
     if frames < 2:
         return 0.0
     layering, cameras, megapixels = config.layering, work.cameras, work.megapixels
-    flow = 4.33 * cameras * min(megapixels, 0.115) * min(layering.flow_frames, frames - 1) / 7
-    light = 0.165 * cameras * frames * min(megapixels, 0.077) if layering.relighting else 0.0
+    flow = 1.44 * cameras * min(megapixels, 0.115) * min(layering.flow_frames, frames - 1) / 7
+    light = 0.033 * cameras * frames * min(megapixels, 0.077) if layering.relighting else 0.0
     lifting = LIFTING * work.full_iteration(config) if layering.lift == "optimize" else 0.0
     completing = GRABCUT * cameras * megapixels if layering.segment != "none" else 0.0
-    return 1.0 + flow + light + lifting + completing
+    return 0.3 + flow + light + lifting + completing
 
 
 def _layer(work: Workload, frames: int, config: Config) -> float:
@@ -191,7 +191,7 @@ def _layer(work: Workload, frames: int, config: Config) -> float:
 def _tracking(work: Workload, frames: int, config: Config) -> float:
     if frames < 2 or not config.group.tracks:
         return 0.0
-    return frames * (0.25 * work.cameras * work.smaller() + (0.18 + 0.0022 * work.cameras) * work.dynamic(config))
+    return frames * (0.12 * work.cameras * work.smaller() + (0.09 + 0.0011 * work.cameras) * work.dynamic(config))
 
 
 def _motion(work: Workload, frames: int, config: Config) -> float:

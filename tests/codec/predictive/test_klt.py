@@ -20,6 +20,17 @@ def test_klt_reconstructs_low_rank_samples():
     )
 
 
+def test_sums_have_one_order_on_every_processor() -> None:
+    """The products are exact sums one by one, whichever BLAS and however many threads NumPy has."""
+    rng = np.random.default_rng(0)
+    samples, matrix = rng.normal(size=(400, 5)), rng.normal(size=(5, 3))
+    one_by_one = np.add.accumulate(samples[:, :, None] * samples[:, None], axis=0)[-1]
+    np.testing.assert_array_equal(klt._products(samples), one_by_one)
+    one_by_one = np.add.accumulate(samples[:, :, None] * matrix, axis=1)[:, -1]
+    np.testing.assert_array_equal(klt._multiply(samples, matrix), one_by_one)
+    np.testing.assert_array_equal(klt._products(samples[:0]), np.zeros((5, 5)))
+
+
 def test_small_columns_come_last():
     found = np.ones((5, 4, 2)) * np.array([8.0, 4, 1, 2])[:, None]
     found[..., 1] /= 100

@@ -99,3 +99,19 @@ def test_light_of_too_few_frames_is_zero(frames: int) -> None:
 
 def test_light_without_points() -> None:
     assert changes_of_light(Gaussians.empty(0), CAMERAS, film(shadow(3, 5)), NEAR).shape == (FRAMES, 0)
+
+
+def test_common_changes_are_medians_of_the_views_that_see_a_point() -> None:
+    rng = np.random.default_rng(0)
+    shown = (rng.normal(0, 0.1, (7, 40, 5)) + rng.normal(0, 0.2, (40, 5))).astype(np.float32)
+    for point in range(40):
+        shown[rng.permutation(7)[: point % 5], point] = np.nan
+    found = module._common_changes(shown)
+    assert found.shape == (5, 40)
+    for point in range(40):
+        seen = shown[~np.isnan(shown[:, point, 0]), point]
+        middle = np.median(seen, 0)
+        limit = np.maximum(module.ABSOLUTE_TOLERANCE, module.RELATIVE_TOLERANCE * np.abs(middle))
+        agreed = (np.abs(seen - middle) < limit).mean(0) >= MIN_AGREEING_SHARE
+        np.testing.assert_array_equal(found[:, point], np.where(agreed, middle, 0))
+    assert 0.1 < (found != 0).mean() < 0.9

@@ -33,7 +33,7 @@ def analyze(samples: np.ndarray, step: float) -> tuple[np.ndarray, list[int]]:
 
     Directions with a spread below a twentieth of a step are dropped. K is at least 1, and K D at most `MOST_NUMBERS`.
     """
-    spread, basis = np.linalg.eigh(samples.T @ samples / max(len(samples), 1))
+    spread, basis = np.linalg.eigh(_products(np.ascontiguousarray(samples)) / max(len(samples), 1))
     spread, basis = np.sqrt(np.maximum(spread[::-1], 0)), basis[:, ::-1]
     count = min(max(int((spread > step / 20).sum()), 1), MOST_NUMBERS // len(spread))
     shifts = np.clip(np.ceil(np.log2(np.maximum(spread[:count] * _SPARE / step, 1))), 4, _MAX_SHIFT).astype(np.int64)
@@ -42,7 +42,39 @@ def analyze(samples: np.ndarray, step: float) -> tuple[np.ndarray, list[int]]:
 
 def coefficients(samples: np.ndarray, basis: np.ndarray, shifts: Sequence[int]) -> np.ndarray:
     """Return the coefficients [M, K] of samples [M, D] in the rounded basis."""
-    return samples @ np.linalg.pinv(real(basis, shifts)).T
+    inverse = np.ascontiguousarray(np.linalg.pinv(real(basis, shifts)).T)
+    return _multiply(np.ascontiguousarray(samples), inverse)
+
+
+@njit(**EXACT)
+def _products(samples):
+    """Return samples.T @ samples [D, D]. In NumPy's product of so narrow a matrix, BLAS's threads mostly wait for each other."""
+    count, dimensions = samples.shape
+    sums = np.zeros((dimensions, dimensions))
+    for m in range(count):
+        row = samples[m]
+        for i in range(dimensions):
+            value, total = row[i], sums[i]
+            for j in range(i, dimensions):
+                total[j] += value * row[j]
+    for i in range(dimensions):
+        for j in range(i):
+            sums[i, j] = sums[j, i]
+    return sums
+
+
+@njit(**EXACT)
+def _multiply(samples, matrix):
+    """Return samples [M, D] @ matrix [D, K], see `_products`."""
+    count, dimensions = samples.shape
+    result = np.zeros((count, matrix.shape[1]))
+    for m in range(count):
+        total = result[m]
+        for d in range(dimensions):
+            value, row = samples[m, d], matrix[d]
+            for k in range(len(row)):
+                total[k] += value * row[k]
+    return result
 
 
 def real(basis: np.ndarray, shifts: Sequence[int]) -> np.ndarray:

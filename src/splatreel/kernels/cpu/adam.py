@@ -42,6 +42,11 @@ def step(flats: Sequence[Flat]) -> None:
         _step.over(chunks, *arrays, flat.start, *constants, grain=GRAIN)
 
 
+def catch_up(arrays: Sequence[np.ndarray], columns: Sequence[np.ndarray]) -> None:
+    """Take the steps that rows have missed: change parameter, mean and square [n] in place. columns: as in `twin.Missed`."""
+    _catch_up.over(len(columns[0]), *arrays, *columns)
+
+
 def _constants(rate: float, decay: float, square_decay: float, eps: float, number: int) -> tuple[float, ...]:
     return rate / (1 - decay**number), decay, square_decay, 1 / math.sqrt(1 - square_decay**number), eps
 
@@ -75,3 +80,14 @@ def _step(first_chunk, last_chunk, p, m, s, g, factors, start, rate, decay, squa
                 s[j] = s[j] * square_decay + slope * slope * (ONE - square_decay)
                 p[j] -= rate * m[j] / (np.sqrt(s[j]) * correction + eps)
             low = stop
+
+
+@range_kernel(F1, F1, F1, F1, F1, F1, F1)
+def _catch_up(first_row, last_row, p, m, s, lengths, epsilons, decays, square_decays):
+    size = p.shape[0] // lengths.shape[0]
+    for row in range(first_row, last_row):
+        length, eps, decay, square_decay = lengths[row], epsilons[row], decays[row], square_decays[row]
+        for j in range(U(row * size), U((row + 1) * size)):
+            p[j] -= length * m[j] / (np.sqrt(s[j]) + eps)
+            m[j] *= decay
+            s[j] *= square_decay

@@ -198,6 +198,13 @@ class LayeredLoss(Function):
         return *gradients, *[None] * 8
 
 
+def gather(means2d, conics, opacities, depths, radii, images: Tensor) -> Tensor:
+    """Return the sums of images over the pixels of splats, see `gather.gather`. It has no gradient."""
+    height, width = images.shape[:2]
+    bins = _bins(means2d, conics, opacities, depths, radii, width, height)
+    return torch.from_numpy(rasterize.gather(bins, _array(images)))
+
+
 def freeze(means2d, conics, colors, opacities, depths, radii, width: int, height: int) -> rasterize.Frozen:
     """Sort splats with colors [M, 3] into tiles and draw them once. The arguments are those of `splat.rasterize`."""
     bins, values = _bins(means2d, conics, opacities, depths, radii, width, height), _arrays(colors)[0]

@@ -31,6 +31,9 @@ CHECK = 16
 AHEAD = 6
 """Number of splats to prefetch: in depth order, they are scattered over memory."""
 
+GATHERED = 12
+"""Channels that one pass of `gather` sums up."""
+
 # Coefficients of 2^(e/8) for e in -8..0. The eighth power is 2^e to 1.5e-6. LLVM has no vector exp without a library.
 POWERS = (
     4.1371553405333827e-10,
@@ -48,7 +51,11 @@ TRANSMITTANCE, RGB, FORWARD_ROWS = 0, 1, 4
 # Backward pass: transmittance, remainder (contribution of the splats behind to the loss), gradient to alpha, gradient to color.
 REST, D_ALPHA, D_RGB, BACKWARD_ROWS = 1, 2, 3, 6
 
+# Sums of images: transmittance and the channels of the images.
+CHANNEL, GATHER_ROWS = 1, 1 + GATHERED
+
 FORWARD_FLOATS, BACKWARD_FLOATS = FORWARD_ROWS * TILE * TILE, BACKWARD_ROWS * TILE * TILE
+GATHER_FLOATS = GATHER_ROWS * TILE * TILE
 
 DRAWN = types.Tuple((F2, F2, I1, I1, U1))
 """Type of `rasterize.Drawn`."""
@@ -165,6 +172,20 @@ def _gradient(builder: Any, memory: Memory, first: Any, last: Any, *values: Any)
     return sums.totals()
 
 
+@row_loop(integers=2, floats=6, results=GATHERED)
+def _collect(builder: Any, memory: Memory, first: Any, last: Any, *splat: Any) -> list[Any]:
+    """Return the sums of images over the pixels of a splat, weighted by its share. splat: x, y, conic and log opacity."""
+    sums = Sums(builder, GATHERED, memory.width)
+
+    def work(start: Any, transmittance: Row, dx: Row, dy: Any, opacity: Row) -> None:
+        _, weight, behind = _weigh(opacity, transmittance)
+        memory.store(start, TRANSMITTANCE * TILE, behind)
+        sums.add([weight * memory.load(start, (CHANNEL + channel) * TILE) for channel in range(GATHERED)])
+
+    _Rows(builder, memory, GATHER_ROWS, splat).each(first, last, work)
+    return sums.totals()
+
+
 @row_loop(integers=1, results=1)
 def _open(builder: Any, memory: Memory, stride: Any) -> list[Any]:
     """Return 1 if a pixel of a tile is open, else 0. stride: floats from one row of pixels to the next."""
@@ -218,10 +239,16 @@ def _start_gradient(buffer, top, left, image, alpha, d_image, d_alpha):
 
 
 @njit(inline="always")
+def _place(splats, i, across, down):
+    """Return the center within the tile, the conic and the log opacity of a splat."""
+    x, y = splats[i, 0] - across, splats[i, 1] - down
+    return x, y, splats[i, 2], splats[i, 3], splats[i, 4], splats[i, 5]
+
+
+@njit(inline="always")
 def _read(splats, colors, i, across, down):
     """Return the center within the tile, the conic, the log opacity and the color of a splat."""
-    x, y = splats[i, 0] - across, splats[i, 1] - down
-    a, b, c, log_opacity = splats[i, 2], splats[i, 3], splats[i, 4], splats[i, 5]
+    x, y, a, b, c, log_opacity = _place(splats, i, across, down)
     return x, y, a, b, c, log_opacity, colors[i, 0], colors[i, 1], colors[i, 2]
 
 
@@ -312,3 +339,35 @@ def backward(first_task, last_task, tiles, moving, slots, held, some, image, alp
         for hidden in range(k, end):
             for part in range(PARTS):
                 pairs[slots[hidden], part] = ZERO
+
+
+@range_kernel(L1, F2, I1, I1, U1, I1, F3, F2)
+def gather(first_task, last_task, tiles, splats, offsets, ids, rows, slots, images, pairs):
+    """Write the weighted sums of images [H, W, 12] over each (splat, tile) pair into its slot of pairs [M, 12]."""
+    height, width = images.shape[0], images.shape[1]
+    tiles_x = (width + TILE - 1) // TILE
+    buffer = stack_floats(GATHER_FLOATS)
+    for task in range(first_task, last_task):
+        tile = tiles[task]
+        top, left = tile // tiles_x * TILE, tile % tiles_x * TILE
+        across, down = F(left) + HALF, F(top) + HALF
+        k, end = offsets[tile], offsets[tile + 1]
+        buffer[:] = ZERO
+        _start(buffer, GATHER_ROWS, top, left, 0, TILE - 1, (height, width))
+        for r in range(min(TILE, height - top)):
+            for x in range(min(TILE, width - left)):
+                for channel in range(GATHERED):
+                    buffer[(r * GATHER_ROWS + CHANNEL + channel) * TILE + x] = images[top + r, left + x, channel]
+        while k < end:
+            if k % CHECK == 0 and _open(buffer, GATHER_ROWS * TILE)[0] == ZERO:
+                break
+            if k + AHEAD < end:
+                prefetch(splats, ids[k + AHEAD])
+            x, y, a, b, c, log_opacity = _place(splats, U(ids[k]), across, down)
+            found = _collect(buffer, rows[k] // TILE, rows[k] % TILE, x, y, a, b, c, log_opacity)
+            for channel in range(GATHERED):
+                pairs[slots[k], channel] = found[channel]
+            k += 1
+        for hidden in range(k, end):
+            for channel in range(GATHERED):
+                pairs[slots[hidden], channel] = ZERO

@@ -12,7 +12,7 @@ from splatreel.base import threads
 from splatreel.base.jit import F1, F2, I1, INT, L1, kernel, range_kernel
 from splatreel.kernels.cpu import blending
 from splatreel.kernels.cpu.binning import LOG2_E, LOG_OPACITY, Bins, tiles_of
-from splatreel.kernels.cpu.blending import CHANNELS, PARTS
+from splatreel.kernels.cpu.blending import CHANNELS, GATHERED, PARTS
 from splatreel.kernels.cpu.scalars import HALF, TWO, ZERO, F
 
 SHARES = 4
@@ -121,6 +121,23 @@ def backward(
     return found
 
 
+def gather(bins: Bins, images: np.ndarray) -> np.ndarray:
+    """Return the sums [N, K] of images [H, W, K] over the pixels of N splats, weighted by each splat's share of a pixel."""
+    n, channels = len(bins.splats), images.shape[2]
+    tiles, sums = _balanced(bins, None), np.empty((n, channels), np.float32)
+    pairs = np.empty((bins.first[-1], GATHERED), np.float32)
+    for start in range(0, channels, GATHERED):
+        some = slice(start, min(start + GATHERED, channels))
+        part = np.zeros((*images.shape[:2], GATHERED), np.float32)
+        part[..., : some.stop - start] = images[..., some]
+        lists = bins.splats, bins.offsets, bins.ids, bins.rows, bins.slots
+        blending.gather.over(len(tiles), tiles, *lists, part, pairs, chunks=_chunks())
+        found = np.empty((n, GATHERED), np.float32)
+        _sum_slots.over(n, bins.first, pairs, found, grain=GRAIN)
+        sums[:, some] = found[:, : some.stop - start]
+    return sums
+
+
 @lru_cache(maxsize=8)
 def no_gradient(shape: tuple[int, ...]) -> np.ndarray:
     """Return zeros, shared between calls, for values that the loss does not depend on, such as alpha in most losses."""
@@ -170,6 +187,17 @@ def _deal(offsets, held, tiles, hands):
             dealt[position] = tiles[fullest_first[k]]
             position += 1
     return dealt
+
+
+@range_kernel(I1, F2, F2)
+def _sum_slots(begin, end, first, pairs, sums):
+    """Sum the slots of each splat."""
+    for i in range(begin, end):
+        for channel in range(sums.shape[1]):
+            sums[i, channel] = ZERO
+        for k in range(first[i], first[i + 1]):
+            for channel in range(sums.shape[1]):
+                sums[i, channel] += pairs[k, channel]
 
 
 @range_kernel(I1, F2, F2, F2, F2, F1, F2, F2)

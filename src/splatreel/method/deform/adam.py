@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
@@ -11,6 +12,8 @@ from torch import Tensor
 from splatreel.kernels import adam as kernel
 
 DECAYS = 0.9, 0.999
+DEFERRED_KNOTS, DEFERRED_SIZE = 12, 50_000
+"""Numbers of knots and of control values from which steps without gradient are deferred. Few knots are nearly all in use."""
 FULL_WEIGHT = np.ones(1, np.float32)
 
 Restore = Callable[[], None]
@@ -75,12 +78,43 @@ class Adam:
 
 
 class KnotAdam(Adam):
-    """Adam optimizer of the control values of splines, [knots, rows, D]."""
+    """Adam optimizer of the control values of splines, [knots, rows, D].
+
+    A moment changes four knots. The others only follow their momentum, and their steps are deferred until the values are read:
+    the sum of missed steps has a closed form, up to the rounding of float32.
+    """
+
+    def __init__(self, tensor: Tensor, rate: float, eps: float) -> None:
+        """Copy a tensor and start its moments at zero."""
+        super().__init__(tensor, rate, eps)
+        self._restart_missed()
 
     @property
     def values(self) -> Tensor:
         """Control values, without gradient."""
+        return self.current(0, len(self.mean))
+
+    def current(self, first: int, last: int) -> Tensor:
+        """Return the control values, without gradient, of which the knots first..last have taken all steps."""
+        missed = self._missed[first:last]
+        if missed.any():
+            lengths, epsilons = self._lengths[first:last], self._epsilons[first:last]
+            mean_epsilons = np.divide(epsilons, lengths, out=np.full_like(lengths, self.eps), where=lengths > 0)
+            columns = lengths, mean_epsilons, *(decay**missed for decay in DECAYS)
+            kernel.catch_up(kernel.Missed(self._trained, first, *(column.astype(np.float32) for column in columns)))
+            missed[:] = lengths[:] = epsilons[:] = 0
         return self._trained.parameter
+
+    def snapshot(self) -> Restore:
+        """Copy the tensor and its moments."""
+        self.current(0, len(self.mean))
+        return super().snapshot()
+
+    def rewrite(self, of_tensor: Callable[[Tensor], Tensor], of_moment: Callable[[Tensor], Tensor]) -> None:
+        """Replace the tensor and its moments by functions of them."""
+        self.current(0, len(self.mean))
+        super().rewrite(of_tensor, of_moment)
+        self._restart_missed()
 
     def at(self, moments: Sequence[Moment], end: int | None = None) -> kernel.Step | None:
         """Return the step for the gradients [rows, D] of some moments; None without moments.
@@ -93,13 +127,33 @@ class KnotAdam(Adam):
             return None
         first, weights, gradient = moments[0]
         if len(moments) == 1:
-            return self.follow(gradient[None], first, end, weights)
+            return self._defer(self.follow(gradient[None], first, end, weights), first + 4)
         first, last = min(knot for knot, _, _ in moments), max(knot for knot, _, _ in moments)
-        total = self.values.new_zeros(last + 4 - first, *self.tensor.shape[1:])
+        total = self.mean.new_zeros(last + 4 - first, *self.tensor.shape[1:])
         for knot, weights, gradient in moments:
             for k, weight in enumerate(weights.tolist()):
                 total[knot - first + k].add_(gradient, alpha=weight)
-        return self.follow(total, first, end)
+        return self._defer(self.follow(total, first, end), last + 4)
+
+    def _restart_missed(self) -> None:
+        """Start the record of each knot's missed steps: their number, sum of lengths, and sum of epsilons weighted by length."""
+        self._missed, self._lengths, self._epsilons = (np.zeros(len(self.mean)) for _ in range(3))
+        large = self.mean.numel() >= DEFERRED_SIZE and len(self.mean) >= DEFERRED_KNOTS
+        self._defers = large and self.mean.device.type == "cpu"  # starting operations takes longer on a GPU
+
+    def _defer(self, step: kernel.Step, last: int) -> kernel.Step:
+        """Restrict a step to the knots step.start..last with a gradient, and record that the others miss it."""
+        if not self._defers:
+            return step
+        rate, decay, square_decay, eps, number = step.moment
+        self.current(step.start, last)
+        others = np.r_[0 : step.start, min(last, step.end) : step.end]
+        self._missed[others] += 1
+        root = math.sqrt(1 - square_decay**number) / np.sqrt(square_decay) ** self._missed[others]
+        length = rate / (1 - decay**number) * decay ** self._missed[others] * root
+        self._lengths[others] += length
+        self._epsilons[others] += length * eps * root
+        return step._replace(begin=step.start, end=min(last, step.end))
 
 
 def merge_snapshots(parts: Iterable[Restore]) -> Restore:

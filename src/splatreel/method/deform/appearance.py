@@ -60,7 +60,7 @@ class Appearance:
     def at(self, frame: float) -> Tensor:
         """Return the change [N, 4] of c_base and of the logit of the opacity: a leaf, whose gradient the next step follows."""
         knot, weights = self.spline.at(frame)
-        shade = motion.spline(self.controls, knot, weights) * self.rates
+        shade = motion.spline(self.adam.current(knot, knot + 4), knot, weights) * self.rates
         if torch.is_grad_enabled():
             self.moments.append((knot, weights, shade.requires_grad_()))
         return shade

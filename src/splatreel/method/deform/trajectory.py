@@ -105,7 +105,8 @@ class Trajectory:
     def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
         """See `Deformation`. The results are leaves, whose gradients the next step follows."""
         knot, weights = self.spline.at(frame)
-        dx, dq = motion.offsets(self.controls, knot, weights, self.skin, self.unit)
+        nodes, points = (level.current(knot, knot + 4) for level in self.adams)
+        dx, dq = motion.offsets((nodes, points), knot, weights, self.skin, self.unit)
         if torch.is_grad_enabled():
             self.evaluations.append(Evaluation(knot, weights, dx.requires_grad_(), dq.requires_grad_()))
         return dx, dq
@@ -118,7 +119,7 @@ class Trajectory:
         weights = np.zeros(last + 4 - first, np.float32)
         weights[last - first :] += after
         weights[:4] -= before
-        levels = zip(self.controls, slopes, strict=True)
+        levels = zip((level.current(first, last + 4) for level in self.adams), slopes, strict=True)
         products = [controls[first : last + 4].flatten(1) @ slope.flatten() for controls, slope in levels]
         return torch.from_numpy(weights).to(means.device) @ torch.stack(products).sum(0)
 
@@ -129,7 +130,7 @@ class Trajectory:
             while self.reached < needed:
                 self.reached += 1
                 k = self.reached
-                for controls in self.controls:
+                for controls in (level.current(k - 2, k) for level in self.adams):
                     controls[k] = controls[k - 1] + self.EXTRAPOLATION * (controls[k - 1] - controls[k - 2])
 
     def step(self, share: float, pace: float = 1.0) -> None:

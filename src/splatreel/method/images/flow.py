@@ -38,7 +38,9 @@ MIN_MARGIN = 14
 PATCH = 7
 """Side of the patch, pixels, by which a guess is judged."""
 COARSE_WIDTH = 320
-"""Width of the image at which DIS runs on the whole image, if only boxes run at full size."""
+"""Width at which DIS ends on the whole image if boxes are compared more finely. Smaller images end one halving before the boxes."""
+DIS_PATCH = 8
+"""Side of the patches that DIS compares, pixels. It crashes if an image is halved to fewer pixels."""
 HALF_FROM = 200
 """Width of the image from which DIS ends at half size (experiments/2026-11-27-half-size-flow.md)."""
 MAX_BOX_SHARE = 0.7
@@ -116,7 +118,8 @@ class DisFlow:
         boxes = [] if wanted is None else _boxes(wanted, guess)
         if wanted is None or sum(_area(box) for box in boxes) > MAX_BOX_SHARE * wanted.size:
             return self._whole(finest, here, there, guess)
-        halvings = max(1, math.ceil(math.log2(here.shape[1] / COARSE_WIDTH)))
+        halvings = max(finest + 1, math.ceil(math.log2(here.shape[1] / COARSE_WIDTH)))
+        halvings = min(halvings, int(math.log2(min(here.shape) / DIS_PATCH)))
         flow = self._whole(halvings, here, there, guess)
         for box in boxes:
             near = np.ascontiguousarray(here[box]), np.ascontiguousarray(there[box])

@@ -11,6 +11,7 @@ from torch import Tensor
 from splatreel.base.errors import ReconstructionError
 from splatreel.config import LayeringConfig
 from splatreel.kernels import splat
+from splatreel.kernels.gather import gather
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -115,18 +116,14 @@ def shares(
 def gather_images(splats: SplatTensors, camera: Camera, images: Tensor, near: float) -> Tensor:
     """Return the sum of images [H, W, K] over the pixels of each point, [N, K], weighted by the point's share of every pixel.
 
-    The weights are T_i alpha_i, so the sum is the gradient of a rendered image with respect to the points' colors.
-
     Args:
         splats: N points.
         camera: Camera of the images.
         images: [H, W, K].
         near: Near plane, world units.
     """
-    colors = torch.zeros(len(splats.means), images.shape[2], device=images.device, requires_grad=True)
-    _draw(splats, colors, camera, near).backward(images)
-    assert colors.grad is not None
-    return colors.grad
+    means2d, conics, depths, radii = _project(splats, camera, near)
+    return gather(means2d, conics, splats.opacities, depths, radii, images)
 
 
 def _contributions(splats: SplatTensors, cameras: list[Camera], masks: Tensor, near: float) -> _Contributions:
@@ -138,13 +135,15 @@ def _contributions(splats: SplatTensors, cameras: list[Camera], masks: Tensor, n
 
 def _draw(splats: SplatTensors, colors: Tensor, camera: Camera, near: float) -> Tensor:
     """Blend colors [N, C] to an image [H, W, C]. Only the colors get gradients."""
-    width, height = camera.width, camera.height
-    with torch.no_grad():
-        projection = splat.project(
-            splats.means, splats.quats, splats.scales, camera.viewmat, camera.K, width, height, near
-        )
-    means2d, conics, depths, radii = projection
-    return splat.rasterize(means2d, conics, colors, splats.opacities, depths, radii, width, height)[0]
+    means2d, conics, depths, radii = _project(splats, camera, near)
+    size = camera.width, camera.height
+    return splat.rasterize(means2d, conics, colors, splats.opacities, depths, radii, *size)[0]
+
+
+@torch.no_grad()
+def _project(splats: SplatTensors, camera: Camera, near: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+    view = camera.viewmat, camera.K, camera.width, camera.height
+    return splat.project(splats.means, splats.quats, splats.scales, *view, near)
 
 
 def _vote(means: Tensor, weights: _Contributions, neighbors: int) -> Tensor:

@@ -32,6 +32,8 @@ BLUR = 0.8
 """Standard deviation of the blur, pixels, against noise and misaligned edges."""
 MIN_SEEN_PIXELS = 0.3
 """Minimum number of pixels of such an image that a point must fill to be seen."""
+BLOCK = 4096
+"""Points whose views are compared at a time."""
 DARK_OFFSET = 8.0
 """Gray levels added to all brightness, so that noise of dark pixels is no change of light."""
 MAX_CHANGED_SHARE = 0.2
@@ -58,7 +60,8 @@ def changes_of_light(
     shown = _brightness_of(points, cameras, frames, near, device)
     changed = (np.abs(shown) > MIN_CHANGE).sum(2) >= MIN_FRAMES  # unseen points are NaN, which compares false
     index = np.flatnonzero(changed.sum(0) >= MIN_VIEWS)
-    light = np.stack([_common_change(shown[:, point]) for point in index], 1) if len(index) else found[:, :0]
+    parts = (shown[:, index[start : start + BLOCK]] for start in range(0, len(index), BLOCK))
+    light = np.concatenate([found[:, :0], *map(_common_changes, parts)], 1)
     strength = np.where((np.abs(light) > MIN_CHANGE).sum(0) >= MIN_FRAMES, np.abs(light).sum(0), 0)
     room = min(int(MAX_CHANGED_SHARE * len(points)), np.count_nonzero(strength))
     strongest = np.argsort(-strength, kind="stable")[:room]
@@ -99,9 +102,14 @@ def _brightness(picture: np.ndarray, width: int, height: int) -> np.ndarray:
     return np.log(cv2.GaussianBlur(gray.astype(np.float32), (0, 0), BLUR) + DARK_OFFSET)
 
 
-def _common_change(shown: np.ndarray) -> np.ndarray:
-    """Return the change [T] on which most of the views [C, T] agree; 0 in frames without agreement."""
-    seen = shown[~np.isnan(shown[:, 0])]
-    middle = np.median(seen, 0)
-    alike = np.abs(seen - middle) < np.maximum(ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE * np.abs(middle))
-    return np.where(alike.mean(0) >= MIN_AGREEING_SHARE, middle, 0)
+def _common_changes(shown: np.ndarray) -> np.ndarray:
+    """Return the changes [T, N] on which most of the views [C, N, T] agree; 0 in frames without agreement.
+
+    Views that do not see a point are NaN in all frames. Every point is seen by a view.
+    """
+    count = (~np.isnan(shown[:, :, :1])).sum(0, keepdims=True)
+    ordered = np.sort(shown, 0)  # NaN comes last
+    low, high = (np.take_along_axis(ordered, place, 0)[0] for place in ((count - 1) // 2, count // 2))
+    middle = (low + high) / 2
+    alike = np.abs(shown - middle) < np.maximum(ABSOLUTE_TOLERANCE, RELATIVE_TOLERANCE * np.abs(middle))
+    return np.where(alike.sum(0) / count[0] >= MIN_AGREEING_SHARE, middle, 0).T
