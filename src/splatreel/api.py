@@ -13,9 +13,8 @@ import numpy as np
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
 from splatreel.codec.source import find_reel
-from splatreel.command_line import missing_package
+from splatreel.command_line import needing_packages
 from splatreel.config import Config, Quality, preset
-from splatreel.errors import MissingDependencyError
 from splatreel.kernels.image import render_image
 from splatreel.progress import Cancellable, Progress, Silent, console
 from splatreel.scene.camera import Camera
@@ -60,7 +59,7 @@ def reconstruct(
         ReelError: The disk is full or cannot be written.
         CaptureError: The capture cannot be read.
     """
-    with _needing_packages():
+    with needing_packages():
         from splatreel.recon import pipeline
         from splatreel.recon.encode.group_writer import no_presentation
 
@@ -108,7 +107,7 @@ def evaluate(
         CaptureError: The capture cannot be read.
         ReelError: The reel cannot be read.
     """
-    with _needing_packages():
+    with needing_packages():
         from splatreel.evaluation import evaluate as evaluation
         from splatreel.evaluation.reel_capture import open_reel_capture
 
@@ -187,14 +186,3 @@ def _shown(progress: Progress | bool, cancel: threading.Event | None) -> Iterato
     finally:
         if own is not None:
             own.close()
-
-
-@contextmanager
-def _needing_packages() -> Iterator[None]:
-    """Raise `MissingDependencyError`, with the pip command, where an optional package is not installed."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        if (message := missing_package(error.name)) is None:
-            raise
-        raise MissingDependencyError(message) from error
