@@ -74,6 +74,21 @@ def hooks() -> ModuleType:
     return module
 
 
+def test_links_of_the_guide_for_contributors_lead_to_pages_and_files(hooks: ModuleType) -> None:
+    config = SimpleNamespace(repo_url="https://example.org")
+
+    def on(page: str, text: str) -> str:
+        shown = SimpleNamespace(file=SimpleNamespace(src_uri=page))
+        return hooks.on_page_markdown(text, page=shown, config=config, files=None)
+
+    assert on("contributing.md", "[a](docs/design.md#verbs)") == "[a](design.md#verbs)"
+    assert on("contributing.md", "[a](SECURITY.md)") == "[a](https://example.org/blob/main/SECURITY.md)"
+    assert on("contributing.md", "[a](#tests) [b](https://a.b/docs/c.md)") == "[a](#tests) [b](https://a.b/docs/c.md)"
+    assert on("index.md", "[a](../CONTRIBUTING.md#tests)") == "[a](contributing.md#tests)"
+    assert on("reference/index.md", "[a](../../CONTRIBUTING.md)") == "[a](../contributing.md)"
+    assert on("reference/index.md", "[a](readers.md)") == "[a](readers.md)"
+
+
 def first_page(hooks: ModuleType) -> str:
     page = SimpleNamespace(file=SimpleNamespace(src_uri="index.md"))
     config = SimpleNamespace(repo_url="https://example.org")
