@@ -1,7 +1,7 @@
 """Changes of the pages for the site.
 
-Links out of docs/ lead to the repository, long names in tables break after / and :, and the first page plays the sample reel. The guide for
-contributors, which lies at the top of the repository, is a page of the site.
+Links out of docs/ lead to the repository, long names in tables break after / and :, and the first page plays the sample reel.
+The guide for contributors, which lies at the top of the repository, is a page of the site.
 """
 
 import posixpath

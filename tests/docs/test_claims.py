@@ -19,7 +19,7 @@ FILE = r"[\w./-]+\.(?:py|ts|mjs|toml|yml)"
 IN = re.compile(rf"`([A-Za-z_][\w.]*)`(?: and `([A-Za-z_][\w.]*)`)?\s+(?:in|of)\s+`({FILE})`")
 WITH = re.compile(rf"`({FILE})`\s+\((?:the \w+ )?`([A-Za-z_][\w.]*)`\)")
 COLON = re.compile(rf"`({FILE}):([A-Za-z_][\w.]*)`")
-PATHS = re.compile(rf"`((?:[\w-]+/)+[\w.-]+\.(?:py|ts|mjs|md|toml|yml))`")
+PATHS = re.compile(r"`((?:[\w-]+/)+[\w.-]+\.(?:py|ts|mjs|md|toml|yml))`")
 EXAMPLES = {"NAME.py", "test_NAME.py", "NAME.ts", "YYYY-MM-DD-name.md"}
 """File names in recipes that stand for others."""
 
@@ -88,6 +88,8 @@ def test_claims_of_each_form_are_found() -> None:
 
 def test_false_claims_are_found(tmp_path: Path) -> None:
     file = tmp_path / "module.py"
-    file.write_text("import os\nLEAST: int = 3\n\n\nclass Box:\n    side = 1\n\n    def open(self): ...\n", encoding="utf-8")
+    file.write_text(
+        "import os\nLEAST: int = 3\n\n\nclass Box:\n    side = 1\n\n    def open(self): ...\n", encoding="utf-8"
+    )
     assert {"LEAST", "Box", "Box.side", "Box.open", "open"} <= defined(file)
     assert not {"os", "int", "self", "Box.close"} & defined(file)

@@ -150,10 +150,12 @@ def test_a_stalled_transfer_waits_says_so_and_goes_on_at_the_right_time(page: Pa
 def test_offline_and_back(page: Page, server: Server):
     expect_problems(page, "ERR_INTERNET_DISCONNECTED")
     held: list[Route] = []
+    loaded: list[str] = []
+    page.on("requestfinished", lambda request: loaded.append(request.url))
     page.route("**/groups/*", lambda route: held.append(route))
     page.goto(server.url)
     page.wait_for_function(f"document.querySelector('splat-reel')?.player?.manifest && {PLAYER}.waiting")
-    wait_until(page, lambda: held)
+    wait_until(page, lambda: held and any(url.endswith(".wasm") for url in loaded))  # the player itself is loaded
     page.context.set_offline(True)
     for route in held:
         route.abort("internetdisconnected")

@@ -211,6 +211,7 @@ def test_sound_comes_from_its_place(page: Page, server: Server):
     )  # it glides there
     page.evaluate(f"{PLAYER}.camera.orbit(2.6, 0), {PLAYER}.invalidate()")
     page.wait_for_function(f"{panner}.positionX.value < -0.05")  # on the other side now
+    page.keyboard.press("Tab")  # controls with the focus stay
     page.locator("splat-reel").get_by_role("button", name="Settings").click()
     page.locator("splat-reel").get_by_role("switch", name="Spatial sound").click()
     page.wait_for_function(f"!{TRACK}.spatial.on && !{TRACK}.spatial.through && {HEARD} && {APART} < 0.1")
