@@ -28,8 +28,7 @@ RUNGS = {
     **dict.fromkeys(("recon", "play"), 5),
     **dict.fromkeys(("evaluation", "edit"), 6),
     "sequence": 7,
-    "api": 8,
-    "cli": 8,
+    **dict.fromkeys(("api", "cli", "readers", "training"), 8),
     "__main__": 9,
 }
 WITHOUT_TORCH = (
@@ -52,6 +51,8 @@ WITHOUT_TORCH = (
     "edit",
     "api",
     "cli",
+    "readers",
+    "training",
 )
 MAX_FILE_LINES = 400
 MAX_FUNCTION_LINES = 80

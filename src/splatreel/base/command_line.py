@@ -6,7 +6,10 @@ import os
 import re
 import shlex
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+
+from splatreel.base.errors import MissingDependencyError
 
 _PLAIN = re.compile(r"[\w@+=:,./-]+", re.ASCII)
 _PLAIN_ON_WINDOWS = re.compile(r"[\w@+=:,./\\-]+")
@@ -42,6 +45,17 @@ def missing_package(module: str | None) -> str | None:
     if module not in EXTRAS:
         return None
     return f"the Python package {module!r} is needed and not installed. Run\n  {install_command(EXTRAS[module])}"
+
+
+@contextmanager
+def needing_packages() -> Iterator[None]:
+    """Raise `MissingDependencyError`, with the pip command, where an optional package is not installed."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (message := missing_package(error.name)) is None:
+            raise
+        raise MissingDependencyError(message) from error
 
 
 def _quoted_for_posix(argument: str) -> str:
