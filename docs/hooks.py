@@ -1,6 +1,7 @@
 """Changes of the pages for the site.
 
 Links out of docs/ lead to the repository, long names in tables break after / and :, and the first page plays the sample reel.
+The guide for contributors, which lies at the top of the repository, is a page of the site.
 """
 
 import posixpath
@@ -9,6 +10,8 @@ import shutil
 from pathlib import Path
 from typing import Any
 
+ROOT = Path(__file__).parent.parent
+GUIDE = "CONTRIBUTING.md"
 PLAY = Path(__file__).parent.parent / "src" / "splatreel" / "play"
 PLAYER, SAMPLE = PLAY / "static", PLAY / "sample"
 CELL = re.compile(r"<td.*?</td>", re.DOTALL)
@@ -21,14 +24,25 @@ REEL = """<splat-reel src="sample/manifest.json" autoplay muted loop controls ar
 *Drag to look around. This reel is what `make demo` makes.*"""
 
 
+def on_files(files: Any, *, config: Any) -> Any:
+    """Add the guide for contributors to the pages."""
+    from mkdocs.structure.files import File
+
+    files.append(File.generated(config, GUIDE.lower(), content=(ROOT / GUIDE).read_text(encoding="utf-8")))
+    return files
+
+
 def on_page_markdown(markdown: str, *, page: Any, config: Any, files: Any) -> str:
     """Let links to files outside docs/ lead to the repository, and play the sample instead of the first page's picture."""
-    folder = posixpath.dirname(posixpath.join("docs", page.file.src_uri))
+    here = posixpath.dirname(posixpath.join("docs", page.file.src_uri))
+    folder = "" if page.file.src_uri == GUIDE.lower() else here
 
     def replace(match: re.Match[str]) -> str:
         target = posixpath.normpath(posixpath.join(folder, match[1]))
+        if target == GUIDE:
+            target = posixpath.join("docs", GUIDE.lower())
         if target.startswith("docs/"):
-            return match[0]
+            return f"]({posixpath.relpath(target, here)}{match[2]})"
         return f"]({config.repo_url}/blob/main/{target}{match[2]})"
 
     markdown = LINK.sub(replace, markdown)

@@ -19,10 +19,7 @@ import tyro
 from tyro.conf import Positional
 
 import splatreel
-from splatreel.capture.base import Request
-from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.image_sequences import ImageSequences, image_files
-from splatreel.capture.sidecar import Sidecar
+from splatreel.readers import FileCapture, ImageSequences, Request, Sidecar, image_files
 
 
 class RigCapture(FileCapture):

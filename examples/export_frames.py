@@ -9,7 +9,6 @@ import tyro
 from tyro.conf import Positional
 
 import splatreel
-from splatreel.formats.ply import write_ply
 
 
 def main(reel: Positional[str], out: Path = Path("frames"), every: int = 1) -> None:
@@ -24,7 +23,7 @@ def main(reel: Positional[str], out: Path = Path("frames"), every: int = 1) -> N
     with splatreel.open_reel(reel) as timeline:
         numbers = range(0, len(timeline), every)
         for frame in numbers:
-            write_ply(out / f"{frame:05}.ply", timeline[frame])
+            splatreel.write_ply(out / f"{frame:05}.ply", timeline[frame])
     print(f"{out}: {len(numbers)} frames")
 
 

@@ -11,8 +11,7 @@ from pathlib import Path
 import tyro
 from tyro.conf import Positional
 
-from splatreel.codec.verify import verify_reel
-from splatreel.play.player_page import STATIC
+import splatreel
 
 PAGE = """<!doctype html>
 <html lang="en">
@@ -39,8 +38,8 @@ def main(reel: Positional[Path], out: Path = Path("site"), title: str = "A volum
         out: Folder to write; it must not exist.
         title: Title of the page.
     """
-    verify_reel(reel)
-    shutil.copytree(STATIC, out / "player")
+    splatreel.verify_reel(reel)
+    splatreel.copy_player(out / "player")
     shutil.copytree(reel, out / "reel")
     (out / "index.html").write_text(PAGE.format(title=escape(title)), encoding="utf-8")
     print(f"{out}: {sum(path.stat().st_size for path in out.rglob('*')) / 1e6:.1f} MB")

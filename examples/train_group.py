@@ -10,20 +10,14 @@ of optical flow, which this example does not compute.) Replace the loop to log, 
 from dataclasses import replace
 
 import numpy as np
-import torch
 import tyro
 
 import splatreel
-from splatreel.method.cameras.color_gains import CameraGains
-from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.group import GroupTrainer
-from splatreel.method.train.pictures import Pictures
-from splatreel.method.train.render import View
-from splatreel.scene.static_points import StaticPoints
+from splatreel.training import group_trainer
 
 FRAMES, WIDTH, HEIGHT = 5, 96, 64
 NEAR, DISTANCE = 0.1, 4.0
-"""Near plane and typical viewing distance, in world units."""
+"""Near plane, and distance of the cameras from the scene, in world units."""
 
 
 def random_points(count: int, low: list[float], high: list[float], seed: int) -> splatreel.Gaussians:
@@ -49,15 +43,15 @@ def make_cameras() -> list[splatreel.Camera]:
     return cameras
 
 
-def film(wall: splatreel.Gaussians, ball: splatreel.Gaussians, cameras: list[splatreel.Camera]) -> torch.Tensor:
-    """Draw the ball moving to the right in front of the wall: [T, C, H, W, 3] uint8."""
+def film(wall: splatreel.Gaussians, ball: splatreel.Gaussians, cameras: list[splatreel.Camera]) -> np.ndarray:
+    """Draw the ball moving to the right in front of the wall: [T, C, H, W, 3] float32, 0..1."""
     images = []
     for frame in range(FRAMES):
         means = ball.means + np.array([0.06 * frame, 0, 0])
         moved = splatreel.Gaussians(means, ball.quats, ball.scales, ball.opacities, ball.sh)
         scene = splatreel.Gaussians.concatenate([wall, moved])
         images.append([splatreel.render(scene, camera, near=NEAR) for camera in cameras])
-    return torch.from_numpy((np.array(images) * 255).round().astype(np.uint8))
+    return np.array(images)
 
 
 def main(iterations: int = 300) -> None:
@@ -66,18 +60,13 @@ def main(iterations: int = 300) -> None:
     Args:
         iterations: Iterations in total, at most 60 for each frame.
     """
-    cpu, cameras = torch.device("cpu"), make_cameras()
+    cameras = make_cameras()
     wall = random_points(400, [-3, -2, 0.9], [3, 2, 1.0], seed=0)
     ball = random_points(48, [-0.8, -0.6, -0.4], [0.2, 0.6, 0.2], seed=1)
-    pictures = Pictures(film(wall, ball, cameras), [View.of(camera, cpu) for camera in cameras], NEAR, DISTANCE)
-
     config = splatreel.preset("standard")
     group = replace(config.group, deformation="hashgrid", length=FRAMES, overlap=0, iterations_per_frame=60)
     config = replace(config, group=group)
-    static = StaticPoints(wall, np.ones(len(wall), bool))
-    trainer = GroupTrainer(
-        pictures, GroupStart(ball, tracks=None), static, config, gains=CameraGains(len(cameras), cpu, enabled=False)
-    )
+    trainer = group_trainer(film(wall, ball, cameras), cameras, ball, wall, config, near=NEAR, device="cpu")
 
     losses = []
     for iteration in range(min(iterations, trainer.iterations)):

@@ -1,6 +1,6 @@
 // Runs tests/**/*.test.ts under Node's own test runner: node test.mjs [part of a file's name ...].
 // Started as `npm run coverage`, it also measures the lines of the packages that the tests run.
-// Writes out/tests.json: passed and failed tests per file, and the coverage.
+// Writes out/tests.json: passed and failed tests per file, and the coverage. Fails if the coverage is below LEAST_COVERAGE.
 import { mkdirSync, mkdtempSync, readdirSync, rmSync, writeFileSync } from "node:fs";
 import { tmpdir } from "node:os";
 import { dirname, join, relative } from "node:path";
@@ -12,6 +12,8 @@ import { compileAssembly } from "./assembly.mjs";
 const here = dirname(fileURLToPath(import.meta.url));
 const out = mkdtempSync(join(tmpdir(), "splatreel-tests-"));
 const parts = process.argv.slice(2);
+/** Percentage of lines that the unit tests must run. Raise it when the coverage has risen. */
+const LEAST_COVERAGE = 80;
 const names = readdirSync(join(here, "tests"), { recursive: true })
   .filter((name) => name.endsWith(".test.ts") && (parts.length === 0 || parts.some((part) => name.includes(part))))
   .sort();
@@ -24,6 +26,10 @@ try {
   mkdirSync(join(here, "out"), { recursive: true });
   writeFileSync(join(here, "out/tests.json"), JSON.stringify(results, null, 1));
   if (results.coverage) console.log(results.coverage.line);
+  if (results.coverage && parts.length === 0 && results.coverage.covered < (results.coverage.lines * LEAST_COVERAGE) / 100) {
+    console.error(`The unit tests must run at least ${LEAST_COVERAGE} % of the lines.`);
+    process.exitCode = 1;
+  }
 } finally {
   rmSync(out, { recursive: true });
 }

@@ -8,11 +8,14 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import pytest
 
 import splatreel
+import splatreel.readers
+import splatreel.training
 from splatreel.base.progress import Silent
 from splatreel.capture.builtin.synthetic import make_capture
 from tests.golden import GOLDEN, PREDICTIVE
@@ -76,6 +79,20 @@ def test_rendered_images_are_within_0_and_1() -> None:
     assert (shown * 255).astype(np.uint8)[8, 8].min() == 255
 
 
+@pytest.mark.parametrize(
+    "module", [splatreel, splatreel.readers, splatreel.training], ids=lambda module: module.__name__
+)
+def test_the_page_of_stable_names_lists_the_public_names(module: ModuleType) -> None:
+    page = (ROOT / "docs" / "reference" / "index.md").read_text(encoding="utf-8")
+    if module is splatreel:
+        listed = re.findall(r"\[`(\w+)`\]\[", page.partition("| name |")[2].partition("\n\n")[0])
+    else:
+        entry = page.partition(f"[`{module.__name__}`]")[2].partition("\n- ")[0].partition(":")[2]
+        listed = re.findall(r"`(\w+)`", entry)
+    assert sorted(listed) == sorted(module.__all__)
+    assert all(getattr(module, name).__doc__ for name in module.__all__)
+
+
 class Stops(Silent):
     """Progress display that sets an event in the first stage."""
 
@@ -90,6 +107,32 @@ def test_cancel_stops_at_the_next_report(tmp_path: Path) -> None:
     room, stops = make_capture(tmp_path / "room", width=64, height=48, frames=2), Stops()
     with pytest.raises(splatreel.CancelledError, match="the same call continues"):
         splatreel.reconstruct(str(room), str(tmp_path / "out"), small(), progress=stops, cancel=stops.event)
+
+
+@pytest.mark.slow
+def test_a_cancelled_run_of_arrays_is_continued_by_the_same_arrays(tmp_path: Path) -> None:
+    source = splatreel.open_capture(make_capture(tmp_path / "room", width=64, height=48, frames=3))
+    images = source.read(0, source.frames, [camera.name for camera in source.cameras])
+    config, out, stages = small(), tmp_path / "out", []
+
+    class StopsLater(Stops):
+        def stage(self, name: str, total: int, span: tuple[float, float] | None = None) -> None:
+            stages.append(name)
+            if len(stages) == 4:
+                self.event.set()
+
+    def capture(pixels: np.ndarray) -> splatreel.readers.Capture:
+        return splatreel.capture_from_arrays(pixels, source.cameras, np.arange(3) / 10, held_out=source.held_out)
+
+    stops = StopsLater()
+    with pytest.raises(splatreel.CancelledError):
+        splatreel.reconstruct(capture(images), out, config, progress=stops, cancel=stops.event)
+    with pytest.raises(splatreel.SplatreelError, match="holds another reconstruction"):
+        splatreel.reconstruct(capture(255 - images), out, config)
+    splatreel.reconstruct(capture(images / 255), out, config)
+    with splatreel.open_reel(out) as reel:
+        assert (reel.frames, reel.fps) == (3, 10)
+    assert splatreel.evaluate(out, capture(images), lpips_every=0).psnr > 10
 
 
 def snippets() -> list[str]:

@@ -22,7 +22,7 @@ LADDER = (
     ("edit", "run"),
     ("evaluation",),
     ("sequence",),
-    ("api", "cli"),
+    ("api", "cli", "readers", "training"),
 )
 """The rooms, from the lowest rung up; those of one rung do not import each other, except that all of the last rung may."""
 RUNGS = {name: rung for rung, names in enumerate(LADDER) for name in names} | {

@@ -1,7 +1,7 @@
 """Splatreel: volumetric video from many static cameras.
 
 The public names below are imported on first use. `import splatreel` is therefore fast, and playing a reel does not
-import torch.
+import torch. `splatreel.readers` has the parts of capture readers, and `splatreel.training` trains from arrays.
 """
 
 import importlib
@@ -12,7 +12,10 @@ if TYPE_CHECKING:
     from splatreel.base.errors import CancelledError, SplatreelError
     from splatreel.capture.array_capture import capture_from_arrays
     from splatreel.capture.opening import open_capture
+    from splatreel.codec.verify import verify_reel
     from splatreel.config import Config, preset
+    from splatreel.formats.ply import read_ply, write_ply
+    from splatreel.play.player_page import copy_player
     from splatreel.play.timeline import open_reel
     from splatreel.scene.camera import Camera
     from splatreel.scene.gaussians import Gaussians
@@ -26,12 +29,16 @@ __all__ = [
     "Gaussians",
     "SplatreelError",
     "capture_from_arrays",
+    "copy_player",
     "evaluate",
     "open_capture",
     "open_reel",
     "preset",
+    "read_ply",
     "reconstruct",
     "render",
+    "verify_reel",
+    "write_ply",
 ]
 
 _HOMES = {
@@ -41,12 +48,16 @@ _HOMES = {
     "Gaussians": "splatreel.scene.gaussians",
     "SplatreelError": "splatreel.base.errors",
     "capture_from_arrays": "splatreel.capture.array_capture",
+    "copy_player": "splatreel.play.player_page",
     "evaluate": "splatreel.api",
     "open_capture": "splatreel.capture.opening",
     "open_reel": "splatreel.play.timeline",
     "preset": "splatreel.config",
+    "read_ply": "splatreel.formats.ply",
     "reconstruct": "splatreel.api",
     "render": "splatreel.api",
+    "verify_reel": "splatreel.codec.verify",
+    "write_ply": "splatreel.formats.ply",
 }
 
 

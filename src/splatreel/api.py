@@ -10,9 +10,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatreel.base.command_line import missing_package
+from splatreel.base.command_line import needing_packages
 from splatreel.base.display import console
-from splatreel.base.errors import MissingDependencyError
 from splatreel.base.progress import Cancellable, Progress, Silent
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
@@ -61,7 +60,7 @@ def reconstruct(
         ReelError: The disk is full or cannot be written.
         CaptureError: The capture cannot be read.
     """
-    with _needing_packages():
+    with needing_packages():
         from splatreel.run import pipeline
         from splatreel.run.output.group_writer import no_presentation
 
@@ -109,7 +108,7 @@ def evaluate(
         CaptureError: The capture cannot be read.
         ReelError: The reel cannot be read.
     """
-    with _needing_packages():
+    with needing_packages():
         from splatreel.evaluation import evaluate as evaluation
         from splatreel.evaluation.reel_capture import open_reel_capture
 
@@ -188,14 +187,3 @@ def _shown(progress: Progress | bool, cancel: threading.Event | None) -> Iterato
     finally:
         if own is not None:
             own.close()
-
-
-@contextmanager
-def _needing_packages() -> Iterator[None]:
-    """Raise `MissingDependencyError`, with the pip command, where an optional package is not installed."""
-    try:
-        yield
-    except ModuleNotFoundError as error:
-        if (message := missing_package(error.name)) is None:
-            raise
-        raise MissingDependencyError(message) from error

@@ -1,4 +1,4 @@
-"""The tree and the table of typical changes in docs/design.md are those of the repository."""
+"""The tree in docs/architecture.md and the table of typical changes in docs/changing.md are those of the repository."""
 
 import re
 from pathlib import Path
@@ -10,8 +10,9 @@ from tests.test_typescript import PACKAGES, ROOMS_OF_PACKAGES
 
 ROOT = Path(__file__).parent.parent.parent
 SOURCE = ROOT / "src" / "splatreel"
-DESIGN = (ROOT / "docs" / "design.md").read_text(encoding="utf-8")
-WHERE = DESIGN.partition("## Repository layout")[2].partition("\n## ")[0]
+ARCHITECTURE, CHANGING = (
+    (ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("architecture.md", "changing.md")
+)
 FOLDER = re.compile(r"^    ((?:  )*)(\S+)/  +(\S.*)$", re.MULTILINE)
 PATH = re.compile(r"`([\w./-]+/[\w./-]*)`")
 
@@ -20,7 +21,7 @@ def folders_of_the_tree() -> dict[str, str]:
     """Return the description of each folder in the tree. A folder lies in the last one before it that is indented less."""
     found: dict[str, str] = {}
     above: list[str] = []
-    for indent, name, holds in FOLDER.findall(WHERE):
+    for indent, name, holds in FOLDER.findall(ARCHITECTURE):
         above = [*above[: len(indent) // 2], name]
         found["/".join(above)] = holds
     return found
@@ -35,7 +36,7 @@ def folders_of_the_repository() -> set[str]:
 
 def changes() -> list[list[str]]:
     """The cells of the table's rows."""
-    table = WHERE.partition("| to change |")[2].partition("\n\n")[0].splitlines()[2:]
+    table = CHANGING.partition("| to change |")[2].partition("\n\n")[0].splitlines()[2:]
     return [[cell.strip() for cell in line.strip("|").split("|")] for line in table]
 
 
@@ -60,4 +61,4 @@ def test_the_order_of_imports_is_the_one_that_is_checked() -> None:
     rungs = [", ".join(name for name in RUNGS if RUNGS[name] == rung) for rung in range(RUNGS["cli"] + 1)]
     packages = [[", ".join(names) for names in rooms] for rooms in ROOMS_OF_PACKAGES.values()]
     for order in (rungs, recon, *packages):
-        assert " < ".join(order) in DESIGN
+        assert " < ".join(order) in ARCHITECTURE

@@ -59,8 +59,8 @@ def test_members_that_documents_name_exist() -> None:
 
 
 def test_the_paper_map_names_every_hyper_parameter() -> None:
-    """Every setting is named in the map, or in the design if it is not of the paper."""
-    text = "".join((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("paper-map.md", "design.md"))
+    """Every setting is named in the map, or in the list of differences if it is not of the paper."""
+    text = "".join((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("paper-map.md", "differences.md"))
     owners = (LayeringConfig, KeyframeConfig, GroupConfig, EncodeConfig, H265Config)
     fields = {(owner.__name__, field.name) for owner in owners for field in dataclasses.fields(owner)}
     assert len(fields) > 30

@@ -39,7 +39,7 @@ def resolve(identifier: str) -> Any:
 
 def test_navigation_has_every_page() -> None:
     pages = {path.relative_to(DOCS).as_posix() for path in (*DOCS.glob("*.md"), *REFERENCE)}
-    assert set(navigation()) == pages | {"experiments/README.md"}
+    assert set(navigation()) == pages | {"experiments/README.md", "contributing.md"}
 
 
 @pytest.mark.parametrize("page", REFERENCE, ids=lambda path: path.stem)
@@ -72,6 +72,21 @@ def hooks() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def test_links_of_the_guide_for_contributors_lead_to_pages_and_files(hooks: ModuleType) -> None:
+    config = SimpleNamespace(repo_url="https://example.org")
+
+    def on(page: str, text: str) -> str:
+        shown = SimpleNamespace(file=SimpleNamespace(src_uri=page))
+        return hooks.on_page_markdown(text, page=shown, config=config, files=None)
+
+    assert on("contributing.md", "[a](docs/design.md#verbs)") == "[a](design.md#verbs)"
+    assert on("contributing.md", "[a](SECURITY.md)") == "[a](https://example.org/blob/main/SECURITY.md)"
+    assert on("contributing.md", "[a](#tests) [b](https://a.b/docs/c.md)") == "[a](#tests) [b](https://a.b/docs/c.md)"
+    assert on("index.md", "[a](../CONTRIBUTING.md#tests)") == "[a](contributing.md#tests)"
+    assert on("reference/index.md", "[a](../../CONTRIBUTING.md)") == "[a](../contributing.md)"
+    assert on("reference/index.md", "[a](readers.md)") == "[a](readers.md)"
 
 
 def first_page(hooks: ModuleType) -> str:

@@ -1,13 +1,15 @@
 """The files of GitHub's services: they are valid, and they call what exists."""
 
-import json
 import re
+import subprocess
+import sys
 import tomllib
 from pathlib import Path
 from typing import Any
 
 import pytest
 import yaml
+from coverage import CoverageData
 
 ROOT = Path(__file__).parent.parent.parent
 GITHUB = ROOT / ".github"
@@ -88,6 +90,29 @@ def test_the_citation_is_of_this_version() -> None:
     assert citation["repository-code"] == PROJECT["urls"]["Repository"]
 
 
-def test_the_npm_package_has_the_version_of_the_python_package() -> None:
-    package = json.loads((ROOT / "player" / "package.json").read_text(encoding="utf-8"))
-    assert package["version"] == PROJECT["version"]
+def test_actions_are_pinned_by_hash() -> None:
+    """A tag can move. The comment behind the hash names the version, from which Dependabot goes on."""
+    pinned = re.compile(r"[\w.-]+/[\w./-]+@[0-9a-f]{40}  # v\d+\.\d+\.\d+")
+    named = [line for path in WORKFLOWS for line in path.read_text(encoding="utf-8").splitlines() if "uses: " in line]
+    assert named
+    assert [line.strip() for line in named if not pinned.fullmatch(line.partition("uses: ")[2])] == []
+    versions = {tuple(re.split("@|  # ", line.partition("uses: ")[2])) for line in named}
+    assert len(versions) == len({name for name, *_ in versions}), "one version of each action"
+
+
+def test_workflows_retry_what_the_local_run_retries() -> None:
+    retries = "RETRY=1" in (ROOT / ".ci" / "run").read_text(encoding="utf-8")
+    assert (load(GITHUB / "workflows" / "ci.yml")["env"].get("RETRY") == 1) == retries
+
+
+def test_coverage_below_the_threshold_fails(tmp_path: Path) -> None:
+    """The last command of `make test-all` reads the threshold of pyproject.toml. Here one line of a file ran."""
+    makefile = (ROOT / "Makefile").read_text(encoding="utf-8")
+    assert "\t$(BIN)/coverage json --quiet -o out/coverage.json\n" in makefile, "make ends with its exit status"
+    data = CoverageData(str(tmp_path / "data"))
+    data.add_lines({str(ROOT / "src" / "splatreel" / "base/errors.py"): [1]})
+    data.write()
+    report = [sys.executable, "-m", "coverage", "json", f"--data-file={tmp_path / 'data'}", f"-o{tmp_path / 'json'}"]
+    ended = subprocess.run(report, cwd=ROOT, capture_output=True, text=True)
+    assert ended.returncode == 2, ended.stderr
+    assert "is less than fail-under" in ended.stdout

@@ -4,7 +4,6 @@ import io
 import re
 import shutil
 import subprocess
-import time
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,7 @@ from PIL import Image
 from playwright.sync_api import Page
 
 from tests.golden import PREDICTIVE
-from tests.player.pages import add_file, expect_problems
+from tests.player.pages import add_file, expect_problems, wait_until
 
 PLAYER = Path(__file__).parents[2] / "player"
 HEIGHT, WIDTH = 120, 160
@@ -96,14 +95,13 @@ def expect_snippet_to_draw(page: Page, address: str, name: str) -> None:
         f'<link rel="icon" href="data:,">{imports[0]}<body><script type="module">{snippet_of(name)}</script>',
     )
     page.goto(f"{address}snippet.html")
-    deadline = time.monotonic() + 120
-    while True:
+
+    def is_shown() -> bool:
         with Image.open(io.BytesIO(page.screenshot())) as picture:
-            values = np.asarray(picture.convert("RGB"), np.float32) / 255
-        if values.std() > 0.05 and len(np.unique((values * 255).astype(np.uint8).reshape(-1, 3), axis=0)) > 500:
-            return
-        assert time.monotonic() < deadline, "the reel does not show"
-        page.wait_for_timeout(200)
+            colors = np.asarray(picture.convert("RGB")).reshape(-1, 3)
+        return bool(colors.std() > 0.05 * 255) and len(np.unique(colors, axis=0)) > 500
+
+    wait_until(page, is_shown)
 
 
 def expect_errors_as_events(page: Page, address: str) -> None:

@@ -1,10 +1,23 @@
-"""Functions of the browser tests that open the player and query it."""
+"""Functions of the browser tests that open the player, query it, and wait for it."""
+
+import time
+from collections.abc import Callable
 
 from playwright.sync_api import Page
 
 from splatreel.play.server import Server
 
 PLAYER = "document.querySelector('splat-reel').player"
+PATIENCE_S = 120.0
+"""Seconds after which a condition counts as never met."""
+FRAMES = """(count) => new Promise((resolve) => {
+  const next = () => (count-- > 0 ? requestAnimationFrame(next) : resolve());
+  next();
+})"""
+MOVING = """[document, ...[...document.querySelectorAll('splat-reel')].map((reel) => reel.shadowRoot)]
+  .flatMap((root) => root.getAnimations())
+  .some(({ playState, effect }) => playState === 'running' && effect.getComputedTiming().endTime < Infinity)"""
+"""Whether a transition or an animation that ends is under way."""
 
 
 def open_player(page: Page, server: Server, query: str = "?autoplay=0") -> None:
@@ -15,6 +28,30 @@ def open_player(page: Page, server: Server, query: str = "?autoplay=0") -> None:
 
 def wait_for_picture(page: Page) -> None:
     page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.canPlay")
+
+
+def wait_until(page: Page, met: Callable[[], object]) -> None:
+    """Wait until a condition holds that Python checks. The page goes on meanwhile."""
+    deadline = time.monotonic() + PATIENCE_S
+    while not met():
+        assert time.monotonic() < deadline, "the condition was never met"
+        page.wait_for_timeout(20)
+
+
+def let_frames_pass(page: Page, count: int = 12) -> None:
+    """Wait until the page drew some frames, in each of which the player could have done what a test rules out."""
+    page.evaluate(FRAMES, count)
+
+
+def let_time_pass(page: Page, milliseconds: float) -> None:
+    """Wait until the page's clock is past a limit of the player, such as the longest time between two taps."""
+    page.wait_for_function(f"performance.now() >= {page.evaluate('performance.now()') + milliseconds}")
+
+
+def wait_for_transitions(page: Page) -> None:
+    """Wait until no part of the page or the player moves or fades."""
+    let_frames_pass(page, 2)  # a transition begins with the frame after its cause
+    page.wait_for_function(f"!{MOVING}")
 
 
 def wait_until_near(page: Page, expression: str, expected: float | list[float], margin: float) -> None:

@@ -19,7 +19,7 @@ from playwright.sync_api import Browser, Page
 
 from splatreel.play.server import serve
 from tests.golden import GOLDEN
-from tests.player.pages import PLAYER, wait_for_picture
+from tests.player.pages import PLAYER, let_time_pass, wait_for_picture
 
 SCREENS = Path(__file__).parent.parent / "data" / "screens"
 REEL = "document.querySelector('splat-reel')"
@@ -358,7 +358,7 @@ def settled(page: Page) -> np.ndarray:
         if shot == last:
             return np.asarray(Image.open(io.BytesIO(shot)).convert("RGB"))
         last = shot
-        page.wait_for_timeout(SETTLE_MS)
+        let_time_pass(page, SETTLE_MS)
     raise AssertionError(f"the page still changes after {MOST_PICTURES} pictures")
 
 

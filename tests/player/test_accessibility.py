@@ -8,6 +8,7 @@ from playwright.sync_api import Browser, Page
 
 from splatreel.play.server import Server
 from tests.player import screens
+from tests.player.pages import wait_for_transitions
 
 pytestmark = pytest.mark.browser
 
@@ -30,7 +31,7 @@ def assert_accessible(page: Page, state: str) -> None:
         page.evaluate(AXE.read_text())
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme)
-        page.wait_for_timeout(300)
+        wait_for_transitions(page)
         assert page.evaluate(RUN) == [], f"{state}, {scheme}"
 
 

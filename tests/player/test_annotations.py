@@ -5,7 +5,7 @@ import pytest
 from playwright.sync_api import Page
 
 from splatreel.play.server import Server
-from tests.player.pages import PLAYER, open_body
+from tests.player.pages import PLAYER, let_time_pass, open_body
 
 pytestmark = pytest.mark.browser
 
@@ -35,7 +35,7 @@ def test_an_annotation_stays_at_its_point_and_time(page: Page, server: Server):
     assert box is not None
     middle = np.array([box["x"] + box["width"] / 2, box["y"] + box["height"] / 2])
     assert np.allclose(middle, [view[2], view[5]], atol=1.5)
-    page.wait_for_timeout(600)
+    let_time_pass(page, 600)  # by then the player has hidden what is behind the surface
     here.click()
     assert page.evaluate("window.clicked") is True
     page.evaluate(move.replace("DEPTH", str(2 * depth)))

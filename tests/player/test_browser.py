@@ -19,7 +19,7 @@ from splatreel.scene.camera import Camera
 from tests.codec.reels import edit_manifest
 from tests.golden import GOLDEN
 from tests.method.scenes import look_at
-from tests.player.pages import PLAYER, open_player
+from tests.player.pages import PLAYER, let_frames_pass, open_player
 
 pytestmark = pytest.mark.browser
 
@@ -169,7 +169,7 @@ def test_plays_loops_and_pauses(page: Page, server: Server):
     page.keyboard.press("Tab")
     page.locator("splat-reel").get_by_role("button", name="Pause").click()
     time = page.evaluate(f"{PLAYER}.currentTime")
-    page.wait_for_timeout(200)
+    let_frames_pass(page)
     assert page.evaluate(f"[{PLAYER}.paused, {PLAYER}.currentTime]") == [True, time]
 
 

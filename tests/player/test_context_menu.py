@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import CDPSession, Page
 
 from splatreel.play.server import Server
-from tests.player.pages import PLAYER, open_player
+from tests.player.pages import PLAYER, let_frames_pass, let_time_pass, open_player
 from tests.player.screens import described
 
 pytestmark = pytest.mark.browser
@@ -26,7 +26,7 @@ def test_a_right_click_opens_the_menu_and_a_right_drag_pans(page: Page, server: 
     page.mouse.down(button="right")
     page.mouse.move(420, 280, steps=3)
     page.mouse.up(button="right")
-    page.wait_for_timeout(300)
+    let_frames_pass(page)
     assert menu.count() == 0
     page.mouse.click(475, 150, button="right")
     menu.wait_for()
@@ -65,7 +65,7 @@ def test_a_double_tap_at_a_side_steps_and_in_the_middle_focuses(phone: Page, ser
     phone.evaluate(f"{PLAYER}.currentTime = 0.2")
     step = phone.evaluate(f"0.2 * {PLAYER}.duration")
     for x, expected in ((300, 0.2 + step), (20, 0.2), (160, 0.2)):
-        phone.wait_for_timeout(400)
+        let_time_pass(phone, 400)  # no double tap with the one before
         tap_twice(fingers, x, 240)
         assert phone.evaluate(f"{PLAYER}.currentTime") == pytest.approx(expected)
 

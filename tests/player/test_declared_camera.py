@@ -7,7 +7,7 @@ from playwright.sync_api import Page
 from splatreel.play.server import Server
 from splatreel.play.timeline import open_reel
 from tests.golden import GOLDEN
-from tests.player.pages import PLAYER, open_body, wait_until_near
+from tests.player.pages import PLAYER, let_frames_pass, let_time_pass, open_body, wait_until_near
 
 pytestmark = pytest.mark.browser
 
@@ -35,7 +35,7 @@ def test_attributes_set_the_view_and_its_lens(page: Page, server: Server):
     page.evaluate(f"{REEL}.setAttribute('camera-orbit', 'auto auto auto')")
     page.wait_for_function(f"{PLAYER}.camera.state.distance === {own['distance']}")
     page.evaluate(f"{PLAYER}.camera.orbit(0.3, 0); {REEL}.setAttribute('camera-orbit', '90deg auto 200%')")
-    page.wait_for_timeout(200)
+    let_frames_pass(page)
     assert page.evaluate(f"{PLAYER}.camera.state.distance") == pytest.approx(own["distance"])
 
 
@@ -70,6 +70,6 @@ def test_auto_rotate_waits_for_people(page: Page, server: Server):
     page.mouse.down()
     page.mouse.move(125, 80)
     held = eye(page)
-    page.wait_for_timeout(400)
+    let_time_pass(page, 400)  # the delay of the rotation is over
     assert np.allclose(eye(page), held)
     page.mouse.up()

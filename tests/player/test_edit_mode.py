@@ -13,7 +13,7 @@ from splatreel.edit.reel_clip import ReelClip
 from splatreel.play.server import serve
 from splatreel.play.timeline import open_reel
 from tests.edit.clips import edit, write_reel
-from tests.player.pages import PLAYER, open_player
+from tests.player.pages import PLAYER, open_player, wait_until
 from tests.player.test_transparency import SIZE, pixels
 
 pytestmark = pytest.mark.browser
@@ -67,11 +67,15 @@ def operations(panel: Locator) -> list[str]:
 
 def wait_for_pixels(page: Page, reel: Path, met: Callable[[np.ndarray], bool]) -> np.ndarray:
     """Return the pixels of frame 3 once they meet a condition."""
-    for _ in range(100):
-        if met(seen := pixels(page, open_reel(reel), 3)):
-            return seen
-        page.wait_for_timeout(100)
-    raise AssertionError("the picture never met the condition")
+    seen = np.zeros(0)
+
+    def is_met() -> bool:
+        nonlocal seen
+        seen = pixels(page, open_reel(reel), 3)
+        return met(seen)
+
+    wait_until(page, is_met)
+    return seen
 
 
 def composed(pixels: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from playwright.sync_api import Browser, Page, Route
 from splatreel.play.server import Server, serve
 from splatreel.play.timeline import open_reel
 from tests.golden import GOLDEN
-from tests.player.pages import PLAYER, open_player, wait_for_picture
+from tests.player.pages import PLAYER, let_frames_pass, open_player, wait_for_picture, wait_until
 from tests.player.test_browser import picture, psnr
 
 pytestmark = pytest.mark.browser
@@ -53,11 +53,7 @@ def center(page: Page) -> np.ndarray:
 
 
 def wait_for_color(page: Page, color: tuple[int, int, int]) -> None:
-    for _ in range(1200):
-        if np.abs(center(page) - color).max() < 12:
-            return
-        page.wait_for_timeout(50)
-    raise AssertionError(center(page))
+    wait_until(page, lambda: np.abs(center(page) - color).max() < 12)
 
 
 def test_the_page_shows_the_poster_before_the_player_is_there(postered: Page, server: Server):
@@ -66,8 +62,7 @@ def test_the_page_shows_the_poster_before_the_player_is_there(postered: Page, se
     page.route("**/player.js", lambda route: held.append(route))
     page.goto(server.url + "?autoplay=0")
     wait_for_color(page, RED)
-    while not held:
-        page.wait_for_timeout(20)
+    wait_until(page, lambda: held)
     page.unroute("**/player.js")
     layers: list[Route] = []
     page.route("**/layers/*", lambda route: layers.append(route))
@@ -157,8 +152,7 @@ def test_the_page_shows_that_it_loads_before_the_player_is_there(page: Page, ser
     page.route("**/player.js", lambda route: held.append(route))
     page.goto(server.url + "?autoplay=0")
     page.wait_for_function("document.querySelector('main > div')?.getAnimations().length === 1")
-    while not held:
-        page.wait_for_timeout(20)
+    wait_until(page, lambda: held)
     held.pop().continue_()
     page.unroute("**/player.js")
     wait_for_picture(page)
@@ -190,7 +184,7 @@ def test_the_poster_of_the_page_goes_before_the_reels(postered: Page, server: Se
     page.goto(server.url + "?poster=mine.jpg")
     wait_for_color(page, (20, 40, 210))
     page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.manifest")
-    page.wait_for_timeout(100)
+    let_frames_pass(page)
     wait_for_color(page, (20, 40, 210))
 
 
@@ -206,12 +200,12 @@ def test_layers_have_the_line_before_groups_and_a_percentage_is_told(page: Page,
     page.route("**/groups/*", hold)
     page.goto(server.url + "?autoplay=0")
     page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.manifest")
-    page.wait_for_timeout(500)
+    wait_until(page, lambda: asked)
+    let_frames_pass(page, 30)
     assert asked == ["layers/0000.safetensors"]
     assert page.evaluate(f"{PLAYER}.progress") == 0
     held.pop().continue_()
-    while len(asked) < 2:
-        page.wait_for_timeout(20)
+    wait_until(page, lambda: len(asked) >= 2)
     assert asked[1] == "groups/0000.safetensors"
     manifest = json.loads((GOLDEN / "manifest.json").read_text())
     layer, group = (manifest[kind][0]["bytes"] for kind in ("layers", "groups"))
@@ -235,8 +229,7 @@ def test_the_first_part_of_a_layer_is_drawn_alone(page: Page):
         first, second = (layer.points for layer in reel.manifest.layers)
         assert 0 < page.evaluate(f"{PLAYER}.stage.points") <= first < second
         assert page.evaluate(f"[{PLAYER}.canPlay, {PLAYER}.busy, {PLAYER}.error]") == [False, True, None]
-        while not held:
-            page.wait_for_timeout(20)
+        wait_until(page, lambda: held)
         held.pop().continue_()
         wait_for_picture(page)
         for seconds in (0.05, 0.45):
@@ -251,7 +244,7 @@ def test_the_ground_of_the_page_shows_before_the_first_picture(browser: Browser,
     page.route("**/layers/*", lambda route: None)
     page.goto(server.url)
     page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.manifest")
-    page.wait_for_timeout(200)
+    let_frames_pass(page)
     assert center(page).tolist() == list(ground)
     page.close()
 
@@ -263,7 +256,8 @@ def test_workers_start_when_they_are_wanted(page: Page, server: Server):
     page.route("**/layers/*", lambda route: None)
     page.goto(server.url)
     page.wait_for_function(f"document.querySelector('splat-reel')?.player && {PLAYER}.manifest")
-    page.wait_for_timeout(200)
+    page.wait_for_function("started.length >= 2")
+    let_frames_pass(page)
     names = sorted(url.split("/")[-1] for url in page.evaluate("started"))
     assert names == ["decode-worker.js", "sort-worker.js"]
     page.unroute("**/layers/*")

@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import Browser, Locator, Page, Route
 
 from splatreel.play.server import Server
-from tests.player.pages import PLAYER, open_player, wait_for_picture
+from tests.player.pages import PLAYER, let_frames_pass, open_player, wait_for_picture, wait_until
 
 pytestmark = pytest.mark.browser
 
@@ -26,7 +26,7 @@ def test_it_shows_once_and_goes_with_the_first_gesture(page: Page, server: Serve
     prompt.wait_for(state="detached")
     page.mouse.up()
     open_player(page, server)
-    page.wait_for_timeout(200)
+    let_frames_pass(page)
     assert prompt.count() == 0, "the visitor knows by now"
 
 
@@ -112,8 +112,7 @@ def test_it_goes_by_itself_and_one_page_shows_it_once(page: Page, server: Server
     page.goto(server.url + "embed.html")
     page.wait_for_function("[...document.querySelectorAll('splat-reel')].every((reel) => reel.player)")
     page.evaluate(PAUSE)
-    while not held:
-        page.wait_for_timeout(20)
+    wait_until(page, lambda: held)
     for route in held:
         route.continue_()
     page.unroute("**/layers/*")
@@ -127,7 +126,7 @@ def test_it_goes_by_itself_and_one_page_shows_it_once(page: Page, server: Server
 def test_it_is_not_for_those_who_asked_for_less_motion(browser: Browser, server: Server) -> None:
     page = browser.new_page(viewport={"width": 480, "height": 320}, reduced_motion="reduce")
     open_player(page, server)
-    page.wait_for_timeout(200)
+    let_frames_pass(page)
     assert page.locator(PROMPT).count() == 0
     page.close()
 

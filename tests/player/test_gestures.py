@@ -5,7 +5,7 @@ import pytest
 from playwright.sync_api import CDPSession, Page
 
 from splatreel.play.server import Server
-from tests.player.pages import PLAYER, open_player, wait_for_picture
+from tests.player.pages import PLAYER, let_frames_pass, let_time_pass, open_player, wait_for_picture
 
 pytestmark = pytest.mark.browser
 
@@ -28,7 +28,7 @@ def open_article(page: Page, server: Server, attributes: str = "") -> None:
 
 def scrolled(page: Page) -> float:
     """Return the page's scroll position, after the pause that separates two wheel gestures."""
-    page.wait_for_timeout(700)
+    let_time_pass(page, 700)
     return page.evaluate("scrollY")
 
 
@@ -49,7 +49,7 @@ def swipe(fingers: CDPSession, page: Page, x: int, y: int) -> None:
     """Swipe with one finger from the middle of the reel."""
     touch(fingers, "touchStart", (160, 180))
     for part in np.linspace(0.1, 1, 10):
-        page.wait_for_timeout(16)
+        let_frames_pass(page, 1)
         touch(fingers, "touchMove", (160 + part * x, 180 + part * y))
     touch(fingers, "touchEnd")
 
@@ -159,8 +159,8 @@ def test_the_reels_own_page_gives_it_everything_and_a_frame_does_not(page: Page,
     frame.wait_for_function(f"{REEL}?.player?.canPlay")
     page.mouse.move(60, 60)
     page.mouse.wheel(0, 60)
+    frame.locator("splat-reel").locator(HINT).wait_for(state="attached")
     assert scrolled(page) == 60
-    assert frame.locator("splat-reel").locator(HINT).count() == 1
 
 
 def start_button(page: Page) -> tuple[float, float]:
@@ -218,7 +218,7 @@ def test_in_an_article_the_hint_is_not_covered_and_a_finger_on_the_big_button_sc
     before = pose(phone)
     touch(fingers, "touchStart", (x, y))
     for step in range(1, 9):
-        phone.wait_for_timeout(16)
+        let_frames_pass(phone, 1)
         touch(fingers, "touchMove", (x, y - 8 * step))
     touch(fingers, "touchEnd")
     assert scrolled(phone) > 20

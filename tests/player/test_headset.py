@@ -10,7 +10,7 @@ from splatreel.play.server import Server
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
 from tests.golden import GOLDEN
-from tests.player.pages import PLAYER, open_player
+from tests.player.pages import PLAYER, open_player, wait_until
 
 pytestmark = pytest.mark.browser
 
@@ -75,13 +75,11 @@ def wait_for_headset(page: Page) -> None:
 
 def expect_eyes(page: Page, *wanted: np.ndarray) -> None:
     """Wait until the left and the right eye see these images, which a busy machine sorts and draws late."""
-    error = np.inf
-    for _ in range(100):
-        error = max(float(np.mean((got - want) ** 2)) for got, want in zip(eyes(page), wanted, strict=True))
-        if -10 * np.log10(error) > 40:
-            return
-        page.wait_for_timeout(100)
-    pytest.fail(f"an eye differs: mean squared error {error:.3g}")
+
+    def error() -> float:
+        return max(float(np.mean((got - want) ** 2)) for got, want in zip(eyes(page), wanted, strict=True))
+
+    wait_until(page, lambda: -10 * np.log10(error()) > 40)
 
 
 def expected(side: int, seconds: float = 0.0) -> np.ndarray:

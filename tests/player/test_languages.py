@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import Browser, Page
 
 from splatreel.play.server import Server
-from tests.player.pages import open_body, open_player
+from tests.player.pages import let_frames_pass, open_body, open_player
 
 pytestmark = pytest.mark.browser
 
@@ -59,8 +59,9 @@ def test_the_bundled_page_has_the_language_of_the_browser(browser: Browser, serv
 def test_without_its_file_the_texts_are_english(page: Page, server: Server):
     page.expected_problems = ("404",)  # pyright: ignore[reportAttributeAccessIssue]
     page.route("**/language-de.js", lambda route: route.fulfill(status=404, body=""))
-    open_body(page, server, REEL, 'lang="de"')
-    page.wait_for_timeout(300)
+    with page.expect_response("**/language-de.js"):
+        open_body(page, server, REEL, 'lang="de"')
+    let_frames_pass(page)
     assert page.locator("splat-reel .play").get_attribute("aria-label") == "Play"
 
 

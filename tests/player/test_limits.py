@@ -7,7 +7,7 @@ from playwright.sync_api import Page
 
 from splatreel.play.server import Server
 from tests.golden import GOLDEN
-from tests.player.pages import PLAYER, open_player
+from tests.player.pages import PLAYER, let_frames_pass, open_player
 
 pytestmark = pytest.mark.browser
 
@@ -40,6 +40,6 @@ def test_a_pose_that_a_page_sets_is_shown_as_it_is(page: Page, server: Server):
     open_limited(page, server)
     pose = [-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, -1, 4, 0, 0, 0, 1]  # from behind
     page.evaluate("viewmat => { document.querySelector('splat-reel').camera = { viewmat } }", pose)
-    page.wait_for_timeout(300)
+    let_frames_pass(page)
     assert page.evaluate(f"{PLAYER}.camera.viewmat") == pytest.approx(pose, abs=1e-6)
     assert page.evaluate(f"{PLAYER}.camera.offCameraFade") == 0

@@ -8,7 +8,7 @@ from playwright.sync_api import Page, Route
 from splatreel.play.server import Server
 from splatreel.play.timeline import open_reel
 from tests.golden import GOLDEN
-from tests.player.pages import expect_problems
+from tests.player.pages import expect_problems, let_frames_pass, wait_until
 
 pytestmark = pytest.mark.browser
 
@@ -62,7 +62,7 @@ def test_without_a_reel_play_is_refused_and_nothing_waits(embed: Page):
     assert page.evaluate("outcome(r.play())") == "NotSupportedError"
     assert page.evaluate("[r.networkState, r.readyState, r.paused, r.currentSrc]") == [0, 0, True, ""]
     page.evaluate("r.controls = true")
-    page.wait_for_timeout(300)
+    let_frames_pass(page)
     assert page.locator("splat-reel .wait").is_hidden()
 
 
@@ -88,7 +88,8 @@ def test_promises_of_play_are_settled(embed: Page):
     assert page.evaluate("(() => { const p = outcome(r.play()); r.load(); return p; })()") == "AbortError"
     assert page.evaluate("r.paused")
     page.evaluate("void (window.end = outcome(r.play()))")
-    page.wait_for_timeout(300)
+    wait_until(page, lambda: held)
+    let_frames_pass(page)
     assert "playing" not in page.evaluate("seen")
     page.unroute("**/groups/*")
     for route in held:
@@ -144,8 +145,7 @@ def test_a_manifest_that_stalls_is_asked_for_again(embed: Page):
     page.route("**/reel/manifest.json", answer)
     page.clock.install()
     page.evaluate("r.src = 'reel/manifest.json'")
-    while not asked:
-        page.wait_for_timeout(20)
+    wait_until(page, lambda: asked)
     page.clock.run_for(8100)
     assert "no data arrived" in page.evaluate("r.player.notice")
     page.clock.run_for(1000)

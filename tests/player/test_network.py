@@ -15,7 +15,7 @@ from splatreel.play import web_app
 from splatreel.play.served_files import open_file
 from splatreel.play.server import Server, serve
 from tests.golden import GOLDEN
-from tests.player.pages import PLAYER, expect_problems, open_player, wait_for_picture
+from tests.player.pages import PLAYER, expect_problems, let_frames_pass, open_player, wait_for_picture, wait_until
 
 pytestmark = pytest.mark.browser
 
@@ -86,10 +86,9 @@ def test_layers_show_before_the_first_group(page: Page, server: Server):
     page.route("**/groups/*", lambda route: None)  # never answered
     page.goto(server.url)
     page.wait_for_function(f"document.querySelector('splat-reel')?.player?.manifest && {PLAYER}.waiting")
-    page.wait_for_timeout(700)
-    shown = page.locator("splat-reel canvas").screenshot()
+    canvas = page.locator("splat-reel canvas")
+    wait_until(page, lambda: len(canvas.screenshot()) > 10_000)  # it is smaller while the canvas is blank
     assert page.evaluate(f"{PLAYER}.canPlay") is False
-    assert len(shown) > 10_000, "the canvas is blank"
 
 
 def test_a_reel_elsewhere_opens_by_src(page: Page, server: Server, tmp_path: Path):
@@ -139,7 +138,7 @@ def test_a_stalled_transfer_waits_says_so_and_goes_on_at_the_right_time(page: Pa
     page.wait_for_function(f"{PLAYER}.waiting && {PLAYER}.currentTime > 0.1")
     stopped = page.evaluate(f"{PLAYER}.currentTime")
     page.locator("splat-reel .wait").wait_for()
-    page.wait_for_timeout(300)
+    let_frames_pass(page)
     assert page.evaluate(f"{PLAYER}.currentTime") == stopped
     for route in held:
         route.continue_()
@@ -151,10 +150,12 @@ def test_a_stalled_transfer_waits_says_so_and_goes_on_at_the_right_time(page: Pa
 def test_offline_and_back(page: Page, server: Server):
     expect_problems(page, "ERR_INTERNET_DISCONNECTED")
     held: list[Route] = []
+    loaded: list[str] = []
+    page.on("requestfinished", lambda request: loaded.append(request.url))
     page.route("**/groups/*", lambda route: held.append(route))
     page.goto(server.url)
     page.wait_for_function(f"document.querySelector('splat-reel')?.player?.manifest && {PLAYER}.waiting")
-    page.wait_for_timeout(300)
+    wait_until(page, lambda: held and any(url.endswith(".wasm") for url in loaded))  # the player itself is loaded
     page.context.set_offline(True)
     for route in held:
         route.abort("internetdisconnected")

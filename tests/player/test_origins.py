@@ -3,7 +3,6 @@
 import base64
 import hashlib
 import re
-import time
 from pathlib import Path
 
 import pytest
@@ -15,7 +14,7 @@ from splatreel.play.server import serve
 from tests.flashes import GOLDEN as SOUND
 from tests.golden import GOLDEN, PREDICTIVE
 from tests.player.hosts import host
-from tests.player.pages import PLAYER, expect_problems
+from tests.player.pages import PLAYER, expect_problems, wait_until
 
 pytestmark = pytest.mark.browser
 
@@ -58,10 +57,7 @@ def violations(page: Page) -> list[str]:
 
 def wait(page: Page, expression: str) -> None:
     """Wait for a condition. Policies forbid `wait_for_function`."""
-    deadline = time.monotonic() + 30
-    while not page.evaluate(expression):
-        assert time.monotonic() < deadline, (expression, page.evaluate(f"String({PLAYER}.error)"))
-        page.wait_for_timeout(50)
+    wait_until(page, lambda: page.evaluate(expression))
 
 
 def wait_for_picture(page: Page) -> None:

@@ -10,6 +10,7 @@ from playwright.sync_api import Locator, Page
 from splatreel.play.player_page import STATIC
 from tests.golden import PREDICTIVE
 from tests.player.hosts import host
+from tests.player.pages import let_frames_pass
 
 pytestmark = pytest.mark.browser
 
@@ -61,7 +62,7 @@ def test_of_twenty_in_a_column_only_those_near_hold_anything(page: Page, site: s
     page.on("request", lambda request: asked.append(request.url) if request.url.endswith("manifest.json") else None)
     page.goto(site + "column")
     page.wait_for_function("reels()[0].readyState === 4")
-    page.wait_for_timeout(300)
+    let_frames_pass(page, 30)
     assert len(asked) <= 2, "of 320 pixels of height and three quarters beyond"
     assert page.evaluate("[devices(), workers]") <= [2, 6]
     states = page.evaluate("reels().map((r) => [r.networkState, r.readyState])")
@@ -98,11 +99,11 @@ def test_one_that_comes_back_has_its_time_and_view(page: Page, site: str):
     page.evaluate("scrollTo(0, 2500)")
     page.wait_for_function("!reels()[0].shadowRoot.querySelector('.still') && !reels()[0].player.playback.advancing")
     time = page.evaluate("reels()[0].currentTime")
-    page.wait_for_timeout(300)
+    let_frames_pass(page)
     assert page.evaluate("reels()[0].currentTime") == time, "time stands still where nobody looks"
     page.wait_for_function("devices() === 0 && workers === 0")
     page.evaluate("reels()[0].pause(); scrollTo(0, 0)")
-    page.wait_for_timeout(50)
+    let_frames_pass(page, 2)
     assert variation(page.locator("splat-reel")) > 5, "its last picture is there until it draws again"
     page.wait_for_function("reels()[0].readyState === 4 && !reels()[0].shadowRoot.querySelector('.still')")
     assert page.evaluate("reels()[0].currentTime") == time
@@ -122,7 +123,7 @@ def test_moving_an_element_changes_nothing_and_taking_it_out_pauses(page: Page, 
       document.body.prepend(document.querySelector('#other'));
       document.querySelector('#other').append(r);
     }""")
-    page.wait_for_timeout(100)
+    let_frames_pass(page)
     assert page.evaluate("[reels()[0].player.session === session, reels()[0].currentTime, window.emptied]") == [
         True,
         0.2,
@@ -148,7 +149,7 @@ def test_an_eager_one_loads_wherever_it_is_and_a_picture_can_be_taken_of_any(pag
       }
     }""")
     page.wait_for_function("document.querySelector('#eager').readyState >= 1")
-    page.wait_for_timeout(200)
+    let_frames_pass(page)
     assert page.evaluate("document.querySelector('#lazy').readyState") == 0
     taken = page.evaluate("""async () => {
       const manifest = document.querySelector('#eager').player.manifest;

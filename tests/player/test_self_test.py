@@ -2,13 +2,15 @@
 
 import re
 from collections.abc import Iterator
+from contextlib import suppress
 
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, CDPSession, Page
+from playwright.sync_api import TimeoutError as PlaywrightTimeoutError
 
 from splatreel.play.server import Server
-from tests.player.pages import PLAYER
+from tests.player.pages import PLAYER, let_frames_pass
 from tests.player.test_accessibility import AXE, RUN
 from tests.player.test_gestures import touch
 
@@ -24,8 +26,8 @@ def phone(browser: Browser) -> Iterator[Page]:
     page.close()
 
 
-def wait_for_step(page: Page, name: str) -> None:
-    page.wait_for_function(f"document.querySelector('[aria-current=step]')?.textContent === '{name}'")
+def wait_for_step(page: Page, name: str, timeout: float | None = None) -> None:
+    page.wait_for_function(f"document.querySelector('[aria-current=step]')?.textContent === '{name}'", timeout=timeout)
 
 
 def result(page: Page) -> dict[str, str]:
@@ -42,8 +44,8 @@ def double_tap_until(page: Page, name: str, x: int, y: int) -> None:
         page.wait_for_function(f"{PLAYER}.camera.glide === null")
         for _ in range(2):
             page.touchscreen.tap(x, y)
-        page.wait_for_timeout(1000)
-        if page.locator("[aria-current=step]").inner_text() == name:
+        with suppress(PlaywrightTimeoutError):
+            wait_for_step(page, name, timeout=2000)
             return
     pytest.fail("the double tap does nothing")
 
@@ -62,7 +64,7 @@ def test_a_phone_passes_all_tests(phone: Page, fingers: CDPSession, server: Serv
     touch(fingers, "touchStart", (x, y))
     for part in np.linspace(0.1, 1, 10):
         touch(fingers, "touchMove", (x + 120 * part, y))
-        phone.wait_for_timeout(16)
+        let_frames_pass(phone, 1)
     touch(fingers, "touchEnd")
     wait_for_step(phone, "Pinch")
     for kind, half in (("touchStart", 40), ("touchMove", 60), ("touchMove", 80)):

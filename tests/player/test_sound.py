@@ -10,7 +10,7 @@ from playwright.sync_api import Browser, Page, Route
 from splatreel.play.server import Server, serve
 from tests.flashes import CLICKS
 from tests.flashes import GOLDEN as SOUND
-from tests.player.pages import PLAYER, expect_problems, open_player
+from tests.player.pages import PLAYER, expect_problems, let_frames_pass, open_player
 from tests.player.sync import listen, measured
 
 pytestmark = pytest.mark.browser
@@ -65,7 +65,7 @@ def test_pictures_follow_the_sound_over_a_loop_a_seek_and_another_rate(page: Pag
     page.wait_for_function("window.heard.length >= 5")
     page.evaluate(f"{PLAYER}.playbackRate = 1.5")
     page.wait_for_function("window.heard.length >= 8")
-    page.wait_for_timeout(150)
+    page.wait_for_function("window.drawn.at(-1)[0] > window.heard[7] + 140")  # the picture of the last click is drawn
     found = measured(page, CLICKS)
     assert len(found.clock) >= 5, found
     interval = page.evaluate(f"{PLAYER}.resolution.interval")  # on a busy machine it is long
@@ -81,7 +81,7 @@ def test_a_stalled_group_pauses_the_sound_and_both_go_on_together(page: Page, se
     page.wait_for_function(f"{PLAYER}.waiting && {AUDIO}.paused")
     stopped = page.evaluate(f"[{PLAYER}.currentTime, {AUDIO}.currentTime]")
     assert stopped == pytest.approx([1, 1], abs=0.3)
-    page.wait_for_timeout(300)
+    let_frames_pass(page)
     assert page.evaluate(f"[{PLAYER}.currentTime, {AUDIO}.currentTime]") == stopped
     held[0].continue_()
     page.wait_for_function(f"{HEARD} > 1.4 && {PLAYER}.currentTime > 1.4 && {APART} < 0.1")
@@ -210,6 +210,7 @@ def test_sound_comes_from_its_place(page: Page, server: Server):
     page.wait_for_function(f"{panner}?.positionX.value > 0.05 && Math.abs(Math.hypot(...{place}) - 1) < 0.05")
     page.evaluate(f"{PLAYER}.camera.orbit(2.6, 0), {PLAYER}.invalidate()")
     page.wait_for_function(f"{panner}.positionX.value < -0.05")  # on the other side now
+    page.keyboard.press("Tab")  # controls with the focus stay
     page.locator("splat-reel").get_by_role("button", name="Settings").click()
     page.locator("splat-reel").get_by_role("switch", name="Spatial sound").click()
     page.wait_for_function(f"!{TRACK}.spatial.on && !{TRACK}.spatial.through && {HEARD} && {APART} < 0.1")

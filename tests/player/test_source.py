@@ -31,12 +31,16 @@ def run(*command: str) -> None:
 
 @pytest.fixture(scope="module")
 def unit_results(packages: None) -> dict[str, dict]:
-    """Return the passed and failed tests by file of player/tests. TypeScript's coverage is measured along with Python's."""
+    """Return the passed and failed tests by file of player/tests. TypeScript's coverage is measured along with Python's.
+
+    The script fails if tests fail, which `test_units` reports, or if the coverage is too low, which is reported here.
+    """
     results = PLAYER / "out" / "tests.json"
     results.unlink(missing_ok=True)
     command = ["node", *(["--experimental-test-coverage"] if "COVERAGE_RUN" in os.environ else []), "test.mjs"]
     result = subprocess.run(command, cwd=PLAYER, capture_output=True, text=True, timeout=900)
     assert results.exists(), result.stdout + result.stderr
+    assert "must run at least" not in result.stderr, result.stderr
     return json.loads(results.read_text())["files"]
 
 

@@ -10,7 +10,15 @@ from playwright.sync_api import CDPSession, Page, Route
 
 from splatreel.play.server import Server
 from tests.golden import GOLDEN
-from tests.player.pages import add_file, open_body, open_player, wait_for_style
+from tests.player.pages import (
+    add_file,
+    let_frames_pass,
+    open_body,
+    open_player,
+    wait_for_style,
+    wait_for_transitions,
+    wait_until,
+)
 
 pytestmark = pytest.mark.browser
 
@@ -56,7 +64,8 @@ def shown(page: Page) -> np.ndarray:
     """Return the color in the middle of the thumbnail."""
     image = page.locator("splat-reel .thumbnail img")
     image.wait_for()
-    page.wait_for_timeout(250)
+    wait_until(page, lambda: image.evaluate("(image) => image.complete"))
+    wait_for_transitions(page)
     picture = np.asarray(Image.open(io.BytesIO(page.locator("splat-reel .thumbnail").screenshot())).convert("RGB"))
     assert np.allclose(picture.shape[1::-1], SIZE, atol=1)  # a pixel may be cut in two
     return picture[SIZE[1] // 2, SIZE[0] // 2]
@@ -87,7 +96,7 @@ def test_a_finger_on_the_seek_bar_sees_it_too(phone: Page, server: Server, finge
     for kind, part in (("touchStart", 0.05), ("touchMove", 0.3), ("touchMove", 0.85)):
         points = [{"x": seek["x"] + seek["width"] * part, "y": y}]
         fingers.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": points})
-        phone.wait_for_timeout(50)
+        let_frames_pass(phone, 3)
     assert np.abs(shown(phone).astype(int) - color(5)).max() < 6
     wait_for_style(phone, ".hint", "opacity", "1")
     fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})

@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import Locator, Page
 
 from splatreel.play.server import Server
-from tests.player.pages import PLAYER, open_player
+from tests.player.pages import PLAYER, let_time_pass, open_player, wait_for_transitions
 
 pytestmark = pytest.mark.browser
 
@@ -27,7 +27,7 @@ def test_every_tap_on_the_picture_shows_or_hides_the_controls(phone: Page, serve
     for _ in range(4):
         phone.touchscreen.tap(160, 150)
         seen.append(phone.evaluate(IDLE))
-        phone.wait_for_timeout(400)  # not a double tap
+        let_time_pass(phone, 400)  # not a double tap
     assert seen == [False, True, False, True]
 
 
@@ -37,7 +37,7 @@ def test_controls_that_do_not_show_take_no_taps(phone: Page, server: Server):
     places = [box for i in range(boxes.count()) if (box := boxes.nth(i).bounding_box())]
     assert len(places) == 3
     for place in places:
-        phone.wait_for_timeout(400)
+        let_time_pass(phone, 400)  # not a double tap
         assert phone.evaluate(IDLE)
         phone.touchscreen.tap(place["x"] + place["width"] / 2, place["y"] + place["height"] / 2)
         assert phone.evaluate(f"[{PLAYER}.paused, {PLAYER}.currentTime, {IDLE}]") == [False, pytest.approx(0.2), False]
@@ -50,12 +50,11 @@ def test_the_focus_leaves_controls_that_go_and_the_keyboard_finds_them(page: Pag
     page.evaluate(f"{PLAYER}.playbackRate = 0; {PLAYER}.currentTime = 0.2")
     page.locator("splat-reel").get_by_role("button", name="Play").click()
     page.wait_for_function(IDLE)
-    page.wait_for_timeout(400)
+    page.locator("splat-reel .play").wait_for(state="hidden")
     assert page.evaluate(f"{REEL}.shadowRoot.activeElement === {PLAYER}.canvas") is True
-    assert page.locator("splat-reel .play").is_hidden()
     page.keyboard.press("Tab")
     assert page.evaluate(f"{REEL}.shadowRoot.activeElement.className") == "play"
-    page.wait_for_timeout(3000)
+    let_time_pass(page, 3000)  # after 2.6 seconds the controls would go
     assert page.evaluate(IDLE) is False  # the keyboard is in it
 
 
@@ -89,6 +88,6 @@ def test_no_hover_sticks_to_what_was_tapped(phone: Page, server: Server):
     open_player(phone, server)
     reset = phone.locator("splat-reel .reset")
     reset.tap()
-    phone.wait_for_timeout(300)
+    wait_for_transitions(phone)
     assert reset.evaluate("(button) => button.matches(':hover')") is True
     assert reset.evaluate("(button) => getComputedStyle(button).backgroundColor").endswith(", 0)")  # nothing to see

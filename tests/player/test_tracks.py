@@ -4,7 +4,7 @@ import pytest
 from playwright.sync_api import Locator, Page
 
 from splatreel.play.server import Server
-from tests.player.pages import PLAYER, add_file, expect_problems, open_body
+from tests.player.pages import PLAYER, add_file, expect_problems, open_body, wait_until
 
 pytestmark = pytest.mark.browser
 
@@ -124,8 +124,8 @@ def test_a_track_that_cannot_be_used_is_named(page: Page, server: Server):
     for name, cause in (("none.vtt", "it answered 404"), ("page.vtt", "it is not WebVTT")):
         page.evaluate(f'{REEL}.innerHTML = \'<track src="{name}" srclang="en" default>\'')
         reel.locator(".toast").get_by_text("These captions cannot be loaded").wait_for()
-        page.wait_for_timeout(100)
-        assert any(f"{name} cannot be used: {cause}" in text for text in warnings), warnings
+        message = f"{name} cannot be used: {cause}"
+        wait_until(page, lambda message=message: any(message in text for text in warnings))
 
 
 @pytest.mark.parametrize("size", [(390, 220), (200, 120)])

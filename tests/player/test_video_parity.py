@@ -11,7 +11,7 @@ from playwright.sync_api import Page
 
 from splatreel.play.server import Server, serve
 from tests.golden import GOLDEN, PREDICTIVE
-from tests.player.pages import PLAYER, expect_problems, open_player
+from tests.player.pages import PLAYER, expect_problems, let_frames_pass, let_time_pass, open_player
 from tests.player.test_media_element import EMBED, opened
 
 pytestmark = pytest.mark.browser
@@ -126,7 +126,7 @@ def test_pages_hear_of_each_picture(embed: Page):
       r.play();
     }""")
     page.wait_for_function("frames_.length === 5")
-    page.wait_for_timeout(100)
+    let_frames_pass(page)
     seen = page.evaluate("frames_")
     assert len(seen) == 5
     assert page.evaluate("cancelled") == 0
@@ -141,7 +141,7 @@ def test_preload_none_gets_nothing_until_people_ask(embed: Page):
     page.evaluate("r.controls = true; r.preload = 'none'; r.src = 'reel/manifest.json'")
     start = page.locator("splat-reel .start")
     start.wait_for()
-    page.wait_for_timeout(200)
+    let_frames_pass(page)
     assert page.evaluate("[r.preload, r.networkState, r.readyState]") == ["none", 1, 0]
     assert [url for url in asked if "/reel/" in url] == []
     assert page.locator("splat-reel .wait").is_hidden()
@@ -156,7 +156,7 @@ def test_preload_metadata_gets_the_manifest_only(embed: Page):
     page.evaluate("r.controls = true; r.setAttribute('preload', 'metadata'); r.src = 'reel/manifest.json'")
     page.wait_for_function("r.duration > 0")
     page.locator("splat-reel .start").wait_for()
-    page.wait_for_timeout(200)
+    let_frames_pass(page)
     assert [url.rsplit("/", 1)[1] for url in asked if "/reel/" in url] == ["manifest.json"]
     assert page.evaluate("[r.preload, r.readyState, r.networkState]") == ["metadata", 1, 1]
     page.evaluate("r.currentTime = 0.2")  # who asks for a time asks for a picture
@@ -185,7 +185,7 @@ def test_the_last_picture_stays_when_the_graphics_device_is_lost(embed: Page):
     opened(page)
     page.evaluate("r.currentTime = 0.1")
     page.wait_for_function("!r.seeking")
-    page.wait_for_timeout(600)  # a copy is taken once nothing moves
+    let_time_pass(page, 600)  # a copy is taken 0.3 seconds after the last frame
     before = shot(page)
     page.evaluate("""() => {
       const gl = r.player.canvas.getContext("webgl2");

@@ -11,6 +11,7 @@ from splatreel.play.renderers import renderer
 from splatreel.play.timeline import open_reel
 from splatreel.play.viewer import Viewer
 from tests.golden import GOLDEN
+from tests.player.pages import wait_until
 
 pytestmark = pytest.mark.browser
 
@@ -25,19 +26,16 @@ def test_a_browser_sees_what_the_kernels_draw(browser: Browser) -> None:
         field = page.get_by_role("textbox").first
         field.fill("0.3")
         field.press("Enter")
-        for _ in range(100):
-            if viewer.clock.time == pytest.approx(0.3) and viewer.settled:
-                break
-            page.wait_for_timeout(100)
-        page.wait_for_timeout(500)  # the last picture is on its way
-        shot = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")) / 255
+        wait_until(page, lambda: viewer.clock.time == pytest.approx(0.3) and viewer.settled)
+        want = np.clip(reel.render(reel.at(0.3), reel.manifest.camera.resized(640, 480)), 0, 1)
+        below = slice(240, None)  # the panel and a warning cover what is above
+        assert want[below].std() > 0.05
+
+        def error() -> float:
+            shot = np.asarray(Image.open(io.BytesIO(page.screenshot())).convert("RGB")) / 255
+            return float(np.mean((shot[below] - want[below]) ** 2))
+
+        wait_until(page, lambda: -10 * np.log10(error()) > 30)
         page.get_by_role("button", name="Play").click()
-        page.wait_for_timeout(300)
-        playing = viewer.clock.playing
+        wait_until(page, lambda: viewer.clock.playing)
         page.close()
-    assert playing
-    want = np.clip(reel.render(reel.at(0.3), reel.manifest.camera.resized(640, 480)), 0, 1)
-    below = slice(240, None)  # the panel and a warning cover what is above
-    error = np.mean((shot[below] - want[below]) ** 2)
-    assert want[below].std() > 0.05
-    assert -10 * np.log10(error) > 30

@@ -56,13 +56,13 @@ def test_seconds_match_measurements(name: str) -> None:
     *work, frames, quality, settings, seconds = MEASURED[name]
     former = {name: FORMER_DEFAULTS[name] for name in ("keyframe.first_iterations", "keyframe.coarse_share")}
     config = changed(preset(quality), settings | (former if quality == "standard" else {})).for_video(frames)
-    said = former_total(sequence_seconds(Workload(*work), group_spans(frames, 30, 5), config))
+    said = former_total(sequence_plan(Workload(*work), group_spans(frames, 30, 5), config).seconds)
     assert 0.7 <= said / seconds <= 1.3
 
 
 def test_motion_stages_match_measurements() -> None:
     """A group of the built-in capture: layering, and tracking by the seconds per frame of a half group, on one idle thread."""
-    found = sequence_seconds(Workload(0.049152, 12, 0.15, 0.96), group_spans(35, 30, 5), Config())
+    found = sequence_plan(Workload(0.049152, 12, 0.15, 0.96), group_spans(35, 30, 5), Config()).seconds
     assert 0.7 <= found["layering"] / 1.8 <= 1.3
     assert 0.7 <= found["tracking"] / 17.3 <= 1.3
 

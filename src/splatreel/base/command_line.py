@@ -6,9 +6,11 @@ import os
 import re
 import shlex
 import subprocess
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import PurePath
 
+from splatreel.base.errors import MissingDependencyError
 from splatreel.base.progress import printable
 
 _PLAIN = re.compile(r"[\w@+=:,./-]+", re.ASCII)
@@ -58,6 +60,17 @@ def _named(argument: object) -> str:
     """Return an argument as text. A path that starts with a dash would be taken for an option."""
     text = str(argument)
     return f"./{text}" if isinstance(argument, PurePath) and text.startswith("-") else text
+
+
+@contextmanager
+def needing_packages() -> Iterator[None]:
+    """Raise `MissingDependencyError`, with the pip command, where an optional package is not installed."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (message := missing_package(error.name)) is None:
+            raise
+        raise MissingDependencyError(message) from error
 
 
 def _quoted_for_posix(argument: str) -> str:

@@ -86,6 +86,28 @@ def capture_from_arrays(
     Raises:
         CaptureError: Shapes, values or times do not fit, or the cameras cannot be used.
     """
+    array = image_array(images, cameras, name)
+    return ArrayCapture(
+        *(array, cameras),
+        fps=fps if times is None else _rate(np.asarray(times, np.float64), len(array), fps, name),
+        held_out=held_out,
+        points=None if points is None else np.asarray(points, np.float32),
+        point_colors=None if point_colors is None else np.asarray(point_colors, np.float32),
+        name=name,
+    )
+
+
+def image_array(images: np.ndarray, cameras: Sequence[Camera], name: str) -> np.ndarray:
+    """Return images [T, C, H, W, 3] as uint8. Those that are uint8 already are not copied.
+
+    Args:
+        images: Images in sRGB, uint8 or floats 0..1, in the order of the cameras.
+        cameras: Cameras of the size of the images.
+        name: Name of the images, for messages.
+
+    Raises:
+        CaptureError: Shapes or values do not fit.
+    """
     try:
         array = np.asarray(images)
     except (ValueError, TypeError) as error:  # rows of different lengths, or tensors on a GPU
@@ -103,14 +125,7 @@ def capture_from_arrays(
                 f"{name}: the images are {width}x{height}, and camera {camera.name!r} is {camera.width}x{camera.height}. "
                 f"Give each camera the size of the images, such as camera.resized({width}, {height})."
             )
-    return ArrayCapture(
-        *(_as_bytes(array, name), cameras),
-        fps=fps if times is None else _rate(np.asarray(times, np.float64), len(array), fps, name),
-        held_out=held_out,
-        points=None if points is None else np.asarray(points, np.float32),
-        point_colors=None if point_colors is None else np.asarray(point_colors, np.float32),
-        name=name,
-    )
+    return _as_bytes(array, name)
 
 
 def _as_bytes(images: np.ndarray, name: str) -> np.ndarray:

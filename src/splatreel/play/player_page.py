@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from html import escape
 from pathlib import Path
 
@@ -11,6 +12,14 @@ STATIC = Path(__file__).parent / "static"
 """The built web player."""
 TITLE = "<title>Splatreel</title>"
 """Title element of the built page, which is replaced."""
+
+
+def copy_player(folder: str | Path) -> None:
+    """Copy the web player into a folder, for a page that any static web host serves. Files of an older player are replaced.
+
+    The page loads `player.js` of the folder, which defines `<splat-reel>`.
+    """
+    shutil.copytree(STATIC, folder, dirs_exist_ok=True)
 
 
 def with_metadata(page: str, presentation: Presentation, address: str | None = None) -> str:

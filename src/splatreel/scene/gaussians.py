@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from splatreel.base.command_line import missing_package
-from splatreel.base.errors import GaussiansError, MissingDependencyError
+from splatreel.base.command_line import needing_packages
+from splatreel.base.errors import GaussiansError
 from splatreel.scene import rotations
 
 if TYPE_CHECKING:
@@ -78,10 +78,8 @@ class Gaussians:
         Raises:
             MissingDependencyError: PyTorch is not installed.
         """
-        try:
+        with needing_packages():
             import torch
-        except ModuleNotFoundError as error:
-            raise MissingDependencyError(str(missing_package("torch"))) from error
         return {field.name: torch.tensor(getattr(self, field.name), device=device) for field in fields(Gaussians)}
 
     def check_finite(self, what: str = "Gaussians") -> None:

@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from llvmlite import ir
-from numba import extending
+from llvmlite import binding, ir
+from numba import config, extending
 from numba.core import cgutils, types
 from numba.np import arrayobj
 
@@ -22,7 +22,23 @@ _FLOAT = ir.FloatType()
 
 def lanes(context: Any) -> int:
     """Return the number of floats in a row for the processor that numba compiles for."""
-    return 16 if "+avx512f" in context.codegen()._customize_tm_features() else 8
+    return 16 if "+avx512f" in _features(context) else 8
+
+
+def _features(context: Any) -> str:
+    """Return the processor features that numba compiles for, such as "+avx2,+avx512f".
+
+    numba documents no way to ask for these. `magic_tuple` is the key of its cache, which ends with them. In a version of numba without
+    it, the features are those of this processor. A row of either size is compiled to correct code on every processor.
+    """
+    try:
+        features = context.codegen().magic_tuple()[-1]
+    except (AttributeError, TypeError, IndexError):
+        features = None
+    if isinstance(features, str):
+        return features
+    chosen = getattr(config, "CPU_FEATURES", None)  # NUMBA_CPU_FEATURES
+    return binding.get_host_cpu_features().flatten() if chosen is None else chosen
 
 
 def _vector(width: int) -> Any:

@@ -1,4 +1,4 @@
-"""Initial points of a scene, from the first frame only (paper section 4.1, docs/design.md).
+"""Initial points of a scene, from the first frame only (paper section 4.1, docs/parts.md).
 
 The points are the capture's own sparse points, or points triangulated from matched features. A plane sweep adds surfaces
 without features. Where its depth is uncertain, a few points take the depth of their surroundings, so that no visible place

@@ -1,0 +1,149 @@
+"""Training from arrays, one iteration at a time, for programs that need no runs and reels. `examples/train_group.py` is an example.
+
+`reconstruct_frame` trains the Gaussians of one frame. `group_trainer` trains how Gaussians move over several frames. Both take
+images and cameras in memory, as `splatreel.capture_from_arrays` does, and need PyTorch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from splatreel.base.command_line import needing_packages
+from splatreel.base.errors import GaussiansError, UsageError
+from splatreel.base.progress import Progress
+from splatreel.capture.array_capture import image_array
+from splatreel.config import Config, Quality, preset
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import Gaussians
+
+if TYPE_CHECKING:
+    from splatreel.method.train.group import GroupTrainer
+
+__all__ = ["group_trainer", "reconstruct_frame"]
+
+
+def reconstruct_frame(
+    images: np.ndarray,
+    cameras: Sequence[Camera],
+    config: Config | Quality = "standard",
+    *,
+    points: np.ndarray | None = None,
+    point_colors: np.ndarray | None = None,
+    device: str = "auto",
+    progress: Progress | None = None,
+) -> Gaussians:
+    """Reconstruct one frame as a static scene, like the first keyframe of a run.
+
+    Args:
+        images: Images in sRGB, [C, H, W, 3], uint8 or floats 0..1, in the order of the cameras.
+        cameras: Cameras of the size of the images.
+        config: Settings, or the name of a preset: draft, standard or paper.
+        points: Sparse points of the scene, [P, 3]; None triangulates them.
+        point_colors: Their colors, [P, 3], 0..1.
+        device: auto, cpu or cuda.
+        progress: Receives one step for each iteration. A progress that raises an error stops the training.
+
+    Raises:
+        CaptureError: Shapes or values of the images do not fit.
+        ReconstructionError: No initial points were found.
+        GaussiansError: Training ended in NaN or infinity.
+        UsageError: The device or the preset does not exist.
+        MissingDependencyError: PyTorch is not installed.
+    """
+    array = image_array(np.asarray(images)[None], cameras, "The frame")[0]
+    with needing_packages():
+        from splatreel.method.train.single_frame import reconstruct_single_frame
+        from splatreel.run.device import pick_device
+
+        gaussians, _ = reconstruct_single_frame(
+            *(list(cameras), array, preset(config) if isinstance(config, str) else config),
+            points=points,
+            point_colors=point_colors,
+            device=pick_device(device),
+            progress=progress,
+        )
+    return gaussians
+
+
+def group_trainer(
+    images: np.ndarray,
+    cameras: Sequence[Camera],
+    dynamic: Gaussians,
+    static: Gaussians | None = None,
+    config: Config | Quality = "standard",
+    *,
+    near: float,
+    tracks: np.ndarray | None = None,
+    device: str = "auto",
+    seed: int = 0,
+) -> GroupTrainer:
+    """Return a trainer of the motion of Gaussians over the frames of one group.
+
+    `trainer.step(i)` runs iteration i of `trainer.iterations` on one image, and returns the photometric loss. `trainer.train(progress)`
+    runs all iterations, with density control and smaller images at first. `trainer.result()` returns the Gaussians `dynamic` and their
+    offsets at every frame, `dx` [T, N, 3] and `dq` [T, N, 4]. The colors of the cameras are taken as they are.
+
+    Args:
+        images: Images in sRGB, [T, C, H, W, 3], uint8 or floats 0..1. The second axis has the order of the cameras.
+        cameras: Cameras of the size of the images.
+        dynamic: N Gaussians of the first frame that may move.
+        static: Gaussians that rest; None if all may move.
+        config: Settings, or the name of a preset: draft, standard or paper. `config.group` names the model of motion and the number of
+            iterations.
+        near: Near plane, world units.
+        tracks: Positions of the dynamic Gaussians at every frame, [T, N, 3], from which training starts; None starts at rest.
+        device: auto, cpu or cuda.
+        seed: Seed of all random choices.
+
+    Raises:
+        CaptureError: Shapes or values of the images do not fit.
+        GaussiansError: The tracks do not have a position for each Gaussian and frame, or the Gaussians have values that are not finite.
+        UsageError: The device or the preset does not exist, or `near` is no positive number.
+        MissingDependencyError: PyTorch is not installed.
+    """
+    array = image_array(images, cameras, "The group")
+    static = Gaussians.empty(dynamic.sh_degree) if static is None else static
+    _check_points(dynamic, static, tracks, len(array))
+    if not 0 < near < np.inf:
+        raise UsageError(f"The near plane is {near}. Give a positive distance in world units.")
+    with needing_packages():
+        import torch
+
+        from splatreel.method.cameras.color_gains import CameraGains
+        from splatreel.method.init.layout import viewing_distance
+        from splatreel.method.tracking.tracking import GroupStart
+        from splatreel.method.train.group import GroupTrainer
+        from splatreel.method.train.pictures import Pictures
+        from splatreel.method.train.render import View
+        from splatreel.run.device import pick_device
+        from splatreel.scene.static_points import StaticPoints
+
+        settings = (preset(config) if isinstance(config, str) else config).for_video(len(array))
+        place = pick_device(device)
+        unit = viewing_distance(list(cameras), np.concatenate([dynamic.means, static.means]))
+        views = [View.of(camera, place, settings.antialias) for camera in cameras]
+        return GroupTrainer(
+            Pictures(torch.from_numpy(np.ascontiguousarray(array)).to(place), views, near, unit),
+            GroupStart(dynamic, None if tracks is None else np.asarray(tracks, np.float32)),
+            StaticPoints(static, np.ones(len(static), bool)),
+            settings,
+            gains=CameraGains(len(cameras), place, enabled=False),
+            seed=seed,
+        )
+
+
+def _check_points(dynamic: Gaussians, static: Gaussians, tracks: np.ndarray | None, frames: int) -> None:
+    """Raise `GaussiansError` for Gaussians that are not finite, and for tracks of another shape or with such values."""
+    dynamic.check_finite("The dynamic Gaussians")
+    static.check_finite("The static Gaussians")
+    if tracks is None:
+        return
+    expected = frames, len(dynamic), 3
+    if np.shape(tracks) != expected or not np.isfinite(tracks).all():
+        raise GaussiansError(
+            f"The tracks have shape {np.shape(tracks)}, expected finite positions {expected}: one for each of {frames} frames and "
+            f"{len(dynamic)} Gaussians."
+        )
