@@ -93,7 +93,7 @@ export async function fuzz(data: Buffer): Promise<void> {
   try {
     if ("manifest" in seed) {
       for (let i = 0; i < MAX_EDITS && program.left; i++) editJson(seed.manifest, program);
-      parseManifest(seed.manifest, NAME);
+      parseManifest(JSON.parse(JSON.stringify(seed.manifest)), NAME);
     } else {
       for (let i = 0; i < MAX_EDITS && program.left; i++) edit(seed, program);
       await decodeFile(new Uint8Array(damaged(pack(seed), program)), NAME, (file, kernels) => decodePaper(file, decodeCloud, decodeTrack, kernels));

@@ -8,7 +8,7 @@ import { FakeTime } from "./fakes/time";
 import { FakeWorker, FILE } from "./fakes/workers";
 
 const time = new FakeTime();
-const source = (name: string, bytes = 1000) => ({ url: `https://page.example/${name}`, bytes, sha256: null });
+const source = (name: string, bytes = 1000) => ({ url: `https://page.example/${name}`, bytes, sha256: "0".repeat(64) });
 
 let pool: DecoderPool;
 let log: string[] = [];

@@ -18,8 +18,7 @@ function pack(values: number[], bits: number): Uint8Array {
 }
 
 function container(name: string, parameters: object, data: Uint8Array): Container {
-  const tensors = { [name]: { dtype: "U8", shape: [data.length], bytes: data } };
-  return { kind: "layer", index: 0, points: 0, frames: 0, sections: { [name]: parameters as never }, tensors };
+  return { kind: "layer", index: 0, points: 0, firstFrame: 0, frames: 0, sections: { [name]: parameters as never }, data: { [name]: data } };
 }
 
 test("unpacks every width", () => {

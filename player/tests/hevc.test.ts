@@ -7,7 +7,7 @@ import { parseMp4 } from "@splatreel/decoder/decode/mp4";
 import { parseContainer } from "@splatreel/decoder/reel/container";
 
 const bytes = new Uint8Array(readFileSync("../tests/data/golden/groups/0000.safetensors"));
-const video = parseContainer(bytes, "golden").tensors.offsets.bytes;
+const video = parseContainer(bytes, "golden").data.offsets;
 
 test("finds the three tracks and their decoder settings", () => {
   const tracks = parseMp4(video, 100);

@@ -18,10 +18,11 @@ function edited(change: (document: Document) => void): Document {
 }
 
 function withRenditions(document: Document): void {
-  document.renditions = [{ name: "high", bytes: 1 }, { name: "low", bytes: 2 }];
   for (const [i, group] of document.groups.entries()) {
     group.renditions = { low: { uri: `groups/000${i}.low.safetensors`, bytes: 100 + i, sha256: "0".repeat(64), points: 7 } };
   }
+  const sum = (files: Document[]): number => files.reduce((total, { bytes }) => total + bytes, 0);
+  document.renditions = [{ name: "high", bytes: sum(document.groups) }, { name: "low", bytes: sum(document.groups.map((group: Document) => group.renditions.low)) }];
 }
 
 test("a reel without renditions offers no choice", () => {

@@ -13,7 +13,7 @@ const host = new FakeHost();
 mock.method(console, "warn", () => undefined);
 
 /** Segments of two seconds whose bytes are their start and length. */
-const segments = [...Array(60).keys()].map((index) => ({ uri: `sound/${index}.m4s`, bytes: 2, sha256: null, start: 2 * index, seconds: 2 }));
+const segments = [...Array(60).keys()].map((index) => ({ uri: `sound/${index}.m4s`, bytes: 2, sha256: "0".repeat(64), start: 2 * index, seconds: 2 }));
 const answers: Answer = (_, url) => {
   const index = /(\d+)\.m4s$/.exec(url)?.[1];
   return new Response(index === undefined ? new Uint8Array(1) : Uint8Array.of(2 * Number(index), 2));
@@ -24,7 +24,7 @@ let events: string[] = [];
 let track: Soundtrack;
 let reel: Reel;
 const clock = { seconds: 0, rate: 1, loop: false, live: false, earliest: 0 };
-const soundOf = (more: Partial<Sound> = {}): Sound => ({ type: 'audio/mp4; codecs="opus"', rate: 48000, channels: 2, init: { uri: "sound/init.mp4", bytes: 1, sha256: null }, segments, position: null, ...more });
+const soundOf = (more: Partial<Sound> = {}): Sound => ({ type: 'audio/mp4; codecs="opus"', rate: 48000, channels: 2, init: { uri: "sound/init.mp4", bytes: 1, sha256: "0".repeat(64) }, segments, position: null, ...more });
 const openReel = (sound: Sound | null = soundOf(), live = false): void => {
   const manifest = manifestOf({ live });
   reel = new Reel({ ...manifest, presentation: { ...manifest.presentation, sound } });

@@ -19,7 +19,7 @@ const STALL = 8000;
 interface Layer {
   uri: unknown;
   bytes: number;
-  sha256?: string;
+  sha256: unknown;
   group: unknown;
   until?: unknown;
 }
@@ -60,8 +60,8 @@ function firstWorker(): EarlyWorker | null {
 /** Request the first layer, if it is needed at any time of the reel. The player takes the replies. */
 function requestLayer(worker: Worker, manifest: { layers?: Layer[] }): EarlyFile | null {
   const layer = manifest.layers?.[0];
-  if (layer?.group !== 0 || layer.until !== undefined) return null;
-  const { bytes, sha256 = null } = layer;
+  if (layer?.group !== 0 || layer.until !== undefined || typeof layer.sha256 !== "string") return null;
+  const { bytes, sha256 } = layer;
   const file: EarlyFile = { url: addressWithin(url, layer.uri), replies: [] };
   worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => file.replies.push({ data, at: performance.now() });
   worker.postMessage({ id: EARLY, source: { url: file.url, bytes, sha256 }, page: false } satisfies DecodeRequest);

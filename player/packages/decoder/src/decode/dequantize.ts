@@ -127,7 +127,7 @@ export function sectionOf(file: Container, name: string, codec: string): Section
 
 /** Return the data of a section. */
 export function tensor(file: Container, name: string): Uint8Array {
-  const found = file.tensors[name];
+  const found = file.data[name];
   if (!found) throw new ReelError(`it has no data for section ${name}`);
-  return found.bytes;
+  return found;
 }

@@ -1,7 +1,8 @@
 /** Downloads over unreliable networks: retries with growing pauses, resumes interrupted transfers, and verifies checksums. */
 import { PLAIN, ReelError, messageOf } from "../base/errors";
+import { utf8 } from "../reel/json";
 import { isIntact } from "./checksum";
-import { readLocalFile } from "./local-files";
+import { LONGEST_MANIFEST, readLocalFile } from "./local-files";
 import type { Source, Watcher } from "./source";
 
 /** Pauses before retries, in milliseconds, plus up to half as much at random. After the last one the download fails. */
@@ -35,13 +36,20 @@ export function downloadText(url: string, watcher: Watcher, signal: AbortSignal)
   return withRetries(url, watcher, signal, () =>
     withStallTimeout(signal, FEW_RETRIES, async (inner, alive) => {
       const answer = await request(url, { cache: "no-cache", signal: inner }, FEW_RETRIES);
-      const decoder = new TextDecoder();
-      let text = "";
+      const parts: Uint8Array[] = [];
+      let length = 0;
       await readAll(answer, FEW_RETRIES, (value) => {
         alive();
-        text += decoder.decode(value, { stream: true });
+        length += value.byteLength;
+        if (length > LONGEST_MANIFEST) throw new ReelError(`${url} is longer than the ${LONGEST_MANIFEST} bytes of a manifest.`, { plain: PLAIN.other });
+        parts.push(value);
       });
-      return text + decoder.decode();
+      const body = await new Blob(parts as BlobPart[]).arrayBuffer();
+      try {
+        return utf8(body);
+      } catch (error) {
+        throw new ReelError(`${url} is not a reel's manifest: ${messageOf(error)}.`, { plain: PLAIN.other });
+      }
     }),
   );
 }
