@@ -112,7 +112,7 @@ function check(error: unknown, manifest: boolean): void {
 }
 
 /** Return gray frames instead of running the video decoder, which is third-party and cannot be guided. */
-async function decodeTrack(track: Track): Promise<Uint8Array> {
+export async function decodeTrack(track: Track): Promise<Uint8Array> {
   return new Uint8Array(track.width * track.height * track.samples.length).fill(128);
 }
 

@@ -56,7 +56,7 @@ test("a reel replaced on its host is opened again, at the same time and view", a
   fake.player.camera!.orbit(0.2, 0);
   const { viewmat } = fake.player.camera!;
   for (const plain of [PLAIN.damaged, PLAIN.missing]) {
-    host.answer(whole(JSON.stringify(documentOf({ groups: 20, points: plain === PLAIN.damaged ? 50 : 60 }))));
+    fake.answer({ groups: 20, points: plain === PLAIN.damaged ? 50 : 60 });
     fake.files.say("groups/15.bin", { error: "groups/15.bin is another one.", plain });
     await time.pass(0);
     assert.deepEqual([fake.player.error, fake.player.currentTime], [null, 15]);

@@ -76,12 +76,12 @@ export class FakePlayer {
   readonly files: Transfers;
 
   /** A player that somebody looks at; the one before is put to rest. */
-  constructor(readonly plan: Plan = {}) {
+  constructor(public plan: Plan = {}) {
     FakePlayer.last?.player.close();
     FakePlayer.last?.player.rest();
     FakePlayer.last = this;
     FakeWorker.all.length = 0;
-    this.files = new Transfers((uri) => (uri.startsWith("pages") ? pageAt(plan, uri) : pointsAt(plan, uri)));
+    this.files = new Transfers((uri) => (uri.startsWith("pages") ? pageAt(this.plan, uri) : pointsAt(this.plan, uri)));
     const canvas = Object.assign(new EventTarget(), { width: 0, height: 0, clientWidth: 160, clientHeight: 90, getContext: (): unknown => this.device.gl });
     this.device.tell = (event) => void setTimeout(() => canvas.dispatchEvent(new Event(event)));
     this.player = new Player(canvas as unknown as HTMLCanvasElement);
@@ -90,9 +90,15 @@ export class FakePlayer {
       if (this.events.at(-1) !== name) this.events.push(name);
       emit(name);
     };
-    FakePlayer.host.answer(whole(JSON.stringify(documentOf(plan))));
+    this.answer(plan);
     this.player.wake();
     this.player.show(true);
+  }
+
+  /** Answer requests for the manifest with that of a plan; files are those of this plan from now on. */
+  answer(plan: Plan): void {
+    this.plan = plan;
+    FakePlayer.host.answer(whole(JSON.stringify(documentOf(plan))));
   }
 
   get stage(): Stage {

@@ -7,6 +7,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from splatreel.codec.quantize import is_whole
 from splatreel.errors import ReelError
 from splatreel.scene.memory_budget import A_BYTE, FLOOR, allowed_memory, in_megabytes
 
@@ -78,7 +79,7 @@ def most_points(size: int) -> int:
 
 def _whole(parameters: Mapping[str, Any], name: str) -> int:
     value = parameters.get(name)
-    return value if type(value) is int and 0 <= value <= 1 << 26 else 0
+    return int(value) if is_whole(value) and 0 <= value <= 1 << 26 else 0
 
 
 def _area(parameters: Mapping[str, Any]) -> int:

@@ -70,6 +70,7 @@ export function parseLayers(value: unknown, end: number): ReelFile[] {
 
 function parseFiles(value: unknown): ReelFile[] {
   const layers = list(value, "layers").map((item) => parseFile(item, 0));
+  if (new Set(layers.map(({ uri }) => uri)).size < layers.length) throw new ReelError("The manifest is damaged: it lists a layer twice.");
   if (layers.length > MAX_FILES) throw new ReelError(`The manifest is damaged: it has ${layers.length} layers.`);
   const sum = (field: "points" | "bytes"): number => layers.reduce((total, layer) => total + layer[field], 0);
   checkPoints("layers", sum("points"), sum("bytes"));
@@ -82,7 +83,6 @@ export function parseRetiringLayers(value: unknown, first: number, end: number):
     const { until } = (value as Json[])[index];
     return until === undefined ? layer : { ...layer, until: whole(until, Math.max(layer.group, first) + 1, MAX_NUMBER, `until of ${layer.uri}`) };
   });
-  if (new Set(layers.map(({ uri }) => uri)).size < layers.length) throw new ReelError("The manifest is damaged: it lists a layer twice.");
   for (const [index, { uri, group, until }] of layers.entries()) {
     const before = layers[index - 1];
     const ordered = !before || before.group < group || (before.group === group && before.until >= until);

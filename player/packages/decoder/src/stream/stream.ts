@@ -75,6 +75,11 @@ export class Stream {
     if (dropped) this.demand = { ...this.demand, current: null, previous: null };
   }
 
+  /** Request no further files. */
+  stop(): void {
+    this.stopped = true;
+  }
+
   private get manifest(): Manifest {
     return this.reel.manifest;
   }
