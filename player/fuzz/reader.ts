@@ -3,12 +3,12 @@ import { readFileSync, readdirSync } from "node:fs";
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
 import { deflateSync, inflateSync } from "node:zlib";
-import { ReelError } from "@splatreel/decoder/base/errors";
-import { decodeFile } from "@splatreel/decoder/decode/decode-file";
-import { decodePaper } from "@splatreel/decoder/decode/paper";
-import { decodeDraco } from "@splatreel/decoder/decode/draco";
-import type { Track } from "@splatreel/decoder/decode/mp4";
-import { parseManifest } from "@splatreel/decoder/reel/manifest";
+import { ReelError } from "../packages/decoder/src/base/errors";
+import { decodeFile } from "../packages/decoder/src/decode/decode-file";
+import { decodePaper } from "../packages/decoder/src/decode/paper";
+import { decodeDraco } from "../packages/decoder/src/decode/draco";
+import type { Track } from "../packages/decoder/src/decode/mp4";
+import { parseManifest } from "../packages/decoder/src/reel/manifest";
 
 const NAME = "groups/it.safetensors";
 const MAX_EDITS = 12;

@@ -1,14 +1,15 @@
 /** Verdicts of the decoder on whole reels. Files are decoded in this thread, so that thousands of reels take little time. */
 import { readdirSync, readFileSync, statSync } from "node:fs";
 import { join } from "node:path";
-import { ReelError, messageOf } from "@splatreel/decoder/base/errors";
-import { decodePaper } from "@splatreel/decoder/decode/paper";
-import { decodeFile } from "@splatreel/decoder/decode/decode-file";
-import type { DecodeReply, DecodeRequest } from "@splatreel/decoder/decode/decode-worker";
-import { download } from "@splatreel/decoder/files/download";
-import { LocalFiles } from "@splatreel/decoder/files/local-files";
-import { ReelReader } from "@splatreel/decoder/reader/reel-reader";
-import { parseJson, utf8 } from "@splatreel/decoder/reel/json";
+import { ReelError, messageOf } from "../packages/decoder/src/base/errors";
+import { decodePaper } from "../packages/decoder/src/decode/paper";
+import { decodeFile } from "../packages/decoder/src/decode/decode-file";
+import type { DecodeReply, DecodeRequest } from "../packages/decoder/src/decode/decode-worker";
+import { download } from "../packages/decoder/src/files/download";
+import { LocalFiles } from "../packages/decoder/src/files/local-files";
+import { ReelReader } from "../packages/decoder/src/reader/reel-reader";
+import { utf8 } from "../packages/decoder/src/base/text";
+import { parseJson } from "../packages/decoder/src/reel/json";
 import { decodeCloud, decodeTrack } from "./reader";
 
 /** Milliseconds that a reel may take; far more than it needs. */

@@ -4,14 +4,14 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { beforeEach, test } from "node:test";
 import { pathToFileURL } from "node:url";
-import { PLAIN } from "@splatreel/decoder/base/errors";
-import type { DecodedFile } from "@splatreel/decoder/decode/decode-file";
-import type { DecodeReply, DecodeRequest } from "@splatreel/decoder/decode/decode-worker";
+import { PLAIN } from "../packages/decoder/src/base/errors";
+import type { DecodedFile } from "../packages/decoder/src/decode/decode-file";
+import type { DecodeReply, DecodeRequest } from "../packages/decoder/src/decode/decode-worker";
 import { FakeHost, pieces, status, whole } from "./fakes/host";
 import "./fakes/page";
 import { FakeTime } from "./fakes/time";
 import { FakeWorker } from "./fakes/workers";
-import "@splatreel/decoder/decode/decode-worker";
+import "../packages/decoder/src/decode/decode-worker";
 
 const packages = join(process.cwd(), "node_modules");
 const golden = (path: string): Uint8Array => new Uint8Array(readFileSync(join(process.cwd(), "../tests/data", path)));

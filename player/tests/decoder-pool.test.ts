@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
-import { PLAIN } from "@splatreel/decoder/base/errors";
-import type { DecodeReply } from "@splatreel/decoder/decode/decode-worker";
-import { DecoderPool, EARLY } from "@splatreel/decoder/stream/decoder-pool";
-import { decodeWorkers } from "../src/files/bundle";
+import { PLAIN } from "../packages/decoder/src/base/errors";
+import type { DecodeReply } from "../packages/decoder/src/decode/decode-worker";
+import { DecoderPool, EARLY } from "../packages/decoder/src/stream/decoder-pool";
+import { decodeWorkers } from "../packages/renderer/src/files/bundle";
 import { FakeTime } from "./fakes/time";
 import { FakeWorker, FILE } from "./fakes/workers";
 

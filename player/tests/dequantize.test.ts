@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { deflateSync } from "node:zlib";
-import { flags, inflate, linear, packedSize, unpack } from "@splatreel/decoder/decode/dequantize";
-import { half } from "../src/draw/point-words";
-import type { Container } from "@splatreel/decoder/reel/container";
+import { flags, inflate, linear, packedSize, unpack } from "../packages/decoder/src/decode/dequantize";
+import { half } from "../packages/renderer/src/draw/point-words";
+import type { Container } from "../packages/decoder/src/reel/container";
 
 /** The low bytes of all, then the bits above, lowest bit first. */
 function pack(values: number[], bits: number): Uint8Array {

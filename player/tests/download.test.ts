@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { beforeEach, test } from "node:test";
-import { PLAIN, ReelError } from "@splatreel/decoder/base/errors";
-import { download, downloadText } from "@splatreel/decoder/files/download";
+import { PLAIN, ReelError } from "../packages/decoder/src/base/errors";
+import { download, downloadText } from "../packages/decoder/src/files/download";
 import { FakeHost, pieces, ranged, status, unreachable, whole } from "./fakes/host";
 import { device, page } from "./fakes/page";
 import { FakeTime } from "./fakes/time";

@@ -2,10 +2,10 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { loadPart } from "../src/files/bundle";
-import { download } from "@splatreel/decoder/files/download";
-import { embeddedPlayerFile, embeddedReel } from "../src/files/embedded";
-import { addressOf, readManifest, sourceOf } from "@splatreel/decoder/reel/manifest";
+import { loadPart } from "../packages/renderer/src/files/bundle";
+import { download } from "../packages/decoder/src/files/download";
+import { embeddedPlayerFile, embeddedReel } from "../packages/renderer/src/files/embedded";
+import { addressOf, readManifest, sourceOf } from "../packages/decoder/src/reel/manifest";
 import "./fakes/page";
 
 const GOLDEN = join(process.cwd(), "../tests/data/golden-predictive");

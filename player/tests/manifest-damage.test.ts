@@ -3,11 +3,11 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { ReelError } from "@splatreel/decoder/base/errors";
-import { withPage } from "@splatreel/decoder/reel/pages";
-import { missingPages, momentAt } from "@splatreel/decoder/reel/timeline";
-import { loadManifest, parseManifest, sourceOf, type Manifest } from "@splatreel/decoder/reel/manifest";
-import type { ReelFile } from "@splatreel/decoder/reel/reel-file";
+import { ReelError } from "../packages/decoder/src/base/errors";
+import { withPage } from "../packages/decoder/src/reel/pages";
+import { missingPages, momentAt } from "../packages/decoder/src/reel/timeline";
+import { loadManifest, parseManifest, sourceOf, type Manifest } from "../packages/decoder/src/reel/manifest";
+import type { ReelFile } from "../packages/decoder/src/reel/reel-file";
 import "./fakes/page";
 
 const URL = "https://page.example/reel/manifest.json";

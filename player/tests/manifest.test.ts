@@ -2,8 +2,8 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { parseManifest } from "@splatreel/decoder/reel/manifest";
-import { fileOf } from "@splatreel/decoder/reel/reel-file";
+import { parseManifest } from "../packages/decoder/src/reel/manifest";
+import { fileOf } from "../packages/decoder/src/reel/reel-file";
 
 const TEXT = readFileSync(join(process.cwd(), "../tests/data/golden-predictive/manifest.json"), "utf8");
 const URL = "https://example.org/reel/manifest.json";

@@ -2,11 +2,11 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { PLAIN } from "@splatreel/decoder/base/errors";
-import { decodeFile } from "@splatreel/decoder/decode/decode-file";
-import { parseManifest, type Manifest } from "@splatreel/decoder/reel/manifest";
-import { withKnown, withPage } from "@splatreel/decoder/reel/pages";
-import { layersAt } from "@splatreel/decoder/reel/reel-file";
+import { PLAIN } from "../packages/decoder/src/base/errors";
+import { decodeFile } from "../packages/decoder/src/decode/decode-file";
+import { parseManifest, type Manifest } from "../packages/decoder/src/reel/manifest";
+import { withKnown, withPage } from "../packages/decoder/src/reel/pages";
+import { layersAt } from "../packages/decoder/src/reel/reel-file";
 import { ADDRESS, documentOf, manifestOf, pageAt, type Plan } from "./fakes/reel";
 
 const never = (): never => assert.fail("it is of the predictive codec");

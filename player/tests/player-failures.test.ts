@@ -1,7 +1,7 @@
 /** Failures of a player: files, manifests and graphics devices. */
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { DeviceLostError, PLAIN, ReelError } from "@splatreel/decoder/base/errors";
+import { DeviceLostError, PLAIN, ReelError } from "../packages/decoder/src/base/errors";
 import { status, whole } from "./fakes/host";
 import { device, page } from "./fakes/page";
 import { FakePlayer, OFTEN, started } from "./fakes/player";

@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { LocalFiles } from "@splatreel/decoder/files/local-files";
-import { pointsAt } from "@splatreel/decoder/reader/points";
-import { ReelReader } from "@splatreel/decoder/reader/reel-reader";
-import { decodeWorkers } from "../src/files/bundle";
+import { LocalFiles } from "../packages/decoder/src/files/local-files";
+import { pointsAt } from "../packages/decoder/src/reader/points";
+import { ReelReader } from "../packages/decoder/src/reader/reel-reader";
+import { decodeWorkers } from "../packages/renderer/src/files/bundle";
 import { pointsAt as fileOf, pointsOf } from "./fakes/player";
 import { documentOf, pageAt, type Plan } from "./fakes/reel";
 import { settled } from "./fakes/time";

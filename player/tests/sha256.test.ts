@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { test } from "node:test";
-import { isIntact } from "@splatreel/decoder/files/checksum";
-import { sha256 } from "@splatreel/decoder/files/sha256";
+import { isIntact } from "../packages/decoder/src/files/checksum";
+import { sha256 } from "../packages/decoder/src/files/sha256";
 
 const bytesOf = (length: number): Uint8Array => Uint8Array.from({ length }, (_, i) => (i * 7919 + (i >> 3)) & 255);
 

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { segmentAt, spareSegments, wantedSegments } from "../src/sound/sound-source";
+import { segmentAt, spareSegments, wantedSegments } from "../packages/renderer/src/sound/sound-source";
 
 const segments = Array.from({ length: 100 }, (_, index) => ({ uri: `${index}`, bytes: 1, sha256: "0".repeat(64), start: 2 * index, seconds: 2 }));
 

@@ -1,19 +1,21 @@
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { afterEach, beforeEach, mock, test } from "node:test";
-import type { Sound } from "@splatreel/decoder/reel/presentation";
-import { Soundtrack } from "../src/sound/soundtrack";
+import type { Sound } from "../packages/decoder/src/reel/presentation";
+import { Soundtrack } from "../packages/renderer/src/sound/soundtrack";
 import { FakeAudio, FakeMediaSource } from "./fakes/audio";
 import { FakeHost, status, type Answer } from "./fakes/host";
-import { Reel } from "@splatreel/decoder/reel/reel";
+import { isIntact } from "../packages/decoder/src/files/checksum";
+import { Reel } from "../packages/decoder/src/reel/reel";
 import { manifestOf } from "./fakes/reel";
 import { FakeTime } from "./fakes/time";
 
 const time = new FakeTime();
 const host = new FakeHost();
 mock.method(console, "warn", () => undefined);
-// Without crypto.subtle, which answers from another thread, digests are computed at once.
+// Without crypto.subtle, which answers from another thread, digests are computed at once, after the script for them was loaded.
 Object.defineProperty(globalThis, "crypto", { value: {} });
+await isIntact(new Uint8Array(), "");
 
 const digestOf = (...bytes: number[]): string => createHash("sha256").update(Uint8Array.from(bytes)).digest("hex");
 /** Segments of two seconds whose bytes are their start and length. */

@@ -1,13 +1,13 @@
 /** A player without a browser: pictures go nowhere, files come when a test says so, and points are sorted by the real code. */
-import { Player } from "../../src/player/player";
-import type { Stage } from "../../src/draw/stage";
+import { Player } from "../../packages/element/src/player/player";
+import type { Stage } from "../../packages/renderer/src/draw/stage";
 import "./audio";
 import { FakeHost, whole } from "./host";
 import "./page";
 import { ADDRESS, birthOf, documentOf, livingAt, pageAt, shareOf, type Plan } from "./reel";
 import { FakeTime, settled } from "./time";
 import { FakeWorker, Transfers } from "./workers";
-import "../../src/draw/sort-worker";
+import "../../packages/renderer/src/draw/sort-worker";
 
 // eslint-disable-next-line @typescript-eslint/no-explicit-any
 const scope = globalThis as any;

@@ -1,5 +1,5 @@
 /** Manifests of small reels. */
-import { parseManifest, type Manifest } from "@splatreel/decoder/reel/manifest";
+import { parseManifest, type Manifest } from "../../packages/decoder/src/reel/manifest";
 
 export const ADDRESS = "https://page.example/reel/manifest.json";
 

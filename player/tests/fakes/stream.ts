@@ -1,13 +1,13 @@
 /** A stream whose files come when a test says so. */
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
-import { Reel } from "@splatreel/decoder/reel/reel";
-import { momentAt } from "@splatreel/decoder/reel/timeline";
-import { DecoderPool } from "@splatreel/decoder/stream/decoder-pool";
-import { costOf } from "@splatreel/decoder/stream/file-cache";
-import type { Demand } from "@splatreel/decoder/stream/queue";
-import { RenditionPolicy } from "@splatreel/decoder/stream/rendition-policy";
-import { Stream } from "@splatreel/decoder/stream/stream";
-import { decodeWorkers } from "../../src/files/bundle";
+import type { Manifest } from "../../packages/decoder/src/reel/manifest";
+import { Reel } from "../../packages/decoder/src/reel/reel";
+import { momentAt } from "../../packages/decoder/src/reel/timeline";
+import { DecoderPool } from "../../packages/decoder/src/stream/decoder-pool";
+import { costOf } from "../../packages/decoder/src/stream/file-cache";
+import type { Demand } from "../../packages/decoder/src/stream/queue";
+import { RenditionPolicy } from "../../packages/decoder/src/stream/rendition-policy";
+import { Stream } from "../../packages/decoder/src/stream/stream";
+import { decodeWorkers } from "../../packages/renderer/src/files/bundle";
 import { fileAt, manifestOf, pageAt, type Plan } from "./reel";
 import { FakeTime } from "./time";
 import { FakeWorker, Transfers } from "./workers";

@@ -2,10 +2,10 @@
 import { SplatReelElement } from "./element/element";
 import { openPage, type PageRoot } from "./element/page";
 
-export type { Camera, Manifest } from "@splatreel/decoder/reel/manifest";
+export type { Camera, Manifest } from "@splatreel/decoder/internal";
 export { Player } from "./player/player";
 export type { Pose } from "./camera/pose";
-export type { Picture } from "./draw/stage";
+export type { Picture } from "@splatreel/renderer";
 export type { Stats } from "./player/stats";
 export { SplatReelElement };
 

@@ -1,6 +1,6 @@
 /** Downloads over unreliable networks: retries with growing pauses, resumes interrupted transfers, and verifies checksums. */
 import { PLAIN, ReelError, messageOf } from "../base/errors";
-import { utf8 } from "../reel/json";
+import { utf8 } from "../base/text";
 import { isIntact } from "./checksum";
 import { LONGEST_MANIFEST, readLocalFile } from "./local-files";
 import type { Source, Watcher } from "./source";
@@ -37,18 +37,17 @@ export function downloadText(url: string, watcher: Watcher, signal: AbortSignal)
     withStallTimeout(signal, FEW_RETRIES, async (inner, alive) => {
       const answer = await request(url, { cache: "no-cache", signal: inner }, FEW_RETRIES);
       const parts: Uint8Array[] = [];
-      let length = 0;
-      await readAll(answer, FEW_RETRIES, (value) => {
-        alive();
-        length += value.byteLength;
-        if (length > LONGEST_MANIFEST) throw new ReelError(`${url} is longer than the ${LONGEST_MANIFEST} bytes of a manifest.`, { plain: PLAIN.other });
-        parts.push(value);
-      });
-      const body = await new Blob(parts as BlobPart[]).arrayBuffer();
+      let left = LONGEST_MANIFEST;
       try {
-        return utf8(body);
+        await readAll(answer, FEW_RETRIES, (value) => {
+          alive();
+          left -= value.byteLength;
+          if (left < 0) throw new ReelError(`it is longer than ${LONGEST_MANIFEST} bytes`);
+          parts.push(value);
+        });
+        return utf8(await new Blob(parts as BlobPart[]).arrayBuffer());
       } catch (error) {
-        throw new ReelError(`${url} is not a reel's manifest: ${messageOf(error)}.`, { plain: PLAIN.other });
+        throw error instanceof ReelError ? new ReelError(`${url} is not a reel's manifest: ${error.message}.`, { plain: PLAIN.other }) : error;
       }
     }),
   );

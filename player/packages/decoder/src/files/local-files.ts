@@ -1,6 +1,6 @@
 /** Files of a reel without a network: dropped on the page, or embedded in it. */
 import { PLAIN, ReelError, messageOf } from "../base/errors";
-import { utf8 } from "../reel/json";
+import { utf8 } from "../base/text";
 import { isIntact } from "./checksum";
 import type { LocalFile, Source, Watcher } from "./source";
 

@@ -1,7 +1,8 @@
 /** Parsing of safetensors files with a `splatreel` header (docs/format.md). */
 import { PLAIN, ReelError } from "../base/errors";
 import { fits } from "./budget";
-import { MAX_NUMBER, parseJson, utf8 } from "./json";
+import { MAX_NUMBER, parseJson } from "./json";
+import { utf8 } from "../base/text";
 
 /** Maximum bytes of the header. */
 const MAX_HEADER = 2 ** 20;

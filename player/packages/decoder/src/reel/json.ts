@@ -16,22 +16,13 @@ const LONE_SURROGATE = /\p{Surrogate}/u;
 /** A path within the reel: no other host, no parent folder, no hidden file. */
 const PLAIN_PATH = /^[A-Za-z0-9_][A-Za-z0-9_.-]*(\/[A-Za-z0-9_][A-Za-z0-9_.-]*)*$/;
 
-/** Return the text of UTF-8 bytes. Throws for other bytes. */
-export function utf8(bytes: ArrayBuffer | Uint8Array): string {
-  try {
-    return new TextDecoder("utf-8", { fatal: true, ignoreBOM: true }).decode(bytes);
-  } catch {
-    throw new ReelError("it is not UTF-8");
-  }
-}
-
 /** Return the value of a JSON text. Throws for other text, half a character, infinite numbers, and too many or too deeply nested values. */
 export function parseJson(text: string): unknown {
   const value: unknown = JSON.parse(text);
   let count = 0;
   const check = (part: unknown, depth: number): void => {
     if (++count > MAX_VALUES) throw new ReelError(`it holds more than ${MAX_VALUES} values`);
-    if (typeof part === "number" && !Number.isFinite(part)) throw new ReelError("it holds a number beyond the range of floating-point numbers");
+    if (typeof part === "number" && !Number.isFinite(part)) throw new ReelError("it holds an infinite number");
     if (typeof part === "string" && LONE_SURROGATE.test(part)) throw new ReelError("it holds half a character");
     if (typeof part !== "object" || part === null) return;
     if (depth === MAX_DEPTH) throw new ReelError(`it is nested more than ${MAX_DEPTH} deep`);

@@ -1,5 +1,5 @@
 /** Rotations as unit quaternions wxyz. */
-import type { Vec3 } from "@splatreel/decoder/base/matrix";
+import type { Vec3 } from "@splatreel/decoder/internal";
 
 /** A quaternion wxyz. */
 export type Quat = [number, number, number, number];

@@ -1,6 +1,5 @@
 /** Camera paths: keyframes of view and reel time, and smooth interpolation between them (docs/format.md). */
-import { ReelError } from "@splatreel/decoder/base/errors";
-import { add, dot, eyeOf, length, scale, subtract, viewmatOf, type Vec3 } from "@splatreel/decoder/base/matrix";
+import { add, dot, eyeOf, length, ReelError, scale, subtract, type Vec3, viewmatOf } from "@splatreel/decoder/internal";
 import { axesOf, multiply, quatOf, slerp, turnAbout, turnBetween, type Quat } from "../base/quaternion";
 
 /** A view and time of the reel. at: seconds of the path; time: seconds of the reel; viewmat [16]: world to camera, row-major, OpenCV. */

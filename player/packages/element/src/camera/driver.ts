@@ -1,5 +1,5 @@
 /** Interface of what moves the camera in place of orbits, such as a walk. */
-import type { Vec3 } from "@splatreel/decoder/base/matrix";
+import type { Vec3 } from "@splatreel/decoder/internal";
 import type { Gaze } from "./horizon";
 import type { Motion } from "./motion";
 

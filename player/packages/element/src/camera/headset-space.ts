@@ -1,7 +1,6 @@
 /** Maps a reel into the space of a headset: meters, y up, floor at 0, forward along -z. */
-import { add, cross, dot, eyeOf, length, normalize, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
-import { intrinsicsOf, type View } from "../base/view";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { add, cross, dot, eyeOf, length, type Manifest, normalize, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
+import { intrinsicsOf, type View } from "@splatreel/renderer";
 import { metersPerUnit } from "./scene-size";
 
 /** Height of the eyes above the floor, in meters. */

@@ -1,5 +1,5 @@
 /** Views with a level horizon. The right axis is always computed from the view direction and `up`, so that no roll accumulates. */
-import { add, cross, dot, length, normalize, rotate, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
+import { add, cross, dot, length, normalize, rotate, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
 import { axesOf, multiply, quatOf, slerp, turnBetween, type Quat } from "../base/quaternion";
 
 /** Minimum angle between a level view and straight up or down, in radians. */

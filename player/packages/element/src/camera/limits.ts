@@ -1,6 +1,5 @@
 /** Limits of the view: those of the manifest, else derived from the reel's bounds and cameras. */
-import { add, cross, dot, eyeOf, length, normalize, rotate, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { add, cross, dot, eyeOf, length, type Manifest, normalize, rotate, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
 
 /** The pivot may leave the bounds by this part of their diagonal. */
 const MARGIN = 0.25;

@@ -1,8 +1,7 @@
 /** Interactive camera that orbits a pivot, with inertia and soft limits. It starts exactly at a camera of the reel. */
-import { add, dot, eyeOf, length, normalize, scale, subtract, viewmatOf, type Vec3 } from "@splatreel/decoder/base/matrix";
+import { add, type Camera, dot, eyeOf, length, type Manifest, normalize, scale, subtract, type Vec3, viewmatOf } from "@splatreel/decoder/internal";
 import { axesOf } from "../base/quaternion";
-import type { View } from "../base/view";
-import type { Camera, Manifest } from "@splatreel/decoder/reel/manifest";
+import type { View } from "@splatreel/renderer";
 import { CameraPath } from "./camera-path";
 import type { CameraDriver, Sight } from "./driver";
 import { Horizon, type Gaze } from "./horizon";

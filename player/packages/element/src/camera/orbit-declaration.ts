@@ -3,8 +3,7 @@
  * Azimuths are counted from the reel's own camera, counterclockwise as seen from above; inclinations from straight above. Distances
  * and positions are in units of the reel, or in percent of the reel's own distance.
  */
-import { add, cross, dot, eyeOf, normalize, rotate, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { add, cross, dot, eyeOf, type Manifest, normalize, rotate, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
 import { Horizon, type Gaze } from "./horizon";
 import type { OrbitBounds } from "./orbit-camera";
 import type { CameraState } from "./pose";

@@ -1,6 +1,6 @@
 /** Places of points on the picture. */
-import type { Vec3 } from "@splatreel/decoder/base/matrix";
-import type { View } from "../base/view";
+import type { Vec3 } from "@splatreel/decoder/internal";
+import type { View } from "@splatreel/renderer";
 
 /** Position in the pixels of a view, and depth in front of the camera, in world units. */
 export interface Place {

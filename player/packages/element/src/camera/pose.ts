@@ -1,5 +1,5 @@
 /** Positions and directions of cameras. */
-import { viewmatOf, type Vec3 } from "@splatreel/decoder/base/matrix";
+import { type Vec3, viewmatOf } from "@splatreel/decoder/internal";
 import { axesOf, quatOf, type Quat } from "../base/quaternion";
 
 /** Eye, rotation (camera to world) and distance of the pivot in front. */

@@ -1,6 +1,5 @@
 /** Checks of views given by links, which may hold anything. */
-import { dot, eyeOf, length, normalize, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { dot, eyeOf, length, type Manifest, normalize, subtract, type Vec3 } from "@splatreel/decoder/internal";
 import { Limits } from "./limits";
 import type { CameraState } from "./pose";
 

@@ -1,6 +1,5 @@
 /** Size of a scene in meters, estimated from its cameras, since captures rarely know it. */
-import { add, eyeOf, length, scale, subtract } from "@splatreel/decoder/base/matrix";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { add, eyeOf, length, type Manifest, scale, subtract } from "@splatreel/decoder/internal";
 
 /** Assumed median distance in meters of the capture's cameras from the center of the scene. */
 const DISTANCE = 2;

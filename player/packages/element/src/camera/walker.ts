@@ -1,6 +1,5 @@
 /** Walks through the scene: looks around from the eye, moves along the ground, and stays within the limits of the view. */
-import { add, cross, length, normalize, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { add, cross, length, type Manifest, normalize, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
 import type { CameraDriver, Sight } from "./driver";
 import { Horizon } from "./horizon";
 import { Limits } from "./limits";

@@ -1,5 +1,5 @@
 /** Loads annotations, a part on demand, once an element has children for them, and follows their changes. */
-import { loadPart } from "../files/bundle";
+import { loadPart } from "@splatreel/renderer";
 import type { Player } from "../player/player";
 import type { Annotations } from "../ui/annotations";
 

@@ -1,5 +1,5 @@
 /** Loads the camera that attributes declare, a part on demand, and follows their changes. */
-import { loadPart } from "../files/bundle";
+import { loadPart } from "@splatreel/renderer";
 import type { Player } from "../player/player";
 import type { DeclaredCamera } from "../ui/declared-camera";
 

@@ -1,5 +1,5 @@
 /** Loads the drop target, a part on demand, once the reel is drawn or has failed, or people drag something over the element. */
-import { loadPart } from "../files/bundle";
+import { loadPart } from "@splatreel/renderer";
 import type { FileDrop, FileDropHost } from "../ui/file-drop";
 
 /** Accept drops on an element until the signal. failed: the part cannot be loaded. */

@@ -1,5 +1,5 @@
 /** The part of <splat-reel> that follows HTMLMediaElement: attributes and states. */
-import { PLAIN, plainWords } from "@splatreel/decoder/base/errors";
+import { PLAIN, plainWords } from "@splatreel/decoder/internal";
 import type { Player } from "../player/player";
 
 /** HTMLElement, or an empty class where there is no page: servers that render pages import the player as well. */

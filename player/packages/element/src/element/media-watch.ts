@@ -1,5 +1,5 @@
 /** Loads the media session, a part on demand, at the first playback. */
-import { loadPart } from "../files/bundle";
+import { loadPart } from "@splatreel/renderer";
 import type { Player } from "../player/player";
 
 /** Show what a player plays on lock screens, until the signal. poster: image of the present reel. */

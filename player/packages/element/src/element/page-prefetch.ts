@@ -1,8 +1,5 @@
 /** First script of the bundled page: requests the manifest and the first layer, and shows the poster, before the player is loaded. */
-import type { DecodeReply, DecodeRequest } from "@splatreel/decoder/decode/decode-worker";
-import { startWorker } from "@splatreel/decoder/files/workers";
-import { addressWithin } from "@splatreel/decoder/reel/json";
-import { EARLY, type EarlyFile, type EarlyWorker } from "@splatreel/decoder/stream/decoder-pool";
+import { addressWithin, type DecodeReply, type DecodeRequest, EARLY, type EarlyFile, type EarlyWorker, startWorker } from "@splatreel/decoder/internal";
 import type { Prefetched } from "../player/prefetched";
 import type { PageRoot } from "./page";
 

@@ -1,7 +1,6 @@
 /** Image over the canvas until the reel is drawn: the poster, or the last frame of a reel that rests or has lost its device. */
-import { DeviceLostError } from "@splatreel/decoder/base/errors";
+import { addressOf, DeviceLostError, isSameReel } from "@splatreel/decoder/internal";
 import type { Player } from "../player/player";
-import { addressOf, isSameReel } from "@splatreel/decoder/reel/manifest";
 import { LastPicture } from "./last-picture";
 
 /** Milliseconds of the cross-fade from the poster to the first frame. */

@@ -1,5 +1,5 @@
 /** Loads captions and chapters, a part on demand, once an element has `<track>` children, and follows their changes. */
-import { loadPart } from "../files/bundle";
+import { loadPart } from "@splatreel/renderer";
 import type { Tracks } from "../ui/text-tracks";
 
 /** Follow the tracks of an element until the signal. create: creates the tracks from the loaded part. failed: the part cannot be loaded. */

@@ -1,7 +1,5 @@
 /** Opens a reel from files that people drop or choose: a folder or a zip. This part is loaded on demand. */
-import { ReelError } from "@splatreel/decoder/base/errors";
-import { LocalFiles } from "@splatreel/decoder/files/local-files";
-import type { LocalFile } from "@splatreel/decoder/files/source";
+import { type LocalFile, LocalFiles, ReelError } from "@splatreel/decoder/internal";
 import { filesOfZip } from "./zip";
 
 /** Dropped files, and the entries of dropped folders. */

@@ -1,6 +1,5 @@
 /** Reads zip archives: the directory first, and each file on access. */
-import { ReelError } from "@splatreel/decoder/base/errors";
-import type { LocalFile } from "@splatreel/decoder/files/source";
+import { type LocalFile, ReelError } from "@splatreel/decoder/internal";
 
 /** Maximum number of files, and maximum bytes of the directory. */
 const MOST_FILES = 100_000;

@@ -159,6 +159,8 @@ const table: Record<string, string> = {
   "The headset cannot be used. Connect it, and let this page use it.": "تعذّر استخدام النظارة. صِلها واسمح للصفحة باستخدامها.",
   "The low side of the box must be below the high side": "يجب أن يكون الحد الأدنى للصندوق أقل من الأعلى",
   "The picture cannot be saved": "تعذّر حفظ الصورة",
+  "The picture is not ready yet.": "الصورة ليست جاهزة بعد.",
+  "The picture is too large to save.": "الصورة أكبر من أن تُحفظ.",
   "The player failed. Its files may be missing, or the page may block it.": "تعطّل المشغّل. قد تكون ملفاته ناقصة، أو تمنعها الصفحة.",
   "The reel cannot be downloaded. Check the network, and try again.": "تعذّر تنزيل التسجيل. تحقق من الشبكة وأعد المحاولة.",
   "The reel was made for a newer player.": "يتطلب التسجيل مشغّلاً أحدث.",

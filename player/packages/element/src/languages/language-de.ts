@@ -159,6 +159,8 @@ const table: Record<string, string> = {
   "The headset cannot be used. Connect it, and let this page use it.": "Die Brille kann nicht benutzt werden. Schließen Sie sie an und erlauben Sie dieser Seite die Nutzung.",
   "The low side of the box must be below the high side": "Die Untergrenze des Quaders muss unter der Obergrenze liegen",
   "The picture cannot be saved": "Das Bild kann nicht gespeichert werden",
+  "The picture is not ready yet.": "Das Bild ist noch nicht fertig.",
+  "The picture is too large to save.": "Das Bild ist zu groß zum Speichern.",
   "The player failed. Its files may be missing, or the page may block it.": "Der Player ist ausgefallen. Seine Dateien fehlen, oder die Seite blockiert sie.",
   "The reel cannot be downloaded. Check the network, and try again.": "Die Aufnahme kann nicht geladen werden. Prüfen Sie das Netz und versuchen Sie es erneut.",
   "The reel was made for a newer player.": "Die Aufnahme braucht einen neueren Player.",

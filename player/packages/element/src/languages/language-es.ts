@@ -159,6 +159,8 @@ const table: Record<string, string> = {
   "The headset cannot be used. Connect it, and let this page use it.": "No se puede usar el visor. Conéctelo y permita su uso a esta página.",
   "The low side of the box must be below the high side": "El límite inferior de la caja debe ser menor que el superior",
   "The picture cannot be saved": "No se puede guardar la imagen",
+  "The picture is not ready yet.": "La imagen aún no está lista.",
+  "The picture is too large to save.": "La imagen es demasiado grande para guardarla.",
   "The player failed. Its files may be missing, or the page may block it.": "El reproductor falló. Faltan archivos o la página los bloquea.",
   "The reel cannot be downloaded. Check the network, and try again.": "No se puede descargar la grabación. Comprueba la red e inténtalo de nuevo.",
   "The reel was made for a newer player.": "La grabación requiere un reproductor más nuevo.",

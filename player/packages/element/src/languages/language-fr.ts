@@ -159,6 +159,8 @@ const table: Record<string, string> = {
   "The headset cannot be used. Connect it, and let this page use it.": "Le casque ne peut être utilisé. Branchez-le et autorisez cette page à l’utiliser.",
   "The low side of the box must be below the high side": "La limite basse de la boîte doit être inférieure à la limite haute",
   "The picture cannot be saved": "L’image ne peut être enregistrée",
+  "The picture is not ready yet.": "L’image n’est pas encore prête.",
+  "The picture is too large to save.": "L’image est trop grande pour être enregistrée.",
   "The player failed. Its files may be missing, or the page may block it.": "Le lecteur a échoué. Ses fichiers manquent, ou la page les bloque.",
   "The reel cannot be downloaded. Check the network, and try again.": "La vidéo ne peut être téléchargée. Vérifiez le réseau et réessayez.",
   "The reel was made for a newer player.": "La vidéo exige un lecteur plus récent.",

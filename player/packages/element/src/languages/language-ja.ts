@@ -159,6 +159,8 @@ const table: Record<string, string> = {
   "The headset cannot be used. Connect it, and let this page use it.": "ヘッドセットを使えません。接続し、このページに使用を許可してください。",
   "The low side of the box must be below the high side": "ボックスの下限は上限より小さくしてください",
   "The picture cannot be saved": "画像を保存できません",
+  "The picture is not ready yet.": "画像の準備がまだできていません。",
+  "The picture is too large to save.": "画像が大きすぎて保存できません。",
   "The player failed. Its files may be missing, or the page may block it.": "プレーヤーが動作しません。ファイルがないか、ページがブロックしています。",
   "The reel cannot be downloaded. Check the network, and try again.": "リールをダウンロードできません。接続を確認して再試行してください。",
   "The reel was made for a newer player.": "このリールには新しいプレーヤーが必要です。",

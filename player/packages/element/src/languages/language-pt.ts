@@ -159,6 +159,8 @@ const table: Record<string, string> = {
   "The headset cannot be used. Connect it, and let this page use it.": "Não é possível usar o óculos. Conecte-o e permita o uso a esta página.",
   "The low side of the box must be below the high side": "O limite inferior da caixa deve ser menor que o superior",
   "The picture cannot be saved": "Não é possível salvar a imagem",
+  "The picture is not ready yet.": "A imagem ainda não está pronta.",
+  "The picture is too large to save.": "A imagem é grande demais para ser salva.",
   "The player failed. Its files may be missing, or the page may block it.": "O leitor falhou. Faltam arquivos ou a página os bloqueia.",
   "The reel cannot be downloaded. Check the network, and try again.": "Não é possível baixar a gravação. Verifique a rede e tente de novo.",
   "The reel was made for a newer player.": "A gravação requer um leitor mais novo.",

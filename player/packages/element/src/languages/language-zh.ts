@@ -159,6 +159,8 @@ const table: Record<string, string> = {
   "The headset cannot be used. Connect it, and let this page use it.": "无法使用头显。请连接头显并允许此页面使用。",
   "The low side of the box must be below the high side": "方框的下限必须小于上限",
   "The picture cannot be saved": "无法保存图片",
+  "The picture is not ready yet.": "图像尚未准备好。",
+  "The picture is too large to save.": "图像太大，无法保存。",
   "The player failed. Its files may be missing, or the page may block it.": "播放器出错。可能缺少文件,或网页阻止了它。",
   "The reel cannot be downloaded. Check the network, and try again.": "无法下载录像。请检查网络后重试。",
   "The reel was made for a newer player.": "此录像需要更新的播放器。",

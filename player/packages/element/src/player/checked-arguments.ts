@@ -1,12 +1,6 @@
 /** Checks of arguments given by pages, as in HTMLMediaElement. */
+import { finite } from "@splatreel/renderer";
 import type { Pose } from "../camera/pose";
-
-/** Return a finite number, which may be given as a string. Throws `TypeError`. */
-export function finite(value: number | string, what: string): number {
-  const number = typeof value === "string" ? Number(value) : value;
-  if (typeof number !== "number" || !Number.isFinite(number)) throw new TypeError(`${what} must be a finite number, not ${String(value)}.`);
-  return number;
-}
 
 /** Return a world-to-camera matrix [16], row-major, if it holds a rotation. Throws `TypeError`. */
 export function checkedViewmat(viewmat: ArrayLike<number>): number[] {

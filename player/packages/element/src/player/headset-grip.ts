@@ -1,5 +1,5 @@
 /** Grabs of the reel in a headset: one hand moves it, two hands also scale and turn it. A short pinch or press of the trigger is no grab. */
-import { add, length, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
+import { add, length, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
 import type { HeadsetSpace } from "../camera/headset-space";
 import { meetsLevel, positionOf, rayOf } from "./headset-input";
 import type { XrFrame, XrInput, XrSession } from "./headset-support";

@@ -1,5 +1,5 @@
 /** Positions and rays of what people hold, in the space of a headset. */
-import { add, scale, type Vec3 } from "@splatreel/decoder/base/matrix";
+import { add, scale, type Vec3 } from "@splatreel/decoder/internal";
 import type { XrFrame, XrInput } from "./headset-support";
 
 /** A ray. */

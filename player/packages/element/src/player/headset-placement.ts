@@ -1,10 +1,9 @@
 /** Placement of a reel in the room: a ring shows the floor that the viewer looks at, and the first tap puts the reel there. */
-import { add, dot, normalize, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
+import { add, dot, type Manifest, normalize, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
 import type { HeadsetSpace } from "../camera/headset-space";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
 import { positionOf } from "./headset-input";
 import type { XrFrame, XrSession } from "./headset-support";
-import type { Mark } from "../webgl/headset-marks";
+import type { Mark } from "@splatreel/renderer";
 
 /** Minimum height of the unit normal of a surface that is level. */
 const LEVEL = 0.9;

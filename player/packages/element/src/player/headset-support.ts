@@ -1,5 +1,5 @@
 /** Availability of headsets. The session itself is in a part of the player that is loaded on demand. */
-import type { HeadsetLayer } from "../draw/renderer";
+import type { HeadsetLayer } from "@splatreel/renderer";
 
 /** Virtual reality, or a reel in the room of the viewer. */
 export type HeadsetMode = "vr" | "ar";

@@ -1,10 +1,10 @@
 /** Movement in virtual reality by the thumbstick: ahead aims at the floor and teleports there on release, to a side turns. */
-import { add, length, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
+import { add, length, subtract, type Vec3 } from "@splatreel/decoder/internal";
 import type { HeadsetSpace } from "../camera/headset-space";
 import type { Limits } from "../camera/limits";
 import { meetsLevel, rayOf } from "./headset-input";
 import type { XrFrame, XrInput } from "./headset-support";
-import type { Mark } from "../webgl/headset-marks";
+import type { Mark } from "@splatreel/renderer";
 
 /** Deflections at which the stick acts and is released. */
 const PUSHED = 0.7;

@@ -2,14 +2,11 @@
  * Virtual and augmented reality by WebXR: two views per frame, on the headset's own clock. A pinch or trigger plays and pauses, hands
  * move the reel, thumbsticks the viewer, and in augmented reality the first tap places the reel. This part is loaded on demand.
  */
-import { ReelError } from "@splatreel/decoder/base/errors";
-import { eyeOf } from "@splatreel/decoder/base/matrix";
+import { eyeOf, ReelError } from "@splatreel/decoder/internal";
 import { HeadsetSpace } from "../camera/headset-space";
 import { Limits } from "../camera/limits";
 import type { OrbitCamera } from "../camera/orbit-camera";
-import type { Eye } from "../draw/eye";
-import type { HeadsetLayer } from "../draw/renderer";
-import { HeadsetMarks, type MarkedEye } from "../webgl/headset-marks";
+import { type Eye, type HeadsetLayer, HeadsetMarks, type MarkedEye } from "@splatreel/renderer";
 import { HeadsetGrip } from "./headset-grip";
 import { positionOf } from "./headset-input";
 import { HeadsetPlacement } from "./headset-placement";
@@ -53,7 +50,7 @@ export class Headset {
     session.addEventListener("end", () => {
       headset?.marks.delete();
       stage.passthrough = false;
-      player.playback.leaveHeadset();
+      player.playback.drawInPage();
       ended();
     });
     try {
@@ -69,7 +66,7 @@ export class Headset {
       throw error;
     }
     stage.passthrough = mode === "ar";
-    player.playback.enterHeadset();
+    player.playback.letCallerDraw();
     session.requestAnimationFrame(headset.draw);
     return headset;
   }
@@ -108,7 +105,7 @@ export class Headset {
     }
     if (eyes.length === 0) return;
     const view = { ...room.view(pose.transform.inverse.matrix, pose.views[0].projectionMatrix, 1, 1, camera.near), ...WIDE };
-    if (!waits) player.playback.tickInHeadset(now, view, eyes);
+    if (!waits) player.playback.drawForCaller(now, view, eyes);
     this.marks.draw(layer.framebuffer, marked, marks, waits);
   };
 }

@@ -1,17 +1,11 @@
 /** Opens and closes reels: creates the session of a reel, ends it while nobody looks, and begins it again later or after an error. */
-import { DeviceLostError, messageOf } from "@splatreel/decoder/base/errors";
+import { DeviceLostError, type LocalFiles, type Manifest, messageOf, Reel } from "@splatreel/decoder/internal";
 import { OrbitCamera } from "../camera/orbit-camera";
 import type { CameraState, Start } from "../camera/pose";
 import { reachable } from "../camera/reachable";
-import type { LocalFiles } from "@splatreel/decoder/files/local-files";
-import type { GraphicsDevice } from "../draw/renderer";
-import { Sorter } from "../draw/sorter";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
-import { Reel } from "@splatreel/decoder/reel/reel";
-import type { Clock } from "./clock";
+import { type Clock, type GraphicsDevice, Session, type SessionEvents, Sorter } from "@splatreel/renderer";
 import { graphicsDeviceOf } from "./graphics";
 import type { Prefetched } from "./prefetched";
-import { Session, type SessionEvents } from "./session";
 
 /** The part of the player that opening a reel needs. */
 export interface LifecycleHost {
@@ -90,7 +84,7 @@ export class Lifecycle {
   }
 
   startAt(seconds: number): void {
-    this.requestedTime = Math.max(seconds, 0);
+    this.requestedTime = seconds;
   }
 
   /** Address of the poster that the page has requested early; "" if there is none for this reel. */

@@ -1,5 +1,5 @@
 /** Plays a camera path: moves the camera and the reel's time along it, until people move the camera or seek, play or pause. */
-import { ReelError } from "@splatreel/decoder/base/errors";
+import { ReelError } from "@splatreel/decoder/internal";
 import type { CameraPath } from "../camera/camera-path";
 import type { Player } from "./player";
 

@@ -1,23 +1,12 @@
 /** The player: its methods, state and events, for the element and the controls. */
-import type { View } from "../base/view";
-import { waitUntil } from "../base/wait-until";
+import { finite, type Picture, PlayerCore, type Session, type View, waitUntil } from "@splatreel/renderer";
 import { ENGLISH, type Words } from "../base/words";
 import type { OrbitCamera } from "../camera/orbit-camera";
 import type { Pose, Start } from "../camera/pose";
-import type { Picture, Stage } from "../draw/stage";
-import type { LocalFiles } from "@splatreel/decoder/files/local-files";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
-import type { Reel } from "@splatreel/decoder/reel/reel";
-import { Soundtrack } from "../sound/soundtrack";
-import type { Stream } from "@splatreel/decoder/stream/stream";
-import { checkedPose, finite } from "./checked-arguments";
-import { Clock } from "./clock";
+import type { LocalFiles, Reel } from "@splatreel/decoder/internal";
+import { checkedPose } from "./checked-arguments";
 import { Lifecycle } from "./lifecycle";
-import { Playback } from "./playback";
-import { PlayedRanges } from "./played-ranges";
 import type { Prefetched } from "./prefetched";
-import { Resolution } from "./resolution";
-import type { Session } from "./session";
 import { measure, type Stats } from "./stats";
 import type { TextTracks } from "./text-tracks";
 
@@ -30,15 +19,7 @@ import type { TextTracks } from "./text-tracks";
  * notallowed (the browser requires an interaction before sound), drawn, pathchange (the camera path changed, began or ended),
  * trackchange (captions or chapters arrived, or others are shown), sectionchange (another part repeats).
  */
-export class Player extends EventTarget {
-  readonly clock = new Clock();
-  readonly resolution = new Resolution();
-  readonly playback = new Playback(this);
-  readonly soundtrack = new Soundtrack((event) => this.emit(event), () => this.pause());
-
-  /** Played ranges. */
-  readonly played = new PlayedRanges();
-
+export class Player extends PlayerCore {
   /** Texts for people, in the language of the element. */
   words: Words = ENGLISH;
   /** Language of the texts. */
@@ -47,7 +28,6 @@ export class Player extends EventTarget {
   tracks: TextTracks | null = null;
 
   private readonly lifecycle: Lifecycle;
-  private choice: string | null = null;
   private isDeferred = false;
   private showsPage = false;
 
@@ -136,14 +116,9 @@ export class Player extends EventTarget {
 
   private opened(reel: Reel): void {
     this.session!.stage.transparent = this.showsPage || reel.manifest.transparent;
-    this.rendition = this.choice;
+    this.chooseAgain();
     this.soundtrack.open(reel);
     if (!this.paused) this.soundtrack.ask();
-  }
-
-  /** Dispatch an event. */
-  emit(name: string): void {
-    this.dispatchEvent(new Event(name));
   }
 
   /** True if a reel was given. */
@@ -170,18 +145,6 @@ export class Player extends EventTarget {
     return this.lifecycle.error;
   }
 
-  get stage(): Stage | null {
-    return this.session?.stage ?? null;
-  }
-
-  get stream(): Stream | null {
-    return this.session?.stream ?? null;
-  }
-
-  get manifest(): Manifest | null {
-    return this.clock.manifest;
-  }
-
   /** Start of the reel, in seconds. A live reel may have dropped what was before. */
   get earliest(): number {
     return this.clock.earliest;
@@ -192,26 +155,12 @@ export class Player extends EventTarget {
     return this.clock.duration;
   }
 
-  get live(): boolean {
-    return this.clock.live;
+  protected get startSeconds(): number {
+    return this.lifecycle.startSeconds;
   }
 
-  get currentTime(): number {
-    return this.manifest ? this.clock.seconds : this.lifecycle.startSeconds;
-  }
-
-  set currentTime(seconds: number) {
-    const time = finite(seconds, "currentTime");
-    if (this.manifest) this.playback.seek(time);
-    else this.lifecycle.startAt(time);
-  }
-
-  get loop(): boolean {
-    return this.clock.loop;
-  }
-
-  set loop(loop: boolean) {
-    this.clock.loop = loop;
+  protected set startSeconds(seconds: number) {
+    this.lifecycle.startAt(seconds);
   }
 
   /** Part of the reel that repeats, [start, end] in seconds; null for none. Another reel clears it. */
@@ -233,44 +182,10 @@ export class Player extends EventTarget {
     this.emit("ratechange");
   }
 
-  /** Names of the renditions, best first. */
-  get renditions(): string[] {
-    return this.manifest?.renditions ?? [];
-  }
-
-  /** The chosen rendition, used from the next group on; null to adapt. */
-  get rendition(): string | null {
-    return this.choice;
-  }
-
-  set rendition(name: string | null) {
-    this.choice = name;
-    // A reel without a rendition of this name adapts.
-    this.stream?.choose(name !== null && this.renditions.includes(name) ? name : null);
-    this.emit("progress");
-  }
-
   /** The rendition on screen. */
   get shownRendition(): string | null {
     const moment = this.stream && this.manifest && this.clock.moment;
     return moment ? this.stream!.renditionOf(moment.current.group) : null;
-  }
-
-  get paused(): boolean {
-    return !this.clock.playing;
-  }
-
-  get seeking(): boolean {
-    return this.playback.seeking;
-  }
-
-  get ended(): boolean {
-    return this.clock.ended;
-  }
-
-  /** True while playback waits for data or sound. */
-  get waiting(): boolean {
-    return this.playback.stalled || this.playback.soundLate;
   }
 
   /** True while files that playback needs are downloading. */
@@ -291,12 +206,7 @@ export class Player extends EventTarget {
 
   /** True while a headset shows the reel. */
   get presented(): boolean {
-    return this.playback.inHeadset;
-  }
-
-  /** True once a complete frame has been drawn. */
-  get canPlay(): boolean {
-    return this.playback.ready;
+    return this.playback.callerDraws;
   }
 
   /** Time ranges that can be shown, [start, end] in seconds. */
@@ -314,23 +224,6 @@ export class Player extends EventTarget {
   get stats(): Stats | null {
     const { session, stage, stream, manifest, canvas, resolution, shownRendition: rendition, ahead } = this;
     return session && stage && stream && manifest ? measure({ stage, stream, decoders: session.decoders, manifest, canvas, resolution, rendition, ahead, moment: this.clock.moment }) : null;
-  }
-
-  /** Start to play. automatic: play muted if the browser does not allow sound. */
-  play(automatic = false): void {
-    if (this.clock.playing) return;
-    if (this.ended) this.currentTime = this.earliest;
-    this.clock.start();
-    this.soundtrack.ask(automatic);
-    this.emit("play");
-    if (this.waiting) this.emit("waiting");
-  }
-
-  pause(): void {
-    if (!this.clock.playing) return;
-    this.clock.stop();
-    this.playback.pause();
-    this.emit("pause");
   }
 
   /** Pause, and step by a number of frames. */
@@ -352,11 +245,6 @@ export class Player extends EventTarget {
     const width = Math.round(this.canvas.clientWidth * ratio);
     const height = Math.round(this.canvas.clientHeight * ratio);
     return this.camera && width > 0 && height > 0 ? this.camera.view(width, height) : null;
-  }
-
-  /** Resolve once a complete frame has been drawn; reject on an error. */
-  whenReady(): Promise<void> {
-    return waitUntil(this, "canplay", () => this.canPlay);
   }
 
   /** Pause, seek, and render one image of this pose and size. Throws `TypeError` for invalid numbers. */

@@ -1,4 +1,4 @@
-import type { EarlyWorker } from "@splatreel/decoder/stream/decoder-pool";
+import type { EarlyWorker } from "@splatreel/decoder/internal";
 
 /** Early requests of the page: text of the manifest at `url` (null if that failed), the poster, the sign of loading, and the first worker with the first layer. */
 export interface Prefetched {

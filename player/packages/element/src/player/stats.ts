@@ -1,10 +1,6 @@
 /** Statistics of the player. */
-import type { Stage } from "../draw/stage";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
-import { firstFrameOf, type Moment } from "@splatreel/decoder/reel/timeline";
-import type { DecoderPool } from "@splatreel/decoder/stream/decoder-pool";
-import type { Stream } from "@splatreel/decoder/stream/stream";
-import type { Resolution } from "./resolution";
+import type { Resolution, Stage } from "@splatreel/renderer";
+import { type DecoderPool, firstFrameOf, type Manifest, type Moment, type Stream } from "@splatreel/decoder/internal";
 
 /** The statistics. */
 export interface Stats {

@@ -1,5 +1,5 @@
 /** Measurements of the reel that the page plays: start, decoding, frame times, memory. */
-import { costOf } from "@splatreel/decoder/stream/file-cache";
+import { costOf } from "@splatreel/decoder/internal";
 import type { Player } from "../player/player";
 import { fact } from "./device";
 import { megabytes, spreadOf, type Finding } from "./report";

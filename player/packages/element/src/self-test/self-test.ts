@@ -1,6 +1,6 @@
 /** Entry point of the self-test page, which `splatreel serve` shows to phones. It plays the reel, tests the player, and writes a result to copy. */
-import { messageOf } from "@splatreel/decoder/base/errors";
-import { version } from "../../package.json";
+import { messageOf } from "@splatreel/decoder/internal";
+import { version } from "../../../../package.json";
 import { deviceFacts, fact, graphicsFacts } from "./device";
 import { dragTest, doubleTapTest, pinchTest, rotationTest } from "./gesture-steps";
 import { Measurements } from "./measurements";

@@ -1,6 +1,6 @@
 /** The dialog about a reel. Its texts are inserted as text, never as markup. This part is loaded on demand. */
 import type { Words } from "../base/words";
-import type { Presentation } from "@splatreel/decoder/reel/presentation";
+import type { Presentation } from "@splatreel/decoder/internal";
 
 /** Return the content of the dialog. */
 export function aboutOf({ author, description, licence }: Presentation, t: Words): HTMLElement {

@@ -1,6 +1,5 @@
 /** Elements of the page at points of the scene, for a part of the time. This part is loaded on demand. */
-import { messageOf } from "@splatreel/decoder/base/errors";
-import type { Vec3 } from "@splatreel/decoder/base/matrix";
+import { messageOf, type Vec3 } from "@splatreel/decoder/internal";
 import { placeOfPoint, type Place } from "../camera/place-of-point";
 import type { Player } from "../player/player";
 import styles from "./annotations.css";

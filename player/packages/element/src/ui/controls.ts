@@ -1,11 +1,10 @@
 /** The controls over the picture: bar, menu, help, statistics and messages, and the actions of keys and buttons. */
-import { messageOf } from "@splatreel/decoder/base/errors";
+import { isReelError, messageOf, type Presentation } from "@splatreel/decoder/internal";
 import { directionOf } from "../base/words";
-import { loadPart, playerAddress } from "../files/bundle";
+import { loadPart, playerAddress } from "@splatreel/renderer";
 import type { Headset } from "../player/headset";
 import { supportsHeadset, type HeadsetMode } from "../player/headset-support";
 import type { Player } from "../player/player";
-import type { Presentation } from "@splatreel/decoder/reel/presentation";
 import { AutoHide } from "./auto-hide";
 import { Bar } from "./bar";
 import type { Dialog } from "./dialog";
@@ -154,7 +153,7 @@ export class Controls {
       await saveScreenshot(this.player);
     } catch (error) {
       console.warn(`The picture cannot be saved: ${messageOf(error)}`);
-      this.say("The picture cannot be saved");
+      this.say(isReelError(error) ? error.plain : "The picture cannot be saved");
     }
   }
 

@@ -1,7 +1,6 @@
 /** The box and the marks of an edit, and the operations of `splatreel edit` that they stand for. */
-import { add, dot, length, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
-import type { View } from "../base/view";
-import type { Sphere } from "../draw/cutaway";
+import { add, dot, length, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
+import type { Sphere, View } from "@splatreel/renderer";
 
 /** Low and high corner, world units. */
 export type Box = [Vec3, Vec3];

@@ -1,5 +1,5 @@
 /** Camera attributes of an element: `camera-orbit`, `camera-target`, `field-of-view`, bounds and `auto-rotate`. This part is loaded on demand. */
-import { messageOf } from "@splatreel/decoder/base/errors";
+import { messageOf } from "@splatreel/decoder/internal";
 import { OrbitFrame, parseAngle, parseFieldOfView, parseOrbit, parseTarget, type Orbit } from "../camera/orbit-declaration";
 import type { Player } from "../player/player";
 

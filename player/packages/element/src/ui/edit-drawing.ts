@@ -1,9 +1,8 @@
 /** Draws the box and the marks of an edit over the picture, with a handle on each face of the box. */
-import { add, cross, eyeOf, length, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
-import type { View } from "../base/view";
+import { add, cross, eyeOf, length, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
+import type { Sphere, View } from "@splatreel/renderer";
 import type { Words } from "../base/words";
 import { edgesOf, FACES, middleOf, projected, type Box, type Face } from "./crop-box";
-import type { Sphere } from "../draw/cutaway";
 import { lineOf } from "./path-drawing";
 
 const SVG = "http://www.w3.org/2000/svg";

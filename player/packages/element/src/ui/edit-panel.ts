@@ -1,11 +1,9 @@
 /** The panel that crops a reel and marks floaters. It prints the command, or saves the list, of `splatreel edit`. Loaded on demand. */
-import { add, eyeOf, length, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
-import { groupAt, overlapOf } from "@splatreel/decoder/reel/timeline";
-import type { View } from "../base/view";
+import { add, eyeOf, groupAt, length, overlapOf, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
+import { MOST_REMOVED, type View } from "@splatreel/renderer";
 import { directionOf } from "../base/words";
 import { dragged, FACES, firstBox, marksAt, operationsOf, pointAt, type Box, type Face, type Mark } from "./crop-box";
 import { copyText } from "./copy-text";
-import { MOST_REMOVED } from "../draw/cutaway";
 import type { Player } from "../player/player";
 import { EditDrawing } from "./edit-drawing";
 import styles from "./edit-panel.css";

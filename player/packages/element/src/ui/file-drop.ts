@@ -1,7 +1,6 @@
 /** Opens local reels: a dropped folder or zip, or chosen files if the page has no reel. This part is loaded on demand. */
-import { messageOf, PLAIN } from "@splatreel/decoder/base/errors";
-import { loadPart } from "../files/bundle";
-import type { LocalFiles } from "@splatreel/decoder/files/local-files";
+import { type LocalFiles, messageOf, PLAIN } from "@splatreel/decoder/internal";
+import { loadPart } from "@splatreel/renderer";
 import type { Player } from "../player/player";
 import styles from "./drop.css";
 import { directionOf } from "../base/words";

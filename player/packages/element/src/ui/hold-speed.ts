@@ -18,7 +18,7 @@ export function attachHoldSpeed(surface: HTMLElement, player: Player, changed: (
     changed(false);
   };
   const begin = (): void => {
-    if (player.paused || player.playback.inHeadset) return;
+    if (player.paused || player.playback.callerDraws) return;
     before = player.playbackRate;
     player.playbackRate = 2 * before;
     changed(true);

@@ -1,6 +1,6 @@
 /** The language of an element: that of the nearest ancestor with `lang`, else the first of the browser's that there is. */
 import { wordsOf, type Words } from "../base/words";
-import { loadPart } from "../files/bundle";
+import { loadPart } from "@splatreel/renderer";
 
 type Table = Promise<{ default: Record<string, string> }>;
 

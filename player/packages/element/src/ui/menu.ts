@@ -1,6 +1,6 @@
 /** The settings menu above the bar. This part is loaded on demand. */
 import type { Player } from "../player/player";
-import type { Quality } from "../player/resolution";
+import type { Quality } from "@splatreel/renderer";
 import { BACK, ON } from "./icons";
 import { elementOf } from "./markup";
 import styles from "./menu.css";

@@ -1,7 +1,7 @@
 /** Messages in the center of the picture: loading, first play, errors, toasts. */
-import { plainWords } from "@splatreel/decoder/base/errors";
+import { plainWords } from "@splatreel/decoder/internal";
 import type { Player } from "../player/player";
-import type { Soundtrack } from "../sound/soundtrack";
+import type { Soundtrack } from "@splatreel/renderer";
 import { MUTED, PLAY } from "./icons";
 import { elementOf } from "./markup";
 import { passGestures } from "./pass-gestures";

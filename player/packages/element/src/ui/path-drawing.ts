@@ -1,6 +1,6 @@
 /** Draws a camera path over the picture: its curve, and a small camera at each keyframe. */
-import { add, dot, eyeOf, length, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
-import type { View } from "../base/view";
+import { add, dot, eyeOf, length, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
+import type { View } from "@splatreel/renderer";
 import type { CameraPath } from "../camera/camera-path";
 import type { OrbitCamera } from "../camera/orbit-camera";
 

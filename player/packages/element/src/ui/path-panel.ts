@@ -1,5 +1,5 @@
 /** The panel for editing a camera path. This part is loaded on demand. */
-import { messageOf } from "@splatreel/decoder/base/errors";
+import { messageOf } from "@splatreel/decoder/internal";
 import { nearestFirst, type Keyframe, type PathFile } from "../camera/camera-path";
 import { appended, lasting, moved, throughViews, without } from "../camera/edit-keyframes";
 import type { PathPlayer } from "../player/path-player";

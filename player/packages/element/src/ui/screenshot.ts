@@ -1,15 +1,22 @@
 /** Saves the present frame as a PNG file in full resolution. */
-import { ReelError } from "@splatreel/decoder/base/errors";
+import { ReelError } from "@splatreel/decoder/internal";
 import type { Player } from "../player/player";
+
+const NOT_READY = "The picture is not ready yet.";
+const TOO_LARGE = "The picture is too large to save.";
 
 /** Save a screenshot. Throws `ReelError` while there is no complete frame. */
 export async function saveScreenshot(player: Player): Promise<void> {
   const { camera, canvas, manifest } = player;
-  if (!camera || !manifest || !player.canPlay || player.waiting || player.seeking) throw new ReelError("The picture is not ready yet.");
+  if (!camera || !manifest || !player.canPlay || player.waiting || player.seeking) throw failure(NOT_READY);
   const seconds = player.currentTime;
   const size = (css: number): number => Math.max(Math.round(css * devicePixelRatio), 1);
   const { width, height, data } = await player.playback.takePicture(camera.view(size(canvas.clientWidth), size(canvas.clientHeight)));
   save(await encode(new ImageData(new Uint8ClampedArray(data.buffer as ArrayBuffer, data.byteOffset, data.byteLength), width, height)), nameOf(manifest.presentation.title, seconds));
+}
+
+function failure(why: string): ReelError {
+  return new ReelError(why, { plain: why });
 }
 
 /** Return a file name of letters, digits and hyphens, such as "toy-train-1.40s.png". */
@@ -22,7 +29,7 @@ function encode(pixels: ImageData): Promise<Blob> {
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [pixels.width, pixels.height];
   canvas.getContext("2d")!.putImageData(pixels, 0, 0);
-  return new Promise((resolve, reject) => canvas.toBlob((blob) => (blob ? resolve(blob) : reject(new ReelError("The picture is too large to save."))), "image/png"));
+  return new Promise((resolve, reject) => canvas.toBlob((blob) => (blob ? resolve(blob) : reject(failure(TOO_LARGE))), "image/png"));
 }
 
 function save(file: Blob, name: string): void {

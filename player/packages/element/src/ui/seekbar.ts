@@ -1,5 +1,5 @@
 /** The seek bar: present time, buffered ranges, and the time under the pointer. */
-import { loadPart } from "../files/bundle";
+import { loadPart } from "@splatreel/renderer";
 import type { Player } from "../player/player";
 import { elementOf } from "./markup";
 import type { Thumbnails } from "./thumbnails";

@@ -1,5 +1,5 @@
 /** Captions and chapters from the `<track>` children of an element. This part is loaded on demand. */
-import { messageOf } from "@splatreel/decoder/base/errors";
+import { messageOf } from "@splatreel/decoder/internal";
 import type { Player } from "../player/player";
 import type { Chapter, TextTracks } from "../player/text-tracks";
 import { CueDisplay } from "./cue-display";

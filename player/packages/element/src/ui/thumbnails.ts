@@ -1,7 +1,6 @@
 /** Thumbnails of the seek bar, from sheets that are loaded on demand, as is this part. */
 import type { Player } from "../player/player";
-import { addressOf, type Manifest } from "@splatreel/decoder/reel/manifest";
-import type { Asset, Thumbnails as Sheets } from "@splatreel/decoder/reel/presentation";
+import { addressOf, type Asset, type Manifest, type Thumbnails as Sheets } from "@splatreel/decoder/internal";
 import { elementOf } from "./markup";
 
 /** Maximum size in CSS pixels, and maximum height relative to the picture. */

@@ -1,5 +1,5 @@
 /** Points that are left out of the picture, to preview an edit. */
-import type { Vec3 } from "@splatreel/decoder/base/matrix";
+import type { Vec3 } from "@splatreel/decoder/internal";
 
 /** Maximum number of spheres whose points are left out. */
 export const MOST_REMOVED = 24;

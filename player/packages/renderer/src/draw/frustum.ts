@@ -1,7 +1,6 @@
 /** View frustum, to leave invisible points out of the order. */
-import { dot } from "@splatreel/decoder/base/matrix";
+import { type Clearance, dot } from "@splatreel/decoder/internal";
 import type { View } from "../base/view";
-import type { Clearance } from "@splatreel/decoder/reel/manifest";
 
 /** Margin around the image, relative to its size, since the view may turn during the sort. */
 const MARGIN = 0.1;

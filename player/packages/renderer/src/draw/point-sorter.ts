@@ -1,7 +1,6 @@
 /** Interface between the stage and what sorts points: a worker, or the engine of a scene. */
 import type { View } from "../base/view";
-import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
-import type { Clearance } from "@splatreel/decoder/reel/manifest";
+import type { Clearance, DecodedGroup, DecodedLayer } from "@splatreel/decoder/internal";
 import type { Scene } from "./scene";
 import type { SortReply } from "./sort-worker";
 

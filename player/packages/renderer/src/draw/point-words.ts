@@ -1,5 +1,5 @@
 /** Points of a file as numbers of textures: rows of `TEXTURE_WIDTH` points, as the shaders read them (webgl/point-shaders.ts). */
-import type { Gaussians } from "@splatreel/decoder/decode/gaussians";
+import type { Gaussians } from "@splatreel/decoder/internal";
 import { TEXTURE_WIDTH } from "./texture-layout";
 
 /** Texels per point, one per layer of the texture, and per codebook entry: one per coefficient. */

@@ -1,7 +1,6 @@
 /** Interface between the player and the graphics API that draws a reel. `player/graphics.ts` chooses the implementation. */
-import type { Vec3 } from "@splatreel/decoder/base/matrix";
+import type { DecodedGroup, DecodedLayer, Vec3 } from "@splatreel/decoder/internal";
 import type { View } from "../base/view";
-import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
 import type { Cutaway } from "./cutaway";
 import type { Eye } from "./eye";
 import type { Scene } from "./scene";

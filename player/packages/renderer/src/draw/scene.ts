@@ -1,4 +1,4 @@
-import type { Shown } from "@splatreel/decoder/reel/timeline";
+import type { Shown } from "@splatreel/decoder/internal";
 
 /** The groups to draw, and the URIs of all layers that live at one of them. Without a group, all points of the layers are drawn. */
 export interface Scene {

@@ -1,5 +1,5 @@
 /** Worker that keeps the positions of all loaded files and sorts the visible points far to near. */
-import { staticFlags, type Alive } from "@splatreel/decoder/reel/timeline";
+import { type Alive, staticFlags } from "@splatreel/decoder/internal";
 import type { Frustum } from "./frustum";
 import type { Scene } from "./scene";
 import { DepthRun, merge, type SortableGroup, type SortableLayer } from "./sort";

@@ -1,10 +1,7 @@
 /** Main-thread side of the sort worker. It sends one request at a time and reuses the buffers. */
 import type { View } from "../base/view";
-import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
-import type { Gaussians } from "@splatreel/decoder/decode/gaussians";
+import { type Clearance, type DecodedGroup, type DecodedLayer, failureOf, type Gaussians } from "@splatreel/decoder/internal";
 import { startSortWorker } from "../files/bundle";
-import { failureOf } from "@splatreel/decoder/files/workers";
-import type { Clearance } from "@splatreel/decoder/reel/manifest";
 import { EXTENT, frustumOf } from "./frustum";
 import type { Scene } from "./scene";
 import type { PointSorter } from "./point-sorter";

@@ -1,9 +1,6 @@
 /** The scene on screen: sorted by the worker, drawn by the renderer. Each frame is drawn with an order that was sorted for it. */
-import { add, eyeOf, length, scale, subtract } from "@splatreel/decoder/base/matrix";
+import { add, clampFrame, type DecodedGroup, type DecodedLayer, eyeOf, groupAt, length, type Reel, scale, type Schedule, subtract, weightAt } from "@splatreel/decoder/internal";
 import type { View } from "../base/view";
-import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
-import type { Reel } from "@splatreel/decoder/reel/reel";
-import { clampFrame, groupAt, weightAt, type Schedule } from "@splatreel/decoder/reel/timeline";
 import type { Cutaway } from "./cutaway";
 import type { Eye } from "./eye";
 import { covers } from "./frustum";

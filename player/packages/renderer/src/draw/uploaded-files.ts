@@ -1,8 +1,5 @@
 /** Files of a reel in the memory of a graphics device: its layers by URI, its groups by number. */
-import type { Vec3 } from "@splatreel/decoder/base/matrix";
-import type { DecodedFile, DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
-import { lightAt } from "@splatreel/decoder/decode/light";
-import { staticFlags, type Alive } from "@splatreel/decoder/reel/timeline";
+import { type Alive, type DecodedFile, type DecodedGroup, type DecodedLayer, lightAt, staticFlags, type Vec3 } from "@splatreel/decoder/internal";
 import type { Scene } from "./scene";
 
 /** Points of a file on the device. */

@@ -3,8 +3,7 @@
  * Each name is a literal, since bundlers look for `new URL("./name", import.meta.url)`, `new Worker` of it and `import("./name")`.
  */
 import { embeddedPlayerFile } from "./embedded";
-import { openWorker, startWorker } from "@splatreel/decoder/files/workers";
-import type { DecodeWorkers } from "@splatreel/decoder/stream/decoder-pool";
+import { type DecodeWorkers, openWorker, startWorker } from "@splatreel/decoder/internal";
 
 /** Workers that download and decode files. */
 export const decodeWorkers: DecodeWorkers = {

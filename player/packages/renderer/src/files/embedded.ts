@@ -1,5 +1,5 @@
 /** Files embedded in the page, for one HTML file with player and reel. */
-import { LocalFiles } from "@splatreel/decoder/files/local-files";
+import { LocalFiles } from "@splatreel/decoder/internal";
 
 /** Address of the embedded reel. */
 export const EMBEDDED = "embedded:";

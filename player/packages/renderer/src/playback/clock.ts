@@ -1,7 +1,5 @@
 /** Time of the open reel. It advances while playing, and stops or loops at the end. */
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
-import type { Reel } from "@splatreel/decoder/reel/reel";
-import { firstFrameOf, momentAt, type Moment } from "@splatreel/decoder/reel/timeline";
+import { firstFrameOf, type Manifest, type Moment, momentAt, type Reel } from "@splatreel/decoder/internal";
 
 /** Maps the time of playback to frames and groups. */
 export class Clock {

@@ -41,7 +41,7 @@ export abstract class MediaProperties {
   }
 
   set loop(loop: boolean) {
-    this.player.clock.loop = loop;
+    this.player.loop = loop;
   }
 
   get playbackRate(): number {
@@ -83,17 +83,17 @@ export abstract class MediaProperties {
   }
 
   get seeking(): boolean {
-    return this.player.playback.seeking;
+    return this.player.seeking;
   }
 
   /** True while playback waits for data or sound. */
   get waiting(): boolean {
-    return this.player.playback.stalled || this.player.playback.soundLate;
+    return this.player.waiting;
   }
 
   /** True once a complete frame has been drawn. */
   get canPlay(): boolean {
-    return this.player.playback.ready;
+    return this.player.canPlay;
   }
 
   get error(): Error | null {
@@ -102,7 +102,7 @@ export abstract class MediaProperties {
 
   /** Names of the renditions, best first. */
   get renditions(): string[] {
-    return this.player.manifest?.renditions ?? [];
+    return this.player.renditions;
   }
 
   /** The chosen rendition; null to adapt to network and device. */

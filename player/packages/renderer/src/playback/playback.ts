@@ -3,9 +3,8 @@ import type { View } from "../base/view";
 import type { Eye } from "../draw/eye";
 import type { Scene } from "../draw/scene";
 import type { Picture, Stage } from "../draw/stage";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import type { Manifest, Stream } from "@splatreel/decoder/internal";
 import type { Soundtrack } from "../sound/soundtrack";
-import type { Stream } from "@splatreel/decoder/stream/stream";
 import type { Clock } from "./clock";
 import type { PlayedRanges } from "./played-ranges";
 import type { Resolution } from "./resolution";
@@ -56,8 +55,8 @@ export class Playback {
   ready = false;
   /** True while time advances. */
   advancing = false;
-  /** True while a headset shows the reel. */
-  inHeadset = false;
+  /** True while the caller draws, such as a headset or another engine. */
+  callerDraws = false;
 
   /** True while a picture is taken, during which nothing else is drawn. */
   private held = false;
@@ -86,7 +85,7 @@ export class Playback {
   /** One display frame. */
   private tick(now: number): void {
     const { stage, camera } = this.player;
-    if (this.inHeadset) return; // the headset has its own loop
+    if (this.callerDraws) return;
     if (!stage || !camera || this.held) return void (this.lastTick = now);
     const seconds = this.secondsSinceLast(now);
     this.passTime(now, seconds);
@@ -95,8 +94,8 @@ export class Playback {
     if (view) this.drawPicture(stage, view, null, now);
   }
 
-  /** Draw a frame of a headset, or of another loop. head: view between the eyes, for which points are sorted. moved: it has changed. */
-  tickInHeadset(now: number, head: View, eyes: Eye[], moved = true): void {
+  /** Draw a frame in the loop of the caller. head: view between the eyes, for which points are sorted. moved: it has changed. */
+  drawForCaller(now: number, head: View, eyes: Eye[], moved = true): void {
     const { stage, camera } = this.player;
     if (!stage || !camera || this.held) return;
     this.passTime(now, this.secondsSinceLast(now));
@@ -180,7 +179,7 @@ export class Playback {
   private async show(stage: Stage, scene: Scene, view: View): Promise<void> {
     const { player } = this;
     if (!(await stage.sort(scene, view)) || this.stalled || scene.current === null) return;
-    if (!this.ready && !this.inHeadset) stage.draw(player.clock.frame, view); // `canplay` promises a drawn frame
+    if (!this.ready && !this.callerDraws) stage.draw(player.clock.frame, view); // `canplay` promises a drawn frame
     if (this.seeking && scene.current.group === player.clock.moment?.current.group) {
       this.seeking = false;
       player.emit("seeked");
@@ -266,12 +265,14 @@ export class Playback {
     this.guide = guide;
   }
 
-  enterHeadset(): void {
-    this.inHeadset = true;
+  /** Leave drawing to the caller, which calls `drawForCaller` in each frame. */
+  letCallerDraw(): void {
+    this.callerDraws = true;
   }
 
-  leaveHeadset(): void {
-    this.inHeadset = false;
+  /** Draw in the frames of the page again. */
+  drawInPage(): void {
+    this.callerDraws = false;
   }
 
   /** Redraw the present frame at once in full resolution. Returns false if there is none. */

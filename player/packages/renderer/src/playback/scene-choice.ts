@@ -1,9 +1,6 @@
 /** The points to show: those of the current group and of the one that fades out, and the static layers that live at them. */
 import type { Scene } from "../draw/scene";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
-import { layersAt } from "@splatreel/decoder/reel/reel-file";
-import type { Moment } from "@splatreel/decoder/reel/timeline";
-import type { Stream } from "@splatreel/decoder/stream/stream";
+import { layersAt, type Manifest, type Moment, type Stream } from "@splatreel/decoder/internal";
 
 /** Return the scene at a moment. */
 export function sceneAt({ current, previous }: Moment, { groups }: Manifest): Scene {

@@ -1,9 +1,5 @@
 /** Resources of the open reel: its workers, its stage, and the stream of its files. */
-import type { LocalFiles } from "@splatreel/decoder/files/local-files";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
-import type { Reel } from "@splatreel/decoder/reel/reel";
-import type { EarlyWorker } from "@splatreel/decoder/stream/decoder-pool";
-import { ReelLoader, type LoaderEvents } from "@splatreel/decoder/stream/reel-loader";
+import { type EarlyWorker, type LoaderEvents, type LocalFiles, type Manifest, type Reel, ReelLoader } from "@splatreel/decoder/internal";
 import type { PointSorter } from "../draw/point-sorter";
 import type { Renderer } from "../draw/renderer";
 import { Stage } from "../draw/stage";

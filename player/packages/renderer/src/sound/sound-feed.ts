@@ -1,6 +1,5 @@
 /** Feeds sound segments to an audio element: by MediaSource, or as one file in memory if the browser lacks it. */
-import { ReelError } from "@splatreel/decoder/base/errors";
-import type { SoundSegment } from "@splatreel/decoder/reel/presentation";
+import { ReelError, type SoundSegment } from "@splatreel/decoder/internal";
 
 /** Destination of sound segments. */
 export interface SoundFeed {

@@ -1,9 +1,5 @@
 /** Downloads the sound of a reel by segments and feeds it to an audio element. */
-import { messageOf, PLAIN, ReelError } from "@splatreel/decoder/base/errors";
-import { download } from "@splatreel/decoder/files/download";
-import { sourceOf, type Manifest } from "@splatreel/decoder/reel/manifest";
-import type { Reel } from "@splatreel/decoder/reel/reel";
-import type { Asset, Sound, SoundSegment } from "@splatreel/decoder/reel/presentation";
+import { type Asset, download, type Manifest, messageOf, PLAIN, type Reel, ReelError, type Sound, type SoundSegment, sourceOf } from "@splatreel/decoder/internal";
 import { feedOf, type SoundFeed } from "./sound-feed";
 
 /** Maximum seconds of sound to keep beyond the wanted segments. */

@@ -1,7 +1,5 @@
 /** Sound of the open reel. While audible it is the clock of playback; otherwise the wall clock is. */
-import { messageOf } from "@splatreel/decoder/base/errors";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
-import type { Reel } from "@splatreel/decoder/reel/reel";
+import { type Manifest, messageOf, type Reel } from "@splatreel/decoder/internal";
 import { segmentAt, SoundSource } from "./sound-source";
 import { SoundSync } from "./sound-sync";
 import { SpatialSound } from "./spatial-sound";

@@ -1,6 +1,5 @@
 /** Spatial sound by Web Audio: volume and direction follow the position of the viewer. */
-import { eyeOf, length, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { eyeOf, length, type Manifest, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
 
 /** Attenuation with distance: 0 for none, 1 as outdoors. Rooms attenuate less. */
 const ROLLOFF = 0.5;

@@ -1,5 +1,5 @@
 /** GPU memory of a reel: the points of its layers and groups. Each file owns rows of the splat target. */
-import type { DecodedFile } from "@splatreel/decoder/decode/decode-file";
+import type { DecodedFile } from "@splatreel/decoder/internal";
 import { rowsOf } from "../draw/point-words";
 import { UploadedFiles } from "../draw/uploaded-files";
 import { RowAllocator } from "./row-allocator";

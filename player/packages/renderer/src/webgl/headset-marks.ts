@@ -1,5 +1,5 @@
 /** Rings on the floor and rays, drawn over the picture of a headset. */
-import { add, cross, length, normalize, scale, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
+import { add, cross, length, normalize, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
 import { Program } from "./program";
 
 /** A ring on the floor around a center, or a ray, in the space of the headset. */

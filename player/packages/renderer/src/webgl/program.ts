@@ -1,5 +1,5 @@
 /** Shader programs, compiled in the background and checked before use. */
-import { PLAIN, ReelError } from "@splatreel/decoder/base/errors";
+import { PLAIN, ReelError } from "@splatreel/decoder/internal";
 
 /** A vertex and a fragment shader. */
 export class Program {

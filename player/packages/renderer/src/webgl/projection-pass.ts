@@ -1,7 +1,6 @@
 /** First pass: moves each point of a scene to its time, projects and colors it, and writes its splat into the splat target. */
-import { eyeOf } from "@splatreel/decoder/base/matrix";
+import { eyeOf, type Shown, staticWeights } from "@splatreel/decoder/internal";
 import type { View } from "../base/view";
-import { staticWeights, type Shown } from "@splatreel/decoder/reel/timeline";
 import type { GpuMemory } from "./gpu-memory";
 import { Program } from "./program";
 import { MOST_REMOVED, type Cutaway } from "../draw/cutaway";

@@ -1,5 +1,5 @@
 /** Textures between the two passes, with one texel per splat: its shape, and its color with depth. */
-import { PLAIN, ReelError } from "@splatreel/decoder/base/errors";
+import { PLAIN, ReelError } from "@splatreel/decoder/internal";
 import { TEXTURE_WIDTH } from "../draw/texture-layout";
 
 /** Framebuffer with the two textures. */

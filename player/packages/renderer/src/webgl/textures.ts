@@ -1,7 +1,5 @@
 /** GPU textures of the points of one file. */
-import { PLAIN, ReelError } from "@splatreel/decoder/base/errors";
-import type { Gaussians } from "@splatreel/decoder/decode/gaussians";
-import type { Offsets } from "@splatreel/decoder/decode/offsets";
+import { type Gaussians, type Offsets, PLAIN, ReelError } from "@splatreel/decoder/internal";
 import { ENTRIES_PER_ROW, ENTRY_TEXELS, POINT_TEXELS, packCodebook, packFlags, packPoints, rowsOf } from "../draw/point-words";
 import { TEXTURE_WIDTH } from "../draw/texture-layout";
 

@@ -1,8 +1,6 @@
 /** Draws Gaussians in WebGL 2, in two passes: project each point into a splat, then draw the sorted splats. */
-import { PLAIN, ReelError } from "@splatreel/decoder/base/errors";
-import type { Vec3 } from "@splatreel/decoder/base/matrix";
+import { type DecodedGroup, type DecodedLayer, PLAIN, ReelError, type Vec3 } from "@splatreel/decoder/internal";
 import type { View } from "../base/view";
-import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
 import type { Cutaway } from "../draw/cutaway";
 import type { Eye } from "../draw/eye";
 import type { HeadsetLayer, Renderer } from "../draw/renderer";
