@@ -94,7 +94,7 @@ wheel: $(SETUP)  ## build the wheel and the source archive into dist
 
 npm-package: player/node_modules/.package-lock.json  ## build the npm packages of player/ into dist
 	mkdir -p dist
-	cd player && npm pack --workspaces --include-workspace-root --pack-destination ../dist
+	cd player && npm pack --include-workspace-root $(addprefix --workspace packages/,decoder three playcanvas) --pack-destination ../dist
 
 setup: $(SETUP)
 

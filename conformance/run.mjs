@@ -1,6 +1,6 @@
 // Checks @splatreel/decoder against the conformance suite: node conformance/run.mjs [CASE ...].
 // It needs the built package: npm run build --workspace @splatreel/decoder, in player/. README.md describes the suite.
-import { readFileSync } from "node:fs";
+import { existsSync, readFileSync } from "node:fs";
 import { crc32 } from "node:zlib";
 import { dirname, join } from "node:path";
 import { fileURLToPath } from "node:url";
@@ -16,7 +16,7 @@ async function arraysOf(name, { times, renditions }) {
     const prefix = rendition ? `${rendition}:` : "";
     const reel = await openReel(join(here, name), { rendition });
     try {
-      await addFiles(name, reel, prefix, arrays);
+      await addFiles(read(name, "manifest.json"), (uri) => read(name, uri), reel, prefix, arrays);
       for (const time of times) addPoints(`${prefix}at${time}`, await reel.frame(time), arrays);
     } finally {
       reel.close();
@@ -25,10 +25,9 @@ async function arraysOf(name, { times, renditions }) {
   return arrays;
 }
 
-/** Add the arrays of all layers and groups. */
-async function addFiles(name, reel, prefix, arrays) {
-  const manifest = read(name, "manifest.json");
-  const pages = (manifest.pages ?? []).map(({ uri }) => read(name, uri));
+/** Add the arrays of all layers and groups. pageAt: returns a page by its URI. */
+async function addFiles(manifest, pageAt, reel, prefix, arrays) {
+  const pages = (manifest.pages ?? []).map(({ uri }) => pageAt(uri));
   const groups = [...pages, manifest].flatMap((list) => list.groups);
   const uris = layersOf([manifest, ...pages]);
   for (const [index, { first_frame: first }] of groups.entries()) {
@@ -114,8 +113,44 @@ function mistakes({ shape, data }, entry, tolerance) {
   return pairs.filter(([, found, value, size]) => !(Math.abs(found - value) <= tolerance * size + (entry.display ?? 0))).map(([where, found, value]) => `${where} is ${found}, expected ${value}`);
 }
 
+/** Return the reason for which a reel of refused.json is refused; null if it is not. */
+async function refusalOf({ case: name, manifest: edits, files = {} }) {
+  const manifest = read(name, "manifest.json");
+  for (const [path, ...value] of edits) {
+    const owner = path.slice(0, -1).reduce((part, key) => part[key], manifest);
+    if (value.length > 0) owner[path.at(-1)] = value[0];
+    else delete owner[path.at(-1)];
+  }
+  const find = (uri) => {
+    if (uri === "manifest.json") return new Blob([JSON.stringify(manifest)]);
+    const found = join(here, uri in files ? (files[uri] ?? "nothing") : join(name, uri));
+    return existsSync(found) ? new Blob([readFileSync(found)]) : null;
+  };
+  try {
+    for (const rendition of manifest.renditions?.map((entry) => entry.name) ?? [undefined]) {
+      const reel = await openReel(find, { rendition });
+      try {
+        await addFiles(manifest, (uri) => read(name, uri), reel, "", {});
+      } finally {
+        reel.close();
+      }
+    }
+    return null;
+  } catch (error) {
+    if (error.name !== "ReelError") throw error;
+    return error.message;
+  }
+}
+
 let failed = 0;
-for (const name of process.argv.length > 2 ? process.argv.slice(2) : Object.keys(read("cases.json"))) {
+const [cases, refused, wanted] = [read("cases.json"), read("refused.json"), process.argv.slice(2)];
+const isWanted = (name) => wanted.length === 0 || wanted.includes(name);
+for (const name of Object.keys(refused).filter(isWanted)) {
+  const reason = await refusalOf(refused[name]);
+  failed += reason === null;
+  console.log(reason === null ? `${name} is not refused: ${refused[name].covers}` : `${name} is refused: ${reason}`);
+}
+for (const name of Object.keys(cases).filter(isWanted)) {
   const expected = read(name, "expected.json");
   const wrong = differences(expected, await arraysOf(name, expected));
   failed += wrong.length > 0;

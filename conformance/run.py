@@ -8,13 +8,18 @@ from __future__ import annotations
 
 import argparse
 import json
+import shutil
 import sys
+import tempfile
 import zlib
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from tests.golden import decoded
+
+from splatreel.base.errors import ReelError
+from splatreel.codec.reader import ReelReader
 
 HERE = Path(__file__).parent
 COMPLETE, SAMPLES = 24, 12
@@ -29,6 +34,44 @@ def cases() -> dict[str, str]:
 def expected(case: str) -> dict[str, Any]:
     """Return the expectations of a case."""
     return json.loads((HERE / case / "expected.json").read_text(encoding="utf-8"))
+
+
+def refused() -> dict[str, dict[str, Any]]:
+    """Return the reels that readers must refuse, by name (README.md)."""
+    return json.loads((HERE / "refused.json").read_text(encoding="utf-8"))
+
+
+def write_refused(name: str, folder: Path) -> None:
+    """Write a reel that readers must refuse."""
+    entry = refused()[name]
+    shutil.copytree(HERE / entry["case"], folder)
+    manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+    for path, *value in entry["manifest"]:
+        owner = manifest
+        for key in path[:-1]:
+            owner = owner[key]
+        if value:
+            owner[path[-1]] = value[0]
+        else:
+            del owner[path[-1]]
+    (folder / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    for uri, source in entry.get("files", {}).items():
+        (folder / uri).unlink()
+        if source:
+            shutil.copy(HERE / source, folder / uri)
+
+
+def refusal_of(folder: Path) -> str | None:
+    """Return what the Python reader finds wrong with a reel; None for nothing. Decodes all groups and layers, in all renditions."""
+    try:
+        for rendition in ReelReader(folder).manifest.renditions or (None,):
+            reel = ReelReader(folder, rendition)
+            for entry in reel.manifest.groups:
+                reel.static(entry.group)
+                reel.group(entry.group)
+    except ReelError as error:
+        return str(error)
+    return None
 
 
 def arrays_of(folder: Path, times: list[float], renditions: list[str]) -> dict[str, np.ndarray]:
@@ -109,6 +152,12 @@ def main() -> int:
     parser.add_argument("--display", action="store_true", help="allow quantized offsets")
     arguments = parser.parse_args()
     failed = 0
+    for name in () if arguments.arrays or arguments.case else refused():
+        with tempfile.TemporaryDirectory() as folder:
+            write_refused(name, Path(folder) / name)
+            reason = refusal_of(Path(folder) / name)
+        failed += reason is None
+        print(f"{name} is refused: {reason}" if reason else f"{name} is not refused: {refused()[name]['covers']}")
     for case in arguments.case or cases():
         wanted = expected(case)
         arrays = (

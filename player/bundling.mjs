@@ -25,6 +25,12 @@ const shaders = {
   }),
 };
 
+// A file of its own: only pages without crypto.subtle load it.
+const digest = {
+  name: "digest",
+  setup: (build) => build.onResolve({ filter: /^\.\/sha256$/ }, ({ kind }) => (kind === "dynamic-import" ? { path: "./sha256.js", external: true } : undefined)),
+};
+
 /** Options of esbuild. */
 export const common = {
   absWorkingDir: here,
@@ -33,7 +39,7 @@ export const common = {
   target: "es2022",
   charset: "utf8",
   legalComments: "none",
-  plugins: [assembly, shaders],
+  plugins: [assembly, shaders, digest],
   format: "esm",
   logLevel: "warning",
 };
@@ -43,7 +49,7 @@ export async function writeDecoders(out) {
   await rm(out, { recursive: true, force: true });
   await mkdir(out, { recursive: true });
   const sources = "packages/decoder/src/decode";
-  await build({ ...common, entryPoints: { "decode-worker": `${sources}/decode-worker.ts`, "hevc-worker": `${sources}/hevc-worker.ts`, "paper-decode": `${sources}/paper-decode.ts` }, outdir: out });
+  await build({ ...common, entryPoints: { sha256: "packages/decoder/src/files/sha256.ts", "decode-worker": `${sources}/decode-worker.ts`,"hevc-worker": `${sources}/hevc-worker.ts`, "paper-decode": `${sources}/paper-decode.ts` }, outdir: out });
   for (const name of ["decode-worker", "hevc-worker", "paper-decode"]) await leaveAddresses(join(out, `${name}.js`));
   for (const [name, [source, exported]] of Object.entries(decoders)) {
     if (exported) await writeFile(join(out, name), `${await readFile(join(packages, source), "utf8")}\nexport default ${exported};\n`);

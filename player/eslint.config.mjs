@@ -6,7 +6,7 @@ import tseslint from "typescript-eslint";
 export default defineConfig(
   { ignores: ["**/dist", "out", "node_modules"] },
   {
-    files: ["src/**/*.ts", "packages/*/src/**/*.ts"],
+    files: ["packages/*/src/**/*.ts"],
     extends: [tseslint.configs.recommended],
     plugins: { jsdoc },
     rules: {

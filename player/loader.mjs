@@ -1,6 +1,7 @@
 // Module hooks that let Node import the player's sources: TypeScript by esbuild, styles and icons as text, AssemblyScript as bytes.
 // Use: node --import ./loader.mjs FILE.ts. test.mjs gives the compiled AssemblyScript in SPLATREEL_KERNELS.
 import { transform } from "esbuild";
+import { readFileSync } from "node:fs";
 import { readFile } from "node:fs/promises";
 import { register } from "node:module";
 import { fileURLToPath } from "node:url";
@@ -8,10 +9,11 @@ import { isMainThread } from "node:worker_threads";
 
 if (isMainThread) register(import.meta.url);
 
-const decoder = new URL("./packages/decoder/src/", import.meta.url);
+const { compilerOptions } = JSON.parse(readFileSync(new URL("./tsconfig.json", import.meta.url), "utf8"));
 
 export function resolve(specifier, context, next) {
-  if (specifier.startsWith("@splatreel/decoder/")) return next(new URL(`${specifier.slice("@splatreel/decoder/".length)}.ts`, decoder).href, context);
+  const [entry] = compilerOptions.paths[specifier] ?? [];
+  if (entry) return next(new URL(entry, import.meta.url).href, context);
   const bare = specifier.startsWith(".") && context.parentURL?.endsWith(".ts") && !/\.(mjs|js|ts|css|svg|wasm)$/.test(specifier);
   if (!specifier.endsWith(".wasm")) return next(bare ? `${specifier}.ts` : specifier, context);
   return { url: new URL(specifier, context.parentURL).href, shortCircuit: true };

@@ -8,15 +8,16 @@ import { fileURLToPath } from "node:url";
 const here = dirname(fileURLToPath(import.meta.url));
 const folder = resolve(process.argv[2] ?? here);
 const out = join(folder, "dist/types");
-const sources = { "splatreel-player": "src", "@splatreel/decoder": "packages/decoder/src" };
+const { compilerOptions } = JSON.parse(readFileSync(join(here, "tsconfig.json"), "utf8"));
 
 const tsc = join(here, "node_modules/typescript/bin/tsc");
 const project = ["--project", join(folder, "tsconfig.types.json")];
 execFileSync(process.execPath, [tsc, ...project, "--noEmit", "false", "--declaration", "--emitDeclarationOnly", "--rootDir", here, "--outDir", out], { stdio: "inherit" });
 for (const name of readdirSync(out, { recursive: true }).filter((path) => path.endsWith(".d.ts"))) {
   const path = join(out, name);
-  const text = readFileSync(path, "utf8").replace(/"(splatreel-player|@splatreel\/decoder)\/([^"]+)"/g, (_, owner, file) => {
-    const target = relative(dirname(path), join(out, sources[owner], file)).split(sep).join("/");
+  const text = readFileSync(path, "utf8").replace(/"(@splatreel\/[^"]+)"/g, (_, name) => {
+    const [source] = compilerOptions.paths[name];
+    const target = relative(dirname(path), join(out, source.replace(/\.ts$/, ""))).split(sep).join("/");
     return JSON.stringify(target.startsWith(".") ? target : `./${target}`);
   });
   writeFileSync(path, text);

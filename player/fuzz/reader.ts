@@ -3,12 +3,12 @@ import { readFileSync, readdirSync } from "node:fs";
 import { join } from "node:path";
 import { pathToFileURL } from "node:url";
 import { deflateSync, inflateSync } from "node:zlib";
-import { ReelError } from "@splatreel/decoder/base/errors";
-import { decodeFile } from "@splatreel/decoder/decode/decode-file";
-import { decodePaper } from "@splatreel/decoder/decode/paper";
-import { decodeDraco } from "@splatreel/decoder/decode/draco";
-import type { Track } from "@splatreel/decoder/decode/mp4";
-import { parseManifest } from "@splatreel/decoder/reel/manifest";
+import { ReelError } from "../packages/decoder/src/base/errors";
+import { decodeFile } from "../packages/decoder/src/decode/decode-file";
+import { decodePaper } from "../packages/decoder/src/decode/paper";
+import { decodeDraco } from "../packages/decoder/src/decode/draco";
+import type { Track } from "../packages/decoder/src/decode/mp4";
+import { parseManifest } from "../packages/decoder/src/reel/manifest";
 
 const NAME = "groups/it.safetensors";
 const MAX_EDITS = 12;
@@ -93,7 +93,7 @@ export async function fuzz(data: Buffer): Promise<void> {
   try {
     if ("manifest" in seed) {
       for (let i = 0; i < MAX_EDITS && program.left; i++) editJson(seed.manifest, program);
-      parseManifest(seed.manifest, NAME);
+      parseManifest(JSON.parse(JSON.stringify(seed.manifest)), NAME);
     } else {
       for (let i = 0; i < MAX_EDITS && program.left; i++) edit(seed, program);
       await decodeFile(new Uint8Array(damaged(pack(seed), program)), NAME, (file, kernels) => decodePaper(file, decodeCloud, decodeTrack, kernels));
@@ -112,7 +112,7 @@ function check(error: unknown, manifest: boolean): void {
 }
 
 /** Return gray frames instead of running the video decoder, which is third-party and cannot be guided. */
-async function decodeTrack(track: Track): Promise<Uint8Array> {
+export async function decodeTrack(track: Track): Promise<Uint8Array> {
   return new Uint8Array(track.width * track.height * track.samples.length).fill(128);
 }
 

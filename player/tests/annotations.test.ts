@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { placeOfPoint } from "../src/camera/place-of-point";
-import { parsePoint, parseTime } from "../src/ui/annotations";
+import { placeOfPoint } from "../packages/element/src/camera/place-of-point";
+import { parsePoint, parseTime } from "../packages/element/src/ui/annotations";
 
 const view = { viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1], fx: 100, fy: 100, cx: 80, cy: 60, width: 160, height: 120, near: 0.1 };
 

@@ -1,8 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { DeviceLostError, inSection, messageOf, PLAIN, plainWords, ReelError } from "@splatreel/decoder/base/errors";
-import { checkedPose, checkedViewmat, finite } from "../src/player/checked-arguments";
-import { timeText } from "../src/ui/time-text";
+import { DeviceLostError, inSection, messageOf, PLAIN, plainWords, ReelError } from "../packages/decoder/src/base/errors";
+import { checkedPose, checkedViewmat } from "../packages/element/src/player/checked-arguments";
+import { finite } from "../packages/renderer/src/base/finite";
+import { timeText } from "../packages/element/src/ui/time-text";
 
 const VIEWMAT = [0, 0, 1, 5, 0, 1, 0, 6, -1, 0, 0, 7, 0, 0, 0, 1];
 

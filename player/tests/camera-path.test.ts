@@ -2,8 +2,8 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { eyeOf, length, subtract } from "@splatreel/decoder/base/matrix";
-import { CameraPath, nearestFirst, parsePath, type Keyframe, type PathFile } from "../src/camera/camera-path";
+import { eyeOf, length, subtract } from "../packages/decoder/src/base/matrix";
+import { CameraPath, nearestFirst, parsePath, type Keyframe, type PathFile } from "../packages/element/src/camera/camera-path";
 
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 const at = (x: number, y = 0): number[] => IDENTITY.map((value, i) => (i === 3 ? -x : i === 7 ? -y : value));

@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { Clock } from "../src/player/clock";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
-import { Reel } from "@splatreel/decoder/reel/reel";
-import type { Page } from "@splatreel/decoder/reel/pages";
+import { Clock } from "../packages/renderer/src/playback/clock";
+import type { Manifest } from "../packages/decoder/src/reel/manifest";
+import { Reel } from "../packages/decoder/src/reel/reel";
+import type { Page } from "../packages/decoder/src/reel/pages";
 
 function clockOf(live = false): Clock {
   const clock = new Clock();

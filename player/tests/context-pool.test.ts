@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { ContextPool, type ContextHolder } from "../src/element/context-pool";
+import { ContextPool, type ContextHolder } from "../packages/element/src/element/context-pool";
 
 class Player implements ContextHolder {
   idle = false;

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { dragged, edgesOf, FACES, firstBox, marksAt, middleOf, operationsOf, pointAt, projected, type Box } from "../src/ui/crop-box";
-import type { View } from "../src/base/view";
+import { dragged, edgesOf, FACES, firstBox, marksAt, middleOf, operationsOf, pointAt, projected, type Box } from "../packages/element/src/ui/crop-box";
+import type { View } from "../packages/renderer/src/base/view";
 
 const box: Box = [[-1, -2, 3], [1, 2, 5]];
 const view = { viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 2, 0, 0, 0, 1], fx: 100, fy: 100, cx: 50, cy: 40, width: 100, height: 80, near: 0.1 } as View;

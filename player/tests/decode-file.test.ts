@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import { decodeFile } from "@splatreel/decoder/decode/decode-file";
-import { decodePaper } from "@splatreel/decoder/decode/paper";
+import { decodeFile } from "../packages/decoder/src/decode/decode-file";
+import { decodePaper } from "../packages/decoder/src/decode/paper";
 
 const golden = new URL("../tests/data/golden/groups/0000.safetensors", `file://${process.cwd()}/`);
 

@@ -1,14 +1,14 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
-import { PLAIN } from "@splatreel/decoder/base/errors";
-import type { DecodeReply } from "@splatreel/decoder/decode/decode-worker";
-import { DecoderPool, EARLY } from "@splatreel/decoder/stream/decoder-pool";
-import { decodeWorkers } from "../src/files/bundle";
+import { PLAIN } from "../packages/decoder/src/base/errors";
+import type { DecodeReply } from "../packages/decoder/src/decode/decode-worker";
+import { DecoderPool, EARLY } from "../packages/decoder/src/stream/decoder-pool";
+import { decodeWorkers } from "../packages/renderer/src/files/bundle";
 import { FakeTime } from "./fakes/time";
 import { FakeWorker, FILE } from "./fakes/workers";
 
 const time = new FakeTime();
-const source = (name: string, bytes = 1000) => ({ url: `https://page.example/${name}`, bytes, sha256: null });
+const source = (name: string, bytes = 1000) => ({ url: `https://page.example/${name}`, bytes, sha256: "0".repeat(64) });
 
 let pool: DecoderPool;
 let log: string[] = [];

@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { deflateSync } from "node:zlib";
-import { flags, inflate, linear, packedSize, unpack } from "@splatreel/decoder/decode/dequantize";
-import { half } from "../src/draw/point-words";
-import type { Container } from "@splatreel/decoder/reel/container";
+import { flags, inflate, linear, packedSize, unpack } from "../packages/decoder/src/decode/dequantize";
+import { half } from "../packages/renderer/src/draw/point-words";
+import type { Container } from "../packages/decoder/src/reel/container";
 
 /** The low bytes of all, then the bits above, lowest bit first. */
 function pack(values: number[], bits: number): Uint8Array {
@@ -18,8 +18,7 @@ function pack(values: number[], bits: number): Uint8Array {
 }
 
 function container(name: string, parameters: object, data: Uint8Array): Container {
-  const tensors = { [name]: { dtype: "U8", shape: [data.length], bytes: data } };
-  return { kind: "layer", index: 0, points: 0, frames: 0, sections: { [name]: parameters as never }, tensors };
+  return { kind: "layer", index: 0, points: 0, firstFrame: 0, frames: 0, sections: { [name]: parameters as never }, data: { [name]: data } };
 }
 
 test("unpacks every width", () => {

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { createHash } from "node:crypto";
 import { beforeEach, test } from "node:test";
-import { PLAIN, ReelError } from "@splatreel/decoder/base/errors";
-import { download, downloadText } from "@splatreel/decoder/files/download";
+import { PLAIN, ReelError } from "../packages/decoder/src/base/errors";
+import { download, downloadText } from "../packages/decoder/src/files/download";
 import { FakeHost, pieces, ranged, status, unreachable, whole } from "./fakes/host";
 import { device, page } from "./fakes/page";
 import { FakeTime } from "./fakes/time";
@@ -62,12 +62,12 @@ test("a stalled transfer is aborted after eight seconds, a slow one is not", asy
   assert.deepEqual(await get(), BODY);
   assert.ok(waits()[0] >= 8.3 && waits()[0] <= 8.5, `${waits()}`);
   assert.match(troubles[0], /no data arrived/);
-  const slow = [...Array(10).keys()].map((i) => BODY.slice(100 * i, 100 * i + 100));
-  host.answer(pieces(slow, "over", 200, 7000));
+  const piecesOf = (body: Uint8Array): Uint8Array[] => [...Array(10).keys()].map((i) => body.slice(100 * i, 100 * i + 100));
+  host.answer(pieces(piecesOf(BODY), "over", 200, 7000));
   troubles = [];
   assert.deepEqual(await get(), BODY);
-  host.answer(pieces(slow, "over", 200, 7000));
-  assert.equal((await time.until(downloadText(URL, watcher, life.signal))).length, new TextDecoder().decode(BODY).length);
+  host.answer(pieces(piecesOf(BODY.map((byte) => byte & 127)), "over", 200, 7000));
+  assert.equal((await time.until(downloadText(URL, watcher, life.signal))).length, BODY.length);
   assert.deepEqual([host.asked.length, troubles], [1, []]);
 });
 
@@ -95,8 +95,13 @@ test("a file that differs from the manifest is requested twice more, from its be
   }
   host.answer(whole(other), whole(BODY));
   assert.deepEqual(await get(), BODY);
-  host.answer(whole(other));
-  assert.deepEqual(await get({ ...source, sha256: null } as unknown as typeof source), other);
+});
+
+test("a manifest that is too long or is not UTF-8 is refused", async () => {
+  host.answer(whole(Uint8Array.of(0x7b, 0xe9, 0x7d)));
+  await assert.rejects(time.until(downloadText(URL, watcher, life.signal)), { name: "ReelError", message: /not UTF-8/ });
+  host.answer(whole(new Uint8Array((16 << 20) + 1)));
+  await assert.rejects(time.until(downloadText(URL, watcher, life.signal)), { name: "ReelError", message: /longer than/ });
 });
 
 test("a cancellation ends a transfer or a wait at once", async () => {

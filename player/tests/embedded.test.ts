@@ -2,10 +2,10 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { loadPart } from "../src/files/bundle";
-import { download } from "@splatreel/decoder/files/download";
-import { embeddedPlayerFile, embeddedReel } from "../src/files/embedded";
-import { addressOf, readManifest, sourceOf } from "@splatreel/decoder/reel/manifest";
+import { loadPart } from "../packages/renderer/src/files/bundle";
+import { download } from "../packages/decoder/src/files/download";
+import { embeddedPlayerFile, embeddedReel } from "../packages/renderer/src/files/embedded";
+import { addressOf, readManifest, sourceOf } from "../packages/decoder/src/reel/manifest";
 import "./fakes/page";
 
 const GOLDEN = join(process.cwd(), "../tests/data/golden-predictive");
@@ -49,7 +49,7 @@ test("files of the player inside the page replace those beside it", async () => 
 test("an image of a local reel has one address until the reel is closed", async () => {
   contain({ 'data-reel-file="poster.jpg"': Uint8Array.of(1, 2, 3) });
   const found = await readManifest(embeddedReel());
-  const picture = { uri: "poster.jpg", bytes: 3, sha256: null };
+  const picture = { uri: "poster.jpg", bytes: 3, sha256: "0".repeat(64) };
   const address = await addressOf(found, picture);
   assert.match(address, /^blob:/);
   assert.equal(await addressOf(found, picture), address);

@@ -1,14 +1,14 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { Vec3 } from "@splatreel/decoder/base/matrix";
-import type { Camera, Manifest } from "@splatreel/decoder/reel/manifest";
-import { HeadsetSpace } from "../src/camera/headset-space";
-import { Limits } from "../src/camera/limits";
-import { HeadsetGrip } from "../src/player/headset-grip";
-import { meetsLevel } from "../src/player/headset-input";
-import { HeadsetPlacement } from "../src/player/headset-placement";
-import type { XrFrame, XrInput, XrSession } from "../src/player/headset-support";
-import { HeadsetTeleport } from "../src/player/headset-teleport";
+import type { Vec3 } from "../packages/decoder/src/base/matrix";
+import type { Camera, Manifest } from "../packages/decoder/src/reel/manifest";
+import { HeadsetSpace } from "../packages/element/src/camera/headset-space";
+import { Limits } from "../packages/element/src/camera/limits";
+import { HeadsetGrip } from "../packages/element/src/player/headset-grip";
+import { meetsLevel } from "../packages/element/src/player/headset-input";
+import { HeadsetPlacement } from "../packages/element/src/player/headset-placement";
+import type { XrFrame, XrInput, XrSession } from "../packages/element/src/player/headset-support";
+import { HeadsetTeleport } from "../packages/element/src/player/headset-teleport";
 
 /** Cameras four units, two meters, from the middle, y down, looking along z. */
 const CAMERA: Camera = { name: "", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1] };

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { eyeOf } from "@splatreel/decoder/base/matrix";
-import { HeadsetSpace } from "../src/camera/headset-space";
-import type { Camera, Manifest } from "@splatreel/decoder/reel/manifest";
+import { eyeOf } from "../packages/decoder/src/base/matrix";
+import { HeadsetSpace } from "../packages/element/src/camera/headset-space";
+import type { Camera, Manifest } from "../packages/decoder/src/reel/manifest";
 
 /** Cameras four units from the middle, y down as in the golden reels, looking along z. */
 const VIEWMAT = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];

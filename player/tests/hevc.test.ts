@@ -1,13 +1,13 @@
 import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { test } from "node:test";
-import { pixelsOf } from "@splatreel/decoder/decode/h265-offsets";
-import { parseHvcC } from "@splatreel/decoder/decode/hevc";
-import { parseMp4 } from "@splatreel/decoder/decode/mp4";
-import { parseContainer } from "@splatreel/decoder/reel/container";
+import { pixelsOf } from "../packages/decoder/src/decode/h265-offsets";
+import { parseHvcC } from "../packages/decoder/src/decode/hevc";
+import { parseMp4 } from "../packages/decoder/src/decode/mp4";
+import { parseContainer } from "../packages/decoder/src/reel/container";
 
 const bytes = new Uint8Array(readFileSync("../tests/data/golden/groups/0000.safetensors"));
-const video = parseContainer(bytes, "golden").tensors.offsets.bytes;
+const video = parseContainer(bytes, "golden").data.offsets;
 
 test("finds the three tracks and their decoder settings", () => {
   const tracks = parseMp4(video, 100);

@@ -1,13 +1,13 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import "./fakes/page";
-import { cross, dot, eyeOf, length, normalize, rotate, subtract, viewmatOf, type Vec3 } from "@splatreel/decoder/base/matrix";
-import { OrbitCamera } from "../src/camera/orbit-camera";
-import type { Player } from "../src/player/player";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
-import type { CooperativeGestures } from "../src/ui/cooperative-gestures";
-import { attachKeys, type Actions } from "../src/ui/keys";
-import { attachPointerControls } from "../src/ui/pointer-controls";
+import { cross, dot, eyeOf, length, normalize, rotate, subtract, viewmatOf, type Vec3 } from "../packages/decoder/src/base/matrix";
+import { OrbitCamera } from "../packages/element/src/camera/orbit-camera";
+import type { Player } from "../packages/element/src/player/player";
+import type { Manifest } from "../packages/decoder/src/reel/manifest";
+import type { CooperativeGestures } from "../packages/element/src/ui/cooperative-gestures";
+import { attachKeys, type Actions } from "../packages/element/src/ui/keys";
+import { attachPointerControls } from "../packages/element/src/ui/pointer-controls";
 
 class Key extends EventTarget {
   readonly isContentEditable = false;

@@ -4,10 +4,10 @@ import { readdirSync, readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { decodeCloud } from "../fuzz/reader";
-import { ReelError } from "@splatreel/decoder/base/errors";
-import { decodeFile } from "@splatreel/decoder/decode/decode-file";
-import { decodePaper } from "@splatreel/decoder/decode/paper";
-import { parseManifest } from "@splatreel/decoder/reel/manifest";
+import { ReelError } from "../packages/decoder/src/base/errors";
+import { decodeFile } from "../packages/decoder/src/decode/decode-file";
+import { decodePaper } from "../packages/decoder/src/decode/paper";
+import { parseManifest } from "../packages/decoder/src/reel/manifest";
 
 const FOLDER = join(process.cwd(), "../tests/data/hostile");
 const never = (): never => assert.fail("no picture of it may be decoded");

@@ -3,10 +3,10 @@ import assert from "node:assert/strict";
 import { readFileSync, readdirSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { decodeFile } from "@splatreel/decoder/decode/decode-file";
-import { plain, type Kernels } from "@splatreel/decoder/decode/kernels";
-import type { Form, Klt } from "@splatreel/decoder/decode/klt";
-import { wasmKernels } from "@splatreel/decoder/decode/wasm";
+import { decodeFile } from "../packages/decoder/src/decode/decode-file";
+import { plain, type Kernels } from "../packages/decoder/src/decode/kernels";
+import type { Form, Klt } from "../packages/decoder/src/decode/klt";
+import { wasmKernels } from "../packages/decoder/src/decode/wasm";
 import code from "../packages/decoder/wasm/kernels.wasm";
 
 const fast = wasmKernels(new WebAssembly.Module(code));

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { Player } from "../src/player/player";
-import { LINES } from "../src/ui/help";
-import { attachKeys, type Actions } from "../src/ui/keys";
+import type { Player } from "../packages/element/src/player/player";
+import { LINES } from "../packages/element/src/ui/help";
+import { attachKeys, type Actions } from "../packages/element/src/ui/keys";
 import { page } from "./fakes/page";
 import { FakePlayer } from "./fakes/player";
 

@@ -2,15 +2,15 @@ import assert from "node:assert/strict";
 import { readdirSync, readFileSync } from "node:fs";
 import { test } from "node:test";
 import { fileURLToPath } from "node:url";
-import { directionOf, wordsOf } from "../src/base/words";
-import { bestLanguage, languageOf } from "../src/ui/language";
+import { directionOf, wordsOf } from "../packages/element/src/base/words";
+import { bestLanguage, languageOf } from "../packages/element/src/ui/language";
 import "./fakes/page";
 
-const source = fileURLToPath(new URL("../src/", import.meta.url));
+const source = fileURLToPath(new URL("../packages/element/src/", import.meta.url));
 const read = (path: string): string => readFileSync(source + path, "utf8");
 const languages = readdirSync(`${source}languages`).map((file) => /language-(\w+)\.ts/.exec(file)![1]);
 const tables = new Map<string, Record<string, string>>();
-for (const language of languages) tables.set(language, ((await import(`../src/languages/language-${language}.ts`)) as { default: Record<string, string> }).default);
+for (const language of languages) tables.set(language, ((await import(`../packages/element/src/languages/language-${language}.ts`)) as { default: Record<string, string> }).default);
 
 /** Literals that are no texts: names of keys and events of the browser, and messages to authors of pages. */
 const OTHERS = /^(Arrow\w*|Promise|Home|End|Escape|Tab|Enter|PageUp|PageDown|Esc|Space K|Home End|Shift .*|Files|Not\w+Error|AbortError|Ctrl|Mac.*|Event|Element|Segoe UI|Roboto|[A-Z]( [A-Z])*)$/;

@@ -1,9 +1,9 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { cross, dot, eyeOf, length, normalize, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
-import { Limits } from "../src/camera/limits";
-import { OrbitCamera } from "../src/camera/orbit-camera";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { cross, dot, eyeOf, length, normalize, subtract, type Vec3 } from "../packages/decoder/src/base/matrix";
+import { Limits } from "../packages/element/src/camera/limits";
+import { OrbitCamera } from "../packages/element/src/camera/orbit-camera";
+import type { Manifest } from "../packages/decoder/src/reel/manifest";
 
 /** Cameras 4 from the origin, before it and to the left and right by 20 degrees; up is -y. */
 const lookAt = (eye: Vec3): number[] => {

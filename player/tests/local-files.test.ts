@@ -3,10 +3,10 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { deflateRawSync } from "node:zlib";
-import { download } from "@splatreel/decoder/files/download";
-import { LocalFiles } from "@splatreel/decoder/files/local-files";
-import type { LocalFile, Source } from "@splatreel/decoder/files/source";
-import { readManifest, sourceOf } from "@splatreel/decoder/reel/manifest";
+import { download } from "../packages/decoder/src/files/download";
+import { LocalFiles } from "../packages/decoder/src/files/local-files";
+import type { LocalFile, Source } from "../packages/decoder/src/files/source";
+import { readManifest, sourceOf } from "../packages/decoder/src/reel/manifest";
 
 const GOLDEN = join(process.cwd(), "../tests/data/golden");
 const quiet = { received: () => undefined, trouble: () => undefined };

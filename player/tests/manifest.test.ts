@@ -2,8 +2,8 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { parseManifest } from "@splatreel/decoder/reel/manifest";
-import { fileOf } from "@splatreel/decoder/reel/reel-file";
+import { parseManifest } from "../packages/decoder/src/reel/manifest";
+import { fileOf } from "../packages/decoder/src/reel/reel-file";
 
 const TEXT = readFileSync(join(process.cwd(), "../tests/data/golden-predictive/manifest.json"), "utf8");
 const URL = "https://example.org/reel/manifest.json";
@@ -18,10 +18,11 @@ function edited(change: (document: Document) => void): Document {
 }
 
 function withRenditions(document: Document): void {
-  document.renditions = [{ name: "high", bytes: 1 }, { name: "low", bytes: 2 }];
   for (const [i, group] of document.groups.entries()) {
     group.renditions = { low: { uri: `groups/000${i}.low.safetensors`, bytes: 100 + i, sha256: "0".repeat(64), points: 7 } };
   }
+  const sum = (files: Document[]): number => files.reduce((total, { bytes }) => total + bytes, 0);
+  document.renditions = [{ name: "high", bytes: sum(document.groups) }, { name: "low", bytes: sum(document.groups.map((group: Document) => group.renditions.low)) }];
 }
 
 test("a reel without renditions offers no choice", () => {

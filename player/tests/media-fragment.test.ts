@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { timesOf } from "../src/element/media-fragment";
+import { timesOf } from "../packages/element/src/element/media-fragment";
 
 test("times of a fragment are seconds, minutes or hours, with or without an end", () => {
   const cases: [string, number | null, number | null][] = [

@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { eyeOf, length, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
-import { OrbitCamera } from "../src/camera/orbit-camera";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { eyeOf, length, subtract, type Vec3 } from "../packages/decoder/src/base/matrix";
+import { OrbitCamera } from "../packages/element/src/camera/orbit-camera";
+import type { Manifest } from "../packages/decoder/src/reel/manifest";
 
 const viewmat = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];
 const home = { name: "start", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat };

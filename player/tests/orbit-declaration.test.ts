@@ -1,11 +1,11 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { dot, eyeOf, length, subtract, viewmatOf, type Vec3 } from "@splatreel/decoder/base/matrix";
-import { axesOf } from "../src/base/quaternion";
-import { OrbitCamera } from "../src/camera/orbit-camera";
-import { OrbitFrame, parseAngle, parseFieldOfView, parseOrbit, parseTarget } from "../src/camera/orbit-declaration";
-import type { CameraState } from "../src/camera/pose";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
+import { dot, eyeOf, length, subtract, viewmatOf, type Vec3 } from "../packages/decoder/src/base/matrix";
+import { axesOf } from "../packages/element/src/base/quaternion";
+import { OrbitCamera } from "../packages/element/src/camera/orbit-camera";
+import { OrbitFrame, parseAngle, parseFieldOfView, parseOrbit, parseTarget } from "../packages/element/src/camera/orbit-declaration";
+import type { CameraState } from "../packages/element/src/camera/pose";
+import type { Manifest } from "../packages/decoder/src/reel/manifest";
 
 /** The camera looks along z from 4 units before the origin; y is down. */
 const viewmat = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];

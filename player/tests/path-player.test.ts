@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { eyeOf } from "@splatreel/decoder/base/matrix";
-import { CameraPath, type Keyframe } from "../src/camera/camera-path";
-import { PathPlayer } from "../src/player/path-player";
+import { eyeOf } from "../packages/decoder/src/base/matrix";
+import { CameraPath, type Keyframe } from "../packages/element/src/camera/camera-path";
+import { PathPlayer } from "../packages/element/src/player/path-player";
 import { FakePlayer } from "./fakes/player";
 
 const at = (x: number): number[] => [1, 0, 0, -x, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];

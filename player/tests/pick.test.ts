@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { depthOf, float, hitsAt } from "../src/webgl/pick";
-import { half } from "../src/draw/point-words";
+import { depthOf, float, hitsAt } from "../packages/renderer/src/webgl/pick";
+import { half } from "../packages/renderer/src/draw/point-words";
 
 const pair = (low: number, high: number): number => (half(low) | (half(high) << 16)) >>> 0;
 const bits = (value: number): number => new Uint32Array(Float32Array.of(value).buffer)[0];

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { PlayPromises } from "../src/element/play-promises";
+import { PlayPromises } from "../packages/element/src/element/play-promises";
 import { status } from "./fakes/host";
 import { FakePlayer } from "./fakes/player";
 

@@ -1,7 +1,7 @@
 /** A player and reels of version 2: pages that come when they are needed, chapters, and live reels that drop their beginning. */
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { PLAIN } from "@splatreel/decoder/base/errors";
+import { PLAIN } from "../packages/decoder/src/base/errors";
 import { whole } from "./fakes/host";
 import { FakePlayer } from "./fakes/player";
 import { documentOf, type Plan } from "./fakes/reel";

@@ -1,7 +1,7 @@
 /** Failures of a player: files, manifests and graphics devices. */
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { DeviceLostError, PLAIN, ReelError } from "@splatreel/decoder/base/errors";
+import { DeviceLostError, PLAIN, ReelError } from "../packages/decoder/src/base/errors";
 import { status, whole } from "./fakes/host";
 import { device, page } from "./fakes/page";
 import { FakePlayer, OFTEN, started } from "./fakes/player";
@@ -56,7 +56,7 @@ test("a reel replaced on its host is opened again, at the same time and view", a
   fake.player.camera!.orbit(0.2, 0);
   const { viewmat } = fake.player.camera!;
   for (const plain of [PLAIN.damaged, PLAIN.missing]) {
-    host.answer(whole(JSON.stringify(documentOf({ groups: 20, points: plain === PLAIN.damaged ? 50 : 60 }))));
+    fake.answer({ groups: 20, points: plain === PLAIN.damaged ? 50 : 60 });
     fake.files.say("groups/15.bin", { error: "groups/15.bin is another one.", plain });
     await time.pass(0);
     assert.deepEqual([fake.player.error, fake.player.currentTime], [null, 15]);

@@ -11,8 +11,7 @@ test("the player waits for the first group of a live reel, starts at its live ed
   const fake = new FakePlayer({ groups: 0, layers: [], live: true });
   await fake.open();
   assert.match(fake.player.notice!, /Waiting for the first group/);
-  const answer = (plan: Plan): void => host.answer(whole(JSON.stringify(documentOf(plan))));
-  answer({ groups: 2, live: true });
+  fake.answer({ groups: 2, live: true });
   await fake.pass(3000);
   assert.deepEqual([fake.player.notice, fake.player.live, fake.player.duration, fake.player.currentTime], [null, true, 2, 1]);
   fake.files.giveAll();
@@ -21,13 +20,14 @@ test("the player waits for the first group of a live reel, starts at its live ed
   await fake.pass(1500);
   assert.deepEqual([fake.player.currentTime, fake.player.paused, fake.player.ended], [2, false, false], "it waits at its edge");
   fake.heard();
-  host.answer(status(500), status(500), status(500), whole(JSON.stringify(documentOf({ groups: 3, live: true, layers: [0, 2] }))));
+  fake.plan = { groups: 3, live: true, layers: [0, 2] };
+  host.answer(status(500), status(500), status(500), whole(JSON.stringify(documentOf(fake.plan))));
   await fake.pass(12_000);
   assert.equal(fake.player.duration, 3);
   assert.ok(fake.heard().includes("durationchange"));
   assert.deepEqual(fake.files.coming.sort(), ["layers/1.bin"]);
   fake.files.giveAll();
-  answer({ groups: 3, layers: [0, 2] });
+  fake.answer({ groups: 3, layers: [0, 2] });
   await fake.pass(6000);
   assert.deepEqual([fake.player.live, fake.player.ended], [false, true]);
   host.asked.length = 0;

@@ -1,7 +1,7 @@
 /** Opening a reel in a player, drawing it, and releasing it. */
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { describe } from "../src/ui/statistics";
+import { describe } from "../packages/element/src/ui/statistics";
 import { status, whole } from "./fakes/host";
 import { device, page } from "./fakes/page";
 import { FakePlayer, OFTEN, started } from "./fakes/player";

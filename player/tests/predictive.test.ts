@@ -2,7 +2,7 @@ import assert from "node:assert/strict";
 import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
-import { decodeFile, type DecodedFile } from "@splatreel/decoder/decode/decode-file";
+import { decodeFile, type DecodedFile } from "../packages/decoder/src/decode/decode-file";
 
 const GOLDEN = join(process.cwd(), "../tests/data/golden-predictive");
 const manifest = JSON.parse(readFileSync(join(GOLDEN, "manifest.json"), "utf8"));

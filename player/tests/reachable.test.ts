@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import type { Vec3 } from "@splatreel/decoder/base/matrix";
-import { reachable } from "../src/camera/reachable";
+import type { Vec3 } from "../packages/decoder/src/base/matrix";
+import { reachable } from "../packages/element/src/camera/reachable";
 import { manifestOf } from "./fakes/reel";
 
 /** Limits of distance from 1 to 8 about the origin, and a floor at its height (up is -y). */

@@ -1,18 +1,16 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { LocalFiles } from "@splatreel/decoder/files/local-files";
-import { pointsAt } from "@splatreel/decoder/reader/points";
-import { ReelReader } from "@splatreel/decoder/reader/reel-reader";
-import { decodeWorkers } from "../src/files/bundle";
-import { pointsOf } from "./fakes/player";
+import { LocalFiles } from "../packages/decoder/src/files/local-files";
+import { pointsAt } from "../packages/decoder/src/reader/points";
+import { ReelReader } from "../packages/decoder/src/reader/reel-reader";
+import { decodeWorkers } from "../packages/renderer/src/files/bundle";
+import { pointsAt as fileOf, pointsOf } from "./fakes/player";
 import { documentOf, pageAt, type Plan } from "./fakes/reel";
 import { settled } from "./fakes/time";
 import { FakeWorker, Transfers } from "./fakes/workers";
 
-/** Layers have 4 points, groups 3, of 10 frames. */
 function filesOf(uri: string, plan: Plan): object {
-  if (uri.startsWith("pages")) return pageAt(plan, uri);
-  return uri.startsWith("layers") ? pointsOf(4, 0, 0) : pointsOf(3, 10, 4);
+  return uri.startsWith("pages") ? pageAt(plan, uri) : fileOf(plan, uri);
 }
 
 /** Open a reel whose files come when a test says so. */
@@ -29,8 +27,8 @@ test("a frame waits for its files, and shows static and dynamic points", async (
   await settled();
   transfers.giveAll();
   const { count, groups, seconds, means } = await frame;
-  assert.deepEqual({ count, groups, seconds }, { count: 7, groups: [0], seconds: 0.5 });
-  assert.equal(means.length, 21);
+  assert.deepEqual({ count, groups, seconds }, { count: 200, groups: [0], seconds: 0.5 });
+  assert.equal(means.length, 600);
   reader.close();
 });
 
@@ -40,8 +38,8 @@ test("a cross-fade shows both groups", async () => {
   await settled();
   transfers.giveAll();
   const { count, groups, opacities } = await frame;
-  assert.deepEqual({ count, groups }, { count: 4 + 3 + 3, groups: [0, 1] });
-  assert.ok(opacities.slice(4).every((opacity) => opacity < 0.5), "half of the weight each");
+  assert.deepEqual({ count, groups }, { count: 300, groups: [0, 1] });
+  assert.ok(opacities.slice(100).every((opacity) => opacity < 0.5), "half of the weight each");
   reader.close();
 });
 

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { BandwidthMeter } from "@splatreel/decoder/stream/bandwidth-meter";
-import { RenditionPolicy, type Option } from "@splatreel/decoder/stream/rendition-policy";
+import { BandwidthMeter } from "../packages/decoder/src/stream/bandwidth-meter";
+import { RenditionPolicy, type Option } from "../packages/decoder/src/stream/rendition-policy";
 
 /** Groups of a second at 4, 2 and 1 Mbit/s, with fewer points in the last. */
 const OPTIONS: Option[] = [{ bytes: 500_000, points: 20_000 }, { bytes: 250_000, points: 20_000 }, { bytes: 125_000, points: 12_000 }];

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { Resolution } from "../src/player/resolution";
+import { Resolution } from "../packages/renderer/src/playback/resolution";
 
 function draw(resolution: Resolution, pictures: number, interval: number, from = 1): number {
   for (let i = 0; i < pictures; i++) resolution.drawn(true, (from += interval));

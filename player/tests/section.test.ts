@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { stepSection } from "../src/ui/section";
+import { stepSection } from "../packages/element/src/ui/section";
 import { started } from "./fakes/player";
 
 test("three steps choose the start and the end of a section, and clear it", async () => {

@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { megabytes, quantile, reportOf, spreadOf } from "../src/self-test/report";
+import { megabytes, quantile, reportOf, spreadOf } from "../packages/element/src/self-test/report";
 
 test("quantiles interpolate between the sorted values", () => {
   assert.deepEqual([0, 0.5, 0.75, 1].map((part) => quantile([4, 1, 3, 2], part)), [1, 2.5, 3.25, 4]);

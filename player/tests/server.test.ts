@@ -4,7 +4,7 @@ import { test } from "node:test";
 
 test("the player is imported without a page", async () => {
   assert.ok(!("document" in globalThis) && !("HTMLElement" in globalThis));
-  const { SplatReelElement, Player } = await import("../src/main");
+  const { SplatReelElement, Player } = await import("../packages/element/src/main");
   assert.equal(typeof Player, "function");
   assert.equal(SplatReelElement.NETWORK_EMPTY, 0);
   assert.deepEqual(SplatReelElement.observedAttributes.slice(0, 2), ["src", "poster"]);

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { covers, EXTENT, frustumOf } from "../src/draw/frustum";
-import { DepthRun, merge } from "../src/draw/sort";
+import { covers, EXTENT, frustumOf } from "../packages/renderer/src/draw/frustum";
+import { DepthRun, merge } from "../packages/renderer/src/draw/sort";
 
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 /** Sees all that is in front of it. */

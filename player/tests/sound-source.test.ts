@@ -1,8 +1,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { segmentAt, spareSegments, wantedSegments } from "../src/sound/sound-source";
+import { segmentAt, spareSegments, wantedSegments } from "../packages/renderer/src/sound/sound-source";
 
-const segments = Array.from({ length: 100 }, (_, index) => ({ uri: `${index}`, bytes: 1, sha256: null, start: 2 * index, seconds: 2 }));
+const segments = Array.from({ length: 100 }, (_, index) => ({ uri: `${index}`, bytes: 1, sha256: "0".repeat(64), start: 2 * index, seconds: 2 }));
 
 test("a time lies in a segment, in a gap, or beyond the end", () => {
   assert.deepEqual([0, 1.99, 2, 199.9, 200, -1].map((time) => segmentAt(segments, time)), [0, 0, 1, 99, -1, -1]);

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
-import { SpatialSound } from "../src/sound/spatial-sound";
+import type { Manifest } from "../packages/decoder/src/reel/manifest";
+import { SpatialSound } from "../packages/renderer/src/sound/spatial-sound";
 import { device } from "./fakes/page";
 import { manifestOf } from "./fakes/reel";
 import { settled } from "./fakes/time";

@@ -1,7 +1,7 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { length, viewmatOf, type Vec3 } from "@splatreel/decoder/base/matrix";
-import { placeOf } from "../src/sound/spatial-sound";
+import { length, viewmatOf, type Vec3 } from "../packages/decoder/src/base/matrix";
+import { placeOf } from "../packages/renderer/src/sound/spatial-sound";
 
 const at = (eye: Vec3): number[] => viewmatOf(eye, [1, 0, 0], [0, 1, 0], [0, 0, 1]);
 const manifest = { camera: { name: "", width: 1, height: 1, K: [], viewmat: at([0, 0, -4]) }, bounds: [[-1, -1, -1], [1, 1, 1]] as [Vec3, Vec3] };

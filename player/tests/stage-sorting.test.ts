@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { PLAIN } from "@splatreel/decoder/base/errors";
+import { PLAIN } from "../packages/decoder/src/base/errors";
 import { FakePlayer, pointsOf } from "./fakes/player";
 import { FakeWorker } from "./fakes/workers";
 

@@ -1,9 +1,9 @@
 /** Streaming reels of version 2: pages, layers that are retired, groups that are dropped. */
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
-import { PLAIN } from "@splatreel/decoder/base/errors";
-import { withKnown } from "@splatreel/decoder/reel/pages";
-import { costOf } from "@splatreel/decoder/stream/file-cache";
+import { PLAIN } from "../packages/decoder/src/base/errors";
+import { withKnown } from "../packages/decoder/src/reel/pages";
+import { costOf } from "../packages/decoder/src/stream/file-cache";
 import { manifestOf, type Plan } from "./fakes/reel";
 import { GROUP, time, World } from "./fakes/stream";
 

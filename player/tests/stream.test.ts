@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { beforeEach, test } from "node:test";
-import { memoryBudget } from "@splatreel/decoder/stream/file-cache";
+import { memoryBudget } from "../packages/decoder/src/stream/file-cache";
 import { device } from "./fakes/page";
 import { time, World } from "./fakes/stream";
 

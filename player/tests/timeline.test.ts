@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { firstFrameOf, groupAt, missingPages, momentAt, staticFlags, staticWeights, weightAt, type Schedule } from "@splatreel/decoder/reel/timeline";
+import { firstFrameOf, groupAt, missingPages, momentAt, staticFlags, staticWeights, weightAt, type Schedule } from "../packages/decoder/src/reel/timeline";
 
 const three = { first: 0, pages: [], overlap: 5, groups: [{ firstFrame: 0, frames: 35 }, { firstFrame: 30, frames: 35 }, { firstFrame: 60, frames: 30 }] };
 

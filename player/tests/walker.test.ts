@@ -1,10 +1,10 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { dot, length, subtract, type Vec3 } from "@splatreel/decoder/base/matrix";
-import type { Camera, Manifest } from "@splatreel/decoder/reel/manifest";
-import { STILL, type Motion } from "../src/camera/motion";
-import { OrbitCamera } from "../src/camera/orbit-camera";
-import { Walker } from "../src/camera/walker";
+import { dot, length, subtract, type Vec3 } from "../packages/decoder/src/base/matrix";
+import type { Camera, Manifest } from "../packages/decoder/src/reel/manifest";
+import { STILL, type Motion } from "../packages/element/src/camera/motion";
+import { OrbitCamera } from "../packages/element/src/camera/orbit-camera";
+import { Walker } from "../packages/element/src/camera/walker";
 
 /** Cameras four units from the middle, y down, looking along z. The scene is two units wide, so that a unit is half a meter. */
 const CAMERA: Camera = { name: "", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1] };

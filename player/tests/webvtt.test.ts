@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { parseCues, parseMarkup, plainText } from "../src/ui/webvtt";
+import { parseCues, parseMarkup, plainText } from "../packages/element/src/ui/webvtt";
 
 const FILE = `\ufeffWEBVTT - some words
 

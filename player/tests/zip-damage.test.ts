@@ -2,8 +2,8 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import { deflateRawSync } from "node:zlib";
-import { ReelError } from "@splatreel/decoder/base/errors";
-import { filesOfZip } from "../src/files/zip";
+import { ReelError } from "../packages/decoder/src/base/errors";
+import { filesOfZip } from "../packages/element/src/files/zip";
 
 /** A zip of deflated files. */
 function zip(files: Record<string, Buffer>): Buffer {

@@ -1,7 +1,7 @@
 /** Zips whose names point out of them: nothing is written anywhere, and no file outside of the reel's folder is part of the reel. */
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { openFiles } from "../src/files/open-files";
+import { openFiles } from "../packages/element/src/files/open-files";
 
 /** A zip of files that are stored as they are, under any name. */
 function zip(files: [string, string][]): File {

@@ -3,8 +3,8 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { deflateRawSync } from "node:zlib";
-import { openDropped, openFiles } from "../src/files/open-files";
-import { filesOfZip } from "../src/files/zip";
+import { openDropped, openFiles } from "../packages/element/src/files/open-files";
+import { filesOfZip } from "../packages/element/src/files/zip";
 
 interface Packed { name: string; bytes: Buffer; method?: number; flags?: number }
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conformance.run import HERE, arrays_of, cases, differences, expected
+from conformance.run import HERE, arrays_of, cases, differences, expected, refusal_of, refused, write_refused
 
 from tests.conformance_cases import CASES, write_case
 
@@ -22,6 +22,12 @@ def test_the_python_reader_passes(case: str) -> None:
     assert differences(case, arrays_of(HERE / case, wanted["times"], wanted["renditions"])) == []
 
 
+@pytest.mark.parametrize("name", refused())
+def test_the_python_reader_refuses_false_reels(name: str, tmp_path: Path) -> None:
+    write_refused(name, tmp_path / name)
+    assert refusal_of(tmp_path / name)
+
+
 @pytest.mark.slow
 def test_the_decoder_passes() -> None:
     if shutil.which("npm") is None:
@@ -31,6 +37,7 @@ def test_the_decoder_passes() -> None:
         result = subprocess.run(command, cwd=ROOT / "player", capture_output=True, text=True, timeout=600)
         assert result.returncode == 0, result.stdout + result.stderr
     assert result.stdout.count("are right") == len(CASES)
+    assert result.stdout.count(" is refused: ") == len(refused())
     scripts = [DECODER / "dist" / name for name in ("decoder.js", "decode-worker.js")]
     assert sum(len(gzip.compress(script.read_bytes())) for script in scripts) < 40_000
 

@@ -78,7 +78,6 @@ def test_verify_finds_forged_sections(reel, kind, section, change):
 
 
 def test_verify_finds_nan(reel):
-    """JSON has no NaN, but Python's parser accepts it."""
     file = reel / "layers/0000.safetensors"
     data = file.read_bytes()
     (size,) = struct.unpack_from("<Q", data)
@@ -88,7 +87,7 @@ def test_verify_finds_nan(reel):
     header["__metadata__"]["splatreel"] = json.dumps(own)
     text = json.dumps(header).encode()
     replace_file(reel, "layers", 0, struct.pack("<Q", len(text)) + text + data[8 + size :])
-    with pytest.raises(ReelError, match=r"'sh_base' has min = \[nan"):
+    with pytest.raises(ReelError, match="NaN is no finite number"):
         verify_reel(reel)
 
 

@@ -179,4 +179,4 @@ def test_no_picture_before_there_is_one(page: Page, server: Server):
     page.goto(server.url)
     page.wait_for_function(f"{REEL}?.player?.manifest")
     page.keyboard.press("p")
-    page.locator("splat-reel").get_by_text("The picture cannot be saved").wait_for()
+    page.locator("splat-reel").get_by_text("The picture is not ready yet.").wait_for()

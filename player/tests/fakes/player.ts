@@ -1,13 +1,13 @@
 /** A player without a browser: pictures go nowhere, files come when a test says so, and points are sorted by the real code. */
-import { Player } from "../../src/player/player";
-import type { Stage } from "../../src/draw/stage";
+import { Player } from "../../packages/element/src/player/player";
+import type { Stage } from "../../packages/renderer/src/draw/stage";
 import "./audio";
 import { FakeHost, whole } from "./host";
 import "./page";
-import { ADDRESS, documentOf, livingAt, pageAt, type Plan } from "./reel";
+import { ADDRESS, birthOf, documentOf, livingAt, pageAt, shareOf, type Plan } from "./reel";
 import { FakeTime, settled } from "./time";
 import { FakeWorker, Transfers } from "./workers";
-import "../../src/draw/sort-worker";
+import "../../packages/renderer/src/draw/sort-worker";
 
 // eslint-disable-next-line @typescript-eslint/no-explicit-any
 const scope = globalThis as any;
@@ -45,14 +45,23 @@ class FakeDevice {
   tell: (event: string) => void = () => undefined;
 }
 
-/** Points in a row before the start camera, each in its own place; frames: of a group. */
-export function pointsOf(count: number, frames: number, alive: number): object {
+/** Points in a row before the start camera, each in its own place; frames: of a group. index: number of the group, or of that at which a layer is born. */
+export function pointsOf(count: number, frames: number, alive: number, index = 0): object {
   const fill = (numbers: number, value: number): Float32Array => new Float32Array(numbers).fill(value);
   const means = Float32Array.from({ length: 3 * count }, (_, i) => (i % 3 === 2 ? i / (3 * count) : 0));
   const points = { count, means, quats: fill(4 * count, 0.5), scales: fill(3 * count, 0.01), opacities: fill(count, 0.5), shBase: fill(3 * count, 0), shRest: new Uint16Array(count), codebook: new Float32Array(), shDegree: 0 };
   const offsets = { frames, dx: new Uint16Array(4 * count * frames), dq: new Uint8Array(4 * count * frames), dxMin: [0, 0, 0], dxStep: [0, 0, 0], dqMin: [1, 0, 0, 0], dqStep: [0, 0, 0, 0], worldly: false, shade: null };
-  if (frames === 0) return { kind: "layer", points };
-  return { kind: "group", points, alive: new Uint8Array(alive).fill(1), offsets, light: null };
+  const header = { index, firstFrame: 10 * index, frames };
+  if (frames === 0) return { kind: "layer", ...header, points };
+  return { kind: "group", ...header, points, alive: new Uint8Array(alive).fill(1), offsets, light: null };
+}
+
+/** The file of a layer or group of a plan, decoded. */
+export function pointsAt(plan: Plan, uri: string): object {
+  const number = Number(/\d+/.exec(uri));
+  const { points = 100 } = plan;
+  if (uri.startsWith("layers")) return pointsOf(points, 0, 0, birthOf(plan, number));
+  return pointsOf(points * shareOf(plan, uri), 10, points * livingAt(plan, number).length, number);
 }
 
 export class FakePlayer {
@@ -66,16 +75,13 @@ export class FakePlayer {
   events: string[] = [];
   readonly files: Transfers;
 
-  /** A player that somebody looks at; the one before is put to rest. points: of a layer; a group has as many. */
-  constructor(readonly plan: Plan = {}, private readonly points = plan.points ?? 100) {
+  /** A player that somebody looks at; the one before is put to rest. */
+  constructor(public plan: Plan = {}) {
     FakePlayer.last?.player.close();
     FakePlayer.last?.player.rest();
     FakePlayer.last = this;
     FakeWorker.all.length = 0;
-    this.files = new Transfers((uri) => {
-      if (uri.startsWith("pages")) return pageAt(plan, uri);
-      return pointsOf(this.points, uri.startsWith("layers") ? 0 : 10, this.points * livingAt(plan, Number(/\d+/.exec(uri))).length);
-    });
+    this.files = new Transfers((uri) => (uri.startsWith("pages") ? pageAt(this.plan, uri) : pointsAt(this.plan, uri)));
     const canvas = Object.assign(new EventTarget(), { width: 0, height: 0, clientWidth: 160, clientHeight: 90, getContext: (): unknown => this.device.gl });
     this.device.tell = (event) => void setTimeout(() => canvas.dispatchEvent(new Event(event)));
     this.player = new Player(canvas as unknown as HTMLCanvasElement);
@@ -84,9 +90,15 @@ export class FakePlayer {
       if (this.events.at(-1) !== name) this.events.push(name);
       emit(name);
     };
-    FakePlayer.host.answer(whole(JSON.stringify(documentOf(plan))));
+    this.answer(plan);
     this.player.wake();
     this.player.show(true);
+  }
+
+  /** Answer requests for the manifest with that of a plan; files are those of this plan from now on. */
+  answer(plan: Plan): void {
+    this.plan = plan;
+    FakePlayer.host.answer(whole(JSON.stringify(documentOf(plan))));
   }
 
   get stage(): Stage {

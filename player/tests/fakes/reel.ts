@@ -1,5 +1,5 @@
 /** Manifests of small reels. */
-import { parseManifest, type Manifest } from "@splatreel/decoder/reel/manifest";
+import { parseManifest, type Manifest } from "../../packages/decoder/src/reel/manifest";
 
 export const ADDRESS = "https://page.example/reel/manifest.json";
 
@@ -29,8 +29,8 @@ export function documentOf(plan: Plan = {}): Record<string, unknown> {
   const pages = page ? Math.floor((groups - first - 1) / page) : 0;
   const own = first + pages * (page ?? 0);
   const layers = layersOf(plan).filter(({ until }) => until === undefined || until > own);
-  const second = first > 0 || pages > 0 || layersOf(plan).some(({ until }) => until !== undefined);
-  const paged = Array.from({ length: pages }, (_, i) => ({ uri: `pages/${first + i * page!}.json`, bytes: 200, sha256: null, groups: page, first_frame: 10 * (first + i * page!), frames: 10 * page! }));
+  const second = first > 0 || pages > 0 || layersOf(plan).some(({ group, until }, i, all) => until !== undefined || group === all[i - 1]?.group);
+  const paged = Array.from({ length: pages }, (_, i) => ({ uri: `pages/${first + i * page!}.json`, bytes: 200, sha256: "0".repeat(64), groups: page, first_frame: 10 * (first + i * page!), frames: 10 * page!, rendition_bytes: bytesOf(renditions, page!) }));
   return {
     format: "splatreel",
     version: second ? 2 : 1,
@@ -39,13 +39,15 @@ export function documentOf(plan: Plan = {}): Record<string, unknown> {
     live,
     fps: 10,
     frames: 10 * groups,
+    group_length: 10,
     overlap,
     sh_degree: 0,
     bounds: [[-1, -1, -1], [1, 1, 1]],
     up: [0, -1, 0],
     camera: { name: "start", width: 160, height: 90, K: [100, 0, 80, 0, 100, 45, 0, 0, 1], viewmat },
+    cameras: [],
     layers,
-    renditions: renditions.map((name) => ({ name })),
+    renditions: Object.entries(bytesOf(renditions, groups - first)).map(([name, bytes]) => ({ name, bytes })),
     groups: groupsOf(plan, own, groups),
   };
 }
@@ -62,10 +64,29 @@ export function livingAt(plan: Plan, at: number): number[] {
   return layersOf(plan).flatMap(({ group, until = Infinity }, index) => (group <= at && at < until ? [index] : []));
 }
 
+/** The group at which a layer is born, by the number of its file. */
+export function birthOf(plan: Plan, index: number): number {
+  return layersOf(plan)[index]!.group;
+}
+
+/** What is decoded of the file of a layer or group, without the points. */
+export function fileAt(plan: Plan, uri: string): object {
+  const number = Number(/\d+/.exec(uri));
+  const points = { count: (plan.points ?? 100) * shareOf(plan, uri), shDegree: 0 };
+  if (uri.startsWith("layers")) return { kind: "layer", index: birthOf(plan, number), firstFrame: 10 * birthOf(plan, number), frames: 0, points };
+  const alive = new Uint8Array((plan.points ?? 100) * livingAt(plan, number).length);
+  return { kind: "group", index: number, firstFrame: 10 * number, frames: 10, points, alive, offsets: null, light: null };
+}
+
+/** The share of the points that a group's file holds, which depends on its rendition. */
+export function shareOf({ renditions = [] }: Plan, uri: string): number {
+  return 0.5 ** Math.max(renditions.findIndex((name) => uri.includes(`.${name}.`)), 0);
+}
+
 function layersOf(plan: Plan): { group: number; until?: number }[] {
   return (plan.layers ?? [0]).map((layer, index) => {
-    const [group, until] = [layer].flat();
-    return { ...fileOf(plan, `layers/${index}.bin`, plan.layerBytes ?? 500), group, ...(until === undefined ? {} : { until }) };
+    const [group = 0, until] = [layer].flat();
+    return { ...fileOf(plan, `layers/${index}.bin`, plan.layerBytes ?? 500), group, first_frame: 10 * group, ...(until === undefined ? {} : { until }) };
   });
 }
 
@@ -77,7 +98,12 @@ function groupsOf(plan: Plan, begin: number, end: number): object[] {
 }
 
 function fileOf({ points = 100 }: Plan, uri: string, bytes: number, part = 1): object {
-  return { uri, bytes: bytes * part, sha256: null, points: points * part };
+  return { uri, bytes: bytes * part, sha256: "0".repeat(64), points: points * part };
+}
+
+/** The bytes of so many groups in each rendition. */
+function bytesOf(names: string[], groups: number): Record<string, number> {
+  return Object.fromEntries(names.map((name, i) => [name, 1000 * 0.5 ** i * groups]));
 }
 
 export function manifestOf(plan: Plan = {}): Manifest {

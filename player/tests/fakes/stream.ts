@@ -1,16 +1,16 @@
 /** A stream whose files come when a test says so. */
-import type { Manifest } from "@splatreel/decoder/reel/manifest";
-import { Reel } from "@splatreel/decoder/reel/reel";
-import { momentAt } from "@splatreel/decoder/reel/timeline";
-import { DecoderPool } from "@splatreel/decoder/stream/decoder-pool";
-import { costOf } from "@splatreel/decoder/stream/file-cache";
-import type { Demand } from "@splatreel/decoder/stream/queue";
-import { RenditionPolicy } from "@splatreel/decoder/stream/rendition-policy";
-import { Stream } from "@splatreel/decoder/stream/stream";
-import { decodeWorkers } from "../../src/files/bundle";
-import { manifestOf, pageAt, type Plan } from "./reel";
+import type { Manifest } from "../../packages/decoder/src/reel/manifest";
+import { Reel } from "../../packages/decoder/src/reel/reel";
+import { momentAt } from "../../packages/decoder/src/reel/timeline";
+import { DecoderPool } from "../../packages/decoder/src/stream/decoder-pool";
+import { costOf } from "../../packages/decoder/src/stream/file-cache";
+import type { Demand } from "../../packages/decoder/src/stream/queue";
+import { RenditionPolicy } from "../../packages/decoder/src/stream/rendition-policy";
+import { Stream } from "../../packages/decoder/src/stream/stream";
+import { decodeWorkers } from "../../packages/renderer/src/files/bundle";
+import { fileAt, manifestOf, pageAt, type Plan } from "./reel";
 import { FakeTime } from "./time";
-import { FakeWorker, FILE, LAYER, Transfers } from "./workers";
+import { FakeWorker, Transfers } from "./workers";
 
 export const time = new FakeTime();
 /** Bytes of memory that a group takes. */
@@ -25,7 +25,7 @@ export class World extends Transfers {
   private demand: Demand = { current: 0, previous: null, inUse: [], loop: false, frame: 0, rate: 1 };
 
   constructor(plan: Plan = {}, groupsInMemory = 100) {
-    super((uri) => (uri.startsWith("pages") ? pageAt(plan, uri) : uri.startsWith("layers") ? LAYER : FILE));
+    super((uri) => (uri.startsWith("pages") ? pageAt(plan, uri) : fileAt(plan, uri)));
     FakeWorker.all.length = 0;
     this.pool = new DecoderPool(decodeWorkers);
     this.reel = new Reel(manifestOf(plan));

@@ -41,13 +41,12 @@ export class FakeWorker extends EventTarget {
 globalThis.Worker = FakeWorker as unknown as typeof Worker;
 
 /** What a decode worker answers in the end. */
-export const FILE = { kind: "group", points: { count: 0 }, alive: new Uint8Array(), offsets: null, light: null };
-export const LAYER = { kind: "layer", points: { count: 0 } };
+export const FILE = { kind: "group", index: 0, firstFrame: 0, frames: 10, points: { count: 0, shDegree: 0 }, alive: new Uint8Array(), offsets: null, light: null };
 
 /** What all decode workers are asked for, and what becomes of it. Files by their paths within the reel: groups/1.bin. */
 export class Transfers {
   /** fileAt: what is in a file. */
-  constructor(private readonly fileAt: (uri: string) => object = (uri) => (uri.startsWith("layers") ? LAYER : FILE)) {}
+  constructor(private readonly fileAt: (uri: string) => object) {}
 
   /** Asked for and not over, in the order in which it was asked for. */
   get coming(): string[] {

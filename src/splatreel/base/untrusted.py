@@ -69,7 +69,9 @@ def read_json(path: Path, kind: Kind, most: int = JSON_BYTES, values: int = JSON
     return parse_json(read_file(path, most, kind), kind, f"{path}:", values)
 
 
-def parse_json(text: bytes | str, kind: Kind, subject: str, values: int = JSON_VALUES) -> Any:
+def parse_json(
+    text: bytes | str, kind: Kind, subject: str, values: int = JSON_VALUES, number: Callable[[str], Any] | None = None
+) -> Any:
     """Return the value of a JSON text.
 
     Args:
@@ -77,6 +79,8 @@ def parse_json(text: bytes | str, kind: Kind, subject: str, values: int = JSON_V
         kind: Error constructor.
         subject: Start of the error message.
         values: Maximum number of values.
+        number: Function that returns the value of a number's text, or raises `ValueError`; None uses Python's types and
+            accepts NaN and infinity.
 
     Raises:
         SplatreelError: Of the given kind, for invalid JSON, too deep nesting, too many values, or an unpaired
@@ -85,7 +89,7 @@ def parse_json(text: bytes | str, kind: Kind, subject: str, values: int = JSON_V
     data = text.encode("utf-8", "surrogatepass") if isinstance(text, str) else text
     _check_size(data, kind, subject, values)
     try:
-        value = json.loads(data.decode("utf-8"))
+        value = json.loads(data.decode("utf-8"), parse_float=number, parse_int=number, parse_constant=number)
         if b"\\u" in data:
             json.dumps(value, ensure_ascii=False).encode()
     except UnicodeEncodeError as error:

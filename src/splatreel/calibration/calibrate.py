@@ -28,6 +28,7 @@ from splatreel.calibration.boards.board import Board
 from splatreel.calibration.boards.board_scale import board_scale
 from splatreel.calibration.boards.board_sightings import find_board
 from splatreel.calibration.calibration_agreement import FIELD, CalibratedRig, rig_of, trusted, unanimous
+from splatreel.calibration.calibration_record import write_record
 from splatreel.calibration.learned_matches import INSTALL, Matcher
 from splatreel.calibration.moment_solver import MomentSolver
 from splatreel.calibration.photographs import PHOTO_FOLDER, check_photos
@@ -35,7 +36,6 @@ from splatreel.calibration.resection import MatchedFeatures, place_lost
 from splatreel.calibration.rig_refinement import refine_by_moments, refine_lenses
 from splatreel.calibration.uncalibrated import MODEL, CameraFiles, open_uncalibrated, uncalibrated_files
 from splatreel.capture.base import MIN_CAMERAS
-from splatreel.capture.calibration_record import write_record
 from splatreel.capture.file_capture import FrameSource
 from splatreel.capture.readers.colmap_model import import_pycolmap, require_pycolmap
 from splatreel.capture.sidecar import write_failure

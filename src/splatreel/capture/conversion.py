@@ -20,13 +20,13 @@ from scipy.spatial.transform import Rotation
 
 from splatreel.base import threads
 from splatreel.base.errors import CaptureError
+from splatreel.base.new_folder import new_folder
 from splatreel.base.progress import Progress
 from splatreel.capture.base import Capture
 from splatreel.capture.lens import import_cv2
 from splatreel.capture.readers.easyvolcap import EXTRINSICS, INTRINSICS
 from splatreel.capture.sidecar import SIDECAR
 from splatreel.scene.camera import Camera
-from splatreel.scene.new_folder import new_folder
 
 Format = Literal["jpg", "png"]
 QUALITY: dict[Format, dict[str, Any]] = {"jpg": {"quality": 97, "subsampling": 0}, "png": {"compress_level": 1}}

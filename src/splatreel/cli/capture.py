@@ -196,8 +196,8 @@ def capture_calibrate(
         raise UsageError("--board-videos needs the board that they show, such as --board 5x7:0.035.")
     if distance is not None and scale_board is not None:
         raise UsageError("--distance and --scale-board both give the scale. Leave out one of them.")
+    from splatreel.calibration.calibration_record import calibration_record, is_made_by
     from splatreel.calibration.uncalibrated import MODEL
-    from splatreel.capture.calibration_record import calibration_record, is_made_by
 
     options = {"also": also, "leave_out": leave_out, "distance": distance, "scale_board": scale_board}
     options |= {"same_lens": same_lens, "board": board, "board_videos": board_videos}
@@ -324,9 +324,9 @@ def capture_convert(
         format: File format of the pictures. PNG keeps every pixel.
     """
     from splatreel.base.display import console
+    from splatreel.base.new_folder import is_taken
     from splatreel.capture.conversion import convert_capture
     from splatreel.capture.opening import open_capture
-    from splatreel.scene.new_folder import is_taken
 
     source, existed = open_capture(capture, width=width, frames=parse_frames(frames)), is_taken(out)
     with closing(source), closing(console()) as progress:

@@ -76,10 +76,10 @@ def _edit_texts(reel: str | Path, given: dict[str, str]) -> None:
 def _edit_points(reel: str | Path, operations: list[str], out: Path, given: dict[str, str]) -> None:
     """Write the edited reel."""
     from splatreel.base.display import console
+    from splatreel.base.new_folder import is_taken
     from splatreel.edit.clip_writer import write_clip
     from splatreel.edit.operations import apply_operations, with_texts
     from splatreel.edit.reel_clip import ReelClip
-    from splatreel.scene.new_folder import is_taken
 
     source = ReelClip(reel)
     clip = with_texts(apply_operations(source, operations), given)

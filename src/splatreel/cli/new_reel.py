@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from splatreel.base.errors import UsageError
-from splatreel.scene.new_folder import NewFolder, new_folder
+from splatreel.base.new_folder import NewFolder, new_folder
 
 
 @contextmanager

@@ -9,6 +9,7 @@ import numpy as np
 
 from splatreel.base.errors import ReelError
 from splatreel.base.memory_budget import A_BYTE, FLOOR, allowed_memory, in_megabytes
+from splatreel.codec.quantize import is_whole
 
 MOST_FRAMES = 10_000
 """Maximum number of frames of a group."""
@@ -78,7 +79,7 @@ def most_points(size: int) -> int:
 
 def _whole(parameters: Mapping[str, Any], name: str) -> int:
     value = parameters.get(name)
-    return value if type(value) is int and 0 <= value <= 1 << 26 else 0
+    return int(value) if is_whole(value) and 0 <= value <= 1 << 26 else 0
 
 
 def _area(parameters: Mapping[str, Any]) -> int:

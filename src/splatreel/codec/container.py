@@ -12,7 +12,7 @@ import safetensors.numpy
 from splatreel.base.errors import ReelError
 from splatreel.codec import budget
 from splatreel.codec.document import parse_object
-from splatreel.codec.quantize import integer
+from splatreel.codec.quantize import integer, is_whole
 from splatreel.codec.section import Section, Sections
 
 VERSION = 1
@@ -101,9 +101,9 @@ def _tensor(body: memoryview, tensors: dict[str, Any], name: str) -> bytes:
     if not isinstance(tensor, dict) or tensor.get("dtype") != "U8":
         raise ReelError(f"section {name!r} is in the metadata, but no tensor of bytes.")
     offsets = tensor.get("data_offsets")
-    if not isinstance(offsets, list) or len(offsets) != 2 or not all(type(o) is int for o in offsets):
+    if not isinstance(offsets, list) or len(offsets) != 2 or not all(is_whole(o) for o in offsets):
         raise ReelError(f"section {name!r} has no valid data offsets.")
-    begin, end = offsets
+    begin, end = map(int, offsets)
     if not 0 <= begin <= end <= len(body) or tensor.get("shape") != [end - begin]:
         raise ReelError(f"section {name!r} lies outside of the file, which is truncated or damaged.")
     return bytes(body[begin:end])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -21,10 +22,18 @@ def parse_object(text: bytes | str, what: str = "") -> dict[str, Any]:
         ReelError: The text is anything else, or contains unpaired surrogates, which cannot be printed or written.
     """
     subject = f"has a {what} that" if what else ""
-    value = parse_json(text, ReelError, subject)
+    value = parse_json(text, ReelError, subject, number=_number)
     if not isinstance(value, dict):
         raise ReelError(f"{subject} is not a JSON object.".strip())
     return value
+
+
+def _number(text: str) -> float:
+    """Return the value of a number's text. Raise `ValueError` if it is not finite as a 64-bit floating-point number."""
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text:.12} is no finite number")
+    return int(text) if text.removeprefix("-").isdigit() else value
 
 
 def items(document: Mapping[str, Any], name: str, low: int, high: int) -> list[Any]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from typing import Any
+from typing import Any, TypeGuard
 
 import numpy as np
 
@@ -150,9 +150,14 @@ def decode_bits(data: bytes, parameters: Parameters, max_count: int) -> np.ndarr
 def integer(parameters: Parameters, name: str, low: int, high: int) -> int:
     """Return an integer parameter in low..high. Raise `ReelError` if it is anything else."""
     value = parameters.get(name)
-    if isinstance(value, bool) or not isinstance(value, int) or not low <= value <= high:
+    if not is_whole(value) or not low <= value <= high:
         raise ReelError(f"has {name} = {_short(value)}, expected a whole number from {low} to {high}.")
-    return value
+    return int(value)
+
+
+def is_whole(value: object) -> TypeGuard[float]:
+    """Return whether a JSON value is a whole number. JSON does not tell 4 from 4.0."""
+    return not isinstance(value, bool) and isinstance(value, int | float) and value % 1 == 0
 
 
 def boolean(parameters: Parameters, name: str, default: bool | None = None) -> bool:

@@ -73,6 +73,7 @@ class ReelReader:
             header, gaussians = decode_layer(self.read_file(entry), name, self._most)
             found = (header.index, header.points, header.first_frame)
             self._check_same(name, found, (entry.group, entry.points, entry.first_frame))
+            self._check_degree(name, gaussians)
             self._layers[entry.sha256] = gaussians
         return self._layers[entry.sha256]
 
@@ -159,6 +160,7 @@ class ReelReader:
         group = decode_group(self.read_file(entry), name, self._most)
         found = (group.index, len(group.dynamic), group.first_frame, group.frames)
         self._check_same(name, found, (entry.group, entry.points, entry.first_frame, entry.frames))
+        self._check_degree(name, group.dynamic)
         static = self.manifest.static_points(entry.group)
         if len(group.alive) != static:
             raise ReelError(
@@ -169,3 +171,9 @@ class ReelReader:
     def _check_same(self, name: str, found: tuple[int, ...], said: tuple[int, ...]) -> None:
         if found != said:
             raise ReelError(f"{name}: has (index, points, first frame, ...) {found}, the manifest says {said}.")
+
+    def _check_degree(self, name: str, points: Gaussians) -> None:
+        if points.sh_degree > self.manifest.sh_degree:
+            raise ReelError(
+                f"{name}: has SH degree {points.sh_degree}, above the manifest's {self.manifest.sh_degree}."
+            )

@@ -81,8 +81,6 @@ def _check_layer(reel: ReelReader, index: int) -> None:
     reel.forget()
     layer, uri = reel.layer(index), reel.manifest.layers[index].uri
     layer.check_finite(uri)
-    if layer.sh_degree > reel.manifest.sh_degree:
-        raise ReelError(f"{uri}: has SH degree {layer.sh_degree}, above the manifest's {reel.manifest.sh_degree}.")
 
 
 def _check_group(reel: ReelReader, index: int) -> None:
@@ -93,10 +91,6 @@ def _check_group(reel: ReelReader, index: int) -> None:
         raise ReelError(f"{uri}: section 'offsets' decodes to NaN or infinity.")
     if group.shade is not None and not np.isfinite(group.shade).all():
         raise ReelError(f"{uri}: section 'shade' decodes to NaN or infinity.")
-    if group.dynamic.sh_degree > reel.manifest.sh_degree:
-        raise ReelError(
-            f"{uri}: has SH degree {group.dynamic.sh_degree}, above the manifest's {reel.manifest.sh_degree}."
-        )
 
 
 def _check_sound(reel: ReelReader) -> None:

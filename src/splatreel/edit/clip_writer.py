@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.base.errors import ReelError, UsageError
+from splatreel.base.new_folder import is_taken, new_folder
 from splatreel.codec.group_file import encode_group_again, encode_layer_again
 from splatreel.codec.predictive.precision import STEPS, Precision, choose_precision
 from splatreel.codec.presentation import EMPTY
@@ -19,7 +20,6 @@ from splatreel.edit.clip import Clip, ClipGroup, LayerSpan
 from splatreel.edit.clip_sound import write_clip_sound
 from splatreel.play.presentation_writer import PresentationWriter
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.new_folder import is_taken, new_folder
 
 
 def write_clip(clip: Clip, out: Path, progress: Callable[[int], None] = lambda done: None) -> int:

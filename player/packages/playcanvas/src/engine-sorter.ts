@@ -1,10 +1,7 @@
 /** Lets PlayCanvas sort the points of a reel. */
-import type { Clearance } from "@splatreel/decoder/reel/manifest";
+import type { Clearance } from "@splatreel/decoder/internal";
 import type { CameraComponent } from "playcanvas";
-import type { View } from "splatreel-player/base/view";
-import type { PointSorter } from "splatreel-player/draw/point-sorter";
-import type { Scene } from "splatreel-player/draw/scene";
-import type { SortReply } from "splatreel-player/draw/sort-worker";
+import type { PointSorter, Scene, SortReply, View } from "@splatreel/renderer";
 import type { Engine } from "./engine";
 import type { PlaycanvasRenderer } from "./playcanvas-renderer";
 

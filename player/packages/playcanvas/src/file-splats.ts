@@ -1,8 +1,7 @@
 /** The splats of one file as an entity of a PlayCanvas scene. */
-import type { DecodedFile } from "@splatreel/decoder/decode/decode-file";
-import type { Offsets } from "@splatreel/decoder/decode/offsets";
+import type { DecodedFile, Offsets } from "@splatreel/decoder/internal";
 import { Entity, GSplatContainer, WORKBUFFER_UPDATE_ALWAYS, WORKBUFFER_UPDATE_AUTO, type Texture } from "playcanvas";
-import type { UploadedPoints } from "splatreel-player/draw/uploaded-files";
+import type { UploadedPoints } from "@splatreel/renderer";
 import type { Engine } from "./engine";
 import { FileTextures, type Side } from "./file-textures";
 

@@ -1,6 +1,5 @@
 /** Textures of one file in a PlayCanvas scene, laid out as in the player. */
-import type { Gaussians } from "@splatreel/decoder/decode/gaussians";
-import type { Offsets } from "@splatreel/decoder/decode/offsets";
+import type { Gaussians, Offsets } from "@splatreel/decoder/internal";
 import {
   ADDRESS_CLAMP_TO_EDGE,
   FILTER_NEAREST,
@@ -12,8 +11,7 @@ import {
   Texture,
   type GraphicsDevice,
 } from "playcanvas";
-import { ENTRIES_PER_ROW, ENTRY_TEXELS, POINT_TEXELS, half, packCodebook, packFlags, packPoints, rowsOf } from "splatreel-player/draw/point-words";
-import { TEXTURE_WIDTH } from "splatreel-player/draw/texture-layout";
+import { ENTRIES_PER_ROW, ENTRY_TEXELS, half, packCodebook, packFlags, packPoints, POINT_TEXELS, rowsOf, TEXTURE_WIDTH } from "@splatreel/renderer";
 
 /** One of two placements of a file: PlayCanvas draws one until the order of the other is here. */
 export type Side = 0 | 1;

@@ -1,13 +1,6 @@
 /** Shows the files of a reel as splats of a PlayCanvas scene, which PlayCanvas sorts and draws. */
-import type { DecodedFile, DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
-import type { Clearance } from "@splatreel/decoder/reel/manifest";
-import { staticWeights } from "@splatreel/decoder/reel/timeline";
-import { isSameView, type View } from "splatreel-player/base/view";
-import type { Eye } from "splatreel-player/draw/eye";
-import { frustumOf } from "splatreel-player/draw/frustum";
-import type { HeadsetLayer, Renderer } from "splatreel-player/draw/renderer";
-import { isSameScene, type Scene } from "splatreel-player/draw/scene";
-import { UploadedFiles } from "splatreel-player/draw/uploaded-files";
+import { type Clearance, type DecodedFile, type DecodedGroup, type DecodedLayer, staticWeights } from "@splatreel/decoder/internal";
+import { type Eye, frustumOf, type HeadsetLayer, isSameScene, isSameView, type Renderer, type Scene, UploadedFiles, type View } from "@splatreel/renderer";
 import type { Engine } from "./engine";
 import { FileSplats } from "./file-splats";
 import type { Side } from "./file-textures";

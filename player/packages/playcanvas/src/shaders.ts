@@ -1,6 +1,5 @@
 /** Shader code by which PlayCanvas reads the splats of a file while it fills its work buffer. */
-import { TEXTURE_WIDTH } from "splatreel-player/draw/texture-layout";
-import { pointGlsl } from "splatreel-player/webgl/point-shaders";
+import { pointGlsl, TEXTURE_WIDTH } from "@splatreel/renderer";
 
 /**
  * The functions of a GSplatFormat. PlayCanvas calls getCenter first. It widens splats by 0.075 square pixels; the rest is added to their

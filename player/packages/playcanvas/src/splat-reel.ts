@@ -1,9 +1,7 @@
 /** A reel as a script of a PlayCanvas entity. */
-import { ReelError } from "@splatreel/decoder/base/errors";
+import { ReelError } from "@splatreel/decoder/internal";
 import { BoundingBox, Entity, Mat4, Quat, Script, Vec3, type CameraComponent } from "playcanvas";
-import { isSameView, viewOfModel, type View } from "splatreel-player/base/view";
-import { withMediaProperties } from "splatreel-player/player/media-properties";
-import { ReelPlayer } from "splatreel-player/player/reel-player";
+import { isSameView, ReelPlayer, type View, viewOfModel, withMediaProperties } from "@splatreel/renderer";
 import { Engine } from "./engine";
 import { EngineSorter } from "./engine-sorter";
 import { PlaycanvasRenderer } from "./playcanvas-renderer";

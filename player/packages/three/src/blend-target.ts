@@ -1,6 +1,5 @@
 /** A target in which splats are blended in sRGB, before they are converted once into a render target with linear colors. */
-import { Program } from "splatreel-player/webgl/program";
-import { coverVertex } from "splatreel-player/webgl/shaders";
+import { coverVertex, Program } from "@splatreel/renderer";
 import { convertFragment } from "./shaders";
 
 /** Part of a framebuffer, in pixels from its lower left corner. */

@@ -1,5 +1,5 @@
 /** Shaders of the second pass with depth: splats are tested against the depth of meshes, and may write their own. */
-import { splatFragmentOf, splatVertexOf } from "splatreel-player/webgl/shaders";
+import { splatFragmentOf, splatVertexOf } from "@splatreel/renderer";
 
 /**
  * Depth of a splat's center in clip space, by its depth w in the camera: uDepth.x + uDepth.y / w + uDepth.z * (w - uDepth.w).

@@ -1,8 +1,6 @@
 /** A reel as an object of a three.js scene. */
-import { ReelError } from "@splatreel/decoder/base/errors";
-import { withMediaProperties } from "splatreel-player/player/media-properties";
-import { ReelPlayer } from "splatreel-player/player/reel-player";
-import { Sorter } from "splatreel-player/draw/sorter";
+import { ReelError } from "@splatreel/decoder/internal";
+import { isSameView, ReelPlayer, Sorter, withMediaProperties } from "@splatreel/renderer";
 import {
   Box3,
   BufferGeometry,
@@ -23,7 +21,6 @@ import {
   type WebGLRenderer,
 } from "three";
 import { ThreeRenderer, type Look } from "./three-renderer";
-import { isSameView } from "splatreel-player/base/view";
 import { viewAlong, viewOf, type CameraView } from "./views";
 
 /** Options of a `SplatReel`. */

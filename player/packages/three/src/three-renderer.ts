@@ -1,9 +1,6 @@
 /** Draws Gaussians into the scene of a three.js renderer, with its depth buffer. */
-import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/decode/decode-file";
-import type { View } from "splatreel-player/base/view";
-import type { Eye } from "splatreel-player/draw/eye";
-import type { Scene } from "splatreel-player/draw/scene";
-import { WebglRenderer } from "splatreel-player/webgl/webgl-renderer";
+import type { DecodedGroup, DecodedLayer } from "@splatreel/decoder/internal";
+import { type Eye, type Scene, type View, WebglRenderer } from "@splatreel/renderer";
 import { Color, LinearSRGBColorSpace, SRGBColorSpace, type WebGLRenderTarget, type WebGLRenderer } from "three";
 import { BlendTarget } from "./blend-target";
 import { isReversed, withRawGl } from "./raw-gl";

@@ -1,6 +1,6 @@
 /** Views of a reel through cameras and rays of three.js. */
-import { add, cross, dot, length, normalize, scale as scaled, subtract, viewmatOf, type Vec3 } from "@splatreel/decoder/base/matrix";
-import { viewOfModel, type View } from "splatreel-player/base/view";
+import { add, cross, dot, length, normalize, scale as scaled, subtract, type Vec3, viewmatOf } from "@splatreel/decoder/internal";
+import { type View, viewOfModel } from "@splatreel/renderer";
 import { Matrix4, type Camera, type OrthographicCamera, type Ray } from "three";
 
 /** Distance, in sizes of the scene, from which an orthographic camera sees it. Parallels are then off by a pixel in 2000. */

@@ -75,4 +75,4 @@ def decode_refinement_bits(data: bytes, parameters: Parameters, quantized: np.nd
 
 def _cells(parameters: Parameters) -> tuple[np.ndarray, float]:
     """Return origin and cell width of the grid of quantized positions. Raise `ReelError` if they are invalid."""
-    return numbers(parameters, "min", 3), number(parameters, "step", 0, 1e30)
+    return numbers(parameters, "min", 3), number(parameters, "step", 1e-30, 1e30)

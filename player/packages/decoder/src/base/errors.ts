@@ -21,6 +21,11 @@ export class ReelError extends Error {
   }
 }
 
+/** Return true for a `ReelError`, also of a script that is loaded on demand and has a class of its own. */
+export function isReelError(error: unknown): error is ReelError {
+  return error instanceof Error && error.name === "ReelError";
+}
+
 /** Return the result of `work`. Errors are rethrown with the name of the section. */
 export async function inSection<T>(name: string, work: () => T | Promise<T>): Promise<T> {
   try {
@@ -46,6 +51,6 @@ export class DeviceLostError extends Error {
 
 /** Return the message of an error for viewers. */
 export function plainWords(error: Error): string {
-  if (error instanceof ReelError) return error.plain;
+  if (isReelError(error)) return error.plain;
   return error instanceof DeviceLostError ? error.message : PLAIN.player;
 }

@@ -9,16 +9,24 @@ import { decodeLight } from "./light";
 import type { Offsets } from "./offsets";
 import { decodeMotion, decodePredictive } from "./predictive";
 
-/** A layer: static points. */
-export interface DecodedLayer {
-  kind: "layer";
+/** What a file says of itself. */
+interface Header {
   points: Gaussians;
+  /** Number of the group, or of the group at which a layer was born. */
+  index: number;
+  firstFrame: number;
+  /** Number of frames; 0 for a layer. */
+  frames: number;
+}
+
+/** A layer: static points. */
+export interface DecodedLayer extends Header {
+  kind: "layer";
 }
 
 /** A group: dynamic points, and which static points it shows. */
-export interface DecodedGroup {
+export interface DecodedGroup extends Header {
   kind: "group";
-  points: Gaussians;
   /** [S] 1 for each static point that is alive, over the layers that live at the group, in order of birth. */
   alive: Uint8Array;
   /** Motion and appearance; null if the group has no dynamic points. */
@@ -42,10 +50,11 @@ export async function decodeFile(bytes: Uint8Array, name: string, decodePaper: D
   try {
     const [{ points, offsets }, alive, light] = await Promise.all([
       file.sections.means?.codec === "lattice" ? decodePredicted(file, kernels) : decodePaper(file, kernels),
-      file.sections.alive ? flags(file, "alive") : new Uint8Array(),
+      file.kind === "group" && file.sections.alive ? flags(file, "alive") : new Uint8Array(),
       file.kind === "group" && file.sections.light ? decodeLight(file) : null,
     ]);
-    return file.kind === "layer" ? { kind: "layer", points } : { kind: "group", points, alive, offsets, light };
+    const { index, firstFrame, frames } = file;
+    return file.kind === "layer" ? { kind: "layer", index, firstFrame, frames, points } : { kind: "group", index, firstFrame, frames, points, alive, offsets, light };
   } catch (error) {
     throw new ReelError(`${name} cannot be played: ${messageOf(error)}.`, { cause: error });
   }

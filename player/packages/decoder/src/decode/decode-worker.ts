@@ -4,6 +4,8 @@ import { ReelError, messageOf } from "../base/errors";
 import { download } from "../files/download";
 import type { Source } from "../files/source";
 import { fileAddress, type FileAddresses } from "../files/workers";
+import { parseJson } from "../reel/json";
+import { utf8 } from "../base/text";
 import { buffersOf, decodeFile, type DecodedFile, type DecodePaper } from "./decode-file";
 import { plain, type Kernels } from "./kernels";
 import { wasmKernels } from "./wasm";
@@ -41,7 +43,7 @@ scope.onmessage = async ({ data }) => {
     const { source, page } = data;
     const bytes = await download(source, watcher, controller.signal);
     const began = performance.now();
-    if (page) return scope.postMessage({ id, page: parseJson(bytes, source.url) });
+    if (page) return scope.postMessage({ id, page: parsePage(bytes, source.url) });
     const file = await decodeFile(bytes, source.url, decodePaper, await kernels);
     scope.postMessage({ id, file, milliseconds: performance.now() - began }, buffersOf(file));
   } catch (error) {
@@ -58,9 +60,9 @@ const decodePaper: DecodePaper = async (file, kernels) => {
   return part.decodePaperFile(file, addresses, kernels);
 };
 
-function parseJson(bytes: Uint8Array, name: string): unknown {
+function parsePage(bytes: Uint8Array, name: string): unknown {
   try {
-    return JSON.parse(new TextDecoder().decode(bytes));
+    return parseJson(utf8(bytes));
   } catch {
     throw new ReelError(`${name} is damaged: it is not JSON.`);
   }

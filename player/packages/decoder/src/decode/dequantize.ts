@@ -4,6 +4,8 @@ import type { Container, Section } from "../reel/container";
 
 /** Maximum number of static points of a reel. */
 export const MAX_STATIC = 2 ** 26;
+/** Maximum of the binary logarithms of values, and of their negatives. */
+const MAX_LOG = 126;
 
 /** Return the bytes of `count` packed integers of `bits` bits. */
 export function packedSize(count: number, bits: number): number {
@@ -62,7 +64,7 @@ async function inflateUpTo(data: Uint8Array, size: number): Promise<Uint8Array> 
 /** Return the integers [count] of a section, column by column. */
 export async function integers(file: Container, name: string, bits: number, count: number): Promise<Uint16Array> {
   return inSection(name, async () => {
-    const plain = await inflate(tensor(file, name), file.sections[name].deflate === true, packedSize(count, bits));
+    const plain = await inflate(tensor(file, name), flagOf(file.sections[name], "deflate", false), packedSize(count, bits));
     return unpack(plain, bits, count);
   });
 }
@@ -73,13 +75,15 @@ export async function linear(file: Container, name: string, rows: number, column
   const bits = await inSection(name, () => whole(section, "bits", 1, 16));
   const low = await inSection(name, () => numbersOf(section, "min", columns));
   const high = await inSection(name, () => numbersOf(section, "max", columns));
+  const log = await inSection(name, () => flagOf(section, "log", false));
+  if (log && [...low, ...high].some((value) => Math.abs(value) > MAX_LOG)) throw new ReelError(`section ${name}: it has logarithms that no float32 holds`);
   const q = await integers(file, name, bits, rows * columns);
   const values = new Float32Array(rows * columns);
   for (let c = 0; c < columns; c++) {
     const step = (high[c] - low[c]) / ((1 << bits) - 1);
     for (let r = 0; r < rows; r++) {
       const value = low[c] + q[c * rows + r] * step;
-      values[r * columns + c] = section.log === true ? 2 ** value : value;
+      values[r * columns + c] = log ? 2 ** value : value;
     }
   }
   return values;
@@ -99,6 +103,13 @@ export function whole(section: Section, name: string, low: number, high: number)
     throw new ReelError(`its ${name} is ${short(value)}, not an integer from ${low} to ${high}`);
   }
   return value as number;
+}
+
+/** Return a parameter that is true or false. absent: value if there is none; undefined if there must be one. */
+export function flagOf(section: Section, name: string, absent?: boolean): boolean {
+  const { [name]: value = absent } = section;
+  if (typeof value !== "boolean") throw new ReelError(`its ${name} is ${short(value)}, not true or false`);
+  return value;
 }
 
 /** Return a parameter that is a list of numbers within the range of float32. */
@@ -127,7 +138,7 @@ export function sectionOf(file: Container, name: string, codec: string): Section
 
 /** Return the data of a section. */
 export function tensor(file: Container, name: string): Uint8Array {
-  const found = file.tensors[name];
+  const found = file.data[name];
   if (!found) throw new ReelError(`it has no data for section ${name}`);
-  return found.bytes;
+  return found;
 }

@@ -85,6 +85,7 @@ async function decodeRest(file: Container, count: number): Promise<Pick<Gaussian
   const entries = await inSection("sh_rest", () => whole(indices, "entries", 1, 65536));
   const bits = await inSection("sh_rest", () => whole(indices, "bits", 1, 16));
   const codebook = sectionOf(file, "sh_codebook", "linear");
+  if (codebook.entries !== entries) throw new ReelError(`section sh_codebook: it has ${short(codebook.entries)} entries, and sh_rest ${entries}`);
   const shDegree = await inSection("sh_codebook", () => whole(codebook, "degree", 1, 3));
   const shRest = await integers(file, "sh_rest", bits, count);
   if (shRest.some((entry) => entry >= entries)) throw new ReelError(`section sh_rest: it names a color beyond its codebook of ${entries}`);

@@ -1,7 +1,7 @@
 /** The `h265` offsets section: maps in three video tracks to integers per frame and point (docs/format.md). */
 import { ReelError } from "../base/errors";
 import type { Container, Section } from "../reel/container";
-import { numbersOf, whole } from "./dequantize";
+import { flagOf, numbersOf, whole } from "./dequantize";
 import { parseMp4, type Track } from "./mp4";
 import type { Offsets } from "./offsets";
 
@@ -33,7 +33,7 @@ export async function decodeOffsets(bytes: Uint8Array, section: Section, file: C
   const pixels = pixelsOf(count, width);
   return {
     frames,
-    dx: joinBytes(high, low, pixels, width, height, frames, section.fold === true),
+    dx: joinBytes(high, low, pixels, width, height, frames, flagOf(section, "fold")),
     dq: gather(rotation, pixels, width, height, frames),
     dxMin: dx.min,
     dxStep: dx.step,

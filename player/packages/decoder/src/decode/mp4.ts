@@ -27,6 +27,7 @@ export function parseMp4(file: Uint8Array, most: number): Track[] {
   const view = new DataView(file.buffer, file.byteOffset, file.byteLength);
   try {
     const top = boxes(view, 0, view.byteLength);
+    if (top.at(-1)?.end !== view.byteLength) throw new ReelError("The offset video of a group is not made of whole MP4 boxes.");
     const moov = find(top, "moov");
     const children = boxes(view, moov.start, moov.end);
     const tracks = children.filter((box) => box.type === "trak").map((box) => parseTrack(file, view, box, most));
@@ -46,7 +47,7 @@ function boxes(view: DataView, start: number, end: number): Box[] {
     if (size === 1) {
       size = view.getUint32(at + 8) * 2 ** 32 + view.getUint32(at + 12);
       head = 16;
-    } else if (size === 0) size = end - at;
+    }
     if (size < head || at + size > end) throw new ReelError("The offset video of a group is cut off.");
     const type = String.fromCharCode(...[4, 5, 6, 7].map((i) => view.getUint8(at + i)));
     result.push({ type, start: at + head, end: at + size, offset: at });

@@ -207,7 +207,7 @@ function stepOf(section: Section): number {
 /** Decode the basis vectors [K][D]. */
 function decodeBasis(data: Uint8Array, section: Section, dimensions: number): Float64Array[] {
   const shifts = section.shifts as number[];
-  if (!Array.isArray(shifts) || shifts.length < 1 || shifts.length > dimensions || !shifts.every((s) => s >= 0 && s <= 20)) throw new ReelError("it has a basis of the wrong size");
+  if (!Array.isArray(shifts) || shifts.length < 1 || shifts.length > dimensions || !shifts.every((s) => Number.isInteger(s) && s >= 0 && s <= 20)) throw new ReelError("it has a basis of the wrong size");
   // A basis of zeros takes no bytes, whatever its claimed size.
   if (shifts.length * dimensions > MAX_BASIS) throw new ReelError(`it has a basis of ${shifts.length} x ${dimensions} numbers`);
   const decoder = new EntropyDecoder(data, 1);

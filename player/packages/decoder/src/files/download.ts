@@ -1,7 +1,8 @@
 /** Downloads over unreliable networks: retries with growing pauses, resumes interrupted transfers, and verifies checksums. */
 import { PLAIN, ReelError, messageOf } from "../base/errors";
+import { utf8 } from "../base/text";
 import { isIntact } from "./checksum";
-import { readLocalFile } from "./local-files";
+import { LONGEST_MANIFEST, readLocalFile } from "./local-files";
 import type { Source, Watcher } from "./source";
 
 /** Pauses before retries, in milliseconds, plus up to half as much at random. After the last one the download fails. */
@@ -35,13 +36,19 @@ export function downloadText(url: string, watcher: Watcher, signal: AbortSignal)
   return withRetries(url, watcher, signal, () =>
     withStallTimeout(signal, FEW_RETRIES, async (inner, alive) => {
       const answer = await request(url, { cache: "no-cache", signal: inner }, FEW_RETRIES);
-      const decoder = new TextDecoder();
-      let text = "";
-      await readAll(answer, FEW_RETRIES, (value) => {
-        alive();
-        text += decoder.decode(value, { stream: true });
-      });
-      return text + decoder.decode();
+      const parts: Uint8Array[] = [];
+      let left = LONGEST_MANIFEST;
+      try {
+        await readAll(answer, FEW_RETRIES, (value) => {
+          alive();
+          left -= value.byteLength;
+          if (left < 0) throw new ReelError(`it is longer than ${LONGEST_MANIFEST} bytes`);
+          parts.push(value);
+        });
+        return utf8(await new Blob(parts as BlobPart[]).arrayBuffer());
+      } catch (error) {
+        throw error instanceof ReelError ? new ReelError(`${url} is not a reel's manifest: ${error.message}.`, { plain: PLAIN.other }) : error;
+      }
     }),
   );
 }

@@ -1,10 +1,11 @@
 /** Files of a reel without a network: dropped on the page, or embedded in it. */
 import { PLAIN, ReelError, messageOf } from "../base/errors";
+import { utf8 } from "../base/text";
 import { isIntact } from "./checksum";
 import type { LocalFile, Source, Watcher } from "./source";
 
 /** Maximum bytes of a manifest and of an image after decompression. */
-const LONGEST_MANIFEST = 16 << 20;
+export const LONGEST_MANIFEST = 16 << 20;
 const LONGEST_PICTURE = 64 << 20;
 
 /** The files of one local reel. */
@@ -29,7 +30,7 @@ export class LocalFiles {
     const part = this.find("manifest.json");
     if (!part) throw new ReelError(`${this.name} is not a reel: it has no manifest.json.`, { plain: `${this.name} is not a reel: it has no manifest.json.` });
     try {
-      return await (await unpacked(part, LONGEST_MANIFEST)).text();
+      return utf8(await (await unpacked(part, LONGEST_MANIFEST)).arrayBuffer());
     } catch (error) {
       throw new ReelError(`The manifest.json of ${this.name} cannot be read: ${messageOf(error)}.`, { cause: error });
     }

@@ -11,8 +11,8 @@ export interface Source {
   url: string;
   /** Size according to the manifest. */
   bytes: number;
-  /** Hex digest, compared in secure contexts; null to skip the comparison. */
-  sha256: string | null;
+  /** Hex digest. */
+  sha256: string;
   /** The file itself, if it is local. Nothing is downloaded then. */
   part?: LocalFile | undefined;
 }

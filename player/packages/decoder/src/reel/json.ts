@@ -4,8 +4,34 @@ import { ReelError } from "../base/errors";
 /** A JSON object. */
 export type Json = Record<string, unknown>;
 
+/** Upper bound of the numbers of frames and groups. */
+export const MAX_NUMBER = 2 ** 40;
+/** Upper bound of numbers that are stored as float32. */
+const FLOAT32 = 3e38;
+/** Limits of JSON texts: nesting, and number of values. */
+const MAX_DEPTH = 64;
+const MAX_VALUES = 2_000_000;
+/** A surrogate without its other half. */
+const LONE_SURROGATE = /\p{Surrogate}/u;
 /** A path within the reel: no other host, no parent folder, no hidden file. */
 const PLAIN_PATH = /^[A-Za-z0-9_][A-Za-z0-9_.-]*(\/[A-Za-z0-9_][A-Za-z0-9_.-]*)*$/;
+
+/** Return the value of a JSON text. Throws for other text, half a character, infinite numbers, and too many or too deeply nested values. */
+export function parseJson(text: string): unknown {
+  const value: unknown = JSON.parse(text);
+  let count = 0;
+  const check = (part: unknown, depth: number): void => {
+    if (++count > MAX_VALUES) throw new ReelError(`it holds more than ${MAX_VALUES} values`);
+    if (typeof part === "number" && !Number.isFinite(part)) throw new ReelError("it holds an infinite number");
+    if (typeof part === "string" && LONE_SURROGATE.test(part)) throw new ReelError("it holds half a character");
+    if (typeof part !== "object" || part === null) return;
+    if (depth === MAX_DEPTH) throw new ReelError(`it is nested more than ${MAX_DEPTH} deep`);
+    if (LONE_SURROGATE.test(Object.keys(part).join(" "))) throw new ReelError("it holds half a character");
+    for (const item of Object.values(part)) check(item, depth + 1);
+  };
+  check(value, 0);
+  return value;
+}
 
 /** Return the value if it is an object. */
 export function record(value: unknown, what: string): Json {
@@ -29,13 +55,6 @@ export function number(value: unknown, what: string): number {
   return value;
 }
 
-/** Return the value if it is a number above 0. */
-export function positive(value: unknown, what: string): number {
-  const result = number(value, what);
-  if (result <= 0) throw new ReelError(`The manifest is damaged: ${what} is ${result}.`);
-  return result;
-}
-
 /** Return the value if it is a number from low to high. */
 export function within(value: unknown, low: number, high: number, what: string): number {
   const result = number(value, what);
@@ -50,11 +69,33 @@ export function whole(value: unknown, low: number, high: number, what: string): 
   return result;
 }
 
-/** Return the value as a flat list, if it holds `count` numbers. */
+/** Return the value if it is a list of `count` numbers within the range of float32. */
 export function numbers(value: unknown, count: number, what: string): number[] {
-  const result = list(value, what).flat();
+  const result = list(value, what);
   if (result.length !== count) throw new ReelError(`The manifest is damaged: ${what} has ${result.length} numbers, not ${count}.`);
-  return result.map((item) => number(item, what));
+  return result.map((item) => within(item, -FLOAT32, FLOAT32, what));
+}
+
+/** Return the value if it is true or false. absent: value if there is none; undefined if there must be one. */
+export function flag(value: unknown, what: string, absent?: boolean): boolean {
+  const result = value === undefined ? absent : value;
+  if (typeof result !== "boolean") throw new ReelError(`The manifest is damaged: ${what} is ${JSON.stringify(value)}, expected true or false.`);
+  return result;
+}
+
+/** Return the value if it is a SHA-256 digest, 64 hexadecimal digits. */
+export function digest(value: unknown): string {
+  if (typeof value !== "string" || !/^[0-9a-f]{64}$/.test(value)) {
+    throw new ReelError(`The manifest is damaged: a file has the sha256 ${JSON.stringify(value)?.slice(0, 100)}, expected 64 hexadecimal digits.`);
+  }
+  return value;
+}
+
+/** Return a field that is a text of at most `most` characters; "" if it is absent. */
+export function shortText(json: Json, name: string, most: number): string {
+  const { [name]: value = "" } = json;
+  if (typeof value !== "string" || [...value].length > most) throw new ReelError(`The manifest is damaged: its ${name} is not a text of at most ${most} characters.`);
+  return value;
 }
 
 /** Return the value if it is a path within the reel. */

@@ -4,10 +4,14 @@ import type { Vec3 } from "../base/matrix";
 import { downloadText } from "../files/download";
 import type { LocalFiles } from "../files/local-files";
 import type { Source, Watcher } from "../files/source";
-import { addressWithin, list, number, numbers, positive, record, whole, type Json } from "./json";
-import { LAST, numbered, parsePages, type Listing } from "./pages";
+import { MAX_NUMBER, addressWithin, flag, list, numbers, parseJson, record, shortText, whole, within, type Json } from "./json";
+import { LAST, checkOrder, numbered, parsePages, type Listing } from "./pages";
 import { parsePresentation, type Asset, type Presentation } from "./presentation";
-import { parseGroup, parseLayers, parseRetiringLayers } from "./reel-file";
+import { checkBytes, parseGroup, parseLayers, parseNames, parseRetiringLayers } from "./reel-file";
+
+/** Maximum characters of a camera's name, and pixels of a side of its image. */
+const MAX_NAME = 200;
+const MAX_SIDE = 2 ** 20;
 
 /** A pinhole camera (OpenCV): K [9] in pixels and viewmat [16], world to camera, both row-major. */
 export interface Camera {
@@ -68,9 +72,10 @@ export async function readManifest(files: LocalFiles): Promise<Manifest> {
 function parseText(text: string, url: string): Manifest {
   let value: unknown;
   try {
-    value = JSON.parse(text);
-  } catch {
-    throw new ReelError(`${url} is not a reel's manifest: it is not JSON.`, { plain: PLAIN.other });
+    value = parseJson(text);
+  } catch (error) {
+    const why = error instanceof ReelError ? `: ${error.message}` : "";
+    throw new ReelError(`${url} is not a reel's manifest: it is not JSON${why}.`, { plain: PLAIN.other });
   }
   return parseManifest(value, url);
 }
@@ -84,35 +89,42 @@ export function parseManifest(value: unknown, url: string): Manifest {
   }
   const bounds = list(json.bounds, "bounds").map((corner) => numbers(corner, 3, "bounds") as Vec3);
   if (bounds.length !== 2) throw new ReelError(`${url}: bounds needs two corners.`);
+  if (bounds[0].some((low, axis) => low > bounds[1][axis])) throw new ReelError("The manifest is damaged: the first corner of its bounds is above the second.");
   const renditions = parseNames(json.renditions);
   const second = json.version === 2;
-  const first = second ? whole(json.first_group ?? 0, 0, LAST, "first_group") : 0;
-  const pages = parsePages(second ? (json.pages ?? []) : [], first);
+  const { first_group: start = 0, pages: listed = [] } = second ? json : {};
+  const first = whole(start, 0, LAST, "first_group");
+  const pages = parsePages(listed, first, renditions);
   const begin = pages.reduce((number, { count }) => number + count, first);
   const own = list(json.groups, "groups");
-  const layers = second ? parseRetiringLayers(json.layers, begin, begin + own.length) : parseLayers(json.layers);
+  const end = begin + own.length;
+  const layers = second ? parseRetiringLayers(json.layers, begin, end) : parseLayers(json.layers, end);
   const groups = own.map((item, i) => parseGroup(item, begin + i, renditions, layers));
-  const live = json.live === true;
+  const live = flag(json.live, "live");
   if (groups.length === 0 && (!live || pages.length > 0)) throw new ReelError(`${url} holds no group yet.`, { plain: "This reel has no content yet." });
-  const end = groups.reduce((last, group) => Math.max(last, group.firstFrame + group.frames), 0);
-  if (json.frames !== end) throw new ReelError(`The manifest is damaged: it has ${JSON.stringify(json.frames)} frames, and its groups ${end}.`);
+  const frames = Math.max(0, ...[...pages, ...groups].map((span) => span.firstFrame + span.frames));
+  if (json.frames !== frames) throw new ReelError(`The manifest is damaged: it has ${JSON.stringify(json.frames)} frames, and its groups ${frames}.`);
   if (pages.length > 0 && pages.at(-1)!.firstFrame >= groups[0].firstFrame) throw new ReelError("The manifest is damaged: its pages end after its groups begin.");
+  checkOrder(groups);
+  checkBytes(json.renditions, renditions, pages, groups);
+  whole(json.group_length, 1, MAX_NUMBER, "group_length");
+  if (json.origin !== undefined) numbers(json.origin, 3, "origin");
   return {
     url,
     live,
-    fps: positive(json.fps, "fps"),
-    frames: end,
-    overlap: number(json.overlap, "overlap"),
-    shDegree: number(json.sh_degree, "sh_degree"),
-    near: json.near === undefined ? 0.01 : positive(json.near, "near"),
+    fps: within(json.fps, 1e-3, 1e5, "fps"),
+    frames,
+    overlap: whole(json.overlap, 0, MAX_NUMBER, "overlap"),
+    shDegree: whole(json.sh_degree, 0, 3, "sh_degree"),
+    near: json.near === undefined ? 0.01 : within(json.near, 1e-30, 1e30, "near"),
     clearance: json.clearance === undefined ? { focus: [0, 0, 0], share: 0 } : parseClearance(record(json.clearance, "clearance")),
     background: json.background === undefined ? [0, 0, 0] : parseColor(json.background),
-    transparent: json.transparent === true,
-    antialias: json.antialias === true,
+    transparent: flag(json.transparent, "transparent", false),
+    antialias: flag(json.antialias, "antialias", false),
     bounds: bounds as [Vec3, Vec3],
     up: numbers(json.up, 3, "up") as Vec3,
     camera: parseCamera(json.camera),
-    cameras: list(json.cameras ?? [], "cameras").map(parseCamera),
+    cameras: list(json.cameras, "cameras").map(parseCamera),
     layers,
     first,
     groups: numbered(groups),
@@ -161,28 +173,17 @@ function parseColor(value: unknown): Vec3 {
 }
 
 function parseClearance(json: Json): Clearance {
-  const share = number(json.share, "clearance share");
-  if (share < 0 || share > 1) throw new ReelError(`The manifest is damaged: the share of its clearance is ${share}.`);
-  return { focus: numbers(json.focus, 3, "clearance focus") as Vec3, share };
-}
-
-/** Parse the names of renditions. Returns none if there is only one. */
-function parseNames(value: unknown): string[] {
-  const names = list(value ?? [], "renditions").map((item) => record(item, "a rendition").name);
-  const valid = names.filter((name): name is string => typeof name === "string" && /^[a-z0-9][a-z0-9_-]{0,31}$/.test(name));
-  if (new Set(valid).size < names.length || names.length > 16) throw new ReelError("The manifest is damaged: its renditions lack distinct names.");
-  return valid.length > 1 ? valid : [];
+  return { focus: numbers(json.focus, 3, "clearance focus") as Vec3, share: within(json.share, 0, 1, "clearance share") };
 }
 
 function parseCamera(value: unknown): Camera {
   const json = record(value, "a camera");
   const K = numbers(json.K, 9, "camera K");
   if (!(K[0] > 0 && K[4] > 0)) throw new ReelError(`The manifest is damaged: a camera has the focal lengths ${K[0]} and ${K[4]}.`);
-  return {
-    name: String(json.name ?? ""),
-    width: positive(json.width, "camera width"),
-    height: positive(json.height, "camera height"),
-    K,
-    viewmat: numbers(json.viewmat, 16, "camera viewmat"),
-  };
+  const viewmat = numbers(json.viewmat, 16, "camera viewmat");
+  const [a, b, c, , d, e, f, , g, h, i] = viewmat;
+  const volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g);
+  if (!(volume > 0.5 && volume < 2)) throw new ReelError("The manifest is damaged: the viewmat of a camera is no rotation and translation.");
+  const name = shortText(json, "name", MAX_NAME);
+  return { name, width: whole(json.width, 1, MAX_SIDE, "camera width"), height: whole(json.height, 1, MAX_SIDE, "camera height"), K, viewmat };
 }

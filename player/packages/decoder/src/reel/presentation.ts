@@ -1,16 +1,21 @@
 /** The optional parts of a manifest: texts, images, sound, and limits of the view (docs/format.md). */
 import { ReelError } from "../base/errors";
 import type { Vec3 } from "../base/matrix";
-import { list, number, numbers, plainPath, positive, record, within, type Json } from "./json";
+import { digest, list, numbers, plainPath, record, shortText, whole, within, type Json } from "./json";
 
 /** Maximum bytes of an asset. */
 const MAX_ASSET = 64 << 20;
+/** Maximum characters of a description, and of the other texts. */
+const MAX_DESCRIPTION = 2000;
+const MAX_TEXT = 200;
+/** Maximum seconds of a reel. */
+const MAX_SECONDS = 1e7;
 
 /** A file of the reel. uri: relative to the manifest. */
 export interface Asset {
   uri: string;
   bytes: number;
-  sha256: string | null;
+  sha256: string;
 }
 
 /** Image of the first frame, seen by the start camera. */
@@ -70,10 +75,10 @@ export interface Presentation {
 export function parsePresentation(json: Json): Presentation {
   const part = <T>(name: string, parse: (value: Json) => T): T | null => (json[name] == null ? null : parse(record(json[name], name)));
   return {
-    title: text(json, "title"),
-    author: text(json, "author"),
-    description: text(json, "description"),
-    licence: text(json, "licence"),
+    title: shortText(json, "title", MAX_TEXT),
+    author: shortText(json, "author", MAX_TEXT),
+    description: shortText(json, "description", MAX_DESCRIPTION),
+    licence: shortText(json, "licence", MAX_TEXT),
     poster: part("poster", parsePoster),
     thumbnails: part("thumbnails", parseThumbnails),
     sound: part("sound", parseSound),
@@ -81,42 +86,37 @@ export function parsePresentation(json: Json): Presentation {
   };
 }
 
-function text(json: Json, name: string): string {
-  const value = json[name] ?? "";
-  if (typeof value !== "string") throw new ReelError(`The manifest is damaged: its ${name} is not a text.`);
-  return value.slice(0, 2000);
-}
-
 /** Parse a file entry of at most `most` bytes. */
 export function parseAsset(value: unknown, most = MAX_ASSET): Asset {
   const json = record(value, "a file");
-  return { uri: plainPath(json.uri), bytes: within(json.bytes, 1, most, "bytes"), sha256: typeof json.sha256 === "string" ? json.sha256 : null };
+  return { uri: plainPath(json.uri), bytes: whole(json.bytes, 1, most, "bytes"), sha256: digest(json.sha256) };
 }
 
 function parsePoster(json: Json): Poster {
-  return { ...parseAsset(json), width: positive(json.width, "poster width"), height: positive(json.height, "poster height") };
+  return { ...parseAsset(json), width: whole(json.width, 1, 2 ** 14, "poster width"), height: whole(json.height, 1, 2 ** 14, "poster height") };
 }
 
 function parseThumbnails(json: Json): Thumbnails {
-  const of = (name: string): number => positive(json[name], `thumbnails ${name}`);
-  const [columns, rows, count] = [of("columns"), of("rows"), of("count")];
+  const of = (name: string, most: number): number => whole(json[name], 1, most, `thumbnails ${name}`);
+  const [columns, rows, count] = [of("columns", 1000), of("rows", 1000), of("count", 2 ** 30)];
   const sheets = list(json.sheets, "thumbnails sheets").map((sheet) => parseAsset(sheet));
   if (Math.ceil(count / (columns * rows)) !== sheets.length) throw new ReelError(`The manifest is damaged: ${sheets.length} sheets do not hold ${count} thumbnails.`);
-  return { width: of("width"), height: of("height"), seconds: of("seconds"), columns, rows, count, sheets };
+  return { width: of("width", 4096), height: of("height", 4096), seconds: within(json.seconds, 1e-3, MAX_SECONDS, "thumbnails seconds"), columns, rows, count, sheets };
 }
 
 function parseSound(json: Json): Sound {
-  if (typeof json.type !== "string" || !/^audio\/[a-z0-9]+; codecs="[A-Za-z0-9.]+"$/.test(json.type)) {
+  if (typeof json.type !== "string" || json.type.length > 100 || !/^audio\/[a-z0-9]+; codecs="[A-Za-z0-9.]+"$/.test(json.type)) {
     throw new ReelError(`The manifest is damaged: its sound is of the type ${JSON.stringify(json.type)}.`);
   }
   const segments = list(json.segments, "sound segments").map(parseSegment);
+  if (segments.length === 0) throw new ReelError("The manifest is damaged: its sound has no segments.");
   if (segments.some((later, i) => i > 0 && later.start < segments[i - 1]!.start + segments[i - 1]!.seconds - 1e-3)) {
     throw new ReelError("The manifest is damaged: its sound segments overlap.");
   }
   return {
     type: json.type,
-    rate: within(json.rate, 1000, 768_000, "sound rate"),
-    channels: within(json.channels, 1, 8, "sound channels"),
+    rate: whole(json.rate, 1000, 768_000, "sound rate"),
+    channels: whole(json.channels, 1, 8, "sound channels"),
     init: parseAsset(json.init),
     segments,
     position: json.position === undefined ? null : (numbers(json.position, 3, "sound position") as Vec3),
@@ -125,7 +125,7 @@ function parseSound(json: Json): Sound {
 
 function parseSegment(value: unknown): SoundSegment {
   const json = record(value, "a sound segment");
-  return { ...parseAsset(json), start: within(json.start, 0, 1e7, "sound start"), seconds: within(json.seconds, 1e-3, 3600, "sound seconds") };
+  return { ...parseAsset(json), start: within(json.start, 0, MAX_SECONDS, "sound start"), seconds: within(json.seconds, 1e-3, 3600, "sound seconds") };
 }
 
 function parseLimits(json: Json): Limits {
@@ -133,8 +133,8 @@ function parseLimits(json: Json): Limits {
   if (distance && !(distance[0] >= 0 && distance[0] < distance[1])) throw new ReelError(`The manifest is damaged: its limits of distance are ${distance.join(" to ")}.`);
   return {
     focus: numbers(json.focus, 3, "limits focus") as Vec3,
-    angle: json.angle === undefined ? null : number(json.angle, "limits angle"),
+    angle: json.angle === undefined ? null : within(json.angle, 0, 180, "limits angle"),
     distance,
-    floor: json.floor === undefined ? null : number(json.floor, "limits floor"),
+    floor: json.floor === undefined ? null : within(json.floor, -3e38, 3e38, "limits floor"),
   };
 }

@@ -88,9 +88,10 @@ export class ReelLoader {
     void watchManifest(manifest, (next) => this.grow(next), this.life.signal);
   }
 
-  /** Ignore files that still arrive, after an error. */
+  /** Request no further files and ignore those that still arrive, after an error. */
   abandon(): void {
     this.abandoned = true;
+    this.stream?.stop();
   }
 
   close(): void {

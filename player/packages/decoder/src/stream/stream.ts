@@ -5,6 +5,7 @@ import { sourceOf, type Manifest } from "../reel/manifest";
 import type { Page } from "../reel/pages";
 import type { Reel } from "../reel/reel";
 import { fileOf, layersAt, type ReelFile } from "../reel/reel-file";
+import { contradictionOf } from "./file-check";
 import { Backoff } from "./backoff";
 import type { DecoderPool, Job } from "./decoder-pool";
 import { FileCache, costOf, type Dropped } from "./file-cache";
@@ -72,6 +73,11 @@ export class Stream {
     const { current, previous } = this.demand;
     const dropped = [current, previous].some((group) => group !== null && !this.manifest.groups[group]);
     if (dropped) this.demand = { ...this.demand, current: null, previous: null };
+  }
+
+  /** Request no further files. */
+  stop(): void {
+    this.stopped = true;
   }
 
   private get manifest(): Manifest {
@@ -305,13 +311,14 @@ export class Stream {
   }
 
   private deliver(item: QueueItem, rendition: string, file: DecodedFile): void {
-    if (item.kind === "layer" && file.kind === "layer") {
+    if (item.kind === "page") return;
+    const entry = item.kind === "group" ? fileOf(item.file, rendition) : item.file;
+    const contradiction = contradictionOf(file, entry, item.kind, this.manifest.shDegree);
+    if (contradiction) void this.fail(item, new ReelError(`${entry.uri} ${contradiction}.`));
+    else if (item.kind === "group") this.deliverGroup(item, rendition, file as DecodedGroup);
+    else {
       this.cache.addLayer(item.file);
-      this.events.layer(item.file.uri, file);
-    } else if (item.kind === "group" && file.kind === "group") this.deliverGroup(item, rendition, file);
-    else if (item.kind !== "page") {
-      const { uri } = item.kind === "group" ? fileOf(item.file, rendition) : item.file;
-      void this.fail(item, new ReelError(`${uri} is a ${file.kind}; the manifest lists it as a ${item.kind}.`));
+      this.events.layer(item.file.uri, file as DecodedLayer);
     }
   }
 

@@ -1,0 +1,105 @@
+/** First script of the bundled page: requests the manifest and the first layer, and shows the poster, before the player is loaded. */
+import { addressWithin, type DecodeReply, type DecodeRequest, EARLY, type EarlyFile, type EarlyWorker, startWorker } from "@splatreel/decoder/internal";
+import type { Prefetched } from "../player/prefetched";
+import type { PageRoot } from "./page";
+
+/** Milliseconds of page load above which the connection is slow, so that the poster is loaded first. */
+const SLOW = 150;
+/** Maximum milliseconds for which the player waits for the poster. */
+const POSTER_TIMEOUT = 2500;
+/** Milliseconds after which the page shows that it loads. The player then shows it itself. */
+const SPINNER_AFTER = 400;
+/** Timeout of the manifest, in milliseconds. */
+const STALL = 8000;
+
+/** Entry of a layer in the manifest, not checked yet. */
+interface Layer {
+  uri: unknown;
+  bytes: number;
+  sha256: unknown;
+  group: unknown;
+  until?: unknown;
+}
+
+const root = document.querySelector<PageRoot>("main[data-splatreel-page]")!;
+const parameters = new URLSearchParams(location.search);
+const given = parameters.get("poster");
+const url = new URL(parameters.get("src") ?? root.dataset.src ?? "reel/manifest.json", document.baseURI).href.split("#")[0];
+// If this fails, the player repeats the request and reports the error.
+const text = fetch(url, { cache: "no-cache", priority: "high", signal: AbortSignal.timeout(STALL) }).then((answer) => (answer.ok ? answer.text() : null)).catch(() => null);
+const image = document.createElement("img");
+const spinner = document.createElement("div");
+const prefetched: Prefetched = { url, text, image, spinner, worker: null };
+root.prefetched = prefetched;
+
+/** Load the player. */
+function loadPlayer(): void {
+  void import("./player.js");
+}
+
+/** Load the player and start its first worker, unless the player has started one. */
+function loadAll(): void {
+  loadPlayer();
+  if (!customElements.get("splat-reel")) prefetched.worker ??= firstWorker();
+}
+
+/** Start the first worker and request the first layer; null in a sandboxed frame, where the player starts workers differently. */
+function firstWorker(): EarlyWorker | null {
+  try {
+    const early: EarlyWorker = { worker: startWorker(new URL("./decode-worker.js", import.meta.url).href, { type: "module" }), file: null };
+    void text.then((json) => (early.file = requestLayer(early.worker, JSON.parse(json ?? "{}")))).catch(() => undefined);
+    return early;
+  } catch {
+    return null;
+  }
+}
+
+/** Request the first layer, if it is needed at any time of the reel. The player takes the replies. */
+function requestLayer(worker: Worker, manifest: { layers?: Layer[] }): EarlyFile | null {
+  const layer = manifest.layers?.[0];
+  if (layer?.group !== 0 || layer.until !== undefined || typeof layer.sha256 !== "string") return null;
+  const { bytes, sha256 } = layer;
+  const file: EarlyFile = { url: addressWithin(url, layer.uri), replies: [] };
+  worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => file.replies.push({ data, at: performance.now() });
+  worker.postMessage({ id: EARLY, source: { url: file.url, bytes, sha256 }, page: false } satisfies DecodeRequest);
+  return file;
+}
+
+setTimeout(showSpinner, SPINNER_AFTER);
+const asked = performance.now();
+const poster = show().catch(() => undefined);
+if (asked < SLOW) loadAll();
+else {
+  // The poster has about 20 KB. The player is requested a little later, so that it arrives after the poster.
+  void text.then(() => setTimeout(loadPlayer, (performance.now() - asked) / 2));
+  void poster.then(loadAll);
+  setTimeout(loadPlayer, POSTER_TIMEOUT);
+}
+
+/** Show the poster. Resolves when it is decoded or there is none. */
+async function show(): Promise<void> {
+  const address = given ? new URL(given, document.baseURI).href : await ownPoster();
+  if (!address || customElements.get("splat-reel")) return; // the player shows it
+  image.alt = "";
+  image.fetchPriority = "high";
+  Object.assign(image.style, { position: "fixed", inset: "0", width: "100%", height: "100%", objectFit: "cover" });
+  image.src = address;
+  root.append(image);
+  await image.decode();
+}
+
+/** Show that the page loads, unless the player is here, by the spinner of ui.css. */
+function showSpinner(): void {
+  if (customElements.get("splat-reel")) return;
+  Object.assign(spinner.style, { position: "fixed", inset: "0", zIndex: "1", margin: "auto", boxSizing: "border-box", width: "42px", height: "42px" });
+  Object.assign(spinner.style, { border: "3px solid rgb(160 160 170 / 0.4)", borderTopColor: "#fff", borderRadius: "50%" });
+  Object.assign(spinner.style, { background: "rgb(0 0 0 / 0.35)", boxShadow: "0 0 0 3px rgb(0 0 0 / 0.35)" });
+  root.append(spinner);
+  spinner.animate({ rotate: "1turn" }, { duration: 900, iterations: Infinity });
+}
+
+/** Return the address of the poster that the manifest names; "" if it names none. Throws `ReelError` for an address outside of the reel. */
+async function ownPoster(): Promise<string> {
+  const { poster } = JSON.parse((await text) ?? "{}") as { poster?: { uri: unknown } | null };
+  return poster ? addressWithin(url, poster.uri) : "";
+}

@@ -1,0 +1,65 @@
+"""Record of the command that made a calibration, for a command that is run again."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from splatreel.calibration.calibrate import move_into_place
+from splatreel.calibration.calibration_record import calibration_record, is_made_by
+from splatreel.cli.main import main
+
+OPTIONS = {"board": "5x7:0.035"}
+
+
+@pytest.fixture
+def scene(tmp_path: Path) -> Path:
+    """Return a capture that was calibrated just now."""
+    scene, made = tmp_path / "scene", tmp_path / "made"
+    made.mkdir()
+    scene.mkdir()
+    for name in ("cameras.bin", "images.bin", "points3D.bin"):
+        (made / name).write_bytes(name.encode())
+    for name in ("a", "b", "c"):
+        (scene / f"{name}.mp4").write_bytes(name.encode())
+    move_into_place(made, scene, calibration_record(scene, OPTIONS, []))
+    return scene
+
+
+def test_the_same_command_has_the_same_record(scene: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    assert is_made_by(scene, calibration_record(scene, OPTIONS, []))
+    assert main(["capture", "calibrate", str(scene), "--board", "5x7:0.035"]) == 0
+    assert "sparse/0: was complete already, made by the same command" in capsys.readouterr().out
+    assert main(["capture", "calibrate", str(scene), "--board", "5x7:0.04"]) == 1
+    assert "is calibrated already" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("file", "content"),
+    [
+        ("a.mp4", "longer"),
+        ("d.mp4", "d"),
+        ("sparse/0/images.bin", "other"),
+        ("sparse/0/images.txt", "more"),
+        ("splatreel.json", json.dumps({"starts": {"a": 0.5}})),
+        ("sparse/0/calibration.json", "[" * 100_000),
+        ("sparse/0/calibration.json", "{}"),
+    ],
+)
+def test_anything_else_is_another_calibration(scene: Path, file: str, content: str) -> None:
+    (scene / file).write_text(content)
+    assert not is_made_by(scene, calibration_record(scene, OPTIONS, []))
+
+
+def test_other_options_and_folders_are_another_calibration(scene: Path) -> None:
+    assert not is_made_by(scene, calibration_record(scene, {"board": "5x7:0.04"}, []))
+    photos = scene.parent / "photos"
+    photos.mkdir()
+    (photos / "1.jpg").write_bytes(b"1")
+    assert not is_made_by(scene, calibration_record(scene, OPTIONS, [photos]))
+
+
+def test_models_of_other_programs_are_not_taken_for_it(scene: Path) -> None:
+    (scene / "sparse" / "0" / "calibration.json").unlink()
+    assert not is_made_by(scene, calibration_record(scene, OPTIONS, []))
+    assert not is_made_by(scene / "none", calibration_record(scene, OPTIONS, []))
