@@ -281,12 +281,12 @@ class GroupDensity:
 
     def measured_static(self, iteration: int) -> Tensor | None:
         """Return [S] bool, the static points whose gradients an iteration measures; None if it draws moving tiles only."""
-        due = self._measures(iteration) and iteration % MEASURE_EVERY == 0
+        due = self.measures(iteration) and iteration % MEASURE_EVERY == 0
         return self.convertible & self.static.alive if due else None
 
     def measure(self, iteration: int, drawing: Comparable, view: View) -> None:
         """Add the gradients of an iteration, after its backward pass."""
-        if not self._measures(iteration):
+        if not self.measures(iteration):
             return
         grad = drawing.means2d.grad
         assert grad is not None
@@ -296,7 +296,7 @@ class GroupDensity:
 
     def update(self, done: int, pictures: Pictures) -> bool:
         """Add and prune points after `done` iterations, if due. Return whether anything was due."""
-        due, faint_due = self.every > 0 and done % self.every == 0, done in self.faint_at
+        due, faint_due = self._is_regular(done), done in self.faint_at
         if due or faint_due:
             self.points.check()
         if due and self._converts(done):
@@ -308,6 +308,10 @@ class GroupDensity:
         if due or faint_due:
             self.restart()
         return due or faint_due
+
+    def is_due(self, done: int) -> bool:
+        """Return whether `update` adds or prunes points after `done` iterations."""
+        return self._is_regular(done) or done in self.faint_at
 
     def convert_and_clone(self, pictures: Pictures) -> None:
         """Convert static points (paper section 4.1), then clone dynamic points with large gradients (4.2)."""
@@ -357,10 +361,13 @@ class GroupDensity:
         held = total[order].cumsum(0) / total.sum().clamp_min(1e-9)
         self.points.keep(order[held >= self.config.group.faint_share].sort().values)
 
+    def _is_regular(self, done: int) -> bool:
+        return self.every > 0 and done % self.every == 0
+
     def _converts(self, done: int) -> bool:
         return CONVERT_FROM <= done / self.iterations <= CONVERT_TO
 
-    def _measures(self, iteration: int) -> bool:
+    def measures(self, iteration: int) -> bool:
         """Return whether points are converted at the end of this interval."""
         return self.every > 0 and self._converts((iteration // self.every + 1) * self.every)
 
