@@ -10,7 +10,8 @@ from splatreel.kernels.image import render_image
 from splatreel.progress import Silent
 from splatreel.recon.cameras.color_gains import CameraGains
 from splatreel.recon.init.layout import Layout
-from splatreel.recon.train.keyframe import AVERAGE_EVERY, Average, KeyframeTrainer, _with_gain, starting_points
+from splatreel.recon.train.average import AVERAGE_EVERY, Average
+from splatreel.recon.train.keyframe import KeyframeTrainer, _with_gain, starting_points
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
 from splatreel.recon.train.regularizers import Depths, spread

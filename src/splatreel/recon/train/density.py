@@ -144,31 +144,39 @@ class KeyframeDensity:
             self.points.means, pictures.views, pictures.unit, self.config.far_step_scale
         )
 
-    def update(
-        self, done: int, share: float, drawing: Comparable, view: View, pictures: Pictures, settled: bool
-    ) -> None:
+    def measure(self, share: float, drawing: Comparable, view: View) -> None:
+        """Add the gradients of an iteration. share: share of training that is over after it, 0..1."""
+        if share > GROWTH:
+            return
+        measured = drawing.absolute if self.config.detail else None
+        grad = drawing.means2d.grad if measured is None else measured.grad
+        assert grad is not None
+        self.meter.add(grad[: drawing.moving], view.width, view.height)
+
+    def is_due(self, done: int, share: float, settled: bool) -> bool:
+        """Return whether `update` adds or prunes points, see there."""
+        every = self.config.densify_every
+        if share <= GROWTH:
+            return done % every == 0 and done >= 2 * every
+        return done % PRUNE_EVERY == 0 and not settled
+
+    def update(self, done: int, share: float, pictures: Pictures, settled: bool, absolute: bool) -> None:
         """Add and prune points after an iteration, if due.
 
         Args:
             done: Number of finished iterations.
             share: Share of training that is over, 0..1.
-            drawing: Drawing of the iteration, with gradients.
-            view: View that was drawn.
             pictures: Training images.
             settled: Values are being averaged; no point is removed any more.
+            absolute: The measured gradients are absolute ones.
         """
-        measured = drawing.absolute if self.config.detail else None
-        every = self.config.densify_every
-        grad = drawing.means2d.grad if measured is None else measured.grad
-        assert grad is not None
+        if not self.is_due(done, share, settled):
+            return
         if share <= GROWTH:
-            self.meter.add(grad[: drawing.moving], view.width, view.height)
-            if done % every == 0 and done >= 2 * every:
-                self.densify(pictures.unit, share, GROWTH_GRADIENT if measured is None else ABSOLUTE_GRADIENT)
-                self.restart(pictures)
-        elif done % PRUNE_EVERY == 0 and not settled:
+            self.densify(pictures.unit, share, ABSOLUTE_GRADIENT if absolute else GROWTH_GRADIENT)
+        else:
             self.prune(pictures.unit, share)
-            self.restart(pictures)
+        self.restart(pictures)
 
     def densify(self, unit: float, share: float, threshold: float) -> None:
         """Clone small points with gradients above a threshold, split large ones, and prune."""

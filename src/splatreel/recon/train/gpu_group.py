@@ -145,7 +145,7 @@ class GpuGroupProgram(GpuProgram):
 
     def _prepare(self, draw: Draw, steps: list[int], knot_steps: dict[str, int]) -> tuple[np.ndarray, Buffers]:
         """Return the uniform block and the buffers of a draw. steps: numbers of the steps of Adam."""
-        block, unit = self.block(draw.camera, draw.iteration), self.pictures.unit
+        block, unit = self.block(draw.camera), self.pictures.unit
         static = self.static_buffers(block, draw.camera, draw.metered_static)
         picture = self.picture(block, draw.frame, draw.camera)
         self.set_loss(block, self._config.lambda_dssim)

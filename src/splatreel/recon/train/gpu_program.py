@@ -109,11 +109,11 @@ class GpuProgram:
         found = self.gpu.read(self._scene.meter, np.float32, (2, self._scene.count))
         return torch.from_numpy(found[0].copy()), torch.from_numpy(found[1].copy())
 
-    def block(self, camera: int, iteration: int, near: float | None = None) -> np.ndarray:
+    def block(self, camera: int) -> np.ndarray:
         """Return the uniform block of a view without what the kind of training adds."""
         draw, view = uniforms.new_draw(), self.pictures.views[camera]
         pose, K = view.viewmat.numpy(), view.K.numpy()
-        near = self.pictures.near if near is None else near
+        near = self.pictures.near
         uniforms.fill_view(draw, pose, K, view.width, view.height, near, view.antialias)
         if view.background is not None:
             draw["background"][:3] = view.background.numpy()

@@ -21,7 +21,7 @@ from splatreel.recon.layering.tracking import GroupStart
 from splatreel.recon.train.density import GroupDensity
 from splatreel.recon.train.gpu_group import GpuGroupProgram, why_not
 from splatreel.recon.train.gpu_program import MOST_DRAWS
-from splatreel.recon.train.losses import GROUP, GroupStep, backward, choose_rank, choose_span, psnr
+from splatreel.recon.train.losses import GROUP, GroupStep, backward, choose_rank, choose_span
 from splatreel.recon.train.moving import Changes, MovingPoints
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.programs import Draw
@@ -29,6 +29,7 @@ from splatreel.recon.train.recovery import Recovery
 from splatreel.recon.train.regularizers import Neighbors
 from splatreel.recon.train.render import StaticCache, draw, moving_tiles
 from splatreel.recon.train.schedule import FrameSchedule
+from splatreel.recon.train.training_psnr import training_psnr
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
 from splatreel.scene.volumes import Volume
@@ -37,8 +38,6 @@ GIVE_BACK_EVERY = 50
 """Iterations between two releases of image pages. Every iteration reads one image, so all of them accumulate in memory."""
 SHOW_EVERY = 50
 """Iterations between two progress updates."""
-SAMPLES = 12
-"""Training images over which the PSNR of a group is averaged."""
 
 
 @dataclass(frozen=True)
@@ -84,36 +83,6 @@ def group_result(points: MovingPoints, frames: int, alive: Tensor, offsets: Lear
 def _shade(shade: Tensor, logits: Tensor) -> Tensor:
     """Return [N, 4] as in `Group`: the change of the opacity instead of the change of its logit."""
     return torch.cat([shade[:, :3], ((logits + shade[:, 3]).sigmoid() - logits.sigmoid())[:, None]], 1)
-
-
-@torch.no_grad()
-def training_psnr(
-    points: MovingPoints,
-    static: StaticCache,
-    pictures: Pictures,
-    gains: Tensor,
-    time_offsets: TimeOffsets,
-    available: np.ndarray,
-) -> float:
-    """Return the mean PSNR, dB, over a few training images spread over frames and cameras.
-
-    Args:
-        points: Trained points.
-        static: Static points.
-        pictures: Training images.
-        gains: [C, 3] color gains.
-        time_offsets: Learned time offsets.
-        available: [T, C] bool, images that exist.
-    """
-    values = []
-    for k in range(SAMPLES):
-        frame = k * (pictures.count - 1) // (SAMPLES - 1)
-        cameras = np.flatnonzero(available[frame])
-        camera = int(cameras[(k * 7) % len(cameras)])
-        view, moment = pictures.views[camera], time_offsets.moment(frame, camera, pictures.count)
-        image = draw(points.at(moment, view, pictures.near), view, static.view(camera)).image
-        values.append(psnr(image * gains[camera], pictures.images[frame, camera]))
-    return float(np.mean(values))
 
 
 class GroupTrainer:

@@ -216,6 +216,8 @@ def view_dependence(step: GroupStep, weight: float) -> None:
     step.points.canonical.price_sh(weight / step.pixels)
 
 
+LAMBDA_DSSIM = 0.2
+"""Weight of structural similarity in the photometric loss of keyframes, as in 3DGS."""
 TEMPORAL_WINDOW = 2
 """Frames over which motion should be smooth; the paper's value (section 5.1)."""
 
