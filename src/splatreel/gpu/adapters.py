@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import importlib.util
-import os
 from dataclasses import dataclass
 from typing import Any
 
 from splatreel.errors import UsageError
 
-SOFTWARE_VARIABLE = "SPLATREEL_SOFTWARE_GPU"
-"""Environment variable that makes software adapters eligible, for tests."""
 LEAST = {
     "max-compute-invocations-per-workgroup": 64,
     "max-compute-workgroup-storage-size": 16384,
@@ -83,15 +80,13 @@ def _adapter(handle: Any) -> Adapter:
     )
 
 
-def choose_adapter(found: list[Adapter], software: bool | None = None) -> tuple[Adapter | None, str]:
+def choose_adapter(found: list[Adapter], software: bool = False) -> tuple[Adapter | None, str]:
     """Return the adapter that training uses, if any, and a sentence that explains the choice.
 
     Args:
         found: Result of `adapters`.
-        software: A software adapter is eligible; None asks `SOFTWARE_VARIABLE`.
+        software: A software adapter is eligible, after all others.
     """
-    if software is None:
-        software = os.environ.get(SOFTWARE_VARIABLE, "") == "1"
     if not is_installed():
         return None, "The package wgpu is not installed."
     if not found:
@@ -106,12 +101,12 @@ def choose_adapter(found: list[Adapter], software: bool | None = None) -> tuple[
 
 
 def require_adapter() -> Adapter:
-    """Return the adapter for `--device gpu`.
+    """Return the adapter for `--device gpu`: a software adapter only where there is no other one.
 
     Raises:
         UsageError: There is none.
     """
-    adapter, why = choose_adapter(adapters())
+    adapter, why = choose_adapter(adapters(), software=True)
     if adapter is None:
         raise UsageError(f"--device gpu: {why} Use --device cpu, or run `splatreel devices` to see what there is.")
     return adapter
