@@ -33,6 +33,9 @@ CPU, NEAR, UNIT, FRAMES = torch.device("cpu"), 0.1, 4.0, 5
 CAMERAS = ring(4, width=48, height=32)
 CLOSE = 1e-4
 """Relative difference of gradients, summed over an iteration with its own rounding."""
+SURFACES_CLOSE = 3e-3
+"""The same with the losses of surfaces: variances are small differences of large numbers, signs of tiny bends are chance, and unknown
+pixels repeat a drawing that is rounded to 8 bits."""
 
 
 class Notes(Silent):
@@ -215,7 +218,7 @@ def test_an_iteration_of_a_keyframe_is_that_of_the_cpu(losses, static: bool, unk
         device.program.download()
         assert outcome.loss == pytest.approx(float(loss), rel=CLOSE)
         for name, adam in host.points.adams.items():
-            assert difference(device.points.adams[name], adam) < CLOSE, (done, name)
+            assert difference(device.points.adams[name], adam) < (SURFACES_CLOSE if done else CLOSE), (done, name)
         torch.testing.assert_close(device.gains.values, host.gains.values, rtol=0, atol=2e-5)
         torch.testing.assert_close(device.density.meter.sum, host.density.meter.sum, rtol=2e-3, atol=1e-5)
         _align(device, host)
@@ -259,7 +262,7 @@ def test_a_batch_runs_again_where_its_pairs_did_not_fit(monkeypatch: pytest.Monk
     program.upload()
     program.drawing.capacity = 16  # far too few
     monkeypatch.setattr(gpu_program, "FIRST_PAIRS", 0)
-    assert program.run(draws) == pytest.approx(expected, rel=1e-5)
+    np.testing.assert_allclose(program.run(draws), expected, rtol=1e-5)
     assert program.drawing.capacity > 16
 
 

@@ -213,7 +213,7 @@ def adam_row(rate: float, steps: int, eps: float) -> tuple[float, float, float, 
 
 def _columns(tensors: Sequence[Tensor]) -> np.ndarray:
     """Return rows of several tensors [N, ...] as columns [P, N] float32."""
-    flat = [tensor.detach().reshape(len(tensor), -1).T for tensor in tensors]
+    flat = [tensor.detach().flatten(1).T if tensor.ndim > 1 else tensor.detach()[None] for tensor in tensors]
     return torch.cat(flat).contiguous().numpy()
 
 
