@@ -18,28 +18,32 @@ from splatreel.recon.train.keyframe import KeyframeTrainer
 from splatreel.recon.train.pictures import Pictures
 from splatreel.recon.train.points import TrainablePoints, default_rates
 
+CPU = torch.device("cpu")
 SECONDS = 2.0
 """Time that a measurement takes at least, after one batch to warm up."""
 BATCH = 10
 """Iterations between two looks at the clock."""
 
 
-def iteration_ms(gpu: SharedGpu | None, probe: Probe = SMALL, seconds: float = SECONDS) -> float:
+def iteration_ms(
+    gpu: SharedGpu | None, probe: Probe = SMALL, seconds: float = SECONDS, device: torch.device = CPU
+) -> float:
     """Return the milliseconds of a keyframe's training iteration, with all threads of the CPU or on a GPU.
 
     Args:
-        gpu: The GPU; None measures the CPU.
+        gpu: GPU that runs iterations through wgpu; None measures torch on `device`.
         probe: Points and image size.
         seconds: Shortest time of the measurement.
+        device: Device of the tensors.
 
     Raises:
         GpuError: The GPU fails.
     """
-    scene = probe_scene(probe)
-    points = TrainablePoints.from_gaussians(scene.gaussians, default_rates(scene.unit), torch.device("cpu"))
+    scene = probe_scene(probe, device)
+    points = TrainablePoints.from_gaussians(scene.gaussians, default_rates(scene.unit), device)
     image = np.random.default_rng(0).integers(0, 256, (1, 1, probe.height, probe.width, 3), np.uint8)
-    pictures = Pictures(torch.from_numpy(image), [scene.view], scene.near, scene.unit)
-    gains = CameraGains(1, torch.device("cpu"))
+    pictures = Pictures(torch.from_numpy(image).to(device), [scene.view], scene.near, scene.unit)
+    gains = CameraGains(1, device)
     config = KeyframeConfig(densify_every=10**9, average_share=0.0, detail=False)
     trainer = KeyframeTrainer(points, gains, config, max_points=probe.points, gpu=gpu)
     taken = []
