@@ -182,7 +182,11 @@ class Gpu:
         key = (id(kernel.pipeline), *map(id, chosen.values()))
         if key not in self._groups:
             entries = [{"binding": number, "resource": {"buffer": buffer}} for number, buffer in chosen.items()]
-            group = self.device.create_bind_group(layout=kernel.pipeline.get_bind_group_layout(0), entries=entries)
+            layout = kernel.pipeline.get_bind_group_layout(0)
+            try:
+                group = self.device.create_bind_group(layout=layout, entries=entries)
+            except self._errors as error:
+                raise GpuError(f"{self.adapter.name}: kernel {kernel.name} cannot use its buffers: {error}") from error
             self._groups[key] = group, tuple(chosen.values())  # the buffers stay alive, so that their ids stay theirs
         return self._groups[key][0]
 

@@ -175,7 +175,7 @@ class GpuProgram:
             for k in range(first, count):
                 draw, buffers = prepare(k)
                 draw["numbers"][3] = k
-                self.gpu.queue.write_buffer(self.drawing.buffers["draw"], 0, draw.tobytes())
+                self.gpu.write(self.drawing.buffers["draw"], draw)
                 recording: Recording = self.gpu.record()
                 record(recording, draw, self.drawing.alone() | buffers | {"results": self._results})
                 recording.submit()

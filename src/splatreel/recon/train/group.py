@@ -156,7 +156,8 @@ class GroupTrainer:
                 done = self._iterate(done, progress)
             except GaussiansError as error:
                 done = self.recovery.restore(done + 1, error, progress)
-                self._upload()
+                if self.program is not None:
+                    self._start_program(progress)
             except GpuError as error:
                 done = self._continue_without_gpu(error, progress)
         self.recovery.release_state()

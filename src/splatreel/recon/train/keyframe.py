@@ -153,7 +153,8 @@ class KeyframeTrainer:
                 self._anneal(self.done / total)
                 self.density.restart(pictures)
                 average = Average(self.config.average_share, total)
-                self._upload()
+                if self.program is not None:
+                    self._start_program(pictures, static, progress)
         self.recovery.release_state()
         average.write_to(self.points.params.values())
         self.program = None
