@@ -24,6 +24,7 @@ import tyro
 
 import kernels
 import kitchen
+from cuda_compiler import missing, prepare_compiler
 from curve import reconstruct_until
 from parity import differences, drawing
 from record import RESULTS, ROOT, record
@@ -38,10 +39,7 @@ from splatreel.process import keep_freed_memory
 from splatreel.progress import console
 from splatreel.recon.run.gpu_speed import iteration_ms
 from splatreel.recon.run.machine_speed import LARGE, SMALL, Probe
-from splatreel.recon.run.memory import free_memory
 
-COMPILER_BYTES = 3e9
-"""Memory that one process of CUDA's compiler is given."""
 FAR_OFF = 0.02
 """Relative difference between the devices from which on an iteration is wrong, and not only rounded otherwise."""
 Found = dict[str, Any]
@@ -155,36 +153,6 @@ def machine(standin: bool) -> contextlib.AbstractContextManager[None]:
     from tests.standin.gpu import gpu
 
     return gpu()
-
-
-def missing() -> str | None:
-    """Return what this machine lacks and how to fix it; None if it lacks nothing."""
-    if not torch.cuda.is_available():
-        if torch.version.cuda is None:
-            return (
-                "PyTorch was installed without CUDA here. On a machine with an NVIDIA GPU, let pip find the build with CUDA (unset "
-                "PIP_EXTRA_INDEX_URL and PIP_FIND_LINKS), remove .venv and run `make gpu` again. Without a GPU, `--standin "
-                "--results FILE` tries this script."
-            )
-        return "PyTorch finds no CUDA device. Is there an NVIDIA GPU, and its driver? `nvidia-smi` tells."
-    if find_spec("gsplat") is None:
-        return "gsplat is not installed. Run `pip install '.[cuda]'`."
-    from torch.utils.cpp_extension import CUDA_HOME
-
-    if CUDA_HOME is None and find_spec("gsplat.csrc") is None and torch.version.cuda is not None:
-        return (
-            f"gsplat compiles its kernels when it is first used, and CUDA's compiler is not there. Install the CUDA toolkit "
-            f"{torch.version.cuda}, or set CUDA_HOME to where it is."
-        )
-    return None
-
-
-def prepare_compiler() -> None:
-    """Compile gsplat for this GPU only, with as many processes as cores and memory allow, unless the user chose otherwise."""
-    major, minor = torch.cuda.get_device_capability()
-    os.environ.setdefault("TORCH_CUDA_ARCH_LIST", f"{major}.{minor}")
-    jobs = min(os.cpu_count() or 1, int((free_memory() or COMPILER_BYTES) / COMPILER_BYTES))
-    os.environ.setdefault("MAX_JOBS", str(max(jobs, 1)))
 
 
 def run_steps(bench: Bench, names: list[str]) -> bool:

@@ -19,6 +19,9 @@ class CameraGains:
         device: Device of the gains.
         enabled: False keeps all gains at one.
         rate: Learning rate.
+
+    Attributes:
+        adam: Optimizer of the gains.
     """
 
     def __init__(self, cameras: int, device: torch.device, enabled: bool = True, rate: float = 2e-3) -> None:

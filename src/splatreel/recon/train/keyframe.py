@@ -189,7 +189,7 @@ class KeyframeTrainer:
 
     @property
     def _measures_absolute(self) -> bool:
-        """Whether density control measures absolute gradients."""
+        """True if density control measures absolute gradients."""
         return self.config.detail and not self.static
 
     def _start_program(self, pictures: Pictures, static: StaticCache | None, progress: Progress) -> None:
