@@ -129,8 +129,11 @@ def close(found: np.ndarray, expected: np.ndarray, tolerance: float) -> None:
     assert float(np.linalg.norm(found - expected)) <= tolerance * size + 1e-9
 
 
-@pytest.mark.parametrize("group", [64, 128, 256])
-@pytest.mark.parametrize("subgroups", [True, False], ids=["subgroups", "shared memory"])
+SLOW = pytest.mark.slow  # kernels are compiled anew for each size
+
+
+@pytest.mark.parametrize("group", [64, pytest.param(128, marks=SLOW), pytest.param(256, marks=SLOW)])
+@pytest.mark.parametrize("subgroups", [True, pytest.param(False, marks=SLOW)], ids=["subgroups", "shared memory"])
 def test_kernels_are_those_of_the_cpu(group: int, subgroups: bool) -> None:
     """A ragged image size, with workgroups and subgroups of several sizes."""
     case = Case(software_gpu(group, subgroups), points(600), 53, 37)
@@ -210,6 +213,7 @@ def test_values_that_are_not_finite_are_found(array: int, value: float) -> None:
     assert case.read("status", np.uint32, 2)[1] == 1
 
 
+@pytest.mark.slow
 def test_the_smallest_limits_of_webgpu_are_enough() -> None:
     """An adapter that grants no more than every WebGPU device has."""
     gpu = Gpu(software_adapter(), group=256, subgroups=False, limits=SMALLEST)

@@ -24,6 +24,7 @@ class Notes(Silent):
         self.notes.append(text)
 
 
+@pytest.mark.slow
 def test_run_on_any_gpu_is_as_good_as_on_the_cpu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A shrunken `standard`: keyframes, layering, tracks, motion, appearance, time offsets and density control."""
     software_adapter()  # or skip

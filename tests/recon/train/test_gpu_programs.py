@@ -336,6 +336,7 @@ def test_what_the_kernels_do_not_compute_is_trained_on_the_cpu() -> None:
     assert notes.notes[-1] == "this group is trained on the CPU: the hash grid runs on the CPU or with CUDA"
 
 
+@pytest.mark.slow
 def test_a_group_trains_as_well_as_on_the_cpu() -> None:
     """Density control converts, clones and prunes; images change their size; time offsets are learned."""
     results = [group_trainer(gpu) for gpu in (SoftwareGpu(), None)]
