@@ -23,7 +23,7 @@ RUNGS = {
     ),
     "scene": 1,
     "storage": 2,
-    **dict.fromkeys(("codec", "kernels", "capture"), 3),
+    **dict.fromkeys(("codec", "kernels", "gpu", "capture"), 3),
     "motion": 4,
     **dict.fromkeys(("recon", "play"), 5),
     **dict.fromkeys(("evaluation", "edit"), 6),

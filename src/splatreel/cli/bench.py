@@ -140,7 +140,7 @@ def oracle(
         quality: Preset of settings; it decides how long training takes.
         iterations: Iterations of each frame; by default those of the quality for its first keyframe.
         reel: Reel of the same frames, or the output folder of its run, to compare with.
-        device: Device that trains; auto uses a CUDA GPU if there is one.
+        device: Device that trains: gpu is any graphics card, cuda an NVIDIA card with gsplat; auto uses one if it can.
         seed: Seed of all random numbers.
         threads: Number of threads; by default one per core.
     """
@@ -197,7 +197,7 @@ def reconstruct(
         against: Another quality to compare with. The quality paper may take hours.
         loop: Reconstruct once more with the frames repeated up to this number, to see whether memory grows.
         repeats: Number of repeats of timed iterations; the median counts.
-        device: Device that trains; auto uses a CUDA GPU if there is one.
+        device: Device that trains: gpu is any graphics card, cuda an NVIDIA card with gsplat; auto uses one if it can.
         seed: Seed of all random numbers.
         threads: Number of threads; by default one per core.
         json: Print one JSON object per line.
@@ -253,7 +253,7 @@ def paper(
         every: Distance of the frames that encodings are compared at, for Tables 4, 8, 9 and 10.
         minutes: Minutes that each baseline trains, our first keyframe included; by default as many as ours took.
         estimate: Only estimate time and memory. Nothing is written.
-        device: Device that trains; auto uses a CUDA GPU if there is one.
+        device: Device that trains: gpu is any graphics card, cuda an NVIDIA card with gsplat; auto uses one if it can.
         seed: Seed of all random numbers.
         threads: Number of threads; by default one per core.
     """

@@ -84,7 +84,9 @@ def reconstruct_group(
     if missing is not None:  # an image that stands in for a frame without any is better than none
         missing = missing & ~missing.all(1, keepdims=True)
         missing = missing if missing.any() else None
-    data = GroupInput(span, frames, before.rig, None, layout, job.device, config.seed, config.antialias, missing)
+    data = GroupInput(
+        span, frames, before.rig, None, layout, job.device, config.seed, config.antialias, missing, job.gpu
+    )
     state = GroupState(job, before, data, output, plates)
     for stage in GROUP_STAGES:
         stage.execute(state)

@@ -10,6 +10,7 @@ import torch
 
 from splatreel.base import threads
 from splatreel.base.paged_arrays import frame_array, release_pages
+from splatreel.gpu.shared import SharedGpu
 from splatreel.kernels.image import Backdrop, render_image
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.init.layout import Layout
@@ -36,6 +37,7 @@ class GroupInput:
         antialias: True if splats are drawn antialiased (see `render_image`).
         missing: [T, C] bool, images that the cameras lack and that images of nearby frames stand in for; None if all exist.
             They are not trained on.
+        gpu: GPU that runs iterations of training; None runs them on `device`, with torch.
     """
 
     span: GroupSpan
@@ -47,6 +49,7 @@ class GroupInput:
     seed: int
     antialias: bool
     missing: np.ndarray | None = None
+    gpu: SharedGpu | None = None
 
     @property
     def cameras(self) -> list[Camera]:
