@@ -62,7 +62,7 @@ bench: $(RECON)  ## append to benchmarks/results.jsonl
 	$(BIN)/splatreel bench kernels
 	$(BIN)/splatreel bench codec
 
-gpu: $(SETUP)  ## on a machine with an NVIDIA GPU: test and measure there, within MINUTES; BASKETBALL=FOLDER, of Panoptic Sports
+gpu: $(SETUP)  ## on a machine with a GPU: test and measure there, within MINUTES; BASKETBALL=FOLDER, of Panoptic Sports
 	$(BIN)/python benchmarks/gpu.py --minutes $(MINUTES) $(if $(BASKETBALL),--basketball '$(BASKETBALL)')
 
 film: $(RECON)  ## film the built-in capture again for the package, after a change of its scene

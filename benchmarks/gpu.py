@@ -1,4 +1,4 @@
-"""Test and measure Splatreel on a machine with an NVIDIA GPU, within a time limit.
+"""Test and measure Splatreel on a machine with a GPU, within a time limit: through CUDA and through wgpu, side by side.
 
 python benchmarks/gpu.py --minutes 8 --basketball FOLDER
 
@@ -24,6 +24,7 @@ import tyro
 
 import kernels
 import kitchen
+from cuda_compiler import missing, prepare_compiler
 from curve import reconstruct_until
 from parity import differences, drawing
 from record import RESULTS, ROOT, record
@@ -33,11 +34,12 @@ from splatreel.base.process import keep_freed_memory
 from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed
+from splatreel.gpu.adapters import adapters, choose_adapter
+from splatreel.gpu.shared import SharedGpu
 from splatreel.kernels import splat
-from splatreel.run.memory import free_memory
+from splatreel.run.gpu_speed import iteration_ms
+from splatreel.run.machine_speed import LARGE, SMALL, Probe
 
-COMPILER_BYTES = 3e9
-"""Memory that one process of CUDA's compiler is given."""
 FAR_OFF = 0.02
 """Relative difference between the devices from which on an iteration is wrong, and not only rounded otherwise."""
 Found = dict[str, Any]
@@ -52,6 +54,7 @@ class Sizes:
     points: int = 100_000
     drawn: tuple[tuple[int, int], ...] = ((640, 360), (1920, 1080))
     repeats: int = 7
+    probes: tuple[Probe, ...] = (SMALL, LARGE)
     basketball: int = 640
     kitchen: int = 1352
     frames: int = 30
@@ -59,7 +62,8 @@ class Sizes:
 
 
 TINY_SETTINGS = {"keyframe.first_iterations": 12, "group.iterations_per_frame": 2, "check_coverage": False}
-TINY = Sizes(((60, 32, 24),), (60, 32, 24), 60, ((32, 18),), 1, 32, 32, 3, TINY_SETTINGS)
+TINY_PROBES = (Probe(60, 32, 24, -2.0, 1.0, 1),)
+TINY = Sizes(((60, 32, 24),), (60, 32, 24), 60, ((32, 18),), 1, TINY_PROBES, 32, 32, 3, TINY_SETTINGS)
 """For the stand-in."""
 
 
@@ -82,8 +86,8 @@ class Bench:
 
     def record(self, name: str, found: Found) -> None:
         """Append a record. A step with numbers that are not finite, which JSON cannot hold, is recorded as failed."""
-        label = {"device": self.device, "torch": torch.__version__, "cuda": torch.version.cuda}
-        label["gsplat"] = version("gsplat")
+        label: Found = {"device": self.device, "torch": torch.__version__, "cuda": torch.version.cuda}
+        label |= {name: version(name) for name in ("gsplat", "wgpu") if find_spec(name) is not None}
         try:
             record(f"gpu {name}", label | found, self.note, self.results)
         except ValueError as error:
@@ -103,8 +107,9 @@ def main(
 
     minutes: for all of it. Trainings share what is left, and are stopped when theirs is over.
     basketball: folder of the Panoptic capture; without it, that is left out.
-    steps: some of them, with commas: compile, tests, parity, kernels, drawing, basketball-standard, basketball-paper, film (which needs
-    no GPU), kitchen-standard, kitchen-paper; all by default.
+    steps: some of them, with commas: adapters, compile, tests, parity, wgpu-tests, iterations, kernels, drawing, basketball-standard,
+    basketball-wgpu-standard, basketball-paper, film (which needs no GPU), kitchen-standard, kitchen-paper; all by default, and those of
+    wgpu where CUDA is missing.
     standin: try the script without a GPU, on tiny sizes; it needs --results, a file other than that of real measurements.
     """
     names = steps.split(",") if steps else list(STEPS)
@@ -115,9 +120,15 @@ def main(
     sizes = TINY if standin else Sizes()
     bench = Bench(time.monotonic() + 60 * minutes, basketball, out, results or RESULTS, note, sizes, "none", standin)
     with machine(standin):
-        if names != ["film"]:
-            if why := missing():
-                fail(1, why)
+        why = missing() if set(names) - set(WITHOUT_CUDA) else None
+        if why is not None:
+            adapter, reason = choose_adapter(adapters())
+            if steps or adapter is None:
+                fail(1, f"{why}\nThrough wgpu: {reason}")
+            print(f"{why}\nOnly the steps of wgpu run: {reason}")
+            names = [name for name in names if name in WITHOUT_CUDA and name != "film"]
+            bench = replace(bench, device=adapter.name)
+        elif set(names) - set(WITHOUT_CUDA):
             prepare_compiler()
             bench = replace(bench, device="stand-in" if standin else torch.cuda.get_device_name())
         if basketball is None and any(name.startswith("basketball") for name in names):
@@ -142,36 +153,6 @@ def machine(standin: bool) -> contextlib.AbstractContextManager[None]:
     from tests.standin.gpu import gpu
 
     return gpu()
-
-
-def missing() -> str | None:
-    """Return what this machine lacks and how to fix it; None if it lacks nothing."""
-    if not torch.cuda.is_available():
-        if torch.version.cuda is None:
-            return (
-                "PyTorch was installed without CUDA here. On a machine with an NVIDIA GPU, let pip find the build with CUDA (unset "
-                "PIP_EXTRA_INDEX_URL and PIP_FIND_LINKS), remove .venv and run `make gpu` again. Without a GPU, `--standin "
-                "--results FILE` tries this script."
-            )
-        return "PyTorch finds no CUDA device. Is there an NVIDIA GPU, and its driver? `nvidia-smi` tells."
-    if find_spec("gsplat") is None:
-        return "gsplat is not installed. Run `pip install '.[cuda]'`."
-    from torch.utils.cpp_extension import CUDA_HOME
-
-    if CUDA_HOME is None and find_spec("gsplat.csrc") is None and torch.version.cuda is not None:
-        return (
-            f"gsplat compiles its kernels when it is first used, and CUDA's compiler is not there. Install the CUDA toolkit "
-            f"{torch.version.cuda}, or set CUDA_HOME to where it is."
-        )
-    return None
-
-
-def prepare_compiler() -> None:
-    """Compile gsplat for this GPU only, with as many processes as cores and memory allow, unless the user chose otherwise."""
-    major, minor = torch.cuda.get_device_capability()
-    os.environ.setdefault("TORCH_CUDA_ARCH_LIST", f"{major}.{minor}")
-    jobs = min(os.cpu_count() or 1, int((free_memory() or COMPILER_BYTES) / COMPILER_BYTES))
-    os.environ.setdefault("MAX_JOBS", str(max(jobs, 1)))
 
 
 def run_steps(bench: Bench, names: list[str]) -> bool:
@@ -267,6 +248,43 @@ def parity(bench: Bench, found: Found, share: float) -> None:
         raise RuntimeError(f"the GPU differs from the CPU by {worst:.2g} of the largest value")
 
 
+def list_adapters(bench: Bench, found: Found, share: float) -> None:
+    """List the adapters of wgpu, and which one training would use."""
+    every = adapters()
+    found["adapters"] = [
+        {"name": each.name, "interface": each.interface, "kind": each.kind, "missing": each.missing} for each in every
+    ]
+    found["auto"] = choose_adapter(every)[1]
+
+
+def wgpu_tests(bench: Bench, found: Found, share: float) -> None:
+    """Compare the kernels of wgpu with the CPU's, on the first adapter."""
+    if bench.standin or choose_adapter(adapters())[0] is None:
+        found["tests"] = "not run: there is no GPU for wgpu"
+        return
+    command = [sys.executable, "-m", "pytest", "-q", "tests/gpu", "tests/method/train/test_gpu_programs.py"]
+    ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=max(bench.left(), 1))
+    lines = ran.stdout.strip().splitlines() or ["nothing was printed"]
+    found["tests"] = lines[-1].strip("= ")
+    if ran.returncode != 0:
+        raise RuntimeError("\n".join([*lines[-20:], ran.stderr[-1000:]]))
+
+
+def iteration_times(bench: Bench, found: Found, share: float) -> None:
+    """Measure the milliseconds of a keyframe's iteration: on the CPU, with CUDA and on each adapter of wgpu."""
+    rows = found["milliseconds"] = {}
+    programs: list[tuple[str, SharedGpu | None, str]] = [("cpu", None, "cpu")]
+    programs += [("cuda", None, "cuda")] if torch.cuda.is_available() and not bench.standin else []
+    hardware = [each for each in adapters() if each.missing is None and not each.is_software]
+    programs += [(f"wgpu {each.name} {each.interface}", SharedGpu(each), "cpu") for each in hardware]
+    for probe in bench.sizes.probes:
+        for name, gpu, device in programs:
+            row = f"{probe.points} {probe.width}x{probe.height}, {name}"
+            rows[row] = round(iteration_ms(gpu, probe, 1.0, torch.device(device)), 3)
+    if not hardware:
+        found["wgpu"] = "no GPU for wgpu"
+
+
 def kernel_times(bench: Bench, found: Found, share: float) -> None:
     """Measure the milliseconds of each part of a step on both devices."""
     rows = found["milliseconds"] = {}
@@ -292,6 +310,15 @@ def basketball(bench: Bench, found: Found, share: float, quality: Quality) -> No
     train(bench, found, share, bench.basketball, bench.sizes.basketball, f"basketball-{quality}", quality)
 
 
+def basketball_wgpu(bench: Bench, found: Found, share: float) -> None:
+    """Train the Panoptic capture through wgpu, if there is a GPU for it."""
+    assert bench.basketball is not None
+    if bench.standin or choose_adapter(adapters())[0] is None:
+        found["wgpu"] = "no GPU for wgpu"
+        return
+    train(bench, found, share, bench.basketball, bench.sizes.basketball, "basketball-wgpu", "standard", "gpu")
+
+
 def film(bench: Bench, found: Found, share: float) -> None:
     """Film the kitchen, unless it exists."""
     if not kitchen_folder(bench).exists():
@@ -306,13 +333,22 @@ def kitchen_film(bench: Bench, found: Found, share: float, quality: Quality) -> 
     train(bench, found, share, kitchen_folder(bench), bench.sizes.kitchen, f"kitchen-{quality}", quality)
 
 
-def train(bench: Bench, found: Found, share: float, capture: Path, width: int, name: str, quality: Quality) -> None:
+def train(
+    bench: Bench,
+    found: Found,
+    share: float,
+    capture: Path,
+    width: int,
+    name: str,
+    quality: Quality,
+    device: str = "cuda",
+) -> None:
     """Reconstruct a capture's first frames on the GPU for `share` seconds at most, and measure on the way."""
     source = open_capture(capture, width=width, frames=(0, bench.sizes.frames))
     config = changed(preset(quality), bench.sizes.settings)
     progress = console()
     try:
-        reconstruct_until(found, source, bench.out / name, config, "cuda", share, progress)
+        reconstruct_until(found, source, bench.out / name, config, device, share, progress)
     finally:
         progress.close()
         source.close()
@@ -320,16 +356,23 @@ def train(bench: Bench, found: Found, share: float, capture: Path, width: int, n
 
 QUALITIES: tuple[Quality, ...] = ("standard", "paper")
 STEPS: dict[str, Callable[[Bench, Found, float], None]] = {
+    "adapters": list_adapters,
     "compile": compile_kernels,
     "tests": cuda_tests,
     "parity": parity,
+    "wgpu-tests": wgpu_tests,
+    "iterations": iteration_times,
     "kernels": kernel_times,
     "drawing": drawing_rates,
-    **{f"basketball-{quality}": partial(basketball, quality=quality) for quality in QUALITIES},
+    "basketball-standard": partial(basketball, quality="standard"),
+    "basketball-wgpu-standard": basketball_wgpu,
+    "basketball-paper": partial(basketball, quality="paper"),
     "film": film,
     **{f"kitchen-{quality}": partial(kitchen_film, quality=quality) for quality in QUALITIES},
 }
 """What matters most first."""
+WITHOUT_CUDA = ("adapters", "wgpu-tests", "iterations", "basketball-wgpu-standard", "film")
+"""Steps that need no CUDA."""
 
 if __name__ == "__main__":
     tyro.cli(main)

@@ -17,7 +17,7 @@ LADDER = (
     ("base",),
     ("config", "scene"),
     ("storage",),
-    ("codec", "formats", "kernels", "capture"),
+    ("codec", "formats", "kernels", "gpu", "capture"),
     ("calibration", "method", "play"),
     ("edit", "run"),
     ("evaluation",),

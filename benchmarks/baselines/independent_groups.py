@@ -66,7 +66,7 @@ def run_independent_groups(
         capture: The capture.
         out: Output folder.
         config: Settings.
-        device: auto, cpu or cuda.
+        device: auto, cpu, gpu or cuda.
         progress: Progress display.
 
     Returns:

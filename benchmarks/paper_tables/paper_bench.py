@@ -24,7 +24,7 @@ from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.report import Report
 from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.run.device import pick_device
-from splatreel.run.machine_speed import measure_speed
+from splatreel.run.gpu_speed import measure_run_speed
 from splatreel.run.machines.estimate import estimate
 from splatreel.run.machines.local_processes import division_of
 from splatreel.run.pipeline import plan_run, reconstruct
@@ -81,7 +81,7 @@ class PaperBench:
         captures: Captures by name, each with held-out cameras.
         config: Settings of the variant `Full`.
         out: Folder with OUT/CAPTURE/DIGEST, the digest being that of the settings. Variants with equal settings share it.
-        device: auto, cpu or cuda.
+        device: auto, cpu, gpu or cuda.
         progress: Progress display.
         minutes: Minutes that each baseline of `METHODS` may train, our first keyframe included; None allows as many as the
             variant `Full` took.
@@ -131,7 +131,7 @@ class PaperBench:
         for folder, (name, variant) in missing.items():
             like = NO_LAYERS if variant == INDEPENDENT else variant
             run = plan_run(self.captures[name], folder, self.settings(like), device=self.device)
-            speed = measure_speed(run.device) if speed is None else speed
+            speed = measure_run_speed(run.device, run.gpu) if speed is None else speed
             found = estimate(run, division_of(run), speed)
             seconds, memory = seconds + found.total, max(memory, found.memory)
             lines.append(f"  {name}, {variant}: about {format_rounded(found.total)}, {found.memory / 1e9:.1f} GB")

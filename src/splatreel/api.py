@@ -47,7 +47,7 @@ def reconstruct(
         out: Output folder OUT.
         config: Settings, or the name of a preset: draft, standard or paper.
         sound: auto (the best soundtrack of the cameras), none, the name of a camera, or a file.
-        device: auto, cpu or cuda.
+        device: auto, cpu, gpu or cuda.
         progress: Display of the progress. True shows a bar in a terminal or a notebook, and lines elsewhere.
         cancel: Event that stops the reconstruction when another thread sets it.
         present: Adds poster and thumbnails to the reel.

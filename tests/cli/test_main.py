@@ -34,6 +34,7 @@ VERBS = [
     "view",
     "export",
     "evaluate",
+    "devices",
     "warmup",
     "bench",
 ]

@@ -33,6 +33,10 @@ class ReconstructionError(SplatreelError):
     """A reconstruction that cannot start or continue."""
 
 
+class GpuError(ReconstructionError):
+    """A GPU that was lost, has too little memory or does not allow what training needs. The CPU can continue."""
+
+
 class CancelledError(SplatreelError):
     """A call that the program cancelled. The same call continues."""
 

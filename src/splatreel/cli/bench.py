@@ -133,7 +133,7 @@ def oracle(
         quality: Preset of settings; it decides how long training takes.
         iterations: Iterations of each frame; by default those of the quality for its first keyframe.
         reel: Reel of the same frames, or the output folder of its run, to compare with.
-        device: Device that trains; auto uses a CUDA GPU if there is one.
+        device: Device that trains: gpu is any graphics card, cuda an NVIDIA card with gsplat; auto uses one if it can.
         seed: Seed of all random numbers.
         threads: Number of threads; by default one per core.
     """
@@ -190,7 +190,7 @@ def reconstruct(
         against: Another quality to compare with. The quality paper may take hours.
         loop: Reconstruct once more with the frames repeated up to this number, to see whether memory grows.
         repeats: Number of repeats of timed iterations; the median counts.
-        device: Device that trains; auto uses a CUDA GPU if there is one.
+        device: Device that trains: gpu is any graphics card, cuda an NVIDIA card with gsplat; auto uses one if it can.
         seed: Seed of all random numbers.
         threads: Number of threads; by default one per core.
         json: Print one JSON object per line.

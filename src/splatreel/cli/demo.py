@@ -49,7 +49,7 @@ def demo(
         out: Folder that gets OUT/capture, OUT/work, OUT/reel and OUT/report.json. After an interruption, the same command continues.
         serve: Serve the player from the start, and at a terminal until Ctrl-C. Without a terminal the demo just ends.
         quality: Preset of settings; it decides how long training takes.
-        device: Device that trains; auto uses a CUDA GPU if there is one.
+        device: Device that trains: gpu is any graphics card, cuda an NVIDIA card with gsplat; auto uses one if it can.
         width: Width of the videos in pixels, even.
         height: Height of the videos in pixels, even.
         frames: Number of frames of the videos, at 30 frames a second.

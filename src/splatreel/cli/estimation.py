@@ -21,12 +21,13 @@ def estimated(spec: RunSpec, workers: int | None) -> str:
     Raises:
         SplatreelError: As the run itself would raise it before it starts.
     """
-    from splatreel.run.machine_speed import describe_processor, measure_speed
+    from splatreel.run.gpu_speed import measure_run_speed
+    from splatreel.run.machine_speed import describe_processor
     from splatreel.run.machines.estimate import estimate
     from splatreel.run.machines.local_processes import division_of
 
     with spec.opened() as run:
-        found = estimate(run, division_of(run, workers), measure_speed(run.device))
+        found = estimate(run, division_of(run, workers), measure_run_speed(run.device, run.gpu))
         processor = f"Processor: {describe_processor()}."
         return "\n".join([_time(run, found), *_stages(found), processor, *_memory(run, found), *_notes(run)])
 
@@ -38,12 +39,12 @@ def estimated_jobs(spec: RunSpec) -> str:
         SplatreelError: As the run itself would raise it before it starts.
     """
     from splatreel.base import threads
-    from splatreel.run.machine_speed import measure_speed
+    from splatreel.run.gpu_speed import measure_run_speed
     from splatreel.run.machines.estimate import estimate_jobs
 
     with spec.opened() as run:
         count = threads.count()
-        found = estimate_jobs(run, count, count, None, measure_speed(run.device))
+        found = estimate_jobs(run, count, count, None, measure_run_speed(run.device, run.gpu))
         gibibytes = math.ceil(1.2 * found.memory / 2**30)
         return "\n".join(
             [
@@ -68,7 +69,7 @@ def estimated_on_cluster(spec: RunSpec, address: str, options: ClusterOptions) -
     Raises:
         SplatreelError: As the run itself would raise it before it starts.
     """
-    from splatreel.run.machine_speed import measure_speed
+    from splatreel.run.gpu_speed import measure_run_speed
     from splatreel.run.machines.estimate import estimate_jobs
     from splatreel.run.machines.ray_cluster import connected
     from splatreel.run.machines.ray_nodes import share_nodes
@@ -78,7 +79,7 @@ def estimated_on_cluster(spec: RunSpec, address: str, options: ClusterOptions) -
         need = needed_memory(run.capture, run.config)
         plan = share_nodes(ray.nodes(), len(run.chapters), spec.device, need, options.threads)
         scene, chapter = plan.scene.cores, plan.chapter.cores
-        found = estimate_jobs(run, scene, chapter, plan.at_once, measure_speed(run.device))
+        found = estimate_jobs(run, scene, chapter, plan.at_once, measure_run_speed(run.device, run.gpu))
         shown = f"  the scene      about {format_rounded(found.scene)} on a node, with {counted(scene, 'thread')}"
         return "\n".join(
             [
@@ -136,6 +137,7 @@ def _memory(run: ChapteredRun, found: Estimate) -> list[str]:
 
 
 def _notes(run: ChapteredRun) -> list[str]:
-    if run.device.type != "cuda":
+    if run.device_name == "cpu":
         return []
-    return ["Training on a GPU was never timed: the time is a guess from one training step."]
+    name = "" if run.gpu is None else f", {run.gpu.adapter.name}"
+    return [f"Training on a GPU{name}: the time is a guess from a few training steps."]

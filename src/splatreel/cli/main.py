@@ -24,6 +24,7 @@ from splatreel.cli.capture import (
 from splatreel.cli.config import config
 from splatreel.cli.deadline import deadline
 from splatreel.cli.demo import demo
+from splatreel.cli.devices import devices
 from splatreel.cli.edit import edit
 from splatreel.cli.encode import encode
 from splatreel.cli.evaluate import evaluate
@@ -58,7 +59,7 @@ def build() -> SubcommandApp:
     for verb in (reconstruct, config, encode):
         app.command(verb)
     app.command(name="import")(import_frames)
-    for verb in (edit, info, verify, serve, view, publish, export, evaluate, warmup):
+    for verb in (edit, info, verify, serve, view, publish, export, evaluate, devices, warmup):
         app.command(verb)
     app.command(bench.build(), name="bench")
     return app

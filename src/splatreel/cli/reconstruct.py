@@ -18,7 +18,7 @@ from splatreel.cli.reel_texts import ReelTexts
 from splatreel.config import Codec, Config, Deformation, Quality, Rate, preset
 from splatreel.config.settings import changed
 
-Device = Literal["auto", "cpu", "cuda"]
+Device = Literal["auto", "cpu", "gpu", "cuda"]
 
 
 @dataclass(frozen=True)
@@ -97,7 +97,7 @@ def reconstruct(
         subject: Part of the scene.
         sound: Soundtrack: auto, the loudest camera without distortion; the name of a camera; a sound or video file that starts with
             the capture; or none.
-        device: Device that trains; auto uses a CUDA GPU if there is one.
+        device: Device that trains: gpu is any graphics card, cuda an NVIDIA card with gsplat; auto uses one if it can.
         threads: Number of threads; by default one per core.
         estimate: Only estimate time and memory. Nothing is written.
         profile: Measure where the time goes, and write it to OUT/profile.md.

@@ -84,7 +84,7 @@ def run_group(
         missing = missing & ~missing.all(1, keepdims=True)
         missing = missing if missing.any() else None
     data = GroupInput(
-        span, frames, before.rig, None, layout, job.device, config.seed, config.antialias, missing, plates
+        span, frames, before.rig, None, layout, job.device, config.seed, config.antialias, missing, plates, job.gpu
     )
 
     def save_offsets(found: GroupResult) -> None:

@@ -12,6 +12,7 @@ import torch
 from splatreel.base.process import give_back_freed_memory
 from splatreel.base.progress import Progress, Span
 from splatreel.config import Config
+from splatreel.gpu.shared import SharedGpu
 from splatreel.run.run_history import RecordedProgress
 from splatreel.run.steps import STEPS
 from splatreel.run.store import Store
@@ -84,6 +85,7 @@ class Job:
         plan: Expected seconds of the stages; None where the length is not known, as in a live run.
         part: Name of the part, such as chapter0003; empty for a run that has no parts.
         groups: Number of groups of the whole video, for the progress display.
+        gpu: GPU that runs iterations of training; None runs them on `device`, with torch.
         seconds: Seconds spent so far by stage, summed over groups and interrupted runs.
     """
 
@@ -94,12 +96,18 @@ class Job:
     plan: Plan | None = None
     part: str = ""
     groups: int = 0
+    gpu: SharedGpu | None = None
     seconds: dict[str, float] = field(init=False)
 
     def __post_init__(self) -> None:
         """Read the seconds of earlier, interrupted runs, and record what the progress display shows."""
-        self.progress = RecordedProgress(self.progress, self.store.work, self.part, self.device.type)
+        self.progress = RecordedProgress(self.progress, self.store.work, self.part, self.device_name)
         self.seconds = self.store.seconds(self.part)
+
+    @property
+    def device_name(self) -> str:
+        """Device that trains: cpu, cuda or gpu."""
+        return self.device.type if self.gpu is None else "gpu"
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:

@@ -20,6 +20,7 @@ from splatreel.capture.base import Capture
 from splatreel.capture.frame_table import load_tables, pack_tables
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
+from splatreel.gpu.shared import SharedGpu
 from splatreel.method.algorithm import Handover
 from splatreel.run.costs import Workload
 from splatreel.run.groups import reconstruct_groups
@@ -52,7 +53,9 @@ class ChapteredRun:
         out: Output folder, which gets the folders reel and work.
         config: Settings.
         sound: The soundtrack, as `reconstruct` takes it.
-        device: Device that trains.
+        device: Device of the tensors.
+        gpu: GPU that runs iterations of training; None runs them on `device`, with torch.
+        gpu_note: Why a GPU of this machine is not used; empty if there is nothing to say.
     """
 
     capture: Capture
@@ -60,6 +63,13 @@ class ChapteredRun:
     config: Config
     sound: str
     device: torch.device
+    gpu: SharedGpu | None = None
+    gpu_note: str = ""
+
+    @property
+    def device_name(self) -> str:
+        """Device that trains: cpu, cuda or gpu."""
+        return self.device.type if self.gpu is None else "gpu"
 
     @property
     def store(self) -> Store:
@@ -100,7 +110,7 @@ class ChapteredRun:
 
     def job(self, progress: Progress, plan: Plan, part: str = "") -> Job:
         """Return what all stages of a part of the run share."""
-        return Job(self.config, self.device, progress, self.store, plan, part, len(self.groups))
+        return Job(self.config, self.device, progress, self.store, plan, part, len(self.groups), self.gpu)
 
     def sequence_plan(self) -> Plan:
         """Return the plan of a video of one chapter."""

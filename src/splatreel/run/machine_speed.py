@@ -116,8 +116,25 @@ def _seconds(probe: Probe, device: torch.device) -> float:
     return min(found)
 
 
-def _step(probe: Probe, device: torch.device) -> Callable[[], None]:
-    """Return one training step, gradients included, on small random points in a box in front of a camera."""
+@dataclass(frozen=True)
+class ProbeScene:
+    """Points in front of a camera.
+
+    Attributes:
+        gaussians: The points.
+        view: The camera, on the device that was asked for.
+        near: Near plane, world units.
+        unit: Typical viewing distance, world units.
+    """
+
+    gaussians: Gaussians
+    view: View
+    near: float
+    unit: float
+
+
+def probe_scene(probe: Probe, device: torch.device | None = None) -> ProbeScene:
+    """Return small random points in a box in front of a camera. device: device of the view; None is the CPU."""
     rng, count = np.random.default_rng(0), probe.points
     sh = rng.normal(0, 0.02, (count, 16, 3))
     sh[:, 0] = rng.normal(0, 0.5, (count, 3))
@@ -133,12 +150,18 @@ def _step(probe: Probe, device: torch.device) -> Callable[[], None]:
     viewmat[2, 3] = DISTANCE
     width, height = probe.width, probe.height
     K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]])
-    view = View.of(Camera("front", viewmat, K, width, height), device)
-    points = TrainablePoints.from_gaussians(gaussians, default_rates(DISTANCE), device)
-    target = torch.zeros((height, width, 3), dtype=torch.uint8, device=device)
+    view = View.of(Camera("front", viewmat, K, width, height), device or torch.device("cpu"))
+    return ProbeScene(gaussians, view, NEAR, DISTANCE)
+
+
+def _step(probe: Probe, device: torch.device) -> Callable[[], None]:
+    """Return one training step, gradients included."""
+    scene = probe_scene(probe, device)
+    points = TrainablePoints.from_gaussians(scene.gaussians, default_rates(DISTANCE), device)
+    target = torch.zeros((probe.height, probe.width, 3), dtype=torch.uint8, device=device)
 
     def step() -> None:
-        drawing = draw(deformed(points.params, None, None, view, NEAR), view, None)
+        drawing = draw(deformed(points.params, None, None, scene.view, NEAR), scene.view, None)
         splat.photometric_loss(drawing.image, target, tiles=drawing.tiles).backward()
         points.clear()
         if device.type == "cuda":

@@ -15,7 +15,7 @@ from splatreel.config import Config
 from splatreel.config.records import with_former_defaults
 from splatreel.method.algorithm import Handover
 from splatreel.method.init.layout import check_region
-from splatreel.run.device import pick_device
+from splatreel.run.device import largest_buffer, pick_device, pick_gpu
 from splatreel.run.groups import reconstruct_groups
 from splatreel.run.jobs import ChapteredRun, ChapterReelWriter, chapter_job, scene_job
 from splatreel.run.memory import check_memory
@@ -37,7 +37,7 @@ class Result:
         reel: Folder of the reel.
         work: Folder of the checkpoints.
         seconds: Seconds by stage, summed over groups and interrupted runs.
-        device: Type of the device that trained, cpu or cuda.
+        device: Type of the device that trained, cpu, cuda or gpu.
     """
 
     reel: Path
@@ -65,7 +65,7 @@ def reconstruct(
         out: Output folder OUT.
         config: Settings, such as `preset("standard")`.
         sound: auto (the best soundtrack of the cameras), none, the name of a camera, or a file.
-        device: auto, cpu or cuda.
+        device: auto, cpu, gpu or cuda.
         progress: Display of the progress; nothing is shown by default.
         present: Adds poster and thumbnails to the reel.
 
@@ -87,11 +87,15 @@ def plan_run(capture: Capture, out: Path, config: Config, *, sound: str = "auto"
     check_networks(config.layering)
     check_memory(capture, config)
     config = with_former_defaults(config, recorded_settings(Path(out) / "work"))
-    return ChapteredRun(capture, Path(out), config.for_video(capture.frames), sound, pick_device(device))
+    config = config.for_video(capture.frames)
+    gpu, note = pick_gpu(device, largest_buffer(capture.width, capture.height, config.keyframe.max_points))
+    return ChapteredRun(capture, Path(out), config, sound, pick_device(device), gpu, note)
 
 
 def reconstruct_run(run: ChapteredRun, progress: Progress, present: PresentationHook) -> Result:
     """Reconstruct a whole run in this process. Errors are those of `reconstruct`."""
+    if run.gpu_note:
+        progress.note(run.gpu_note)
     if len(run.chapters) > 1:
         reconstruct_chapters(run, progress, present)
     else:
@@ -101,7 +105,7 @@ def reconstruct_run(run: ChapteredRun, progress: Progress, present: Presentation
 
 def result_of(run: ChapteredRun) -> Result:
     """Return folders and times of a run."""
-    return Result(run.out / "reel", run.store.work, run.store.seconds(), run.device.type)
+    return Result(run.out / "reel", run.store.work, run.store.seconds(), run.device_name)
 
 
 def reconstruct_sequence(run: ChapteredRun, progress: Progress, present: PresentationHook) -> None:
@@ -145,7 +149,7 @@ class RunSpec:
         out: Output folder.
         config: Settings.
         sound: The soundtrack.
-        device: auto, cpu or cuda.
+        device: auto, cpu, gpu or cuda.
     """
 
     open_capture: Callable[[], Capture] | CaptureSource

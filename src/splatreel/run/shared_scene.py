@@ -46,7 +46,9 @@ def reconstruct_shared_scene(job: Job, capture: Capture, sound: Soundtrack | Non
     rig, layout, plates = _prepare_scene(job, capture, lock)
     save_header(job, capture, rig, layout, sound)
     config = job.config
-    data = GroupInput(PLATE, plates.images[None], rig, None, layout, job.device, config.seed, config.antialias)
+    data = GroupInput(
+        PLATE, plates.images[None], rig, None, layout, job.device, config.seed, config.antialias, gpu=job.gpu
+    )
     found = StepRun(job, store)("scene keyframe", _train, data, job, plates)
     _save_layer(job, data, found.points, plates)
 

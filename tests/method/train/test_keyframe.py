@@ -10,7 +10,8 @@ from splatreel.base.progress import Silent
 from splatreel.kernels.image import render_image
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.init.layout import Layout
-from splatreel.method.train.keyframe import AVERAGE_EVERY, Average, KeyframeTrainer, _with_gain, starting_points
+from splatreel.method.train.average import AVERAGE_EVERY, Average
+from splatreel.method.train.keyframe import KeyframeTrainer, _with_gain, starting_points
 from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import TrainablePoints, default_rates
 from splatreel.method.train.regularizers import Depths, spread

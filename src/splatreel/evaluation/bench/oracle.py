@@ -64,7 +64,7 @@ def oracle(
         config: Configuration.
         frames: Frames within the capture's range, as the reel counts them.
         reel: Reel to compare; None compares nothing.
-        device: auto, cpu or cuda.
+        device: auto, cpu, gpu or cuda.
         progress: Progress display.
 
     Raises:

@@ -53,7 +53,7 @@ def bench_reconstruct(
         capture: Capture to reconstruct.
         out: Output folder.
         configs: Configurations by name.
-        device: auto, cpu or cuda.
+        device: auto, cpu, gpu or cuda.
         loop: Also reconstruct the first configuration with the capture repeated for this many frames, and report the
             additional memory.
         repeats: Number of timings; the median counts.

@@ -19,6 +19,9 @@ class CameraGains:
         device: Device of the gains.
         enabled: False keeps all gains at one.
         rate: Learning rate.
+
+    Attributes:
+        adam: Optimizer of the gains.
     """
 
     def __init__(self, cameras: int, device: torch.device, enabled: bool = True, rate: float = 2e-3) -> None:
@@ -27,17 +30,17 @@ class CameraGains:
         self._start(torch.ones(cameras, 3, device=device), rate)
 
     def _start(self, values: Tensor, rate: float) -> None:
-        self._adam = Adam(values, rate, eps=1e-8)
+        self.adam = Adam(values, rate, eps=1e-8)
         self._seen: list[tuple[int, Tensor]] = []
 
     @property
     def values(self) -> Tensor:
         """Gains [cameras, 3], without a gradient."""
-        return self._adam.tensor.detach()
+        return self.adam.tensor.detach()
 
     def restart(self) -> None:
         """Forget the optimizer's momentum, as a run that is continued from a checkpoint does."""
-        self._start(self.values, self._adam.rate)
+        self._start(self.values, self.adam.rate)
 
     def of(self, camera: int) -> Tensor | None:
         """Return the gain [3] that a rendered image is multiplied by to match a camera's colors; None if gains are off.
@@ -59,12 +62,12 @@ class CameraGains:
         gradient = torch.zeros_like(self.values)
         for camera, slope in known:
             gradient[camera] += slope
-        adam.adam([self._adam.follow(gradient, 0)])
+        adam.adam([self.adam.follow(gradient, 0)])
         self.values.div_(self.values.mean(0))
 
     def snapshot(self) -> Restore:
         """Return a function that restores the gains and their optimizer."""
-        gains = self._adam.snapshot()
+        gains = self.adam.snapshot()
 
         def restore() -> None:
             gains()

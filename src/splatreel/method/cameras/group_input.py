@@ -10,6 +10,7 @@ import torch
 
 from splatreel.base import threads
 from splatreel.base.paged_arrays import frame_array, release_pages
+from splatreel.gpu.shared import SharedGpu
 from splatreel.kernels.image import Backdrop, render_image
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.init.layout import Layout
@@ -38,6 +39,7 @@ class GroupInput:
             They are not trained on.
         plates: Images [C, H, W, 3] uint8 of the scene that all chapters share, which the exposures of a chapter are measured
             against; None outside of chapters.
+        gpu: GPU that runs iterations of training; None runs them on `device`, with torch.
     """
 
     span: GroupSpan
@@ -50,6 +52,7 @@ class GroupInput:
     antialias: bool
     missing: np.ndarray | None = None
     plates: np.ndarray | None = None
+    gpu: SharedGpu | None = None
 
     @property
     def cameras(self) -> list[Camera]:

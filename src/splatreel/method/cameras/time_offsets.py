@@ -83,6 +83,11 @@ class TimeOffsets:
         """Return the time when a camera took a frame, in frames of the group, clipped to the group."""
         return float(np.clip(frame + self.values[camera], 0, frames - 1)) if self.enabled else frame
 
+    @property
+    def independent(self) -> int:
+        """Number of slopes, at least 1, until the next step of the offsets."""
+        return len(self.values) - len(self._pending)
+
     def note(self, camera: int, slope: Tensor, share: float) -> None:
         """Collect a slope. A step follows when there are as many slopes as cameras.
 

@@ -58,6 +58,7 @@ def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progre
         losses=CHAPTER_KEYFRAME,
         seed=data.seed,
         region=data.layout.volume(data.cameras),
+        gpu=data.gpu,
     )
     images = temporal_mean(data.images) if keyframe.temporal_mean else data.images[0]
     train_frame(

@@ -144,31 +144,39 @@ class KeyframeDensity:
             self.points.means, pictures.views, pictures.unit, self.config.far_step_scale
         )
 
-    def update(
-        self, done: int, share: float, drawing: Comparable, view: View, pictures: Pictures, settled: bool
-    ) -> None:
+    def measure(self, share: float, drawing: Comparable, view: View) -> None:
+        """Add the gradients of an iteration. share: share of training that is over after it, 0..1."""
+        if share > GROWTH:
+            return
+        measured = drawing.absolute if self.config.detail else None
+        grad = drawing.means2d.grad if measured is None else measured.grad
+        assert grad is not None
+        self.meter.add(grad[: drawing.moving], view.width, view.height)
+
+    def is_due(self, done: int, share: float, settled: bool) -> bool:
+        """Return whether `update` adds or prunes points, see there."""
+        every = self.config.densify_every
+        if share <= GROWTH:
+            return done % every == 0 and done >= 2 * every
+        return done % PRUNE_EVERY == 0 and not settled
+
+    def update(self, done: int, share: float, pictures: Pictures, settled: bool, absolute: bool) -> None:
         """Add and prune points after an iteration, if due.
 
         Args:
             done: Number of finished iterations.
             share: Share of training that is over, 0..1.
-            drawing: Drawing of the iteration, with gradients.
-            view: View that was drawn.
             pictures: Training images.
             settled: Values are being averaged; no point is removed any more.
+            absolute: The measured gradients are absolute ones.
         """
-        measured = drawing.absolute if self.config.detail else None
-        every = self.config.densify_every
-        grad = drawing.means2d.grad if measured is None else measured.grad
-        assert grad is not None
+        if not self.is_due(done, share, settled):
+            return
         if share <= GROWTH:
-            self.meter.add(grad[: drawing.moving], view.width, view.height)
-            if done % every == 0 and done >= 2 * every:
-                self.densify(pictures.unit, share, GROWTH_GRADIENT if measured is None else ABSOLUTE_GRADIENT)
-                self.restart(pictures)
-        elif done % PRUNE_EVERY == 0 and not settled:
+            self.densify(pictures.unit, share, ABSOLUTE_GRADIENT if absolute else GROWTH_GRADIENT)
+        else:
             self.prune(pictures.unit, share)
-            self.restart(pictures)
+        self.restart(pictures)
 
     def densify(self, unit: float, share: float, threshold: float) -> None:
         """Clone small points with gradients above a threshold, split large ones, and prune."""
@@ -281,12 +289,12 @@ class GroupDensity:
 
     def measured_static(self, iteration: int) -> Tensor | None:
         """Return [S] bool, the static points whose gradients an iteration measures; None if it draws moving tiles only."""
-        due = self._measures(iteration) and iteration % MEASURE_EVERY == 0
+        due = self.measures(iteration) and iteration % MEASURE_EVERY == 0
         return self.convertible & self.static.alive if due else None
 
     def measure(self, iteration: int, drawing: Comparable, view: View) -> None:
         """Add the gradients of an iteration, after its backward pass."""
-        if not self._measures(iteration):
+        if not self.measures(iteration):
             return
         grad = drawing.means2d.grad
         assert grad is not None
@@ -296,7 +304,7 @@ class GroupDensity:
 
     def update(self, done: int, pictures: Pictures) -> bool:
         """Add and prune points after `done` iterations, if due. Return whether anything was due."""
-        due, faint_due = self.every > 0 and done % self.every == 0, done in self.faint_at
+        due, faint_due = self._is_regular(done), done in self.faint_at
         if due or faint_due:
             self.points.check()
         if due and self._converts(done):
@@ -308,6 +316,10 @@ class GroupDensity:
         if due or faint_due:
             self.restart()
         return due or faint_due
+
+    def is_due(self, done: int) -> bool:
+        """Return whether `update` adds or prunes points after `done` iterations."""
+        return self._is_regular(done) or done in self.faint_at
 
     def convert_and_clone(self, pictures: Pictures) -> None:
         """Convert static points (paper section 4.1), then clone dynamic points with large gradients (4.2)."""
@@ -357,10 +369,13 @@ class GroupDensity:
         held = total[order].cumsum(0) / total.sum().clamp_min(1e-9)
         self.points.keep(order[held >= self.config.group.faint_share].sort().values)
 
+    def _is_regular(self, done: int) -> bool:
+        return self.every > 0 and done % self.every == 0
+
     def _converts(self, done: int) -> bool:
         return CONVERT_FROM <= done / self.iterations <= CONVERT_TO
 
-    def _measures(self, iteration: int) -> bool:
+    def measures(self, iteration: int) -> bool:
         """Return whether points are converted at the end of this interval."""
         return self.every > 0 and self._converts((iteration // self.every + 1) * self.every)
 

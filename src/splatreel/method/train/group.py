@@ -2,29 +2,34 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.base.errors import GaussiansError
+from splatreel.base.errors import GaussiansError, GpuError
 from splatreel.base.progress import Progress
 from splatreel.config import Config
+from splatreel.gpu.shared import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.cameras.time_offsets import LearnedOffsets, TimeOffsets, slope
 from splatreel.method.deform.adam import Restore, merge_snapshots
 from splatreel.method.layering.lift import NEIGHBORS
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.density import GroupDensity
-from splatreel.method.train.losses import GROUP, GroupStep, backward, psnr
+from splatreel.method.train.gpu_group import GpuGroupProgram, why_not
+from splatreel.method.train.gpu_program import MOST_DRAWS
+from splatreel.method.train.losses import GROUP, GroupStep, backward, choose_rank, choose_span
 from splatreel.method.train.moving import Changes, MovingPoints
 from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.programs import Draw
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import StaticCache, draw, moving_tiles
 from splatreel.method.train.schedule import FrameSchedule
+from splatreel.method.train.training_psnr import training_psnr
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.spans import GroupSpan
@@ -35,8 +40,6 @@ GIVE_BACK_EVERY = 50
 """Iterations between two releases of image pages. Every iteration reads one image, so all of them accumulate in memory."""
 SHOW_EVERY = 50
 """Iterations between two progress updates."""
-SAMPLES = 12
-"""Training images over which the PSNR of a group is averaged."""
 
 
 @dataclass(frozen=True)
@@ -89,36 +92,6 @@ def _shade(shade: Tensor, logits: Tensor) -> Tensor:
     return torch.cat([shade[:, :3], ((logits + shade[:, 3]).sigmoid() - logits.sigmoid())[:, None]], 1)
 
 
-@torch.no_grad()
-def training_psnr(
-    points: MovingPoints,
-    static: StaticCache,
-    pictures: Pictures,
-    gains: Tensor,
-    time_offsets: TimeOffsets,
-    available: np.ndarray,
-) -> float:
-    """Return the mean PSNR, dB, over a few training images spread over frames and cameras.
-
-    Args:
-        points: Trained points.
-        static: Static points.
-        pictures: Training images.
-        gains: [C, 3] color gains.
-        time_offsets: Learned time offsets.
-        available: [T, C] bool, images that exist.
-    """
-    values = []
-    for k in range(SAMPLES):
-        frame = k * (pictures.count - 1) // (SAMPLES - 1)
-        cameras = np.flatnonzero(available[frame])
-        camera = int(cameras[(k * 7) % len(cameras)])
-        view, moment = pictures.views[camera], time_offsets.moment(frame, camera, pictures.count)
-        image = draw(points.at(moment, view, pictures.near), view, static.view(camera)).image
-        values.append(psnr(image * gains[camera], pictures.images[frame, camera]))
-    return float(np.mean(values))
-
-
 class GroupTrainer:
     """Trainer of one group. Static points stay frozen unless density control makes them dynamic (paper section 4.1).
 
@@ -140,6 +113,7 @@ class GroupTrainer:
         seed: int = 0,
         missing: np.ndarray | None = None,
         region: Volume | None = None,
+        gpu: SharedGpu | None = None,
     ) -> None:
         """Prepare the training of a group.
 
@@ -154,6 +128,7 @@ class GroupTrainer:
             seed: Seed of all random choices.
             missing: [T, C] bool, images that are not trained on; None trains on all.
             region: Volume in which points are cloned; None is everywhere.
+            gpu: GPU that runs the iterations; None runs them on the device of the images, with torch.
         """
         device, group = pictures.images.device, config.group
         self.config, self.gains = config, gains
@@ -170,6 +145,8 @@ class GroupTrainer:
         self.rng = np.random.default_rng(seed)
         movable = torch.from_numpy(static.alive if may_move is None else may_move).to(device)
         self.density = GroupDensity(self.points, self.static, movable, config, self.iterations, self.rng, region)
+        self.gpu = gpu
+        self.program: GpuGroupProgram | None = None
         self.find_neighbors()
         self.recovery = Recovery()
 
@@ -180,31 +157,138 @@ class GroupTrainer:
             return self.result()
         done = 0
         self.recovery.save_state(done, self)
+        self._start_program(progress)
         while done < self.iterations:
             try:
-                self._iterate(done, progress)
-                done += 1
+                done = self._iterate(done, progress)
             except GaussiansError as error:
                 done = self.recovery.restore(done + 1, error, progress)
+                if self.program is not None:
+                    self._start_program(progress)
+            except GpuError as error:
+                done = self._continue_without_gpu(error, progress)
         self.recovery.release_state()
+        self.program = None
         quality = self.psnr()
         progress.update(self.iterations, moving=len(self.points), psnr=quality)
         progress.note(f"PSNR of the group's training images: {quality:.1f} dB")
         return self.result()
 
-    def _iterate(self, iteration: int, progress: Progress) -> None:
-        """Run one iteration and the actions that are due after it. Raise `GaussiansError` for NaN or infinity."""
+    def _iterate(self, iteration: int, progress: Progress) -> int:
+        """Run one iteration, or several on a GPU, and the actions that are due after it.
+
+        Returns:
+            Number of finished iterations.
+
+        Raises:
+            GaussiansError: A value is NaN or infinite.
+            GpuError: The GPU was lost, or has too little memory.
+        """
         while self.larger_pictures and iteration >= self.larger_pictures[0][0]:
             self._use_pictures(self.larger_pictures.pop(0)[1])
-        loss, done = self.step(iteration), iteration + 1
+        if self.program is None:
+            loss, done = self.step(iteration), iteration + 1
+        else:
+            loss, done = self._run_batch(iteration, self.program)
         if done % GIVE_BACK_EVERY == 0:
             self.pictures.release_pages()
         self.recovery.check_iteration(done, loss, self)
         if self.density.update(done, self.pictures):
             self.find_neighbors()
-        if self._shows(iteration) or done == self.iterations:
+            self._upload()
+        if self._shows(done - 1) or done == self.iterations:
             self.points.check()
             progress.update(done, loss=float(loss), moving=len(self.points))
+        return done
+
+    def _start_program(self, progress: Progress) -> None:
+        """Use the GPU, if there is one that can train this group."""
+        if self.gpu is None:
+            return
+        try:
+            opened = self.gpu.open()
+            if why := why_not(self.points):
+                progress.note(f"this group is trained on the CPU: {why}")
+            elif opened is not None:
+                settings = self.config.group, self.gains, self.time_offsets.enabled and self.pictures.count > 1
+                self.program = GpuGroupProgram(opened, self.points, self.density, self.pictures, *settings)
+                self._upload()
+        except GpuError as error:
+            self._continue_without_gpu(error, progress)
+
+    def _continue_without_gpu(self, error: GpuError, progress: Progress) -> int:
+        """Return to the last good state, to continue on the CPU. Return the number of iterations that are done in it."""
+        assert self.gpu is not None
+        self.gpu.fail(error)
+        self.program = None
+        done = self.recovery.rewind()
+        progress.note(
+            f"the GPU failed ({str(error).rstrip('.')}): training continues on the CPU from iteration {done:,}"
+        )
+        return done
+
+    def _upload(self) -> None:
+        """Copy the state to the GPU, if one trains."""
+        if self.program is not None:
+            self.program.neighbors = self.neighbors
+            self.program.pictures = self.pictures
+            self.program.upload()
+
+    def _run_batch(self, first: int, program: GpuGroupProgram) -> tuple[Tensor, int]:
+        """Run iterations on the GPU until something is due, or until a draw depends on the results of these.
+
+        Returns:
+            Loss [] of the last iteration, and the number of finished iterations.
+        """
+        draws, most = [self._plan(first)], min(MOST_DRAWS, self.time_offsets.independent)
+        while len(draws) < most and not self._stops(first + len(draws)):
+            draws.append(self._plan(first + len(draws)))
+        outcomes = program.run(draws)
+        for step, outcome in zip(draws, outcomes, strict=True):
+            if program.learns_time:
+                self.time_offsets.note(step.camera, torch.tensor(outcome.slope), step.share)
+            if not step.whole and not step.metered_static:
+                self.schedule.record_loss(step.frame, step.camera, torch.tensor(outcome.loss))
+        done = first + len(draws)
+        if self._needs_host(done):
+            program.give_meters()
+            program.download()
+        return torch.tensor(outcomes[-1].loss), done
+
+    def _stops(self, done: int) -> bool:
+        """Return whether a batch on the GPU ends after `done` iterations."""
+        shown = self._shows(done - 1) or done % GIVE_BACK_EVERY == 0
+        return shown or self._needs_host(done) or self.schedule.waits_for_losses(done)
+
+    def _needs_host(self, done: int) -> bool:
+        """Return whether the host needs the state after `done` iterations."""
+        resizes = bool(self.larger_pictures) and done >= self.larger_pictures[0][0]
+        saves = done >= self.recovery.next_save
+        return resizes or saves or self.density.is_due(done) or done == self.iterations
+
+    def _plan(self, iteration: int) -> Draw:
+        """Decide what an iteration on the GPU draws and compares, with the random choices of `step`."""
+        frame, camera = self.schedule.draw(iteration)
+        share, whole = iteration / self.iterations, self._shows(iteration)
+        step = Draw(
+            iteration=iteration,
+            share=share,
+            pace=self.recovery.pace,
+            frame=frame,
+            camera=camera,
+            moment=self.time_offsets.moment(frame, camera, self.pictures.count),
+            whole=whole,
+            metered=self.density.measures(iteration),
+            metered_static=not whole and self.density.measured_static(iteration) is not None,
+            rank=None,
+            span=None,
+        )
+        last, count = self.schedule.frontier(iteration), self.pictures.count
+        weights = {loss.name: loss.weight_at(step, self.config.group) for loss in GROUP}
+        neighbors = self.neighbors if weights["rigidity"] else None
+        rank = None if neighbors is None else choose_rank(neighbors, self.rng)
+        span = choose_span(frame, count, last, self.rng) if weights["smoothness"] else None
+        return replace(step, rank=rank, span=span)
 
     def snapshot(self) -> Restore:
         """Copy everything that training changes."""
@@ -293,6 +377,7 @@ class GroupTrainer:
         self.static.set_views(pictures.views)
         self.density.restart()
         self.find_neighbors()
+        self._upload()
 
     def _learn_time_offset(self, camera: int, moment: float, changes: Changes, share: float) -> None:
         """Refine a camera's time offset by the derivative of the loss with respect to the moment that was drawn."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -11,17 +11,22 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.base.errors import GaussiansError
+from splatreel.base.errors import GaussiansError, GpuError
 from splatreel.base.progress import Progress
 from splatreel.config import KeyframeConfig
+from splatreel.gpu.shared import SharedGpu
 from splatreel.kernels import splat
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.adam import Restore, merge_snapshots
+from splatreel.method.train.average import Average
 from splatreel.method.train.density import KeyframeDensity
 from splatreel.method.train.error_points import ADDED_AT, ADDED_SHARE, points_at_errors
-from splatreel.method.train.losses import KEYFRAME, KeyframeStep, Loss, backward, psnr
+from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram, why_not
+from splatreel.method.train.gpu_program import MOST_DRAWS
+from splatreel.method.train.losses import GROWTH, KEYFRAME, LAMBDA_DSSIM, KeyframeStep, Loss, backward, psnr
 from splatreel.method.train.pictures import Pictures
-from splatreel.method.train.points import TrainablePoints, default_rates
+from splatreel.method.train.points import NAMES, TrainablePoints, default_rates
+from splatreel.method.train.programs import KeyframeDraw
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.render import Comparable, Splats, StaticCache, View, deformed, draw, moving_tiles
 from splatreel.scene.gaussians import C0, Gaussians
@@ -32,54 +37,6 @@ SHOW_EVERY = 25
 GAINS_EVERY = 4
 """Iterations between two comparisons of whole images in front of static points, which the color gains are learned from. Other
 iterations compare only tiles with moving points."""
-
-LAMBDA_DSSIM = 0.2
-"""Weight of structural similarity in the photometric loss, as in 3DGS."""
-AVERAGE_EVERY = 4
-"""Iterations between two samples of the mean. Neighboring iterations hardly differ."""
-
-
-class Average:
-    """Running mean of tensors over the last `share` of the iterations. It restarts when rows are added or removed.
-
-    Source:
-        Polyak averaging; for networks, Izmailov et al. 2018.
-    """
-
-    def __init__(self, share: float, iterations: int) -> None:
-        """Prepare an average.
-
-        Args:
-            share: Share of the iterations that is averaged.
-            iterations: Iterations of training.
-        """
-        self.after = iterations - round(share * iterations)
-        self._means: list[Tensor] = []
-        self._count = 0
-
-    def has_begun(self, done: int) -> bool:
-        """Return whether averaging has begun. done: number of finished iterations."""
-        return done > self.after
-
-    @torch.no_grad()
-    def add(self, done: int, tensors: Iterable[Tensor]) -> None:
-        """Add the values after an iteration."""
-        if done % AVERAGE_EVERY:
-            return
-        now = [tensor.detach() for tensor in tensors]
-        if [mean.shape for mean in self._means] != [tensor.shape for tensor in now]:
-            self._means, self._count = [tensor.clone() for tensor in now], 0
-        self._count += 1
-        for mean, tensor in zip(self._means, now, strict=True):
-            mean.lerp_(tensor, 1 / self._count)
-
-    @torch.no_grad()
-    def write_to(self, tensors: Iterable[Tensor]) -> None:
-        """Write the mean to the tensors, if it has their shapes."""
-        now = list(tensors)
-        if [mean.shape for mean in self._means] == [tensor.shape for tensor in now]:
-            for tensor, mean in zip(now, self._means, strict=True):
-                tensor.copy_(mean)
 
 
 @dataclass(frozen=True)
@@ -148,6 +105,7 @@ class KeyframeTrainer:
         losses: Sequence[Loss[KeyframeStep]] = KEYFRAME,
         seed: int = 0,
         region: Volume | None = None,
+        gpu: SharedGpu | None = None,
     ) -> None:
         """Prepare the training of a keyframe.
 
@@ -160,11 +118,14 @@ class KeyframeTrainer:
             losses: List of losses.
             seed: Seed of all random choices.
             region: Volume in which points are densified; None is everywhere.
+            gpu: GPU that runs the iterations; None runs them on the device of the points, with torch.
         """
         self.points, self.gains, self.config, self.static, self.losses = points, gains, config, static, losses
         self.density = KeyframeDensity(points, config, max_points, seed, region)
         self.rng = np.random.default_rng(seed)
         self.done = 0
+        self.gpu = gpu
+        self.program: GpuKeyframeProgram | None = None
         self.recovery = Recovery()
         self.watch: Callable[[Callable[[], Gaussians]], None] | None = None
         """Called during training with a function that returns the points as they are now."""
@@ -174,35 +135,144 @@ class KeyframeTrainer:
         static = self._static_cache(pictures)
         average = Average(self.config.average_share, total)
         self.density.restart(pictures)
-        end, cameras = self.done + iterations, list[int]()
+        end, self._cameras = self.done + iterations, list[int]()
         self.recovery.save_state(self.done, self)
+        self._start_program(pictures, static, progress)
         while self.done < end:
-            cameras = cameras or self.rng.permutation(len(pictures.views)).tolist()
-            camera = cameras.pop()
             try:
-                loss, drawing = self.step(pictures, camera, static, self.done / total)
-                self.done += 1
-                self.recovery.check_iteration(self.done, loss, self)
-                share, averaged = self.done / total, average.has_begun(self.done)
-                self._anneal(share)
-                self.density.update(self.done, share, drawing, pictures.views[camera], pictures, averaged)
-                if self._adds_at_errors(total):
-                    self._add_at_errors(pictures)
-                if averaged:
-                    average.add(self.done, self.points.params.values())
+                if self.program is None:
+                    loss = self._iterate(pictures, static, total, average)
+                else:
+                    loss = self._run_batch(pictures, total, end, average, self.program)
+                self._finish_iteration(pictures, total, average)
                 if self.done % SHOW_EVERY == 0 or self.done == end:
                     self.check()
                     progress.update(self.done, loss=float(loss), points=len(self.points))
                     if self.watch is not None:
-                        self.watch(self.points.gaussians)
-            except GaussiansError as error:
-                self.done = self.recovery.restore(self.done, error, progress)
+                        self.watch(self._gaussians_now)
+            except (GaussiansError, GpuError) as error:
+                self.done = self._recover(error, progress)
                 self._anneal(self.done / total)
                 self.density.restart(pictures)
                 average = Average(self.config.average_share, total)
+                if self.program is not None:
+                    self._start_program(pictures, static, progress)
         self.recovery.release_state()
         average.write_to(self.points.params.values())
+        self.program = None
         self.density.prune(pictures.unit, self.done / total)
+
+    def _iterate(self, pictures: Pictures, static: StaticCache | None, total: int, average: Average) -> Tensor:
+        """Run one iteration with torch, and return its photometric loss []."""
+        camera = self._next_camera(pictures)
+        loss, drawing = self.step(pictures, camera, static, self.done / total)
+        self.done += 1
+        self.recovery.check_iteration(self.done, loss, self)
+        self._anneal(self.done / total)
+        self.density.measure(self.done / total, drawing, pictures.views[camera])
+        return loss
+
+    def _finish_iteration(self, pictures: Pictures, total: int, average: Average) -> None:
+        """Add, prune and average points after an iteration, if due."""
+        share, averaged = self.done / total, average.has_begun(self.done)
+        changes = self.density.is_due(self.done, share, averaged) or self._adds_at_errors(total)
+        self.density.update(self.done, share, pictures, averaged, self._measures_absolute)
+        if self._adds_at_errors(total):
+            self._add_at_errors(pictures)
+        if averaged and self.program is None:
+            average.add(self.done, self.points.params.values())
+        if changes and self.program is not None:
+            average.restart()
+            self.program.upload()
+
+    def _next_camera(self, pictures: Pictures) -> int:
+        self._cameras = self._cameras or self.rng.permutation(len(pictures.views)).tolist()
+        return self._cameras.pop()
+
+    @property
+    def _measures_absolute(self) -> bool:
+        """True if density control measures absolute gradients."""
+        return self.config.detail and not self.static
+
+    def _start_program(self, pictures: Pictures, static: StaticCache | None, progress: Progress) -> None:
+        """Use the GPU, if there is one that can train this keyframe."""
+        if self.gpu is None:
+            return
+        try:
+            opened = self.gpu.open()
+            if why := why_not(self.losses, pictures, static):
+                progress.note(f"this keyframe is trained on the CPU: {why}")
+            elif opened is not None:
+                host = self.points, static, self.density, pictures, self.config, self.losses, self.gains
+                self.program = GpuKeyframeProgram(opened, *host)
+                self._upload()
+        except GpuError as error:
+            self._recover(error, progress)
+
+    def _recover(self, error: GaussiansError | GpuError, progress: Progress) -> int:
+        """Return to the last good state: at a lower pace, or without the GPU. Return the number of iterations done in it."""
+        if isinstance(error, GaussiansError):
+            return self.recovery.restore(self.done, error, progress)
+        assert self.gpu is not None
+        self.gpu.fail(error)
+        self.program = None
+        done = self.recovery.rewind()
+        progress.note(
+            f"the GPU failed ({str(error).rstrip('.')}): training continues on the CPU from iteration {done:,}"
+        )
+        return done
+
+    def _upload(self) -> None:
+        """Copy the state to the GPU, if one trains."""
+        if self.program is not None:
+            self.program.upload()
+
+    def _gaussians_now(self) -> Gaussians:
+        """Return the points as they are now, from the device that trains."""
+        if self.program is not None:
+            self.program.download()
+        return self.points.gaussians()
+
+    def _run_batch(
+        self, pictures: Pictures, total: int, end: int, average: Average, program: GpuKeyframeProgram
+    ) -> Tensor:
+        """Run iterations on the GPU until something is due, and return the loss [] of the last one."""
+        draws = [self._plan(pictures, self.done, total, average)]
+        while not self._stops(self.done + len(draws), total, end, average) and len(draws) < MOST_DRAWS:
+            draws.append(self._plan(pictures, self.done + len(draws), total, average))
+        loss = torch.tensor(program.run(draws)[-1].loss)
+        self.done += len(draws)
+        self._anneal(self.done / total)
+        if self._needs_host(self.done, total, end, average):
+            program.give_meters()
+            program.download()
+            if self.done == end:
+                average.set_means(program.averages(), self.points.params.values())
+        self.recovery.check_iteration(self.done, loss, self)
+        return loss
+
+    def _stops(self, done: int, total: int, end: int, average: Average) -> bool:
+        """Return whether a batch on the GPU ends after `done` iterations."""
+        return done % SHOW_EVERY == 0 or self._needs_host(done, total, end, average)
+
+    def _needs_host(self, done: int, total: int, end: int, average: Average) -> bool:
+        """Return whether the host needs the state after `done` iterations."""
+        due = self.density.is_due(done, done / total, average.has_begun(done))
+        return due or self._adds_at_errors(total, done) or done >= self.recovery.next_save or done == end
+
+    def _plan(self, pictures: Pictures, iteration: int, total: int, average: Average) -> KeyframeDraw:
+        """Decide what an iteration on the GPU draws and compares."""
+        done, share = iteration + 1, iteration / total
+        factors = self._rate_factors(share)
+        return KeyframeDraw(
+            iteration=iteration,
+            share=share,
+            camera=self._next_camera(pictures),
+            whole=not self.static or self._compares_all(pictures, iteration),
+            metered=done / total <= GROWTH,
+            average=average.next_weight(done),
+            rates=tuple(self.points.base_rates[name] * factors[name] for name in NAMES),
+        )
 
     def snapshot(self) -> Restore:
         """Copy everything that training changes."""
@@ -233,7 +303,7 @@ class KeyframeTrainer:
         """
         view = pictures.views[camera]
         splats = deformed(self.points.params, None, None, view, pictures.near)
-        if static is None or self._compares_all(pictures):
+        if static is None or self._compares_all(pictures, self.done):
             splats, gain = _with_gain(splats, view, self.gains.of(camera))
             drawing = draw(splats, view, static.view(camera) if static else None)
             target = pictures.target(camera, drawing.image, gain)
@@ -271,9 +341,10 @@ class KeyframeTrainer:
         image = draw(splats, view).image
         return splats, image if factor is None else image * factor
 
-    def _adds_at_errors(self, total: int) -> bool:
-        """Return whether points are added at errors now, in a training of `total` iterations."""
-        return self.config.detail and self.static is None and self.done in [round(at * total) for at in ADDED_AT]
+    def _adds_at_errors(self, total: int, done: int | None = None) -> bool:
+        """Return whether points are added at errors after `done` iterations of `total`; None asks about now."""
+        done = self.done if done is None else done
+        return self.config.detail and self.static is None and done in [round(at * total) for at in ADDED_AT]
 
     def _add_at_errors(self, pictures: Pictures) -> None:
         """Add points where the images differ most from the drawings."""
@@ -287,15 +358,23 @@ class KeyframeTrainer:
             return None
         return StaticCache(self.static, pictures.views, pictures.near, self.points.means.device)
 
-    def _compares_all(self, pictures: Pictures) -> bool:
-        """Return whether the next iteration compares the whole image."""
-        shows = (self.done + 1) % SHOW_EVERY == 0
-        return shows or self.done % GAINS_EVERY == 0 or pictures.unknown is not None
+    def _compares_all(self, pictures: Pictures, iteration: int) -> bool:
+        """Return whether an iteration compares the whole image."""
+        shows = (iteration + 1) % SHOW_EVERY == 0
+        return shows or iteration % GAINS_EVERY == 0 or pictures.unknown is not None
+
+    def _rate_factors(self, share: float) -> dict[str, float]:
+        """Return the factors of the learning rates by attribute, after a share of training."""
+        late, pace = 0.3 if share > 0.8 else 1.0, self.recovery.pace
+        factors = dict.fromkeys(NAMES, late) | {
+            "means": 0.02**share,
+            "quats": 1.0,
+            "log_scales": 0.2 if share > 0.8 else 1.0,
+        }
+        return {name: pace * factor for name, factor in factors.items()}
 
     def _anneal(self, share: float) -> None:
-        late, pace = 0.3 if share > 0.8 else 1.0, self.recovery.pace
-        factors = {"means": 0.02**share, "quats": 1.0, "log_scales": 0.2 if share > 0.8 else 1.0}
-        self.points.scale_rates({name: pace * factor for name, factor in factors.items()}, default=pace * late)
+        self.points.scale_rates(self._rate_factors(share))
 
 
 def _with_gain(splats: Splats, view: View, gain: Tensor | None) -> tuple[Splats, Tensor | None]:

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Generic, TypeVar
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 import torch
@@ -95,6 +95,20 @@ class GroupStep(Step):
     rng: np.random.Generator
 
 
+class Moment(Protocol):
+    """Number of an iteration, and the share of training that is over before it."""
+
+    @property
+    def iteration(self) -> int:
+        """Number of the iteration."""
+        ...
+
+    @property
+    def share(self) -> float:
+        """Share of training that is over, 0..1."""
+        ...
+
+
 S = TypeVar("S", bound=Step, contravariant=True)
 
 
@@ -120,7 +134,7 @@ class Loss(Generic[S]):
     after: float = 0.0
     on_gradients: bool = False
 
-    def weight_at(self, step: S, config: KeyframeConfig | GroupConfig) -> float:
+    def weight_at(self, step: Moment, config: KeyframeConfig | GroupConfig) -> float:
         """Return the weight in a step; 0 if the loss does not run."""
         if step.iteration % self.every != self.first or (self.after and step.share <= self.after):
             return 0.0
@@ -163,23 +177,38 @@ def bent_surfaces(step: KeyframeStep, weight: float) -> Tensor:
     return weight * roughness(step.depths, step.target, step.unit / step.near)
 
 
+def choose_rank(neighbors: Neighbors, rng: np.random.Generator) -> int:
+    """Return the random rank of the neighbor that `rigidity` compares each point with."""
+    return int(rng.integers(len(neighbors.index)))
+
+
+def choose_span(frame: int, frames: int, last: int, rng: np.random.Generator) -> tuple[int, int, float] | None:
+    """Return two frames for `smoothness` and a random position 0..1 between them; None if there are too few frames.
+
+    Args:
+        frame: Frame that was drawn.
+        frames: Number of frames.
+        last: Last frame that the schedule may draw so far.
+        rng: Source of the position.
+    """
+    start = min(frame, max(last - TEMPORAL_WINDOW, 0))
+    end = min(start + TEMPORAL_WINDOW, last)
+    return None if frames < 3 or end <= start else (start, end, float(rng.uniform()))
+
+
 def rigidity(step: GroupStep, weight: float) -> Tensor | None:
     """Return L_arap of every point with one of its neighbors, of the same random rank for all points."""
     if step.neighbors is None:
         return None
-    rank = int(step.rng.integers(len(step.neighbors.index)))
+    rank = choose_rank(step.neighbors, step.rng)
     other, weights = step.neighbors.index[rank], weight * step.neighbors.closeness[rank]
     return arap(step.points.means, step.changes.dx, step.changes.dq, other, weights, step.unit)
 
 
 def smoothness(step: GroupStep, weight: float) -> Tensor | None:
     """Return L_temp between the drawn frame and one up to TEMPORAL_WINDOW frames later."""
-    start = min(step.frame, max(step.last - TEMPORAL_WINDOW, 0))
-    end = min(start + TEMPORAL_WINDOW, step.last)
-    if step.frames < 3 or end <= start:
-        return None
-    delta = float(step.rng.uniform())
-    return weight * temporal(step.points.deformation, step.points.means, start, end, delta, step.unit)
+    span = choose_span(step.frame, step.frames, step.last, step.rng)
+    return None if span is None else weight * temporal(step.points.deformation, step.points.means, *span, step.unit)
 
 
 def view_dependence(step: GroupStep, weight: float) -> None:
@@ -187,6 +216,8 @@ def view_dependence(step: GroupStep, weight: float) -> None:
     step.points.canonical.price_sh(weight / step.pixels)
 
 
+LAMBDA_DSSIM = 0.2
+"""Weight of structural similarity in the photometric loss of keyframes, as in 3DGS."""
 TEMPORAL_WINDOW = 2
 """Frames over which motion should be smooth; the paper's value (section 5.1)."""
 

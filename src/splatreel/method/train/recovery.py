@@ -82,6 +82,17 @@ class Recovery:
             if self._attempts == 1 and done > self._failed:
                 self.pace = 1.0
 
+    @property
+    def next_save(self) -> int:
+        """Number of iterations after which the state is saved again."""
+        return self._done + KEEP_EVERY
+
+    def rewind(self) -> int:
+        """Return to the last good state, without lower learning rates. Return the number of iterations that are done in it."""
+        if self._restore is not None:
+            self._restore()
+        return self._done
+
     def restore(self, failed: int, error: GaussiansError, progress: Progress) -> int:
         """Restore the last good state and lower the learning rates.
 

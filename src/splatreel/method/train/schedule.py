@@ -43,6 +43,10 @@ class FrameSchedule:
             return self.frames - 1
         return min(self.frames - 1, int(self.frames * iteration / self.warm))
 
+    def waits_for_losses(self, iteration: int) -> bool:
+        """Return whether the draw of an iteration depends on the losses of all draws before it: at the start of a round."""
+        return iteration >= self.warm and not self._round
+
     def draw(self, iteration: int) -> tuple[int, int]:
         """Return the frame and the camera of an iteration. Missing images are drawn again."""
         while True:

@@ -9,6 +9,7 @@ import torch
 
 from splatreel.base.progress import Progress, Silent
 from splatreel.config import Config
+from splatreel.gpu.shared import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.init.initial_points import InitialPoints, initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure
@@ -103,6 +104,7 @@ def first_keyframe_trainer(
     cameras: list[Camera],
     gains: CameraGains,
     config: Config,
+    gpu: SharedGpu | None = None,
 ) -> KeyframeTrainer:
     """Create a trainer of all points of a frame, on the device of the gains.
 
@@ -113,12 +115,14 @@ def first_keyframe_trainer(
         cameras: Training cameras.
         gains: Color gains.
         config: Settings.
+        gpu: GPU that runs the iterations; None runs them on the device of the gains, with torch.
     """
     keyframe = config.keyframe
     points = starting_points(positions, colors, keyframe, layout.unit, gains.values.device)
     pixels = cameras[0].width * cameras[0].height
     most = min(keyframe.max_points, round(keyframe.points_per_pixel * pixels))
-    return KeyframeTrainer(points, gains, keyframe, max_points=most, seed=config.seed, region=layout.volume(cameras))
+    region = layout.volume(cameras)
+    return KeyframeTrainer(points, gains, keyframe, max_points=most, seed=config.seed, region=region, gpu=gpu)
 
 
 def train_frame(

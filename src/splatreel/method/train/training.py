@@ -60,7 +60,7 @@ def train_first_keyframe(
         watch: Called during training with a function that returns the points as they are now.
     """
     keyframe, gains = config.keyframe, known_gains(data, config)
-    trainer = first_keyframe_trainer(positions, colors, data.layout, data.cameras, gains, config)
+    trainer = first_keyframe_trainer(positions, colors, data.layout, data.cameras, gains, config, data.gpu)
     trainer.watch = watch
     return _trained(data, trainer, keyframe.first_iterations, keyframe.coarse_share, config, progress, unknown)
 
@@ -82,6 +82,7 @@ def refine_keyframe(
         losses=KEYFRAME_BEFORE_STATIC if len(behind) else KEYFRAME,
         seed=data.seed,
         region=data.layout.volume(data.cameras),
+        gpu=data.gpu,
     )
     return _trained(data, trainer, keyframe.refine_iterations, 0.0, config, progress)
 
@@ -127,6 +128,7 @@ def group_trainer(
         seed=data.seed + data.span.index,
         missing=data.missing,
         region=data.layout.volume(data.cameras),
+        gpu=data.gpu,
     )
 
 

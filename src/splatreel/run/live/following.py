@@ -9,7 +9,6 @@ from pathlib import Path
 from queue import Queue
 
 import numpy as np
-import torch
 
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Progress, Silent
@@ -25,7 +24,7 @@ from splatreel.method.cameras.rig import Rig
 from splatreel.method.encode.compression import CompressedGroup, CompressedLayer
 from splatreel.method.encode.importance import group_importance, weigh
 from splatreel.method.init.layout import Layout
-from splatreel.run.device import pick_device
+from splatreel.run.device import largest_buffer, pick_device, pick_gpu
 from splatreel.run.groups import restore_group, run_group
 from splatreel.run.job import Job
 from splatreel.run.live.lateness import Lateness, WhenLate
@@ -100,9 +99,9 @@ def reconstruct_following(
     check_networks(config.layering)
     check_memory(capture, config)
     config = with_former_defaults(config, recorded_settings(Path(out) / "work")).for_video(0)
-    chosen, progress = pick_device(device), progress or Silent()
+    progress = progress or Silent()
     with RunLock(Path(out), capture, config, sound) as lock:
-        run = _LiveRun(follower, config, live, chosen, progress, Store(lock.work))
+        run = _LiveRun(follower, config, live, device, progress, Store(lock.work))
         first = next(iter(run.spans(0)), None)
         if first is None:
             raise CaptureError(f"{capture.path}: the capture ended without a frame. Record again.")
@@ -117,12 +116,12 @@ def reconstruct_following(
                 soundtrack.write(writer)
                 present(writer, group)
 
-            output = LiveOutput(writer, GroupWriter(writer, job.store, chosen), shown)
+            output = LiveOutput(writer, GroupWriter(writer, job.store, job.device), shown)
             run.make(rig, layout, output)
             soundtrack.finish(writer)
         present(writer, None)
         writer.finish()
-        return Result(lock.reel, lock.work, job.store.seconds(), chosen.type)
+        return Result(lock.reel, lock.work, job.store.seconds(), job.device_name)
 
 
 @contextmanager
@@ -139,10 +138,14 @@ class _LiveRun:
     """Reconstruction of the groups of a live reel, in order. The checkpoints are those of any other run."""
 
     def __init__(
-        self, follower: Follower, config: Config, live: Live, device: torch.device, progress: Progress, store: Store
+        self, follower: Follower, config: Config, live: Live, device: str, progress: Progress, store: Store
     ) -> None:
+        size = follower.capture.width, follower.capture.height
+        self.gpu, note = pick_gpu(device, largest_buffer(*size, config.keyframe.max_points))
+        if note:
+            progress.note(note)
         self.follower, self.config, self.live = follower, config, live
-        self.device, self.progress, self.store = device, progress, store
+        self.device, self.progress, self.store = pick_device(device), progress, store
         fps = follower.capture.fps
         self.window = Window(store, None if live.keep is None else max(round(live.keep * fps), 1))
         self.lateness = Lateness(config, live.when_late, config.group.length / fps, progress)
@@ -152,7 +155,7 @@ class _LiveRun:
         return LiveSpans(self.follower, self.config.group.length, self.config.group.overlap, first, skip)
 
     def job(self, config: Config) -> Job:
-        return Job(config, self.device, self.progress, self.store)
+        return Job(config, self.device, self.progress, self.store, gpu=self.gpu)
 
     def make(self, rig: Rig, layout: Layout, output: LiveOutput) -> None:
         """Reconstruct all groups that are not finished. rig: state of the cameras at group 0."""

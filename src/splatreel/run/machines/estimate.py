@@ -134,7 +134,7 @@ def _measure(run: ChapteredRun, speed: MachineSpeed, moving: float | None = None
     share = moving_share(run.capture, run.groups[0].count) if moving is None else moving
     work = Workload.of(run.capture, share)
     trained = min(work.megapixels, run.config.training_megapixels or work.megapixels)
-    return work, _Pace(speed.training(trained), speed.other, trains_on_gpu=run.device.type == "cuda")
+    return work, _Pace(speed.training(trained), speed.other, trains_on_gpu=run.device_name != "cpu")
 
 
 def moving_share(capture: Capture, frames: int) -> float:

@@ -90,6 +90,8 @@ def division_of(run: ChapteredRun, workers: int | None = None) -> Division:
     if run.device.type == "cuda":
         workers = max(1, min(torch.cuda.device_count(), chapters, cores))
         return Division(workers, cores // workers)
+    if run.gpu is not None:  # one process uses the GPU, and all cores for the rest
+        return Division(1, cores)
     free = free_memory()
     return divide(cores, chapters, None if free is None else max(1, free // _need(run)))
 

@@ -1,0 +1,42 @@
+"""`splatreel devices`."""
+
+from __future__ import annotations
+
+from splatreel.cli.printing import say
+
+
+def devices(measure: bool = True) -> None:
+    """List the processors and GPUs of this machine, and say what `--device auto` would use and why.
+
+    Args:
+        measure: Time training iterations, about two seconds for each device. Software adapters are not timed.
+    """
+    from splatreel.gpu import adapters as gpus
+    from splatreel.gpu.shared import SharedGpu
+    from splatreel.run import gpu_speed
+    from splatreel.run.device import pick_device
+    from splatreel.run.machine_speed import describe_processor
+
+    say(f"CPU   {describe_processor()}")
+    if measure:
+        say(f"      {gpu_speed.iteration_ms(None):.1f} ms for a training iteration")
+    found = gpus.adapters()
+    for adapter in found:
+        kind = "software" if adapter.is_software else adapter.kind
+        buffer, shared = (
+            adapter.limits[name] for name in ("max-storage-buffer-binding-size", "max-compute-workgroup-storage-size")
+        )
+        operations = "with" if adapter.subgroups else "without"
+        say(f"GPU   {adapter.name} ({kind}) through {adapter.interface}")
+        say(f"      buffers up to {buffer / 1e6:,.0f} MB, {shared / 1024:.0f} KB a workgroup, {operations} subgroups")
+        if adapter.missing is not None:
+            say(f"      cannot train: {adapter.missing}")
+        elif measure and not adapter.is_software:
+            say(f"      {gpu_speed.iteration_ms(SharedGpu(adapter)):.1f} ms for a training iteration")
+    chosen, why = gpus.choose_adapter(found)
+    if pick_device("auto").type == "cuda":
+        say("--device auto uses CUDA with gsplat.")
+    elif chosen is not None:
+        say(f"--device auto uses {why}")
+    else:
+        say(f"--device auto uses the CPU. {why}")

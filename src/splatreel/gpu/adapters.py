@@ -1,0 +1,112 @@
+"""Adapters of this machine: which ones there are, which one training would use, and why not the others."""
+
+from __future__ import annotations
+
+import importlib.util
+from dataclasses import dataclass
+from typing import Any
+
+from splatreel.base.errors import UsageError
+
+LEAST = {
+    "max-compute-invocations-per-workgroup": 64,
+    "max-compute-workgroup-storage-size": 16384,
+    "max-storage-buffers-per-shader-stage": 8,
+    "max-storage-buffer-binding-size": 1 << 27,
+}
+"""Limits that training needs. They are the minimum of WebGPU, except that smaller workgroups are enough."""
+
+
+@dataclass(frozen=True)
+class Adapter:
+    """A graphics processor, or a program that simulates one, through one of the system's interfaces.
+
+    Attributes:
+        name: Name of the device.
+        interface: Vulkan, Metal, D3D12 or OpenGL.
+        kind: DiscreteGPU, IntegratedGPU, CPU or Unknown.
+        limits: Limits by wgpu's names.
+        subgroups: Subgroup operations are available.
+        handle: Adapter of wgpu.
+    """
+
+    name: str
+    interface: str
+    kind: str
+    limits: dict[str, int]
+    subgroups: bool
+    handle: Any
+
+    @property
+    def is_software(self) -> bool:
+        """Return whether a program simulates the device on the CPU."""
+        return self.kind == "CPU"
+
+    @property
+    def missing(self) -> str | None:
+        """Return why training cannot use the adapter; None if it can."""
+        if self.interface == "OpenGL":
+            return "OpenGL lacks what training needs"
+        for name, least in LEAST.items():
+            if self.limits.get(name, 0) < least:
+                return f"{name} is {self.limits.get(name, 0):,}, training needs {least:,}"
+        return None
+
+
+def is_installed() -> bool:
+    """Return whether the package wgpu is installed."""
+    return importlib.util.find_spec("wgpu") is not None
+
+
+def adapters() -> list[Adapter]:
+    """Return the adapters of this machine, the fastest kinds first; none without the package wgpu or its driver."""
+    if not is_installed():
+        return []
+    try:
+        import wgpu
+
+        handles = wgpu.gpu.enumerate_adapters_sync()
+    except (ImportError, OSError, RuntimeError):  # no library for this system, or no driver
+        return []
+    found = [_adapter(handle) for handle in handles]
+    order = {"DiscreteGPU": 0, "IntegratedGPU": 1, "Unknown": 2, "CPU": 3}
+    return sorted(found, key=lambda adapter: (adapter.missing is not None, order.get(adapter.kind, 2)))
+
+
+def _adapter(handle: Any) -> Adapter:
+    info, limits = handle.info, {name: int(value) for name, value in handle.limits.items()}
+    return Adapter(
+        info["device"], info["backend_type"], info["adapter_type"], limits, "subgroup" in handle.features, handle
+    )
+
+
+def choose_adapter(found: list[Adapter], software: bool = False) -> tuple[Adapter | None, str]:
+    """Return the adapter that training uses, if any, and a sentence that explains the choice.
+
+    Args:
+        found: Result of `adapters`.
+        software: A software adapter is eligible, after all others.
+    """
+    if not is_installed():
+        return None, "The package wgpu is not installed."
+    if not found:
+        return None, "No graphics driver was found (Vulkan, Metal or Direct3D 12)."
+    usable = [adapter for adapter in found if adapter.missing is None]
+    if not usable:
+        return None, f"{found[0].name} cannot be used: {found[0].missing}."
+    eligible = [adapter for adapter in usable if software or not adapter.is_software]
+    if not eligible:
+        return None, f"{usable[0].name} is a software adapter, which is slower than our CPU kernels."
+    return eligible[0], f"{eligible[0].name} through {eligible[0].interface}."
+
+
+def require_adapter() -> Adapter:
+    """Return the adapter for `--device gpu`: a software adapter only where there is no other one.
+
+    Raises:
+        UsageError: There is none.
+    """
+    adapter, why = choose_adapter(adapters(), software=True)
+    if adapter is None:
+        raise UsageError(f"--device gpu: {why} Use --device cpu, or run `splatreel devices` to see what there is.")
+    return adapter

@@ -1,0 +1,182 @@
+"""Drawing on the GPU: projection, sorting into tiles, blending, the photometric loss, and all gradients."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from splatreel.gpu.device import Gpu, Recording
+from splatreel.gpu.uniforms import new_draw
+
+Buffers = dict[str, Any]
+"""Buffers by their names in the kernels."""
+SPLAT_BYTES = 48
+PARTS = 9
+"""Floats in the slot of a (splat, tile) pair."""
+FEWEST_PAIRS = 4096
+"""Pairs that fit at first. The buffers grow when needed."""
+SPARE = 1.3
+"""Factor by which buffers are larger than needed, so that they rarely grow."""
+OPEN = {"DEPTHS": "false"}
+"""Constants of kernels that blend colors, not depths."""
+DEPTHS = {"DEPTHS": "true"}
+
+
+class Drawing:
+    """Buffers and dispatches to draw points at one image size, in front of static splats, and to compute gradients.
+
+    Attributes:
+        gpu: Device.
+        buffers: Buffers by name.
+        count: Number of points.
+        columns: Number of parameters of a point.
+        capacity: Number of (splat, tile) pairs that fit.
+    """
+
+    def __init__(self, gpu: Gpu) -> None:
+        """Create a drawing without points."""
+        self.gpu = gpu
+        self.count: int = 0
+        self.columns, self.capacity, self.size = 14, 0, (0, 0)
+        self._static_capacity = -1
+        self.buffers: Buffers = {"draw": gpu.uniform(new_draw()), "status": gpu.zeros(8)}
+        self._lengths: dict[int, Any] = {}
+        self._sums = gpu.zeros(4)
+        self.buffers["empty"] = gpu.zeros(32)
+
+    def set_points(self, params: np.ndarray) -> None:
+        """Upload points [columns, N] float32: means, quats, log scales, logits, base colors and higher SH bands."""
+        gpu, n = self.gpu, params.shape[1]
+        buffers = self.buffers
+        if params.shape != (self.columns, self.count) or "params" not in buffers:
+            self.columns, self.count = params.shape
+            gpu.forget_buffers()
+            buffers["params"] = gpu.zeros(params.nbytes, "the points")
+            buffers["gradients"] = gpu.zeros(params.nbytes, "the gradients of the points")
+            buffers["offsets"] = gpu.zeros(4 * 46 * n, "the offsets of the points")
+            buffers["d_offsets"] = gpu.zeros(4 * 32 * n, "the gradients of the offsets")
+            buffers["splats"] = gpu.zeros(SPLAT_BYTES * n, "the splats")
+            buffers["d_splats"] = gpu.zeros(SPLAT_BYTES * n, "the gradients of the splats")
+            buffers["first"] = gpu.zeros(4 * (n + 1), "the pairs of the splats")
+            buffers["meter"] = gpu.zeros(8 * n, "the meter")
+        if params.size:
+            gpu.write(buffers["params"], params)
+
+    def set_size(self, width: int, height: int) -> None:
+        """Choose the image size, pixels."""
+        if self.size == (width, height):
+            return
+        gpu, buffers, pixels = self.gpu, self.buffers, width * height
+        self.size, tiles = (width, height), -(-width // 16) * -(-height // 16)
+        gpu.forget_buffers()
+        for name, nbytes in (
+            ("image", 16 * pixels),
+            ("d_image", 16 * pixels),
+            ("maps", 36 * pixels),
+            ("sums", 20 * tiles),
+            ("tiles", 16 * tiles),
+            ("tile_offsets", 4 * (tiles + 1)),
+            ("cursors", 4 * (tiles + 1)),
+        ):
+            buffers[name] = gpu.zeros(nbytes, f"{name} of {width}x{height} pixels")
+        buffers["tile_counts"] = buffers["tile_offsets"]
+        buffers["no_offsets"] = gpu.zeros(4 * (tiles + 1))
+
+    def fit_pairs(self, pairs: int, static_pairs: int = 0, measured: bool = False) -> None:
+        """Make room for a number of pairs of moving and of static splats. measured: static splats get gradients."""
+        slots = static_pairs if measured else 0
+        fits = pairs <= self.capacity and self._static_capacity >= static_pairs
+        if fits and self.buffers["slots"].size >= 4 * PARTS * (self.capacity + slots):
+            return
+        self.gpu.forget_buffers()
+        if pairs > self.capacity:
+            self.capacity = max(int(SPARE * pairs), FEWEST_PAIRS)
+        self._static_capacity = max(static_pairs, self._static_capacity)
+        zeros, buffers = self.gpu.zeros, self.buffers
+        buffers["keys"] = zeros(8 * self.capacity, "the pairs of splats and tiles")
+        buffers["owners"] = zeros(4 * self.capacity, "the pairs of splats and tiles")
+        buffers["list"] = zeros(8 * (self.capacity + self._static_capacity), "the lists of the tiles")
+        buffers["slots"] = zeros(4 * PARTS * (self.capacity + slots), "the gradients of the pairs")
+
+    def needed_pairs(self) -> int:
+        """Wait, and return the number of pairs that did not fit; 0 if all fit."""
+        return int(self.gpu.read(self.buffers["status"], np.uint32, (1,))[0])
+
+    def grow(self, needed: int, static_pairs: int = 0, measured: bool = False) -> None:
+        """Make room for pairs that did not fit, and let kernels run again."""
+        self.fit_pairs(needed, static_pairs, measured)
+        self.gpu.write(self.buffers["status"], np.zeros(1, np.uint32))
+
+    def record_pairs(self, to: Recording, buffers: Buffers, count: int | None = None) -> None:
+        """Project points, and sort their pairs into tiles. count: number of points; None is all of this drawing."""
+        count = self.count if count is None else count
+        self.record_counts(to, buffers, count)
+        to.run_each(self.gpu.kernel("emit"), max(count, 1), buffers)
+        to.run(self.gpu.kernel("sort"), (*self._tiles, 1), buffers)
+
+    def record_counts(self, to: Recording, buffers: Buffers, count: int) -> None:
+        """Project points, and compute the range of pairs of every splat and tile."""
+        kernel, tiles = self.gpu.kernel, self._tiles[0] * self._tiles[1]
+        to.run_each(kernel("reset"), tiles + 1, buffers)
+        to.run_each(kernel("project"), count + 1, buffers)
+        self.record_scan(to, buffers["first"], count + 1)
+        self.record_scan(to, buffers["tile_counts"], tiles + 1)
+
+    def record_scan(self, to: Recording, values: Any, length: int) -> None:
+        """Replace the first `length` values of a buffer by the sums of all values before them."""
+        gpu = self.gpu
+        blocks = -(-length // (4 * gpu.group))
+        if length not in self._lengths:
+            self._lengths[length] = gpu.uniform(np.array([length, blocks, 0, 0], np.uint32))
+        if self._sums.size < 4 * blocks:
+            gpu.forget_buffers()
+            self._sums = gpu.zeros(4 * blocks, "sums")
+        used = {"length": self._lengths[length], "values": values, "sums": self._sums}
+        to.run_each(gpu.kernel("scan_blocks"), blocks * gpu.group, used)
+        if blocks > 1:
+            to.run(gpu.kernel("scan_sums"), (1, 1, 1), used)
+            to.run_each(gpu.kernel("scan_add"), length, used)
+
+    def record_image(self, to: Recording, buffers: Buffers) -> None:
+        """Merge moving and static splats by depth, and blend them."""
+        to.run(self.gpu.kernel("merge"), (*self._tiles, 1), buffers)
+        to.run(self.gpu.kernel("forward", **OPEN), (*self._tiles, 1), buffers)
+
+    def record_loss(self, to: Recording, buffers: Buffers) -> None:
+        """Compute the photometric loss and its gradient to the image."""
+        to.run(self.gpu.kernel("similarity"), (*self._tiles, 1), buffers)
+        to.run(self.gpu.kernel("photometric"), (*self._tiles, 1), buffers)
+
+    def record_splat_gradients(self, to: Recording, buffers: Buffers) -> None:
+        """Compute the gradients of the splats from those of the image."""
+        to.run(self.gpu.kernel("backward", **OPEN), (*self._tiles, 1), buffers)
+        to.run_each(self.gpu.kernel("gather", **OPEN), self.count, buffers)
+
+    def record_surfaces(self, to: Recording, buffers: Buffers) -> None:
+        """Add the gradients of the losses of surfaces to those of the splats."""
+        kernel, tiles = self.gpu.kernel, (*self._tiles, 1)
+        pixels = self.size[0] * self.size[1]
+        for name in ("depths", "d_depths"):
+            if name not in buffers or buffers[name].size < 16 * pixels:
+                buffers[name] = self.buffers[name] = self.gpu.zeros(16 * pixels, "the drawing of depths")
+        to.run(kernel("forward", **DEPTHS), tiles, buffers | {"image": buffers["depths"]})
+        to.run_each(kernel("surfaces"), pixels, buffers)
+        of_depths = {"image": buffers["depths"], "d_image": buffers["d_depths"]}
+        to.run(kernel("backward", **DEPTHS), tiles, buffers | of_depths)
+        to.run_each(kernel("gather", **DEPTHS), self.count, buffers)
+
+    def record_point_gradients(self, to: Recording, buffers: Buffers) -> None:
+        """Compute the gradients of the points and their offsets from those of their splats."""
+        to.run_each(self.gpu.kernel("unproject"), self.count, buffers)
+
+    @property
+    def _tiles(self) -> tuple[int, int]:
+        """Columns and rows of tiles."""
+        return -(-self.size[0] // 16), -(-self.size[1] // 16)
+
+    def alone(self) -> Buffers:
+        """Return the buffers to draw the points without static splats."""
+        none = self.buffers["empty"]
+        static = {"static_splats": none, "static_pairs": none, "chosen": none, "frozen": none}
+        return self.buffers | static | {"static_offsets": self.buffers["no_offsets"]}

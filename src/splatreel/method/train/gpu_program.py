@@ -1,0 +1,228 @@
+"""Parts that the GPU programs of groups and keyframes share: points and images on the device, and batches of draws."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.base.errors import GaussiansError
+from splatreel.gpu import uniforms
+from splatreel.gpu.device import Gpu, Recording
+from splatreel.gpu.drawing import Buffers, Drawing
+from splatreel.gpu.picture_pool import PicturePool
+from splatreel.gpu.static_scene import StaticScene
+from splatreel.method.deform.adam import DECAYS, Adam
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.points import NAMES, TrainablePoints
+from splatreel.method.train.programs import Outcome
+from splatreel.method.train.render import StaticCache
+
+MOST_DRAWS = 64
+"""Largest number of draws of a batch."""
+FIRST_PAIRS = 8
+"""Pairs per point that fit at first."""
+Tensors = Callable[[Adam], tuple[Tensor, Tensor, Tensor]]
+
+
+class GpuProgram:
+    """Points, static points and images on a GPU.
+
+    Attributes:
+        gpu: Device.
+        pictures: Images in use.
+        drawing: Buffers and dispatches of the drawing.
+    """
+
+    def __init__(self, gpu: Gpu, points: TrainablePoints, static: StaticCache | None, pictures: Pictures) -> None:
+        """Prepare a program; `upload` follows.
+
+        Args:
+            gpu: Device.
+            points: Canonical points of the host.
+            static: Static points; None if there are none.
+            pictures: Images.
+        """
+        self.gpu, self.pictures, self._points, self._static = gpu, pictures, points, static
+        self.drawing = Drawing(gpu)
+        self._results = gpu.zeros(16 * MOST_DRAWS)
+        self._scene: StaticScene | None = None
+        self._moments: Buffers = {}
+        self._pool: PicturePool | None = None
+        self._adam_buffers: dict[str, Buffers] = {}
+        self._packed: dict[tuple[int, int], int] = {}
+
+    def upload_points(self, pictures: Pictures) -> None:
+        """Copy the canonical points and their moments to the device, and choose the image size."""
+        gpu, adams = self.gpu, list(self._points.adams.values())
+        width, height = pictures.views[0].width, pictures.views[0].height
+        if self._pool is None or self.drawing.size != (width, height) or pictures is not self.pictures:
+            self.pictures = pictures
+            self._pool = PicturePool(gpu, width, height, pictures.count * len(pictures.views))
+            if self._scene is not None:
+                self._scene.forget_views()
+        self.drawing.set_points(_columns([adam.tensor for adam in adams]))
+        self.drawing.set_size(width, height)
+        self.drawing.fit_pairs(FIRST_PAIRS * self.drawing.count)
+        moments = {
+            "means": _columns([adam.mean for adam in adams]),
+            "squares": _columns([adam.square for adam in adams]),
+        }
+        self._moments = self._stored("points", moments)
+        gpu.write(self.drawing.buffers["meter"], np.zeros(2 * self.drawing.count, np.float32))
+
+    def upload_static(self, alive: np.ndarray, chosen: np.ndarray) -> None:
+        """Copy the static points to the device, if they changed. alive, chosen: see `StaticScene.set_alive`."""
+        if self._static is None:
+            return
+        if self._scene is None:
+            params = _columns([self._static.params[name] for name in NAMES])
+            self._scene = StaticScene(self.gpu, params)
+            self._shown: tuple[bytes, bytes] | None = None
+        now = alive.tobytes(), chosen.tobytes()
+        if now != self._shown:
+            self._scene.set_alive(alive, chosen)
+            self._shown = now
+        self._scene.restart_meter()
+
+    def download_points(self) -> None:
+        """Copy the canonical points and their moments to the host."""
+        shape = self.drawing.columns, self.drawing.count
+        for buffer, tensors in (
+            (self.drawing.buffers["params"], [adam.tensor for adam in self._points.adams.values()]),
+            (self._moments["means"], [adam.mean for adam in self._points.adams.values()]),
+            (self._moments["squares"], [adam.square for adam in self._points.adams.values()]),
+        ):
+            put_columns(self.gpu.read(buffer, np.float32, shape), tensors)
+
+    def read_meter(self) -> tuple[Tensor, Tensor]:
+        """Return the sums [N] of the lengths of screen-space gradients, and the number of views [N] that saw each point."""
+        found = self.gpu.read(self.drawing.buffers["meter"], np.float32, (2, self.drawing.count))
+        return torch.from_numpy(found[0].copy()), torch.from_numpy(found[1].copy())
+
+    def read_static_meter(self) -> tuple[Tensor, Tensor]:
+        """Return the same of the static points, [S]."""
+        assert self._scene is not None
+        found = self.gpu.read(self._scene.meter, np.float32, (2, self._scene.count))
+        return torch.from_numpy(found[0].copy()), torch.from_numpy(found[1].copy())
+
+    def block(self, camera: int) -> np.ndarray:
+        """Return the uniform block of a view without what the kind of training adds."""
+        draw, view = uniforms.new_draw(), self.pictures.views[camera]
+        pose, K = view.viewmat.numpy(), view.K.numpy()
+        near = self.pictures.near
+        uniforms.fill_view(draw, pose, K, view.width, view.height, near, view.antialias)
+        if view.background is not None:
+            draw["background"][:3] = view.background.numpy()
+        draw["counts"] = self.drawing.count, (self.drawing.columns - 14) // 3, 0, self.drawing.capacity
+        draw["numbers"][1] = camera
+        draw["links"][3] = len(self.pictures.views)
+        return draw
+
+    def set_loss(self, draw: np.ndarray, lambda_dssim: float) -> None:
+        """Fill the weights of the photometric loss."""
+        width, height = self.drawing.size
+        draw["loss"][:2] = (1 - lambda_dssim) / (3 * width * height), lambda_dssim / (3 * width * height)
+        draw["meters"][2] = lambda_dssim
+
+    def static_buffers(self, draw: np.ndarray, camera: int, measured: bool) -> Buffers:
+        """Return the buffers of the static points of a view, and make room for their pairs."""
+        if self._scene is None or self._scene.count == 0:
+            self.drawing.fit_pairs(0)
+            return {}
+        view, still = self.pictures.views[camera], draw.copy()
+        still["center"][3] = max(self.pictures.near, view.clear)
+        found = self._scene.view(camera, still, self.drawing)
+        self.drawing.fit_pairs(0, self._scene.pairs, measured)
+        draw["counts"][2:] = self._scene.count, self.drawing.capacity
+        return found | {"static_meter": self._scene.meter}
+
+    def picture(self, draw: np.ndarray, frame: int, camera: int) -> Any:
+        """Return the buffer with a training image, and note its place in the block."""
+        assert self._pool is not None
+        pictures = self.pictures
+
+        def load() -> np.ndarray:
+            image = pictures.images[frame, camera].numpy()
+            unknown = np.zeros(image.shape[:2], np.uint8)
+            if pictures.unknown is not None:
+                unknown[:] = 255 * pictures.unknown[camera].numpy()
+            return np.dstack([image, unknown])
+
+        buffer, first = self._pool.get(frame, camera, load)
+        draw["numbers"][2] = first
+        return buffer
+
+    def run_batch(
+        self, count: int, prepare: Callable[[int], tuple[np.ndarray, Buffers]], record: Callable[..., None]
+    ) -> list[Outcome]:
+        """Run draws, and wait for their results. Draws whose pairs did not fit run again with more room.
+
+        Args:
+            count: Number of draws, up to `MOST_DRAWS`.
+            prepare: Function from the number of a draw to its uniform block and its buffers.
+            record: Function that records the dispatches of a draw, from the recording, the block and the buffers.
+
+        Raises:
+            GaussiansError: A value is NaN or infinite.
+            GpuError: The device was lost, or has too little memory.
+        """
+        first, found = 0, list[Outcome]()
+        while first < count:
+            for k in range(first, count):
+                draw, buffers = prepare(k)
+                draw["numbers"][3] = k
+                self.gpu.write(self.drawing.buffers["draw"], draw)
+                recording: Recording = self.gpu.record()
+                record(recording, draw, self.drawing.alone() | buffers | {"results": self._results})
+                recording.submit()
+            rows = self.gpu.read(self._results, np.float32, (count, 4))[first:]
+            for loss, slope, done, broken in rows:
+                if not done:
+                    break
+                if broken or not np.isfinite(loss):
+                    self.gpu.write(self.drawing.buffers["status"], np.zeros(2, np.uint32))
+                    raise GaussiansError(f"the training error is {'not finite' if broken else loss}")
+                found.append(Outcome(float(loss), float(slope)))
+            first = len(found)
+            if first < count:
+                self.drawing.grow(self.drawing.needed_pairs())
+        return found
+
+    def _stored(self, name: str, arrays: Mapping[str, np.ndarray]) -> Buffers:
+        """Copy arrays to buffers that are kept under a name, new ones only if a size changed."""
+        held = self._adam_buffers.setdefault(name, {})
+        for label, array in arrays.items():
+            data = np.ascontiguousarray(array)
+            if label not in held or held[label][1] != data.nbytes:
+                held[label] = self.gpu.zeros(data.nbytes, f"{label} of the {name}"), data.nbytes
+                self.gpu.forget_buffers()
+            if data.nbytes:
+                self.gpu.write(held[label][0], data)
+        return {label: buffer for label, (buffer, _) in held.items()}
+
+
+def adam_row(rate: float, steps: int, eps: float) -> tuple[float, float, float, float]:
+    """Return the constants of a step of Adam in the form of the kernels. steps: number of this step, from 1."""
+    decay, square_decay = DECAYS
+    return rate / (1 - decay**steps), 1 / (1 - square_decay**steps) ** 0.5, eps, 1.0
+
+
+def _columns(tensors: Sequence[Tensor]) -> np.ndarray:
+    """Return rows of several tensors [N, ...] as columns [P, N] float32."""
+    flat = [tensor.detach().flatten(1).T if tensor.ndim > 1 else tensor.detach()[None] for tensor in tensors]
+    return torch.cat(flat).contiguous().numpy()
+
+
+def put_columns(columns: np.ndarray, tensors: Sequence[Tensor]) -> None:
+    """Copy columns [P, N] into tensors [N, ...], in place."""
+    start = 0
+    with torch.no_grad():
+        for tensor in tensors:
+            width = tensor[0].numel() if len(tensor) else 0
+            rows = torch.from_numpy(columns[start : start + width])
+            tensor.detach().copy_(rows.T.reshape(tensor.shape))
+            start += width

@@ -1,0 +1,104 @@
+"""Programs that run whole iterations of training on a GPU, and what varies between iterations.
+
+With torch, on the CPU or CUDA, the trainers run their iterations themselves (`GroupTrainer.step`, `KeyframeTrainer.step`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol, TypeVar
+
+
+@dataclass(frozen=True)
+class Draw:
+    """All that varies between the iterations of a group.
+
+    Attributes:
+        iteration: Number of the iteration.
+        share: Share of training that is over, 0..1.
+        pace: Factor for the learning rates.
+        frame: Frame to draw.
+        camera: Camera to draw.
+        moment: Time of the image, in frames of the group.
+        whole: The whole image is compared; otherwise the tiles that moving points touch.
+        metered: The gradients of moving points are measured.
+        metered_static: The gradients of static points are measured.
+        rank: Rank of the neighbor that rigidity compares each point with; None without this loss.
+        span: First and last frame that smoothness looks at, and a position 0..1 between them; None without this loss.
+    """
+
+    iteration: int
+    share: float
+    pace: float
+    frame: int
+    camera: int
+    moment: float
+    whole: bool
+    metered: bool
+    metered_static: bool
+    rank: int | None
+    span: tuple[int, int, float] | None
+
+
+@dataclass(frozen=True)
+class KeyframeDraw:
+    """All that varies between the iterations of a keyframe.
+
+    Attributes:
+        iteration: Number of the iteration.
+        share: Share of training that is over, 0..1.
+        camera: Camera to draw.
+        whole: The whole image is compared, and the color gains are learned.
+        metered: The gradients of points are measured.
+        average: Weight of the result in the running mean; 0 if the iteration is no sample of it.
+        rates: Learning rates of the attributes, in the order of `points.NAMES`.
+    """
+
+    iteration: int
+    share: float
+    camera: int
+    whole: bool
+    metered: bool
+    average: float
+    rates: tuple[float, ...]
+
+
+class Outcome(NamedTuple):
+    """Result of a draw.
+
+    Attributes:
+        loss: Photometric loss.
+        slope: Change of the loss per frame of the camera's time offset; 0 if it was not measured.
+    """
+
+    loss: float
+    slope: float
+
+
+D = TypeVar("D", contravariant=True)
+
+
+class Program(Protocol[D]):
+    """Iterations on a GPU. The state of the host is valid before `upload` and after `download`."""
+
+    def upload(self) -> None:
+        """Take over the state of the host, after its rows or the image size changed."""
+        ...
+
+    def run(self, draws: Sequence[D]) -> list[Outcome]:
+        """Run iterations, and wait for their results.
+
+        Raises:
+            GaussiansError: A value is NaN or infinite.
+            GpuError: The device was lost, or has too little memory.
+        """
+        ...
+
+    def give_meters(self) -> None:
+        """Give the measured gradients to density control."""
+        ...
+
+    def download(self) -> None:
+        """Copy the state to the host."""
+        ...

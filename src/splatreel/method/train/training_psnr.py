@@ -1,0 +1,46 @@
+"""Quality of a trained group on its own images."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.method.cameras.time_offsets import TimeOffsets
+from splatreel.method.train.losses import psnr
+from splatreel.method.train.moving import MovingPoints
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.render import StaticCache, draw
+
+SAMPLES = 12
+"""Training images over which the PSNR of a group is averaged."""
+
+
+@torch.no_grad()
+def training_psnr(
+    points: MovingPoints,
+    static: StaticCache,
+    pictures: Pictures,
+    gains: Tensor,
+    time_offsets: TimeOffsets,
+    available: np.ndarray,
+) -> float:
+    """Return the mean PSNR, dB, over a few training images spread over frames and cameras.
+
+    Args:
+        points: Trained points.
+        static: Static points.
+        pictures: Training images.
+        gains: [C, 3] color gains.
+        time_offsets: Learned time offsets.
+        available: [T, C] bool, images that exist.
+    """
+    values = []
+    for k in range(SAMPLES):
+        frame = k * (pictures.count - 1) // (SAMPLES - 1)
+        cameras = np.flatnonzero(available[frame])
+        camera = int(cameras[(k * 7) % len(cameras)])
+        view, moment = pictures.views[camera], time_offsets.moment(frame, camera, pictures.count)
+        image = draw(points.at(moment, view, pictures.near), view, static.view(camera)).image
+        values.append(psnr(image * gains[camera], pictures.images[frame, camera]))
+    return float(np.mean(values))

@@ -1,0 +1,75 @@
+"""Time of a training iteration on a GPU through wgpu, and on the CPU for comparison."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from splatreel.base.errors import GpuError
+from splatreel.base.progress import Silent
+from splatreel.config import KeyframeConfig
+from splatreel.gpu.shared import SharedGpu
+from splatreel.method.cameras.color_gains import CameraGains
+from splatreel.method.train.keyframe import KeyframeTrainer
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.points import TrainablePoints, default_rates
+from splatreel.run.machine_speed import LARGE, SMALL, MachineSpeed, Probe, measure_speed, probe_scene
+
+CPU = torch.device("cpu")
+SECONDS = 2.0
+"""Time that a measurement takes at least, after one batch to warm up."""
+BATCH = 10
+"""Iterations between two looks at the clock."""
+
+
+def iteration_ms(
+    gpu: SharedGpu | None, probe: Probe = SMALL, seconds: float = SECONDS, device: torch.device = CPU
+) -> float:
+    """Return the milliseconds of a keyframe's training iteration, with all threads of the CPU or on a GPU.
+
+    Args:
+        gpu: GPU that runs iterations through wgpu; None measures torch on `device`.
+        probe: Points and image size.
+        seconds: Shortest time of the measurement.
+        device: Device of the tensors.
+
+    Raises:
+        GpuError: The GPU fails.
+    """
+    scene = probe_scene(probe, device)
+    points = TrainablePoints.from_gaussians(scene.gaussians, default_rates(scene.unit), device)
+    image = np.random.default_rng(0).integers(0, 256, (1, 1, probe.height, probe.width, 3), np.uint8)
+    pictures = Pictures(torch.from_numpy(image).to(device), [scene.view], scene.near, scene.unit)
+    gains = CameraGains(1, device)
+    config = KeyframeConfig(densify_every=10**9, average_share=0.0, detail=False)
+    trainer = KeyframeTrainer(points, gains, config, max_points=probe.points, gpu=gpu)
+    taken = []
+    while sum(taken[1:]) < seconds:
+        start = time.perf_counter()
+        trainer.train(pictures, BATCH, 10**6, Silent())
+        taken.append(time.perf_counter() - start)
+        if gpu is not None and gpu.failure is not None:
+            raise GpuError(gpu.failure)
+    return 1e3 * float(np.median(taken[1:])) / BATCH
+
+
+def measure_run_speed(device: torch.device, gpu: SharedGpu | None) -> MachineSpeed:
+    """Return the speed of this machine for a run: `measure_speed`, with the training of a GPU if one trains.
+
+    A GPU's time is that of a whole iteration, which is compared with the step on the machine that costs were measured on.
+
+    Args:
+        device: Device of the tensors.
+        gpu: GPU that runs iterations of training; None runs them on `device`.
+    """
+    speed = measure_speed(device)
+    if gpu is None:
+        return speed
+    try:
+        small, large = (1e-3 * iteration_ms(gpu, probe, SECONDS / 4) / probe.seconds for probe in (SMALL, LARGE))
+    except GpuError:
+        return speed
+    return replace(speed, small=small, large=large)

@@ -1,0 +1,250 @@
+"""Kernels of the GPU against those of the CPU: pairs, order, image, loss and gradients."""
+
+import numpy as np
+import pytest
+
+from splatreel.base.errors import GpuError
+from splatreel.gpu import uniforms
+from splatreel.gpu.device import Gpu
+from splatreel.gpu.drawing import Drawing
+from splatreel.kernels.cpu import binning, deform, project, rasterize, similarity
+from tests.gpu.software import software_adapter, software_gpu
+
+NEAR, LAMBDA = 0.01, 0.2
+GAIN = np.array([0.9, 1.0, 1.1], np.float32)
+NONE = np.zeros((0, 3), np.float32), np.zeros((0, 4), np.float32), np.zeros((0, 4), np.float32)
+
+
+def points(count: int, seed: int = 0, bands: int = 15, spread: float = 1.0) -> list[np.ndarray]:
+    """Return means, quats, log scales, logits, base colors and higher SH bands."""
+    rng = np.random.default_rng(seed)
+    means = rng.normal(0, spread, (count, 3))
+    means[:, 2] = rng.uniform(-0.5, 6, count)  # some behind the camera
+    arrays = (
+        means,
+        rng.normal(size=(count, 4)),
+        rng.normal(-3.0, 0.7, (count, 3)),
+        rng.normal(0, 2, count),
+        rng.normal(0, 1, (count, 1, 3)),
+        rng.normal(0, 0.2, (count, bands, 3)),
+    )
+    return [np.ascontiguousarray(array, np.float32) for array in arrays]
+
+
+SMALLEST = {
+    "max-storage-buffers-per-shader-stage": 8,
+    "max-compute-workgroup-storage-size": 16384,
+    "max-storage-buffer-binding-size": 1 << 27,
+    "max-buffer-size": 1 << 28,
+    "max-compute-invocations-per-workgroup": 256,
+    "max-compute-workgroup-size-x": 256,
+}
+"""Limits that every WebGPU device has."""
+
+
+class Case:
+    """A drawing on the GPU of points at one image size, and what the CPU computes for them."""
+
+    def __init__(self, gpu: Gpu, arrays: list[np.ndarray], width: int, height: int, antialias: bool = True) -> None:
+        self.gpu, self.arrays, self.size, count = gpu, arrays, (width, height), len(arrays[0])
+        K = np.array([[0.8 * width, 0, width / 2], [0, 0.8 * width, height / 2], [0, 0, 1]], np.float32)
+        pose = np.eye(4, dtype=np.float32)
+        self.drawing = drawing = Drawing(gpu)
+        drawing.set_points(np.concatenate([array.reshape(count, int(np.prod(array.shape[1:]))).T for array in arrays]))
+        drawing.set_size(width, height)
+        drawing.fit_pairs(40 * count + 16)
+        draw = uniforms.new_draw()
+        uniforms.fill_view(draw, pose, K, width, height, NEAR, antialias)
+        draw["counts"] = count, arrays[5].shape[1], 0, drawing.capacity
+        draw["numbers"][0] |= uniforms.WHOLE
+        draw["loss"][:2] = (1 - LAMBDA) / (3 * width * height), LAMBDA / (3 * width * height)
+        gpu.queue.write_buffer(drawing.buffers["draw"], 0, draw.tobytes())
+        self.target = np.random.default_rng(1).integers(0, 256, (height, width, 4)).astype(np.uint8)
+        self.target[..., 3] = 0
+        self.buffers = drawing.alone() | {"pictures": gpu.upload(self.target), "gains": gpu.upload(GAIN)}
+        self.view = project.Pinhole(pose, K, width, height, NEAR, project.FINE_BLUR if antialias else project.BLUR)
+
+    def run(self) -> None:
+        recording = self.gpu.record()
+        self.drawing.record_pairs(recording, self.buffers)
+        self.drawing.record_image(recording, self.buffers)
+        self.drawing.record_loss(recording, self.buffers)
+        self.drawing.record_splat_gradients(recording, self.buffers)
+        self.drawing.record_point_gradients(recording, self.buffers)
+        recording.submit()
+
+    def read(self, name: str, dtype: type, *shape: int) -> np.ndarray:
+        return self.gpu.read(self.drawing.buffers[name], dtype, shape)
+
+    def check(self) -> None:
+        """Compare everything that was computed with the CPU."""
+        (width, height), count = self.size, len(self.arrays[0])
+        center = np.zeros(3, np.float32)
+        moment = deform.DeformedPoints(*self.arrays, *NONE)
+        opacities, seen = deform.forward(moment, center, self.view)
+        bins = binning.bin_splats(seen.means2d, seen.conics, opacities, seen.depths, seen.radii, width, height)
+        image, alpha = rasterize.forward(bins, seen.colors)
+        target = np.ascontiguousarray(self.target[..., :3])
+        loss = similarity.loss_and_gradient(image, target, LAMBDA, GAIN)
+        nothing = np.zeros_like(alpha)
+        slopes = rasterize.backward(bins, seen.colors, image, loss.d_image, alpha, nothing)
+        expected = deform.backward(moment, seen, center, self.view, *slopes[:2], slopes.colors, slopes.opacities)
+
+        first = self.read("first", np.uint32, count + 1)
+        offsets = self.read("tile_offsets", np.uint32, len(bins.offsets))
+        pairs = int(first[-1])
+        assert abs(pairs - int(bins.first[-1])) <= 1e-3 * pairs  # rounding may move a border of a splat
+        keys, owners = self.read("keys", np.uint32, pairs, 2), self.read("owners", np.uint32, pairs)
+        for tile in range(len(offsets) - 1):
+            ordered = keys[offsets[tile] : offsets[tile + 1]].astype(np.int64)
+            assert np.all(np.diff(ordered[:, 0] * 2**32 + ordered[:, 1]) > 0)
+        if pairs == bins.first[-1] and np.array_equal(offsets, bins.offsets):
+            assert np.mean(owners[keys[:, 1]] != bins.ids) < 1e-2 if pairs else True
+        drawn = self.read("image", np.float32, height, width, 4)
+        np.testing.assert_allclose(drawn[..., :3], image, atol=2e-4)
+        np.testing.assert_allclose(drawn[..., 3], alpha, atol=2e-4)
+        close(self.read("d_image", np.float32, height, width, 4)[..., :3], loss.d_image, 1e-4)
+        sums = self.read("sums", np.float32, len(offsets) - 1, 5).sum(0, dtype=np.float64)
+        found = LAMBDA + (1 - LAMBDA) / image.size * sums[1] - LAMBDA / image.size * sums[0]
+        assert found == pytest.approx(loss.loss, rel=1e-5)
+        np.testing.assert_allclose(sums[2:], loss.d_gain, rtol=1e-3, atol=1e-6)
+        splats = self.read("d_splats", np.float32, count, 12)
+        for columns, value in (
+            (slice(0, 2), slopes.means2d),
+            (slice(6, 9), slopes.colors),
+            (slice(9, 11), slopes.absolute),
+        ):
+            close(splats[:, columns], value, 1e-4)
+        gradients = self.read("gradients", np.float32, self.drawing.columns, count)
+        start = 0
+        for value in expected[:6]:
+            width_ = int(np.prod(value.shape[1:]))
+            close(gradients[start : start + width_].T.reshape(value.shape), value, 1e-4)
+            start += width_
+
+
+def close(found: np.ndarray, expected: np.ndarray, tolerance: float) -> None:
+    """Compare the largest difference with the norm, since a pixel at the limit of an alpha may change a single gradient."""
+    size = float(np.linalg.norm(expected))
+    assert float(np.linalg.norm(found - expected)) <= tolerance * size + 1e-9
+
+
+SLOW = pytest.mark.slow  # kernels are compiled anew for each size
+
+
+@pytest.mark.parametrize("group", [64, pytest.param(128, marks=SLOW), pytest.param(256, marks=SLOW)])
+@pytest.mark.parametrize("subgroups", [True, pytest.param(False, marks=SLOW)], ids=["subgroups", "shared memory"])
+def test_kernels_are_those_of_the_cpu(group: int, subgroups: bool) -> None:
+    """A ragged image size, with workgroups and subgroups of several sizes."""
+    case = Case(software_gpu(group, subgroups), points(600), 53, 37)
+    case.run()
+    case.check()
+
+
+@pytest.mark.parametrize(
+    ("count", "width", "height", "bands"), [(0, 16, 16, 15), (1, 7, 5, 0), (2, 17, 33, 3), (65, 80, 16, 8)]
+)
+def test_few_points_and_odd_images(count: int, width: int, height: int, bands: int) -> None:
+    case = Case(software_gpu(), points(count, 2, bands, 0.3), width, height, antialias=False)
+    case.run()
+    case.check()
+
+
+def test_a_tile_with_more_pairs_than_shared_memory_holds_is_sorted() -> None:
+    """All points are in one tile."""
+    arrays = points(3000, 3, 0, 0.01)
+    arrays[0][:, 2] = np.random.default_rng(5).permutation(np.linspace(1, 6, 3000)).astype(np.float32)
+    case = Case(software_gpu(), arrays, 16, 16)
+    case.run()
+    assert int(case.read("first", np.uint32, 3001)[-1]) > 1024
+    case.check()
+
+
+@pytest.mark.slow
+def test_many_points() -> None:
+    arrays = points(200_000, 4, 0, 1.5)
+    arrays[2] -= 1.5
+    case = Case(software_gpu(), arrays, 64, 48)
+    case.run()
+    case.check()
+
+
+@pytest.mark.parametrize("length", [1, 255, 257, 70_001])
+def test_sums_of_any_length(length: int) -> None:
+    """Sums over one workgroup, over several, and over more blocks than a workgroup has threads."""
+    gpu = software_gpu()
+    drawing, values = Drawing(gpu), np.random.default_rng(length).integers(0, 9, length).astype(np.uint32)
+    buffer, recording = gpu.upload(values), gpu.record()
+    drawing.record_scan(recording, buffer, length)
+    recording.submit()
+    found = gpu.read(buffer, np.uint32, (length,))
+    np.testing.assert_array_equal(found, np.cumsum(values) - values)
+
+
+def test_more_pairs_than_fit_are_reported() -> None:
+    case = Case(software_gpu(), points(300, 6, 0, 0.2), 48, 32)
+    needed = binning_pairs(case)
+    case.drawing.capacity = 5
+    draw = uniforms.new_draw()
+    draw["counts"][3] = 5
+    offset = uniforms.DRAW.fields["counts"][1] + 12
+    case.gpu.queue.write_buffer(case.drawing.buffers["draw"], offset, np.array([5], np.uint32).tobytes())
+    case.run()
+    assert case.drawing.needed_pairs() == pytest.approx(needed, rel=0.01)
+    case.drawing.grow(needed)
+    assert case.drawing.capacity >= needed
+    assert case.drawing.needed_pairs() == 0
+
+
+def binning_pairs(case: Case) -> int:
+    moment = deform.DeformedPoints(*case.arrays, *NONE)
+    opacities, seen = deform.forward(moment, np.zeros(3, np.float32), case.view)
+    return int(binning.bin_splats(*seen[:2], opacities, seen.depths, seen.radii, *case.size).first[-1])
+
+
+@pytest.mark.parametrize(
+    ("array", "value"), [(0, np.nan), (1, np.inf), (2, np.nan), (3, np.nan), (4, -np.inf), (5, np.nan)]
+)
+def test_values_that_are_not_finite_are_found(array: int, value: float) -> None:
+    arrays = points(40)
+    arrays[array].reshape(-1)[5] = value
+    case = Case(software_gpu(), arrays, 24, 24)
+    case.run()
+    assert case.read("status", np.uint32, 2)[1] == 1
+
+
+@pytest.mark.slow
+def test_the_smallest_limits_of_webgpu_are_enough() -> None:
+    """An adapter that grants no more than every WebGPU device has."""
+    gpu = Gpu(software_adapter(), group=256, subgroups=False, limits=SMALLEST)
+    assert {name: gpu.device.limits[name] for name in SMALLEST} == SMALLEST
+    case = Case(gpu, points(200), 40, 24)
+    case.run()
+    case.check()
+    with pytest.raises(GpuError, match="may have 134 MB"):
+        gpu.zeros(1 << 28, "the images")
+
+
+def test_uniforms_have_the_layout_of_the_kernels() -> None:
+    """The last field of a block arrives where the kernels read it."""
+    source = """// reads the end of the block
+@group(0) @binding(0) var<uniform> draw: Draw;
+@group(0) @binding(1) var<storage, read_write> found: array<vec4f>;
+@compute @workgroup_size(1) fn main() { found[0] = draw.adam[9]; found[1] = draw.weights[7]; found[2] = draw.meters; }"""
+    from splatreel.gpu.device import read_shader
+
+    gpu = software_gpu()
+    module = gpu.device.create_shader_module(code=f"const GROUP = 64u;\n{read_shader('common')}\n{source}")
+    pipeline = gpu.device.create_compute_pipeline(layout="auto", compute={"module": module, "entry_point": "main"})
+    draw = uniforms.new_draw()
+    draw["adam"][9], draw["weights"][7], draw["meters"] = (1, 2, 3, 4), (5, 6, 7, 8), (9, 10, 11, 12)
+    buffers = {0: gpu.uniform(draw), 1: gpu.zeros(48)}
+    entries = [{"binding": number, "resource": {"buffer": buffer}} for number, buffer in buffers.items()]
+    encoder = gpu.device.create_command_encoder()
+    computing = encoder.begin_compute_pass()
+    computing.set_pipeline(pipeline)
+    computing.set_bind_group(0, gpu.device.create_bind_group(layout=pipeline.get_bind_group_layout(0), entries=entries))
+    computing.dispatch_workgroups(1)
+    computing.end()
+    gpu.queue.submit([encoder.finish()])
+    np.testing.assert_array_equal(gpu.read(buffers[1], np.float32, (12,)), np.arange(1, 13))

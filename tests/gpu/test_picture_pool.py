@@ -1,0 +1,51 @@
+"""The cache of training images on the device."""
+
+import numpy as np
+import pytest
+
+from splatreel.base.errors import GpuError
+from splatreel.gpu.picture_pool import PicturePool
+from tests.gpu.software import software_gpu
+
+WIDTH, HEIGHT = 8, 4
+
+
+def image(number: int) -> np.ndarray:
+    return np.full((HEIGHT, WIDTH, 4), number, np.uint8)
+
+
+def content(pool: PicturePool, frame: int, loaded: list[int]) -> int:
+    """Return the value that fills an image on the device. loaded: gets the frames that were copied there."""
+
+    def load() -> np.ndarray:
+        loaded.append(frame)
+        return image(frame)
+
+    buffer, first = pool.get(frame, 0, load)
+    pixels = software_gpu().read(buffer, np.uint8, (4 * (first + WIDTH * HEIGHT),))[4 * first :]
+    assert len(set(pixels.tolist())) == 1
+    return int(pixels[0])
+
+
+def test_the_image_that_was_not_used_for_the_longest_time_is_replaced() -> None:
+    pool, loaded = PicturePool(software_gpu(), WIDTH, HEIGHT, 5, bound=3 * 4 * WIDTH * HEIGHT), list[int]()
+    pool._in_buffer = 1  # each image in a buffer of its own
+    for frame in (0, 1, 2, 0, 3, 0, 1):
+        assert content(pool, frame, loaded) == frame
+    assert loaded == [0, 1, 2, 3, 1]
+
+
+def test_where_memory_is_short_fewer_images_stay(monkeypatch: pytest.MonkeyPatch) -> None:
+    gpu, loaded = software_gpu(), list[int]()
+    pool = PicturePool(gpu, WIDTH, HEIGHT, 5)
+    pool._in_buffer = 1
+    assert content(pool, 0, loaded) == 0
+
+    def full(nbytes: int, label: str = "") -> None:
+        raise GpuError("no room")
+
+    monkeypatch.setattr(gpu, "zeros", full)
+    assert [content(pool, frame, loaded) for frame in (1, 0)] == [1, 0]
+    assert loaded == [0, 1, 0]
+    with pytest.raises(GpuError, match="no room"):
+        PicturePool(gpu, WIDTH, HEIGHT, 5).get(0, 0, lambda: image(0))

@@ -1,0 +1,348 @@
+"""Whole iterations on a (software) GPU against those on the CPU."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from splatreel.base.errors import GaussiansError, GpuError
+from splatreel.base.progress import Silent
+from splatreel.config import Config, preset
+from splatreel.config.settings import changed
+from splatreel.gpu.shared import SharedGpu
+from splatreel.kernels.image import render_image
+from splatreel.method.cameras.color_gains import CameraGains
+from splatreel.method.cameras.time_offsets import TimeOffsets
+from splatreel.method.deform.adam import Adam
+from splatreel.method.tracking.tracking import GroupStart
+from splatreel.method.train import gpu_program
+from splatreel.method.train.group import GroupTrainer
+from splatreel.method.train.keyframe import KeyframeTrainer
+from splatreel.method.train.losses import CHAPTER_KEYFRAME, KEYFRAME, Loss, photometric
+from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.points import TrainablePoints, default_rates
+from splatreel.method.train.render import View
+from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.static_points import StaticPoints
+from tests.gpu.software import SoftwareGpu
+from tests.method.scenes import ring
+
+CPU, NEAR, UNIT, FRAMES = torch.device("cpu"), 0.1, 4.0, 5
+CAMERAS = ring(4, width=48, height=32)
+CLOSE = 1e-4
+"""Relative difference of gradients, summed over an iteration with its own rounding."""
+SURFACES_CLOSE = 3e-3
+"""The same with the losses of surfaces: variances are small differences of large numbers, signs of tiny bends are chance, and unknown
+pixels repeat a drawing that is rounded to 8 bits."""
+
+
+class Notes(Silent):
+    def __init__(self) -> None:
+        self.notes: list[str] = []
+
+    def note(self, text: str) -> None:
+        self.notes.append(text)
+
+
+def scattered(count: int, low: list[float], high: list[float], seed: int, bands: int = 4) -> Gaussians:
+    """Return oblong points with view-dependent colors."""
+    rng = np.random.default_rng(seed)
+    quats, sh = rng.normal(size=(count, 4)), rng.normal(0, 0.1, (count, bands, 3))
+    sh[:, 0] = rng.uniform(-1, 1.5, (count, 3))
+    return Gaussians(
+        rng.uniform(low, high, (count, 3)),
+        quats / np.linalg.norm(quats, axis=1, keepdims=True),
+        np.exp(rng.normal(-2.0, 0.4, (count, 3))),
+        rng.uniform(0.3, 0.9, count),
+        sh,
+    )
+
+
+WALL = scattered(300, [-3, -2, 0.9], [3, 2, 1.0], 0)
+THING = scattered(70, [-0.8, -0.6, -0.4], [0.2, 0.6, 0.2], 1)
+
+
+def moved(points: Gaussians, frame: float) -> Gaussians:
+    return replace(points, means=(points.means + np.array([0.06 * frame, 0, 0])).astype(np.float32))
+
+
+def pictures(count: int, antialias: bool = True, background: bool = True, unknown: bool = False) -> Pictures:
+    scenes = [Gaussians.concatenate([WALL, moved(THING, frame)]) for frame in range(count)]
+    images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
+    pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
+    views = [View.of(camera, CPU, antialias) for camera in CAMERAS]
+    if background:
+        views = [replace(view, background=torch.tensor([0.2, 0.1, 0.3])) for view in views]
+    mask = None
+    if unknown:
+        mask = torch.zeros(len(CAMERAS), *pixels.shape[2:4], dtype=torch.bool)
+        mask[:, 3:9, 5:30] = True
+    return Pictures(pixels, views, NEAR, UNIT, mask)
+
+
+def camera_gains(enabled: bool) -> CameraGains:
+    gains = CameraGains(len(CAMERAS), CPU, enabled)
+    gains.load(torch.tensor([[0.95, 1.0, 1.02], [1.05, 1.0, 0.98], [0.97, 1.01, 1.0], [1.03, 0.99, 1.0]]))
+    return gains
+
+
+def group_config(**changes: object) -> Config:
+    settings = {
+        "group.length": FRAMES,
+        "group.overlap": 0,
+        "group.iterations_per_frame": 8,
+        "group.coarse_share": 0.25,
+        "layering.adapt_every": 10,
+    }
+    return changed(preset("standard"), settings | changes)
+
+
+def group_trainer(gpu: SharedGpu | None, config: Config | None = None, static: Gaussians = WALL) -> GroupTrainer:
+    rng = np.random.default_rng(3)
+    paths = np.stack([moved(THING, frame).means for frame in range(FRAMES)])
+    tracks = (paths + rng.normal(0, 0.01, paths.shape)).astype(np.float32)
+    offsets = TimeOffsets(len(CAMERAS))
+    offsets.load(np.array([0.1, -0.2, 0.15, -0.05]))
+    return GroupTrainer(
+        pictures(FRAMES),
+        GroupStart(THING, tracks),
+        StaticPoints(static, np.ones(len(static), bool)),
+        config or group_config(),
+        gains=camera_gains(False),
+        time_offsets=offsets,
+        gpu=gpu,
+    )
+
+
+def keyframe_trainer(gpu: SharedGpu | None, losses=KEYFRAME, static: Gaussians | None = None, **changes: object):
+    start = THING if static is not None else Gaussians.concatenate([WALL, THING])
+    noise = np.random.default_rng(4).normal(0, 0.02, start.means.shape)
+    start = replace(start, means=(start.means + noise).astype(np.float32))
+    points = TrainablePoints.from_gaussians(start, default_rates(UNIT, 4.0), CPU)
+    config = changed(preset("standard"), {"keyframe.densify_every": 10, **changes}).keyframe
+    return KeyframeTrainer(points, camera_gains(True), config, static=static, max_points=600, losses=losses, gpu=gpu)
+
+
+def difference(found: Adam, expected: Adam) -> float:
+    """Return the relative difference of the first moments: of the gradients so far."""
+    assert found.tensor.shape == expected.tensor.shape
+    assert found.steps == expected.steps
+    size = float(expected.mean.norm())
+    return float((found.mean - expected.mean).norm()) / size if size > 1e-9 else float(found.mean.norm())
+
+
+def group_adams(trainer: GroupTrainer) -> dict[str, Adam]:
+    points = trainer.points
+    assert points.appearance is not None
+    nodes, motion = points.deformation.adams  # type: ignore[union-attr]
+    return points.canonical.adams | {"nodes": nodes, "motion": motion, "appearance": points.appearance.adam}
+
+
+def test_an_iteration_of_a_group_is_that_of_the_cpu() -> None:
+    """Offsets, projection, order among static points, loss, all gradients, rigidity, smoothness and Adam."""
+    config = group_config(**{"group.coarse_share": 0.0, "group.progressive_share": 0.0})
+    trainers = [group_trainer(gpu, config) for gpu in (SoftwareGpu(), None)]
+    device, host = trainers
+    for trainer in trainers:  # no value is so close to 0 that its sign is chance
+        rng = np.random.default_rng(5)
+        for name in ("nodes", "motion", "appearance"):
+            values = group_adams(trainer)[name].tensor.detach()
+            values.add_(torch.from_numpy(rng.normal(0, 0.02, values.shape).astype(np.float32)))
+    device._start_program(Silent())
+    assert device.program is not None
+    for iteration, parts in ((0, "rigidity, gradients of static points"), (1, "smoothness"), (49, "the whole image")):
+        for trainer in trainers:
+            trainer.rng, trainer.schedule.rng = np.random.default_rng(iteration), np.random.default_rng(iteration)
+            trainer.schedule._round.clear()
+        draw = device._plan(iteration)
+        draw = replace(draw, metered=True, metered_static=iteration == 0)
+        device.program.neighbors = host.neighbors
+        device.program.upload()
+        outcome = device.program.run([draw])[0]
+        device.program.give_meters()
+        device.program.download()
+        host.density.measures = lambda _: True
+        host.density.restart()
+        loss = host.step(iteration)
+        assert outcome.loss == pytest.approx(float(loss), rel=CLOSE), parts
+        found, expected = group_adams(device), group_adams(host)
+        for name, adam in expected.items():
+            assert difference(found[name], adam) < CLOSE, (parts, name)
+            adam.rewrite(lambda rows: rows, lambda rows: rows)
+        meter = host.density.moving_meter
+        torch.testing.assert_close(device.density.moving_meter.sum, meter.sum, rtol=1e-3, atol=1e-6)
+        torch.testing.assert_close(device.density.moving_meter.seen, meter.seen)
+        if iteration == 0:
+            chosen = host.density.convertible
+            measured = device.density.static_meter.sum[chosen]
+            torch.testing.assert_close(measured, host.density.static_meter.sum[chosen], rtol=1e-3, atol=1e-6)
+        camera, slope = host.time_offsets._pending.pop()
+        assert (camera, outcome.slope) == (draw.camera, pytest.approx(float(slope), rel=1e-2, abs=1e-7))
+        for name, adam in expected.items():  # the same state for the next iteration
+            with torch.no_grad():
+                found[name].tensor.detach().copy_(adam.tensor)
+                found[name].mean.copy_(adam.mean)
+                found[name].square.copy_(adam.square)
+
+
+@pytest.mark.parametrize(
+    ("losses", "static", "unknown"),
+    [(KEYFRAME, False, False), (KEYFRAME, False, True), (CHAPTER_KEYFRAME, True, False)],
+    ids=["first", "with unknown pixels", "before static points"],
+)
+def test_an_iteration_of_a_keyframe_is_that_of_the_cpu(losses, static: bool, unknown: bool) -> None:
+    """Losses of surfaces and opacity, color gains, absolute gradients and steps scaled by distance."""
+    shown = pictures(1, unknown=unknown)
+    trainers = [keyframe_trainer(gpu, losses, WALL if static else None) for gpu in (SoftwareGpu(), None)]
+    caches = [trainer._static_cache(shown) for trainer in trainers]
+    for trainer, cache in zip(trainers, caches, strict=True):
+        trainer.density.restart(shown)
+        trainer.density.distances = torch.linspace(1, 3, len(trainer.points))
+        trainer._start_program(shown, cache, Silent())
+    device, host = trainers
+    assert device.program is not None
+    camera, total = 2, 100
+    for done in (0, 64, 66) if not static else (0, 65):
+        whole = not static or done % 4 == 0
+        host.done = done
+        host._anneal(done / total)
+        loss, drawing = host.step(shown, camera, caches[1], done / total)
+        host.density.measure(0.0, drawing, shown.views[camera])
+        device.done = done
+        device._cameras = [camera]
+        draw = replace(device._plan(shown, done, total, _NoMean()), whole=whole, metered=True)
+        outcome = device.program.run([draw])[0]
+        device.program.give_meters()
+        device.program.download()
+        assert outcome.loss == pytest.approx(float(loss), rel=CLOSE)
+        for name, adam in host.points.adams.items():
+            assert difference(device.points.adams[name], adam) < (SURFACES_CLOSE if done else CLOSE), (done, name)
+        torch.testing.assert_close(device.gains.values, host.gains.values, rtol=0, atol=2e-5)
+        measured = host.density.meter.sum
+        assert float((device.density.meter.sum - measured).norm()) < SURFACES_CLOSE * float(measured.norm())
+        _align(device, host)
+        device.program.upload()
+        device.density.restart(shown)
+        host.density.restart(shown)
+        for trainer in trainers:
+            trainer.density.distances = torch.linspace(1, 3, len(trainer.points))
+
+
+class _NoMean:
+    """Stands in for `Average`: no iteration is a sample."""
+
+    def next_weight(self, done: int) -> float:
+        return 0.0
+
+
+def _align(device: KeyframeTrainer, host: KeyframeTrainer) -> None:
+    """Give the device's trainer the exact state of the other one, so that rounding does not add up."""
+    for name, adam in host.points.adams.items():
+        other = device.points.adams[name]
+        with torch.no_grad():
+            other.tensor.detach().copy_(adam.tensor)
+            other.mean.copy_(adam.mean)
+            other.square.copy_(adam.square)
+    device.gains.load(host.gains.values)
+
+
+def test_a_batch_runs_again_where_its_pairs_did_not_fit(monkeypatch: pytest.MonkeyPatch) -> None:
+    trainer = group_trainer(SoftwareGpu())
+    trainer._start_program(Silent())
+    program = trainer.program
+    assert program is not None
+    draws = [trainer._plan(iteration) for iteration in range(3)]
+    before = {name: adam.tensor.detach().clone() for name, adam in group_adams(trainer).items()}
+    expected = program.run(draws)
+    for adam in group_adams(trainer).values():
+        adam.steps -= len(draws)
+    for name, adam in group_adams(trainer).items():
+        torch.testing.assert_close(adam.tensor.detach(), before[name], rtol=0, atol=0)  # the host is as it was
+    program.upload()
+    program.drawing.capacity = 16  # far too few
+    monkeypatch.setattr(gpu_program, "FIRST_PAIRS", 0)
+    np.testing.assert_allclose(program.run(draws), expected, rtol=1e-5)
+    assert program.drawing.capacity > 16
+
+
+def test_nan_returns_to_the_last_good_state(monkeypatch: pytest.MonkeyPatch) -> None:
+    trainer = group_trainer(SoftwareGpu())
+    trainer._start_program(Silent())
+    program = trainer.program
+    assert program is not None
+    with torch.no_grad():
+        trainer.points.canonical.adams["log_scales"].tensor[3, 1] = torch.nan
+    program.upload()
+    with pytest.raises(GaussiansError, match="not finite"):
+        program.run([trainer._plan(0)])
+    with torch.no_grad():
+        trainer.points.canonical.adams["log_scales"].tensor[3, 1] = -2.0
+    program.upload()
+    assert np.isfinite(program.run([trainer._plan(1)])[0].loss)
+
+
+def fail_at(program: object, call: int) -> Callable[..., object]:
+    """Return a `run` that loses the device at a call."""
+    original, calls = program.run, []  # type: ignore[attr-defined]
+
+    def run(draws: object) -> object:
+        calls.append(draws)
+        if len(calls) == call:
+            raise GpuError("llvmpipe: the device was lost.")
+        return original(draws)
+
+    return run
+
+
+def test_a_group_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    notes, gpu = Notes(), SoftwareGpu()
+    trainer = group_trainer(gpu)
+    start = trainer._start_program
+
+    def start_and_fail(progress: Silent) -> None:
+        start(progress)
+        monkeypatch.setattr(trainer.program, "run", fail_at(trainer.program, 3))
+
+    monkeypatch.setattr(trainer, "_start_program", start_and_fail)
+    result = trainer.train(notes)
+    assert np.isfinite(result.dx).all()
+    assert any("training continues on the CPU from iteration 0" in note for note in notes.notes)
+    assert gpu.open() is None, "later trainings of the process do not try again"
+
+
+def test_a_keyframe_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
+    notes, trainer = Notes(), keyframe_trainer(SoftwareGpu())
+    start = trainer._start_program
+
+    def start_and_fail(*arguments: object) -> None:
+        start(*arguments)
+        monkeypatch.setattr(trainer.program, "run", fail_at(trainer.program, 2))
+
+    monkeypatch.setattr(trainer, "_start_program", start_and_fail)
+    trainer.train(pictures(1), 40, 40, notes)
+    assert trainer.done == 40
+    assert any("training continues on the CPU" in note for note in notes.notes)
+
+
+def test_what_the_kernels_do_not_compute_is_trained_on_the_cpu() -> None:
+    notes, other = Notes(), (Loss("photometric", photometric), Loss("again", photometric))
+    trainer = keyframe_trainer(SoftwareGpu(), other)
+    trainer.train(pictures(1), 3, 3, notes)
+    assert notes.notes == ["this keyframe is trained on the CPU: its losses are not among those that the GPU computes"]
+    trainer = group_trainer(SoftwareGpu(), group_config(**{"group.tracks": False, "group.deformation": "hashgrid"}))
+    trainer._start_program(notes)
+    assert notes.notes[-1] == "this group is trained on the CPU: the hash grid runs on the CPU or with CUDA"
+
+
+@pytest.mark.slow
+def test_a_group_trains_as_well_as_on_the_cpu() -> None:
+    """Density control converts, clones and prunes; images change their size; time offsets are learned."""
+    results = [group_trainer(gpu) for gpu in (SoftwareGpu(), None)]
+    for trainer in results:
+        trainer.train(Silent())
+    device, host = (trainer.psnr() for trainer in results)
+    assert device == pytest.approx(host, abs=0.3)
+    counts = [len(trainer.points) for trainer in results]
+    assert abs(counts[0] - counts[1]) <= 0.1 * counts[1]
