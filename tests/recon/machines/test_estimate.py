@@ -7,9 +7,9 @@ import torch
 
 from splatreel.recon.machines.estimate import estimate, moving_share
 from splatreel.recon.machines.scaling import Division
+from splatreel.recon.run.costs import facing
 from splatreel.recon.run.machine_speed import MachineSpeed
 from splatreel.recon.run.memory import needed_memory
-from splatreel.recon.run.costs import facing
 from splatreel.scene.camera import Camera
 from splatreel.scene.spans import chapter_spans, group_spans
 from tests.recon.captures import WallCapture

@@ -48,7 +48,7 @@ from splatreel.recon.run.job import Job
 from splatreel.recon.run.memory import check_memory
 from splatreel.recon.run.requirements import check_capture, check_networks
 from splatreel.recon.run.run_lock import RunLock
-from splatreel.recon.run.run_record import recorded_settings
+from splatreel.recon.run.run_record import recorded_settings, run_record
 from splatreel.recon.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -101,7 +101,7 @@ def reconstruct_following(
     check_memory(capture, config)
     config = with_former_defaults(config, recorded_settings(Path(out) / "work")).for_video(0)
     chosen, progress = pick_device(device), progress or Silent()
-    with RunLock(Path(out), capture, config, sound) as lock:
+    with RunLock(Path(out), run_record(capture, config, sound)) as lock:
         run = _LiveRun(follower, config, live, chosen, progress, Store(lock.work))
         first = next(iter(run.spans(0)), None)
         if first is None:
