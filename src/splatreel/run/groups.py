@@ -8,10 +8,10 @@ import torch
 from splatreel.capture.base import Capture
 from splatreel.capture.prefetch import FramePrefetcher
 from splatreel.codec.preview import remove_previews
+from splatreel.method.algorithm import Handover, hand_over, reconstruct_group
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.init.layout import Layout
 from splatreel.method.train.group import GroupResult
-from splatreel.run.algorithm import Handover, hand_over, reconstruct_group
 from splatreel.run.device import check_room
 from splatreel.run.job import Job
 from splatreel.run.output.group_output import Output

@@ -13,8 +13,8 @@ from splatreel.capture.opening import CaptureSource
 from splatreel.codec.preview import remove_previews
 from splatreel.config import Config
 from splatreel.config.records import with_former_defaults
+from splatreel.method.algorithm import Handover
 from splatreel.method.init.layout import check_region
-from splatreel.run.algorithm import Handover
 from splatreel.run.device import pick_device
 from splatreel.run.groups import reconstruct_groups
 from splatreel.run.jobs import ChapteredRun, ChapterReelWriter, chapter_job, scene_job

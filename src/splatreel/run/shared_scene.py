@@ -11,13 +11,13 @@ from splatreel.codec.encoder import ReelEncoder
 from splatreel.method.cameras.exposure import measure_exposure, remove_exposure
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
+from splatreel.method.encode.compression import Coding, compress_layer
 from splatreel.method.images.clean_plates import CleanPlates, clean_plates
 from splatreel.method.init.initial_points import initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure
 from splatreel.method.layering.lift import shares
 from splatreel.method.train.keyframe import KeyframeResult
 from splatreel.method.train.training import train_first_keyframe
-from splatreel.run.encode.compression import Coding, compress_layer
 from splatreel.run.job import Job
 from splatreel.run.output.soundtrack import Soundtrack
 from splatreel.run.preparation import check_cameras, check_region_holds, report_coverage, save_header

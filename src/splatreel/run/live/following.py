@@ -20,12 +20,12 @@ from splatreel.codec.predictive.precision import STEPS
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config
 from splatreel.config.records import with_former_defaults
+from splatreel.method.algorithm import Handover
 from splatreel.method.cameras.rig import Rig
+from splatreel.method.encode.compression import CompressedGroup, CompressedLayer
 from splatreel.method.encode.importance import group_importance, weigh
 from splatreel.method.init.layout import Layout
-from splatreel.run.algorithm import Handover
 from splatreel.run.device import pick_device
-from splatreel.run.encode.compression import CompressedGroup, CompressedLayer
 from splatreel.run.groups import restore_group, run_group
 from splatreel.run.job import Job
 from splatreel.run.live.lateness import Lateness, WhenLate
@@ -48,7 +48,7 @@ from splatreel.run.pipeline import Result
 from splatreel.run.preparation import prepare, save_header
 from splatreel.run.requirements import check_capture, check_networks
 from splatreel.run.run_lock import RunLock
-from splatreel.run.run_record import recorded_settings
+from splatreel.run.run_record import recorded_settings, run_record
 from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -101,7 +101,7 @@ def reconstruct_following(
     check_memory(capture, config)
     config = with_former_defaults(config, recorded_settings(Path(out) / "work")).for_video(0)
     chosen, progress = pick_device(device), progress or Silent()
-    with RunLock(Path(out), capture, config, sound) as lock:
+    with RunLock(Path(out), run_record(capture, config, sound)) as lock:
         run = _LiveRun(follower, config, live, chosen, progress, Store(lock.work))
         first = next(iter(run.spans(0)), None)
         if first is None:

@@ -10,7 +10,7 @@ from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
-from splatreel.run.encode.compression import Coding, CompressedGroup, CompressedLayer
+from splatreel.method.encode.compression import Coding, CompressedGroup, CompressedLayer
 from splatreel.run.output.group_writer import GroupWriter, PresentationHook
 from splatreel.run.store import Store, StoredGroup, StoredLayer
 from splatreel.scene.group import Group

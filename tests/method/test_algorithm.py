@@ -9,12 +9,12 @@ import torch
 from splatreel.base.progress import Progress, Silent
 from splatreel.codec.encoder import ReelEncoder
 from splatreel.config import Config
+from splatreel.method.algorithm import Handover, reconstruct_group, renew_static
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
+from splatreel.method.encode.compression import Coding
 from splatreel.method.layering.labels import Layers, RelitPoints
 from splatreel.method.train.single_frame import lay_out
-from splatreel.run.algorithm import Handover, reconstruct_group, renew_static
-from splatreel.run.encode.compression import Coding
 from splatreel.run.output.group_writer import header_of
 from splatreel.run.steps import STEPS
 from splatreel.scene.gaussians import Gaussians

@@ -23,12 +23,12 @@ from splatreel.method.cameras.exposure import (
 )
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Poses, Rig, check_later_poses, report_offsets
+from splatreel.method.encode.compression import Coding, compress_group, compress_layer
 from splatreel.method.layering.labels import Layers, find_layers
 from splatreel.method.tracking.tracking import GroupStart, VelocityPrior, track
 from splatreel.method.train.chapter_keyframe import start_chapter
 from splatreel.method.train.keyframe import KeyframeResult
 from splatreel.method.train.training import KeyframeWatch, refine_keyframe, train_first_keyframe, train_group
-from splatreel.run.encode.compression import Coding, compress_group, compress_layer
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.static_points import StaticPoints
