@@ -21,7 +21,7 @@ def enter(tmp_path: Path, changes: dict[str, Any]) -> None:
     (tmp_path / "work").mkdir(exist_ok=True)
     record = run_record(capture, config, "auto") | changes
     (tmp_path / "work" / "run.json").write_text(json.dumps(record))
-    with RunLock(tmp_path, capture, config):
+    with RunLock(tmp_path, run_record(capture, config, "auto")):
         pass
 
 

@@ -8,6 +8,7 @@ import pytest
 from splatreel.base.errors import InUseError
 from splatreel.config import Config
 from splatreel.run.run_lock import RunLock, lock_reel
+from splatreel.run.run_record import run_record
 from tests.method.captures import WallCapture
 from tests.windows import simulate_windows_locks
 
@@ -17,13 +18,13 @@ pytestmark = pytest.mark.skipif(os.name != "posix", reason="simulates Windows")
 def test_windows_refuses_a_second_run_in_a_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Windows has no fcntl, and its locks are those of msvcrt."""
     simulate_windows_locks(monkeypatch)
-    capture = WallCapture(2)
-    with RunLock(tmp_path / "out", capture, Config()):
+    record = run_record(WallCapture(2), Config(), "auto")
+    with RunLock(tmp_path / "out", record):
         with pytest.raises(InUseError, match="another process is reconstructing into this folder"):
-            RunLock(tmp_path / "out", capture, Config()).__enter__()
-        with RunLock(tmp_path / "out", capture, Config(), part="chapter0001"):
+            RunLock(tmp_path / "out", record).__enter__()
+        with RunLock(tmp_path / "out", record, part="chapter0001"):
             pass
-    with RunLock(tmp_path / "out", capture, Config()):
+    with RunLock(tmp_path / "out", record):
         pass
 
 

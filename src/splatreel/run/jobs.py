@@ -10,6 +10,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
+from typing import Any
 
 import torch
 
@@ -31,6 +32,7 @@ from splatreel.run.output.group_writer import GroupWriter, PresentationHook, ope
 from splatreel.run.output.soundtrack import select_soundtrack
 from splatreel.run.plan import chapter_plan, scene_plan, sequence_plan
 from splatreel.run.run_lock import RunLock
+from splatreel.run.run_record import run_record
 from splatreel.run.shared_scene import load_plates, reconstruct_shared_scene, shared_rig
 from splatreel.run.store import Store
 from splatreel.scene.spans import ChapterSpan, GroupSpan, chapter_spans, group_spans
@@ -88,25 +90,35 @@ class ChapteredRun:
         subject_only = bool(self.capture.backgrounds)  # chapters share what always rests, and a subject moves
         return chapter_spans(self.groups, 0 if subject_only else self.config.chapter_frames)
 
+    @cached_property
+    def record(self) -> dict[str, Any]:
+        """Everything that decides the result."""
+        return run_record(self.capture, self.config, self.sound)
+
+    @cached_property
+    def workload(self) -> Workload:
+        """Properties of the capture that decide how long the steps take."""
+        return Workload.of(self.capture)
+
     def lock(self) -> RunLock:
         """Return the lock on the reel. For a video of one chapter it is the lock on the whole output folder."""
         reel = self.out / "reel"
         folders = (reel, *(place for place in reel.rglob("*") if place.is_dir()))
         own = None if len(self.chapters) == 1 else [(folder, "") for folder in folders]
-        return RunLock(self.out, self.capture, self.config, self.sound, "", own)
+        return RunLock(self.out, self.record, "", own)
 
     def lock_scene(self) -> RunLock:
         """Return the lock on the files of the shared scene."""
         names = (*SCENE_FILES, f"seconds-{SCENE}")
         own = [(self.store.scene.folder, ""), *((self.store.work, name) for name in names)]
-        return RunLock(self.out, self.capture, self.config, self.sound, SCENE, own)
+        return RunLock(self.out, self.record, SCENE, own)
 
     def lock_chapter(self, chapter: ChapterSpan) -> RunLock:
         """Return the lock on the files of a chapter."""
         part = chapter_name(chapter.index)
         own = [(self.store.group(span.index).folder, "") for span in chapter.groups]
         own.append((self.store.work, f"seconds-{part}"))
-        return RunLock(self.out, self.capture, self.config, self.sound, part, own)
+        return RunLock(self.out, self.record, part, own)
 
     def job(self, progress: Progress, plan: Plan, part: str = "") -> Job:
         """Return what all stages of a part of the run share."""
@@ -114,15 +126,15 @@ class ChapteredRun:
 
     def sequence_plan(self) -> Plan:
         """Return the plan of a video of one chapter."""
-        return sequence_plan(Workload.of(self.capture), self.groups, self.config)
+        return sequence_plan(self.workload, self.groups, self.config)
 
     def scene_plan(self) -> Plan:
         """Return the plan of the shared scene."""
-        return scene_plan(Workload.of(self.capture), self.config)
+        return scene_plan(self.workload, self.config)
 
     def chapter_plan(self, chapter: ChapterSpan) -> Plan:
         """Return the plan of a chapter."""
-        return chapter_plan(Workload.of(self.capture), chapter.groups, self.config)
+        return chapter_plan(self.workload, chapter.groups, self.config)
 
     def costs(self) -> list[float]:
         """Return the expected seconds of the scene and of each chapter."""

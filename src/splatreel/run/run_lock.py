@@ -6,12 +6,11 @@ import os
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 from splatreel.base.atomic import lock, open_lock, sweep
 from splatreel.base.errors import InUseError, ReconstructionError
-from splatreel.capture.base import Capture
-from splatreel.config import Config
-from splatreel.run.run_record import check_record, has_record, run_record, save_record
+from splatreel.run.run_record import check_record, has_record, save_record
 
 
 class RunLock:
@@ -22,9 +21,7 @@ class RunLock:
 
     Args:
         out: Output folder OUT.
-        capture: The capture.
-        config: Settings.
-        sound: The soundtrack, as `reconstruct` takes it.
+        record: Everything that decides the result of the run (`run_record`).
         part: Part of the run, such as chapter0003. Another process may lock another part. Empty for the reel, and for a run without
             parts.
         writes: Files of the part, as folders and beginnings of names in them; None for all files.
@@ -38,15 +35,13 @@ class RunLock:
     def __init__(
         self,
         out: Path,
-        capture: Capture,
-        config: Config,
-        sound: str = "auto",
+        record: dict[str, Any],
         part: str = "",
         writes: Iterable[tuple[Path, str]] | None = None,
     ) -> None:
         """Prepare the lock without taking it."""
         self.out, self.reel, self.work = out, out / "reel", out / "work"
-        self.record = run_record(capture, config, sound)
+        self.record = record
         self.part, self.writes = part, writes
         self._lock: int | None = None
 

@@ -47,7 +47,7 @@ from splatreel.run.pipeline import Result
 from splatreel.run.preparation import prepare, save_header
 from splatreel.run.requirements import check_capture, check_networks
 from splatreel.run.run_lock import RunLock
-from splatreel.run.run_record import recorded_settings
+from splatreel.run.run_record import recorded_settings, run_record
 from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -100,7 +100,7 @@ def reconstruct_following(
     check_memory(capture, config)
     config = with_former_defaults(config, recorded_settings(Path(out) / "work")).for_video(0)
     progress = progress or Silent()
-    with RunLock(Path(out), capture, config, sound) as lock:
+    with RunLock(Path(out), run_record(capture, config, sound)) as lock:
         run = _LiveRun(follower, config, live, device, progress, Store(lock.work))
         first = next(iter(run.spans(0)), None)
         if first is None:
