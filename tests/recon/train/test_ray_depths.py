@@ -1,15 +1,20 @@
 """Depths that several views agree on: a textured wall at a known depth, rendered too near or too far."""
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 import pytest
 import torch
 
 from splatreel.recon.train import ray_depths
+from splatreel.recon.train.error_points import points_at_errors
 from splatreel.recon.train.pictures import Pictures
+from splatreel.recon.train.points import to_params
 from splatreel.recon.train.ray_depths import RayDepths
-from splatreel.recon.train.render import View
+from splatreel.recon.train.render import View, deformed, draw
 from splatreel.scene.camera import Camera
+from tests.recon.captures import blots
 from tests.recon.scenes import ring
 
 WIDTH, HEIGHT = 96, 64
@@ -33,6 +38,9 @@ def wall(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
 
 
 IMAGES, DEPTHS = (np.stack(parts) for parts in zip(*map(wall, CAMERAS), strict=True))
+
+
+WALL = blots(1500, [-4, -3, 0.6], [4, 3, 0.6], 0.1, 0)
 
 
 def search(cameras: int = len(CAMERAS), images: np.ndarray = IMAGES, unknown: np.ndarray | None = None) -> RayDepths:
@@ -80,3 +88,20 @@ def test_rendered_depths_are_kept_where_nothing_can_be_compared() -> None:
     for tried in (search(images=plain), search(unknown=unknown), search(cameras=2)):
         np.testing.assert_allclose(tried.agreed(1, PIXELS, DEPTHS[1] * 0.93, KNOWN), rendered)
     assert len(search().agreed(1, PIXELS[:0], DEPTHS[1], KNOWN)) == 0
+
+
+def test_points_at_errors_take_the_depth_that_views_agree_on() -> None:
+    """The points so far are a plain wall, 0.4 in front of the textured one."""
+    params = to_params(replace(WALL, sh=np.zeros_like(WALL.sh)), torch.device("cpu"))
+    views = [View.of(camera, torch.device("cpu")) for camera in CAMERAS]
+    pictures = Pictures(torch.from_numpy(IMAGES)[None], views, 0.1, 4.0)
+
+    def draw_camera(camera: int):
+        splats = deformed(params, None, None, views[camera], 0.1)
+        return splats, draw(splats, views[camera]).image
+
+    rng, gains = np.random.default_rng(0), torch.ones(len(CAMERAS), 3)
+    means = points_at_errors(draw_camera, pictures, gains, 3, 200, rng)["means"].numpy()
+    central = means[np.abs(means[:, :2]).max(1) < 1.5]
+    assert len(central) > 40
+    assert np.mean(np.abs(central[:, 2] - 1) < 0.2) > 0.5, "rendered depths are 0.4 away"
