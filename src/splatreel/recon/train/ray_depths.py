@@ -28,7 +28,8 @@ NOISE = 2.5 / 255
 STEP_COST = 0.03
 """Correlation that a step away from the rendered depth must gain."""
 MIN_GAIN, MIN_CORRELATION = 0.1, 0.4
-"""A depth replaces the rendered one if its correlation is larger by `MIN_GAIN`, and at least `MIN_CORRELATION`."""
+"""A depth replaces the rendered one if its correlation is larger by `MIN_GAIN`, and at least `MIN_CORRELATION`. Measured in
+docs/experiments/2026-11-27-plain-walls.md."""
 BATCH = 4096
 """Pixels that are searched together. It bounds the memory; OpenCV samples at most 32767 rows at once."""
 SMOOTHING = 1.5
