@@ -50,7 +50,7 @@ def test_points_lie_on_the_missing_dot_with_its_color() -> None:
     assert 20 < len(means) <= 40
     near = np.linalg.norm(means[:, :2] - DOT.means[0, :2], axis=1) < 0.6
     assert near.mean() > 0.85, "errors are at the dot, and in the window of similarity around it"
-    np.testing.assert_allclose(means[:, 2], 0.9, atol=0.12, err_msg="depth of the wall, whose points have a size")
+    np.testing.assert_allclose(means[:, 2], 0.9, atol=0.3, err_msg="depth of the wall; a pixel is 0.1 wide")
     colors = C0 * found["sh_base"][:, 0] + 0.5
     assert colors.mean() > 0.6, "gray wall, bright dot"
     torch.testing.assert_close(found["logit_opacities"].sigmoid(), torch.full((len(means),), OPACITY))

@@ -66,15 +66,26 @@ def neighbor_pairs(cameras: list[Camera], neighbors: int) -> list[tuple[int, int
 
 def nearest_cameras(cameras: list[Camera], count: int) -> np.ndarray:
     """Return the nearest cameras to each camera, nearest first; [C, min(count, C - 1)] int."""
-    cost = separation(cameras)
-    np.fill_diagonal(cost, np.inf)
-    return np.argsort(cost, 1, kind="stable")[:, : min(count, len(cameras) - 1)]
+    return _nearest(separation(cameras), count)
+
+
+def nearest_poses(centers: np.ndarray, forwards: np.ndarray, count: int) -> np.ndarray:
+    """Return what `nearest_cameras` returns, for positions [C, 3] and viewing directions [C, 3]."""
+    return _nearest(_separation(centers, forwards), count)
 
 
 def separation(cameras: list[Camera]) -> np.ndarray:
     """Return how different the cameras' views are, [C, C]: distance relative to the median, plus 1 - cosine of the directions."""
-    centers = np.stack([c.center for c in cameras]).astype(np.float64)
-    forwards = np.stack([c.forward for c in cameras]).astype(np.float64)
+    return _separation(np.stack([c.center for c in cameras]), np.stack([c.forward for c in cameras]))
+
+
+def _nearest(cost: np.ndarray, count: int) -> np.ndarray:
+    np.fill_diagonal(cost, np.inf)
+    return np.argsort(cost, 1, kind="stable")[:, : min(count, len(cost) - 1)]
+
+
+def _separation(centers: np.ndarray, forwards: np.ndarray) -> np.ndarray:
+    centers, forwards = centers.astype(np.float64), forwards.astype(np.float64)
     gaps = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
     spread = np.median(gaps) or 1.0
     return gaps / spread + (1 - forwards @ forwards.T)

@@ -14,6 +14,7 @@ import torch
 from torch import Tensor
 
 from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.ray_depths import RayDepths
 from splatreel.method.train.regularizers import Depths
 from splatreel.method.train.render import Splats, View
 from splatreel.scene.gaussians import C0
@@ -39,7 +40,7 @@ def points_at_errors(
 ) -> dict[str, Tensor]:
     """Return new points in random pixels. The probability of a pixel is its absolute error times its loss of similarity (1 - SSIM).
 
-    A point takes the rendered depth and the color of its pixel.
+    A point takes the color of its pixel, and the depth that neighboring views agree on (`RayDepths`), else the rendered depth.
 
     Args:
         draw: Draws the current points.
@@ -52,14 +53,16 @@ def points_at_errors(
     Returns:
         Unconstrained tensors of up to `count` points, as in `TrainablePoints`.
     """
-    found = []
+    found, ray_depths = [], RayDepths(pictures)
     for camera, view in enumerate(pictures.views):
         splats, image = draw(camera)
         target = pictures.target(camera, image, None).float() / 255
         depths = Depths.of(splats, view, pictures.near)
-        weights = _errors(image.cpu().numpy(), target.cpu().numpy()) * (depths.alpha > MIN_ALPHA).cpu().numpy()
-        chosen = torch.from_numpy(_choose(weights, count // len(pictures.views), rng)).to(image.device)
-        depth = pictures.near * depths.moments[..., 0].flatten()[chosen].exp()
+        known = (depths.alpha > MIN_ALPHA).cpu().numpy()
+        pixels = _choose(_errors(image.cpu().numpy(), target.cpu().numpy()) * known, count // len(pictures.views), rng)
+        rendered = (pictures.near * depths.moments[..., 0].exp()).cpu().numpy()
+        depth = torch.from_numpy(ray_depths.agreed(camera, pixels, rendered, known).astype(np.float32)).to(image.device)
+        chosen = torch.from_numpy(pixels).to(image.device)
         found.append((*_unproject(view, chosen, depth), target.flatten(0, 1)[chosen] / gains[camera]))
     means, sizes, colors = (torch.cat(column) for column in zip(*found, strict=True))
     added = len(means)
