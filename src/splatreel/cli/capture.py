@@ -1,4 +1,4 @@
-"""`splatreel capture check | calibrate | board | sync | convert | film`."""
+"""`splatreel capture check | calibrate | board | sync | convert | film`; `capture_masks.py` has `capture masks`."""
 
 from __future__ import annotations
 
