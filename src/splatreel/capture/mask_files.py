@@ -25,6 +25,8 @@ DARKEST_WHITE = 128
 """Gray level that the brightest pixel of a mask must have, unless the mask is black. Masks with the labels 0 and 1 have less."""
 MOST_COLOR = 48
 """Maximum difference between the channels of a mask. Compression changes gray by less."""
+MADE_MASKS = "masks"
+"""Folder in the output folder of a run for the masks that `--masks auto` makes."""
 RECORD = "splatreel-masks.json"
 """File in a folder of masks that `capture masks` made. Its masks belong to undistorted images. Masks of a video are named by the
 numbers of its frames, six digits from 000000 on."""
@@ -63,12 +65,13 @@ class MaskFiles:
     Args:
         folder: Folder of the masks.
         capture: Capture that they belong to.
+        names: Names of the cameras whose masks are read; None means all.
 
     Raises:
         CaptureError: The masks of a camera are missing, or do not fit its frames or their size.
     """
 
-    def __init__(self, folder: str | Path, capture: FileCapture) -> None:
+    def __init__(self, folder: str | Path, capture: FileCapture, names: Sequence[str] | None = None) -> None:
         self.folder, self._capture = Path(folder), capture
         source = capture.source
         if capture.growing or not isinstance(source, CountedSource):
@@ -79,7 +82,9 @@ class MaskFiles:
             raise CaptureError(f"{folder}: is no folder of masks. Give the folder that holds masks for each camera.")
         self._record = read_mask_record(self.folder)
         self._masks = {
-            camera.name: self._of_camera(camera.name, source.own_frames(camera.name)) for camera in capture.cameras
+            camera.name: self._of_camera(camera.name, source.own_frames(camera.name))
+            for camera in capture.cameras
+            if names is None or camera.name in names
         }
 
     def read(self, first: int, count: int, name: str) -> np.ndarray:

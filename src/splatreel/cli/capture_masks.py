@@ -16,8 +16,8 @@ from splatreel.threads import use as use_threads
 if TYPE_CHECKING:
     from splatreel.capture.opening import CaptureSource
 
-AUTO, AUTO_FOLDER = "auto", "masks"
-"""Value of --masks that makes masks, and their folder in OUT."""
+AUTO = "auto"
+"""Value of --masks that makes masks."""
 WIDTH = 480
 """Largest width of masks, pixels. Masks of smaller images have the width of these."""
 

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from splatreel.cli.capture_masks import AUTO, AUTO_FOLDER, is_complete, make_masks
+from splatreel.capture.mask_files import MADE_MASKS
+from splatreel.cli.capture_masks import AUTO, is_complete, make_masks
 from splatreel.cli.follow_options import FollowOptions
 from splatreel.cli.machine_options import MachineOptions
 from splatreel.cli.options import CaptureAddress, CaptureOptions, Set, parse_renditions, with_set
@@ -95,7 +96,7 @@ class SubjectOptions:
         """
         if self.masks != AUTO:
             return self.masks
-        masks = folder / AUTO_FOLDER
+        masks = folder / MADE_MASKS
         if not estimate:
             make_masks(source, masks, self.clean_plate)
         elif not is_complete(masks):

@@ -17,7 +17,7 @@ HUE_FLOOR = 2.0
 """The same for differences that are left after the brightness is fitted, gray levels."""
 DARKEST_SHADOW = 0.5
 """Smallest brightness of a shadow, as a share of the background's."""
-SHADOW_ODDS = -0.25
+SHADOW_ODDS = -0.75
 """Evidence of a pixel that looks like the background in a shadow. Other cameras overrule it where they see a body."""
 SHADOW_EDGE = 3.0
 """Change of brightness between neighboring pixels of a soft shadow, gray levels. It adds to the noise."""

@@ -36,8 +36,9 @@ NOTHING_MOVES = (
     "nothing moves in these frames, so there is no subject to find. If somebody stands still, film the scene without them, and give "
     "these pictures or videos with --clean-plate FOLDER."
 )
-NOTHING_DIFFERS = "nothing differs from the clean plate, so there is no subject to find. Check that it shows the scene without the subject."
-MODEL = ".model.npz"
+NOTHING_DIFFERS = (
+    "nothing differs from the clean plate, so there is no subject to find. Check that the plate shows the scene without the subject."
+)MODEL = ".model.npz"
 """File of the backgrounds, which an interrupted call leaves for the next."""
 
 
