@@ -37,8 +37,10 @@ NOTHING_MOVES = (
     "these pictures or videos with --clean-plate FOLDER."
 )
 NOTHING_DIFFERS = (
-    "nothing differs from the clean plate, so there is no subject to find. Check that the plate shows the scene without the subject."
-)MODEL = ".model.npz"
+    "nothing differs from the clean plate, so there is no subject to find. Check that the plate shows the scene without the "
+    "subject."
+)
+MODEL = ".model.npz"
 """File of the backgrounds, which an interrupted call leaves for the next."""
 
 

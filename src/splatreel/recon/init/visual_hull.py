@@ -16,15 +16,15 @@ DARKEST = 64
 """Gray level from which on a pixel of a mask belongs to the subject."""
 
 WIDE = 30.0
-"""Median angle between neighboring cameras, degrees, from which on points outside of the hull are removed while a keyframe trains. Between
-denser cameras other views contradict such points."""
+"""Median angle between neighboring cameras, degrees, from which on points outside of the hull are removed while a keyframe
+trains. Between denser cameras other views contradict such points."""
 
 
 def hull_of_few(cameras: list[Camera], masks: np.ndarray | None, near: float) -> VisualHull | None:
     """Return the hull that points must stay in while they are trained; None without masks and for dense rigs.
 
-    A point that a single camera sees, outside of that camera's mask, may have the color of its background. Nothing contradicts the point
-    if it is beyond the borders of all other images.
+    A point that a single camera sees, outside of that camera's mask, may have the color of its background. Nothing contradicts
+    the point if it is beyond the borders of all other images.
 
     Args:
         cameras: C training cameras.
