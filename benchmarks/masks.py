@@ -14,6 +14,7 @@ import tyro
 from tyro.conf import Positional
 
 from record import record
+from splatreel.capture.images import read_image
 from splatreel.capture.opening import open_capture
 from splatreel.segmentation.mask_writer import SAMPLES
 from splatreel.segmentation.segmenter import fit_subject
@@ -66,9 +67,7 @@ def main(
         found = model.masks(images)[1]
         for c, name in enumerate(names):
             file = sorted((masks / name).iterdir())[frames[0] + t]
-            given = (
-                cv2.resize(cv2.imread(str(file), 0), (source.width, source.height), interpolation=cv2.INTER_AREA) > 127
-            )
+            given = read_image(file, source.width, source.height, mask=True)[..., 1] > 127
             counted = ~blobs(given)
             counts[name] += (found[c] & given & counted).sum(), ((found[c] | given) & counted).sum()
             overlay = images[1, c].copy()

@@ -15,7 +15,7 @@ from splatreel.progress import Silent
 from splatreel.segmentation.mask_writer import MODEL, WrittenMasks, write_masks
 from tests.segmentation import scenes
 
-FRAMES = 12
+FRAMES = 8
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_interrupted_call_continues_to_the_same_masks(scene: Path, masks: Path, 
     folder = copied(masks, tmp_path / "masks")
     record = json.loads((folder / RECORD).read_text())
     (folder / RECORD).write_text(json.dumps(record | {"complete": False}))
-    for name in ("1/000003.png", "2/000009.png", "5/000009.png"):
+    for name in ("1/000003.png", "2/000006.png", "5/000006.png"):
         (folder / name).unlink()
     assert make(scene, folder).pictures == 3
     assert pictures(folder) == pictures(masks)
@@ -77,7 +77,7 @@ def test_masks_corrected_by_hand_stay(scene: Path, masks: Path, tmp_path: Path) 
 
 
 def test_folder_of_other_frames_is_refused(scene: Path, masks: Path) -> None:
-    with pytest.raises(CaptureError, match=r"frames is '0:12' there and '0:6' now"):
+    with pytest.raises(CaptureError, match=r"frames is '0:8' there and '0:6' now"):
         make(scene, masks, frames=(0, 6))
 
 

@@ -75,6 +75,7 @@ def without_specks(mask: np.ndarray, support: np.ndarray) -> np.ndarray:
     for inside, largest in ((~mask, HOLE), (mask, SPECK)):
         connectivity = 4 if inside is not mask else 8
         count, parts, stats, _ = cv2.connectedComponentsWithStats(inside.astype(np.uint8), connectivity=connectivity)
+        parts = np.asarray(parts, np.int64)
         supported = np.bincount(parts.ravel(), (support > 0).ravel(), count)
         area = stats[:, cv2.CC_STAT_AREA]
         flipped = area < largest * mask.size
