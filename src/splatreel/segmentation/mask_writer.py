@@ -21,7 +21,7 @@ from splatreel.motion.masks import Segmenter
 from splatreel.progress import Progress
 from splatreel.scene.atomic import remove, replacing, write_bytes
 from splatreel.segmentation.clean_plate import read_clean_plates
-from splatreel.segmentation.segmenter import SubjectModel, fit_subject
+from splatreel.segmentation.segmenter import FIT_STEPS, SubjectModel, fit_subject
 
 SAMPLES = 30
 """Number of moments, spread over the video, from which backgrounds are learned."""
@@ -167,9 +167,8 @@ def _model(capture: FileCapture, folder: Path, clean_plate: Path | None, progres
         samples.append(capture.read(int(moment), 1, names)[0])
         progress.update(done)
     plates = None if clean_plate is None else read_clean_plates(clean_plate, capture)
-    progress.stage("finding the backgrounds", 1)
-    model = fit_subject(capture.cameras, np.stack(samples), plates, near)
-    progress.update(1)
+    progress.stage("finding the backgrounds", FIT_STEPS)
+    model = fit_subject(capture.cameras, np.stack(samples), plates, near, progress.update)
     if max(model.moving_shares) < FAINTEST:
         raise CaptureError(f"{capture.path}: {NOTHING_MOVES if clean_plate is None else NOTHING_DIFFERS}")
     data = io.BytesIO()

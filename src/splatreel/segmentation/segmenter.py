@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import cv2
@@ -27,6 +27,8 @@ ALWAYS, STILL = 2.8, 0.9
 never moves."""
 NEAR = 0.08
 """Distance from the subject within which its surroundings teach colors, as a share of the image width."""
+FIT_STEPS = 4
+"""Number of steps of `fit_subject`."""
 STEADY = 12.0
 """Difference of colors, gray levels, up to which a pixel of the next frame shows the same."""
 
@@ -136,6 +138,7 @@ def fit_subject(
     samples: np.ndarray,
     plates: Sequence[np.ndarray] | None = None,
     near: float = 0.0,
+    report: Callable[[int], None] = lambda _: None,
 ) -> SubjectModel:
     """Learn the backgrounds and colors of a capture.
 
@@ -147,17 +150,22 @@ def fit_subject(
         samples: [S, C, H, W, 3] uint8, moments spread over the video.
         plates: Images without the subject, [P, H, W, 3] uint8 for each camera, if there are any.
         near: Smallest depth, world units.
+        report: Called with the number of finished steps of `FIT_STEPS`.
     """
     films = list(samples.swapaxes(0, 1)) if plates is None else list(plates)
     model = SubjectModel(cameras, threads.map_parallel(fit_background, films), near)
+    report(1)
     if plates is None:
         support = np.stack([model.evidence(images).support for images in samples], 1)  # [C, S, H, W]
+        report(2)
         jobs = list(zip(films, support, strict=True))
         found = threads.map_parallel(lambda job: _fit_again(*job), jobs)
         model.backgrounds = [background.without(covered) for background, covered in found]
         model.never_uncovered = [float(covered.mean()) for _, covered in found]
+    report(3)
     chosen = np.unique(np.linspace(0, len(samples) - 1, COLOR_SAMPLES).round().astype(int))
     model.learn_colors(samples[chosen])
+    report(FIT_STEPS)
     return model
 
 
