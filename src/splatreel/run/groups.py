@@ -11,6 +11,7 @@ from splatreel.codec.preview import remove_previews
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.init.layout import Layout
+from splatreel.method.init.visual_hull import hull_of_few
 from splatreel.method.tracking.tracking import VelocityPrior
 from splatreel.run.device import check_room
 from splatreel.run.job import Job
@@ -20,6 +21,7 @@ from splatreel.run.stages.stage import GroupState, Handover, NextGroup
 from splatreel.scene.group import Group
 from splatreel.scene.spans import GroupSpan
 from splatreel.scene.static_points import StaticPoints
+from splatreel.scene.volumes import Volume
 
 
 def reconstruct_groups(
@@ -50,7 +52,9 @@ def reconstruct_groups(
     with FramePrefetcher(capture, before.rig.names, [(span.first, span.count) for span in todo]) as stretches:
         for span, frames in zip(todo, stretches, strict=True):
             missing = capture.missing(span.first, span.count, before.rig.names)
-            before = reconstruct_group(job, span, frames, before, layout, output, plates, missing)
+            alpha = capture.alpha(span.first, 1, before.rig.names)
+            hull = hull_of_few(before.rig.cameras, None if alpha is None else alpha[0], layout.near)
+            before = reconstruct_group(job, span, frames, before, layout, output, plates, missing, hull)
 
 
 def reconstruct_group(
@@ -62,6 +66,7 @@ def reconstruct_group(
     output: Output,
     plates: np.ndarray | None = None,
     missing: np.ndarray | None = None,
+    hull: Volume | None = None,
 ) -> NextGroup:
     """Reconstruct one group: train its keyframe, separate static from dynamic points, track and train their motion, write it.
 
@@ -74,6 +79,7 @@ def reconstruct_group(
         output: Destination of the finished layer and group.
         plates: Images [C, H, W, 3] uint8 of the shared scene, for a chapter.
         missing: [T, C] bool, images that the cameras lack; None if all exist.
+        hull: Volume that the keyframe's points must be in; None is everywhere.
 
     Returns:
         State for the next group.
@@ -84,7 +90,7 @@ def reconstruct_group(
     if missing is not None:  # an image that stands in for a frame without any is better than none
         missing = missing & ~missing.all(1, keepdims=True)
         missing = missing if missing.any() else None
-    data = GroupInput(span, frames, before.rig, None, layout, job.device, config.seed, config.antialias, missing)
+    data = GroupInput(span, frames, before.rig, None, layout, job.device, config.seed, config.antialias, missing, hull)
     state = GroupState(job, before, data, output, plates)
     for stage in GROUP_STAGES:
         stage.execute(state)

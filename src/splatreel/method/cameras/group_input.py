@@ -16,6 +16,7 @@ from splatreel.method.init.layout import Layout
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.spans import GroupSpan
+from splatreel.scene.volumes import Volume
 
 ENOUGH_SIDE = 768
 """Pixels of the longer side of images that are large enough to find out what moves."""
@@ -36,6 +37,7 @@ class GroupInput:
         antialias: True if splats are drawn antialiased (see `render_image`).
         missing: [T, C] bool, images that the cameras lack and that images of nearby frames stand in for; None if all exist.
             They are not trained on.
+        hull: Volume that the keyframe's points must be in, for a subject before few cameras; None is everywhere.
     """
 
     span: GroupSpan
@@ -47,6 +49,7 @@ class GroupInput:
     seed: int
     antialias: bool
     missing: np.ndarray | None = None
+    hull: Volume | None = None
 
     @property
     def cameras(self) -> list[Camera]:
