@@ -19,7 +19,7 @@ LADDER = (
     ("storage",),
     ("codec", "formats", "kernels", "gpu", "capture"),
     ("calibration", "method", "play"),
-    ("edit", "run"),
+    ("edit", "run", "segmentation"),
     ("evaluation",),
     ("sequence",),
     ("api", "cli", "readers", "training"),

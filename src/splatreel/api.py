@@ -118,7 +118,7 @@ def evaluate(
             if isinstance(capture, Capture):
                 source = capture
             else:
-                source, shown = open_reel_capture(folder, capture, named=cameras is not None)
+                source, shown = open_reel_capture(folder, capture, names=cameras)
                 opened.callback(source.close)
                 chosen = shown if frames is None else frames
             display = opened.enter_context(_shown(progress, cancel))

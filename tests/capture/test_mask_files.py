@@ -1,5 +1,6 @@
 """Masks of a capture in folders, videos and single pictures, and what is wrong with them."""
 
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -210,3 +211,26 @@ def test_identity_changes_with_the_content_of_the_masks(scene: Path, tmp_path: P
     chosen = masked(scene, masks, frames=(2, 4)).describe()
     Image.fromarray(mask(7)).save(masks / "2" / "000001.png")
     assert masked(scene, masks, frames=(2, 4)).describe() == chosen  # another frame
+
+
+def test_cameras_that_are_not_compared_need_no_masks(scene: Path, tmp_path: Path) -> None:
+    masks = write_masks(tmp_path / "masks")
+    shutil.rmtree(masks / "2")
+    assert frames_of(masked(scene, masks, masked=["1", "12"]), "12") == [0, 1, 2, 3, 4]
+    with pytest.raises(CaptureError, match="there are no masks of camera 2"):
+        masked(scene, masks)
+
+
+def test_masks_of_a_video_that_the_program_made_may_be_of_some_frames(tmp_path: Path) -> None:
+    scene, masks = folders.neu3dv(tmp_path / "scene"), tmp_path / "masks"
+    capture = open_capture(scene)
+    for camera in capture.cameras:
+        (masks / camera.name).mkdir(parents=True)
+        for frame in (1, 2):
+            Image.fromarray(mask(frame, capture.width, capture.height)).save(masks / camera.name / f"{frame:06d}.png")
+    with pytest.raises(CaptureError, match="holds 2 masks, but camera"):
+        masked(scene, masks, frames=(1, 3))
+    (masks / "splatreel-masks.json").write_text('{"undistorted": true}')
+    assert frames_of(masked(scene, masks, frames=(1, 3)), capture.cameras[0].name) == [1, 2]
+    with pytest.raises(CaptureError, match="there is no mask 000000"):
+        masked(scene, masks, frames=(0, 2))

@@ -121,7 +121,7 @@ def test_unknown_frames_and_cameras_are_asked_for(reel: Path, tmp_path: Path, re
         open_reel_capture(old, tmp_path)
     with pytest.raises(UsageError, match=r"trained on cam01\. Name cameras with --cameras.* cam00, cam03"):
         open_reel_capture(old, tmp_path, frames=(20, 25))
-    capture, _ = open_reel_capture(old, tmp_path, frames=(20, 25), named=True)
+    capture, _ = open_reel_capture(old, tmp_path, frames=(20, 25), names=["cam00"])
     assert evaluate(old, capture, cameras=["cam03"]).psnr > 40
 
 
@@ -147,3 +147,23 @@ def test_capture_opened_at_other_frames_is_refused(reel: Path, tmp_path: Path) -
         UsageError, match=r"shows frames 20:25 .* opened from frame 0 on\. Open it with frames=\(20, 25\)"
     ):
         evaluate(reel, scenes.capture(tmp_path))
+
+
+def test_only_compared_cameras_need_masks_and_left_out_ones_may_be_compared(
+    reel: Path, tmp_path: Path, requests: list[dict]
+) -> None:
+    open_reel_capture(reel, tmp_path, masks=tmp_path, names=["cam09", "cam02"])
+    assert requests[0]["masked"] == ["cam09", "cam02"]
+    assert "leave_out" not in requests[0]
+    open_reel_capture(reel, tmp_path, masks=tmp_path)
+    assert requests[1]["masked"] == ["cam03"]
+
+
+def test_masks_that_the_run_made_are_found(tmp_path: Path, requests: list[dict]) -> None:
+    reel = scenes.write_reel(tmp_path / "run" / "reel", replace(SOURCE, part="masks"))
+    with pytest.raises(UsageError, match="was reconstructed with --masks"):
+        open_reel_capture(reel, tmp_path)
+    (tmp_path / "run" / "masks").mkdir()
+    (tmp_path / "run" / "masks" / "splatreel-masks.json").write_text("{}")
+    open_reel_capture(reel, tmp_path)
+    assert requests[-1]["masks"] == tmp_path / "run" / "masks"

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -24,6 +26,29 @@ DARKEST_WHITE = 128
 """Gray level that the brightest pixel of a mask must have, unless the mask is black. Masks with the labels 0 and 1 have less."""
 MOST_COLOR = 48
 """Maximum difference between the channels of a mask. Compression changes gray by less."""
+MADE_MASKS = "masks"
+"""Folder in the output folder of a run for the masks that `--masks auto` makes."""
+RECORD = "splatreel-masks.json"
+"""File in a folder of masks that `capture masks` made. Its masks belong to undistorted images. Masks of a video are named by the
+numbers of its frames, six digits from 000000 on."""
+
+
+def read_mask_record(folder: Path) -> dict[str, Any] | None:
+    """Return the record of a folder of masks that `capture masks` made, or None.
+
+    Raises:
+        CaptureError: The record is damaged.
+    """
+    file = folder / RECORD
+    try:
+        record = json.loads(file.read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError):
+        return None
+    except (OSError, ValueError) as error:
+        raise CaptureError(f"{file}: cannot be read ({error}). Delete the folder, and make the masks again.") from error
+    if not isinstance(record, dict):
+        raise CaptureError(f"{file}: is no record of masks. Delete the folder, and make the masks again.")
+    return record
 
 
 @dataclass(frozen=True)
@@ -41,12 +66,13 @@ class MaskFiles:
     Args:
         folder: Folder of the masks.
         capture: Capture that they belong to.
+        names: Names of the cameras whose masks are read; None means all.
 
     Raises:
         CaptureError: The masks of a camera are missing, or do not fit its frames or their size.
     """
 
-    def __init__(self, folder: str | Path, capture: FileCapture) -> None:
+    def __init__(self, folder: str | Path, capture: FileCapture, names: Sequence[str] | None = None) -> None:
         self.folder, self._capture = Path(folder), capture
         source = capture.source
         if capture.growing or not isinstance(source, CountedSource):
@@ -55,8 +81,11 @@ class MaskFiles:
             )
         if not self.folder.is_dir():
             raise CaptureError(f"{folder}: is no folder of masks. Give the folder that holds masks for each camera.")
+        self._record = read_mask_record(self.folder)
         self._masks = {
-            camera.name: self._of_camera(camera.name, source.own_frames(camera.name)) for camera in capture.cameras
+            camera.name: self._of_camera(camera.name, source.own_frames(camera.name))
+            for camera in capture.cameras
+            if names is None or camera.name in names
         }
 
     def read(self, first: int, count: int, name: str) -> np.ndarray:
@@ -72,7 +101,10 @@ class MaskFiles:
         """
         capture = self._capture
         out = np.empty((count, capture.height, capture.width, 3), np.uint8)
-        capture.read_undistorted(self._read_camera, out, first, name)
+        if self._is_undistorted:
+            self._read_camera(out, first, name)
+        else:
+            capture.read_undistorted(self._read_camera, out, first, name)
         return out[..., 1].copy()
 
     def sources(self, first: int, count: int) -> list[Path]:
@@ -98,7 +130,13 @@ class MaskFiles:
             if masks.video is not None:
                 masks.video.close()
 
+    @property
+    def _is_undistorted(self) -> bool:
+        return self._record is not None and self._record.get("undistorted") is True
+
     def _of_camera(self, name: str, own: OwnFrames) -> _CameraMasks:
+        if self._record is not None and own.stems is None:
+            own = replace(own, stems=[f"{number:06d}" for number in range(own.count)])
         place = self._place(name)
         if place.suffix.lower() in VIDEO_SUFFIXES and place.is_file():
             video = VideoFile(place)
@@ -156,7 +194,8 @@ class MaskFiles:
             )
 
     def _check_size(self, file: Path, name: str, found: tuple[int, int]) -> None:
-        expected = self._capture.source.size(name)
+        capture = self._capture
+        expected = (capture.width, capture.height) if self._is_undistorted else capture.source.size(name)
         if not same_shape(found, expected):
             raise CaptureError(
                 f"{file}: is {found[0]}x{found[1]}, but the images of camera {name} are {expected[0]}x{expected[1]}. Make the mask at "

@@ -63,6 +63,7 @@ def open_capture(
     leave_out: Sequence[str] = (),
     masks: str | Path | None = None,
     background: Color | None = None,
+    masked: Sequence[str] | None = None,
 ) -> Capture:
     """Open a capture folder of any supported format.
 
@@ -78,6 +79,7 @@ def open_capture(
         leave_out: Names of cameras that are not read at all.
         masks: Folder of masks, white where an image shows the subject; None reads the whole scene.
         background: Color outside of the masks, 0..1; None gives each camera another one, for training.
+        masked: Names of the cameras whose masks are read; None means all. Other cameras need none.
 
     Raises:
         CaptureError: The format is unknown, or the content cannot be used.
@@ -89,7 +91,7 @@ def open_capture(
     for fits, reader in READERS:
         if fits(folder):
             check_files(folder)
-            return _masked(reader(folder, request), masks, background)
+            return _masked(reader(folder, request), masks, background, masked)
     if folder.is_dir() and (failure := calibration_error(folder)) is not None:
         raise failure
     if advice := advise(folder, is_capture):
@@ -98,12 +100,14 @@ def open_capture(
     raise CaptureError(f"{folder}: {state}:\n{LOOKED_FOR}")
 
 
-def _masked(capture: Capture, masks: str | Path | None, background: Color | None) -> Capture:
+def _masked(
+    capture: Capture, masks: str | Path | None, background: Color | None, names: Sequence[str] | None
+) -> Capture:
     """Return a capture of the subject only, if there are masks."""
     if masks is None:
         return capture
     assert isinstance(capture, FileCapture)  # as all readers return it
-    return MaskedCapture(capture, MaskFiles(masks, capture), background)
+    return MaskedCapture(capture, MaskFiles(masks, capture, names), background)
 
 
 def is_capture(folder: Path) -> bool:

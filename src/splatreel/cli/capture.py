@@ -1,4 +1,4 @@
-"""`splatreel capture check | calibrate | board | sync | convert | film`."""
+"""`splatreel capture check | calibrate | board | sync | convert | film`; `capture_masks.py` has `capture masks`."""
 
 from __future__ import annotations
 
@@ -36,6 +36,7 @@ def capture_check(
     leave_out: str | None = None,
     quick: bool = False,
     page: Path | None = None,
+    masks: Path | None = None,
 ) -> None:
     """Read a whole capture, and report what it holds and whether it can be reconstructed.
 
@@ -49,6 +50,7 @@ def capture_check(
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
         quick: Leave out the trial that predicts the quality of novel views, which takes some seconds.
         page: HTML file to write, such as check.html: the verdict, the cameras in plan and elevation, and a picture of each.
+        masks: Folder of masks, which the page shows.
     """
     import numpy as np
 
@@ -61,6 +63,8 @@ def capture_check(
         "held_out": parse_held_out(hold_out),
         "leave_out": parse_left_out(leave_out),
     }
+    if masks is not None and page is None:
+        raise UsageError("--masks needs the page that shows them, such as --page check.html.")
     source = open_capture(capture, width=width, **chosen)
     progress = console()
     try:
@@ -75,6 +79,7 @@ def capture_check(
             progress.update(first + count)
         seconds = source.frames / source.fps
         sound = choose("auto", source.tracks(), seconds, source.first_frame / source.fps, source.path)
+        alpha = None if masks is None else _masks_of(source, masks)
     finally:
         progress.close()
         source.close()
@@ -96,11 +101,26 @@ def capture_check(
         from splatreel.evaluation.page.check_page import CheckFacts, check_page
         from splatreel.evaluation.report import write_text
 
-        write_text(page, check_page(CheckFacts(source, images[0], said, text, coverage)))
+        write_text(page, check_page(CheckFacts(source, images[0], said, text, coverage, alpha)))
         say(f"  page: {page}")
     if verdict is not None and verdict.faults:
         raise ReconstructionError(f"{capture}: {text}")
     say(text)
+
+
+def _masks_of(source: Capture, folder: Path) -> np.ndarray:
+    """Return the masks [C, H, W] uint8 of the first frame."""
+    import numpy as np
+
+    from splatreel.capture.file_capture import FileCapture
+    from splatreel.capture.mask_files import MaskFiles
+
+    assert isinstance(source, FileCapture)  # as all readers return it
+    masks = MaskFiles(folder, source)
+    try:
+        return np.stack([masks.read(source.first_frame, 1, camera.name)[0] for camera in source.cameras])
+    finally:
+        masks.close()
 
 
 def _judge(

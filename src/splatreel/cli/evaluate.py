@@ -44,7 +44,8 @@ def evaluate(
         frames: Frames of the capture to compare with, as A:B; by default those that the reel shows. For a reel that does not say
             which these are, such as an imported one, the frames of the capture that it shows.
         leave_out: Names of cameras that are not read at all, besides those that `reconstruct` left out.
-        masks: Folder of the masks of a reel that `reconstruct --masks` made. Only pixels within the masks are compared.
+        masks: Folder of the masks of a reel that `reconstruct --masks` made; by default those of --masks auto. Only pixels within the
+            masks are compared, and only compared cameras need masks.
         rendition: Rendition to compare, for a reel that has several; by default the best.
         threads: Number of threads; by default one per core.
         json: Print report.json instead of the summary.
@@ -63,7 +64,7 @@ def evaluate(
     from splatreel.run.store import Store
 
     reel = reel_folder(reel)
-    options: dict[str, Any] = {"left_out": parse_left_out(leave_out), "masks": masks, "named": names is not None}
+    options: dict[str, Any] = {"left_out": parse_left_out(leave_out), "masks": masks, "names": names}
     source, chosen = open_reel_capture(reel, capture, width=width, scale=scale, frames=span, **options)
     work = work_of(reel, ReelReader(reel).manifest)
     known = Store(work).coverage() if work else None

@@ -21,6 +21,7 @@ from splatreel.cli.capture import (
     capture_film,
     capture_sync,
 )
+from splatreel.cli.capture_masks import capture_masks
 from splatreel.cli.config import config
 from splatreel.cli.deadline import deadline
 from splatreel.cli.demo import demo
@@ -46,11 +47,9 @@ DESCRIPTION = "Volumetric video from many static cameras: reconstruct, compress,
 def build() -> SubcommandApp:
     """Return the app with all verbs, in the order in which users meet them."""
     capture = SubcommandApp()
-    capture.__doc__ = (
-        "Check, calibrate, synchronize and convert a capture; print a calibration board; film the built-in scene."
-    )
+    capture.__doc__ = "Check, calibrate, synchronize and convert a capture; make masks; film the built-in scene."
     verbs = {"check": capture_check, "calibrate": capture_calibrate, "board": capture_board, "sync": capture_sync}
-    verbs |= {"convert": capture_convert, "film": capture_film}
+    verbs |= {"masks": capture_masks, "convert": capture_convert, "film": capture_film}
     for name, verb in verbs.items():
         capture.command(name=name)(verb)
     app = SubcommandApp()

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, arg
 
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
+from splatreel.capture.mask_files import MADE_MASKS
+from splatreel.cli.capture_masks import AUTO, is_complete, make_masks
 from splatreel.cli.follow_options import FollowOptions
 from splatreel.cli.machine_options import MachineOptions
 from splatreel.cli.options import CaptureAddress, CaptureOptions, Set, parse_renditions, with_set
@@ -17,6 +20,9 @@ from splatreel.cli.publish import publishing
 from splatreel.cli.reel_texts import ReelTexts
 from splatreel.config import Codec, Config, Deformation, Quality, Rate, preset
 from splatreel.config.settings import changed
+
+if TYPE_CHECKING:
+    from splatreel.capture.opening import CaptureSource
 
 Device = Literal["auto", "cpu", "gpu", "cuda"]
 
@@ -54,10 +60,48 @@ class SubjectOptions:
 
     masks: Annotated[str | None, arg(metavar="PATH")] = None
     """Folder of masks, white where the images show the subject. It has a folder of pictures or a video for each camera, of the
-    camera's name. Pictures are named or numbered as the camera's frames."""
+    camera's name. Pictures are named or numbered as the camera's frames. auto makes them first, in OUT/masks, as
+    `splatreel capture masks` does."""
+    clean_plate: Annotated[Path | None, arg(metavar="PATH")] = None
+    """With --masks auto: folder with a picture or a video without the subject for each camera."""
     region: str | None = None
     """Volume to keep, in the coordinates of the capture, as `splatreel edit crop=` takes it: box:x,y,z,X,Y,Z, sphere:x,y,z,RADIUS,
     cylinder:x,y,z,RADIUS,HEIGHT or capture. Its surroundings are trained coarsely and left out."""
+
+    def check(self, cluster: str | None) -> None:
+        """Check that the options fit together, and to a cluster.
+
+        Raises:
+            UsageError: They do not.
+        """
+        if self.clean_plate is not None and self.masks != AUTO:
+            raise UsageError("--clean-plate is for --masks auto. Leave it out, or add --masks auto.")
+        if self.masks == AUTO and cluster is not None:
+            raise UsageError(
+                "--masks auto makes masks on this machine only. Run `splatreel capture masks` first, or leave out --cluster."
+            )
+
+    def find_masks(self, source: CaptureSource, folder: Path, estimate: bool) -> str | None:
+        """Return the folder of the masks, if there are any. Make them if they are auto.
+
+        Args:
+            source: How to open the whole scene.
+            folder: Output folder.
+            estimate: True makes no masks.
+
+        Raises:
+            UsageError: Masks are needed for an estimate and are not complete.
+        """
+        if self.masks != AUTO:
+            return self.masks
+        masks = folder / MADE_MASKS
+        if not estimate:
+            make_masks(source, masks, self.clean_plate)
+        elif not is_complete(masks):
+            raise UsageError(
+                "--estimate needs finished masks. Run `splatreel capture masks` first, and give --masks its folder."
+            )
+        return str(masks)
 
 
 @dataclass(frozen=True)
@@ -109,8 +153,9 @@ def reconstruct(
         texts: Texts of the reel.
     """
     use_threads(threads)
-    source, config = frames_and_size.source(capture, subject.masks), configuration.config()
+    config = configuration.config()
     following.check()
+    subject.check(machines.cluster)
     if subject.region is not None:
         config = changed(config, {"region": subject.region})
     if following.follow and (subject.masks is not None or config.region):
@@ -127,6 +172,7 @@ def reconstruct(
     if tensorboard:
         check_tensorboard(out)
     with machines.folder(out) as folder:
+        source = frames_and_size.source(capture, subject.find_masks(frames_and_size.source(capture), folder, estimate))
         spec = RunSpec(source, folder, config, sound, device)
         if estimate:
             return say(machines.estimated(spec))

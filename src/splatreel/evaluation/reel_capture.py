@@ -8,6 +8,7 @@ from typing import Any
 
 from splatreel.base.errors import UsageError
 from splatreel.capture.base import Capture
+from splatreel.capture.mask_files import MADE_MASKS, read_mask_record
 from splatreel.capture.opening import CaptureSource
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
@@ -47,7 +48,7 @@ def open_reel_capture(
     held_out: Sequence[str] | None = None,
     left_out: Sequence[str] = (),
     masks: str | Path | None = None,
-    named: bool = False,
+    names: Sequence[str] | None = None,
 ) -> tuple[Capture, list[int]]:
     """Open the capture that a reel was made from.
 
@@ -60,8 +61,9 @@ def open_reel_capture(
             unknown which these are, `frames` must be given, and the reel begins with the first of them.
         held_out: Names of held-out cameras; None means those of the reel's run.
         left_out: Names of cameras that are not read, besides those that were not read for the reel.
-        masks: Folder of masks.
-        named: The caller names the cameras to compare with, so that unknown held-out cameras do not matter.
+        masks: Folder of masks. None means those that `reconstruct --masks auto` made, if the reel shows their subject.
+        names: Names of the cameras to compare with; None means the held-out ones. Only these need masks. Cameras that were not read
+            for the reel may be among them.
 
     Returns:
         The capture, whose first frame is frame 0 of the reel, and the frames of the reel to compare.
@@ -73,6 +75,8 @@ def open_reel_capture(
     """
     manifest = ReelReader(reel).manifest
     source = source_of(reel, manifest)
+    if masks is None and source is not None and source.part == "masks":
+        masks = _made_masks(reel)
     if masks is None and source is not None and source.part:
         raise UsageError(
             f"{reel}: was {_cause(source)}, so whole images cannot be compared. `evaluate --masks` compares a part."
@@ -84,12 +88,14 @@ def open_reel_capture(
     if width is None and scale is None:
         width = manifest.camera.width
     if masks is not None:
-        request |= {"masks": masks, "background": manifest.background}
-    if unread := sorted({*left_out, *(source.left_out if source else ())}):
+        masked = names if names is not None else request["held_out"]
+        request |= {"masks": masks, "background": manifest.background, "masked": masked}
+    known_unread = set(source.left_out if source else ()) - set(names or ())
+    if unread := sorted({*left_out, *known_unread}):
         request["leave_out"] = unread
     opened = CaptureSource(capture, {"width": width, "scale": scale, **request})()
     trained = {camera.name for camera in manifest.cameras}
-    if source is None and held_out is None and not named and trained.issuperset(opened.held_out):
+    if source is None and held_out is None and names is None and trained.issuperset(opened.held_out):
         opened.close()
         others = [camera.name for camera in opened.cameras if camera.name not in trained]
         raise UsageError(
@@ -97,6 +103,14 @@ def open_reel_capture(
             f"Name cameras with --cameras; it was not trained on {', '.join(others) or 'any other'}."
         )
     return opened, chosen
+
+
+def _made_masks(reel: str | Path) -> Path | None:
+    """Return the folder of the masks that a run made, which is beside its reel, if it exists."""
+    if is_url(str(reel)):
+        return None
+    folder = Path(reel).parent / MADE_MASKS
+    return folder if read_mask_record(folder) is not None else None
 
 
 def _span(

@@ -11,6 +11,7 @@ from splatreel.codec.preview import remove_previews
 from splatreel.method.algorithm import Handover, hand_over, reconstruct_group
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.init.layout import Layout
+from splatreel.method.init.visual_hull import hull_of_few
 from splatreel.method.train.group import GroupResult
 from splatreel.run.device import check_room
 from splatreel.run.job import Job
@@ -19,6 +20,7 @@ from splatreel.run.output.keyframe_preview import KeyframePreview
 from splatreel.run.step_checkpoints import OFFSETS, restored_rig
 from splatreel.run.step_run import StepRun
 from splatreel.scene.spans import GroupSpan
+from splatreel.scene.volumes import Volume
 
 
 def reconstruct_groups(
@@ -49,7 +51,9 @@ def reconstruct_groups(
     with FramePrefetcher(capture, before.rig.names, [(span.first, span.count) for span in todo]) as stretches:
         for span, frames in zip(todo, stretches, strict=True):
             missing = capture.missing(span.first, span.count, before.rig.names)
-            before = run_group(job, span, frames, before, layout, output, plates, missing)
+            alpha = capture.alpha(span.first, 1, before.rig.names)
+            hull = hull_of_few(before.rig.cameras, None if alpha is None else alpha[0], layout.near)
+            before = run_group(job, span, frames, before, layout, output, plates, missing, hull)
 
 
 def run_group(
@@ -61,6 +65,7 @@ def run_group(
     output: Output,
     plates: np.ndarray | None = None,
     missing: np.ndarray | None = None,
+    hull: Volume | None = None,
 ) -> Handover:
     """Reconstruct one group, with checkpoints, and write it.
 
@@ -73,6 +78,7 @@ def run_group(
         output: Destination of the finished layer and group.
         plates: Images [C, H, W, 3] uint8 of the shared scene, for a chapter.
         missing: [T, C] bool, images that the cameras lack; None if all exist.
+        hull: Volume that the keyframe's points must be in; None is everywhere.
 
     Returns:
         State for the next group.
@@ -84,7 +90,18 @@ def run_group(
         missing = missing & ~missing.all(1, keepdims=True)
         missing = missing if missing.any() else None
     data = GroupInput(
-        span, frames, before.rig, None, layout, job.device, config.seed, config.antialias, missing, plates, job.gpu
+        span,
+        frames,
+        before.rig,
+        None,
+        layout,
+        job.device,
+        config.seed,
+        config.antialias,
+        missing,
+        plates,
+        job.gpu,
+        hull,
     )
 
     def save_offsets(found: GroupResult) -> None:

@@ -1,6 +1,7 @@
 """The page of `capture check`: verdict, notes, drawings, table and pictures."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -46,6 +47,18 @@ def test_page_shows_verdict_rig_table_and_all_pictures(tmp_path: Path) -> None:
     assert "Synchronization" not in page
     held_out = found.capture.held_out[0]
     assert re.search(rf"{held_out}</th><td>held out</td><td></td><td></td><td></td>", page)
+
+
+def test_masks_are_shown_with_the_share_of_the_subject(tmp_path: Path) -> None:
+    found = facts(tmp_path)
+    assert 'id="masks"' not in check_page(found)
+    masks = np.zeros(found.images.shape[:3], np.uint8)
+    masks[1, :, : masks.shape[2] // 2] = 255
+    page = check_page(replace(found, masks=masks))
+    parse(page)
+    assert page.count("data:image/jpeg") == 2 * len(masks)
+    assert "cam01: 50.0%" in page
+    assert "cam02: 0.0%" in page
 
 
 def test_cameras_of_other_brightness_are_named(tmp_path: Path) -> None:

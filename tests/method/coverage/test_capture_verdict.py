@@ -31,9 +31,9 @@ def test_views_are_rated_on_the_scale_of_the_report(psnr: float, word: str) -> N
 
 
 def test_trial_that_fails_limits_the_views() -> None:
-    assert "only views within 10 degrees of a camera will be usable. Run\n  CMD" in judge_capture(
-        coverage(16.0), []
-    ).text("CMD")
+    text = judge_capture(coverage(16.0), []).text("CMD")
+    assert "only views within 10 degrees of a camera will be usable; a person alone holds further" in text
+    assert text.endswith("(--masks auto). Run\n  CMD")
 
 
 def test_without_a_trial_novel_views_are_not_mentioned() -> None:

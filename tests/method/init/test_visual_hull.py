@@ -1,7 +1,8 @@
 import numpy as np
 
-from splatreel.method.init.visual_hull import VisualHull
+from splatreel.method.init.visual_hull import VisualHull, hull_of_few
 from tests.method.scenes import ring
+from tests.segmentation import scenes
 
 
 def masks_of_box(count: int) -> np.ndarray:
@@ -33,3 +34,13 @@ def test_faint_edges_of_soft_masks_are_outside() -> None:
     masks = masks_of_box(5)
     masks[masks == 0] = 30
     assert not VisualHull(ring(5), masks).contains(np.array([[1.5, 0, 0]]))[0]
+
+
+def test_angle_between_cameras_decides_whether_points_must_stay_in_the_hull() -> None:
+    def hull(count: int) -> VisualHull | None:
+        masks = np.full((count, scenes.HEIGHT, scenes.WIDTH), 255, np.uint8)
+        return hull_of_few(scenes.ring(count), masks, 0.0)
+
+    assert hull(6) is not None, "60 degrees apart"
+    assert hull(24) is None, "15 degrees apart"
+    assert hull_of_few(scenes.ring(6), None, 0.0) is None

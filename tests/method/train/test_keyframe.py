@@ -18,6 +18,7 @@ from splatreel.method.train.regularizers import Depths, spread
 from splatreel.method.train.render import View, deformed, draw
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.volumes import Sphere
 from tests.method.captures import blots
 from tests.method.scenes import look_at, ring
 from tests.method.small import plain
@@ -300,3 +301,15 @@ def test_color_gain_does_not_change_the_background_behind_masks() -> None:
     shown.sum().backward()
     assert gain.grad is not None
     np.testing.assert_allclose(gain.grad.numpy(), black.sum((0, 1)), rtol=1e-4)
+
+
+def test_points_outside_of_the_hull_are_removed() -> None:
+    """Also where no image contradicts them: beyond the borders of all but one camera."""
+    trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=3000)
+    means = trainer.points.gaussians().means
+    middle, radius = np.median(means, 0), float(np.quantile(np.linalg.norm(means - np.median(means, 0), axis=1), 0.7))
+    trainer.density.hull = Sphere(middle, radius)
+    trainer.train(pictures(), 120, 120, Silent())
+    found = trainer.points.gaussians().means
+    assert len(found) > 10
+    assert (np.linalg.norm(found - middle, axis=1) < 1.1 * radius).mean() > 0.98

@@ -22,6 +22,8 @@ BRIGHTNESS = 0.25
 """Difference from the median brightness of all cameras, as a share, from which on a camera is named."""
 MANY, FAINTEST = 100, 0.06
 """Number of points in common from which on a line is fully visible, and the opacity of the faintest line."""
+DIMMED = 0.2
+"""Brightness of the surroundings of a masked subject, as a share."""
 PARTNERS = 3
 """Number of cameras that a row names as those with the most points in common."""
 
@@ -36,6 +38,7 @@ class CheckFacts:
         sentences: Notes and doubts that were printed.
         verdict: Closing lines that were printed.
         coverage: Coverage by the training cameras; None if it was not measured.
+        masks: Masks of the images, uint8 [C, H, W]; None without masks.
     """
 
     capture: Capture
@@ -43,6 +46,7 @@ class CheckFacts:
     sentences: Sequence[str]
     verdict: str
     coverage: Coverage | None
+    masks: np.ndarray | None = None
 
 
 def check_page(facts: CheckFacts) -> str:
@@ -57,6 +61,7 @@ def check_page(facts: CheckFacts) -> str:
         section("Cameras", _rig(facts)),
         section("Coverage and exposure", _table(facts, levels)),
         section("Synchronization", _synchronization(capture)),
+        section("Masks", _mask_sheet(facts)),
         section("Pictures", _contact_sheet(facts)),
     ]
     return html_page(f"Check: {capture.path.name}", capture.path.name, subtitle, sections)
@@ -141,9 +146,28 @@ def _table(facts: CheckFacts, levels: np.ndarray) -> str:
     return html_table(heads, rows, "counts")
 
 
-def _contact_sheet(facts: CheckFacts) -> str:
+def _mask_sheet(facts: CheckFacts) -> str:
+    """Return the subject of each camera with dimmed surroundings, and its share of the picture; nothing without masks."""
+    if facts.masks is None:
+        return ""
     figures = []
-    for camera, image in zip(facts.capture.cameras, facts.images, strict=True):
-        url, name = jpeg_url(Image.fromarray(image), THUMBNAIL), escape(camera.name)
-        figures.append(f'<figure><img src="{url}" alt="Picture of {name}"><figcaption>{name}</figcaption></figure>')
+    for camera, image, mask in zip(facts.capture.cameras, facts.images, facts.masks, strict=True):
+        weight = DIMMED + (1 - DIMMED) * (mask[..., None] / 255)
+        shown = Image.fromarray((image * weight).astype(np.uint8))
+        figures.append(_figure(shown, camera.name, "Mask", f"{camera.name}: {(mask > 127).mean():.1%}"))
+    return f'<div class="strip">{"".join(figures)}</div>'
+
+
+def _figure(image: Image.Image, name: str, kind: str, caption: str) -> str:
+    url = jpeg_url(image, THUMBNAIL)
+    return (
+        f'<figure><img src="{url}" alt="{kind} of {escape(name)}"><figcaption>{escape(caption)}</figcaption></figure>'
+    )
+
+
+def _contact_sheet(facts: CheckFacts) -> str:
+    figures = [
+        _figure(Image.fromarray(image), camera.name, "Picture", camera.name)
+        for camera, image in zip(facts.capture.cameras, facts.images, strict=True)
+    ]
     return f'<div class="strip">{"".join(figures)}</div>'

@@ -17,6 +17,7 @@ from splatreel.method.init.layout import Layout
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.spans import GroupSpan
+from splatreel.scene.volumes import Volume
 
 ENOUGH_SIDE = 768
 """Pixels of the longer side of images that are large enough to find out what moves."""
@@ -40,6 +41,7 @@ class GroupInput:
         plates: Images [C, H, W, 3] uint8 of the scene that all chapters share, which the exposures of a chapter are measured
             against; None outside of chapters.
         gpu: GPU that runs iterations of training; None runs them on `device`, with torch.
+        hull: Volume that the keyframe's points must be in, for a subject before few cameras; None is everywhere.
     """
 
     span: GroupSpan
@@ -53,6 +55,7 @@ class GroupInput:
     missing: np.ndarray | None = None
     plates: np.ndarray | None = None
     gpu: SharedGpu | None = None
+    hull: Volume | None = None
 
     @property
     def cameras(self) -> list[Camera]:

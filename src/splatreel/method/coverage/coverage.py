@@ -253,7 +253,8 @@ def _expectation(coverage: Coverage) -> str:
     if trial is None:
         return "but no trial of novel views was made"
     if not trial.holds:
-        return f"but only views within {coverage.angle:.0f} degrees of a camera will be usable"
+        near = f"but only views within {coverage.angle:.0f} degrees of a camera will be usable"
+        return f"{near}; a person alone holds further between the cameras (--masks auto)"
     word = rating(trial.psnr)
     but = "but" if word == "poor" else "and"
     return f"{but} novel views between the cameras will be {word} (about {trial.psnr:.0f} dB)"

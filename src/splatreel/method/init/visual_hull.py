@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from splatreel.scene.camera import Camera
+from splatreel.scene.camera import Camera, angles_apart, focus_point
 from splatreel.scene.volumes import in_picture
 
 AGREEING = 0.9
@@ -14,6 +14,27 @@ MARGIN = 1 / 120
 """Width by which masks are dilated, as a share of the image width. Edges of masks are uncertain by a pixel or two."""
 DARKEST = 64
 """Gray level from which on a pixel of a mask belongs to the subject."""
+
+WIDE = 30.0
+"""Median angle between neighboring cameras, degrees, from which on points outside of the hull are removed while a keyframe
+trains. Between denser cameras other views contradict such points."""
+
+
+def hull_of_few(cameras: list[Camera], masks: np.ndarray | None, near: float) -> VisualHull | None:
+    """Return the hull that points must stay in while they are trained; None without masks and for dense rigs.
+
+    A point that a single camera sees, outside of that camera's mask, may have the color of its background. Nothing contradicts
+    the point if it is beyond the borders of all other images.
+
+    Args:
+        cameras: C training cameras.
+        masks: [C, H, W] uint8 of the keyframe, or None.
+        near: Smallest depth of content, world units.
+    """
+    if masks is None or len(cameras) < 2:
+        return None
+    angles = angles_apart(cameras, focus_point(cameras)).min(1)
+    return VisualHull(cameras, masks, near) if np.median(angles) >= WIDE else None
 
 
 class VisualHull:

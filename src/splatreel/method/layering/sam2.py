@@ -97,6 +97,14 @@ class Sam2Segmenter:
                 yield int(view), (logits > 0).any(0)[0].cpu().numpy()
 
 
+def find_sam2() -> Sam2Segmenter | None:
+    """Return SAM2 if the package and its weights are installed, else None."""
+    try:
+        return Sam2Segmenter()
+    except MissingDependencyError:
+        return None
+
+
 def object_prompts(mask: np.ndarray, objects: int, points: int, seed: int) -> list[np.ndarray]:
     """Return prompts inside the largest connected parts of a mask: one array [P, 2] float32 of pixels (x, y) per part.
 

@@ -134,6 +134,8 @@ class KeyframeDensity:
             region: Volume in which points are densified; None is everywhere.
         """
         self.points, self.config, self.max_points, self.region = points, config, max_points, region
+        self.hull: Volume | None = None
+        """Volume outside of which points are removed; None is everywhere."""
         self.generator = torch.Generator().manual_seed(seed)
         self.distances = torch.ones(len(points), device=points.means.device)
 
@@ -213,7 +215,7 @@ class KeyframeDensity:
             self.points.keep(~dropped)
 
     def _dropped(self, unit: float, share: float) -> Tensor:
-        """Return [N] bool, the points that are too faint or too large for their distance.
+        """Return [N] bool, the points that are too faint, too large for their distance, or outside of the hull.
 
         The threshold of opacity rises until half of training. At the end size does not matter, since no point could fill the
         hole in a plain wall.
@@ -223,6 +225,9 @@ class KeyframeDensity:
             dropped = self.points.opacities < faint
             if share < 1:
                 dropped |= too_large(self.points.scales, self.distances, unit)
+        if self.hull is not None:
+            within = inside(self.hull, self.points.means)
+            dropped |= ~within if bool(within.any()) else False
         return dropped
 
 

@@ -150,5 +150,6 @@ def _trained(
 ) -> KeyframeResult:
     images = temporal_mean(data.images) if config.keyframe.temporal_mean else data.images[0]
     unknown = data.unknown if unknown is None else unknown
+    trainer.density.hull = data.hull
     train_frame(trainer, data.cameras, images, data.layout, iterations, coarse, config, progress, unknown)
     return KeyframeResult(trainer.points.gaussians(), trainer.gains.values.cpu().numpy())

@@ -1,0 +1,131 @@
+"""Background of a static camera: the color that each pixel repeats most exactly, and its noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import cv2
+import numpy as np
+
+MIN_NOISE, MAX_NOISE = 1.5, 10.0
+"""Smallest and largest standard deviation of a pixel, gray levels. Compression hides smaller noise. More is motion."""
+EDGE_NOISE = 0.25
+"""Noise for each gray level of local contrast. Wind and compression shake edges by a fraction of a pixel."""
+BANDWIDTH = 3.0
+"""Width of the search for the most frequent color, in standard deviations of the camera's noise."""
+CANDIDATES = 12
+"""Number of samples whose colors are tried as the most frequent one."""
+MIN_SAMPLES = 3
+"""Number of samples that must show a pixel's background, or it is unknown. Fewer samples than six need half of them."""
+LIGHT_REACH = 0.12
+"""Distance within which light changes alike, as a share of the image width."""
+LIGHT_RANGE = 0.35
+"""Largest change of light, as a logarithm. More is a body."""
+SHRINK = 8
+"""Width of the blocks that changes of light are measured in, pixels."""
+
+
+@dataclass(frozen=True)
+class Background:
+    """Background of a camera.
+
+    Attributes:
+        image: [H, W, 3] float32, gray levels 0..255.
+        noise: [H, W] float32, standard deviation, gray levels.
+        share: [H, W] float32, share 0..1 of the samples that show the background.
+        known: [H, W] bool, pixels whose background was seen.
+    """
+
+    image: np.ndarray
+    noise: np.ndarray
+    share: np.ndarray
+    known: np.ndarray
+
+    def lit(self, frame: np.ndarray) -> np.ndarray:
+        """Return the background [H, W, 3] float32 in the light and exposure of a frame [H, W, 3] uint8."""
+        return self.image * _light_change(frame, self.image, self.known)
+
+    def without(self, doubtful: np.ndarray) -> Background:
+        """Return the background with the pixels of `doubtful` [H, W] bool unknown."""
+        return replace(self, known=self.known & ~doubtful)
+
+
+def fit_background(samples: np.ndarray, certainty: np.ndarray | None = None) -> Background:
+    """Find the background in samples of a video.
+
+    The background repeats its color to within the noise, while a person who stands still repeats it less exactly. So the
+    background is the densest color, even in pixels that a person covers most of the time.
+
+    Args:
+        samples: [S, H, W, 3] uint8.
+        certainty: [S, H, W] float32, 0..1, how certain a sample shows the background; by default all are alike.
+    """
+    film = samples.astype(np.float32)
+    certainty = np.ones(film.shape[:3], np.float32) if certainty is None else certainty
+    spread = _typical_noise(film)
+    scale = 1 / (BANDWIDTH * spread)
+    best, image = np.full(film.shape[1:3], -1, np.float32), film[0].copy()
+    for number in np.unique(np.linspace(0, len(film) - 1, CANDIDATES).round().astype(int)):
+        density = np.zeros_like(best)
+        for sample, weight in zip(film, certainty, strict=True):
+            distance = np.abs(sample - film[number]).max(-1) * scale
+            density += weight * np.maximum(1 - distance * distance, 0)
+        density = cv2.GaussianBlur(density, (3, 3), 0)
+        better = density > best
+        best[better], image[better] = density[better], film[number][better]
+    image, noise = _refined(film, certainty, image, BANDWIDTH * spread)
+    near = np.abs(film - image).max(-1) < BANDWIDTH * spread
+    known = near.sum(0) >= min(MIN_SAMPLES, 0.5 * len(film))
+    contrast = cv2.morphologyEx(image.mean(-1), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
+    return Background(image, np.hypot(noise, EDGE_NOISE * contrast), near.mean(0, dtype=np.float32), known)
+
+
+def _refined(film: np.ndarray, certainty: np.ndarray, image: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the mean and the standard deviation of the samples around a color, after three steps of mean shift."""
+    noise = np.zeros(image.shape[:2], np.float32)
+    for _ in range(3):
+        mean, square, total = np.zeros_like(image), np.zeros_like(noise), np.full_like(noise, 1e-3)
+        for sample, weight in zip(film, certainty, strict=True):
+            difference = sample - image
+            near = weight * (np.abs(difference).max(-1) < reach)
+            mean += near[..., None] * difference
+            square += near * np.square(difference.mean(-1))
+            total += near
+        image, noise = image + mean / total[..., None], np.sqrt(square / total)
+    return image, np.clip(noise, MIN_NOISE, MAX_NOISE)
+
+
+def _typical_noise(film: np.ndarray) -> float:
+    """Return the standard deviation of the camera's noise, gray levels, from differences of consecutive samples."""
+    if len(film) < 2:
+        return 2 * MIN_NOISE
+    middles = [np.median(np.abs(b - a)) for a, b in pairwise(film)]
+    return float(np.clip(1.05 * np.median(middles), 2 * MIN_NOISE, MAX_NOISE))
+
+
+def _light_change(frame: np.ndarray, background: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Return the smooth factor, [H, W, 3] or [1, 1, 1] float32, between the background and a frame of the same surfaces."""
+    height, width = known.shape
+    small = max(width // SHRINK, 1), max(height // SHRINK, 1)
+    a = cv2.resize(frame.astype(np.float32), small, interpolation=cv2.INTER_AREA)
+    b = cv2.resize(background, small, interpolation=cv2.INTER_AREA)
+    ratio = np.log(np.maximum(a, 4)) - np.log(np.maximum(b, 4))
+    usable = cv2.resize(known.astype(np.float32), small, interpolation=cv2.INTER_AREA)
+    usable = usable * (a.max(-1) < 250) * (b.max(-1) < 250) * (np.abs(ratio).max(-1) < LIGHT_RANGE)
+    if usable.sum() < 0.05 * usable.size:
+        return np.ones((1, 1, 1), np.float32)
+    common = np.array([_weighted_median(ratio[..., k].ravel(), usable.ravel()) for k in range(3)], np.float32)
+    change = np.broadcast_to(common, ratio.shape)
+    for _ in range(2):
+        near = (usable * np.exp(-np.square(np.abs(ratio - change).max(-1) / 0.05))).astype(np.float32)
+        weight = cv2.GaussianBlur(near, (0, 0), LIGHT_REACH * small[0])
+        shift = cv2.GaussianBlur((ratio - common) * near[..., None], (0, 0), LIGHT_REACH * small[0])
+        change = common + shift / (weight + 0.1)[..., None]
+    return np.exp(cv2.resize(change.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR))
+
+
+def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:
+    order = np.argsort(values)
+    sums = np.cumsum(weights[order])
+    return float(values[order][np.searchsorted(sums, sums[-1] / 2)])

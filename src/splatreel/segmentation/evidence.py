@@ -1,0 +1,54 @@
+"""Evidence of one image that its pixels show the subject: differences from the background in color and structure."""
+
+from __future__ import annotations
+
+import cv2
+import numpy as np
+
+from splatreel.segmentation.background import Background
+
+LIMIT = 3.0
+"""Largest evidence of a pixel, as log odds."""
+UNSURE = 3.0
+"""Difference from the background, in standard deviations, at which a pixel is as likely of the subject as of the background."""
+FLOOR = 5.0
+"""Standard deviation of small changes of light, gray levels. It adds to the noise."""
+HUE_FLOOR = 2.0
+"""The same for differences that are left after the brightness is fitted, gray levels."""
+DARKEST_SHADOW = 0.5
+"""Smallest brightness of a shadow, as a share of the background's."""
+SHADOW_ODDS = -0.75
+"""Evidence of a pixel that looks like the background in a shadow. Other cameras overrule it where they see a body."""
+SHADOW_EDGE = 3.0
+"""Change of brightness between neighboring pixels of a soft shadow, gray levels. It adds to the noise."""
+BLUR = 0.7
+"""Standard deviation of the filter that reduces noise before images are compared, pixels."""
+
+
+def subject_evidence(frame: np.ndarray, background: Background) -> np.ndarray:
+    """Return log odds [H, W] float32 that pixels show the subject, -LIMIT..LIMIT. They are 0 where the background is unknown.
+
+    Args:
+        frame: [H, W, 3] uint8.
+        background: Background of the camera.
+    """
+    seen = cv2.GaussianBlur(frame.astype(np.float32), (0, 0), BLUR)
+    behind = cv2.GaussianBlur(background.lit(frame), (0, 0), BLUR)
+    difference = np.abs(seen - behind).max(-1) / np.hypot(background.noise, FLOOR)
+    found = np.clip(difference / UNSURE - 1, -1, 1) * LIMIT
+    shadow = _shadow_likeness(seen, behind, np.hypot(background.noise, HUE_FLOOR))
+    found = np.where(found > SHADOW_ODDS, found + (SHADOW_ODDS - found) * shadow, found)
+    return np.where(background.known, found, 0).astype(np.float32)
+
+
+def _shadow_likeness(seen: np.ndarray, behind: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Return [H, W], 0..1, how well a darker background explains the pixels: the same hue and the same structure.
+
+    Within a shadow, the ratio to the background changes slowly. On cloth and at borders of bodies it changes quickly.
+    """
+    ratio = (seen * behind).sum(-1) / np.maximum((behind * behind).sum(-1), 1)
+    hue = np.abs(seen - ratio[..., None] * behind).max(-1) / noise
+    likely = np.clip(2 - hue / UNSURE, 0, 1) * (ratio > DARKEST_SHADOW) * (ratio < 1)
+    texture = cv2.morphologyEx(ratio, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) * behind.mean(-1)
+    texture = texture / np.hypot(noise, SHADOW_EDGE)
+    return likely * np.clip(2 - texture / UNSURE, 0, 1)

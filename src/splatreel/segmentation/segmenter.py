@@ -1,0 +1,186 @@
+"""Segmentation of the subject in the images of several static cameras."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+import cv2
+import numpy as np
+
+from splatreel.base import threads
+from splatreel.scene.camera import Camera
+from splatreel.segmentation.agreement import Agreement
+from splatreel.segmentation.background import Background, fit_background
+from splatreel.segmentation.colors import ColorModel
+from splatreel.segmentation.evidence import LIMIT, subject_evidence
+from splatreel.segmentation.smoothing import decide, without_specks
+
+FULL_TRUST = 8
+"""Number of other cameras from which on their agreement weighs as much as the image itself."""
+COLOR_SAMPLES = 10
+"""Number of samples from which colors are learned."""
+CERTAIN = 0.9
+"""Decision from which on a pixel teaches the colors of the subject or its surroundings."""
+ALWAYS, STILL = 2.8, 0.9
+"""Mean support by the other cameras, and share of the samples that look alike, from which on a pixel's background is somebody who
+never moves."""
+NEAR = 0.08
+"""Distance from the subject within which its surroundings teach colors, as a share of the image width."""
+FIT_STEPS = 4
+"""Number of steps of `fit_subject`."""
+STEADY = 12.0
+"""Difference of colors, gray levels, up to which a pixel of the next frame shows the same."""
+
+
+class Evidence(NamedTuple):
+    """Log odds of the subject at a moment, each [C, H, W] float32: by the image alone, by the other cameras, and by both."""
+
+    own: np.ndarray
+    support: np.ndarray
+    odds: np.ndarray
+
+
+class SubjectModel:
+    """Backgrounds and colors of a capture, by which its subject is segmented.
+
+    Attributes:
+        never_uncovered: Share of each camera's image, 0..1, whose background no sample shows although the other cameras show
+            somebody there.
+        moving_shares: Largest share of each camera's image, 0..1, that the subject covers in the samples.
+    """
+
+    def __init__(self, cameras: Sequence[Camera], backgrounds: Sequence[Background], near: float = 0.0) -> None:
+        self.cameras, self.backgrounds = list(cameras), list(backgrounds)
+        self.colors = [ColorModel() for _ in cameras]
+        self.agreement = Agreement(self.cameras, near)
+        self.never_uncovered = [0.0] * len(self.cameras)
+        self.moving_shares = [0.0] * len(self.cameras)
+
+    def pack(self) -> dict[str, np.ndarray]:
+        """Return the model as arrays."""
+        arrays: dict[str, np.ndarray] = {"never_uncovered": np.array(self.never_uncovered)}
+        arrays["moving_shares"] = np.array(self.moving_shares)
+        for c, (background, colors) in enumerate(zip(self.backgrounds, self.colors, strict=True)):
+            arrays |= {f"{c}.{name}": getattr(background, name) for name in Background.__dataclass_fields__}
+            arrays[f"{c}.colors"] = colors.counts
+        return arrays
+
+    @classmethod
+    def unpack(cls, cameras: Sequence[Camera], arrays: dict[str, np.ndarray], near: float) -> SubjectModel:
+        """Return the model of arrays that `pack` returned.
+
+        Raises:
+            KeyError: An array is missing.
+        """
+        fields = Background.__dataclass_fields__
+        backgrounds = [Background(*(arrays[f"{c}.{name}"] for name in fields)) for c in range(len(cameras))]
+        model = cls(cameras, backgrounds, near)
+        model.never_uncovered = arrays["never_uncovered"].tolist()
+        model.moving_shares = arrays["moving_shares"].tolist()
+        model.colors = [ColorModel(arrays[f"{c}.colors"]) for c in range(len(cameras))]
+        return model
+
+    def evidence(self, images: np.ndarray) -> Evidence:
+        """Return the evidence of a moment. `images`: [C, H, W, 3] uint8."""
+        pairs = zip(images, self.backgrounds, strict=True)
+        own = np.stack(threads.map_parallel(lambda pair: subject_evidence(*pair), pairs))
+        support = self.agreement.support(own)
+        trust = min(1.0, max(len(self.cameras) - 2, 1) / FULL_TRUST)
+        shares = np.stack([background.share for background in self.backgrounds])
+        # A background that few samples show may be somebody who stood there. Then the other cameras decide.
+        odds = np.where((own < 0) & (support > 0), own * np.clip(1.5 * shares, 0, 1), own)
+        odds = odds + np.clip(trust * support, -LIMIT, LIMIT)
+        return Evidence(own, support, odds.astype(np.float32))
+
+    def learn_colors(self, samples: np.ndarray) -> None:
+        """Learn the colors of the subject and of its surroundings from samples [S, C, H, W, 3] uint8."""
+        for images in samples:
+            found = self.evidence(images)
+
+            def learn(c: int, images: np.ndarray = images, found: Evidence = found) -> None:
+                decision = decide(images[c], found.odds[c])
+                self.moving_shares[c] = max(self.moving_shares[c], float((decision > 0).mean()))
+                near = _widened((decision > 0) | (found.support[c] > 0))
+                empty = (found.support[c] < 0) | (found.own[c] < -2)
+                self.colors[c].add(
+                    images[c], (decision > CERTAIN) & (found.odds[c] > 1), near & empty & (decision < -CERTAIN)
+                )
+
+            threads.map_parallel(learn, range(len(self.cameras)))
+
+    def decisions(self, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return decisions, from -1 to 1, and the support of other cameras, [C, H, W] float32 each, of a moment."""
+        found = self.evidence(images)
+
+        def of_camera(c: int) -> np.ndarray:
+            colors = np.where(found.support[c] > -0.5, self.colors[c].evidence(images[c]), 0)
+            return decide(images[c], found.odds[c] + colors)
+
+        return np.stack(threads.map_parallel(of_camera, range(len(images)))), found.support
+
+    def masks(self, frames: np.ndarray) -> np.ndarray:
+        """Return the masks [T, C, H, W] bool of consecutive frames [T, C, H, W, 3] uint8."""
+        found = [self.decisions(images) for images in frames]
+        out = np.empty(frames.shape[:4], bool)
+        for t in range(len(frames)):
+            total = 2 * found[t][0]
+            for other in (t - 1, t + 1):
+                if 0 <= other < len(frames):
+                    total += np.where(_alike(frames[t], frames[other]), found[other][0], found[t][0])
+            for c, (decision, support) in enumerate(zip(total, found[t][1], strict=True)):
+                out[t, c] = without_specks(decision > 0, support)
+        return out
+
+
+def fit_subject(
+    cameras: Sequence[Camera],
+    samples: np.ndarray,
+    plates: Sequence[np.ndarray] | None = None,
+    near: float = 0.0,
+    report: Callable[[int], None] = lambda _: None,
+) -> SubjectModel:
+    """Learn the backgrounds and colors of a capture.
+
+    First backgrounds are found in each camera alone. By these, the cameras agree on the places of the subject in all samples. Then
+    backgrounds are found again from the samples that do not show the subject.
+
+    Args:
+        cameras: C cameras, at the size of the images.
+        samples: [S, C, H, W, 3] uint8, moments spread over the video.
+        plates: Images without the subject, [P, H, W, 3] uint8 for each camera, if there are any.
+        near: Smallest depth, world units.
+        report: Called with the number of finished steps of `FIT_STEPS`.
+    """
+    films = list(samples.swapaxes(0, 1)) if plates is None else list(plates)
+    model = SubjectModel(cameras, threads.map_parallel(fit_background, films), near)
+    report(1)
+    if plates is None:
+        support = np.stack([model.evidence(images).support for images in samples], 1)  # [C, S, H, W]
+        report(2)
+        jobs = list(zip(films, support, strict=True))
+        found = threads.map_parallel(lambda job: _fit_again(*job), jobs)
+        model.backgrounds = [background.without(covered) for background, covered in found]
+        model.never_uncovered = [float(covered.mean()) for _, covered in found]
+    report(3)
+    chosen = np.unique(np.linspace(0, len(samples) - 1, COLOR_SAMPLES).round().astype(int))
+    model.learn_colors(samples[chosen])
+    report(FIT_STEPS)
+    return model
+
+
+def _fit_again(film: np.ndarray, support: np.ndarray) -> tuple[Background, np.ndarray]:
+    """Return a background by the support of the other cameras, and the pixels [H, W] bool that the subject always covers."""
+    background = fit_background(film, np.exp(-np.clip(support, 0, LIMIT)).astype(np.float32))
+    always = np.clip(support, -LIMIT, LIMIT).mean(0) > ALWAYS
+    return background, always & (background.share > STILL)
+
+
+def _widened(mask: np.ndarray) -> np.ndarray:
+    size = 2 * max(1, round(NEAR * mask.shape[1] / 2)) + 1
+    return cv2.dilate(mask.astype(np.uint8), np.ones((size, size), np.uint8)) > 0
+
+
+def _alike(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return where two images show the same. Arrays: [C, H, W, 3] uint8; the result is [C, H, W] bool."""
+    return np.stack([cv2.absdiff(x, y).max(-1) < STEADY for x, y in zip(a, b, strict=True)])

@@ -1,0 +1,117 @@
+"""Writing of masks: continuing, corrections by hand, and what is refused."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from splatreel.base.errors import CaptureError
+from splatreel.base.progress import Silent
+from splatreel.capture.file_capture import FileCapture
+from splatreel.capture.mask_files import RECORD
+from splatreel.capture.opening import open_capture
+from splatreel.segmentation.mask_writer import MODEL, WrittenMasks, write_masks
+from tests.segmentation import scenes
+
+FRAMES = 8
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return scenes.write_capture(tmp_path_factory.mktemp("scene"), FRAMES)
+
+
+@pytest.fixture(scope="module")
+def masks(scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Masks of the scene. Tests do not change them."""
+    folder = tmp_path_factory.mktemp("out") / "masks"
+    make(scene, folder)
+    return folder
+
+
+def make(scene: Path, folder: Path, clean_plate: Path | None = None, **options: object) -> WrittenMasks:
+    capture = open_capture(scene, held_out=[], **options)  # type: ignore[arg-type]
+    assert isinstance(capture, FileCapture)
+    return write_masks(capture, folder, Silent(), clean_plate)
+
+
+def pictures(folder: Path) -> dict[str, bytes]:
+    return {file.relative_to(folder).as_posix(): file.read_bytes() for file in sorted(folder.glob("*/*.png"))}
+
+
+def test_written_masks_are_read_with_the_capture(scene: Path, masks: Path) -> None:
+    capture = open_capture(scene, masks=masks, held_out=[])
+    alpha = capture.alpha(0, FRAMES, [camera.name for camera in capture.cameras])
+    assert alpha is not None
+    assert scenes.overlap(alpha > 127, scenes.film(FRAMES)[1]) > 0.65
+    assert not (masks / MODEL).exists()
+    assert json.loads((masks / RECORD).read_text())["complete"]
+
+
+def copied(masks: Path, folder: Path) -> Path:
+    for file in [*masks.glob("*/*.png"), masks / RECORD]:
+        target = folder / file.relative_to(masks)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        target.write_bytes(file.read_bytes())
+    return folder
+
+
+def test_interrupted_call_continues_to_the_same_masks(scene: Path, masks: Path, tmp_path: Path) -> None:
+    folder = copied(masks, tmp_path / "masks")
+    record = json.loads((folder / RECORD).read_text())
+    (folder / RECORD).write_text(json.dumps(record | {"complete": False}))
+    for name in ("1/000003.png", "2/000006.png", "5/000006.png"):
+        (folder / name).unlink()
+    assert make(scene, folder).pictures == 3
+    assert pictures(folder) == pictures(masks)
+
+
+def test_masks_corrected_by_hand_stay(scene: Path, masks: Path, tmp_path: Path) -> None:
+    folder = copied(masks, tmp_path / "masks")
+    Image.new("L", (scenes.WIDTH, scenes.HEIGHT), 255).save(folder / "1" / "000000.png")
+    corrected = pictures(folder)
+    assert make(scene, folder).pictures == 0
+    assert pictures(folder) == corrected
+
+
+def test_folder_of_other_frames_is_refused(scene: Path, masks: Path) -> None:
+    with pytest.raises(CaptureError, match=r"frames is '0:8' there and '0:6' now"):
+        make(scene, masks, frames=(0, 6))
+
+
+def test_folder_with_other_files_is_refused(scene: Path, tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("mine")
+    with pytest.raises(CaptureError, match="holds no masks of `capture masks`"):
+        make(scene, tmp_path)
+
+
+def test_body_that_never_moves_needs_a_clean_plate(tmp_path: Path) -> None:
+    scene = scenes.write_capture(tmp_path / "scene", 4, at=(0.2, 0.1))
+    with pytest.raises(CaptureError, match=r"nothing moves in these frames.*--clean-plate FOLDER"):
+        make(scene, tmp_path / "masks")
+    plates = tmp_path / "plates"
+    plates.mkdir()
+    with pytest.raises(CaptureError, match=r"there is no clean plate of camera 1\. Add a picture 1\.png"):
+        make(scene, tmp_path / "masks2", plates)
+    for c in range(scenes.CAMERAS):
+        Image.fromarray(scenes.backdrop(c)).save(plates / f"{c + 1}.png")
+    assert min(make(scene, tmp_path / "masks3", plates).shares.values()) > 0.01
+    Image.new("RGB", (64, 64)).save(plates / "3.png")
+    with pytest.raises(CaptureError, match=r"3\.png: is 64x64, but the images of camera 3 are 96x72"):
+        make(scene, tmp_path / "masks4", plates)
+
+
+def test_masks_of_a_video_are_named_by_the_numbers_of_its_frames(scene: Path, masks: Path, tmp_path: Path) -> None:
+    folder = copied(masks, tmp_path / "masks")
+    (folder / "1" / "000004.png").unlink()
+    with pytest.raises(CaptureError, match="there is no mask 000004"):
+        open_capture(scene, masks=folder, held_out=[])
+    assert np.asarray(open_capture(scene, masks=folder, held_out=[], frames=(0, 4)).frames) == 4
+
+
+def test_damaged_record_is_named(scene: Path, tmp_path: Path) -> None:
+    (tmp_path / RECORD).write_text("{")
+    with pytest.raises(CaptureError, match=RECORD):
+        make(scene, tmp_path)
