@@ -33,8 +33,8 @@ def test_gather_without_splats_or_channels() -> None:
     means2d, conics, _, opacities, depths, radii = splats(20, 3, 10, 10)
     images = torch.ones(10, 10, 2)
     assert gather(means2d, conics, opacities, depths, radii, images[..., :0]).shape == (20, 0)
-    nothing = (tensor[:0] for tensor in (means2d, conics, opacities, depths, radii))
-    assert gather(*nothing, images).shape == (0, 2)
+    nothing = gather(means2d[:0], conics[:0], opacities[:0], depths[:0], radii[:0], images)
+    assert nothing.shape == (0, 2)
 
 
 def test_gather_refuses_nan() -> None:

@@ -42,7 +42,8 @@ COARSE_WIDTH = 320
 DIS_PATCH = 8
 """Side of the patches that DIS compares, pixels. It crashes if an image is halved to fewer pixels."""
 HALF_FROM = 200
-"""Width of the image from which DIS ends at half size (experiments/2026-11-27-half-size-flow.md)."""
+"""Width of the image from which DIS ends at half size (experiments/2026-11-27-half-size-flow.md and
+2026-11-27-flow-of-fast-things.md)."""
 MAX_BOX_SHARE = 0.7
 """Share of the image covered by boxes above which the whole image at full size takes less time."""
 
