@@ -122,7 +122,12 @@ def test_packages_and_their_rooms_import_only_down() -> None:
         for a, others in found.items()
         for b in others
         if (package[a] != package[b] and rungs[package[b]] >= rungs[package[a]])
-        or (package[a] == package[b] and room[a] != room[b] and rooms and rooms.get(room[b], -1) >= rooms.get(room[a], 0))
+        or (
+            package[a] == package[b]
+            and room[a] != room[b]
+            and rooms
+            and rooms.get(room[b], -1) >= rooms.get(room[a], 0)
+        )
     ]
     assert not up
 

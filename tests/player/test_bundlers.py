@@ -175,7 +175,11 @@ def type_check(folder: Path, code: str, suffix: str, paths: dict[str, list[str]]
     own = {name: [str(PLAYER / path) for path in found] for name, found in settings["paths"].items()}
     engines = {"three": [str(modules / "@types" / "three")], "playcanvas": [str(modules / "playcanvas")]}
     options = settings | {"paths": own | engines | paths, "jsx": "react-jsx", "noUnusedLocals": False}
-    files = [folder / f"snippet.{suffix}", PLAYER / "packages/element/src/files.d.ts", PLAYER / "packages/decoder/src/modules.d.ts"]
+    files = [
+        folder / f"snippet.{suffix}",
+        PLAYER / "packages/element/src/files.d.ts",
+        PLAYER / "packages/decoder/src/modules.d.ts",
+    ]
     files[0].write_text(code, encoding="utf-8")
     config = {"compilerOptions": options, "files": [str(file) for file in files]}
     (folder / "tsconfig.json").write_text(json.dumps(config))
