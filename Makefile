@@ -54,6 +54,7 @@ else
 	$(MAKE) player/node_modules/.package-lock.json
 	npm --prefix player run typecheck
 	npm --prefix player run lint
+	npm --prefix player run format-check
 	npm --prefix player run check
 endif
 

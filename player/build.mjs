@@ -20,7 +20,12 @@ const parts = {
   help: "packages/element/src/ui/help.ts",
   "media-controls": "packages/element/src/ui/media-controls.ts",
   menu: "packages/element/src/ui/menu.ts",
-  ...Object.fromEntries(["ar", "de", "es", "fr", "ja", "pt", "zh"].map((name) => [`language-${name}`, `packages/element/src/languages/language-${name}.ts`])),
+  ...Object.fromEntries(
+    ["ar", "de", "es", "fr", "ja", "pt", "zh"].map((name) => [
+      `language-${name}`,
+      `packages/element/src/languages/language-${name}.ts`,
+    ]),
+  ),
   "open-files": "packages/element/src/files/open-files.ts",
   "path-panel": "packages/element/src/ui/path-panel.ts",
   "edit-panel": "packages/element/src/ui/edit-panel.ts",
@@ -34,25 +39,31 @@ const parts = {
 };
 const late = {
   name: "late",
-  setup: (build) => build.onResolve({ filter: /^\.{1,2}\// }, ({ kind, path }) => {
-    const name = path.split("/").at(-1);
-    return kind === "dynamic-import" && name in parts ? { path: `./${name}.js`, external: true } : undefined;
-  }),
+  setup: (build) =>
+    build.onResolve({ filter: /^\.{1,2}\// }, ({ kind, path }) => {
+      const name = path.split("/").at(-1);
+      return kind === "dynamic-import" && name in parts ? { path: `./${name}.js`, external: true } : undefined;
+    }),
 };
 
 // Styles are embedded as minified text. The unit dp is a length that grows with the element (ui.css).
 const styles = {
   name: "styles",
-  setup: (build) => build.onLoad({ filter: /\.css$/ }, async ({ path }) => {
-    const { code } = await transform(await readFile(path, "utf8"), { loader: "css", minify: true });
-    return { contents: code.trim().replace(/(-?[\d.]+)dp\b/g, "calc($1*var(--splatreel-dp))"), loader: "text" };
-  }),
+  setup: (build) =>
+    build.onLoad({ filter: /\.css$/ }, async ({ path }) => {
+      const { code } = await transform(await readFile(path, "utf8"), { loader: "css", minify: true });
+      return { contents: code.trim().replace(/(-?[\d.]+)dp\b/g, "calc($1*var(--splatreel-dp))"), loader: "text" };
+    }),
 };
 
 const options = { ...common, plugins: [...common.plugins, late, styles], loader: { ".svg": "text" } };
 
 await writeDecoders(out);
-await build({ ...options, entryPoints: { player: "packages/element/src/main.ts", "sort-worker": "packages/renderer/src/draw/sort-worker.ts" }, outdir: out });
+await build({
+  ...options,
+  entryPoints: { player: "packages/element/src/main.ts", "sort-worker": "packages/renderer/src/draw/sort-worker.ts" },
+  outdir: out,
+});
 // The page that tests the player on a phone loads the player beside it.
 await build({ ...options, entryPoints: { "self-test": "packages/element/src/self-test/self-test.ts" }, outdir: out });
 await copyFile(join(here, "packages/element/src/self-test/self-test.html"), join(out, "self-test.html"));
@@ -60,12 +71,27 @@ await copyFile(join(here, "packages/element/src/self-test/self-test.html"), join
 await build({ ...options, entryPoints: parts, outdir: out });
 for (const name of ["player", ...Object.keys(parts)]) await leaveAddresses(join(out, `${name}.js`));
 await writeFile(join(out, "index.html"), await page());
-const uqr = ["share.js: holds the npm package uqr, which writes QR codes, under this licence:", "", await license("uqr")];
-await writeFile(join(out, "THIRD_PARTY.txt"), await notices("The player in this folder is part of Splatreel (Apache-2.0). It carries two decoders and an encoder of others:", uqr));
+const uqr = [
+  "share.js: holds the npm package uqr, which writes QR codes, under this licence:",
+  "",
+  await license("uqr"),
+];
+await writeFile(
+  join(out, "THIRD_PARTY.txt"),
+  await notices(
+    "The player in this folder is part of Splatreel (Apache-2.0). It carries two decoders and an encoder of others:",
+    uqr,
+  ),
+);
 
 /** Return the bundled page. Its first script is inline, since a separate file would cost a round trip. */
 async function page() {
-  const first = { ...options, entryPoints: ["packages/element/src/element/page-prefetch.ts"], external: ["./player.js"], write: false };
+  const first = {
+    ...options,
+    entryPoints: ["packages/element/src/element/page-prefetch.ts"],
+    external: ["./player.js"],
+    write: false,
+  };
   const early = (await build(first)).outputFiles[0].text.trim();
   const html = await readFile(join(here, "packages/element/src/element/index.html"), "utf8");
   return html.replace("<script data-early></script>", () => `<script type="module" data-early>${early}</script>`);

@@ -19,16 +19,27 @@ const decoders = {
 // Shaders are embedded without comments and indentation, which a script's minifier keeps in strings.
 const shaders = {
   name: "shaders",
-  setup: (build) => build.onLoad({ filter: /shaders\.ts$/ }, async ({ path }) => {
-    const text = await readFile(path, "utf8");
-    return { contents: text.replace(/\/\*[^]*?\*\//g, "").replace(/(^|\s)\/\/ .*$/gm, "").replace(/^\s+/gm, "").replace(/ ([=*<>?:,(){}]+) /g, "$1"), loader: "ts" };
-  }),
+  setup: (build) =>
+    build.onLoad({ filter: /shaders\.ts$/ }, async ({ path }) => {
+      const text = await readFile(path, "utf8");
+      return {
+        contents: text
+          .replace(/\/\*[^]*?\*\//g, "")
+          .replace(/(^|\s)\/\/ .*$/gm, "")
+          .replace(/^\s+/gm, "")
+          .replace(/ ([=*<>?:,(){}]+) /g, "$1"),
+        loader: "ts",
+      };
+    }),
 };
 
 // A file of its own: only pages without crypto.subtle load it.
 const digest = {
   name: "digest",
-  setup: (build) => build.onResolve({ filter: /^\.\/sha256$/ }, ({ kind }) => (kind === "dynamic-import" ? { path: "./sha256.js", external: true } : undefined)),
+  setup: (build) =>
+    build.onResolve({ filter: /^\.\/sha256$/ }, ({ kind }) =>
+      kind === "dynamic-import" ? { path: "./sha256.js", external: true } : undefined,
+    ),
 };
 
 /** Options of esbuild. */
@@ -49,10 +60,23 @@ export async function writeDecoders(out) {
   await rm(out, { recursive: true, force: true });
   await mkdir(out, { recursive: true });
   const sources = "packages/decoder/src/decode";
-  await build({ ...common, entryPoints: { sha256: "packages/decoder/src/files/sha256.ts", "decode-worker": `${sources}/decode-worker.ts`,"hevc-worker": `${sources}/hevc-worker.ts`, "paper-decode": `${sources}/paper-decode.ts` }, outdir: out });
+  await build({
+    ...common,
+    entryPoints: {
+      sha256: "packages/decoder/src/files/sha256.ts",
+      "decode-worker": `${sources}/decode-worker.ts`,
+      "hevc-worker": `${sources}/hevc-worker.ts`,
+      "paper-decode": `${sources}/paper-decode.ts`,
+    },
+    outdir: out,
+  });
   for (const name of ["decode-worker", "hevc-worker", "paper-decode"]) await leaveAddresses(join(out, `${name}.js`));
   for (const [name, [source, exported]] of Object.entries(decoders)) {
-    if (exported) await writeFile(join(out, name), `${await readFile(join(packages, source), "utf8")}\nexport default ${exported};\n`);
+    if (exported)
+      await writeFile(
+        join(out, name),
+        `${await readFile(join(packages, source), "utf8")}\nexport default ${exported};\n`,
+      );
     else await copyFile(join(packages, source), join(out, name));
   }
 }
@@ -60,7 +84,10 @@ export async function writeDecoders(out) {
 /** Mark dynamic imports of computed addresses, so that other bundlers leave them alone. Minifying drops such comments. */
 export async function leaveAddresses(path) {
   const text = await readFile(path, "utf8");
-  await writeFile(path, text.replace(/\bimport\((?!["'`]|\$\{)/g, "import(/* webpackIgnore: true *//* @vite-ignore */"));
+  await writeFile(
+    path,
+    text.replace(/\bimport\((?!["'`]|\$\{)/g, "import(/* webpackIgnore: true *//* @vite-ignore */"),
+  );
 }
 
 /** Return the licenses of third-party code. first: what the folder holds. rest: further paragraphs. */

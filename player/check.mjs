@@ -11,10 +11,13 @@ const fresh = mkdtempSync(join(tmpdir(), "splatreel-player-"));
 try {
   execFileSync(process.execPath, [join(here, "build.mjs"), fresh], { stdio: "inherit" });
   const names = [...new Set([...readdirSync(committed), ...readdirSync(fresh)])].sort();
-  const read = (folder, name) => (readdirSync(folder).includes(name) ? readFileSync(join(folder, name)) : Buffer.from("missing"));
+  const read = (folder, name) =>
+    readdirSync(folder).includes(name) ? readFileSync(join(folder, name)) : Buffer.from("missing");
   const different = names.filter((name) => !read(committed, name).equals(read(fresh, name)));
   if (different.length > 0) {
-    console.error(`The committed player differs from its source: ${different.join(", ")}. Run \`make player\` and commit the result.`);
+    console.error(
+      `The committed player differs from its source: ${different.join(", ")}. Run \`make player\` and commit the result.`,
+    );
     process.exitCode = 1;
   } else console.log(`The committed player equals the one that its source builds (${names.length} files).`);
 } finally {

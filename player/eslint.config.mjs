@@ -14,13 +14,19 @@ export default defineConfig(
       "@typescript-eslint/no-unused-expressions": ["error", { allowShortCircuit: true, allowTernary: true }],
       eqeqeq: ["error", "always", { null: "ignore" }],
       "prefer-const": ["error", { destructuring: "all" }],
-      "jsdoc/require-jsdoc": ["error", {
-        publicOnly: true,
-        enableFixer: false,
-        require: { ClassDeclaration: true, FunctionDeclaration: true, MethodDefinition: false },
-        contexts: ["TSInterfaceDeclaration", "TSTypeAliasDeclaration"],
-      }],
-      "jsdoc/require-description": ["error", { contexts: ["ClassDeclaration", "FunctionDeclaration", "TSInterfaceDeclaration", "TSTypeAliasDeclaration"] }],
+      "jsdoc/require-jsdoc": [
+        "error",
+        {
+          publicOnly: true,
+          enableFixer: false,
+          require: { ClassDeclaration: true, FunctionDeclaration: true, MethodDefinition: false },
+          contexts: ["TSInterfaceDeclaration", "TSTypeAliasDeclaration"],
+        },
+      ],
+      "jsdoc/require-description": [
+        "error",
+        { contexts: ["ClassDeclaration", "FunctionDeclaration", "TSInterfaceDeclaration", "TSTypeAliasDeclaration"] },
+      ],
     },
   },
 );

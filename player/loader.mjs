@@ -14,7 +14,8 @@ const { compilerOptions } = JSON.parse(readFileSync(new URL("./tsconfig.json", i
 export function resolve(specifier, context, next) {
   const [entry] = compilerOptions.paths[specifier] ?? [];
   if (entry) return next(new URL(entry, import.meta.url).href, context);
-  const bare = specifier.startsWith(".") && context.parentURL?.endsWith(".ts") && !/\.(mjs|js|ts|css|svg|wasm)$/.test(specifier);
+  const bare =
+    specifier.startsWith(".") && context.parentURL?.endsWith(".ts") && !/\.(mjs|js|ts|css|svg|wasm)$/.test(specifier);
   if (!specifier.endsWith(".wasm")) return next(bare ? `${specifier}.ts` : specifier, context);
   return { url: new URL(specifier, context.parentURL).href, shortCircuit: true };
 }
@@ -24,8 +25,13 @@ export async function load(url, context, next) {
   if (!["ts", "css", "svg", "wasm"].includes(kind)) return next(url, context);
   const path = fileURLToPath(url);
   const module = (source) => ({ format: "module", source, shortCircuit: true });
-  if (kind === "wasm") return module(`import { readFileSync } from "node:fs"; export default new Uint8Array(readFileSync(${JSON.stringify(process.env.SPLATREEL_KERNELS)}));`);
+  if (kind === "wasm")
+    return module(
+      `import { readFileSync } from "node:fs"; export default new Uint8Array(readFileSync(${JSON.stringify(process.env.SPLATREEL_KERNELS)}));`,
+    );
   const text = await readFile(path, "utf8");
   if (kind !== "ts") return module(`export default ${JSON.stringify(text)};`);
-  return module((await transform(text, { loader: "ts", target: "node20", sourcemap: "inline", sourcefile: path })).code);
+  return module(
+    (await transform(text, { loader: "ts", target: "node20", sourcemap: "inline", sourcefile: path })).code,
+  );
 }

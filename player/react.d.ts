@@ -2,16 +2,51 @@
 import type { ClassAttributes, HTMLAttributes } from "react";
 import type { SplatReelElement } from "splatreel-player";
 
-type Properties = "src" | "poster" | "autoplay" | "loop" | "muted" | "controls" | "currentTime" | "playbackRate" | "volume" | "rendition" | "section";
+type Properties =
+  | "src"
+  | "poster"
+  | "autoplay"
+  | "loop"
+  | "muted"
+  | "controls"
+  | "currentTime"
+  | "playbackRate"
+  | "volume"
+  | "rendition"
+  | "section";
 type CameraAttributes =
-  | "camera-orbit" | "camera-target" | "field-of-view" | "min-camera-orbit" | "max-camera-orbit" | "rotation-per-second" | "auto-rotate-delay";
+  | "camera-orbit"
+  | "camera-target"
+  | "field-of-view"
+  | "min-camera-orbit"
+  | "max-camera-orbit"
+  | "rotation-per-second"
+  | "auto-rotate-delay";
 type EventName =
-  | "emptied" | "loadstart" | "durationchange" | "loadedmetadata" | "loadeddata" | "canplay" | "play" | "playing" | "pause" | "waiting"
-  | "timeupdate" | "progress" | "seeking" | "seeked" | "ratechange" | "volumechange" | "pathchange" | "ended" | "error";
+  | "emptied"
+  | "loadstart"
+  | "durationchange"
+  | "loadedmetadata"
+  | "loadeddata"
+  | "canplay"
+  | "play"
+  | "playing"
+  | "pause"
+  | "waiting"
+  | "timeupdate"
+  | "progress"
+  | "seeking"
+  | "seeked"
+  | "ratechange"
+  | "volumechange"
+  | "pathchange"
+  | "ended"
+  | "error";
 
 /** Attributes, properties and events. React listens to events of custom elements by their own names, such as `ontimeupdate`. */
 export interface SplatReelAttributes
-  extends ClassAttributes<SplatReelElement>,
+  extends
+    ClassAttributes<SplatReelElement>,
     HTMLAttributes<SplatReelElement>,
     Partial<Pick<SplatReelElement, Properties>>,
     Partial<Record<CameraAttributes, string>>,

@@ -58,6 +58,16 @@ function coverageOf({ files }) {
   const source = files.filter(({ path }) => /^packages\/\w+\/src\//.test(relative(here, path)));
   const sum = (key) => source.reduce((total, file) => total + file[key], 0);
   const [lines, covered] = [sum("totalLineCount"), sum("coveredLineCount")];
-  const missed = Object.fromEntries(source.map(({ path, lines: counts }) => [relative(here, path), counts.filter(({ count }) => count === 0).map(({ line }) => line)]));
-  return { lines, covered, missed, line: `TypeScript coverage: ${Math.round((100 * covered) / lines)} % of ${lines} lines (unit tests)` };
+  const missed = Object.fromEntries(
+    source.map(({ path, lines: counts }) => [
+      relative(here, path),
+      counts.filter(({ count }) => count === 0).map(({ line }) => line),
+    ]),
+  );
+  return {
+    lines,
+    covered,
+    missed,
+    line: `TypeScript coverage: ${Math.round((100 * covered) / lines)} % of ${lines} lines (unit tests)`,
+  };
 }

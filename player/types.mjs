@@ -12,12 +12,18 @@ const { compilerOptions } = JSON.parse(readFileSync(join(here, "tsconfig.json"),
 
 const tsc = join(here, "node_modules/typescript/bin/tsc");
 const project = ["--project", join(folder, "tsconfig.types.json")];
-execFileSync(process.execPath, [tsc, ...project, "--noEmit", "false", "--declaration", "--emitDeclarationOnly", "--rootDir", here, "--outDir", out], { stdio: "inherit" });
+execFileSync(
+  process.execPath,
+  [tsc, ...project, "--noEmit", "false", "--declaration", "--emitDeclarationOnly", "--rootDir", here, "--outDir", out],
+  { stdio: "inherit" },
+);
 for (const name of readdirSync(out, { recursive: true }).filter((path) => path.endsWith(".d.ts"))) {
   const path = join(out, name);
   const text = readFileSync(path, "utf8").replace(/"(@splatreel\/[^"]+)"/g, (_, name) => {
     const [source] = compilerOptions.paths[name];
-    const target = relative(dirname(path), join(out, source.replace(/\.ts$/, ""))).split(sep).join("/");
+    const target = relative(dirname(path), join(out, source.replace(/\.ts$/, "")))
+      .split(sep)
+      .join("/");
     return JSON.stringify(target.startsWith(".") ? target : `./${target}`);
   });
   writeFileSync(path, text);

@@ -91,8 +91,13 @@ if (statSync(corpus).isFile()) await fuzz(readFileSync(corpus));
 else {
   const end = Date.now() + 1000 * Number(seconds);
   await executeAll(Array.from({ length: 10 }, (_, i) => Buffer.of(i)));
-  await executeAll(readdirSync(corpus).filter((name) => /^[0-9a-f]{40}$/.test(name)).map((name) => readFileSync(join(corpus, name))));
-  while (Date.now() < end) await executeAll(Array.from({ length: BATCH }, () => mutated(programs[random(programs.length)])));
+  await executeAll(
+    readdirSync(corpus)
+      .filter((name) => /^[0-9a-f]{40}$/.test(name))
+      .map((name) => readFileSync(join(corpus, name))),
+  );
+  while (Date.now() < end)
+    await executeAll(Array.from({ length: BATCH }, () => mutated(programs[random(programs.length)])));
   tell();
 }
 process.exit(0);

@@ -13,8 +13,44 @@ import { parseManifest } from "../packages/decoder/src/reel/manifest";
 const NAME = "groups/it.safetensors";
 const MAX_EDITS = 12;
 const VALUES: unknown[] = [
-  0, 1, -1, 2, 255, 2 ** 16, 2 ** 26, 2 ** 31, 2 ** 40, 2 ** 64, -(2 ** 53), 1e308, 0.5, -0.5, 1e-300, null, true, false, "", "x", "../x", "/etc/x", "//host/x",
-  "http://host/x", "h265", "lattice", "klt", "draco", "vq", [], [0], [0, 0, 0], [1, -1, 1e300], {}, { codec: "klt" }, [[0], [0]], "a".repeat(5000), new Array(300).fill(0),
+  0,
+  1,
+  -1,
+  2,
+  255,
+  2 ** 16,
+  2 ** 26,
+  2 ** 31,
+  2 ** 40,
+  2 ** 64,
+  -(2 ** 53),
+  1e308,
+  0.5,
+  -0.5,
+  1e-300,
+  null,
+  true,
+  false,
+  "",
+  "x",
+  "../x",
+  "/etc/x",
+  "//host/x",
+  "http://host/x",
+  "h265",
+  "lattice",
+  "klt",
+  "draco",
+  "vq",
+  [],
+  [0],
+  [0, 0, 0],
+  [1, -1, 1e300],
+  {},
+  { codec: "klt" },
+  [[0], [0]],
+  "a".repeat(5000),
+  new Array(300).fill(0),
 ];
 
 type Json = Record<string, unknown>;
@@ -30,13 +66,18 @@ interface Draft {
 const packages = join(process.cwd(), "node_modules");
 const seeds = ["golden", "golden-predictive"].flatMap((name) => read(join(process.cwd(), "../tests/data", name)));
 const addressOf = (name: string): string => pathToFileURL(join(packages, "draco3d", name)).href;
-const files = { "draco-decode.js": addressOf("draco_decoder_nodejs.js"), "draco_decoder.wasm": addressOf("draco_decoder.wasm") };
+const files = {
+  "draco-decode.js": addressOf("draco_decoder_nodejs.js"),
+  "draco_decoder.wasm": addressOf("draco_decoder.wasm"),
+};
 
 /** Decode Draco as in a worker, by the package's own file. */
 export const decodeCloud = (bytes: Uint8Array): Promise<Float32Array> => decodeDraco(bytes, files);
 
 function read(folder: string): Seed[] {
-  const drafts = ["layers", "groups"].flatMap((kind) => readdirSync(join(folder, kind)).map((name) => draftOf(readFileSync(join(folder, kind, name)))));
+  const drafts = ["layers", "groups"].flatMap((kind) =>
+    readdirSync(join(folder, kind)).map((name) => draftOf(readFileSync(join(folder, kind, name)))),
+  );
   return [...drafts, { manifest: JSON.parse(readFileSync(join(folder, "manifest.json"), "utf8")) }];
 }
 
@@ -52,7 +93,9 @@ function draftOf(data: Buffer): Draft {
 
 /** Copy the parts of a seed that edits change. Bytes are never changed in place. */
 function copyOf(seed: Seed): Seed {
-  return "manifest" in seed ? structuredClone(seed) : { own: structuredClone(seed.own), sections: { ...seed.sections }, places: {} };
+  return "manifest" in seed
+    ? structuredClone(seed)
+    : { own: structuredClone(seed.own), sections: { ...seed.sections }, places: {} };
 }
 
 function pack({ own, sections, places }: Draft): Buffer {
@@ -96,7 +139,9 @@ export async function fuzz(data: Buffer): Promise<void> {
       parseManifest(JSON.parse(JSON.stringify(seed.manifest)), NAME);
     } else {
       for (let i = 0; i < MAX_EDITS && program.left; i++) edit(seed, program);
-      await decodeFile(new Uint8Array(damaged(pack(seed), program)), NAME, (file, kernels) => decodePaper(file, decodeCloud, decodeTrack, kernels));
+      await decodeFile(new Uint8Array(damaged(pack(seed), program)), NAME, (file, kernels) =>
+        decodePaper(file, decodeCloud, decodeTrack, kernels),
+      );
     }
   } catch (error) {
     check(error, "manifest" in seed);
@@ -108,7 +153,8 @@ function check(error: unknown, manifest: boolean): void {
   let cause = error;
   while (cause instanceof Error && cause.cause !== undefined) cause = cause.cause;
   if (!(error instanceof ReelError) || !(cause instanceof ReelError)) throw cause;
-  if (!manifest && !error.message.startsWith(NAME)) throw new Error(`The error does not name the file: ${error.message}`);
+  if (!manifest && !error.message.startsWith(NAME))
+    throw new Error(`The error does not name the file: ${error.message}`);
 }
 
 /** Return gray frames instead of running the video decoder, which is third-party and cannot be guided. */
@@ -128,8 +174,12 @@ function edit(draft: Draft, program: Program): void {
     const other = others[program.below(others.length)];
     const taken = Object.keys(other.sections)[program.below(Object.keys(other.sections).length)];
     draft.sections[taken] = other.sections[taken];
-    if (typeof draft.own.sections === "object" && draft.own.sections) draft.own.sections[taken] = structuredClone(other.own.sections[taken]);
-  } else draft.places[name] = { [["dtype", "shape", "data_offsets"][program.below(3)]]: VALUES[program.below(VALUES.length)] };
+    if (typeof draft.own.sections === "object" && draft.own.sections)
+      draft.own.sections[taken] = structuredClone(other.own.sections[taken]);
+  } else
+    draft.places[name] = {
+      [["dtype", "shape", "data_offsets"][program.below(3)]]: VALUES[program.below(VALUES.length)],
+    };
 }
 
 /** Change the data of a section before it is deflated. */
@@ -143,10 +193,11 @@ function inside(data: Buffer, program: Program): Buffer {
 
 /** Replace or remove a value somewhere in a document. */
 function editJson(document: Json, program: Program): void {
-  for (let owner = document, keys; (keys = Object.keys(owner)).length; ) {
+  for (let owner = document, keys; (keys = Object.keys(owner)).length;) {
     const key = keys[program.below(keys.length)];
     const value = owner[key];
-    if (typeof value !== "object" || value === null || Object.keys(value).length === 0 || program.byte() % 8 === 0) return editValue(owner, key, program);
+    if (typeof value !== "object" || value === null || Object.keys(value).length === 0 || program.byte() % 8 === 0)
+      return editValue(owner, key, program);
     owner = value as Json;
   }
 }

@@ -10,7 +10,16 @@ const here = dirname(fileURLToPath(import.meta.url));
 const folder = mkdtempSync(join(tmpdir(), "splatreel-verdicts-"));
 const outfile = join(folder, "verdicts.mjs");
 try {
-  await build({ entryPoints: [join(here, "verdicts.ts")], outfile, bundle: true, plugins: [assembly], format: "esm", platform: "node", target: "node20", logLevel: "warning" });
+  await build({
+    entryPoints: [join(here, "verdicts.ts")],
+    outfile,
+    bundle: true,
+    plugins: [assembly],
+    format: "esm",
+    platform: "node",
+    target: "node20",
+    logLevel: "warning",
+  });
   const { verdictsOf } = await import(pathToFileURL(outfile).href);
   console.log(JSON.stringify(await verdictsOf(process.argv[2])));
 } finally {

@@ -38,7 +38,12 @@ class LocalWorker {
     try {
       const bytes = await download(source, { received: () => undefined, trouble: () => undefined }, controller.signal);
       if (page) return { page: parseJson(utf8(bytes)) };
-      return { file: await decodeFile(bytes, source.url, (file, kernels) => decodePaper(file, decodeCloud, decodeTrack, kernels)), milliseconds: 1 };
+      return {
+        file: await decodeFile(bytes, source.url, (file, kernels) =>
+          decodePaper(file, decodeCloud, decodeTrack, kernels),
+        ),
+        milliseconds: 1,
+      };
     } catch (error) {
       return { error: messageOf(error), plain: error instanceof ReelError ? error.plain : "NOT A REEL ERROR" };
     } finally {
@@ -59,22 +64,34 @@ export async function verdictsOf(folder: string): Promise<Record<string, string 
 async function verdictOf(path: string, name: string): Promise<string | null> {
   try {
     const { renditions } = await using(path, name, undefined, async (reel) => reel.info);
-    for (const rendition of renditions.length > 0 ? renditions : [undefined]) await using(path, name, rendition, readAll);
+    for (const rendition of renditions.length > 0 ? renditions : [undefined])
+      await using(path, name, rendition, readAll);
     return null;
   } catch (error) {
-    return error instanceof ReelError && error.plain !== "NOT A REEL ERROR" ? error.message : `NOT A REEL ERROR: ${error instanceof Error ? error.stack : String(error)}`;
+    return error instanceof ReelError && error.plain !== "NOT A REEL ERROR"
+      ? error.message
+      : `NOT A REEL ERROR: ${error instanceof Error ? error.stack : String(error)}`;
   }
 }
 
 /** Open a reel, work on it and close it. */
-async function using<T>(path: string, name: string, rendition: string | undefined, work: (reel: ReelReader) => Promise<T>): Promise<T> {
+async function using<T>(
+  path: string,
+  name: string,
+  rendition: string | undefined,
+  work: (reel: ReelReader) => Promise<T>,
+): Promise<T> {
   const files = new LocalFiles(name, (uri) => {
     const file = join(path, uri);
-    return statSync(file, { throwIfNoEntry: false })?.isFile() ? { blob: new Blob([readFileSync(file)]), deflated: false } : null;
+    return statSync(file, { throwIfNoEntry: false })?.isFile()
+      ? { blob: new Blob([readFileSync(file)]), deflated: false }
+      : null;
   });
   const reel = await ReelReader.open(files, workers, { rendition });
   let timer: ReturnType<typeof setTimeout>;
-  const late = new Promise<never>((_, reject) => (timer = setTimeout(() => reject(new Error("it never ends")), PATIENCE)));
+  const late = new Promise<never>(
+    (_, reject) => (timer = setTimeout(() => reject(new Error("it never ends")), PATIENCE)),
+  );
   try {
     return await Promise.race([work(reel), late]);
   } finally {

@@ -2,7 +2,8 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { BandwidthMeter } from "../packages/decoder/src/stream/bandwidth-meter";
 
-const near = (value: number, expected: number): void => assert.ok(Math.abs(value / expected - 1) < 0.01, `${value} is not ${expected}`);
+const near = (value: number, expected: number): void =>
+  assert.ok(Math.abs(value / expected - 1) < 0.01, `${value} is not ${expected}`);
 
 test("the rate is 0 before the first transfer", () => assert.equal(new BandwidthMeter().rate, 0));
 

@@ -3,20 +3,33 @@ import { readFileSync } from "node:fs";
 import { join } from "node:path";
 import { test } from "node:test";
 import { eyeOf, length, subtract } from "../packages/decoder/src/base/matrix";
-import { CameraPath, nearestFirst, parsePath, type Keyframe, type PathFile } from "../packages/element/src/camera/camera-path";
+import {
+  CameraPath,
+  nearestFirst,
+  parsePath,
+  type Keyframe,
+  type PathFile,
+} from "../packages/element/src/camera/camera-path";
 
 const IDENTITY = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1];
 const at = (x: number, y = 0): number[] => IDENTITY.map((value, i) => (i === 3 ? -x : i === 7 ? -y : value));
 const key = (seconds: number, viewmat: number[], time = seconds): Keyframe => ({ at: seconds, time, viewmat });
 const x = (path: CameraPath, seconds: number): number => eyeOf(path.at(seconds).viewmat)[0];
 const file = (change: object = {}, keyframe: object = {}): unknown => ({
-  format: "splatreel-path", version: 1, loop: false, keyframes: [key(0, at(0)), { ...key(2, at(1)), ...keyframe }], ...change,
+  format: "splatreel-path",
+  version: 1,
+  loop: false,
+  keyframes: [key(0, at(0)), { ...key(2, at(1)), ...keyframe }],
+  ...change,
 });
 
 test("passes its keyframes on time, and the reel's time is linear between them", () => {
   const path = new CameraPath([key(0, at(0), 5), key(1, at(2), 6), key(4, at(3), 0)], false);
   for (const { at: seconds, time, viewmat } of path.keyframes) {
-    assert.deepEqual(path.at(seconds).viewmat.map((v) => Math.round(v * 1e9) / 1e9 + 0), viewmat.map((v) => v + 0));
+    assert.deepEqual(
+      path.at(seconds).viewmat.map((v) => Math.round(v * 1e9) / 1e9 + 0),
+      viewmat.map((v) => v + 0),
+    );
     assert.ok(Math.abs(path.at(seconds).time - time) < 1e-9);
   }
   assert.ok(Math.abs(path.at(2.5).time - 3) < 1e-9);
@@ -33,17 +46,25 @@ test("is smooth at keyframes, and rests between equal keyframes", () => {
 
 test("a closed loop is smooth at its seam, and repeats", () => {
   const ring = [at(0), at(1), at(1, 1), at(0, 1), at(0)].map((viewmat, i) => key(i, viewmat));
-  const way = (path: CameraPath, seconds: number): number[] => subtract(eyeOf(path.at(seconds + 1e-4).viewmat), eyeOf(path.at(seconds).viewmat));
+  const way = (path: CameraPath, seconds: number): number[] =>
+    subtract(eyeOf(path.at(seconds + 1e-4).viewmat), eyeOf(path.at(seconds).viewmat));
   const [open, closed] = [false, true].map((loop) => new CameraPath(ring, loop));
-  const kink = (path: CameraPath): number => length(subtract(way(path, 0) as [number, number, number], way(path, 3.9998) as [number, number, number]));
+  const kink = (path: CameraPath): number =>
+    length(subtract(way(path, 0) as [number, number, number], way(path, 3.9998) as [number, number, number]));
   assert.ok(kink(closed) < 1e-6 && kink(open) > 1e-4);
   assert.deepEqual(closed.at(4.5), closed.at(0.5));
 });
 
 test("the path through the cameras visits the nearest unvisited one, there and back, without a stop", () => {
-  assert.deepEqual(nearestFirst(at(0), [at(3), at(0), at(1), at(2)]).map((m) => eyeOf(m)[0] + 0), [0, 1, 2, 3]);
+  assert.deepEqual(
+    nearestFirst(at(0), [at(3), at(0), at(1), at(2)]).map((m) => eyeOf(m)[0] + 0),
+    [0, 1, 2, 3],
+  );
   const path = CameraPath.through(at(0), [at(3), at(0), at(1), at(2)]);
-  assert.deepEqual(path.keyframes.map(({ viewmat }) => eyeOf(viewmat)[0] + 0), [0, 1, 2, 3, 2, 1, 0]);
+  assert.deepEqual(
+    path.keyframes.map(({ viewmat }) => eyeOf(viewmat)[0] + 0),
+    [0, 1, 2, 3, 2, 1, 0],
+  );
   assert.ok(path.loop);
   for (let t = 0; t < 24; t += 0.05) assert.ok(Math.abs(x(path, t + 0.05) - x(path, t)) < 0.1, `it jumps at ${t} s`);
   assert.equal(eyeOf(path.at(3.9, true).viewmat)[0], 1);
@@ -69,13 +90,18 @@ test("an invalid path is rejected with the place and the remedy", () => {
 });
 
 test("has the same poses as in Python", () => {
-  const golden = JSON.parse(readFileSync(join(process.cwd(), "../tests/data/golden-paths.json"), "utf8")) as { path: PathFile; moments: { seconds: number; time: number; viewmat: number[] }[] }[];
+  const golden = JSON.parse(readFileSync(join(process.cwd(), "../tests/data/golden-paths.json"), "utf8")) as {
+    path: PathFile;
+    moments: { seconds: number; time: number; viewmat: number[] }[];
+  }[];
   for (const { path: document, moments } of golden) {
     const path = parsePath(document, "golden");
     for (const { seconds, time, viewmat } of moments) {
       const moment = path.at(seconds);
       assert.ok(Math.abs(moment.time - time) < 1e-9);
-      moment.viewmat.forEach((value, i) => assert.ok(Math.abs(value - viewmat[i]) < 1e-6, `${seconds}: ${moment.viewmat} is not ${viewmat}`));
+      moment.viewmat.forEach((value, i) =>
+        assert.ok(Math.abs(value - viewmat[i]) < 1e-6, `${seconds}: ${moment.viewmat} is not ${viewmat}`),
+      );
     }
   }
 });

@@ -43,7 +43,13 @@ test("a section repeats once time has reached its end, and another reel forgets 
   clock.section = [2, 9];
   clock.advance(0.75);
   assert.equal(clock.seconds, 2.25, "the end of the reel ends the section");
-  for (const section of [[1, 1], [2, 1], [-1, 1], [NaN, 1]] as const) assert.throws(() => (clock.section = section), TypeError);
+  for (const section of [
+    [1, 1],
+    [2, 1],
+    [-1, 1],
+    [NaN, 1],
+  ] as const)
+    assert.throws(() => (clock.section = section), TypeError);
   clock.reset();
   assert.equal(clock.section, null);
 });

@@ -17,8 +17,14 @@ const never = (): never => assert.fail("nothing may be decoded");
 
 test("a motion codec of the paper's tables is rejected by name", async () => {
   const file = forged('\\"codec\\":\\"h265\\",', '\\"codec\\":\\"ori\\" ,');
-  await assert.rejects(decodeFile(file, "groups/0000.safetensors", (paper, kernels) => decodePaper(paper, never, never, kernels)), (error: Error) => {
-    assert.match(error.message, /^groups\/0000.safetensors cannot be played: its motion has the codec ori, and this player knows h265/);
-    return true;
-  });
+  await assert.rejects(
+    decodeFile(file, "groups/0000.safetensors", (paper, kernels) => decodePaper(paper, never, never, kernels)),
+    (error: Error) => {
+      assert.match(
+        error.message,
+        /^groups\/0000.safetensors cannot be played: its motion has the codec ori, and this player knows h265/,
+      );
+      return true;
+    },
+  );
 });

@@ -19,20 +19,31 @@ const time = new FakeTime();
 const host = new FakeHost();
 let said: DecodeReply[] = [];
 let handedOver: Transferable[] = [];
-const scope = Object.assign(globalThis as unknown as { onmessage(event: { data: DecodeRequest }): Promise<void>; location: URL }, {
-  postMessage: (reply: DecodeReply, transfer: Transferable[] = []) => {
-    said.push(reply);
-    handedOver.push(...transfer);
+const scope = Object.assign(
+  globalThis as unknown as { onmessage(event: { data: DecodeRequest }): Promise<void>; location: URL },
+  {
+    postMessage: (reply: DecodeReply, transfer: Transferable[] = []) => {
+      said.push(reply);
+      handedOver.push(...transfer);
+    },
   },
-});
-const files = Object.fromEntries(Object.entries({ "draco-decode.js": "draco_decoder_nodejs.js", "draco_decoder.wasm": "draco_decoder.wasm", "hevc-worker.js": "hevc-worker.js" }).map(([name, source]) => [name, pathToFileURL(join(packages, "draco3d", source)).href]));
+);
+const files = Object.fromEntries(
+  Object.entries({
+    "draco-decode.js": "draco_decoder_nodejs.js",
+    "draco_decoder.wasm": "draco_decoder.wasm",
+    "hevc-worker.js": "hevc-worker.js",
+  }).map(([name, source]) => [name, pathToFileURL(join(packages, "draco3d", source)).href]),
+);
 files["paper-decode.js"] = pathToFileURL(join(process.cwd(), "packages/decoder/src/decode/paper-decode.ts")).href;
 await import(files["paper-decode.js"]); // it takes longer than the fake time waits
 void scope.onmessage({ data: { files } });
 /** Ask for a file of this content. */
 const ask = (id: number, content: Uint8Array | string, page = false): Promise<void> => {
   const sha256 = createHash("sha256").update(content).digest("hex");
-  return scope.onmessage({ data: { id, source: { url: "https://page.example/groups/0.bin", bytes: content.length, sha256 }, page } });
+  return scope.onmessage({
+    data: { id, source: { url: "https://page.example/groups/0.bin", bytes: content.length, sha256 }, page },
+  });
 };
 /** Of one request: the bytes that were told of, then what else was said. */
 const replies = (id: number): [number, object[]] => {
@@ -40,7 +51,8 @@ const replies = (id: number): [number, object[]] => {
   const received = own.reduce((sum, reply) => sum + ("received" in reply ? reply.received : 0), 0);
   return [received, own.filter((reply) => !("received" in reply))];
 };
-const fileOf = (id: number): DecodedFile => (replies(id)[1].at(-1) as { file?: DecodedFile }).file ?? assert.fail(JSON.stringify(replies(id)));
+const fileOf = (id: number): DecodedFile =>
+  (replies(id)[1].at(-1) as { file?: DecodedFile }).file ?? assert.fail(JSON.stringify(replies(id)));
 
 beforeEach(() => {
   FakeWorker.all.length = said.length = handedOver.length = 0;
@@ -53,7 +65,8 @@ test("a file is fetched with progress, decoded, and transferred without a copy",
   const file = fileOf(1);
   assert.equal(replies(1)[0], bytes.length);
   assert.ok(file.points.count > 0 && file.points.means.every(Number.isFinite) && file.offsets!.frames > 1);
-  for (const array of [file.points.means, file.points.quats, file.alive, file.offsets!.dx]) assert.ok(handedOver.includes(array.buffer as ArrayBuffer));
+  for (const array of [file.points.means, file.points.quats, file.alive, file.offsets!.dx])
+    assert.ok(handedOver.includes(array.buffer as ArrayBuffer));
   assert.equal(new Set(handedOver).size, handedOver.length);
 });
 
@@ -66,7 +79,9 @@ test("network trouble is reported, and a failed fetch or decode has a reason", a
   assert.ok("file" in done);
   host.answer(status(404));
   await time.until(ask(3, bytes));
-  assert.deepEqual(replies(3)[1], [{ id: 3, error: "https://page.example/groups/0.bin cannot be downloaded: it answered 404.", plain: PLAIN.missing }]);
+  assert.deepEqual(replies(3)[1], [
+    { id: 3, error: "https://page.example/groups/0.bin cannot be downloaded: it answered 404.", plain: PLAIN.missing },
+  ]);
   const damaged = bytes.map((byte, i) => (i > bytes.length / 2 ? byte ^ 255 : byte));
   host.answer(whole(damaged));
   await time.until(ask(4, damaged));
@@ -81,7 +96,9 @@ test("a page is read as JSON; anything else is an error", async () => {
   assert.deepEqual(replies(10), [15, [{ id: 10, page: { groups: [1] } }]]);
   host.answer(whole('{"groups": [1]'));
   await time.until(ask(11, '{"groups": [1]', true));
-  assert.deepEqual(replies(11)[1], [{ id: 11, error: "https://page.example/groups/0.bin is damaged: it is not JSON.", plain: PLAIN.damaged }]);
+  assert.deepEqual(replies(11)[1], [
+    { id: 11, error: "https://page.example/groups/0.bin is damaged: it is not JSON.", plain: PLAIN.damaged },
+  ]);
 });
 
 test("a canceled file ends, and another continues", async () => {
@@ -101,10 +118,14 @@ const TRACKS = 3;
 test("video tracks are decoded in parallel; a failed decoder fails the file, and a dead one is not used again", async () => {
   const bytes = golden("golden/groups/0000.safetensors");
   host.answer(whole(bytes));
-  const tracks = (id: number): FakeWorker[] => FakeWorker.all.filter(({ posted }) => posted.some((track) => track.samples && track.asked === undefined && ((track.asked = id), true)));
+  const tracks = (id: number): FakeWorker[] =>
+    FakeWorker.all.filter(({ posted }) =>
+      posted.some((track) => track.samples && track.asked === undefined && ((track.asked = id), true)),
+    );
   /** Wait until workers have received so many tracks; the codec is imported first, which takes an unknown time. */
   const started = async (count: number): Promise<void> => {
-    const received = (): number => FakeWorker.all.flatMap(({ posted }) => posted.filter(({ samples }) => samples)).length;
+    const received = (): number =>
+      FakeWorker.all.flatMap(({ posted }) => posted.filter(({ samples }) => samples)).length;
     for (let i = 0; i < 100_000 && received() < count; i++) await time.pass(0);
     assert.equal(received(), count);
   };

@@ -63,11 +63,21 @@ test("a worker that was started early is used first", () => {
 
 test("a file that the page requested early is taken over, with the replies so far and their times", async () => {
   const worker = new FakeWorker();
-  const early = { worker: worker as unknown as Worker, file: { url: source("a").url, replies: [] as { data: DecodeReply; at: number }[] } };
-  early.file.replies.push({ data: { id: EARLY, received: 400 }, at: time.now - 500 }, { data: { id: EARLY, received: 100 }, at: time.now - 400 });
+  const early = {
+    worker: worker as unknown as Worker,
+    file: { url: source("a").url, replies: [] as { data: DecodeReply; at: number }[] },
+  };
+  early.file.replies.push(
+    { data: { id: EARLY, received: 400 }, at: time.now - 500 },
+    { data: { id: EARLY, received: 100 }, at: time.now - 400 },
+  );
   const other = new DecoderPool(decodeWorkers, early);
   other.start("a", source("a"), 1, receiver("a"));
-  assert.deepEqual([worker.posted.filter((request) => "source" in request), log], [[], []], "nothing is requested again");
+  assert.deepEqual(
+    [worker.posted.filter((request) => "source" in request), log],
+    [[], []],
+    "nothing is requested again",
+  );
   await Promise.resolve();
   assert.deepEqual([other.received("a"), log, other.meter.rate], [500, ["a received", "a received"], 0]);
   assert.equal(other.isNearlyHere("a"), false, "the round trip is unknown");
@@ -82,7 +92,10 @@ test("a file that the page requested early is taken over, with the replies so fa
 });
 
 test("an early file waits while other files load, and is canceled if they need its worker", async () => {
-  const early = () => ({ worker: new FakeWorker() as unknown as Worker, file: { url: source("a").url, replies: [{ data: { id: EARLY, received: 400 } as DecodeReply, at: time.now }] } });
+  const early = () => ({
+    worker: new FakeWorker() as unknown as Worker,
+    file: { url: source("a").url, replies: [{ data: { id: EARLY, received: 400 } as DecodeReply, at: time.now }] },
+  });
   const [one, other] = [early(), early()];
   const patient = new DecoderPool(decodeWorkers, one);
   patient.start("b", source("b"), 1, receiver("b"));
@@ -95,7 +108,13 @@ test("an early file waits while other files load, and is canceled if they need i
   const busy = new DecoderPool(decodeWorkers, other);
   for (const name of ["c", "d"]) busy.start(name, source(name), 1, receiver(name));
   const { posted } = other.worker as unknown as FakeWorker;
-  assert.deepEqual(posted.slice(1).map(({ id, cancel = false }) => [id, cancel]), [[EARLY, true], [1, false]]);
+  assert.deepEqual(
+    posted.slice(1).map(({ id, cancel = false }) => [id, cancel]),
+    [
+      [EARLY, true],
+      [1, false],
+    ],
+  );
   (other.worker as unknown as FakeWorker).say({ id: EARLY, error: "canceled" });
   assert.deepEqual([log, busy.keys], [[], ["c", "d"]]);
   say("d", { file: FILE, milliseconds: 1 });
@@ -107,7 +126,10 @@ test("an early file waits while other files load, and is canceled if they need i
 test("an early file that is canceled after it was taken over is not delivered", async () => {
   const worker = new FakeWorker();
   const replies = [{ data: { id: EARLY, file: FILE, milliseconds: 1 } as unknown as DecodeReply, at: time.now }];
-  const other = new DecoderPool(decodeWorkers, { worker: worker as unknown as Worker, file: { url: source("a").url, replies } });
+  const other = new DecoderPool(decodeWorkers, {
+    worker: worker as unknown as Worker,
+    file: { url: source("a").url, replies },
+  });
   other.start("a", source("a"), 1, receiver("a"));
   other.cancel("a");
   await Promise.resolve();
@@ -125,7 +147,10 @@ test("received bytes count over the time of their transfer", () => {
   say("a", { received: 300 });
   time.now += 500;
   say("a", { received: 500 });
-  assert.deepEqual([pool.received("a"), pool.meter.rate, log], [1000, 8000, ["a received", "a received", "a received"]]);
+  assert.deepEqual(
+    [pool.received("a"), pool.meter.rate, log],
+    [1000, 8000, ["a received", "a received", "a received"]],
+  );
   time.now += 60_000; // decoding is no fault of the network
   say("a", { file: FILE, milliseconds: 1 });
   start("b");
@@ -158,7 +183,10 @@ test("a file is almost complete if fewer bytes are missing than one round trip b
 });
 
 test("the decoding time per point follows the latest files", () => {
-  for (const [name, milliseconds] of [["a", 100], ["b", 200]] as const) {
+  for (const [name, milliseconds] of [
+    ["a", 100],
+    ["b", 200],
+  ] as const) {
     start(name);
     say(name, { file: FILE, milliseconds });
   }
@@ -181,7 +209,10 @@ test("a worker that dies fails only its own file, with a plain message", () => {
   start("a");
   start("b");
   at("a").worker.die();
-  assert.deepEqual(log, [`a failed https://page.example/a cannot be decoded (its script cannot be loaded). ${PLAIN.player}`, "free"]);
+  assert.deepEqual(log, [
+    `a failed https://page.example/a cannot be decoded (its script cannot be loaded). ${PLAIN.player}`,
+    "free",
+  ]);
   assert.deepEqual(pool.keys, ["b"]);
   log = [];
   start("c");
@@ -242,5 +273,8 @@ test("closing ends all workers", () => {
   start("a");
   start("b");
   pool.destroy();
-  assert.deepEqual(FakeWorker.all.map(({ terminated }) => terminated), [true, true]);
+  assert.deepEqual(
+    FakeWorker.all.map(({ terminated }) => terminated),
+    [true, true],
+  );
 });

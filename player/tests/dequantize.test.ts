@@ -18,7 +18,15 @@ function pack(values: number[], bits: number): Uint8Array {
 }
 
 function container(name: string, parameters: object, data: Uint8Array): Container {
-  return { kind: "layer", index: 0, points: 0, firstFrame: 0, frames: 0, sections: { [name]: parameters as never }, data: { [name]: data } };
+  return {
+    kind: "layer",
+    index: 0,
+    points: 0,
+    firstFrame: 0,
+    frames: 0,
+    sections: { [name]: parameters as never },
+    data: { [name]: data },
+  };
 }
 
 test("unpacks every width", () => {
@@ -37,12 +45,20 @@ test("inflates zlib and rejects another size", async () => {
 });
 
 test("linear values are stored by column, over the range of each column", async () => {
-  const file = container("scales", { codec: "linear", bits: 8, min: [0, -1], max: [51, 1] }, Uint8Array.from([0, 5, 255, 0, 255, 0]));
+  const file = container(
+    "scales",
+    { codec: "linear", bits: 8, min: [0, -1], max: [51, 1] },
+    Uint8Array.from([0, 5, 255, 0, 255, 0]),
+  );
   assert.deepEqual([...(await linear(file, "scales", 3, 2))], [0, -1, 1, 1, 51, -1]);
 });
 
 test("log values are powers of two", async () => {
-  const file = container("scales", { codec: "linear", bits: 8, min: [-10], max: [0], log: true }, Uint8Array.from([0, 255]));
+  const file = container(
+    "scales",
+    { codec: "linear", bits: 8, min: [-10], max: [0], log: true },
+    Uint8Array.from([0, 255]),
+  );
   assert.deepEqual([...(await linear(file, "scales", 2, 1))], [2 ** -10, 1]);
 });
 
@@ -53,6 +69,15 @@ test("flags are single bits, and an unknown codec is named", async () => {
 });
 
 test("half precision is decoded", () => {
-  const known: [number, number][] = [[0, 0], [1, 0x3c00], [-2, 0xc000], [65504, 0x7bff], [1e6, 0x7bff], [2 ** -24, 1], [2 ** -14, 0x400], [0.333251953125, 0x3555]];
+  const known: [number, number][] = [
+    [0, 0],
+    [1, 0x3c00],
+    [-2, 0xc000],
+    [65504, 0x7bff],
+    [1e6, 0x7bff],
+    [2 ** -24, 1],
+    [2 ** -14, 0x400],
+    [0.333251953125, 0x3555],
+  ];
   for (const [value, bits] of known) assert.equal(half(value), bits, String(value));
 });

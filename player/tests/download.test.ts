@@ -16,7 +16,10 @@ const host = new FakeHost();
 let received = 0;
 let troubles: string[] = [];
 let life = new AbortController();
-const watcher = { received: (bytes: number) => void (received += bytes), trouble: (why: string) => void troubles.push(why) };
+const watcher = {
+  received: (bytes: number) => void (received += bytes),
+  trouble: (why: string) => void troubles.push(why),
+};
 const get = (of = source): Promise<Uint8Array> => time.until(download(of, watcher, life.signal));
 /** Seconds between the requests. */
 const waits = (): number[] => host.asked.slice(1).map(({ at }, i) => (at - host.asked[i].at) / 1000);
@@ -28,14 +31,21 @@ beforeEach(() => {
 test("a file downloads at once, and its bytes are reported on arrival", async () => {
   host.answer(pieces([BODY.slice(0, 300), BODY.slice(300)], "over"));
   assert.deepEqual(await get(), BODY);
-  assert.deepEqual([received, troubles, host.asked.length, host.asked[0].range, host.asked[0].cache], [1000, [], 1, null, "default"]);
+  assert.deepEqual(
+    [received, troubles, host.asked.length, host.asked[0].range, host.asked[0].cache],
+    [1000, [], 1, null, "default"],
+  );
 });
 
 test("a failing host is retried with growing waits, without the browser's cache", async () => {
   host.answer(status(503), status(429), unreachable, whole(BODY));
   assert.deepEqual(await get(), BODY);
-  for (const [i, least] of [0.3, 1, 2].entries()) assert.ok(waits()[i] >= least && waits()[i] <= 1.5 * least + 0.01, `${waits()}`);
-  assert.deepEqual(host.asked.map(({ cache }) => cache), ["default", "reload", "reload", "reload"]);
+  for (const [i, least] of [0.3, 1, 2].entries())
+    assert.ok(waits()[i] >= least && waits()[i] <= 1.5 * least + 0.01, `${waits()}`);
+  assert.deepEqual(
+    host.asked.map(({ cache }) => cache),
+    ["default", "reload", "reload", "reload"],
+  );
   assert.match(troubles[0], /^Retrying: it answered 503/);
   assert.match(troubles[2], /Failed to fetch.*Check the address/);
 });
@@ -43,7 +53,10 @@ test("a failing host is retried with growing waits, without the browser's cache"
 test("an interrupted transfer continues at its offset", async () => {
   host.answer(pieces([BODY.slice(0, 400)], "broken"), pieces([BODY.slice(400, 900)], "over", 206), ranged(BODY));
   assert.deepEqual(await get(), BODY);
-  assert.deepEqual(host.asked.map(({ range }) => range), [null, "bytes=400-", "bytes=900-"]);
+  assert.deepEqual(
+    host.asked.map(({ range }) => range),
+    [null, "bytes=400-", "bytes=900-"],
+  );
   assert.equal(received, 1000);
   assert.match(troubles[1], /ended after 900 of 1000 bytes/);
 });
@@ -54,7 +67,10 @@ test("a host without range requests starts over", async () => {
   assert.equal(host.asked.length, 2);
   host.answer(pieces([BODY.slice(0, 400)], "broken"), status(416), ranged(BODY));
   assert.deepEqual(await get(), BODY);
-  assert.deepEqual(host.asked.map(({ range }) => range), [null, "bytes=400-", null]);
+  assert.deepEqual(
+    host.asked.map(({ range }) => range),
+    [null, "bytes=400-", null],
+  );
 });
 
 test("a stalled transfer is aborted after eight seconds, a slow one is not", async () => {
@@ -62,7 +78,8 @@ test("a stalled transfer is aborted after eight seconds, a slow one is not", asy
   assert.deepEqual(await get(), BODY);
   assert.ok(waits()[0] >= 8.3 && waits()[0] <= 8.5, `${waits()}`);
   assert.match(troubles[0], /no data arrived/);
-  const piecesOf = (body: Uint8Array): Uint8Array[] => [...Array(10).keys()].map((i) => body.slice(100 * i, 100 * i + 100));
+  const piecesOf = (body: Uint8Array): Uint8Array[] =>
+    [...Array(10).keys()].map((i) => body.slice(100 * i, 100 * i + 100));
   host.answer(pieces(piecesOf(BODY), "over", 200, 7000));
   troubles = [];
   assert.deepEqual(await get(), BODY);
@@ -73,13 +90,24 @@ test("a stalled transfer is aborted after eight seconds, a slow one is not", asy
 
 test("a file fails after five retries, and viewers see that the network is the cause", async () => {
   host.answer(status(500));
-  await assert.rejects(get(), (error: ReelError) => error instanceof ReelError && error.plain === PLAIN.network && error.message.startsWith(`${URL} cannot be downloaded: it answered 500`));
+  await assert.rejects(
+    get(),
+    (error: ReelError) =>
+      error instanceof ReelError &&
+      error.plain === PLAIN.network &&
+      error.message.startsWith(`${URL} cannot be downloaded: it answered 500`),
+  );
   assert.equal(host.asked.length, 6);
   assert.equal(time.pending, 0);
 });
 
 test("permanent failures are not retried", async () => {
-  for (const [code, plain] of [[404, PLAIN.missing], [410, PLAIN.missing], [401, PLAIN.refused], [403, PLAIN.refused]] as const) {
+  for (const [code, plain] of [
+    [404, PLAIN.missing],
+    [410, PLAIN.missing],
+    [401, PLAIN.refused],
+    [403, PLAIN.refused],
+  ] as const) {
     host.answer(status(code));
     await assert.rejects(get(), { name: "ReelError", plain });
     assert.equal(host.asked.length, 1);
@@ -88,10 +116,16 @@ test("permanent failures are not retried", async () => {
 
 test("a file that differs from the manifest is requested twice more, from its beginning", async () => {
   const other = BODY.map((byte) => byte ^ 1);
-  for (const [wrong, message] of [[[other], /checksum/], [[BODY, BODY.slice(0, 1)], /more than the 1000 bytes/]] as const) {
+  for (const [wrong, message] of [
+    [[other], /checksum/],
+    [[BODY, BODY.slice(0, 1)], /more than the 1000 bytes/],
+  ] as const) {
     host.answer(pieces([...wrong], "over"));
     await assert.rejects(get(), { name: "ReelError", message, plain: PLAIN.damaged });
-    assert.deepEqual(host.asked.map(({ range }) => range), [null, null, null]);
+    assert.deepEqual(
+      host.asked.map(({ range }) => range),
+      [null, null, null],
+    );
   }
   host.answer(whole(other), whole(BODY));
   assert.deepEqual(await get(), BODY);
@@ -99,9 +133,15 @@ test("a file that differs from the manifest is requested twice more, from its be
 
 test("a manifest that is too long or is not UTF-8 is refused", async () => {
   host.answer(whole(Uint8Array.of(0x7b, 0xe9, 0x7d)));
-  await assert.rejects(time.until(downloadText(URL, watcher, life.signal)), { name: "ReelError", message: /not UTF-8/ });
+  await assert.rejects(time.until(downloadText(URL, watcher, life.signal)), {
+    name: "ReelError",
+    message: /not UTF-8/,
+  });
   host.answer(whole(new Uint8Array((16 << 20) + 1)));
-  await assert.rejects(time.until(downloadText(URL, watcher, life.signal)), { name: "ReelError", message: /longer than/ });
+  await assert.rejects(time.until(downloadText(URL, watcher, life.signal)), {
+    name: "ReelError",
+    message: /longer than/,
+  });
 });
 
 test("a cancellation ends a transfer or a wait at once", async () => {
@@ -139,20 +179,33 @@ test("nothing fails while offline, and downloads continue once online", async ()
 test("a host that rejects this page is told apart from one that does not answer", async () => {
   const other = { ...source, url: "https://other.example/a.bin" };
   host.answer((options) => (options.mode === "no-cors" ? new Response() : unreachable(options)));
-  await assert.rejects(get(other), { name: "ReelError", plain: PLAIN.refused, message: /pages of https:\/\/page\.example read it.*Access-Control-Allow-Origin/ });
-  assert.deepEqual(host.asked.map(({ mode }) => mode), [undefined, "no-cors"]);
+  await assert.rejects(get(other), {
+    name: "ReelError",
+    plain: PLAIN.refused,
+    message: /pages of https:\/\/page\.example read it.*Access-Control-Allow-Origin/,
+  });
+  assert.deepEqual(
+    host.asked.map(({ mode }) => mode),
+    [undefined, "no-cors"],
+  );
   host.answer(unreachable);
   await assert.rejects(get(other), { name: "ReelError", plain: PLAIN.network });
   host.answer(unreachable);
   await assert.rejects(get(), { plain: PLAIN.network });
-  assert.ok(host.asked.every(({ mode }) => mode === undefined), "the page's own host hides nothing");
+  assert.ok(
+    host.asked.every(({ mode }) => mode === undefined),
+    "the page's own host hides nothing",
+  );
 });
 
 test("a manifest is never cached, is retried twice at most, and may arrive in pieces", async () => {
   const bytes = new TextEncoder().encode("größer");
   host.answer(status(503), pieces([bytes.slice(0, 3), bytes.slice(3)], "over"));
   assert.equal(await time.until(downloadText(URL, watcher, life.signal)), "größer");
-  assert.deepEqual(host.asked.map(({ cache }) => cache), ["no-cache", "no-cache"]);
+  assert.deepEqual(
+    host.asked.map(({ cache }) => cache),
+    ["no-cache", "no-cache"],
+  );
   host.answer(status(503));
   await assert.rejects(time.until(downloadText(URL, watcher, life.signal)), { name: "ReelError" });
   assert.equal(host.asked.length, 3);

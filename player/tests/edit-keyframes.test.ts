@@ -12,7 +12,10 @@ test("a new keyframe is as much later as the reel's time, or by a fixed step", (
   all = appended(all, 4.5, [2]);
   all = appended(all, 1, [3]);
   assert.deepEqual(seconds(all), [0, 1.5, 3.5, 5.5]);
-  assert.deepEqual(all.map(({ time }) => time), [3, 4.5, 4.5, 1]);
+  assert.deepEqual(
+    all.map(({ time }) => time),
+    [3, 4.5, 4.5, 1],
+  );
 });
 
 test("after removal of the first keyframe the path begins at 0 again", () => {
@@ -33,8 +36,30 @@ test("the whole path lasts as long as requested, at least a tenth of a second pe
 });
 
 test("a path through views follows the reel's pace where that is slow enough", () => {
-  assert.deepEqual(throughViews([[0], [1], [2]], 0, 10).map(({ at, time }) => [at, time]), [[0, 0], [5, 5], [10, 10]]);
-  assert.deepEqual(throughViews([[0], [1], [2]], 0, 1).map(({ at, time }) => [at, time]), [[0, 0], [2, 0.5], [4, 1]]);
+  assert.deepEqual(
+    throughViews([[0], [1], [2]], 0, 10).map(({ at, time }) => [at, time]),
+    [
+      [0, 0],
+      [5, 5],
+      [10, 10],
+    ],
+  );
+  assert.deepEqual(
+    throughViews([[0], [1], [2]], 0, 1).map(({ at, time }) => [at, time]),
+    [
+      [0, 0],
+      [2, 0.5],
+      [4, 1],
+    ],
+  );
   assert.deepEqual(seconds(throughViews([[0]], 0, 1)), [0]);
-  assert.deepEqual(throughViews([[0], [1], [2]], 20, 30).map(({ at, time }) => [at, time]), [[0, 20], [5, 25], [10, 30]], "the beginning was dropped");
+  assert.deepEqual(
+    throughViews([[0], [1], [2]], 20, 30).map(({ at, time }) => [at, time]),
+    [
+      [0, 20],
+      [5, 25],
+      [10, 30],
+    ],
+    "the beginning was dropped",
+  );
 });

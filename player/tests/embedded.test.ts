@@ -18,7 +18,10 @@ function contain(files: Record<string, Uint8Array>): void {
     const name = Object.keys(files).find((file) => selector === `script[${file}]`);
     return name ? { textContent: `\n${Buffer.from(files[name]).toString("base64")}\n` } : null;
   };
-  Object.assign(document, { querySelector: find, getElementById: (id: string) => (id === "splatreel-manifest" ? { textContent: manifest } : null) });
+  Object.assign(document, {
+    querySelector: find,
+    getElementById: (id: string) => (id === "splatreel-manifest" ? { textContent: manifest } : null),
+  });
 }
 
 test("a reel inside the page is read from it, and checked like any other", async () => {
@@ -27,13 +30,22 @@ test("a reel inside the page is read from it, and checked like any other", async
   contain({ [`data-reel-file="${uri}"`]: bytes });
   const found = await readManifest(embeddedReel());
   assert.deepEqual(await download(sourceOf(found, found.layers[0]), quiet, new AbortController().signal), bytes);
-  await assert.rejects(download(sourceOf(found, found.groups[0]), quiet, new AbortController().signal), { name: "ReelError", message: /it is missing/ });
+  await assert.rejects(download(sourceOf(found, found.groups[0]), quiet, new AbortController().signal), {
+    name: "ReelError",
+    message: /it is missing/,
+  });
   contain({ [`data-reel-file="${uri}"`]: bytes.with(9, bytes[9] ^ 1) });
-  await assert.rejects(download(sourceOf(found, found.layers[0]), quiet, new AbortController().signal), { name: "ReelError", message: /checksum/ });
+  await assert.rejects(download(sourceOf(found, found.layers[0]), quiet, new AbortController().signal), {
+    name: "ReelError",
+    message: /checksum/,
+  });
 });
 
 test("files of the player inside the page replace those beside it", async () => {
-  contain({ 'data-player-file="share.js"': Buffer.from("export const here = 1;"), 'data-player-file="a.wasm"': Uint8Array.of(0, 1) });
+  contain({
+    'data-player-file="share.js"': Buffer.from("export const here = 1;"),
+    'data-player-file="a.wasm"': Uint8Array.of(0, 1),
+  });
   assert.equal(embeddedPlayerFile("share.js")!.type, "text/javascript");
   assert.deepEqual([embeddedPlayerFile("a.wasm")!.type, embeddedPlayerFile("a.wasm")!.size], ["application/wasm", 2]);
   assert.equal(embeddedPlayerFile("other.js"), null);

@@ -11,20 +11,41 @@ import type { XrFrame, XrInput, XrSession } from "../packages/element/src/player
 import { HeadsetTeleport } from "../packages/element/src/player/headset-teleport";
 
 /** Cameras four units, two meters, from the middle, y down, looking along z. */
-const CAMERA: Camera = { name: "", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1] };
-const MANIFEST = { bounds: [[-1, -1, -1], [1, 1, 1]], up: [0, -1, 0], camera: CAMERA, cameras: [CAMERA], presentation: { limits: null } } as unknown as Manifest;
+const CAMERA: Camera = {
+  name: "",
+  width: 160,
+  height: 120,
+  K: [120, 0, 80, 0, 120, 60, 0, 0, 1],
+  viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1],
+};
+const MANIFEST = {
+  bounds: [
+    [-1, -1, -1],
+    [1, 1, 1],
+  ],
+  up: [0, -1, 0],
+  camera: CAMERA,
+  cameras: [CAMERA],
+  presentation: { limits: null },
+} as unknown as Manifest;
 const HEAD: Vec3 = [0, 1.6, 0];
 const SPACE = {};
-const close = (a: number[], b: number[]): void => a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-6, `${a} is not ${b}`));
+const close = (a: number[], b: number[]): void =>
+  a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-6, `${a} is not ${b}`));
 
 /** Column-major pose at a point that looks along a direction (only its z axis matters). */
-const poseAt = (at: Vec3, direction: Vec3 = [0, 0, -1]): Float64Array => new Float64Array([1, 0, 0, 0, 0, 1, 0, 0, -direction[0], -direction[1], -direction[2], 0, ...at, 1]);
+const poseAt = (at: Vec3, direction: Vec3 = [0, 0, -1]): Float64Array =>
+  new Float64Array([1, 0, 0, 0, 0, 1, 0, 0, -direction[0], -direction[1], -direction[2], 0, ...at, 1]);
 
 class Hand implements XrInput {
   readonly targetRaySpace = {};
   readonly gripSpace = {};
   gamepad = { axes: [0, 0, 0, 0] };
-  constructor(public at: Vec3, public direction: Vec3 = [0, 0, -1], readonly targetRayMode = "tracked-pointer") {}
+  constructor(
+    public at: Vec3,
+    public direction: Vec3 = [0, 0, -1],
+    readonly targetRayMode = "tracked-pointer",
+  ) {}
 }
 
 function frameOf(...hands: Hand[]): XrFrame {
@@ -35,13 +56,24 @@ function frameOf(...hands: Hand[]): XrFrame {
   return { getPose } as unknown as XrFrame;
 }
 
-const send = (session: EventTarget, name: string, inputSource: Hand): void => void session.dispatchEvent(Object.assign(new Event(name), { inputSource }));
+const send = (session: EventTarget, name: string, inputSource: Hand): void =>
+  void session.dispatchEvent(Object.assign(new Event(name), { inputSource }));
 const roomOf = (floor = true): HeadsetSpace => new HeadsetSpace(MANIFEST, CAMERA.viewmat, floor);
 
-function grip(room = roomOf()): { session: EventTarget; grip: HeadsetGrip; selected: () => number; room: HeadsetSpace } {
+function grip(room = roomOf()): {
+  session: EventTarget;
+  grip: HeadsetGrip;
+  selected: () => number;
+  room: HeadsetSpace;
+} {
   const session = new EventTarget();
   let count = 0;
-  return { session, room, grip: new HeadsetGrip(session as XrSession, room, () => void count++), selected: () => count };
+  return {
+    session,
+    room,
+    grip: new HeadsetGrip(session as XrSession, room, () => void count++),
+    selected: () => count,
+  };
 }
 
 test("a short pinch selects, and a pinch that moves takes the reel along", () => {
@@ -87,7 +119,10 @@ test("two hands scale and turn the reel between them", () => {
   const [left, right] = [new Hand([-0.2, 1, -1]), new Hand([0.2, 1, -1])];
   for (const hand of [left, right]) send(session, "squeezestart", hand);
   hands.update(frameOf(left, right), SPACE);
-  [left.at, right.at] = [[0, 1, -0.6], [0, 1, -1.4]]; // a quarter turn, counterclockwise, and twice as far apart
+  [left.at, right.at] = [
+    [0, 1, -0.6],
+    [0, 1, -1.4],
+  ]; // a quarter turn, counterclockwise, and twice as far apart
   const before = room.worldOf([0.2, 1, -1]);
   hands.update(frameOf(left, right), SPACE);
   close(room.pointOf(middle), [0, 1, -1]);
@@ -119,7 +154,10 @@ test("the stick aims ahead, and the viewer stands there on release", () => {
   const hand = new Hand([0, 1, 0], [0, -0.5, -0.5]);
   const target = room.worldOf([0, 0, -1]);
   hand.gamepad.axes = [0, 0, 0, -1];
-  assert.deepEqual(teleport.update(frameOf(hand), SPACE, [hand], HEAD), [{ from: [0, 1, 0], to: [0, 0, -1] }, { center: [0, 0, -1] }]);
+  assert.deepEqual(teleport.update(frameOf(hand), SPACE, [hand], HEAD), [
+    { from: [0, 1, 0], to: [0, 0, -1] },
+    { center: [0, 0, -1] },
+  ]);
   hand.gamepad.axes = [0, 0, 0, 0];
   assert.deepEqual(teleport.update(frameOf(hand), SPACE, [hand], HEAD), []);
   close(room.pointOf(target), [0, 0, 0]);
@@ -128,7 +166,10 @@ test("the stick aims ahead, and the viewer stands there on release", () => {
 test("there is no jump beyond the limits of the view", () => {
   const room = roomOf();
   const limits = { focus: [0, 0, 0], distance: [0, 4.5], angle: 180 };
-  const teleport = new HeadsetTeleport(room, new Limits({ ...MANIFEST, presentation: { limits } } as unknown as Manifest));
+  const teleport = new HeadsetTeleport(
+    room,
+    new Limits({ ...MANIFEST, presentation: { limits } } as unknown as Manifest),
+  );
   const hand = new Hand([0, 1, 0], [0, -0.5, 0.5]); // a meter back, at six units
   const before = room.worldOf([0, 0, 0]);
   hand.gamepad.axes = [0, 0, 0, -1];
@@ -150,9 +191,17 @@ test("the stick turns the viewer by steps of 30 degrees", () => {
   close(room.pointOf(ahead), [-2 * Math.sin(Math.PI / 3), 1.6, -2 * Math.cos(Math.PI / 3)]); // to the left of who turned right
 });
 
-async function placement(hits: { matrix: number[] }[], room: HeadsetSpace): Promise<{ placed: HeadsetPlacement; frame: XrFrame }> {
-  const session = { requestReferenceSpace: async () => ({}), requestHitTestSource: async () => ({}) } as unknown as XrSession;
-  const frame = { getHitTestResults: () => hits.map((transform) => ({ getPose: () => ({ transform }) })) } as unknown as XrFrame;
+async function placement(
+  hits: { matrix: number[] }[],
+  room: HeadsetSpace,
+): Promise<{ placed: HeadsetPlacement; frame: XrFrame }> {
+  const session = {
+    requestReferenceSpace: async () => ({}),
+    requestHitTestSource: async () => ({}),
+  } as unknown as XrSession;
+  const frame = {
+    getHitTestResults: () => hits.map((transform) => ({ getPose: () => ({ transform }) })),
+  } as unknown as XrFrame;
   return { placed: await HeadsetPlacement.begin(session, room, MANIFEST, [0, 0, -4]), frame };
 }
 

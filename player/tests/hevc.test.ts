@@ -11,8 +11,14 @@ const video = parseContainer(bytes, "golden").data.offsets;
 
 test("finds the three tracks and their decoder settings", () => {
   const tracks = parseMp4(video, 100);
-  assert.deepEqual(tracks.map((track) => track.name), ["hi", "lo", "rot"]);
-  assert.deepEqual(tracks.map((track) => track.samples.length), [8, 8, 8]);
+  assert.deepEqual(
+    tracks.map((track) => track.name),
+    ["hi", "lo", "rot"],
+  );
+  assert.deepEqual(
+    tracks.map((track) => track.samples.length),
+    [8, 8, 8],
+  );
   for (const track of tracks) {
     const { codec, lengthSize, parameterSets } = parseHvcC(track.hvcC);
     assert.match(codec, /^hvc1\.1\.[0-9a-f]+\.L\d+(\.[0-9A-F]+)*$/);
@@ -22,11 +28,13 @@ test("finds the three tracks and their decoder settings", () => {
 });
 
 test("a truncated video is rejected", () => {
-  for (const size of [0, 40, 1000, video.length - 1]) assert.throws(() => parseMp4(video.slice(0, size), 100), { name: "ReelError" });
+  for (const size of [0, 40, 1000, video.length - 1])
+    assert.throws(() => parseMp4(video.slice(0, size), 100), { name: "ReelError" });
 });
 
 test("a truncated file is rejected by name", () => {
-  for (const size of [0, 7, 100, bytes.length - 1]) assert.throws(() => parseContainer(bytes.slice(0, size), "g.safetensors"), /g\.safetensors is damaged/);
+  for (const size of [0, 7, 100, bytes.length - 1])
+    assert.throws(() => parseContainer(bytes.slice(0, size), "g.safetensors"), /g\.safetensors is damaged/);
 });
 
 test("points run through blocks in Z-order, and blocks back and forth", () => {

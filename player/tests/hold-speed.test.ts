@@ -15,7 +15,17 @@ async function surfaceOf(): Promise<Surface> {
   const fake = await started({ groups: 60 });
   const [surface, changes] = [new EventTarget(), [] as boolean[]];
   attachHoldSpeed(surface as HTMLElement, fake.player, (fast) => void changes.push(fast), new AbortController().signal);
-  const send = (name: string, more = {}): void => void surface.dispatchEvent(Object.assign(new Event(name), { clientX: 10, clientY: 10, button: 0, shiftKey: false, isPrimary: true, ...more }));
+  const send = (name: string, more = {}): void =>
+    void surface.dispatchEvent(
+      Object.assign(new Event(name), {
+        clientX: 10,
+        clientY: 10,
+        button: 0,
+        shiftKey: false,
+        isPrimary: true,
+        ...more,
+      }),
+    );
   return { fake, changes, send };
 }
 

@@ -1,7 +1,17 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
 import "./fakes/page";
-import { cross, dot, eyeOf, length, normalize, rotate, subtract, viewmatOf, type Vec3 } from "../packages/decoder/src/base/matrix";
+import {
+  cross,
+  dot,
+  eyeOf,
+  length,
+  normalize,
+  rotate,
+  subtract,
+  viewmatOf,
+  type Vec3,
+} from "../packages/decoder/src/base/matrix";
 import { OrbitCamera } from "../packages/element/src/camera/orbit-camera";
 import type { Player } from "../packages/element/src/player/player";
 import type { Manifest } from "../packages/decoder/src/reel/manifest";
@@ -25,11 +35,27 @@ function cameraAt(degrees: number, height: number, roll = 0, up = UP): object {
   const eye = rotate(rotate([0, 0, -4], side, height * DEGREE), up, degrees * DEGREE);
   const forward = normalize(subtract([0, 0, 0], eye));
   const right = rotate(normalize(cross(forward, up)), forward, roll * DEGREE);
-  return { name: "", width: 480, height: 320, K: [400, 0, 240, 0, 400, 160, 0, 0, 1], viewmat: viewmatOf(eye, right, cross(forward, right), forward) };
+  return {
+    name: "",
+    width: 480,
+    height: 320,
+    K: [400, 0, 240, 0, 400, 160, 0, 0, 1],
+    viewmat: viewmatOf(eye, right, cross(forward, right), forward),
+  };
 }
 
 function reel(cameras: object[], limits: object | null = null, up = UP): Manifest {
-  return { camera: cameras[0], cameras, near: 0.1, up, bounds: [[-1, -1, -1], [1, 1, 1]], presentation: { limits } } as unknown as Manifest;
+  return {
+    camera: cameras[0],
+    cameras,
+    near: 0.1,
+    up,
+    bounds: [
+      [-1, -1, -1],
+      [1, 1, 1],
+    ],
+    presentation: { limits },
+  } as unknown as Manifest;
 }
 
 /** Degrees by which the horizon is off level: of the right axis, which lies in it. */
@@ -53,16 +79,40 @@ function randomOf(seed: number): () => number {
 /** A player's picture and keyboard under the hands of a person, by the handlers that browsers call. */
 class Hands {
   readonly camera: OrbitCamera;
-  private readonly surface = Object.assign(new EventTarget(), { clientWidth: WIDTH, clientHeight: HEIGHT, setPointerCapture: () => undefined, getBoundingClientRect: () => ({ left: 0, top: 0 }) });
+  private readonly surface = Object.assign(new EventTarget(), {
+    clientWidth: WIDTH,
+    clientHeight: HEIGHT,
+    setPointerCapture: () => undefined,
+    getBoundingClientRect: () => ({ left: 0, top: 0 }),
+  });
   private readonly keyboard = new Key();
   private readonly life = new AbortController();
   private time = 0;
 
-  constructor(manifest: Manifest, private readonly random: () => number) {
+  constructor(
+    manifest: Manifest,
+    private readonly random: () => number,
+  ) {
     this.camera = new OrbitCamera(manifest);
     const { camera } = this;
-    const stage = { get view() { return camera.view(WIDTH, HEIGHT); }, depthAt: () => 1 + 6 * random() };
-    const player = { camera, stage, canvas: this.surface, invalidate: () => undefined, soundtrack: { toggle: () => undefined }, step: () => undefined, currentTime: 0, duration: 1, earliest: 0, playbackRate: 1 } as unknown as Player;
+    const stage = {
+      get view() {
+        return camera.view(WIDTH, HEIGHT);
+      },
+      depthAt: () => 1 + 6 * random(),
+    };
+    const player = {
+      camera,
+      stage,
+      canvas: this.surface,
+      invalidate: () => undefined,
+      soundtrack: { toggle: () => undefined },
+      step: () => undefined,
+      currentTime: 0,
+      duration: 1,
+      earliest: 0,
+      playbackRate: 1,
+    } as unknown as Player;
     const gestures = { active: true, takesWheel: () => true } as unknown as CooperativeGestures;
     const actions = { reset: () => camera.reset(), fly: () => camera.fly(!camera.flying) } as unknown as Actions;
     const { signal } = this.life;
@@ -82,7 +132,15 @@ class Hands {
   }
 
   pointer(type: string, id: number, x: number, y: number, more: object = {}): void {
-    this.send(this.surface, type, { pointerId: id, clientX: x, clientY: y, button: 0, shiftKey: false, pointerType: "mouse", ...more });
+    this.send(this.surface, type, {
+      pointerId: id,
+      clientX: x,
+      clientY: y,
+      button: 0,
+      shiftKey: false,
+      pointerType: "mouse",
+      ...more,
+    });
   }
 
   drag(dx: number, dy: number, moves: number, more: object = {}): void {
@@ -116,16 +174,40 @@ class Hands {
     } else if (kind === 3) {
       for (let i = 0; i < 4; i++) this.send(this.surface, "wheel", { deltaY: between(-200, 200), deltaMode: 0 });
     } else if (kind === 4) {
-      const keys = ["w", "a", "s", "d", "q", "e", "+", "-", "[", "]", "c", "r", "ArrowUp", "ArrowDown", "ArrowLeft", "ArrowRight"];
+      const keys = [
+        "w",
+        "a",
+        "s",
+        "d",
+        "q",
+        "e",
+        "+",
+        "-",
+        "[",
+        "]",
+        "c",
+        "r",
+        "ArrowUp",
+        "ArrowDown",
+        "ArrowLeft",
+        "ArrowRight",
+      ];
       const key = keys[Math.floor(random() * keys.length)];
       this.send(this.keyboard, "keydown", { key, code: key, shiftKey: true });
       this.frames(Math.floor(between(1, 30)));
       this.send(this.keyboard, "keyup", { key, code: key });
     } else if (kind === 5) {
       const [angle, from, to] = [between(0, 6.28), between(20, 150), between(20, 150)];
-      const at = (size: number, side: number, turn: number): [number, number] => [240 + side * size * Math.cos(angle + turn), 160 + side * size * Math.sin(angle + turn)];
+      const at = (size: number, side: number, turn: number): [number, number] => [
+        240 + side * size * Math.cos(angle + turn),
+        160 + side * size * Math.sin(angle + turn),
+      ];
       for (const side of [-1, 1]) this.pointer("pointerdown", 2 + side, ...at(from, side, 0), { pointerType: "touch" });
-      for (let i = 1; i <= 6; i++) for (const side of [-1, 1]) this.pointer("pointermove", 2 + side, ...at(from + ((to - from) * i) / 6, side, 0.1 * i), { pointerType: "touch" });
+      for (let i = 1; i <= 6; i++)
+        for (const side of [-1, 1])
+          this.pointer("pointermove", 2 + side, ...at(from + ((to - from) * i) / 6, side, 0.1 * i), {
+            pointerType: "touch",
+          });
       for (const side of [-1, 1]) this.pointer("pointerup", 2 + side, 240, 160, { pointerType: "touch" });
     } else {
       this.drag(between(-300, 300), between(-300, 300), 6, { shiftKey: true });
@@ -136,18 +218,24 @@ class Hands {
 
   private send(target: EventTarget, type: string, fields: object): void {
     const event = new Event(type, { cancelable: true });
-    for (const [name, value] of Object.entries({ timeStamp: this.time, ...fields })) Object.defineProperty(event, name, { value });
+    for (const [name, value] of Object.entries({ timeStamp: this.time, ...fields }))
+      Object.defineProperty(event, name, { value });
     target.dispatchEvent(event);
   }
 }
 
-const ring = (roll = 0, up = UP): object[] => [-40, -15, 0, 20, 45].map((angle, i) => cameraAt(angle, 10 + 8 * i, roll * (i % 2 ? -1 : 1), up));
+const ring = (roll = 0, up = UP): object[] =>
+  [-40, -15, 0, 20, 45].map((angle, i) => cameraAt(angle, 10 + 8 * i, roll * (i % 2 ? -1 : 1), up));
 const LEANING = normalize([0.2, -1, 0.3]);
 const REELS: [string, Manifest, Vec3][] = [
   ["level cameras", reel(ring()), UP],
   ["cameras rolled by 2 degrees", reel(ring(2)), UP],
   ["narrow limits", reel(ring(2), { focus: [0, 0, 0], angle: 15, distance: [1, 8], floor: -0.5 }), UP],
-  ["a limit across the zenith", reel([cameraAt(0, 70), cameraAt(10, 75)], { focus: [0, 0, 0], angle: 10, distance: [2, 6], floor: -2 }), UP],
+  [
+    "a limit across the zenith",
+    reel([cameraAt(0, 70), cameraAt(10, 75)], { focus: [0, 0, 0], angle: 10, distance: [2, 6], floor: -2 }),
+    UP,
+  ],
   ["an up that leans", reel(ring(2, LEANING), null, LEANING), LEANING],
 ];
 
@@ -165,7 +253,12 @@ for (const [name, manifest, up] of REELS) {
 }
 
 test("five vertical drags, and as many flicks, leave the horizon level", () => {
-  const manifest = reel([cameraAt(0, 5, 0.01), cameraAt(30, 10)], { focus: [0, 0, 0], angle: 20, distance: [1, 8], floor: -0.5 });
+  const manifest = reel([cameraAt(0, 5, 0.01), cameraAt(30, 10)], {
+    focus: [0, 0, 0],
+    angle: 20,
+    distance: [1, 8],
+    floor: -0.5,
+  });
   for (const rest of [6, 0]) {
     for (const way of [-450, 450]) {
       const hands = new Hands(manifest, randomOf(1));

@@ -15,7 +15,10 @@ const never = (): never => assert.fail("no picture of it may be decoded");
 for (const name of readdirSync(FOLDER).filter((name) => name.endsWith(".bin"))) {
   test(`${name} is refused`, async () => {
     const data = readFileSync(join(FOLDER, name));
-    const read = name.startsWith("manifest") ? async () => parseManifest(JSON.parse(data.toString()), "a reel") : () => decodeFile(new Uint8Array(data), "a file", (file, kernels) => decodePaper(file, decodeCloud, never, kernels));
+    const read = name.startsWith("manifest")
+      ? async () => parseManifest(JSON.parse(data.toString()), "a reel")
+      : () =>
+          decodeFile(new Uint8Array(data), "a file", (file, kernels) => decodePaper(file, decodeCloud, never, kernels));
     await assert.rejects(read, (error: Error) => {
       let cause: unknown = error;
       while (cause instanceof Error && cause.cause !== undefined) cause = cause.cause;

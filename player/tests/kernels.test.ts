@@ -33,7 +33,7 @@ function encode(tokens: number[], bits: number): Uint8Array {
   let state = 65536;
   const words: number[] = [];
   for (const token of tokens.slice().reverse()) {
-    if (state >= 65536 * 65536 / 128) {
+    if (state >= (65536 * 65536) / 128) {
       words.push(state & 65535);
       state >>>= 16;
     }
@@ -49,13 +49,20 @@ function encode(tokens: number[], bits: number): Uint8Array {
   const tail = Buffer.alloc(4 + 2 * words.length);
   tail.writeUInt32LE(state, 0);
   words.reverse().forEach((word, i) => tail.writeUInt16LE(word, 4 + 2 * i));
-  return new Uint8Array(Buffer.concat([head, tables, tail, Buffer.from(Array.from({ length: Math.ceil(bits / 8) }, () => random(256)))]));
+  return new Uint8Array(
+    Buffer.concat([head, tables, tail, Buffer.from(Array.from({ length: Math.ceil(bits / 8) }, () => random(256)))]),
+  );
 }
 
 /** So many random numbers; those of two tokens have 4 or 5 plain bits more. */
 function randomField(count: number): Uint8Array {
-  const tokens = Array.from({ length: count }, () => (random(20) === 0 ? 32 + random(4) : random(random(3) === 0 ? 32 : 4)));
-  return encode(tokens, tokens.reduce((sum, token) => sum + (token < 32 ? 0 : ((token - 32) >> 1) + 4), 0));
+  const tokens = Array.from({ length: count }, () =>
+    random(20) === 0 ? 32 + random(4) : random(random(3) === 0 ? 32 : 4),
+  );
+  return encode(
+    tokens,
+    tokens.reduce((sum, token) => sum + (token < 32 ? 0 : ((token - 32) >> 1) + 4), 0),
+  );
 }
 
 function randomLattice(count: number): Float64Array {
@@ -122,7 +129,12 @@ test("the kernels fill textures and rows from random coefficients", () => {
     [{ turn: "quaternion", rest: [1, 0, 0, 0], most: 255 }, 3],
     [{ turn: "color", rest: [0, 0, 0, 0], most: 255 }, 4],
   ];
-  for (const [frames, K] of [[1, 1], [2, 2], [5, 3], [30, 17]]) {
+  for (const [frames, K] of [
+    [1, 1],
+    [2, 2],
+    [5, 3],
+    [30, 17],
+  ]) {
     for (const [form, channels] of forms) {
       for (const some of [0, 10, 100]) {
         const klt = randomKlt(300, frames, K, channels, some);
@@ -160,7 +172,9 @@ test("golden files decode, and damaged ones are rejected", async () => {
       for (let run = 0; run < 24; run++) {
         const damaged = whole.slice();
         for (let i = 0; i < run % 4; i++) damaged[random(damaged.length)] = random(256);
-        const [first, second] = await Promise.all([plain, fast].map((kernels) => decodeFile(damaged, name, never, kernels).catch((error) => String(error))));
+        const [first, second] = await Promise.all(
+          [plain, fast].map((kernels) => decodeFile(damaged, name, never, kernels).catch((error) => String(error))),
+        );
         assert.deepEqual(second, first);
       }
     }

@@ -14,7 +14,13 @@ class Target extends EventTarget {
   }
   /** Of a list of selectors, whether one is this kind. */
   matches(selectors: string): boolean {
-    return selectors.split(/,\s*(?![^(]*\))/).some((selector) => (selector.startsWith("input:not") ? this.kind === "input[type=text]" : this.kind.includes(selector.split(":")[0])));
+    return selectors
+      .split(/,\s*(?![^(]*\))/)
+      .some((selector) =>
+        selector.startsWith("input:not")
+          ? this.kind === "input[type=text]"
+          : this.kind.includes(selector.split(":")[0]),
+      );
   }
 }
 Object.assign(globalThis, { HTMLElement: Target });
@@ -31,21 +37,62 @@ async function keyboard(): Promise<Keyboard> {
   const fake = new FakePlayer({ groups: 60 });
   await fake.start();
   const [host, done] = [new EventTarget(), [] as string[]];
-  const actions = Object.fromEntries(["toggle", "fullscreen", "headset", "reset", "fly", "walk", "statistics", "picture", "help", "escape", "section", "volume", "context"].map((name) => [name, () => void done.push(name)]));
+  const actions = Object.fromEntries(
+    [
+      "toggle",
+      "fullscreen",
+      "headset",
+      "reset",
+      "fly",
+      "walk",
+      "statistics",
+      "picture",
+      "help",
+      "escape",
+      "section",
+      "volume",
+      "context",
+    ].map((name) => [name, () => void done.push(name)]),
+  );
   const life = new AbortController();
   attachKeys(host as HTMLElement, fake.player, actions as unknown as Actions, life.signal);
   const send = (type: string, key: string, more: object, target: EventTarget): boolean => {
-    const event = Object.assign(new Event(type, { cancelable: true }), { key, code: `Key ${key}`, ctrlKey: false, metaKey: false, altKey: false, shiftKey: false, ...more });
+    const event = Object.assign(new Event(type, { cancelable: true }), {
+      key,
+      code: `Key ${key}`,
+      ctrlKey: false,
+      metaKey: false,
+      altKey: false,
+      shiftKey: false,
+      ...more,
+    });
     Object.assign(event, { composedPath: () => [target] });
     host.dispatchEvent(event);
     return event.defaultPrevented;
   };
-  return { fake, done, press: (key, more = {}, target = host) => send("keydown", key, more, target), release: (key) => void send("keyup", key, {}, host) };
+  return {
+    fake,
+    done,
+    press: (key, more = {}, target = host) => send("keydown", key, more, target),
+    release: (key) => void send("keyup", key, {}, host),
+  };
 }
 
 test("keys seek within the reel", async () => {
   const { fake, press } = await keyboard();
-  const times: [string, number][] = [["5", 30], ["ArrowRight", 35], ["l", 45], ["j", 35], ["ArrowLeft", 30], ["End", 60], ["ArrowRight", 60], ["Home", 0], ["ArrowLeft", 0], [".", 0.1], [",", 0]];
+  const times: [string, number][] = [
+    ["5", 30],
+    ["ArrowRight", 35],
+    ["l", 45],
+    ["j", 35],
+    ["ArrowLeft", 30],
+    ["End", 60],
+    ["ArrowRight", 60],
+    ["Home", 0],
+    ["ArrowLeft", 0],
+    [".", 0.1],
+    [",", 0],
+  ];
   for (const [key, seconds] of times) {
     assert.equal(press(key), true);
     assert.ok(Math.abs(fake.player.currentTime - seconds) < 1e-9, `${key}: ${fake.player.currentTime}`);
@@ -54,7 +101,13 @@ test("keys seek within the reel", async () => {
 
 test("faster and slower step through the rates, also from another rate", async () => {
   const { fake, press } = await keyboard();
-  for (const [key, rate] of [[">", 1.25], [">", 1.5], [">", 2], [">", 2], ["<", 1.5]] as const) {
+  for (const [key, rate] of [
+    [">", 1.25],
+    [">", 1.5],
+    [">", 2],
+    [">", 2],
+    ["<", 1.5],
+  ] as const) {
     press(key);
     assert.equal(fake.player.playbackRate, rate);
   }
@@ -66,7 +119,19 @@ test("faster and slower step through the rates, also from another rate", async (
 test("each action has a key, in lower and upper case", async () => {
   const { press, done } = await keyboard();
   for (const key of [" ", "K", "f", "v", "r", "c", "g", "i", "p", "?", "Escape"]) press(key);
-  assert.deepEqual(done, ["toggle", "toggle", "fullscreen", "headset", "reset", "fly", "walk", "statistics", "picture", "help", "escape"]);
+  assert.deepEqual(done, [
+    "toggle",
+    "toggle",
+    "fullscreen",
+    "headset",
+    "reset",
+    "fly",
+    "walk",
+    "statistics",
+    "picture",
+    "help",
+    "escape",
+  ]);
   assert.equal(press("x"), false, "it means nothing here");
   done.length = 0;
   press("o");
@@ -76,7 +141,10 @@ test("each action has a key, in lower and upper case", async () => {
 
 test("the help describes all keys and no others", () => {
   const table = attachKeys(new EventTarget() as HTMLElement, {} as Player, {} as Actions, new AbortController().signal);
-  assert.deepEqual(table.flat().map(({ bindings }) => bindings[0].keys[0]), Object.keys(LINES).sort((a, b) => order(a) - order(b)));
+  assert.deepEqual(
+    table.flat().map(({ bindings }) => bindings[0].keys[0]),
+    Object.keys(LINES).sort((a, b) => order(a) - order(b)),
+  );
   function order(key: string): number {
     return table.flat().findIndex(({ bindings }) => bindings[0].keys[0] === key);
   }
@@ -97,7 +165,12 @@ test("keys of the browser and of the focused control are ignored", async () => {
   assert.equal(press("f", {}, text), false);
   assert.equal(press("Escape", {}, text), true);
   const button = new Target("button");
-  for (const [key, ours] of [[" ", false], ["Enter", false], ["f", true]] as const) assert.equal(press(key, {}, button), ours, key);
+  for (const [key, ours] of [
+    [" ", false],
+    ["Enter", false],
+    ["f", true],
+  ] as const)
+    assert.equal(press(key, {}, button), ours, key);
   assert.equal(press(" ", {}, new Target("[type=checkbox]")), false);
   assert.deepEqual(done, ["escape", "fullscreen"]);
 });

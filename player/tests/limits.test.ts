@@ -16,10 +16,26 @@ const place = (degrees: number, height = 0): Vec3 => {
   const angle = (degrees * Math.PI) / 180;
   return [4 * Math.sin(angle), -height, -4 * Math.cos(angle)];
 };
-const camera = (eye: Vec3) => ({ name: "", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat: lookAt(eye) });
+const camera = (eye: Vec3) => ({
+  name: "",
+  width: 160,
+  height: 120,
+  K: [120, 0, 80, 0, 120, 60, 0, 0, 1],
+  viewmat: lookAt(eye),
+});
 const given = { focus: [0, 0, 0], angle: 15, distance: [1, 8], floor: -0.5 };
 const manifest = (limits: object | null): Manifest =>
-  ({ camera: camera(place(0)), cameras: [-20, 0, 20].map((a) => camera(place(a))), near: 0.1, up: [0, -1, 0], bounds: [[-1, -1, -1], [1, 1, 1]], presentation: { limits } }) as unknown as Manifest;
+  ({
+    camera: camera(place(0)),
+    cameras: [-20, 0, 20].map((a) => camera(place(a))),
+    near: 0.1,
+    up: [0, -1, 0],
+    bounds: [
+      [-1, -1, -1],
+      [1, 1, 1],
+    ],
+    presentation: { limits },
+  }) as unknown as Manifest;
 const sideOf = ([x, , z]: Vec3): number => (Math.atan2(x, -z) * 180) / Math.PI;
 const settle = (camera: OrbitCamera): Vec3 => {
   for (let i = 0; i < 600 && camera.step(1 / 60); i++);

@@ -3,11 +3,20 @@ import { test } from "node:test";
 import { axesOf, normalized, quatOf, slerp, type Quat } from "../packages/element/src/base/quaternion";
 import { linkTo, startOf } from "../packages/element/src/camera/link";
 
-const turns: Quat[] = [[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1], normalized([0.3, -0.5, 0.7, 0.2]), normalized([-0.1, 0.9, 0.2, -0.6])];
-const close = (a: number[], b: number[]): void => a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-4, `${a} is not ${b}`));
+const turns: Quat[] = [
+  [1, 0, 0, 0],
+  [0, 1, 0, 0],
+  [0, 0, 1, 0],
+  [0, 0, 0, 1],
+  normalized([0.3, -0.5, 0.7, 0.2]),
+  normalized([-0.1, 0.9, 0.2, -0.6]),
+];
+const close = (a: number[], b: number[]): void =>
+  a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-4, `${a} is not ${b}`));
 
 test("a rotation is recovered from its axis and angle", () => {
-  for (const turn of turns) for (const [i, axis] of axesOf(turn).entries()) close(axis, axesOf(quatOf(axesOf(turn)))[i]);
+  for (const turn of turns)
+    for (const [i, axis] of axesOf(turn).entries()) close(axis, axesOf(quatOf(axesOf(turn)))[i]);
 });
 
 test("interpolation of two rotations takes the shorter way", () => {

@@ -11,17 +11,56 @@ import type { ReelFile } from "../packages/decoder/src/reel/reel-file";
 import "./fakes/page";
 
 const URL = "https://page.example/reel/manifest.json";
-const TEXTS = ["golden", "golden-predictive", "golden-long", "golden-window"].map((name) => readFileSync(join(process.cwd(), "../tests/data", name, "manifest.json"), "utf8"));
+const TEXTS = ["golden", "golden-predictive", "golden-long", "golden-window"].map((name) =>
+  readFileSync(join(process.cwd(), "../tests/data", name, "manifest.json"), "utf8"),
+);
 const asset = (uri: string, more = {}) => ({ uri, bytes: 100, sha256: "0".repeat(64), ...more });
 /** What golden reels have none of. */
 const EXTRAS = {
-  title: "A room", poster: asset("poster.jpg", { width: 16, height: 9 }), clearance: { focus: [0, 0, 0], share: 0.3 }, background: [0, 0.5, 1],
-  thumbnails: { width: 16, height: 9, columns: 2, rows: 2, seconds: 1, count: 5, sheets: [asset("t/0.jpg"), asset("t/1.jpg")] },
-  sound: { type: 'audio/mp4; codecs="opus"', rate: 48000, channels: 2, init: asset("sound/init.mp4"), segments: [asset("sound/0.m4s", { start: 0, seconds: 2 }), asset("sound/1.m4s", { start: 2, seconds: 2 })], position: [0, 0, 1] },
+  title: "A room",
+  poster: asset("poster.jpg", { width: 16, height: 9 }),
+  clearance: { focus: [0, 0, 0], share: 0.3 },
+  background: [0, 0.5, 1],
+  thumbnails: {
+    width: 16,
+    height: 9,
+    columns: 2,
+    rows: 2,
+    seconds: 1,
+    count: 5,
+    sheets: [asset("t/0.jpg"), asset("t/1.jpg")],
+  },
+  sound: {
+    type: 'audio/mp4; codecs="opus"',
+    rate: 48000,
+    channels: 2,
+    init: asset("sound/init.mp4"),
+    segments: [asset("sound/0.m4s", { start: 0, seconds: 2 }), asset("sound/1.m4s", { start: 2, seconds: 2 })],
+    position: [0, 0, 1],
+  },
   limits: { focus: [0, 0, 0], angle: 30, distance: [1, 8], floor: -1 },
 };
 /** What stands where something else should. */
-const JUNK: unknown[] = [null, true, -1, 0, 0.5, 1e300, 2 ** 53, "", "x", "../../etc/passwd", "https://other.example/a", [], [[]], {}, { uri: 3 }, [null], Array(20).fill(0), NaN];
+const JUNK: unknown[] = [
+  null,
+  true,
+  -1,
+  0,
+  0.5,
+  1e300,
+  2 ** 53,
+  "",
+  "x",
+  "../../etc/passwd",
+  "https://other.example/a",
+  [],
+  [[]],
+  {},
+  { uri: 3 },
+  [null],
+  Array(20).fill(0),
+  NaN,
+];
 
 let state = 1;
 const random = (below: number): number => {
@@ -34,7 +73,10 @@ const oneOf = <T>(values: T[]): T => values[random(values.length)];
 function places(value: unknown): [Record<string, unknown>, string][] {
   if (typeof value !== "object" || value === null) return [];
   const inside = value as Record<string, unknown>;
-  return Object.keys(inside).flatMap((key) => [[inside, key] as [Record<string, unknown>, string], ...places(inside[key])]);
+  return Object.keys(inside).flatMap((key) => [
+    [inside, key] as [Record<string, unknown>, string],
+    ...places(inside[key]),
+  ]);
 }
 
 /** Put junk in one place, take something away, double it, or exchange it with another. */
@@ -58,14 +100,26 @@ function check(manifest: Manifest): void {
     assert.equal(momentAt(manifest, 1, frame) === null, missing.length > 0);
   }
   const finite = (numbers: number[]): void => assert.ok(numbers.every(Number.isFinite), String(numbers));
-  finite([manifest.fps, manifest.frames, manifest.overlap, manifest.near, ...manifest.bounds.flat(), ...manifest.up, ...manifest.background]);
+  finite([
+    manifest.fps,
+    manifest.frames,
+    manifest.overlap,
+    manifest.near,
+    ...manifest.bounds.flat(),
+    ...manifest.up,
+    ...manifest.background,
+  ]);
   assert.ok(manifest.fps > 0 && manifest.near > 0 && (manifest.groups.length > 0 || manifest.live));
   for (const { K, viewmat, width, height } of [manifest.camera, ...manifest.cameras]) {
     finite([...K, ...viewmat]);
     assert.ok(K.length === 9 && viewmat.length === 16 && K[0] > 0 && K[4] > 0 && width > 0 && height > 0);
   }
   const sound = manifest.presentation.sound;
-  const assets = [manifest.presentation.poster, ...(manifest.presentation.thumbnails?.sheets ?? []), ...(sound ? [sound.init, ...sound.segments] : [])];
+  const assets = [
+    manifest.presentation.poster,
+    ...(manifest.presentation.thumbnails?.sheets ?? []),
+    ...(sound ? [sound.init, ...sound.segments] : []),
+  ];
   for (const item of [...files, ...assets]) {
     if (!item) continue;
     const address = sourceOf(manifest, item).url;
@@ -73,7 +127,10 @@ function check(manifest: Manifest): void {
   }
   for (const { points, bytes, frames, firstFrame } of files as ReelFile[]) {
     finite([points, bytes, frames, firstFrame]);
-    assert.ok(points >= 0 && points <= bytes + 131_072 && frames <= 10_000, `${points} points in ${bytes} bytes, ${frames} frames`);
+    assert.ok(
+      points >= 0 && points <= bytes + 131_072 && frames <= 10_000,
+      `${points} points in ${bytes} bytes, ${frames} frames`,
+    );
   }
   const names = manifest.renditions;
   assert.equal(new Set(names).size, names.length);
@@ -84,7 +141,10 @@ function documents(): Record<string, unknown>[] {
   return TEXTS.flatMap((text) => {
     const [plain, full] = [JSON.parse(text), { ...JSON.parse(text), ...structuredClone(EXTRAS) }];
     const groups: { bytes: number; renditions: object }[] = full.groups;
-    full.renditions = [{ name: "high", bytes: groups.reduce((sum, { bytes }) => sum + bytes, 0) }, { name: "low", bytes: 100 * groups.length }];
+    full.renditions = [
+      { name: "high", bytes: groups.reduce((sum, { bytes }) => sum + bytes, 0) },
+      { name: "low", bytes: 100 * groups.length },
+    ];
     for (const page of full.pages ?? []) {
       page.rendition_bytes = { high: 1000, low: 100 };
       for (const rendition of full.renditions) rendition.bytes += page.rendition_bytes[rendition.name];
@@ -117,7 +177,9 @@ test("a damaged manifest has valid values or raises a ReelError with the reason"
 
 test("a damaged page has valid values or raises a ReelError that names it", () => {
   const manifest = parseManifest(JSON.parse(TEXTS[2]), URL);
-  const texts = manifest.pages.map(({ uri }) => readFileSync(join(process.cwd(), "../tests/data/golden-long", uri), "utf8"));
+  const texts = manifest.pages.map(({ uri }) =>
+    readFileSync(join(process.cwd(), "../tests/data/golden-long", uri), "utf8"),
+  );
   let refused = 0;
   for (let i = 0; i < 800; i++) {
     const page = manifest.pages[i % texts.length];
@@ -126,7 +188,10 @@ test("a damaged page has valid values or raises a ReelError that names it", () =
     try {
       check(withPage(manifest, page, JSON.parse(JSON.stringify(document))));
     } catch (error) {
-      assert.ok(error instanceof ReelError && error.message.startsWith(page.uri), `${error instanceof Error ? error.stack : String(error)}\n${JSON.stringify(document)}`);
+      assert.ok(
+        error instanceof ReelError && error.message.startsWith(page.uri),
+        `${error instanceof Error ? error.stack : String(error)}\n${JSON.stringify(document)}`,
+      );
       refused++;
     }
   }
@@ -137,7 +202,10 @@ test("truncated text and other text than JSON are rejected with a message", asyn
   const quiet = { received: () => undefined, trouble: () => undefined };
   for (let length = 0; length < TEXTS[0].length - 2; length += 97) {
     const early = Promise.resolve(TEXTS[0].slice(0, length));
-    await assert.rejects(loadManifest(URL, quiet, new AbortController().signal, early), { name: "ReelError", message: /not JSON/ });
+    await assert.rejects(loadManifest(URL, quiet, new AbortController().signal, early), {
+      name: "ReelError",
+      message: /not JSON/,
+    });
   }
   const manifest = await loadManifest("manifest.json", quiet, new AbortController().signal, Promise.resolve(TEXTS[0]));
   assert.equal(manifest.url, "https://page.example/manifest.json");

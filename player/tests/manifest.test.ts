@@ -19,10 +19,15 @@ function edited(change: (document: Document) => void): Document {
 
 function withRenditions(document: Document): void {
   for (const [i, group] of document.groups.entries()) {
-    group.renditions = { low: { uri: `groups/000${i}.low.safetensors`, bytes: 100 + i, sha256: "0".repeat(64), points: 7 } };
+    group.renditions = {
+      low: { uri: `groups/000${i}.low.safetensors`, bytes: 100 + i, sha256: "0".repeat(64), points: 7 },
+    };
   }
   const sum = (files: Document[]): number => files.reduce((total, { bytes }) => total + bytes, 0);
-  document.renditions = [{ name: "high", bytes: sum(document.groups) }, { name: "low", bytes: sum(document.groups.map((group: Document) => group.renditions.low)) }];
+  document.renditions = [
+    { name: "high", bytes: sum(document.groups) },
+    { name: "low", bytes: sum(document.groups.map((group: Document) => group.renditions.low)) },
+  ];
 }
 
 test("a reel without renditions offers no choice", () => {
@@ -33,18 +38,51 @@ test("a reel without renditions offers no choice", () => {
 
 test("the background is the manifest's, or black", () => {
   assert.deepEqual(parseManifest(JSON.parse(TEXT), URL).background, [0, 0, 0]);
-  assert.deepEqual(parseManifest(edited((document) => (document.background = [0, 0.5, 1])), URL).background, [0, 0.5, 1]);
+  assert.deepEqual(
+    parseManifest(
+      edited((document) => (document.background = [0, 0.5, 1])),
+      URL,
+    ).background,
+    [0, 0.5, 1],
+  );
   for (const bad of [null, "grey", [0.1, 0.2], [0, 0, 1.5], [0, -0.1, 0]]) {
-    assert.throws(() => parseManifest(edited((document) => (document.background = bad)), URL), { name: "ReelError" });
+    assert.throws(
+      () =>
+        parseManifest(
+          edited((document) => (document.background = bad)),
+          URL,
+        ),
+      { name: "ReelError" },
+    );
   }
 });
 
 test("the clearance is the manifest's, or none", () => {
   assert.equal(parseManifest(JSON.parse(TEXT), URL).clearance.share, 0);
   const clearance = { focus: [1, -2, 3], share: 0.3 };
-  assert.deepEqual(parseManifest(edited((document) => (document.clearance = clearance)), URL).clearance, clearance);
-  for (const bad of [null, 3, {}, { focus: [0, 0], share: 0.3 }, { focus: [0, 0, 0], share: 1.5 }, { focus: [0, 0, "1"], share: 0.3 }]) {
-    assert.throws(() => parseManifest(edited((document) => (document.clearance = bad)), URL), { name: "ReelError" });
+  assert.deepEqual(
+    parseManifest(
+      edited((document) => (document.clearance = clearance)),
+      URL,
+    ).clearance,
+    clearance,
+  );
+  for (const bad of [
+    null,
+    3,
+    {},
+    { focus: [0, 0], share: 0.3 },
+    { focus: [0, 0, 0], share: 1.5 },
+    { focus: [0, 0, "1"], share: 0.3 },
+  ]) {
+    assert.throws(
+      () =>
+        parseManifest(
+          edited((document) => (document.clearance = bad)),
+          URL,
+        ),
+      { name: "ReelError" },
+    );
   }
 });
 
@@ -55,7 +93,10 @@ test("each group has a file in every rendition", () => {
   assert.equal(fileOf(first, "high"), first);
   const low = fileOf(second, "low");
   assert.equal(low.uri, "groups/0001.low.safetensors");
-  assert.deepEqual([low.bytes, low.points, low.firstFrame, low.frames, low.group], [101, 7, second.firstFrame, second.frames, 1]);
+  assert.deepEqual(
+    [low.bytes, low.points, low.firstFrame, low.frames, low.group],
+    [101, 7, second.firstFrame, second.frames, 1],
+  );
 });
 
 test("incomplete renditions are rejected", () => {
@@ -81,8 +122,22 @@ function presented(document: Document): void {
   Object.assign(document, {
     title: "Two chairs",
     poster: { ...asset("poster.jpg"), width: 640, height: 360 },
-    thumbnails: { width: 96, height: 54, columns: 5, rows: 5, seconds: 0.5, count: 30, sheets: [asset("a.jpg"), asset("b.jpg")] },
-    sound: { type: 'audio/mp4; codecs="opus"', rate: 48000, channels: 2, init: asset("i.mp4"), segments: [{ ...asset("0.m4s"), start: 0, seconds: 2 }] },
+    thumbnails: {
+      width: 96,
+      height: 54,
+      columns: 5,
+      rows: 5,
+      seconds: 0.5,
+      count: 30,
+      sheets: [asset("a.jpg"), asset("b.jpg")],
+    },
+    sound: {
+      type: 'audio/mp4; codecs="opus"',
+      rate: 48000,
+      channels: 2,
+      init: asset("i.mp4"),
+      segments: [{ ...asset("0.m4s"), start: 0, seconds: 2 }],
+    },
     limits: { focus: [0, 1, 0], angle: 25 },
   });
 }
@@ -109,5 +164,14 @@ test("invalid presentation fields are rejected", () => {
     ["focus", (d) => (d.limits.focus = [0, 0])],
     ["distances", (d) => (d.limits.distance = [3, 1])],
   ];
-  for (const [what, change] of bad) assert.throws(() => parseManifest(edited((d) => (presented(d), change(d))), URL), { name: "ReelError" }, what);
+  for (const [what, change] of bad)
+    assert.throws(
+      () =>
+        parseManifest(
+          edited((d) => (presented(d), change(d))),
+          URL,
+        ),
+      { name: "ReelError" },
+      what,
+    );
 });

@@ -6,9 +6,20 @@ import type { Manifest } from "../packages/decoder/src/reel/manifest";
 
 const viewmat = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];
 const home = { name: "start", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat };
-const manifest = { camera: home, cameras: [home], near: 0.1, up: [0, -1, 0], bounds: [[-1, -1, -1], [1, 1, 1]], presentation: { limits: null } } as unknown as Manifest;
+const manifest = {
+  camera: home,
+  cameras: [home],
+  near: 0.1,
+  up: [0, -1, 0],
+  bounds: [
+    [-1, -1, -1],
+    [1, 1, 1],
+  ],
+  presentation: { limits: null },
+} as unknown as Manifest;
 
-const close = (a: number[], b: number[]): void => a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-6, `${a} is not ${b}`));
+const close = (a: number[], b: number[]): void =>
+  a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-6, `${a} is not ${b}`));
 
 /** Where a world point appears in a 160 x 120 picture. */
 function pixel(camera: OrbitCamera, point: Vec3): [number, number] {
@@ -123,7 +134,12 @@ test("focus turns to the point and orbits about it", () => {
 
 test("a screen narrower than the image shows nothing above and below it; a wider one crops little", () => {
   const camera = new OrbitCamera(manifest);
-  for (const [width, height] of [[390, 844], [768, 1024], [600, 600], [360, 800]]) {
+  for (const [width, height] of [
+    [390, 844],
+    [768, 1024],
+    [600, 600],
+    [360, 800],
+  ]) {
     const { fx, fy, cx, cy } = camera.view(width, height);
     close([(120 * fy) / 120, fx, cx, cy], [height, height, width / 2, height / 2]);
   }
@@ -144,7 +160,10 @@ test("the own view is recognized", () => {
 });
 
 test("a portrait screen centers the focus and keeps the roll; a landscape screen is unchanged", () => {
-  const aside = { ...manifest, presentation: { limits: { focus: [1, 0.3, 0], angle: null, distance: null, floor: null } } } as unknown as Manifest;
+  const aside = {
+    ...manifest,
+    presentation: { limits: { focus: [1, 0.3, 0], angle: null, distance: null, floor: null } },
+  } as unknown as Manifest;
   close(new OrbitCamera(aside, { clientWidth: 844, clientHeight: 390 }).viewmat, viewmat);
   const camera = new OrbitCamera(aside, { clientWidth: 390, clientHeight: 844 }, true);
   const { viewmat: m, fx, cx } = camera.view(390, 844);

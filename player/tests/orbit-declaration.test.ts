@@ -3,18 +3,36 @@ import { test } from "node:test";
 import { dot, eyeOf, length, subtract, viewmatOf, type Vec3 } from "../packages/decoder/src/base/matrix";
 import { axesOf } from "../packages/element/src/base/quaternion";
 import { OrbitCamera } from "../packages/element/src/camera/orbit-camera";
-import { OrbitFrame, parseAngle, parseFieldOfView, parseOrbit, parseTarget } from "../packages/element/src/camera/orbit-declaration";
+import {
+  OrbitFrame,
+  parseAngle,
+  parseFieldOfView,
+  parseOrbit,
+  parseTarget,
+} from "../packages/element/src/camera/orbit-declaration";
 import type { CameraState } from "../packages/element/src/camera/pose";
 import type { Manifest } from "../packages/decoder/src/reel/manifest";
 
 /** The camera looks along z from 4 units before the origin; y is down. */
 const viewmat = [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];
 const home = { name: "start", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat };
-const manifest = { camera: home, cameras: [home], near: 0.1, up: [0, -1, 0], bounds: [[-1, -1, -1], [1, 1, 1]], presentation: { limits: null } } as unknown as Manifest;
+const manifest = {
+  camera: home,
+  cameras: [home],
+  near: 0.1,
+  up: [0, -1, 0],
+  bounds: [
+    [-1, -1, -1],
+    [1, 1, 1],
+  ],
+  presentation: { limits: null },
+} as unknown as Manifest;
 const AUTO = parseOrbit("auto auto auto");
 
-const close = (a: readonly number[], b: readonly number[]): void => a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-6, `${a} is not ${b}`));
-const frame = (target: Vec3 | null = null): OrbitFrame => new OrbitFrame(manifest, new OrbitCamera(manifest).ownState, target);
+const close = (a: readonly number[], b: readonly number[]): void =>
+  a.forEach((value, i) => assert.ok(Math.abs(value - b[i]) < 1e-6, `${a} is not ${b}`));
+const frame = (target: Vec3 | null = null): OrbitFrame =>
+  new OrbitFrame(manifest, new OrbitCamera(manifest).ownState, target);
 const eyeAt = (orbit: string): Vec3 => frame().stateOf(parseOrbit(orbit)).eye;
 
 test("values are parsed with their units", () => {
@@ -37,7 +55,8 @@ test("wrong values are refused with the value and the remedy", () => {
     [parseTarget, "1 2 x", /"1 2 x" is not a position/],
     [parseFieldOfView, "0deg", /"0deg" is no field of view/],
     [parseFieldOfView, "200deg", /"200deg" is no field of view/],
-  ] as const) assert.throws(() => parse(text), words);
+  ] as const)
+    assert.throws(() => parse(text), words);
 });
 
 test("an orbit of auto is the reel's own view", () => {
@@ -57,7 +76,10 @@ test("the horizon of any orbit is level, and its pivot is the target", () => {
     const state = frame([0.5, 0.2, 0.1]).stateOf(parseOrbit(orbit));
     const [right, , forward] = axesOf(state.turn);
     assert.ok(Math.abs(dot(right, [0, -1, 0])) < 1e-9);
-    close(state.eye.map((value, a) => value + state.distance * forward[a]), [0.5, 0.2, 0.1]);
+    close(
+      state.eye.map((value, a) => value + state.distance * forward[a]),
+      [0.5, 0.2, 0.1],
+    );
   }
 });
 
@@ -69,7 +91,10 @@ test("bounds hold turns and zooms, also across half a turn", () => {
   close([azimuth()], [30]);
   camera.orbit(3, 0);
   close([azimuth()], [-30]);
-  for (const [factor, distance] of [[0.01, 2], [100, 6]]) {
+  for (const [factor, distance] of [
+    [0.01, 2],
+    [100, 6],
+  ]) {
     camera.zoom(factor);
     close([length(eyeOf(camera.viewmat))], [distance]);
   }
@@ -78,7 +103,10 @@ test("bounds hold turns and zooms, also across half a turn", () => {
   camera.state = frame().stateOf(parseOrbit("170deg auto auto"));
   camera.orbit(-0.3, 0);
   close([(azimuth() + 360) % 360], [170 + (0.3 * 180) / Math.PI]);
-  assert.throws(() => frame().boundsOf(parseOrbit("auto 90deg auto"), parseOrbit("auto 45deg auto")), /smallest inclination/);
+  assert.throws(
+    () => frame().boundsOf(parseOrbit("auto 90deg auto"), parseOrbit("auto 45deg auto")),
+    /smallest inclination/,
+  );
 });
 
 test("a declared start is the view of the start and of a reset, unless people have moved the camera", () => {
@@ -98,7 +126,12 @@ test("a declared start is the view of the start and of a reset, unless people ha
 test("a declared field of view is that of any canvas", () => {
   const camera = new OrbitCamera(manifest);
   camera.fieldOfView = Math.PI / 2;
-  for (const [width, height] of [[160, 120], [100, 300], [400, 100]]) close([camera.view(width, height).fy], [height / 2]);
+  for (const [width, height] of [
+    [160, 120],
+    [100, 300],
+    [400, 100],
+  ])
+    close([camera.view(width, height).fy], [height / 2]);
 });
 
 test("the camera rotates after a rest, and turns back at its bounds", () => {

@@ -23,12 +23,24 @@ const withPageOf = (manifest: Manifest, index: number, change: (json: Json) => v
   change(json);
   return withPage(manifest, page, json);
 };
-const living = (manifest: Manifest, group: number): string => layersAt(manifest.groups[group]).map(({ uri }) => /\d+/.exec(uri)![0]).join(" ");
+const living = (manifest: Manifest, group: number): string =>
+  layersAt(manifest.groups[group])
+    .map(({ uri }) => /\d+/.exec(uri)![0])
+    .join(" ");
 
 test("groups keep their numbers, and groups of pages are missing until the pages arrive", () => {
   const manifest = manifestOf(PLAN);
-  assert.deepEqual([manifest.first, manifest.groups.length, manifest.frames, known(manifest)], [5, 19, 190, "15 16 17 18"]);
-  assert.deepEqual(manifest.pages.map(({ uri, group, count, firstFrame, frames }) => [uri, group, count, firstFrame, frames]), [["pages/5.json", 5, 5, 50, 50], ["pages/10.json", 10, 5, 100, 50]]);
+  assert.deepEqual(
+    [manifest.first, manifest.groups.length, manifest.frames, known(manifest)],
+    [5, 19, 190, "15 16 17 18"],
+  );
+  assert.deepEqual(
+    manifest.pages.map(({ uri, group, count, firstFrame, frames }) => [uri, group, count, firstFrame, frames]),
+    [
+      ["pages/5.json", 5, 5, 50, 50],
+      ["pages/10.json", 10, 5, 100, 50],
+    ],
+  );
   assert.deepEqual(manifest.groups[16].uri, "groups/16.bin");
   const more = withPageOf(manifest, 1);
   assert.equal(known(more), "10 11 12 13 14 15 16 17 18");
@@ -38,15 +50,33 @@ test("groups keep their numbers, and groups of pages are missing until the pages
 
 test("a group shows its living layers in order of birth, from any list", () => {
   const manifest = withPageOf(withPageOf(manifestOf(PLAN), 0), 1);
-  const expected: [number, string][] = [[5, "0 1 2"], [6, "0 1 2"], [7, "0 1 3"], [8, "0 1 3 4"], [11, "0 1 3 4"], [12, "0 4 5"], [15, "0 4 5"], [16, "0 4 5 6"]];
+  const expected: [number, string][] = [
+    [5, "0 1 2"],
+    [6, "0 1 2"],
+    [7, "0 1 3"],
+    [8, "0 1 3 4"],
+    [11, "0 1 3 4"],
+    [12, "0 4 5"],
+    [15, "0 4 5"],
+    [16, "0 4 5 6"],
+  ];
   for (const [group, layers] of expected) assert.equal(living(manifest, group), layers, String(group));
 });
 
 test("in a group, layers that never retire come before the others", () => {
   const manifest = manifestOf({ groups: 4, page: 2, layers: [0, [0, 3], [0, 1]] });
-  const page = { layers: [{ ...fileOf("layers/1.bin"), group: 0, first_frame: 0, until: 3 }, { ...fileOf("layers/2.bin"), group: 0, first_frame: 0, until: 1 }], groups: pageAt({ groups: 4, page: 2 }, "pages/0.json").groups };
+  const page = {
+    layers: [
+      { ...fileOf("layers/1.bin"), group: 0, first_frame: 0, until: 3 },
+      { ...fileOf("layers/2.bin"), group: 0, first_frame: 0, until: 1 },
+    ],
+    groups: pageAt({ groups: 4, page: 2 }, "pages/0.json").groups,
+  };
   const whole = withPage(manifest, manifest.pages[0], page);
-  assert.deepEqual([0, 1, 2, 3].map((group) => living(whole, group)), ["0 1 2", "0 1", "0 1", "0"]);
+  assert.deepEqual(
+    [0, 1, 2, 3].map((group) => living(whole, group)),
+    ["0 1 2", "0 1", "0 1", "0"],
+  );
 });
 
 test("a reel of version 1 has no retired layers, pages or dropped groups, whatever its manifest contains", () => {
@@ -56,7 +86,11 @@ test("a reel of version 1 has no retired layers, pages or dropped groups, whatev
 });
 
 test("a later version is rejected in plain words", () => {
-  assert.throws(() => parseManifest({ ...documentOf(), version: 3 }, ADDRESS), { name: "ReelError", plain: PLAIN.newer, message: /version 3; this player knows versions 1 and 2/ });
+  assert.throws(() => parseManifest({ ...documentOf(), version: 3 }, ADDRESS), {
+    name: "ReelError",
+    plain: PLAIN.newer,
+    message: /version 3; this player knows versions 1 and 2/,
+  });
 });
 
 test("values that version 2 forbids are rejected", () => {
@@ -91,8 +125,16 @@ test("a page that contradicts the manifest is rejected by name", () => {
     (json) => (json.groups[2].uri = "/etc/passwd"),
     (json) => (json.layers[0].points = 1e9),
   ];
-  for (const change of bad) assert.throws(() => withPageOf(manifestOf(PLAN), 0, change), { name: "ReelError", message: /^pages\/5.json cannot be used\. / }, String(change));
-  assert.throws(() => withPage(manifestOf(PLAN), manifestOf(PLAN).pages[0], null), { name: "ReelError", message: /^pages\/5.json/ });
+  for (const change of bad)
+    assert.throws(
+      () => withPageOf(manifestOf(PLAN), 0, change),
+      { name: "ReelError", message: /^pages\/5.json cannot be used\. / },
+      String(change),
+    );
+  assert.throws(() => withPage(manifestOf(PLAN), manifestOf(PLAN).pages[0], null), {
+    name: "ReelError",
+    message: /^pages\/5.json/,
+  });
 });
 
 test("groups that a live reel moved into a page stay known; dropped groups do not", () => {
@@ -109,7 +151,10 @@ test("an impossible number of bytes is an error that names the file", () => {
   for (const bytes of [-1, 0, 1.5, 2 ** 40, "5", null]) {
     const document: Json = documentOf();
     document.groups[1].bytes = bytes;
-    assert.throws(() => parseManifest(document, ADDRESS), { name: "ReelError", message: /bytes of groups\/1\.bin is / });
+    assert.throws(() => parseManifest(document, ADDRESS), {
+      name: "ReelError",
+      message: /bytes of groups\/1\.bin is /,
+    });
   }
 });
 
@@ -122,14 +167,23 @@ const golden = (path: string): Buffer => readFileSync(join(process.cwd(), "../te
 for (const name of ["golden-long", "golden-window"]) {
   test(`in ${name} the layers that live at a group are those that Python finds, and its bits are for their points`, async () => {
     const found = parseManifest(JSON.parse(golden(`${name}/manifest.json`).toString()), ADDRESS);
-    const whole = found.pages.reduce((manifest, page) => withPage(manifest, page, JSON.parse(golden(`${name}/${page.uri}`).toString())), found);
+    const whole = found.pages.reduce(
+      (manifest, page) => withPage(manifest, page, JSON.parse(golden(`${name}/${page.uri}`).toString())),
+      found,
+    );
     const { living } = JSON.parse(golden(`${name}/expected.json`).toString());
     assert.deepEqual(Object.keys(whole.groups), Object.keys(living));
     for (const group of Object.values(whole.groups)) {
       const layers = layersAt(group);
-      assert.deepEqual(layers.map(({ uri }) => uri), living[group.group]);
+      assert.deepEqual(
+        layers.map(({ uri }) => uri),
+        living[group.group],
+      );
       const { alive } = await decodeFile(new Uint8Array(golden(`${name}/${group.uri}`)), group.uri, never);
-      assert.equal(alive.length, layers.reduce((sum, { points }) => sum + points, 0));
+      assert.equal(
+        alive.length,
+        layers.reduce((sum, { points }) => sum + points, 0),
+      );
     }
   });
 }

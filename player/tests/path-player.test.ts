@@ -9,7 +9,12 @@ const at = (x: number): number[] => [1, 0, 0, -x, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 
 const key = (seconds: number, x: number, time: number): Keyframe => ({ at: seconds, time, viewmat: at(x) });
 
 /** A reel of five seconds, ready to play, and a path from 0 to 1 that takes `seconds` for its time from `from` to `to`. */
-async function pathOf(seconds: number, from: number, to: number, loop = false): Promise<{ fake: FakePlayer; rider: PathPlayer; x: () => number; over: () => boolean }> {
+async function pathOf(
+  seconds: number,
+  from: number,
+  to: number,
+  loop = false,
+): Promise<{ fake: FakePlayer; rider: PathPlayer; x: () => number; over: () => boolean }> {
   const fake = new FakePlayer({ groups: 5 });
   const rider = new PathPlayer(fake.player);
   await fake.start();
@@ -19,7 +24,8 @@ async function pathOf(seconds: number, from: number, to: number, loop = false): 
   void rider.play().then(() => (over = true));
   return { fake, rider, x: () => eyeOf(fake.player.camera!.viewmat)[0], over: () => over };
 }
-const near = (value: number, expected: number, by = 0.06): void => assert.ok(Math.abs(value - expected) < by, `${value}, expected ${expected}`);
+const near = (value: number, expected: number, by = 0.06): void =>
+  assert.ok(Math.abs(value - expected) < by, `${value}, expected ${expected}`);
 
 test("playing needs a path and a reel", async () => {
   const fake = new FakePlayer();
@@ -42,7 +48,10 @@ test("camera and reel play the path to its end, and the earlier state returns", 
   assert.equal(fake.player.paused, false);
   await fake.pass(1200);
   await done;
-  assert.deepEqual([rider.playing, fake.player.paused, fake.player.loop, fake.player.playbackRate], [false, true, true, 1.5]);
+  assert.deepEqual(
+    [rider.playing, fake.player.paused, fake.player.loop, fake.player.playbackRate],
+    [false, true, true, 1.5],
+  );
   near(x(), 1, 1e-6);
   near(fake.player.currentTime, 3, 1e-6);
   assert.equal(over(), true, "the play that was stopped is over as well");
@@ -56,7 +65,11 @@ test("the reel plays at the path's pace", async () => {
 });
 
 test("at a pace that cannot be played, the reel is shown frame by frame", async () => {
-  for (const [seconds, from, to] of [[2, 1, 1], [4, 4, 0], [1, 0, 4.9]]) {
+  for (const [seconds, from, to] of [
+    [2, 1, 1],
+    [4, 4, 0],
+    [1, 0, 4.9],
+  ]) {
     const { fake, x, rider } = await pathOf(seconds, from, to);
     await fake.pass(500);
     const part = x();

@@ -19,7 +19,17 @@ test("a splat is hit inside of its ellipse", () => {
 });
 
 test("the picked depth is where half of the light is absorbed", () => {
-  assert.equal(depthOf([{ depth: 5, alpha: 0.9 }, { depth: 2, alpha: 0.3 }, { depth: 3, alpha: 0.4 }], 0.5), 3);
+  assert.equal(
+    depthOf(
+      [
+        { depth: 5, alpha: 0.9 },
+        { depth: 2, alpha: 0.3 },
+        { depth: 3, alpha: 0.4 },
+      ],
+      0.5,
+    ),
+    3,
+  );
   assert.equal(depthOf([{ depth: 2, alpha: 0.3 }], 0.5), null);
   assert.equal(depthOf([{ depth: 2, alpha: 0.3 }], 0.2), 2);
 });

@@ -39,7 +39,10 @@ test("play() rejects with the error name of media elements if it cannot start", 
     fake.player.pause();
   }
   host.answer(status(404));
-  const refused = assert.rejects((void fake.player.load("https://page.example/none.json"), promises.play()), { name: "NotSupportedError", message: /none\.json cannot be downloaded/ });
+  const refused = assert.rejects((void fake.player.load("https://page.example/none.json"), promises.play()), {
+    name: "NotSupportedError",
+    message: /none\.json cannot be downloaded/,
+  });
   await time.pass(0);
   await refused;
   await assert.rejects(promises.play(), { name: "NotSupportedError", message: /none\.json/ });

@@ -7,13 +7,17 @@ import { FakePlayer } from "./fakes/player";
 import { documentOf, type Plan } from "./fakes/reel";
 
 const { host, time } = FakePlayer;
-const near = (value: number, expected: number): void => assert.ok(Math.abs(value - expected) < 0.05, `${value}, expected ${expected}`);
+const near = (value: number, expected: number): void =>
+  assert.ok(Math.abs(value - expected) < 0.05, `${value}, expected ${expected}`);
 const LONG: Plan = { groups: 200, page: 64, layers: [0, [0, 100], [100, 200]] };
 
 test("a long reel opens with the groups in its manifest, and loads its first page first", async () => {
   const fake = new FakePlayer(LONG);
   await fake.open();
-  assert.deepEqual([fake.player.duration, fake.player.buffered, fake.player.waiting, fake.player.busy], [200, [], true, true]);
+  assert.deepEqual(
+    [fake.player.duration, fake.player.buffered, fake.player.waiting, fake.player.busy],
+    [200, [], true, true],
+  );
   assert.deepEqual(fake.files.coming, ["pages/0.json", "layers/0.bin"]);
   assert.deepEqual(fake.heard("progress", "volumechange"), ["loadstart", "loadedmetadata", "durationchange"]);
   fake.files.give("layers/0.bin");
@@ -38,7 +42,10 @@ test("a seek into a missing page ends once its image is drawn", async () => {
   assert.deepEqual(fake.files.coming, ["layers/2.bin"]);
   fake.files.giveAll();
   await fake.pass(100);
-  assert.deepEqual([fake.player.seeking, fake.stage.scene], [false, { layers: ["layers/0.bin", "layers/2.bin"], current: { group: 110, frame: 5 }, previous: null }]);
+  assert.deepEqual(
+    [fake.player.seeking, fake.stage.scene],
+    [false, { layers: ["layers/0.bin", "layers/2.bin"], current: { group: 110, frame: 5 }, previous: null }],
+  );
   assert.equal(fake.player.stats!.bitrate, 8000);
 });
 
@@ -48,7 +55,11 @@ test("a cross-fade of chapters shows the layers of both, then those of the new o
   fake.player.currentTime = 100.1;
   for (let i = 0; i < 6; i++) fake.files.giveAll();
   await fake.pass(100);
-  assert.deepEqual(fake.stage.scene, { layers: ["layers/0.bin", "layers/1.bin", "layers/2.bin"], current: { group: 100, frame: 1 }, previous: { group: 99, frame: 9 } });
+  assert.deepEqual(fake.stage.scene, {
+    layers: ["layers/0.bin", "layers/1.bin", "layers/2.bin"],
+    current: { group: 100, frame: 1 },
+    previous: { group: 99, frame: 9 },
+  });
   assert.equal(fake.stage.points, 500);
   fake.player.currentTime = 100.5;
   await fake.pass(100);
@@ -84,14 +95,24 @@ test("a viewer before the window of a live reel moves to its beginning and conti
   fake.heard();
   answer({ ...plan, groups: 32, first: 16 });
   await fake.pass(3100, 100);
-  assert.deepEqual([fake.player.currentTime, fake.player.earliest, fake.player.duration, fake.player.seeking], [16, 16, 32, true]);
+  assert.deepEqual(
+    [fake.player.currentTime, fake.player.earliest, fake.player.duration, fake.player.seeking],
+    [16, 16, 32, true],
+  );
   assert.equal(fake.stage.scene!.current!.group, 4, "until it shows the last picture stays");
   fake.player.invalidate();
   await fake.pass(100);
   for (let i = 0; i < 4; i++) fake.files.giveAll();
   await fake.pass(200);
-  assert.deepEqual(fake.heard("progress", "drawn", "timeupdate", "volumechange"), ["seeking", "durationchange", "seeked"]);
-  assert.deepEqual([fake.player.error, fake.stage.scene!.current!.group, fake.stage.scene!.layers], [null, 16, ["layers/0.bin", "layers/2.bin"]]);
+  assert.deepEqual(fake.heard("progress", "drawn", "timeupdate", "volumechange"), [
+    "seeking",
+    "durationchange",
+    "seeked",
+  ]);
+  assert.deepEqual(
+    [fake.player.error, fake.stage.scene!.current!.group, fake.stage.scene!.layers],
+    [null, 16, ["layers/0.bin", "layers/2.bin"]],
+  );
   assert.ok(!fake.player.stream!.held.includes(4));
 });
 

@@ -40,7 +40,10 @@ test("a failed reel has a reason; a retry continues at the same time", async () 
   page.dispatchEvent(new Event("online"));
   await time.pass(0);
   assert.deepEqual([fake.player.error, fake.player.currentTime], [null, 15]);
-  assert.deepEqual(fake.player.camera!.viewmat.map((v) => v.toFixed(6)), viewmat.map((v) => v.toFixed(6)));
+  assert.deepEqual(
+    fake.player.camera!.viewmat.map((v) => v.toFixed(6)),
+    viewmat.map((v) => v.toFixed(6)),
+  );
   assert.deepEqual(fake.files.coming, ["layers/0.bin"]);
   fake.files.give("layers/0.bin");
   assert.deepEqual(fake.files.coming, ["groups/15.bin", "groups/14.bin"]);
@@ -60,7 +63,10 @@ test("a reel replaced on its host is opened again, at the same time and view", a
     fake.files.say("groups/15.bin", { error: "groups/15.bin is another one.", plain });
     await time.pass(0);
     assert.deepEqual([fake.player.error, fake.player.currentTime], [null, 15]);
-    assert.deepEqual(fake.player.camera!.viewmat.map((v) => v.toFixed(6)), viewmat.map((v) => v.toFixed(6)));
+    assert.deepEqual(
+      fake.player.camera!.viewmat.map((v) => v.toFixed(6)),
+      viewmat.map((v) => v.toFixed(6)),
+    );
     assert.deepEqual(fake.files.coming, ["layers/0.bin"]);
     fake.files.give("layers/0.bin");
   }

@@ -13,12 +13,19 @@ test("the player waits for the first group of a live reel, starts at its live ed
   assert.match(fake.player.notice!, /Waiting for the first group/);
   fake.answer({ groups: 2, live: true });
   await fake.pass(3000);
-  assert.deepEqual([fake.player.notice, fake.player.live, fake.player.duration, fake.player.currentTime], [null, true, 2, 1]);
+  assert.deepEqual(
+    [fake.player.notice, fake.player.live, fake.player.duration, fake.player.currentTime],
+    [null, true, 2, 1],
+  );
   fake.files.giveAll();
   await fake.pass(60);
   fake.player.play();
   await fake.pass(1500);
-  assert.deepEqual([fake.player.currentTime, fake.player.paused, fake.player.ended], [2, false, false], "it waits at its edge");
+  assert.deepEqual(
+    [fake.player.currentTime, fake.player.paused, fake.player.ended],
+    [2, false, false],
+    "it waits at its edge",
+  );
   fake.heard();
   fake.plan = { groups: 3, live: true, layers: [0, 2] };
   host.answer(status(500), status(500), status(500), whole(JSON.stringify(documentOf(fake.plan))));
@@ -52,7 +59,10 @@ test("a live reel whose first group was replaced is opened again with the same v
   await fake.pass(3000);
   assert.ok(fake.heard().includes("loadstart"));
   assert.deepEqual([fake.player.duration, fake.player.error], [2, null]);
-  assert.deepEqual(fake.player.camera!.viewmat.map((v) => v.toFixed(6)), viewmat.map((v) => v.toFixed(6)));
+  assert.deepEqual(
+    fake.player.camera!.viewmat.map((v) => v.toFixed(6)),
+    viewmat.map((v) => v.toFixed(6)),
+  );
 });
 
 test("a closed live reel sends no more requests", async () => {
@@ -67,7 +77,18 @@ test("a pending request of a closed live reel is ignored", async () => {
   const fake = new FakePlayer({ groups: 2, live: true });
   await fake.open();
   let answer = (): void => undefined;
-  host.answer(() => new Response(new ReadableStream({ start: (controller) => void (answer = () => (controller.enqueue(new TextEncoder().encode(JSON.stringify(documentOf({ groups: 3, live: true })))), controller.close())) })));
+  host.answer(
+    () =>
+      new Response(
+        new ReadableStream({
+          start: (controller) =>
+            void (answer = () => (
+              controller.enqueue(new TextEncoder().encode(JSON.stringify(documentOf({ groups: 3, live: true })))),
+              controller.close()
+            )),
+        }),
+      ),
+  );
   await fake.pass(3000, 100);
   assert.equal(host.asked.length, 1);
   fake.player.close();

@@ -5,7 +5,8 @@ import { FakePlayer, OFTEN, started } from "./fakes/player";
 import { ADDRESS } from "./fakes/reel";
 
 const { time } = FakePlayer;
-const near = (value: number, expected: number, by = 0.05): void => assert.ok(Math.abs(value - expected) < by, `${value}, expected ${expected}`);
+const near = (value: number, expected: number, by = 0.05): void =>
+  assert.ok(Math.abs(value - expected) < by, `${value}, expected ${expected}`);
 
 test("time advances during playback, at the playback rate, and stops at the end", async () => {
   const fake = await started();
@@ -81,7 +82,10 @@ test("a seek ends once the image of its time is drawn; until then the last one s
   fake.files.confirm();
   fake.files.give("groups/15.bin");
   await fake.pass(40);
-  assert.deepEqual([fake.heard(...OFTEN), fake.player.seeking, fake.stage.scene!.current], [["seeked"], false, { group: 15, frame: 5 }]);
+  assert.deepEqual(
+    [fake.heard(...OFTEN), fake.player.seeking, fake.stage.scene!.current],
+    [["seeked"], false, { group: 15, frame: 5 }],
+  );
   assert.throws(() => (fake.player.currentTime = NaN), TypeError);
   fake.player.step(-1);
   near(fake.player.currentTime, 15.4, 1e-9);
@@ -120,7 +124,8 @@ test("a time set before the reel is loaded is its start", async () => {
 
 test("`played` contains the played ranges only", async () => {
   const fake = await started({ groups: 3 });
-  const played = (): string => fake.player.played.ranges.map((range) => range.map((time) => time.toFixed(1)).join("-")).join();
+  const played = (): string =>
+    fake.player.played.ranges.map((range) => range.map((time) => time.toFixed(1)).join("-")).join();
   assert.equal(played(), "");
   fake.player.play();
   await fake.pass(400);

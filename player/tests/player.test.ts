@@ -14,7 +14,10 @@ test("an opened reel shows static points first, then the whole image", async () 
   const fake = new FakePlayer({ groups: 3 });
   await fake.open();
   assert.deepEqual(fake.heard("progress", "volumechange"), ["loadstart", "loadedmetadata", "durationchange"]);
-  assert.deepEqual([fake.player.duration, fake.player.canPlay, fake.player.busy, fake.player.playback.hasPicture], [3, false, true, false]);
+  assert.deepEqual(
+    [fake.player.duration, fake.player.canPlay, fake.player.busy, fake.player.playback.hasPicture],
+    [3, false, true, false],
+  );
   fake.files.give("layers/0.bin");
   await fake.pass(40);
   assert.deepEqual(fake.heard("progress"), ["loadeddata", "drawn"]);
@@ -40,14 +43,20 @@ test("nothing is drawn while nothing changes", async () => {
 test("each layer that arrives before the first group is drawn at once", async () => {
   const fake = new FakePlayer({ groups: 2, layers: [0, 0] });
   await fake.open();
-  for (const [uri, points] of [["layers/1.bin", 0], ["layers/0.bin", 200]] as const) {
+  for (const [uri, points] of [
+    ["layers/1.bin", 0],
+    ["layers/0.bin", 200],
+  ] as const) {
     fake.files.give(uri);
     await fake.pass(40);
     assert.equal(fake.stage.points, points);
   }
   const other = new FakePlayer({ groups: 2, layers: [0, 0] });
   await other.open();
-  for (const [uri, points] of [["layers/0.bin", 100], ["layers/1.bin", 200]] as const) {
+  for (const [uri, points] of [
+    ["layers/0.bin", 100],
+    ["layers/1.bin", 200],
+  ] as const) {
     other.files.give(uri);
     await other.pass(40);
     assert.equal(other.stage.points, points);
@@ -59,7 +68,10 @@ test("a layer is drawn while the rest of its group never arrives, and playback w
   await fake.open();
   fake.files.give("layers/0.bin");
   await fake.pass(40);
-  assert.deepEqual(fake.heard("progress", "volumechange", "loadstart", "loadedmetadata", "durationchange"), ["loadeddata", "drawn"]);
+  assert.deepEqual(fake.heard("progress", "volumechange", "loadstart", "loadedmetadata", "durationchange"), [
+    "loadeddata",
+    "drawn",
+  ]);
   fake.player.play();
   await fake.pass(5000);
   const { canPlay, busy, waiting, currentTime } = fake.player;
@@ -74,7 +86,11 @@ test("in a cross-fade both groups are sorted, and both are kept", async () => {
   const fake = await started();
   fake.player.currentTime = 1.1;
   await fake.pass(60);
-  assert.deepEqual(fake.stage.scene, { layers: ["layers/0.bin"], current: { group: 1, frame: 1 }, previous: { group: 0, frame: 9 } });
+  assert.deepEqual(fake.stage.scene, {
+    layers: ["layers/0.bin"],
+    current: { group: 1, frame: 1 },
+    previous: { group: 0, frame: 9 },
+  });
   assert.deepEqual(fake.stage.inUse, [1, 0]);
   assert.equal(fake.stage.points, 300);
   fake.player.currentTime = 1.3;
@@ -99,7 +115,10 @@ test("a reel that is closed while loading ends without further events", async ()
   fake.heard();
   fake.player.close();
   assert.ok(workers.every(({ terminated }) => terminated));
-  assert.deepEqual([fake.heard(...OFTEN), fake.player.duration, fake.player.stats, fake.player.hasSource], [["emptied"], 0, null, false]);
+  assert.deepEqual(
+    [fake.heard(...OFTEN), fake.player.duration, fake.player.stats, fake.player.hasSource],
+    [["emptied"], 0, null, false],
+  );
   await fake.pass(20_000);
   assert.deepEqual(fake.heard(), []);
 });
@@ -108,7 +127,15 @@ test("another reel replaces one that is still loading, whatever its result", asy
   for (const late of [JSON.stringify(documentOf({ groups: 2 })), "{}"]) {
     const fake = new FakePlayer({ groups: 3 });
     let answer: (text: string) => void = () => undefined;
-    host.answer(() => new Response(new ReadableStream({ start: (controller) => void (answer = (text) => (controller.enqueue(new TextEncoder().encode(text)), controller.close())) })));
+    host.answer(
+      () =>
+        new Response(
+          new ReadableStream({
+            start: (controller) =>
+              void (answer = (text) => (controller.enqueue(new TextEncoder().encode(text)), controller.close())),
+          }),
+        ),
+    );
     void fake.player.load("https://page.example/first/manifest.json");
     await time.pass(0);
     host.answer(whole(JSON.stringify(documentOf({ groups: 7 }))));
@@ -150,7 +177,10 @@ test("an image is rendered at a time and a pose, and nothing else is drawn meanw
 
 test("a chosen rendition stays chosen, also for the next reel that has one of this name", async () => {
   const fake = await started({ groups: 3, renditions: ["high", "low"] });
-  assert.deepEqual([fake.player.renditions, fake.player.rendition, fake.player.shownRendition], [["high", "low"], null, "high"]);
+  assert.deepEqual(
+    [fake.player.renditions, fake.player.rendition, fake.player.shownRendition],
+    [["high", "low"], null, "high"],
+  );
   fake.player.rendition = "low";
   await fake.open();
   fake.files.give("layers/0.bin");
@@ -166,7 +196,16 @@ test("statistics describe what the player does", async () => {
   const fake = await started();
   const stats = fake.player.stats!;
   assert.deepEqual([stats.points, stats.bitrate, stats.rendition, stats.ahead, stats.width], [200, 8000, null, 3, 160]);
-  assert.deepEqual(Object.fromEntries(describe({ ...stats, throughput: 2.5e6, decodeMilliseconds: 3.14, sortMilliseconds: 25 })), {
-    Pictures: "60 fps, 160 × 90".replace("60", stats.fps.toFixed(0)), Points: "200", Bitrate: "0.0 Mbit/s", Network: "2.5 Mbit/s", Buffer: "3.0 s", Decode: "3.1 ms", Sort: "25 ms",
-  });
+  assert.deepEqual(
+    Object.fromEntries(describe({ ...stats, throughput: 2.5e6, decodeMilliseconds: 3.14, sortMilliseconds: 25 })),
+    {
+      Pictures: "60 fps, 160 × 90".replace("60", stats.fps.toFixed(0)),
+      Points: "200",
+      Bitrate: "0.0 Mbit/s",
+      Network: "2.5 Mbit/s",
+      Buffer: "3.0 s",
+      Decode: "3.1 ms",
+      Sort: "25 ms",
+    },
+  );
 });

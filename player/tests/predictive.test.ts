@@ -16,10 +16,17 @@ const decode = (bytes: Uint8Array): Promise<DecodedFile> => decodeFile(bytes, "a
 
 function compare(name: string, found: ArrayLike<number>, tolerance: (i: number) => number = () => 0): void {
   const sample = expected.arrays[name] as { shape: number[]; index: number[]; value: number[] };
-  assert.equal(found.length, sample.shape.reduce((a, b) => a * b, 1), name);
+  assert.equal(
+    found.length,
+    sample.shape.reduce((a, b) => a * b, 1),
+    name,
+  );
   sample.index.forEach((at, i) => {
     const slack = expected.tolerance * Math.max(1, Math.abs(sample.value[i])) + tolerance(at);
-    assert.ok(Math.abs(found[at] - sample.value[i]) <= slack, `${name}[${at}]: ${found[at]}, expected ${sample.value[i]}`);
+    assert.ok(
+      Math.abs(found[at] - sample.value[i]) <= slack,
+      `${name}[${at}]: ${found[at]}, expected ${sample.value[i]}`,
+    );
   });
 }
 
@@ -57,13 +64,21 @@ test("the golden reel decodes to the numbers that Python decodes", async () => {
     const { dx, dxMin, dxStep, dq, dqMin, dqStep, worldly, appearance } = file.offsets!;
     assert.ok(worldly);
     const plain = (q: ArrayLike<number>, channels: number, min: number[], step: number[]): number[] =>
-      Array.from({ length: (q.length / 4) * channels }, (_, i) => min[i % channels] + step[i % channels] * q[4 * Math.floor(i / channels) + (i % channels)]);
+      Array.from(
+        { length: (q.length / 4) * channels },
+        (_, i) => min[i % channels] + step[i % channels] * q[4 * Math.floor(i / channels) + (i % channels)],
+      );
     compare(`group${index}.dx`, plain(dx, 3, dxMin, dxStep), (i) => dxStep[i % 3] / 2);
     compare(`group${index}.dq`, local(plain(dq, 4, dqMin, dqStep), file.points.quats), () => Math.hypot(...dqStep) / 2);
     assert.equal(appearance !== null, index === 1);
     assert.equal(file.light !== null, index === 1);
     if (file.light) compare(`group${index}.light`, file.light);
-    if (appearance) compare(`group${index}.shade`, plain(appearance.data, 4, appearance.min, appearance.step), (i) => appearance.step[i % 4] / 2);
+    if (appearance)
+      compare(
+        `group${index}.shade`,
+        plain(appearance.data, 4, appearance.min, appearance.step),
+        (i) => appearance.step[i % 4] / 2,
+      );
   }
 });
 

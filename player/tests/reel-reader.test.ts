@@ -16,9 +16,15 @@ function filesOf(uri: string, plan: Plan): object {
 /** Open a reel whose files come when a test says so. */
 async function open(plan: Plan, options: object = {}): Promise<{ reader: ReelReader; transfers: Transfers }> {
   const manifest = JSON.stringify(documentOf(plan));
-  const source = new LocalFiles("reel", (uri) => ({ blob: new Blob(uri === "manifest.json" ? [manifest] : []), deflated: false }));
+  const source = new LocalFiles("reel", (uri) => ({
+    blob: new Blob(uri === "manifest.json" ? [manifest] : []),
+    deflated: false,
+  }));
   FakeWorker.all.length = 0;
-  return { reader: await ReelReader.open(source, decodeWorkers, options), transfers: new Transfers((uri) => filesOf(uri, plan)) };
+  return {
+    reader: await ReelReader.open(source, decodeWorkers, options),
+    transfers: new Transfers((uri) => filesOf(uri, plan)),
+  };
 }
 
 test("a frame waits for its files, and shows static and dynamic points", async () => {
@@ -39,7 +45,10 @@ test("a cross-fade shows both groups", async () => {
   transfers.giveAll();
   const { count, groups, opacities } = await frame;
   assert.deepEqual({ count, groups }, { count: 300, groups: [0, 1] });
-  assert.ok(opacities.slice(100).every((opacity) => opacity < 0.5), "half of the weight each");
+  assert.ok(
+    opacities.slice(100).every((opacity) => opacity < 0.5),
+    "half of the weight each",
+  );
   reader.close();
 });
 
@@ -54,7 +63,10 @@ test("times are clamped to the reel, and NaN is refused", async () => {
 });
 
 test("a rendition that the reel lacks is refused, and the best one is the default", async () => {
-  await assert.rejects(open({ renditions: ["high", "low"] }, { rendition: "medium" }), /has no rendition medium. It has high, low/);
+  await assert.rejects(
+    open({ renditions: ["high", "low"] }, { rendition: "medium" }),
+    /has no rendition medium. It has high, low/,
+  );
   const { reader, transfers } = await open({ renditions: ["high", "low"] });
   reader.seek(0);
   assert.ok(transfers.coming.every((uri) => !uri.includes("low")));

@@ -4,7 +4,11 @@ import { BandwidthMeter } from "../packages/decoder/src/stream/bandwidth-meter";
 import { RenditionPolicy, type Option } from "../packages/decoder/src/stream/rendition-policy";
 
 /** Groups of a second at 4, 2 and 1 Mbit/s, with fewer points in the last. */
-const OPTIONS: Option[] = [{ bytes: 500_000, points: 20_000 }, { bytes: 250_000, points: 20_000 }, { bytes: 125_000, points: 12_000 }];
+const OPTIONS: Option[] = [
+  { bytes: 500_000, points: 20_000 },
+  { bytes: 250_000, points: 20_000 },
+  { bytes: 125_000, points: 12_000 },
+];
 
 interface World {
   /** Bits a second at a time in seconds. */
@@ -33,10 +37,17 @@ function play({ network, latency = 0.03, decode = 0.001, groups = 40 }: World): 
   for (let group = 0; group < groups; group++) {
     while (group - shown > 8) pass(0.05); // enough in store
     const last = taken.at(-1) ?? null;
-    const choice = chooser.choose({ options: OPTIONS, seconds: 1, ahead: group - shown, throughput: meter.rate, decode: last === null ? 0 : decode, last });
+    const choice = chooser.choose({
+      options: OPTIONS,
+      seconds: 1,
+      ahead: group - shown,
+      throughput: meter.rate,
+      decode: last === null ? 0 : decode,
+      last,
+    });
     meter.begin(1000 * time);
     pass(latency);
-    for (let left = 8 * OPTIONS[choice].bytes; left > 0; ) {
+    for (let left = 8 * OPTIONS[choice].bytes; left > 0;) {
       const came = Math.min(network(time) * 0.02, left);
       pass(0.02);
       left -= came;
@@ -96,7 +107,8 @@ test("a slow decoder gets fewer points", () => {
 
 test("a slow renderer gets fewer points, and a new trial from time to time", () => {
   const chooser = new RenditionPolicy();
-  const choose = (): number => chooser.choose({ options: OPTIONS, seconds: 1, ahead: 8, throughput: 50e6, decode: 0, last: 0 });
+  const choose = (): number =>
+    chooser.choose({ options: OPTIONS, seconds: 1, ahead: 8, throughput: 50e6, decode: 0, last: 0 });
   chooser.judge(true, OPTIONS, 0, 0);
   assert.equal(choose(), 2, "the second has as many points as the first");
   chooser.judge(true, OPTIONS, 2, 1000);

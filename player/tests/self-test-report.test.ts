@@ -3,7 +3,10 @@ import { test } from "node:test";
 import { megabytes, quantile, reportOf, spreadOf } from "../packages/element/src/self-test/report";
 
 test("quantiles interpolate between the sorted values", () => {
-  assert.deepEqual([0, 0.5, 0.75, 1].map((part) => quantile([4, 1, 3, 2], part)), [1, 2.5, 3.25, 4]);
+  assert.deepEqual(
+    [0, 0.5, 0.75, 1].map((part) => quantile([4, 1, 3, 2], part)),
+    [1, 2.5, 3.25, 4],
+  );
   assert.equal(quantile([7], 0.95), 7);
   assert.equal(spreadOf(Array.from({ length: 101 }, (_, i) => 100 - i)), "median 50.0 ms, 95th percentile 95.0 ms");
   assert.deepEqual([spreadOf([]), megabytes(12_345_678)], ["none", "12.3 MB"]);

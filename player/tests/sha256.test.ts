@@ -10,7 +10,12 @@ test("the digest of messages of every length around a block is that of Node", ()
   for (const length of [...Array(200).keys(), 65_535, 1_000_003]) {
     const bytes = bytesOf(length);
     assert.equal(sha256(bytes), createHash("sha256").update(bytes).digest("hex"), `${length} bytes`);
-    assert.equal(sha256(bytesOf(length + 5).subarray(5)), createHash("sha256").update(bytesOf(length + 5).subarray(5)).digest("hex"));
+    assert.equal(
+      sha256(bytesOf(length + 5).subarray(5)),
+      createHash("sha256")
+        .update(bytesOf(length + 5).subarray(5))
+        .digest("hex"),
+    );
   }
 });
 

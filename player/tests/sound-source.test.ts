@@ -2,10 +2,19 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { segmentAt, spareSegments, wantedSegments } from "../packages/renderer/src/sound/sound-source";
 
-const segments = Array.from({ length: 100 }, (_, index) => ({ uri: `${index}`, bytes: 1, sha256: "0".repeat(64), start: 2 * index, seconds: 2 }));
+const segments = Array.from({ length: 100 }, (_, index) => ({
+  uri: `${index}`,
+  bytes: 1,
+  sha256: "0".repeat(64),
+  start: 2 * index,
+  seconds: 2,
+}));
 
 test("a time lies in a segment, in a gap, or beyond the end", () => {
-  assert.deepEqual([0, 1.99, 2, 199.9, 200, -1].map((time) => segmentAt(segments, time)), [0, 0, 1, 99, -1, -1]);
+  assert.deepEqual(
+    [0, 1.99, 2, 199.9, 200, -1].map((time) => segmentAt(segments, time)),
+    [0, 0, 1, 99, -1, -1],
+  );
   assert.equal(segmentAt([segments[0], segments[2]], 3), -1);
   assert.equal(segmentAt([], 0), -1);
 });
@@ -22,5 +31,8 @@ test("the segment heard longest ago is dropped; the next and the latest are kept
   const held = new Set([...Array(60).keys()]);
   const spare = spareSegments(segments, [58, 59, 60], (segment) => held.has(Number(segment.uri)));
   assert.deepEqual(spare, [...Array(13).keys()]);
-  assert.deepEqual(spareSegments(segments, [1, 2], (segment) => Number(segment.uri) < 9), []);
+  assert.deepEqual(
+    spareSegments(segments, [1, 2], (segment) => Number(segment.uri) < 9),
+    [],
+  );
 });

@@ -14,7 +14,10 @@ function run(seconds: number, soundAt: (now: number) => number, rate = 1): { beh
   return { behind, pictures };
 }
 
-const coarse = (step: number, rate = 1) => (now: number): number => Math.floor((rate * now) / step) * step;
+const coarse =
+  (step: number, rate = 1) =>
+  (now: number): number =>
+    Math.floor((rate * now) / step) * step;
 
 test("images follow a coarse sound clock smoothly", () => {
   for (const rate of [0.5, 1, 2]) {

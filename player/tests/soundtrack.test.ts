@@ -5,7 +5,6 @@ import type { Sound } from "../packages/decoder/src/reel/presentation";
 import { Soundtrack } from "../packages/renderer/src/sound/soundtrack";
 import { FakeAudio, FakeMediaSource } from "./fakes/audio";
 import { FakeHost, status, type Answer } from "./fakes/host";
-import { isIntact } from "../packages/decoder/src/files/checksum";
 import { Reel } from "../packages/decoder/src/reel/reel";
 import { manifestOf } from "./fakes/reel";
 import { FakeTime } from "./fakes/time";
@@ -13,13 +12,19 @@ import { FakeTime } from "./fakes/time";
 const time = new FakeTime();
 const host = new FakeHost();
 mock.method(console, "warn", () => undefined);
-// Without crypto.subtle, which answers from another thread, digests are computed at once, after the script for them was loaded.
-Object.defineProperty(globalThis, "crypto", { value: {} });
-await isIntact(new Uint8Array(), "");
+// Digests without another thread, so that they come at once.
+const digest = async (_: string, bytes: Uint8Array): Promise<Uint8Array> => createHash("sha256").update(bytes).digest();
+Object.defineProperty(globalThis, "crypto", { value: { subtle: { digest } } });
 
 const digestOf = (...bytes: number[]): string => createHash("sha256").update(Uint8Array.from(bytes)).digest("hex");
 /** Segments of two seconds whose bytes are their start and length. */
-const segments = [...Array(60).keys()].map((index) => ({ uri: `sound/${index}.m4s`, bytes: 2, sha256: digestOf(2 * index, 2), start: 2 * index, seconds: 2 }));
+const segments = [...Array(60).keys()].map((index) => ({
+  uri: `sound/${index}.m4s`,
+  bytes: 2,
+  sha256: digestOf(2 * index, 2),
+  start: 2 * index,
+  seconds: 2,
+}));
 const answers: Answer = (_, url) => {
   const index = /(\d+)\.m4s$/.exec(url)?.[1];
   return new Response(index === undefined ? new Uint8Array(1) : Uint8Array.of(2 * Number(index), 2));
@@ -30,7 +35,15 @@ let events: string[] = [];
 let track: Soundtrack;
 let reel: Reel;
 const clock = { seconds: 0, rate: 1, loop: false, live: false, earliest: 0 };
-const soundOf = (more: Partial<Sound> = {}): Sound => ({ type: 'audio/mp4; codecs="opus"', rate: 48000, channels: 2, init: { uri: "sound/init.mp4", bytes: 1, sha256: digestOf(0) }, segments, position: null, ...more });
+const soundOf = (more: Partial<Sound> = {}): Sound => ({
+  type: 'audio/mp4; codecs="opus"',
+  rate: 48000,
+  channels: 2,
+  init: { uri: "sound/init.mp4", bytes: 1, sha256: digestOf(0) },
+  segments,
+  position: null,
+  ...more,
+});
 const openReel = (sound: Sound | null = soundOf(), live = false): void => {
   const manifest = manifestOf({ live });
   reel = new Reel({ ...manifest, presentation: { ...manifest.presentation, sound } });
@@ -52,7 +65,10 @@ beforeEach(() => {
   Object.assign(globalThis, { MediaSource: FakeMediaSource });
   FakeAudio.plays = "";
   events = [];
-  track = new Soundtrack((event) => events.push(event), () => events.push("stop"));
+  track = new Soundtrack(
+    (event) => events.push(event),
+    () => events.push("stop"),
+  );
   host.answer(answers);
 });
 
@@ -161,8 +177,14 @@ test("a paused reel is silent", async () => {
 });
 
 test("if the browser blocks sound, a user's play() stops and autoplay becomes silent", async () => {
-  for (const [optional, expected] of [[false, ["notallowed", "stop"]], [true, ["volumechange", "volumechange"]]] as const) {
-    track = new Soundtrack((event) => events.push(event), () => events.push("stop"));
+  for (const [optional, expected] of [
+    [false, ["notallowed", "stop"]],
+    [true, ["volumechange", "volumechange"]],
+  ] as const) {
+    track = new Soundtrack(
+      (event) => events.push(event),
+      () => events.push("stop"),
+    );
     openReel();
     await begin();
     FakeAudio.last.refuses = "NotAllowedError";
@@ -208,7 +230,10 @@ test("a failed segment ends the sound, and images continue", async () => {
     [/The sound is damaged/, [0, 2, 0]],
   ];
   for (const [message, bytes, bad = (): Response => new Response(Uint8Array.from(bytes))] of cases) {
-    track = new Soundtrack((event) => events.push(event), () => events.push("stop"));
+    track = new Soundtrack(
+      (event) => events.push(event),
+      () => events.push("stop"),
+    );
     openReel(soundOf({ segments: [{ ...segments[0], bytes: bytes.length, sha256: digestOf(...bytes) }] }));
     host.answer((options, url) => (url.endsWith("init.mp4") ? answers(options, url) : bad(options, url)));
     events = [];
@@ -254,8 +279,14 @@ test("a browser without media sources plays the sound as one file once it is com
 
 test("unsupported sound is dropped with a reason", () => {
   Object.assign(globalThis, { MediaSource: undefined });
-  for (const [live, message] of [[false, /does not play sound of the type audio\/mp4; codecs="opus"/], [true, /only once the reel is complete/]] as const) {
-    track = new Soundtrack((event) => events.push(event), () => undefined);
+  for (const [live, message] of [
+    [false, /does not play sound of the type audio\/mp4; codecs="opus"/],
+    [true, /only once the reel is complete/],
+  ] as const) {
+    track = new Soundtrack(
+      (event) => events.push(event),
+      () => undefined,
+    );
     openReel(soundOf(), live);
     track.want(clock, true);
     assert.deepEqual([track.available, track.isLate(clock)], [false, false]);

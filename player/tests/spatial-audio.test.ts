@@ -61,7 +61,13 @@ Object.assign(globalThis, { AudioContext: Context, PannerNode: Node, GainNode: N
 const audio = {} as HTMLAudioElement;
 const at = (x: number): number[] => [1, 0, 0, -x, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1];
 const plain = manifestOf();
-const placed: Manifest = { ...plain, presentation: { ...plain.presentation, sound: { position: [0, 0, 0] } as unknown as Manifest["presentation"]["sound"] } };
+const placed: Manifest = {
+  ...plain,
+  presentation: {
+    ...plain.presentation,
+    sound: { position: [0, 0, 0] } as unknown as Manifest["presentation"]["sound"],
+  },
+};
 let sound: SpatialSound;
 
 beforeEach(() => {

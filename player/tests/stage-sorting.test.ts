@@ -4,7 +4,16 @@ import { PLAIN } from "../packages/decoder/src/base/errors";
 import { FakePlayer, pointsOf } from "./fakes/player";
 import { FakeWorker } from "./fakes/workers";
 
-const view = { viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1], fx: 100, fy: 100, cx: 80, cy: 45, width: 160, height: 90, near: 0.01 };
+const view = {
+  viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1],
+  fx: 100,
+  fy: 100,
+  cx: 80,
+  cy: 45,
+  width: 160,
+  height: 90,
+  near: 0.01,
+};
 const scene = (group: number) => ({ layers: ["layers/0.bin"], current: { group, frame: 0 }, previous: null });
 /** A stage with all that shows, and a sort worker that answers when it is told to. */
 async function stageOf(): Promise<{ stage: FakePlayer["stage"]; answer: () => void }> {
@@ -15,7 +24,8 @@ async function stageOf(): Promise<{ stage: FakePlayer["stage"]; answer: () => vo
   let answer = (): void => undefined;
   const posted = FakeWorker.posted!;
   FakeWorker.posted = (worker, message) => {
-    if ((message as { type?: string }).type === "sort") answer = () => ((FakeWorker.posted = posted), posted(worker, message));
+    if ((message as { type?: string }).type === "sort")
+      answer = () => ((FakeWorker.posted = posted), posted(worker, message));
     else posted(worker, message);
   };
   return { stage: fake.stage, answer: () => answer() };
@@ -63,7 +73,10 @@ test("memory of dropped groups is reused, and too little memory is reported as t
     stage.addGroup(1000 + i, file, []);
     if (i >= 3) stage.dropGroup(1000 + i - 3);
   }
-  assert.throws(() => {
-    for (let i = 0; i < 500; i++) stage.addGroup(20_000 + i, file, []);
-  }, { name: "ReelError", plain: PLAIN.device, message: /more points than this device draws/ });
+  assert.throws(
+    () => {
+      for (let i = 0; i < 500; i++) stage.addGroup(20_000 + i, file, []);
+    },
+    { name: "ReelError", plain: PLAIN.device, message: /more points than this device draws/ },
+  );
 });

@@ -2,8 +2,20 @@ import assert from "node:assert/strict";
 import { test } from "node:test";
 import { isOrderedFor } from "../packages/renderer/src/draw/stage";
 
-const manifest = { overlap: 5, first: 0, pages: [], groups: [{ firstFrame: 0, frames: 35 }, { firstFrame: 30, frames: 35 }] } as never;
-const scene = (group: number, frame: number, previous: number | null) => ({ layers: ["layer"], current: { group, frame }, previous: previous === null ? null : { group: previous, frame: 30 } });
+const manifest = {
+  overlap: 5,
+  first: 0,
+  pages: [],
+  groups: [
+    { firstFrame: 0, frames: 35 },
+    { firstFrame: 30, frames: 35 },
+  ],
+} as never;
+const scene = (group: number, frame: number, previous: number | null) => ({
+  layers: ["layer"],
+  current: { group, frame },
+  previous: previous === null ? null : { group: previous, frame: 30 },
+});
 
 test("a sort order serves later frames of its groups", () => {
   assert.equal(isOrderedFor(scene(1, 10, null), 45, manifest), true);

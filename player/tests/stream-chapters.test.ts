@@ -8,7 +8,10 @@ import { manifestOf, type Plan } from "./fakes/reel";
 import { GROUP, time, World } from "./fakes/stream";
 
 /** Chapters of four groups, each with a layer of its own; and a layer that all share. */
-const chapters = (groups: number): Plan["layers"] => [0, ...Array.from({ length: Math.ceil(groups / 4) }, (_, i): [number, number] => [4 * i, 4 * i + 4])];
+const chapters = (groups: number): Plan["layers"] => [
+  0,
+  ...Array.from({ length: Math.ceil(groups / 4) }, (_, i): [number, number] => [4 * i, 4 * i + 4]),
+];
 const LAYER = costOf({ points: 100, frames: 0 });
 
 beforeEach(() => {
@@ -38,10 +41,16 @@ test("a retired layer is dropped with the last group at which it lives", () => {
   const world = new World({ groups: 12, layers: chapters(12) }, 4);
   world.want({ current: 2 });
   world.giveAll();
-  assert.deepEqual(world.log.filter((line) => line.startsWith("layer")), ["layer 0", "layer 1", "layer 2"]);
+  assert.deepEqual(
+    world.log.filter((line) => line.startsWith("layer")),
+    ["layer 0", "layer 1", "layer 2"],
+  );
   world.want({ current: 4 });
   world.giveAll();
-  assert.deepEqual(world.log.filter((line) => line.startsWith("dropped")), ["dropped 2", "dropped 3", "dropped layers/1.bin"]);
+  assert.deepEqual(
+    world.log.filter((line) => line.startsWith("dropped")),
+    ["dropped 2", "dropped 3", "dropped layers/1.bin"],
+  );
   assert.deepEqual([world.stream.has(3), world.stream.has(4)], [false, true]);
   world.want({ current: 3 });
   assert.deepEqual(world.coming, ["layers/1.bin"], "who goes back gets it again");
@@ -53,13 +62,21 @@ test("an hour is played within the memory for groups", () => {
   const held = new Set<string>();
   for (let current = 0; current < 3600; current++) {
     for (const previous of [current === 0 ? null : current - 1, null]) {
-      world.want({ current: null, previous: null, inUse: [current], frame: 10 * current + (previous === null ? 5 : 1) });
+      world.want({
+        current: null,
+        previous: null,
+        inUse: [current],
+        frame: 10 * current + (previous === null ? 5 : 1),
+      });
       world.look();
       world.giveAll();
       assert.ok(world.stream.has(current) && (previous === null || world.stream.has(previous)), String(current));
     }
     for (const line of world.log.splice(0)) {
-      const name = line.replace("dropped ", "").replace(/^(\d+)$/, "group $1").replace(/layers.(\d+).bin/, "layer $1");
+      const name = line
+        .replace("dropped ", "")
+        .replace(/^(\d+)$/, "group $1")
+        .replace(/layers.(\d+).bin/, "layer $1");
       if (line.startsWith("dropped")) assert.ok(held.delete(name), line);
       else held.add(name);
     }
@@ -92,7 +109,11 @@ test("a seek far ahead costs one page more than one at the beginning", () => {
     for (; !world.stream.has(group); files++) world.give(world.coming[0]);
     return files;
   };
-  assert.deepEqual([asked(1), asked(10_000), asked(10_099)], [3, 3, 2], "a page, a layer and a group; the manifest lists the last ones itself");
+  assert.deepEqual(
+    [asked(1), asked(10_000), asked(10_099)],
+    [3, 3, 2],
+    "a page, a layer and a group; the manifest lists the last ones itself",
+  );
 });
 
 test("the page of the next group is loaded in time", () => {
@@ -118,12 +139,18 @@ test("a prefetched page may fail, a needed page may not", async () => {
   world.want({ current: null, frame: 80 });
   world.say("pages/8.json", { error: "pages/8.json is not there." });
   await Promise.resolve();
-  assert.deepEqual(world.log.filter((line) => line.startsWith("failed")), ["failed pages/8.json is not there."]);
+  assert.deepEqual(
+    world.log.filter((line) => line.startsWith("failed")),
+    ["failed pages/8.json is not there."],
+  );
 });
 
 test("a file dropped by a live reel is no failure once the manifest lacks it", async () => {
   const plan: Plan = { groups: 30, live: true, first: 10 };
-  for (const [first, failures] of [[12, 0], [10, 1]] as const) {
+  for (const [first, failures] of [
+    [12, 0],
+    [10, 1],
+  ] as const) {
     const world = new World(plan);
     world.want({ current: 10 });
     world.give("layers/0.bin");

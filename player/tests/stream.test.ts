@@ -125,7 +125,10 @@ test("a cross-fade needs both groups", () => {
 });
 
 test("the first group follows the last one only in a looping reel", () => {
-  for (const [loop, next] of [[true, ["groups/0.bin", "groups/1.bin"]], [false, []]] as const) {
+  for (const [loop, next] of [
+    [true, ["groups/0.bin", "groups/1.bin"]],
+    [false, []],
+  ] as const) {
     const world = new World({ groups: 5 });
     world.want({ current: 4, loop });
     world.give("layers/0.bin", "groups/4.bin");
@@ -141,7 +144,10 @@ test("memory limits the buffer, and the least recently shown group is dropped fi
   world.want({ current: 2 });
   world.giveAll();
   assert.deepEqual(world.stream.held, [2, 3, 4, 5]);
-  assert.deepEqual(world.log.filter((line) => line.startsWith("dropped")), ["dropped 0", "dropped 1"]);
+  assert.deepEqual(
+    world.log.filter((line) => line.startsWith("dropped")),
+    ["dropped 0", "dropped 1"],
+  );
 });
 
 test("visible groups stay and the next group loads, however little memory there is", () => {
@@ -178,7 +184,10 @@ test("a failed prefetch is not retried for ten seconds", () => {
   world.say("groups/1.bin", { error: "no" });
   world.want({ current: 1 });
   assert.deepEqual(world.coming, ["groups/1.bin"], "what shows is asked for whether or not it failed before");
-  assert.deepEqual(world.log.filter((line) => line.startsWith("failed")), []);
+  assert.deepEqual(
+    world.log.filter((line) => line.startsWith("failed")),
+    [],
+  );
 });
 
 test("the stream ends with one error if a visible file fails", async () => {
@@ -189,7 +198,10 @@ test("the stream ends with one error if a visible file fails", async () => {
     world.say(uri, { error: `${uri} is not there.` });
     world.want({ current: 3 });
     await Promise.resolve();
-    assert.deepEqual(world.log.filter((line) => line.startsWith("failed")), [`failed ${uri} is not there.`]);
+    assert.deepEqual(
+      world.log.filter((line) => line.startsWith("failed")),
+      [`failed ${uri} is not there.`],
+    );
     assert.deepEqual(world.coming, []);
   }
 });
@@ -227,7 +239,10 @@ test("progress is the received share of the required bytes", () => {
 });
 
 test("a fast network gets the best rendition, a slow one the lowest", () => {
-  for (const [milliseconds, name] of [[1, ""], [100_000, ".low"]] as const) {
+  for (const [milliseconds, name] of [
+    [1, ""],
+    [100_000, ".low"],
+  ] as const) {
     const world = new World({ renditions: ["high", "low"] });
     world.want({});
     time.now += milliseconds;
@@ -246,13 +261,23 @@ test("a chosen rendition is shown from the next group on, even if others are loa
   const world = new World({ groups: 3, renditions: ["high", "low"] });
   world.measure();
   world.giveAll();
-  assert.deepEqual([0, 1, 2].map((group) => world.stream.renditionOf(group)), ["high", "high", "high"]);
+  assert.deepEqual(
+    [0, 1, 2].map((group) => world.stream.renditionOf(group)),
+    ["high", "high", "high"],
+  );
   world.log.length = 0;
   world.stream.choose("low");
   assert.deepEqual(world.coming, ["groups/1.low.bin", "groups/2.low.bin"]);
   world.giveAll();
-  assert.deepEqual([0, 1, 2].map((group) => world.stream.renditionOf(group)), ["high", "low", "low"]);
-  assert.deepEqual(world.log, ["dropped 1", "group 1", "dropped 2", "group 2"], "what is here goes only once the other has come");
+  assert.deepEqual(
+    [0, 1, 2].map((group) => world.stream.renditionOf(group)),
+    ["high", "low", "low"],
+  );
+  assert.deepEqual(
+    world.log,
+    ["dropped 1", "group 1", "dropped 2", "group 2"],
+    "what is here goes only once the other has come",
+  );
 });
 
 test("another rendition of a visible group arrives too late", () => {
@@ -265,7 +290,10 @@ test("another rendition of a visible group arrives too late", () => {
   assert.deepEqual(world.coming, ["groups/2.low.bin"]);
   world.confirm();
   world.giveAll();
-  assert.deepEqual([1, 2].map((group) => world.stream.renditionOf(group)), ["high", "low"]);
+  assert.deepEqual(
+    [1, 2].map((group) => world.stream.renditionOf(group)),
+    ["high", "low"],
+  );
 });
 
 test("a needed group that arrives too slowly is loaded in the lowest rendition", () => {
@@ -321,7 +349,12 @@ test("a slow renderer gets fewer points with the next requested group", () => {
 });
 
 test("memory for groups grows with the device's memory, within bounds", () => {
-  for (const [gigabytes, mebibytes] of [[0.25, 64], [2, 128], [8, 512], [64, 512]]) {
+  for (const [gigabytes, mebibytes] of [
+    [0.25, 64],
+    [2, 128],
+    [8, 512],
+    [64, 512],
+  ]) {
     device.deviceMemory = gigabytes;
     assert.equal(memoryBudget(), mebibytes * 2 ** 20);
   }

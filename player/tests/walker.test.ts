@@ -7,11 +7,31 @@ import { OrbitCamera } from "../packages/element/src/camera/orbit-camera";
 import { Walker } from "../packages/element/src/camera/walker";
 
 /** Cameras four units from the middle, y down, looking along z. The scene is two units wide, so that a unit is half a meter. */
-const CAMERA: Camera = { name: "", width: 160, height: 120, K: [120, 0, 80, 0, 120, 60, 0, 0, 1], viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1] };
-const MANIFEST = { bounds: [[-1, -1, -1], [1, 1, 1]], up: [0, -1, 0], camera: CAMERA, cameras: [CAMERA], near: 0.1, presentation: { limits: null } } as unknown as Manifest;
+const CAMERA: Camera = {
+  name: "",
+  width: 160,
+  height: 120,
+  K: [120, 0, 80, 0, 120, 60, 0, 0, 1],
+  viewmat: [1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 4, 0, 0, 0, 1],
+};
+const MANIFEST = {
+  bounds: [
+    [-1, -1, -1],
+    [1, 1, 1],
+  ],
+  up: [0, -1, 0],
+  camera: CAMERA,
+  cameras: [CAMERA],
+  near: 0.1,
+  presentation: { limits: null },
+} as unknown as Manifest;
 const UP: Vec3 = [0, -1, 0];
 
-function walk(limits: object | null = null): { camera: OrbitCamera; walker: Walker; pass(seconds: number, keys?: Partial<Motion>): boolean } {
+function walk(limits: object | null = null): {
+  camera: OrbitCamera;
+  walker: Walker;
+  pass(seconds: number, keys?: Partial<Motion>): boolean;
+} {
   const manifest = { ...MANIFEST, presentation: { limits } } as unknown as Manifest;
   const camera = new OrbitCamera(manifest);
   const walker = (camera.driver = new Walker(manifest, false));
@@ -68,7 +88,10 @@ test("the limits hold, softly, and the view does not turn", () => {
   pass(3);
   assert.ok(length(camera.state.eye) < 5.01, `${length(camera.state.eye)}`);
   assert.ok(dot(camera.state.eye, UP) >= -0.51, "above the floor");
-  assert.deepEqual(forward(camera).map((value) => Math.round(1e6 * value) + 0), [0, 0, 1e6]);
+  assert.deepEqual(
+    forward(camera).map((value) => Math.round(1e6 * value) + 0),
+    [0, 0, 1e6],
+  );
 });
 
 test("keys that reset and visit still move the camera, and orbits return after the walk", () => {

@@ -37,16 +37,26 @@ const random = (below: number): number => {
   state = (Math.imul(state, 1664525) + 1013904223) >>> 0;
   return Math.floor((state / 2 ** 32) * below);
 };
-const GOOD = zip({ "manifest.json": Buffer.from("{}"), "groups/0.bin": Buffer.alloc(500, "group"), "layers/0.bin": Buffer.from([...Array(200).keys()]) });
+const GOOD = zip({
+  "manifest.json": Buffer.from("{}"),
+  "groups/0.bin": Buffer.alloc(500, "group"),
+  "layers/0.bin": Buffer.from([...Array(200).keys()]),
+});
 
 /** Change bytes, most of them in the directory and at the end; cut off; or put bytes between. */
 function damaged(): Buffer {
   const act = random(8);
   if (act === 0) return GOOD.subarray(0, random(GOOD.length));
-  if (act === 1) return Buffer.concat([GOOD.subarray(0, random(GOOD.length)), Buffer.alloc(1 + random(40), random(256)), GOOD.subarray(random(GOOD.length))]);
+  if (act === 1)
+    return Buffer.concat([
+      GOOD.subarray(0, random(GOOD.length)),
+      Buffer.alloc(1 + random(40), random(256)),
+      GOOD.subarray(random(GOOD.length)),
+    ]);
   const bytes = Buffer.from(GOOD);
   const first = act < 5 ? GOOD.indexOf("PK\x01\x02", 0, "latin1") : 0;
-  for (let times = 1 + random(4); times > 0; times--) bytes[first + random(GOOD.length - first)] = [0, 1, 255, random(256)][random(4)];
+  for (let times = 1 + random(4); times > 0; times--)
+    bytes[first + random(GOOD.length - first)] = [0, 1, 255, random(256)][random(4)];
   return bytes;
 }
 
@@ -62,7 +72,10 @@ test("a damaged zip yields files within its bounds, or a ReelError that names it
       }
       read++;
     } catch (error) {
-      assert.ok(error instanceof ReelError, `${error instanceof Error ? error.stack : String(error)}\n${bytes.toString("base64")}`);
+      assert.ok(
+        error instanceof ReelError,
+        `${error instanceof Error ? error.stack : String(error)}\n${bytes.toString("base64")}`,
+      );
       assert.match(error.message, /a\.zip/);
       refused++;
     }

@@ -28,7 +28,8 @@ function zip(files: [string, string][]): File {
   return new File([Buffer.concat([...bodies, listed, end]) as BlobPart], "reel.zip");
 }
 
-const sizeOf = async (files: [string, string][], uri: string): Promise<number> => (await openFiles([zip(files)])).part(uri).blob.size;
+const sizeOf = async (files: [string, string][], uri: string): Promise<number> =>
+  (await openFiles([zip(files)])).part(uri).blob.size;
 
 test("names that point out of the zip are ignored", async () => {
   const files: [string, string][] = [
@@ -46,14 +47,24 @@ test("names that point out of the zip are ignored", async () => {
 });
 
 test("a manifest outside of the zip adds no files from beside it", async () => {
-  const reel = await openFiles([zip([["../../manifest.json", "{}"], ["../../a.bin", "beside"], ["a.bin", "within"]])]);
+  const reel = await openFiles([
+    zip([
+      ["../../manifest.json", "{}"],
+      ["../../a.bin", "beside"],
+      ["a.bin", "within"],
+    ]),
+  ]);
   assert.equal(await reel.manifest(), "{}");
   assert.equal(await reel.part("a.bin").blob.text(), "beside");
   assert.equal(reel.part("../../a.bin").blob.size, 0);
 });
 
 test("names of JavaScript's own properties are ordinary names", async () => {
-  const files: [string, string][] = [["manifest.json", "{}"], ["__proto__/a.bin", "mine"], ["constructor", "mine"]];
+  const files: [string, string][] = [
+    ["manifest.json", "{}"],
+    ["__proto__/a.bin", "mine"],
+    ["constructor", "mine"],
+  ];
   assert.equal(await sizeOf(files, "__proto__/a.bin"), 4);
   assert.equal(await sizeOf(files, "toString"), 0);
 });

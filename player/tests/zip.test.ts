@@ -6,7 +6,12 @@ import { deflateRawSync } from "node:zlib";
 import { openDropped, openFiles } from "../packages/element/src/files/open-files";
 import { filesOfZip } from "../packages/element/src/files/zip";
 
-interface Packed { name: string; bytes: Buffer; method?: number; flags?: number }
+interface Packed {
+  name: string;
+  bytes: Buffer;
+  method?: number;
+  flags?: number;
+}
 
 /** A zip of these files; comment: what follows its end. */
 function zip(files: Packed[], comment = ""): Buffer {
@@ -44,17 +49,36 @@ const GOLDEN = join(process.cwd(), "../tests/data/golden/manifest.json");
 
 test("files of a zip are read, stored or deflated, with a comment at its end", async () => {
   const long = Buffer.alloc(5000, "long ");
-  const files = await filesOfZip(file(zip([{ name: "a/b.txt", bytes: long }, { name: "c.txt", bytes: text("c"), method: 0 }, { name: "a/", bytes: text(""), method: 0 }], "PK said")), "a.zip");
+  const files = await filesOfZip(
+    file(
+      zip(
+        [
+          { name: "a/b.txt", bytes: long },
+          { name: "c.txt", bytes: text("c"), method: 0 },
+          { name: "a/", bytes: text(""), method: 0 },
+        ],
+        "PK said",
+      ),
+    ),
+    "a.zip",
+  );
   assert.deepEqual([...files.keys()], ["a/b.txt", "c.txt"]);
   const part = await files.get("a/b.txt")!();
   assert.equal(part.deflated, true);
-  assert.equal(await new Response(part.blob.stream().pipeThrough(new DecompressionStream("deflate-raw"))).text(), long.toString());
+  assert.equal(
+    await new Response(part.blob.stream().pipeThrough(new DecompressionStream("deflate-raw"))).text(),
+    long.toString(),
+  );
   assert.equal(await (await files.get("c.txt")!()).blob.text(), "c");
 });
 
 test("the reel in a zip is found, also in a folder of it", async () => {
   const manifest = readFileSync(GOLDEN);
-  const bytes = zip([{ name: "out/reel/manifest.json", bytes: manifest }, { name: "out/reel/groups/0000.safetensors", bytes: text("group") }, { name: "__MACOSX/manifest.json", bytes: text("") }]);
+  const bytes = zip([
+    { name: "out/reel/manifest.json", bytes: manifest },
+    { name: "out/reel/groups/0000.safetensors", bytes: text("group") },
+    { name: "__MACOSX/manifest.json", bytes: text("") },
+  ]);
   const reel = await openFiles([file(bytes)]);
   assert.equal(await reel.manifest(), manifest.toString());
   assert.ok(reel.part("groups/0000.safetensors").blob.size > 0);
@@ -89,7 +113,17 @@ test("a file that is no reel is named by its kind", async () => {
     [[file(text("mp4"), "film.MP4")], /film\.MP4 is an ordinary video/],
     [[file(text("{}"), "manifest.json")], /manifest\.json is only one file of a reel/],
     [[file(zip([{ name: "a.txt", bytes: text("a") }]))], /a\.zip holds no manifest\.json/],
-    [[file(zip([{ name: "a/manifest.json", bytes: text("a") }, { name: "b/manifest.json", bytes: text("a") }]))], /several reels: a\/manifest\.json and b\/manifest\.json/],
+    [
+      [
+        file(
+          zip([
+            { name: "a/manifest.json", bytes: text("a") },
+            { name: "b/manifest.json", bytes: text("a") },
+          ]),
+        ),
+      ],
+      /several reels: a\/manifest\.json and b\/manifest\.json/,
+    ],
     [[], /There is no file/],
   ];
   for (const [files, message] of cases) await assert.rejects(openFiles(files), { name: "ReelError", message });
@@ -98,7 +132,14 @@ test("a file that is no reel is named by its kind", async () => {
 /** A folder as browsers give it: few entries at a time, until there are none. */
 function folder(name: string, inside: object): FileSystemEntry {
   const entries = Object.entries(inside).map(([key, value]) =>
-    typeof value === "string" ? { name: key, isFile: true, isDirectory: false, file: (resolve: (file: File) => void) => resolve(file(text(value), key)) } : folder(key, value as object),
+    typeof value === "string"
+      ? {
+          name: key,
+          isFile: true,
+          isDirectory: false,
+          file: (resolve: (file: File) => void) => resolve(file(text(value), key)),
+        }
+      : folder(key, value as object),
   );
   const createReader = () => {
     const left = [...entries];
@@ -108,11 +149,18 @@ function folder(name: string, inside: object): FileSystemEntry {
 }
 
 test("the reel in a dropped folder is found, also in a nested one", async () => {
-  const files = { "a.txt": "a", "b.txt": "b", "c.txt": "c", reel: { "manifest.json": "{}", groups: { "0000.safetensors": "group" } } };
+  const files = {
+    "a.txt": "a",
+    "b.txt": "b",
+    "c.txt": "c",
+    reel: { "manifest.json": "{}", groups: { "0000.safetensors": "group" } },
+  };
   const reel = await openDropped({ entries: [folder("out", files)], files: [] });
   assert.equal(reel.name, "out");
   assert.equal(await reel.manifest(), "{}");
   assert.equal(await reel.part("groups/0000.safetensors").blob.text(), "group");
   assert.equal(reel.part("a.txt").blob.size, 0);
-  await assert.rejects(openDropped({ entries: [folder("empty", { "a.txt": "a" })], files: [] }), { message: /empty holds no manifest\.json/ });
+  await assert.rejects(openDropped({ entries: [folder("empty", { "a.txt": "a" })], files: [] }), {
+    message: /empty holds no manifest\.json/,
+  });
 });

@@ -13,4 +13,9 @@ const options = { ...common, absWorkingDir: here, outdir: out };
 await build({ ...options, entryPoints: { decoder: "src/index.ts" } });
 await build({ ...options, entryPoints: ["src/node.ts", "src/node-worker.ts"], platform: "node" });
 await leaveAddresses(join(out, "decoder.js"));
-await writeFile(join(out, "THIRD_PARTY.txt"), await notices("The decoder in this folder is part of Splatreel (Apache-2.0). It carries two decoders of others, which are loaded on demand:"));
+await writeFile(
+  join(out, "THIRD_PARTY.txt"),
+  await notices(
+    "The decoder in this folder is part of Splatreel (Apache-2.0). It carries two decoders of others, which are loaded on demand:",
+  ),
+);

@@ -33,32 +33,45 @@ export class FakeHost {
   }
 }
 
-export const whole = (bytes: Uint8Array | string): Answer => () => new Response(bytes as BodyInit);
-export const status = (code: number): Answer => () => new Response("", { status: code });
+export const whole =
+  (bytes: Uint8Array | string): Answer =>
+  () =>
+    new Response(bytes as BodyInit);
+export const status =
+  (code: number): Answer =>
+  () =>
+    new Response("", { status: code });
 export const unreachable: Answer = () => {
   throw new TypeError("Failed to fetch");
 };
 
 /** From where the request asks for it on. */
-export const ranged = (bytes: Uint8Array): Answer => ({ headers }) => {
-  const from = Number(/^bytes=(\d+)-$/.exec(new Headers(headers).get("range") ?? "")?.[1] ?? 0);
-  return new Response(bytes.slice(from) as BodyInit, { status: from > 0 ? 206 : 200 });
-};
+export const ranged =
+  (bytes: Uint8Array): Answer =>
+  ({ headers }) => {
+    const from = Number(/^bytes=(\d+)-$/.exec(new Headers(headers).get("range") ?? "")?.[1] ?? 0);
+    return new Response(bytes.slice(from) as BodyInit, { status: from > 0 ? 206 : 200 });
+  };
 
 /** These pieces, so many milliseconds apart, and then the connection breaks ("broken"), nothing follows ("silent") or it is all ("over"). */
-export const pieces = (parts: Uint8Array[], then: "broken" | "silent" | "over", code = 200, pause = 0): Answer => ({ signal }) => {
-  const left = [...parts];
-  const body = new ReadableStream<Uint8Array>({
-    start: (controller) => signal?.addEventListener("abort", () => controller.error(signal.reason)),
-    pull: async (controller) => {
-      if (pause > 0) await new Promise<void>((resolve) => setTimeout(resolve, pause));
-      const part = left.shift();
-      if (signal?.aborted) return;
-      if (part) controller.enqueue(part);
-      else if (then === "broken") controller.error(new TypeError("network error"));
-      else if (then === "over") controller.close();
-      else await new Promise(() => undefined);
-    },
-  }, { highWaterMark: 0 });
-  return new Response(body, { status: code });
-};
+export const pieces =
+  (parts: Uint8Array[], then: "broken" | "silent" | "over", code = 200, pause = 0): Answer =>
+  ({ signal }) => {
+    const left = [...parts];
+    const body = new ReadableStream<Uint8Array>(
+      {
+        start: (controller) => signal?.addEventListener("abort", () => controller.error(signal.reason)),
+        pull: async (controller) => {
+          if (pause > 0) await new Promise<void>((resolve) => setTimeout(resolve, pause));
+          const part = left.shift();
+          if (signal?.aborted) return;
+          if (part) controller.enqueue(part);
+          else if (then === "broken") controller.error(new TypeError("network error"));
+          else if (then === "over") controller.close();
+          else await new Promise(() => undefined);
+        },
+      },
+      { highWaterMark: 0 },
+    );
+    return new Response(body, { status: code });
+  };

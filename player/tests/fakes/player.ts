@@ -37,7 +37,12 @@ class FakeDevice {
       this.calls.set(name, (this.calls.get(name) ?? 0) + 1);
       if (name === "isContextLost") return this.lost;
       if (name === "getParameter") return values[0] === "MAX_TEXTURE_SIZE" ? 256 : "a device";
-      if (name === "getExtension") return { UNMASKED_RENDERER_WEBGL: "renderer", loseContext: () => this.tell("webglcontextlost"), restoreContext: () => this.tell("webglcontextrestored") };
+      if (name === "getExtension")
+        return {
+          UNMASKED_RENDERER_WEBGL: "renderer",
+          loseContext: () => this.tell("webglcontextlost"),
+          restoreContext: () => this.tell("webglcontextrestored"),
+        };
       return /^(create|get)/.test(name) ? {} : undefined;
     };
   }
@@ -49,8 +54,28 @@ class FakeDevice {
 export function pointsOf(count: number, frames: number, alive: number, index = 0): object {
   const fill = (numbers: number, value: number): Float32Array => new Float32Array(numbers).fill(value);
   const means = Float32Array.from({ length: 3 * count }, (_, i) => (i % 3 === 2 ? i / (3 * count) : 0));
-  const points = { count, means, quats: fill(4 * count, 0.5), scales: fill(3 * count, 0.01), opacities: fill(count, 0.5), shBase: fill(3 * count, 0), shRest: new Uint16Array(count), codebook: new Float32Array(), shDegree: 0 };
-  const offsets = { frames, dx: new Uint16Array(4 * count * frames), dq: new Uint8Array(4 * count * frames), dxMin: [0, 0, 0], dxStep: [0, 0, 0], dqMin: [1, 0, 0, 0], dqStep: [0, 0, 0, 0], worldly: false, shade: null };
+  const points = {
+    count,
+    means,
+    quats: fill(4 * count, 0.5),
+    scales: fill(3 * count, 0.01),
+    opacities: fill(count, 0.5),
+    shBase: fill(3 * count, 0),
+    shRest: new Uint16Array(count),
+    codebook: new Float32Array(),
+    shDegree: 0,
+  };
+  const offsets = {
+    frames,
+    dx: new Uint16Array(4 * count * frames),
+    dq: new Uint8Array(4 * count * frames),
+    dxMin: [0, 0, 0],
+    dxStep: [0, 0, 0],
+    dqMin: [1, 0, 0, 0],
+    dqStep: [0, 0, 0, 0],
+    worldly: false,
+    shade: null,
+  };
   const header = { index, firstFrame: 10 * index, frames };
   if (frames === 0) return { kind: "layer", ...header, points };
   return { kind: "group", ...header, points, alive: new Uint8Array(alive).fill(1), offsets, light: null };
@@ -82,7 +107,13 @@ export class FakePlayer {
     FakePlayer.last = this;
     FakeWorker.all.length = 0;
     this.files = new Transfers((uri) => (uri.startsWith("pages") ? pageAt(this.plan, uri) : pointsAt(this.plan, uri)));
-    const canvas = Object.assign(new EventTarget(), { width: 0, height: 0, clientWidth: 160, clientHeight: 90, getContext: (): unknown => this.device.gl });
+    const canvas = Object.assign(new EventTarget(), {
+      width: 0,
+      height: 0,
+      clientWidth: 160,
+      clientHeight: 90,
+      getContext: (): unknown => this.device.gl,
+    });
     this.device.tell = (event) => void setTimeout(() => canvas.dispatchEvent(new Event(event)));
     this.player = new Player(canvas as unknown as HTMLCanvasElement);
     const emit = this.player.emit.bind(this.player);

@@ -29,8 +29,19 @@ export function documentOf(plan: Plan = {}): Record<string, unknown> {
   const pages = page ? Math.floor((groups - first - 1) / page) : 0;
   const own = first + pages * (page ?? 0);
   const layers = layersOf(plan).filter(({ until }) => until === undefined || until > own);
-  const second = first > 0 || pages > 0 || layersOf(plan).some(({ group, until }, i, all) => until !== undefined || group === all[i - 1]?.group);
-  const paged = Array.from({ length: pages }, (_, i) => ({ uri: `pages/${first + i * page!}.json`, bytes: 200, sha256: "0".repeat(64), groups: page, first_frame: 10 * (first + i * page!), frames: 10 * page!, rendition_bytes: bytesOf(renditions, page!) }));
+  const second =
+    first > 0 ||
+    pages > 0 ||
+    layersOf(plan).some(({ group, until }, i, all) => until !== undefined || group === all[i - 1]?.group);
+  const paged = Array.from({ length: pages }, (_, i) => ({
+    uri: `pages/${first + i * page!}.json`,
+    bytes: 200,
+    sha256: "0".repeat(64),
+    groups: page,
+    first_frame: 10 * (first + i * page!),
+    frames: 10 * page!,
+    rendition_bytes: bytesOf(renditions, page!),
+  }));
   return {
     format: "splatreel",
     version: second ? 2 : 1,
@@ -42,7 +53,10 @@ export function documentOf(plan: Plan = {}): Record<string, unknown> {
     group_length: 10,
     overlap,
     sh_degree: 0,
-    bounds: [[-1, -1, -1], [1, 1, 1]],
+    bounds: [
+      [-1, -1, -1],
+      [1, 1, 1],
+    ],
     up: [0, -1, 0],
     camera: { name: "start", width: 160, height: 90, K: [100, 0, 80, 0, 100, 45, 0, 0, 1], viewmat },
     cameras: [],
@@ -56,7 +70,10 @@ export function documentOf(plan: Plan = {}): Record<string, unknown> {
 export function pageAt(plan: Plan, uri: string): Record<string, unknown> {
   const begin = Number(/\d+/.exec(uri));
   const end = begin + plan.page!;
-  return { layers: layersOf(plan).filter(({ group, until }) => until !== undefined && group < end && until > begin), groups: groupsOf(plan, begin, end) };
+  return {
+    layers: layersOf(plan).filter(({ group, until }) => until !== undefined && group < end && until > begin),
+    groups: groupsOf(plan, begin, end),
+  };
 }
 
 /** The numbers of the layers that live at a group. */
@@ -73,27 +90,54 @@ export function birthOf(plan: Plan, index: number): number {
 export function fileAt(plan: Plan, uri: string): object {
   const number = Number(/\d+/.exec(uri));
   const points = { count: (plan.points ?? 100) * shareOf(plan, uri), shDegree: 0 };
-  if (uri.startsWith("layers")) return { kind: "layer", index: birthOf(plan, number), firstFrame: 10 * birthOf(plan, number), frames: 0, points };
+  if (uri.startsWith("layers"))
+    return { kind: "layer", index: birthOf(plan, number), firstFrame: 10 * birthOf(plan, number), frames: 0, points };
   const alive = new Uint8Array((plan.points ?? 100) * livingAt(plan, number).length);
-  return { kind: "group", index: number, firstFrame: 10 * number, frames: 10, points, alive, offsets: null, light: null };
+  return {
+    kind: "group",
+    index: number,
+    firstFrame: 10 * number,
+    frames: 10,
+    points,
+    alive,
+    offsets: null,
+    light: null,
+  };
 }
 
 /** The share of the points that a group's file holds, which depends on its rendition. */
 export function shareOf({ renditions = [] }: Plan, uri: string): number {
-  return 0.5 ** Math.max(renditions.findIndex((name) => uri.includes(`.${name}.`)), 0);
+  return (
+    0.5 **
+    Math.max(
+      renditions.findIndex((name) => uri.includes(`.${name}.`)),
+      0,
+    )
+  );
 }
 
 function layersOf(plan: Plan): { group: number; until?: number }[] {
   return (plan.layers ?? [0]).map((layer, index) => {
     const [group = 0, until] = [layer].flat();
-    return { ...fileOf(plan, `layers/${index}.bin`, plan.layerBytes ?? 500), group, first_frame: 10 * group, ...(until === undefined ? {} : { until }) };
+    return {
+      ...fileOf(plan, `layers/${index}.bin`, plan.layerBytes ?? 500),
+      group,
+      first_frame: 10 * group,
+      ...(until === undefined ? {} : { until }),
+    };
   });
 }
 
 function groupsOf(plan: Plan, begin: number, end: number): object[] {
-  const others = (index: number) => (plan.renditions ?? []).slice(1).map((name, i) => [name, fileOf(plan, `groups/${index}.${name}.bin`, 1000, 0.5 ** (i + 1))]);
+  const others = (index: number) =>
+    (plan.renditions ?? [])
+      .slice(1)
+      .map((name, i) => [name, fileOf(plan, `groups/${index}.${name}.bin`, 1000, 0.5 ** (i + 1))]);
   return Array.from({ length: end - begin }, (_, i) => i + begin).map((index) => ({
-    ...fileOf(plan, `groups/${index}.bin`, 1000), first_frame: 10 * index, frames: 10, renditions: Object.fromEntries(others(index)),
+    ...fileOf(plan, `groups/${index}.bin`, 1000),
+    first_frame: 10 * index,
+    frames: 10,
+    renditions: Object.fromEntries(others(index)),
   }));
 }
 

@@ -29,19 +29,26 @@ export class World extends Transfers {
     FakeWorker.all.length = 0;
     this.pool = new DecoderPool(decodeWorkers);
     this.reel = new Reel(manifestOf(plan));
-    this.stream = new Stream(this.reel, this.pool, groupsInMemory * GROUP, {
-      layer: (uri) => this.log.push(uri.replace(/s.(\d+).*/, " $1")),
-      group: (index) => this.log.push(`group ${index}`),
-      page: (page, json) => {
-        this.reel.addPage(page, json);
-        this.stream.refresh();
-        this.look();
+    this.stream = new Stream(
+      this.reel,
+      this.pool,
+      groupsInMemory * GROUP,
+      {
+        layer: (uri) => this.log.push(uri.replace(/s.(\d+).*/, " $1")),
+        group: (index) => this.log.push(`group ${index}`),
+        page: (page, json) => {
+          this.reel.addPage(page, json);
+          this.stream.refresh();
+          this.look();
+        },
+        dropped: ({ groups, layers }) =>
+          this.log.push(...groups.map((index) => `dropped ${index}`), ...layers.map((uri) => `dropped ${uri}`)),
+        outdated: () => this.outdated(),
+        progress: () => undefined,
+        failed: (error) => this.log.push(`failed ${error.message}`),
       },
-      dropped: ({ groups, layers }) => this.log.push(...groups.map((index) => `dropped ${index}`), ...layers.map((uri) => `dropped ${uri}`)),
-      outdated: () => this.outdated(),
-      progress: () => undefined,
-      failed: (error) => this.log.push(`failed ${error.message}`),
-    }, new RenditionPolicy(5e6));
+      new RenditionPolicy(5e6),
+    );
   }
 
   get manifest(): Manifest {

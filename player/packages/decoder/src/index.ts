@@ -16,7 +16,11 @@ const workers: DecodeWorkers = {
     "hevc-decode.js": new URL("./hevc-decode.js", import.meta.url).href,
     "hevc-decode.wasm": new URL("./hevc-decode.wasm", import.meta.url).href,
   }),
-  start: () => openWorker(new URL("./decode-worker.js", import.meta.url).href, () => new Worker(new URL("./decode-worker.js", import.meta.url), { type: "module" })),
+  start: () =>
+    openWorker(
+      new URL("./decode-worker.js", import.meta.url).href,
+      () => new Worker(new URL("./decode-worker.js", import.meta.url), { type: "module" }),
+    ),
 };
 
 /** Open a reel by the address of its manifest.json, or by a function that returns its files. Throws `ReelError`. */

@@ -5,7 +5,11 @@ import { ThreadWorker } from "./thread-worker";
 
 const scope = globalThis as unknown as { onmessage(event: { data: unknown }): void };
 const port = parentPort!;
-const web = { self: scope, Worker: ThreadWorker, postMessage: (message: unknown, transfer?: unknown[]) => port.postMessage(message, transfer) };
+const web = {
+  self: scope,
+  Worker: ThreadWorker,
+  postMessage: (message: unknown, transfer?: unknown[]) => port.postMessage(message, transfer),
+};
 // The third-party decoders expect the globals of CommonJS.
 Object.assign(scope, web, { require: createRequire(import.meta.url), __dirname: "", __filename: "" });
 await import(workerData as string);

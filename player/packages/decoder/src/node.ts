@@ -10,7 +10,14 @@ import { ThreadWorker } from "./thread-worker";
 export { ReelError } from "./base/errors";
 export type * from "./reader/types";
 
-const FILES = ["paper-decode.js", "draco-decode.js", "draco_decoder.wasm", "hevc-worker.js", "hevc-decode.js", "hevc-decode.wasm"];
+const FILES = [
+  "paper-decode.js",
+  "draco-decode.js",
+  "draco_decoder.wasm",
+  "hevc-worker.js",
+  "hevc-decode.js",
+  "hevc-decode.wasm",
+];
 const beside = (name: string): string => new URL(name, import.meta.url).href;
 const workers: DecodeWorkers = {
   files: () => Object.fromEntries(FILES.map((name) => [name, beside(name)])),
@@ -19,7 +26,8 @@ const workers: DecodeWorkers = {
 
 /** Open a reel by its folder, by the path or address of its manifest.json, or by a function that returns its files. Throws `ReelError`. */
 export function openReel(source: string | URL | ReelFiles, options?: ReelOptions): Promise<ReelReader> {
-  if (typeof source === "function" || /^(https?|data|blob):/.test(String(source))) return openSource(source, workers, options);
+  if (typeof source === "function" || /^(https?|data|blob):/.test(String(source)))
+    return openSource(source, workers, options);
   const path = String(source).startsWith("file:") ? fileURLToPath(source) : String(source);
   return openSource(filesAt(path), workers, options, path);
 }

@@ -13,7 +13,10 @@ export class EngineSorter implements PointSorter {
   /** Camera whose order counts. */
   camera: CameraComponent | null = null;
 
-  constructor(private readonly engine: Engine, private readonly renderer: PlaycanvasRenderer) {}
+  constructor(
+    private readonly engine: Engine,
+    private readonly renderer: PlaycanvasRenderer,
+  ) {}
 
   addLayer(): void {}
 

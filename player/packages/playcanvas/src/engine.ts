@@ -1,5 +1,12 @@
 /** What the reel needs of a PlayCanvas application. */
-import { GSplatFormat, type AppBase, type CameraComponent, type Entity, type GSplatContainer, type GraphicsDevice } from "playcanvas";
+import {
+  GSplatFormat,
+  type AppBase,
+  type CameraComponent,
+  type Entity,
+  type GSplatContainer,
+  type GraphicsDevice,
+} from "playcanvas";
 import { readGlsl } from "./shaders";
 
 /** Frames after which an order counts as drawn, if PlayCanvas does not report it: other splats of the scene may change all the time. */
@@ -10,14 +17,19 @@ export class Engine {
   readonly device: GraphicsDevice;
   readonly format: GSplatFormat;
 
-  constructor(private readonly app: AppBase, readonly parent: Entity) {
+  constructor(
+    private readonly app: AppBase,
+    readonly parent: Entity,
+  ) {
     this.device = app.graphicsDevice;
     this.format = new GSplatFormat(this.device, [], { readGLSL: readGlsl });
   }
 
   /** Resolve when a camera draws all splats of the scene in their present order. */
   displayed(camera: CameraComponent | null): Promise<void> {
-    const { systems: { gsplat } } = this.app;
+    const {
+      systems: { gsplat },
+    } = this.app;
     return new Promise((resolve) => {
       let frames = 0;
       const done = (): void => {
@@ -25,7 +37,8 @@ export class Engine {
         this.app.off("frameend", count);
         resolve();
       };
-      const look = (drawn: CameraComponent, _layer: unknown, ready: boolean): void => void (drawn === camera && ready && done());
+      const look = (drawn: CameraComponent, _layer: unknown, ready: boolean): void =>
+        void (drawn === camera && ready && done());
       const count = (): void => void (++frames >= MOST_FRAMES && done());
       gsplat?.on("frame:ready", look);
       this.app.on("frameend", count);

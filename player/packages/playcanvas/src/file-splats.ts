@@ -25,13 +25,21 @@ export class FileSplats implements UploadedPoints<Side> {
   private readonly offsets: Offsets | null;
   private frame = -1;
 
-  constructor(private readonly engine: Engine, { points, ...file }: DecodedFile) {
+  constructor(
+    private readonly engine: Engine,
+    { points, ...file }: DecodedFile,
+  ) {
     this.count = points.count;
     this.means = points.means;
     this.offsets = "offsets" in file && this.count > 0 ? file.offsets : null;
     this.container = new GSplatContainer(engine.device, Math.max(this.count, 1), engine.format);
     this.textures = new FileTextures(engine.device, points, this.offsets);
-    const parameters = { uShDegree: points.shDegree, uMoving: this.offsets ? 1 : 0, ...this.textures.parameters, ...rangesOf(this.offsets) };
+    const parameters = {
+      uShDegree: points.shDegree,
+      uMoving: this.offsets ? 1 : 0,
+      ...this.textures.parameters,
+      ...rangesOf(this.offsets),
+    };
     this.sides = [this.place(0, parameters), this.place(1, parameters)];
     this.move(0);
   }
@@ -49,19 +57,29 @@ export class FileSplats implements UploadedPoints<Side> {
   draw(side: Side, frame: number, parameters: Record<string, Parameter>): void {
     const last = (this.offsets?.frames ?? 1) - 1;
     const first = Math.min(Math.floor(frame), last);
-    setParameters(this.sides[side], { ...parameters, uFrames: [first, Math.min(first + 1, last)], uBetween: frame - first });
+    setParameters(this.sides[side], {
+      ...parameters,
+      uFrames: [first, Math.min(first + 1, last)],
+      uBetween: frame - first,
+    });
   }
 
   /** Let PlayCanvas read the splats in every frame, or only after changes that it knows of. */
   keepUpdating(on: boolean): void {
-    for (const { gsplat } of this.sides) gsplat!.workBufferUpdate = on ? WORKBUFFER_UPDATE_ALWAYS : WORKBUFFER_UPDATE_AUTO;
+    for (const { gsplat } of this.sides)
+      gsplat!.workBufferUpdate = on ? WORKBUFFER_UPDATE_ALWAYS : WORKBUFFER_UPDATE_AUTO;
   }
 
   /** Set the positions that PlayCanvas sorts to those of a frame. */
   move(frame: number): void {
     if (frame === this.frame || (this.frame >= 0 && !this.offsets)) return;
     this.frame = frame;
-    const { means, container: { centers, aabb }, offsets, count } = this;
+    const {
+      means,
+      container: { centers, aabb },
+      offsets,
+      count,
+    } = this;
     for (let axis = 0; axis < 3; axis++) {
       const { dx, dxMin, dxStep, frames } = offsets ?? { dx: null, dxMin: [0, 0, 0], dxStep: [0, 0, 0], frames: 1 };
       const first = Math.min(Math.floor(frame), frames - 1);

@@ -1,6 +1,22 @@
 /** Shows the files of a reel as splats of a PlayCanvas scene, which PlayCanvas sorts and draws. */
-import { type Clearance, type DecodedFile, type DecodedGroup, type DecodedLayer, staticWeights } from "@splatreel/decoder/internal";
-import { type Eye, frustumOf, type HeadsetLayer, isSameScene, isSameView, type Renderer, type Scene, UploadedFiles, type View } from "@splatreel/renderer";
+import {
+  type Clearance,
+  type DecodedFile,
+  type DecodedGroup,
+  type DecodedLayer,
+  staticWeights,
+} from "@splatreel/decoder/internal";
+import {
+  type Eye,
+  frustumOf,
+  type HeadsetLayer,
+  isSameScene,
+  isSameView,
+  type Renderer,
+  type Scene,
+  UploadedFiles,
+  type View,
+} from "@splatreel/renderer";
 import type { Engine } from "./engine";
 import { FileSplats } from "./file-splats";
 import type { Side } from "./file-textures";
@@ -95,7 +111,9 @@ export class PlaycanvasRenderer implements Renderer {
       this.arranged[this.side] = shown.map(({ splats }) => splats);
       this.files.flagStatics(scene, this.side);
       this.drawFiles(shown, scene, view);
-      for (const splats of this.files.all) for (const side of [0, 1] as const) splats.show(side, side === this.side && this.arranged[side].includes(splats));
+      for (const splats of this.files.all)
+        for (const side of [0, 1] as const)
+          splats.show(side, side === this.side && this.arranged[side].includes(splats));
     }
     return shown.reduce((sum, { splats }) => sum + splats.count, 0);
   }
@@ -111,7 +129,13 @@ export class PlaycanvasRenderer implements Renderer {
   /** Set what PlayCanvas draws in this frame. */
   drawEyes(scene: Scene, weight: number, [{ view }]: Eye[]): void {
     const { drawn, opacity } = this;
-    const isStill = drawn !== null && drawn.weight === weight && drawn.opacity === opacity && drawn.view.near === view.near && isSameView(drawn.view, view) && isSameScene(drawn.scene, scene);
+    const isStill =
+      drawn !== null &&
+      drawn.weight === weight &&
+      drawn.opacity === opacity &&
+      drawn.view.near === view.near &&
+      isSameView(drawn.view, view) &&
+      isSameScene(drawn.scene, scene);
     this.still = isStill ? this.still + 1 : 0;
     this.drawn = { scene, weight, view, opacity };
     if (this.still > STILL) return;
@@ -137,8 +161,15 @@ export class PlaycanvasRenderer implements Renderer {
 
   /** Return the files of a scene, each with its frame and its weights in a cross-fade. */
   private filesOf(scene: Scene, weight: number): ShownFile[] {
-    const layers = this.files.layersOf(scene).map((splats) => ({ splats, frame: 0, weights: staticWeights(weight) as number[] }));
-    const groups = ([[scene.current, weight], [scene.previous, 1 - weight]] as const).flatMap(([shown, factor]) => {
+    const layers = this.files
+      .layersOf(scene)
+      .map((splats) => ({ splats, frame: 0, weights: staticWeights(weight) as number[] }));
+    const groups = (
+      [
+        [scene.current, weight],
+        [scene.previous, 1 - weight],
+      ] as const
+    ).flatMap(([shown, factor]) => {
       const splats = shown && this.files.group(shown.group);
       return splats ? [{ splats, frame: shown.frame, weights: [factor, 0, 0, 0] }] : [];
     });
@@ -148,7 +179,14 @@ export class PlaycanvasRenderer implements Renderer {
   private drawFiles(files: ShownFile[], scene: Scene, view: View): void {
     const { clear } = frustumOf(view, this.clearance);
     const light = this.files.lightOf(scene);
-    const common = { uLight: light, uFocal: [view.fx, view.fy], uNear: view.near, uClear: clear, uAntialias: this.antialias ? 1 : 0, uOpacity: this.opacity };
+    const common = {
+      uLight: light,
+      uFocal: [view.fx, view.fy],
+      uNear: view.near,
+      uClear: clear,
+      uAntialias: this.antialias ? 1 : 0,
+      uOpacity: this.opacity,
+    };
     const side = this.sideOf(files);
     if (side === null) return;
     for (const { splats, frame, weights } of files) splats.draw(side, frame, { ...common, uWeights: weights });
@@ -156,7 +194,8 @@ export class PlaycanvasRenderer implements Renderer {
 
   /** Return the side on which files are placed, preferably the last; null if they are not. */
   private sideOf(files: ShownFile[]): Side | null {
-    const isOn = (side: Side): boolean => this.arranged[side].length === files.length && files.every(({ splats }, i) => this.arranged[side][i] === splats);
+    const isOn = (side: Side): boolean =>
+      this.arranged[side].length === files.length && files.every(({ splats }, i) => this.arranged[side][i] === splats);
     const other = this.side === 0 ? 1 : 0;
     return isOn(this.side) ? this.side : isOn(other) ? other : null;
   }

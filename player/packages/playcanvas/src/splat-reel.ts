@@ -15,7 +15,22 @@ interface Opened {
 }
 
 /** Values with which a `SplatReel` starts. */
-export type SplatReelProperties = Pick<SplatReel, "url"> & Partial<Pick<SplatReel, "autoplay" | "camera" | "opacity" | "loop" | "muted" | "currentTime" | "volume" | "playbackRate" | "rendition" | "positional">>;
+export type SplatReelProperties = Pick<SplatReel, "url"> &
+  Partial<
+    Pick<
+      SplatReel,
+      | "autoplay"
+      | "camera"
+      | "opacity"
+      | "loop"
+      | "muted"
+      | "currentTime"
+      | "volume"
+      | "playbackRate"
+      | "rendition"
+      | "positional"
+    >
+  >;
 
 /**
  * Plays a reel below its entity: `SplatReel.addTo(entity, { url: "reel/manifest.json", autoplay: true })`.
@@ -110,7 +125,10 @@ export class SplatReel extends withMediaProperties(Script) {
   viewFromStart(camera: Entity): void {
     const { viewmat, K, height } = this.known.camera;
     const pose = new Mat4();
-    pose.set([...viewmat]).transpose().invert();
+    pose
+      .set([...viewmat])
+      .transpose()
+      .invert();
     const world = new Mat4().mul2(this.entity.getWorldTransform(), pose).mul(new Mat4().setScale(1, -1, -1));
     camera.setPosition(world.getTranslation());
     camera.setRotation(new Quat().setFromMat4(world));
@@ -137,7 +155,15 @@ export class SplatReel extends withMediaProperties(Script) {
     const { width, height } = renderTarget ?? this.app.graphicsDevice;
     const world = this.entity.getWorldTransform();
     modelView.mul2(viewMatrix, world);
-    return viewOfModel(modelView.data, world.getScale().x, projectionMatrix.data, width * rect.z, height * rect.w, near, nearClip);
+    return viewOfModel(
+      modelView.data,
+      world.getScale().x,
+      projectionMatrix.data,
+      width * rect.z,
+      height * rect.w,
+      near,
+      nearClip,
+    );
   }
 
   /** Open the reel on the device of the application. Returns false if it cannot be drawn. */
@@ -146,7 +172,9 @@ export class SplatReel extends withMediaProperties(Script) {
     if (!this.url) return false;
     const { app, player } = this;
     if (app.graphicsDevice.isWebGPU) {
-      player.error = new ReelError('SplatReel draws with WebGL 2 and not with WebGPU. Create the device with deviceTypes: ["webgl2"].');
+      player.error = new ReelError(
+        'SplatReel draws with WebGL 2 and not with WebGPU. Create the device with deviceTypes: ["webgl2"].',
+      );
       player.emit("error");
       return false;
     }

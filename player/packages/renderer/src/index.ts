@@ -5,7 +5,16 @@ export { UploadedFiles, type UploadedPoints } from "./draw/uploaded-files";
 export { TEXTURE_WIDTH } from "./draw/texture-layout";
 export { Sorter } from "./draw/sorter";
 export { MOST_REMOVED, type Sphere } from "./draw/cutaway";
-export { ENTRIES_PER_ROW, ENTRY_TEXELS, half, packCodebook, packFlags, packPoints, POINT_TEXELS, rowsOf } from "./draw/point-words";
+export {
+  ENTRIES_PER_ROW,
+  ENTRY_TEXELS,
+  half,
+  packCodebook,
+  packFlags,
+  packPoints,
+  POINT_TEXELS,
+  rowsOf,
+} from "./draw/point-words";
 export type { SortReply } from "./draw/sort-worker";
 export type { PointSorter } from "./draw/point-sorter";
 export type { Picture, Stage } from "./draw/stage";

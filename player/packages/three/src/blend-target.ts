@@ -39,7 +39,11 @@ export class BlendTarget {
   constructor(private readonly gl: WebGL2RenderingContext) {
     this.program = new Program(gl, coverVertex, convertFragment);
     this.empty = gl.createVertexArray();
-    [this.framebuffer, this.behindCopy, this.splatCopy] = [gl.createFramebuffer(), gl.createFramebuffer(), gl.createFramebuffer()];
+    [this.framebuffer, this.behindCopy, this.splatCopy] = [
+      gl.createFramebuffer(),
+      gl.createFramebuffer(),
+      gl.createFramebuffer(),
+    ];
   }
 
   /** Wait for the shaders. Throws `ReelError` if the driver rejects them. */
@@ -48,7 +52,11 @@ export class BlendTarget {
   }
 
   /** Copy what is behind the splats, and clear the target. width, height: of the whole render target. Returns false if the render target cannot lend its depth buffer. */
-  begin(framebuffer: WebGLFramebuffer, { width, height }: { width: number; height: number }, { x, y, ...size }: Region): boolean {
+  begin(
+    framebuffer: WebGLFramebuffer,
+    { width, height }: { width: number; height: number },
+    { x, y, ...size }: Region,
+  ): boolean {
     const { gl } = this;
     gl.bindFramebuffer(gl.FRAMEBUFFER, framebuffer);
     const depth = attached(gl, gl.DEPTH_ATTACHMENT, gl.FRAMEBUFFER_ATTACHMENT_OBJECT_NAME) as DepthBuffer | null;
@@ -105,7 +113,10 @@ export class BlendTarget {
     // Samples are resolved only into their own format; other colors are converted.
     const format = samples > 0 ? formatOfColor(gl) : gl.getExtension("EXT_color_buffer_float") ? gl.RGBA16F : gl.RGBA8;
     if (format === null) return false;
-    const point = attached(gl, gl.STENCIL_ATTACHMENT, gl.FRAMEBUFFER_ATTACHMENT_OBJECT_TYPE) === gl.NONE ? gl.DEPTH_ATTACHMENT : gl.DEPTH_STENCIL_ATTACHMENT;
+    const point =
+      attached(gl, gl.STENCIL_ATTACHMENT, gl.FRAMEBUFFER_ATTACHMENT_OBJECT_TYPE) === gl.NONE
+        ? gl.DEPTH_ATTACHMENT
+        : gl.DEPTH_STENCIL_ATTACHMENT;
     const attachDepth = depthAttacher(gl, point);
     this.behind = textureOf(gl, format, width, height);
     this.splats = textureOf(gl, gl.RGBA8, width, height);
@@ -116,7 +127,8 @@ export class BlendTarget {
     };
     if (!attachTexture(this.behindCopy, this.behind) || !attachTexture(this.splatCopy, this.splats)) return false;
     gl.bindFramebuffer(gl.FRAMEBUFFER, this.framebuffer);
-    for (const old of [gl.DEPTH_ATTACHMENT, gl.DEPTH_STENCIL_ATTACHMENT]) gl.framebufferRenderbuffer(gl.FRAMEBUFFER, old, gl.RENDERBUFFER, null);
+    for (const old of [gl.DEPTH_ATTACHMENT, gl.DEPTH_STENCIL_ATTACHMENT])
+      gl.framebufferRenderbuffer(gl.FRAMEBUFFER, old, gl.RENDERBUFFER, null);
     if (samples > 0) {
       this.samples = gl.createRenderbuffer();
       gl.bindRenderbuffer(gl.RENDERBUFFER, this.samples);
@@ -130,7 +142,11 @@ export class BlendTarget {
 
 /** Return a parameter of an attachment of the bound framebuffer. */
 function attached(gl: WebGL2RenderingContext, attachment: number, parameter: number): unknown {
-  const type = gl.getFramebufferAttachmentParameter(gl.FRAMEBUFFER, attachment, gl.FRAMEBUFFER_ATTACHMENT_OBJECT_TYPE) as number;
+  const type = gl.getFramebufferAttachmentParameter(
+    gl.FRAMEBUFFER,
+    attachment,
+    gl.FRAMEBUFFER_ATTACHMENT_OBJECT_TYPE,
+  ) as number;
   if (parameter === gl.FRAMEBUFFER_ATTACHMENT_OBJECT_TYPE) return type;
   return type === gl.NONE ? null : gl.getFramebufferAttachmentParameter(gl.FRAMEBUFFER, attachment, parameter);
 }
@@ -142,14 +158,20 @@ function depthAttacher(gl: WebGL2RenderingContext, point: number): () => void {
   const depth = attached(gl, gl.DEPTH_ATTACHMENT, gl.FRAMEBUFFER_ATTACHMENT_OBJECT_NAME) as DepthBuffer | null;
   if (type === gl.RENDERBUFFER) return () => gl.framebufferRenderbuffer(gl.FRAMEBUFFER, point, gl.RENDERBUFFER, depth);
   if (type !== gl.TEXTURE) return () => undefined;
-  const [face, level] = [ask(gl.FRAMEBUFFER_ATTACHMENT_TEXTURE_CUBE_MAP_FACE), ask(gl.FRAMEBUFFER_ATTACHMENT_TEXTURE_LEVEL)];
+  const [face, level] = [
+    ask(gl.FRAMEBUFFER_ATTACHMENT_TEXTURE_CUBE_MAP_FACE),
+    ask(gl.FRAMEBUFFER_ATTACHMENT_TEXTURE_LEVEL),
+  ];
   return () => gl.framebufferTexture2D(gl.FRAMEBUFFER, point, face || gl.TEXTURE_2D, depth, level);
 }
 
 /** Return the format of the color renderbuffer of the bound framebuffer; null if its colors are in a texture. */
 function formatOfColor(gl: WebGL2RenderingContext): number | null {
   if (attached(gl, gl.COLOR_ATTACHMENT0, gl.FRAMEBUFFER_ATTACHMENT_OBJECT_TYPE) !== gl.RENDERBUFFER) return null;
-  gl.bindRenderbuffer(gl.RENDERBUFFER, attached(gl, gl.COLOR_ATTACHMENT0, gl.FRAMEBUFFER_ATTACHMENT_OBJECT_NAME) as WebGLRenderbuffer);
+  gl.bindRenderbuffer(
+    gl.RENDERBUFFER,
+    attached(gl, gl.COLOR_ATTACHMENT0, gl.FRAMEBUFFER_ATTACHMENT_OBJECT_NAME) as WebGLRenderbuffer,
+  );
   return gl.getRenderbufferParameter(gl.RENDERBUFFER, gl.RENDERBUFFER_INTERNAL_FORMAT) as number;
 }
 
@@ -167,7 +189,15 @@ function isComplete(gl: WebGL2RenderingContext): boolean {
 }
 
 /** Copy colors to the same place of another framebuffer. */
-function copy(gl: WebGL2RenderingContext, from: WebGLFramebuffer, to: WebGLFramebuffer, left: number, bottom: number, right: number, top: number): void {
+function copy(
+  gl: WebGL2RenderingContext,
+  from: WebGLFramebuffer,
+  to: WebGLFramebuffer,
+  left: number,
+  bottom: number,
+  right: number,
+  top: number,
+): void {
   gl.bindFramebuffer(gl.READ_FRAMEBUFFER, from);
   gl.bindFramebuffer(gl.DRAW_FRAMEBUFFER, to);
   gl.blitFramebuffer(left, bottom, right, top, left, bottom, right, top, gl.COLOR_BUFFER_BIT, gl.NEAREST);

@@ -27,7 +27,11 @@ export function isReversed(renderer: WebGLRenderer): boolean {
 /** Run `work` in WebGL's initial state. */
 export function withRawGl<T>(renderer: WebGLRenderer, work: (target: DrawTarget) => T): T {
   const gl = renderer.getContext() as WebGL2RenderingContext;
-  const [target, face, level] = [renderer.getRenderTarget(), renderer.getActiveCubeFace(), renderer.getActiveMipmapLevel()];
+  const [target, face, level] = [
+    renderer.getRenderTarget(),
+    renderer.getActiveCubeFace(),
+    renderer.getActiveMipmapLevel(),
+  ];
   const viewport = renderer.getCurrentViewport(new Vector4());
   const framebuffer = gl.getParameter(gl.DRAW_FRAMEBUFFER_BINDING) as WebGLFramebuffer | null;
   const scissor = gl.isEnabled(gl.SCISSOR_TEST) ? (gl.getParameter(gl.SCISSOR_BOX) as Int32Array) : null;

@@ -35,8 +35,22 @@ export interface SplatReelOptions {
 }
 
 type MediaEventName =
-  | "loadstart" | "loadedmetadata" | "durationchange" | "loadeddata" | "canplay" | "play" | "playing" | "pause" | "timeupdate"
-  | "progress" | "waiting" | "seeking" | "seeked" | "volumechange" | "ended" | "error";
+  | "loadstart"
+  | "loadedmetadata"
+  | "durationchange"
+  | "loadeddata"
+  | "canplay"
+  | "play"
+  | "playing"
+  | "pause"
+  | "timeupdate"
+  | "progress"
+  | "waiting"
+  | "seeking"
+  | "seeked"
+  | "volumechange"
+  | "ended"
+  | "error";
 
 /** Events of a `SplatReel`: those of an Object3D, and these of HTMLMediaElement. */
 export type SplatReelEventMap = Object3DEventMap & Record<MediaEventName, object>;
@@ -58,7 +72,10 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
   private focal = 0;
 
   /** url: address of the reel's manifest.json. */
-  constructor(url: string, { autoplay = false, loop = false, muted = false, currentTime, depthWrite = false }: SplatReelOptions = {}) {
+  constructor(
+    url: string,
+    { autoplay = false, loop = false, muted = false, currentTime, depthWrite = false }: SplatReelOptions = {},
+  ) {
     // three.js draws nothing itself: the object takes part in its order of transparent objects.
     super(new BufferGeometry(), new MeshBasicMaterial({ transparent: true, colorWrite: false, depthWrite: false }));
     this.geometry.setDrawRange(0, 0);
@@ -69,7 +86,8 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
     this.player = new ReelPlayer(url, (event) => this.emit(event));
     this.player.startTime = currentTime ?? null;
     [this.loop, this.muted] = [loop, muted];
-    this.onBeforeRender = (renderer, scene, camera, _geometry, material) => void (material === this.material && this.draw(renderer, scene, camera));
+    this.onBeforeRender = (renderer, scene, camera, _geometry, material) =>
+      void (material === this.material && this.draw(renderer, scene, camera));
     if (autoplay) this.play();
   }
 
@@ -103,7 +121,11 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
     if (!manifest) throw new Error("The manifest of the reel is not here yet. Wait for `loadedmetadata`.");
     const { viewmat, K, height } = manifest.camera;
     this.updateWorldMatrix(true, false);
-    const world = new Matrix4().set(...(viewmat as Parameters<Matrix4["set"]>)).invert().scale(new Vector3(1, -1, -1)).premultiply(this.matrixWorld);
+    const world = new Matrix4()
+      .set(...(viewmat as Parameters<Matrix4["set"]>))
+      .invert()
+      .scale(new Vector3(1, -1, -1))
+      .premultiply(this.matrixWorld);
     world.decompose(camera.position, camera.quaternion, new Vector3());
     camera.fov = (2 * Math.atan(height / 2 / K[4]) * 180) / Math.PI;
     camera.updateProjectionMatrix();
@@ -111,7 +133,10 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
 
   /** Add the point where a ray meets the splats of the last frame: where half of its light is absorbed. */
   override raycast(raycaster: Raycaster, intersects: Intersection[]): void {
-    const { renderer, player: { manifest, view } } = this;
+    const {
+      renderer,
+      player: { manifest, view },
+    } = this;
     if (!renderer || renderer.lost || !manifest || !view) return;
     const inverse = new Matrix4().copy(this.matrixWorld).invert();
     const ray = new Ray().copy(raycaster.ray).applyMatrix4(inverse);
@@ -129,7 +154,18 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
     super.copy(source, recursive);
     [this.geometry, this.material] = [geometry, material];
     this.material.fog = source.material.fog;
-    for (const name of ["opacity", "depthWrite", "loop", "muted", "volume", "playbackRate", "rendition", "positional", "currentTime"] as const) Object.assign(this, { [name]: source[name] });
+    for (const name of [
+      "opacity",
+      "depthWrite",
+      "loop",
+      "muted",
+      "volume",
+      "playbackRate",
+      "rendition",
+      "positional",
+      "currentTime",
+    ] as const)
+      Object.assign(this, { [name]: source[name] });
     return this;
   }
 
@@ -203,7 +239,9 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
 
 /** Return why a renderer or its settings cannot draw reels; null if it can. */
 function unsupported(three: WebGLRenderer): string | null {
-  if (!("isWebGLRenderer" in three) && !("resetState" in three)) return "SplatReel needs three's WebGLRenderer; it does not draw with WebGPURenderer.";
-  if (three.capabilities.logarithmicDepthBuffer) return "SplatReel does not draw with a logarithmic depth buffer. Use reversedDepthBuffer instead.";
+  if (!("isWebGLRenderer" in three) && !("resetState" in three))
+    return "SplatReel needs three's WebGLRenderer; it does not draw with WebGPURenderer.";
+  if (three.capabilities.logarithmicDepthBuffer)
+    return "SplatReel does not draw with a logarithmic depth buffer. Use reversedDepthBuffer instead.";
   return null;
 }

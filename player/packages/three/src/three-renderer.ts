@@ -37,7 +37,10 @@ export class ThreeRenderer extends WebglRenderer {
   private readonly blend: BlendTarget;
   private readonly fogColor = new Color();
 
-  constructor(private readonly three: WebGLRenderer, private readonly look: Look) {
+  constructor(
+    private readonly three: WebGLRenderer,
+    private readonly look: Look,
+  ) {
     super(three.domElement, [depthVertex, depthFragment]);
     this.blend = new BlendTarget(this.gl);
   }
@@ -124,7 +127,12 @@ export class ThreeRenderer extends WebglRenderer {
   }
 
   private prepare(program: { at(name: string): WebGLUniformLocation | null }, cutoff: number, linear: boolean): void {
-    const { gl, depth, look: { fog, opacity, scale }, fogColor } = this;
+    const {
+      gl,
+      depth,
+      look: { fog, opacity, scale },
+      fogColor,
+    } = this;
     gl.uniform4fv(program.at("uDepth"), depth);
     gl.uniform1f(program.at("uCutoff"), cutoff);
     gl.uniform1f(program.at("uOpacity"), opacity);
@@ -137,6 +145,10 @@ export class ThreeRenderer extends WebglRenderer {
 
 /** Return true if three.js draws linear colors now: into render targets, except those of headsets. */
 function isLinear(three: WebGLRenderer, target: (WebGLRenderTarget & { isXRRenderTarget?: boolean }) | null): boolean {
-  const space = !target ? three.outputColorSpace : target.isXRRenderTarget ? target.texture.colorSpace : LinearSRGBColorSpace;
+  const space = !target
+    ? three.outputColorSpace
+    : target.isXRRenderTarget
+      ? target.texture.colorSpace
+      : LinearSRGBColorSpace;
   return space !== SRGBColorSpace;
 }

@@ -1,5 +1,15 @@
 /** Views of a reel through cameras and rays of three.js. */
-import { add, cross, dot, length, normalize, scale as scaled, subtract, type Vec3, viewmatOf } from "@splatreel/decoder/internal";
+import {
+  add,
+  cross,
+  dot,
+  length,
+  normalize,
+  scale as scaled,
+  subtract,
+  type Vec3,
+  viewmatOf,
+} from "@splatreel/decoder/internal";
 import { type View, viewOfModel } from "@splatreel/renderer";
 import { Matrix4, type Camera, type OrthographicCamera, type Ray } from "three";
 
@@ -24,12 +34,20 @@ interface Extent {
 }
 
 /** Return the view of a reel in the units of the reel. scale: of the reel in the scene. */
-export function viewOf(camera: Camera, matrixWorld: Matrix4, scale: number, width: number, height: number, { near, bounds: [low, high] }: Extent): CameraView {
+export function viewOf(
+  camera: Camera,
+  matrixWorld: Matrix4,
+  scale: number,
+  width: number,
+  height: number,
+  { near, bounds: [low, high] }: Extent,
+): CameraView {
   toCamera.multiplyMatrices(camera.matrixWorldInverse, matrixWorld);
   const P = camera.projectionMatrix.elements;
   const clip = (camera as { near?: number }).near ?? 0;
   const view = viewOfModel(toCamera.elements, scale, P, width, height, near, clip);
-  if (!(camera as Partial<OrthographicCamera>).isOrthographicCamera) return { view, depth: [-P[10], P[14] / scale, 0, 0], focal: view.fx };
+  if (!(camera as Partial<OrthographicCamera>).isOrthographicCamera)
+    return { view, depth: [-P[10], P[14] / scale, 0, 0], focal: view.fx };
   // Splats are projected by a perspective camera far behind the orthographic one, which shows the middle of the scene at the same size.
   const [m, size] = [view.viewmat, length(subtract(high, low)) / 2];
   const middle = dot([m[8], m[9], m[10]], scaled(add(low, high), 0.5)) + m[11];

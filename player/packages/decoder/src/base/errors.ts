@@ -15,7 +15,10 @@ export class ReelError extends Error {
   override name = "ReelError";
   readonly plain: string;
 
-  constructor(message: string, { plain = PLAIN.damaged, ...options }: ErrorOptions & { plain?: string | undefined } = {}) {
+  constructor(
+    message: string,
+    { plain = PLAIN.damaged, ...options }: ErrorOptions & { plain?: string | undefined } = {},
+  ) {
     super(message, options);
     this.plain = plain;
   }

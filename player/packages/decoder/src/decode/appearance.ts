@@ -9,9 +9,16 @@ import { COLOR, kltOf, type Neighborhood } from "./predictive";
 const FORM: Form = { turn: "color", rest: [0, 0, 0, 0], most: 255 };
 
 /** Decode the section. here: neighborhood of the points; `neighborsInOrder` for the paper's codec. */
-export async function decodeAppearance(file: Container, frames: number, here: Neighborhood): Promise<Appearance | null> {
+export async function decodeAppearance(
+  file: Container,
+  frames: number,
+  here: Neighborhood,
+): Promise<Appearance | null> {
   if (!file.sections.shade || file.points === 0) return null;
-  return inSection("shade", () => here.kernels.decodeTexture(kltOf(file, "shade", COLOR, frames, 4, here), FORM) as Appearance);
+  return inSection(
+    "shade",
+    () => here.kernels.decodeTexture(kltOf(file, "shade", COLOR, frames, 4, here), FORM) as Appearance,
+  );
 }
 
 /** Return the neighborhood for the paper's codec: points adjacent in the file, all of class 0. */

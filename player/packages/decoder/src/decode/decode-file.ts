@@ -45,7 +45,12 @@ export type PointsAndOffsets = Pick<DecodedGroup, "points" | "offsets">;
 export type DecodePaper = (file: Container, kernels: Kernels) => Promise<PointsAndOffsets>;
 
 /** Decode a layer or group file. Throws `ReelError` that names the file. */
-export async function decodeFile(bytes: Uint8Array, name: string, decodePaper: DecodePaper, kernels: Kernels = plain): Promise<DecodedFile> {
+export async function decodeFile(
+  bytes: Uint8Array,
+  name: string,
+  decodePaper: DecodePaper,
+  kernels: Kernels = plain,
+): Promise<DecodedFile> {
   const file = parseContainer(bytes, name);
   try {
     const [{ points, offsets }, alive, light] = await Promise.all([
@@ -54,7 +59,9 @@ export async function decodeFile(bytes: Uint8Array, name: string, decodePaper: D
       file.kind === "group" && file.sections.light ? decodeLight(file) : null,
     ]);
     const { index, firstFrame, frames } = file;
-    return file.kind === "layer" ? { kind: "layer", index, firstFrame, frames, points } : { kind: "group", index, firstFrame, frames, points, alive, offsets, light };
+    return file.kind === "layer"
+      ? { kind: "layer", index, firstFrame, frames, points }
+      : { kind: "group", index, firstFrame, frames, points, alive, offsets, light };
   } catch (error) {
     throw new ReelError(`${name} cannot be played: ${messageOf(error)}.`, { cause: error });
   }

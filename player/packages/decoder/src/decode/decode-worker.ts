@@ -11,7 +11,8 @@ import { plain, type Kernels } from "./kernels";
 import { wasmKernels } from "./wasm";
 
 /** Request to the worker: the addresses of the player's files, once; download and decode a file, read a page, or cancel one of these. */
-export type DecodeRequest = { files: FileAddresses } | { id: number; source: Source; page: boolean } | { id: number; cancel: true };
+export type DecodeRequest =
+  { files: FileAddresses } | { id: number; source: Source; page: boolean } | { id: number; cancel: true };
 
 /** Reply of the worker: bytes received, the reason for a retry, and finally a decoded file, the unchecked JSON of a page, or an error. */
 export type DecodeReply = { id: number } & (
@@ -22,7 +23,10 @@ export type DecodeReply = { id: number } & (
   | { error: string; plain?: string | undefined }
 );
 
-const scope = self as unknown as { onmessage: (event: MessageEvent<DecodeRequest>) => void; postMessage(message: DecodeReply, transfer?: Transferable[]): void };
+const scope = self as unknown as {
+  onmessage: (event: MessageEvent<DecodeRequest>) => void;
+  postMessage(message: DecodeReply, transfer?: Transferable[]): void;
+};
 let tellFiles: (files: FileAddresses) => void;
 /** Addresses of the player's files. They may arrive after the first request. */
 const files = new Promise<FileAddresses>((resolve) => (tellFiles = resolve));

@@ -34,7 +34,8 @@ export function unpack(data: Uint8Array, bits: number, count: number): Uint16Arr
 /** Decompress zlib data if `deflated`. The result has `size` bytes, or fewer if not `exact`. */
 export async function inflate(data: Uint8Array, deflated: boolean, size: number, exact = true): Promise<Uint8Array> {
   if (deflated) data = await inflateUpTo(data, size);
-  if (data.byteLength > size || (exact && data.byteLength < size)) throw new ReelError(`it holds ${data.byteLength} bytes, expected ${size}`);
+  if (data.byteLength > size || (exact && data.byteLength < size))
+    throw new ReelError(`it holds ${data.byteLength} bytes, expected ${size}`);
   return data;
 }
 
@@ -64,7 +65,11 @@ async function inflateUpTo(data: Uint8Array, size: number): Promise<Uint8Array> 
 /** Return the integers [count] of a section, column by column. */
 export async function integers(file: Container, name: string, bits: number, count: number): Promise<Uint16Array> {
   return inSection(name, async () => {
-    const plain = await inflate(tensor(file, name), flagOf(file.sections[name], "deflate", false), packedSize(count, bits));
+    const plain = await inflate(
+      tensor(file, name),
+      flagOf(file.sections[name], "deflate", false),
+      packedSize(count, bits),
+    );
     return unpack(plain, bits, count);
   });
 }
@@ -76,7 +81,8 @@ export async function linear(file: Container, name: string, rows: number, column
   const low = await inSection(name, () => numbersOf(section, "min", columns));
   const high = await inSection(name, () => numbersOf(section, "max", columns));
   const log = await inSection(name, () => flagOf(section, "log", false));
-  if (log && [...low, ...high].some((value) => Math.abs(value) > MAX_LOG)) throw new ReelError(`section ${name}: it has logarithms that no float32 holds`);
+  if (log && [...low, ...high].some((value) => Math.abs(value) > MAX_LOG))
+    throw new ReelError(`section ${name}: it has logarithms that no float32 holds`);
   const q = await integers(file, name, bits, rows * columns);
   const values = new Float32Array(rows * columns);
   for (let c = 0; c < columns; c++) {
@@ -115,7 +121,11 @@ export function flagOf(section: Section, name: string, absent?: boolean): boolea
 /** Return a parameter that is a list of numbers within the range of float32. */
 export function numbersOf(section: Section, name: string, count: number): number[] {
   const value = section[name];
-  if (!Array.isArray(value) || value.length !== count || !value.every((item) => typeof item === "number" && Math.abs(item) <= 3e38)) {
+  if (
+    !Array.isArray(value) ||
+    value.length !== count ||
+    !value.every((item) => typeof item === "number" && Math.abs(item) <= 3e38)
+  ) {
     throw new ReelError(`its ${name} is ${short(value)}, not ${count} numbers`);
   }
   return value as number[];

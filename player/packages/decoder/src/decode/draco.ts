@@ -16,7 +16,13 @@ interface DracoDecoder {
   DecodeArrayToPointCloud(bytes: Int8Array, size: number, cloud: DracoCloud): { ok(): boolean; error_msg(): string };
   GetAttributeId(cloud: DracoCloud, type: number): number;
   GetAttribute(cloud: DracoCloud, id: number): object;
-  GetAttributeDataArrayForAllPoints(cloud: DracoCloud, attribute: object, type: number, bytes: number, pointer: number): boolean;
+  GetAttributeDataArrayForAllPoints(
+    cloud: DracoCloud,
+    attribute: object,
+    type: number,
+    bytes: number,
+    pointer: number,
+  ): boolean;
 }
 interface DracoCloud {
   num_points(): number;
@@ -39,7 +45,8 @@ function loadDraco(files: FileAddresses): Promise<DracoModule> {
 /** Decode positions [N, 3] in the order of the file. */
 export async function decodeDraco(bytes: Uint8Array, files: FileAddresses): Promise<Float32Array> {
   // Accept only clouds with one attribute of three numbers, since others take more memory.
-  if (bytes.length < 21 || bytes[15] !== 1 || bytes[16] !== 1 || bytes[19] !== 3) throw new ReelError("The point cloud of a file has other attributes than positions.");
+  if (bytes.length < 21 || bytes[15] !== 1 || bytes[16] !== 1 || bytes[19] !== 3)
+    throw new ReelError("The point cloud of a file has other attributes than positions.");
   const draco = await loadDraco(files);
   const decoder = new draco.Decoder();
   const cloud = new draco.PointCloud();

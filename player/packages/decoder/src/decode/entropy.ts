@@ -33,7 +33,8 @@ export function streamOf(data: Uint8Array, contexts: number): Stream {
   const statesAt = HEADER_BYTES + tableBytes;
   const wordsAt = statesAt + 4 * lanes;
   const rawAt = wordsAt + 2 * words;
-  if (data[0] > 10 || data[1] !== contexts || rawAt + rawBytes !== data.byteLength) throw new ReelError("a stream does not fit its header");
+  if (data[0] > 10 || data[1] !== contexts || rawAt + rawBytes !== data.byteLength)
+    throw new ReelError("a stream does not fit its header");
   // Copies are aligned to their element size.
   return {
     lookup: lookupOf(data.subarray(HEADER_BYTES, statesAt), contexts),
@@ -56,7 +57,13 @@ export class EntropyDecoder {
   private readonly rawBytes: number;
 
   constructor(data: Uint8Array, contexts: number) {
-    ({ lookup: this.lookup, states: this.states, words: this.words, raw: this.raw, rawBytes: this.rawBytes } = streamOf(data, contexts));
+    ({
+      lookup: this.lookup,
+      states: this.states,
+      words: this.words,
+      raw: this.raw,
+      rawBytes: this.rawBytes,
+    } = streamOf(data, contexts));
   }
 
   /** Return the next number, below 2^31. Throws for larger ones. */

@@ -32,7 +32,9 @@ export async function decodeGaussians(file: Container, decodePoints: DecodePoint
   const count = file.points;
   if (!(Number.isInteger(count) && count >= 0)) throw new ReelError(`it claims ${count} points`);
   if (count === 0) return empty();
-  const rest = file.sections.sh_rest ? await decodeRest(file, count) : { shRest: new Uint16Array(count), codebook: new Float32Array(), shDegree: 0 };
+  const rest = file.sections.sh_rest
+    ? await decodeRest(file, count)
+    : { shRest: new Uint16Array(count), codebook: new Float32Array(), shDegree: 0 };
   return {
     count,
     means: await inSection("means", () => decodeMeans(file, count, decodePoints)),
@@ -61,7 +63,8 @@ async function decodeMeans(file: Container, count: number, decodePoints: DecodeP
   checkDraco(bytes, count);
   const lattice = await decodePoints(bytes);
   if (lattice.length !== 3 * count) throw new ReelError(`it holds ${lattice.length / 3} positions of ${count}`);
-  if (!lattice.every((q) => q >= 0 && q <= top && Number.isInteger(q))) throw new ReelError("its positions leave their lattice");
+  if (!lattice.every((q) => q >= 0 && q <= top && Number.isInteger(q)))
+    throw new ReelError("its positions leave their lattice");
   const order = mortonOrder(lattice);
   const step = range / top;
   const means = new Float32Array(3 * count);
@@ -80,15 +83,20 @@ function checkDraco(bytes: Uint8Array, count: number): void {
   if (points !== count) throw new ReelError(`it is a cloud of ${points} points, expected ${count}`);
 }
 
-async function decodeRest(file: Container, count: number): Promise<Pick<Gaussians, "shRest" | "codebook" | "shDegree">> {
+async function decodeRest(
+  file: Container,
+  count: number,
+): Promise<Pick<Gaussians, "shRest" | "codebook" | "shDegree">> {
   const indices = sectionOf(file, "sh_rest", "vq");
   const entries = await inSection("sh_rest", () => whole(indices, "entries", 1, 65536));
   const bits = await inSection("sh_rest", () => whole(indices, "bits", 1, 16));
   const codebook = sectionOf(file, "sh_codebook", "linear");
-  if (codebook.entries !== entries) throw new ReelError(`section sh_codebook: it has ${short(codebook.entries)} entries, and sh_rest ${entries}`);
+  if (codebook.entries !== entries)
+    throw new ReelError(`section sh_codebook: it has ${short(codebook.entries)} entries, and sh_rest ${entries}`);
   const shDegree = await inSection("sh_codebook", () => whole(codebook, "degree", 1, 3));
   const shRest = await integers(file, "sh_rest", bits, count);
-  if (shRest.some((entry) => entry >= entries)) throw new ReelError(`section sh_rest: it names a color beyond its codebook of ${entries}`);
+  if (shRest.some((entry) => entry >= entries))
+    throw new ReelError(`section sh_rest: it names a color beyond its codebook of ${entries}`);
   return { shRest, shDegree, codebook: await linear(file, "sh_codebook", entries, 3 * ((shDegree + 1) ** 2 - 1)) };
 }
 

@@ -16,19 +16,28 @@ const MAX_SLACK = 4096;
 export const MAX_VALUES = 2 ** 26;
 
 /** Decode the offsets of a group. */
-export async function decodeOffsets(bytes: Uint8Array, section: Section, file: Container, decodeTrack: DecodeTrack): Promise<Omit<Offsets, "appearance">> {
+export async function decodeOffsets(
+  bytes: Uint8Array,
+  section: Section,
+  file: Container,
+  decodeTrack: DecodeTrack,
+): Promise<Omit<Offsets, "appearance">> {
   const { points: count, frames } = file;
   const width = whole(section, "width", BLOCK, 8192);
   const height = whole(section, "height", BLOCK, 8192);
-  const fits = width % BLOCK === 0 && height % BLOCK === 0 && count <= width * height && width * height <= 2 * count + MAX_SLACK;
-  if (!fits || frames * count > MAX_VALUES) throw new ReelError(`its maps of ${width} x ${height} pixels do not fit ${frames} frames of ${count} points`);
+  const fits =
+    width % BLOCK === 0 && height % BLOCK === 0 && count <= width * height && width * height <= 2 * count + MAX_SLACK;
+  if (!fits || frames * count > MAX_VALUES)
+    throw new ReelError(`its maps of ${width} x ${height} pixels do not fit ${frames} frames of ${count} points`);
   const dx = rangeOf(section, "dx", 3, 65535);
   const dq = rangeOf(section, "dq", 4, 255);
   const tracks = parseMp4(bytes, frames);
   [3, 3, 4].forEach((channels, i) => {
-    if (tracks[i]?.width !== channels * width || tracks[i].height !== height) throw new ReelError("its offset maps have the wrong size");
+    if (tracks[i]?.width !== channels * width || tracks[i].height !== height)
+      throw new ReelError("its offset maps have the wrong size");
   });
-  if (!tracks.every((track) => track.samples.length === frames)) throw new ReelError(`its offset tracks do not have ${frames} frames each`);
+  if (!tracks.every((track) => track.samples.length === frames))
+    throw new ReelError(`its offset tracks do not have ${frames} frames each`);
   const [high, low, rotation] = await Promise.all(tracks.slice(0, 3).map(decodeTrack));
   const pixels = pixelsOf(count, width);
   return {
@@ -62,7 +71,13 @@ export function pixelsOf(count: number, width: number): Uint32Array {
 
 /** Join images [T, height, 3 * width] of the high and low bytes into dx [T, N, 4]. */
 function joinBytes(
-  high: Uint8Array, low: Uint8Array, pixels: Uint32Array, width: number, height: number, frames: number, fold: boolean,
+  high: Uint8Array,
+  low: Uint8Array,
+  pixels: Uint32Array,
+  width: number,
+  height: number,
+  frames: number,
+  fold: boolean,
 ): Uint16Array {
   const count = pixels.length;
   const result = new Uint16Array(frames * count * 4);

@@ -4,7 +4,10 @@ import type { FileAddresses } from "../files/workers";
 import { decodeTrack } from "./hevc";
 import type { Track } from "./mp4";
 
-const scope = self as unknown as { onmessage: (event: MessageEvent<Track | { files: FileAddresses }>) => void; postMessage(message: object, transfer?: Transferable[]): void };
+const scope = self as unknown as {
+  onmessage: (event: MessageEvent<Track | { files: FileAddresses }>) => void;
+  postMessage(message: object, transfer?: Transferable[]): void;
+};
 
 let files: FileAddresses = {};
 

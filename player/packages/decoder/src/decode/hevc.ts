@@ -110,9 +110,11 @@ async function decodeWithWebCodecs(track: Track, header: HevcHeader): Promise<Ui
 
 /** Copy the luma plane, the first one of I420 and NV12. Drawing the frame instead would convert its colors. */
 async function copyLuma(frame: VideoFrame, track: Track, planes: Uint8Array): Promise<void> {
-  if (frame.format !== "I420" && frame.format !== "NV12") throw new ReelError(`Frames of format ${frame.format} are opaque.`);
+  if (frame.format !== "I420" && frame.format !== "NV12")
+    throw new ReelError(`Frames of format ${frame.format} are opaque.`);
   const rect = frame.visibleRect;
-  if (!rect || rect.width !== track.width || rect.height !== track.height) throw new ReelError("Unexpected frame size.");
+  if (!rect || rect.width !== track.width || rect.height !== track.height)
+    throw new ReelError("Unexpected frame size.");
   const buffer = new Uint8Array(frame.allocationSize({ rect }));
   const [{ offset, stride }] = await frame.copyTo(buffer, { rect });
   const start = frame.timestamp * track.width * track.height;
@@ -157,7 +159,8 @@ async function decodeWithWasm(track: Track, header: HevcHeader, files: FileAddre
     module._free(scratch);
     module._hevc_decoder_destroy(decoder);
   }
-  if (done !== track.samples.length) throw new ReelError(`The offset video of a group has ${done} frames of ${track.samples.length}.`);
+  if (done !== track.samples.length)
+    throw new ReelError(`The offset video of a group has ${done} frames of ${track.samples.length}.`);
   return planes;
 }
 
@@ -189,7 +192,7 @@ function integers(module: HevcModule, pointer: number, count: number): Int32Arra
 }
 
 function* units(sample: Uint8Array, lengthSize: number): Generator<Uint8Array> {
-  for (let at = 0; at + lengthSize <= sample.length; ) {
+  for (let at = 0; at + lengthSize <= sample.length;) {
     let size = 0;
     for (let i = 0; i < lengthSize; i++) size = size * 256 + sample[at++];
     yield sample.subarray(at, at + size);

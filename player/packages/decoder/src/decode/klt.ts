@@ -74,7 +74,13 @@ export function slotsOf(columns: Uint8Array, across: number): { slots: Int32Arra
 }
 
 /** Compute the sums. That of dimension d, point n and channel c is stored at d across + n along + c. */
-function expand({ data, ends, columns, channels, basis, dimensions, levels, shifts }: Klt, points: Uint32Array, result: Float32Array, across: number, along: number): void {
+function expand(
+  { data, ends, columns, channels, basis, dimensions, levels, shifts }: Klt,
+  points: Uint32Array,
+  result: Float32Array,
+  across: number,
+  along: number,
+): void {
   const stride = basis.length / dimensions;
   const found = decodeLod(data, columns.length, levels, shifts, ends);
   const { slots, rows } = slotsOf(columns, channels);
@@ -143,7 +149,13 @@ function colors(values: Float32Array): void {
 }
 
 /** Quantize values [D, points, 4] over the range of each channel, into rows of `count` points. The other points get the value `rest`. */
-function wholes(values: Float32Array, { rest, most }: Form, points: Uint32Array, dimensions: number, count: number): Texture {
+function wholes(
+  values: Float32Array,
+  { rest, most }: Form,
+  points: Uint32Array,
+  dimensions: number,
+  count: number,
+): Texture {
   const low = Float64Array.from(rest);
   const high = Float64Array.from(rest);
   for (let i = 0; i < values.length; i++) {
@@ -164,7 +176,16 @@ function wholes(values: Float32Array, { rest, most }: Form, points: Uint32Array,
 }
 
 /** Return the quantization of channels from low to high: steps per unit, the integer of `rest`, and units per step. */
-export function scaleOf(low: ArrayLike<number>, high: ArrayLike<number>, rest: number[], most: number): { share: number[]; stay: number[]; step: number[] } {
+export function scaleOf(
+  low: ArrayLike<number>,
+  high: ArrayLike<number>,
+  rest: number[],
+  most: number,
+): { share: number[]; stay: number[]; step: number[] } {
   const share = rest.map((_, c) => (high[c] > low[c] ? most / (high[c] - low[c]) : 0));
-  return { share, stay: rest.map((value, c) => Math.round((value - low[c]) * share[c])), step: rest.map((_, c) => (high[c] - low[c]) / most) };
+  return {
+    share,
+    stay: rest.map((value, c) => Math.round((value - low[c]) * share[c])),
+    step: rest.map((_, c) => (high[c] - low[c]) / most),
+  };
 }

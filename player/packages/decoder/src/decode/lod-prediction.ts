@@ -14,7 +14,10 @@ const LARGEST_SIZE = 65535;
 const EDGES = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128, 192, 256, 512];
 export const CONTEXTS = EDGES.length + 1;
 /** Context of each size. */
-export const CONTEXT_OF = Uint8Array.from({ length: LARGEST + 1 }, (_, size) => EDGES.filter((edge) => edge <= size).length);
+export const CONTEXT_OF = Uint8Array.from(
+  { length: LARGEST + 1 },
+  (_, size) => EDGES.filter((edge) => edge <= size).length,
+);
 
 /** The order in which points are decoded, and the neighbors that predict each. */
 export interface Levels {
@@ -55,7 +58,15 @@ const squares = new Float64Array(NEIGHBOURS);
 const nearness = new Float64Array(NEIGHBOURS);
 
 /** Find the four nearest of 16 multiples of stride around a point, and weights that decrease with distance. Ties go to the earlier point. */
-function nearest(quantized: ArrayLike<number>, count: number, point: number, stride: number, neighbours: Uint32Array, weights: Uint16Array, at: number): void {
+function nearest(
+  quantized: ArrayLike<number>,
+  count: number,
+  point: number,
+  stride: number,
+  neighbours: Uint32Array,
+  weights: Uint16Array,
+  at: number,
+): void {
   const middle = Math.floor(point / stride);
   squares.fill(Infinity);
   for (let slot = middle + 1 - REACH; slot <= middle + REACH; slot++) {
@@ -86,7 +97,13 @@ function nearest(quantized: ArrayLike<number>, count: number, point: number, str
 }
 
 /** Decode integers [N, columns]. shifts: [N] steps of a point, as powers of two. ends: [N] number of columns of a point, by default all. */
-export function decodeLod(data: Uint8Array, columns: number, levels: Levels, shifts: Uint8Array, ends?: Int32Array): Int32Array {
+export function decodeLod(
+  data: Uint8Array,
+  columns: number,
+  levels: Levels,
+  shifts: Uint8Array,
+  ends?: Int32Array,
+): Int32Array {
   const decoder = new EntropyDecoder(data, CONTEXTS);
   const { order, neighbours, weights } = levels;
   const found = new Int32Array(order.length * columns);
@@ -110,13 +127,24 @@ const near = new Int32Array(NEIGHBOURS);
 const share = new Int32Array(NEIGHBOURS);
 
 /** Decode the first `end` columns of the point at offset `at` in `found`. */
-function decodePoint(decoder: EntropyDecoder, found: Int32Array, sizes: Uint16Array, at: number, end: number, shift: number): void {
+function decodePoint(
+  decoder: EntropyDecoder,
+  found: Int32Array,
+  sizes: Uint16Array,
+  at: number,
+  end: number,
+  shift: number,
+): void {
   const [a, b, c, d] = [near[0], near[1], near[2], near[3]];
   const [p, q, r, s] = [share[0], share[1], share[2], share[3]];
   let recent = -1;
   for (let column = 0; column < end; column++) {
     const sum = p * found[a + column] + q * found[b + column] + r * found[c + column] + s * found[d + column];
-    const size = Math.imul(p, sizes[a + column]) + Math.imul(q, sizes[b + column]) + Math.imul(r, sizes[c + column]) + Math.imul(s, sizes[d + column]);
+    const size =
+      Math.imul(p, sizes[a + column]) +
+      Math.imul(q, sizes[b + column]) +
+      Math.imul(r, sizes[c + column]) +
+      Math.imul(s, sizes[d + column]);
     const around = Math.min(size >> (9 + shift), LARGEST);
     if (recent < 0) recent = around;
     const number = decoder.next(CONTEXT_OF[(around + recent) >> 1]);

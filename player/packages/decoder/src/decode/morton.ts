@@ -4,7 +4,10 @@ const DIGIT_BITS = 4;
 const MAX_BITS = 21;
 
 /** SPREAD[v]: the four bits of v with two zero bits between them. */
-const SPREAD = Uint16Array.from({ length: 1 << DIGIT_BITS }, (_, v) => (v & 1) | ((v & 2) << 2) | ((v & 4) << 4) | ((v & 8) << 6));
+const SPREAD = Uint16Array.from(
+  { length: 1 << DIGIT_BITS },
+  (_, v) => (v & 1) | ((v & 2) << 2) | ((v & 4) << 4) | ((v & 8) << 6),
+);
 
 /**
  * Return the stable order [N] of lattice points [N, 3] (0 <= q < 2^21) by Morton code.

@@ -27,7 +27,8 @@ export function parseMp4(file: Uint8Array, most: number): Track[] {
   const view = new DataView(file.buffer, file.byteOffset, file.byteLength);
   try {
     const top = boxes(view, 0, view.byteLength);
-    if (top.at(-1)?.end !== view.byteLength) throw new ReelError("The offset video of a group is not made of whole MP4 boxes.");
+    if (top.at(-1)?.end !== view.byteLength)
+      throw new ReelError("The offset video of a group is not made of whole MP4 boxes.");
     const moov = find(top, "moov");
     const children = boxes(view, moov.start, moov.end);
     const tracks = children.filter((box) => box.type === "trak").map((box) => parseTrack(file, view, box, most));
@@ -41,7 +42,7 @@ export function parseMp4(file: Uint8Array, most: number): Track[] {
 
 function boxes(view: DataView, start: number, end: number): Box[] {
   const result: Box[] = [];
-  for (let at = start; at + 8 <= end; ) {
+  for (let at = start; at + 8 <= end;) {
     let size = view.getUint32(at);
     let head = 8;
     if (size === 1) {
@@ -130,11 +131,20 @@ function addFragment(file: Uint8Array, view: DataView, moof: Box, tracks: Track[
     const base = flags & 1 ? view.getUint32(at) * 2 ** 32 + view.getUint32(at + 4) : moof.offset;
     at += (flags & 1 ? 8 : 0) + (flags & 2 ? 4 : 0) + (flags & 8 ? 4 : 0);
     const defaultSize = flags & 16 ? view.getUint32(at) : 0;
-    for (const trun of inner.filter((box) => box.type === "trun")) addRun(file, view, trun.start, base, defaultSize, track, most);
+    for (const trun of inner.filter((box) => box.type === "trun"))
+      addRun(file, view, trun.start, base, defaultSize, track, most);
   }
 }
 
-function addRun(file: Uint8Array, view: DataView, trun: number, base: number, defaultSize: number, track: Track, most: number): void {
+function addRun(
+  file: Uint8Array,
+  view: DataView,
+  trun: number,
+  base: number,
+  defaultSize: number,
+  track: Track,
+  most: number,
+): void {
   const flags = view.getUint32(trun) & 0xffffff;
   const count = view.getUint32(trun + 4);
   checkSamples(track.samples.length + count, most);
@@ -151,7 +161,8 @@ function addRun(file: Uint8Array, view: DataView, trun: number, base: number, de
 }
 
 function checkSamples(count: number, most: number): void {
-  if (count > most) throw new ReelError(`The offset video of a group claims ${count} pictures, and has ${most} frames.`);
+  if (count > most)
+    throw new ReelError(`The offset video of a group claims ${count} pictures, and has ${most} frames.`);
 }
 
 function cut(file: Uint8Array, start: number, size: number): Uint8Array {

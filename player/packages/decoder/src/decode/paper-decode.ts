@@ -12,7 +12,12 @@ const idle: Worker[] = [];
 
 /** Decode a file. files: addresses of the player's files. */
 export function decodePaperFile(file: Container, files: FileAddresses, kernels: Kernels): Promise<PointsAndOffsets> {
-  return decodePaper(file, (cloud) => decodeDraco(cloud, files), (track) => decodeInWorker(track, files), kernels);
+  return decodePaper(
+    file,
+    (cloud) => decodeDraco(cloud, files),
+    (track) => decodeInWorker(track, files),
+    kernels,
+  );
 }
 
 function openHevcWorker(files: FileAddresses): Worker {
@@ -33,6 +38,9 @@ function decodeInWorker(track: Track, files: FileAddresses): Promise<Uint8Array>
       worker.terminate();
       reject(new ReelError(`the video decoder failed (${failureOf(event)})`));
     };
-    worker.postMessage(track, [track.hvcC.buffer as ArrayBuffer, ...track.samples.map((sample) => sample.buffer as ArrayBuffer)]);
+    worker.postMessage(track, [
+      track.hvcC.buffer as ArrayBuffer,
+      ...track.samples.map((sample) => sample.buffer as ArrayBuffer),
+    ]);
   });
 }

@@ -28,7 +28,10 @@ export interface Neighborhood {
 }
 
 /** Decode the points of a file. */
-export async function decodePredictive(file: Container, kernels: Kernels): Promise<{ points: Gaussians; here: Neighborhood }> {
+export async function decodePredictive(
+  file: Container,
+  kernels: Kernels,
+): Promise<{ points: Gaussians; here: Neighborhood }> {
   const count = file.points;
   const { quantized, ...cells } = await inSection("means", () => decodeQuantizedPositions(file, count));
   const levels = kernels.levelsOf(quantized);
@@ -37,7 +40,9 @@ export async function decodePredictive(file: Container, kernels: Kernels): Promi
   const { quats, scales } = toShapes(await values(file, "shapes", SHAPE, 6, here));
   const opacities = await values(file, "opacities", SHAPE, 1, here);
   const shBase = await values(file, "sh_base", COLOR, 3, here);
-  const rest = file.sections.sh_rest ? await decodeRest(file, here) : { shRest: new Uint32Array(count), codebook: new Float32Array(), shDegree: 0 };
+  const rest = file.sections.sh_rest
+    ? await decodeRest(file, here)
+    : { shRest: new Uint32Array(count), codebook: new Float32Array(), shDegree: 0 };
   for (let i = 0; i < count; i++) {
     primaries(shBase, 3 * i);
     opacities[i] = Math.min(Math.max(opacities[i], 0), 1);
@@ -49,9 +54,14 @@ export async function decodePredictive(file: Container, kernels: Kernels): Promi
 /** Decode the motion of a group, see `Offsets`. */
 export async function decodeMotion(file: Container, here: Neighborhood): Promise<Omit<Offsets, "appearance">> {
   const { frames, points: count } = file;
-  if (!(Number.isInteger(frames) && frames >= 1 && frames * count <= 2 ** 26)) throw new ReelError(`it claims ${frames} frames`);
-  const moves = await inSection("dx", () => here.kernels.decodeTexture(kltOf(file, "dx", MOTION, frames, 3, here), MOVES));
-  const turns = await inSection("dq", () => here.kernels.decodeTexture(kltOf(file, "dq", MOTION, frames, 3, here), TURNS));
+  if (!(Number.isInteger(frames) && frames >= 1 && frames * count <= 2 ** 26))
+    throw new ReelError(`it claims ${frames} frames`);
+  const moves = await inSection("dx", () =>
+    here.kernels.decodeTexture(kltOf(file, "dx", MOTION, frames, 3, here), MOVES),
+  );
+  const turns = await inSection("dq", () =>
+    here.kernels.decodeTexture(kltOf(file, "dq", MOTION, frames, 3, here), TURNS),
+  );
   return {
     frames,
     dx: moves.data as Uint16Array,
@@ -76,8 +86,10 @@ function decodeQuantizedPositions(file: Container, count: number): Cells & { qua
   const low = section.min as number[];
   const finer = section.finer as number;
   const step = stepOf(section);
-  if (!(Number.isInteger(finer) && finer >= 0 && finer <= 7)) throw new ReelError(`its points have ${JSON.stringify(finer)} bits more`);
-  if (!Array.isArray(low) || low.length !== 3 || !low.every(Number.isFinite)) throw new ReelError("its positions have no origin");
+  if (!(Number.isInteger(finer) && finer >= 0 && finer <= 7))
+    throw new ReelError(`its points have ${JSON.stringify(finer)} bits more`);
+  if (!Array.isArray(low) || low.length !== 3 || !low.every(Number.isFinite))
+    throw new ReelError("its positions have no origin");
   const decoder = new EntropyDecoder(tensor(file, "means"), 1);
   const quantized = new Float64Array(3 * count);
   let code = 0;
@@ -93,12 +105,18 @@ function decodeQuantizedPositions(file: Container, count: number): Cells & { qua
 }
 
 /** Positions [N, 3]: a point of class c has `finer` - c bits along each axis for its place in its cell, the lowest ones of all points first. */
-function decodeRefinementBits(file: Container, quantized: Float64Array, { low, step, finer }: Cells, classes: Uint8Array): Float32Array {
+function decodeRefinementBits(
+  file: Container,
+  quantized: Float64Array,
+  { low, step, finer }: Cells,
+  classes: Uint8Array,
+): Float32Array {
   sectionOf(file, "places", "plain");
   const data = tensor(file, "places");
   let total = 0;
   for (const kind of classes) total += 3 * Math.max(finer - kind, 0);
-  if (data.length !== (total + 7) >> 3) throw new ReelError(`it holds ${data.length} bytes where its points have ${total} bits`);
+  if (data.length !== (total + 7) >> 3)
+    throw new ReelError(`it holds ${data.length} bytes where its points have ${total} bits`);
   const refinement = new Uint8Array(quantized.length);
   for (let b = 0, bit = 0; b < finer; b++) {
     for (let i = 0; i < classes.length; i++) {
@@ -109,7 +127,8 @@ function decodeRefinementBits(file: Container, quantized: Float64Array, { low, s
   const means = new Float32Array(quantized.length);
   for (let i = 0, at = 0; i < classes.length; i++) {
     const parts = 2 ** Math.max(finer - classes[i], 0);
-    for (let a = 0; a < 3; a++, at++) means[at] = low[a] + (quantized[at] + (2 * refinement[at] + 1 - parts) / (2 * parts)) * step;
+    for (let a = 0; a < 3; a++, at++)
+      means[at] = low[a] + (quantized[at] + (2 * refinement[at] + 1 - parts) / (2 * parts)) * step;
   }
   return means;
 }
@@ -137,7 +156,10 @@ async function decodeClasses(file: Container, levels: Levels, kernels: Kernels):
   return classes;
 }
 
-async function decodeRest(file: Container, here: Neighborhood): Promise<Pick<Gaussians, "shRest" | "codebook" | "shDegree">> {
+async function decodeRest(
+  file: Container,
+  here: Neighborhood,
+): Promise<Pick<Gaussians, "shRest" | "codebook" | "shDegree">> {
   const shDegree = sectionOf(file, "sh_rest", "klt").degree as number;
   if (![1, 2, 3].includes(shDegree)) throw new ReelError(`it has spherical harmonics of degree ${shDegree}`);
   const size = 3 * ((shDegree + 1) ** 2 - 1);
@@ -154,30 +176,47 @@ async function decodeRest(file: Container, here: Neighborhood): Promise<Pick<Gau
 }
 
 /** Decode the values [N, columns] of a `field` section. */
-function values(file: Container, name: string, kind: number, columns: number, here: Neighborhood): Promise<Float64Array> {
+function values(
+  file: Container,
+  name: string,
+  kind: number,
+  columns: number,
+  here: Neighborhood,
+): Promise<Float64Array> {
   const section = sectionOf(file, name, "field");
   return inSection(name, () => {
     const step = stepOf(section);
-    const result = new Float64Array(here.kernels.decodeLod(tensor(file, name), columns, here.levels, here.classes[kind]));
+    const result = new Float64Array(
+      here.kernels.decodeLod(tensor(file, name), columns, here.levels, here.classes[kind]),
+    );
     for (let i = 0; i < result.length; i++) result[i] *= step;
     return result;
   });
 }
 
 /** Parse a `klt` section of D dimensions, and decode its basis and ends. */
-export function kltOf(file: Container, name: string, kind: number, dimensions: number, channels: number, here: Neighborhood): Klt {
+export function kltOf(
+  file: Container,
+  name: string,
+  kind: number,
+  dimensions: number,
+  channels: number,
+  here: Neighborhood,
+): Klt {
   const section = sectionOf(file, name, "klt");
   const step = stepOf(section);
   const data = tensor(file, name);
   const view = new DataView(data.buffer, data.byteOffset, data.byteLength);
   const sizes = data.byteLength < 16 ? [NaN] : [0, 4, 8, 12].map((at) => view.getUint32(at, true));
-  if (sizes.reduce((sum, size) => sum + size, 16) !== data.byteLength) throw new ReelError("it does not hold its streams");
+  if (sizes.reduce((sum, size) => sum + size, 16) !== data.byteLength)
+    throw new ReelError("it does not hold its streams");
   let cut = 16;
   const [basisData, columnsData, endsData, body] = sizes.map((size) => data.subarray(cut, (cut += size)));
   const vectors = decodeBasis(basisData, section, dimensions);
   const columns = decodeColumns(columnsData, section, vectors.length, channels);
   const ends = here.kernels.decodeLod(endsData, 1, here.levels, new Uint8Array(file.points));
-  if (!ends.every((end) => end >= 0 && end <= columns.length)) throw new ReelError(`it has points of more columns than ${columns.length}`);
+  if (!ends.every((end) => end >= 0 && end <= columns.length))
+    throw new ReelError(`it has points of more columns than ${columns.length}`);
   const basis = new Float64Array(dimensions * vectors.length);
   vectors.forEach((vector, k) => vector.forEach((value, d) => (basis[d * vectors.length + k] = value * step)));
   return { data: body, ends, columns, channels, basis, dimensions, levels: here.levels, shifts: here.classes[kind] };
@@ -186,7 +225,8 @@ export function kltOf(file: Container, name: string, kind: number, dimensions: n
 /** Decode the channel of each column. No channel has more columns than the basis has vectors. */
 function decodeColumns(data: Uint8Array, section: Section, vectors: number, channels: number): Uint8Array {
   const count = section.columns as number;
-  if (!(Number.isInteger(count) && count >= 1 && count <= vectors * channels)) throw new ReelError(`it has ${JSON.stringify(count)} columns`);
+  if (!(Number.isInteger(count) && count >= 1 && count <= vectors * channels))
+    throw new ReelError(`it has ${JSON.stringify(count)} columns`);
   const decoder = new EntropyDecoder(data, 1);
   const used = new Int32Array(channels);
   const columns = Uint8Array.from({ length: count }, () => {
@@ -200,18 +240,28 @@ function decodeColumns(data: Uint8Array, section: Section, vectors: number, chan
 
 function stepOf(section: Section): number {
   const step = section.step;
-  if (!(typeof step === "number" && step >= 1e-30 && step <= 1e30)) throw new ReelError(`it has steps of ${JSON.stringify(step)}`);
+  if (!(typeof step === "number" && step >= 1e-30 && step <= 1e30))
+    throw new ReelError(`it has steps of ${JSON.stringify(step)}`);
   return step;
 }
 
 /** Decode the basis vectors [K][D]. */
 function decodeBasis(data: Uint8Array, section: Section, dimensions: number): Float64Array[] {
   const shifts = section.shifts as number[];
-  if (!Array.isArray(shifts) || shifts.length < 1 || shifts.length > dimensions || !shifts.every((s) => Number.isInteger(s) && s >= 0 && s <= 20)) throw new ReelError("it has a basis of the wrong size");
+  if (
+    !Array.isArray(shifts) ||
+    shifts.length < 1 ||
+    shifts.length > dimensions ||
+    !shifts.every((s) => Number.isInteger(s) && s >= 0 && s <= 20)
+  )
+    throw new ReelError("it has a basis of the wrong size");
   // A basis of zeros takes no bytes, whatever its claimed size.
-  if (shifts.length * dimensions > MAX_BASIS) throw new ReelError(`it has a basis of ${shifts.length} x ${dimensions} numbers`);
+  if (shifts.length * dimensions > MAX_BASIS)
+    throw new ReelError(`it has a basis of ${shifts.length} x ${dimensions} numbers`);
   const decoder = new EntropyDecoder(data, 1);
-  const basis = shifts.map((shift) => Float64Array.from({ length: dimensions }, () => unzigzag(decoder.next(0)) * 2 ** -shift));
+  const basis = shifts.map((shift) =>
+    Float64Array.from({ length: dimensions }, () => unzigzag(decoder.next(0)) * 2 ** -shift),
+  );
   decoder.finish();
   return basis;
 }

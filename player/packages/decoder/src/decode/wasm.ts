@@ -9,19 +9,83 @@ import { CONTEXT_OF, CONTEXTS, firstStride, type Levels } from "./lod-prediction
 interface Module {
   memory: WebAssembly.Memory;
   begin(): number;
-  open(lookup: number, states: number, lanes: number, words: number, wordCount: number, raw: number, rawBytes: number): void;
-  lod(found: number, sizes: number, contextOf: number, order: number, neighbours: number, weights: number, shifts: number, ends: number, count: number, columns: number): number;
-  levels(quantized: number, count: number, firstStride: number, order: number, neighbours: number, weights: number): void;
-  expand(found: number, ends: number, points: number, count: number, columns: number, slots: number, rows: number, basis: number, dimensions: number, K: number, own: number, result: number): void;
-  expandRows(found: number, ends: number, points: number, count: number, columns: number, basis: number, dimensions: number, result: number): void;
+  open(
+    lookup: number,
+    states: number,
+    lanes: number,
+    words: number,
+    wordCount: number,
+    raw: number,
+    rawBytes: number,
+  ): void;
+  lod(
+    found: number,
+    sizes: number,
+    contextOf: number,
+    order: number,
+    neighbours: number,
+    weights: number,
+    shifts: number,
+    ends: number,
+    count: number,
+    columns: number,
+  ): number;
+  levels(
+    quantized: number,
+    count: number,
+    firstStride: number,
+    order: number,
+    neighbours: number,
+    weights: number,
+  ): void;
+  expand(
+    found: number,
+    ends: number,
+    points: number,
+    count: number,
+    columns: number,
+    slots: number,
+    rows: number,
+    basis: number,
+    dimensions: number,
+    K: number,
+    own: number,
+    result: number,
+  ): void;
+  expandRows(
+    found: number,
+    ends: number,
+    points: number,
+    count: number,
+    columns: number,
+    basis: number,
+    dimensions: number,
+    result: number,
+  ): void;
   turn(values: number, count: number): void;
   color(values: number, count: number, shares: number): void;
   range(values: number, count: number, ranges: number): void;
-  quantize(values: number, frames: number, points: number, count: number, rows: number, scale: number, stay: number, data: number, bytes: number): void;
+  quantize(
+    values: number,
+    frames: number,
+    points: number,
+    count: number,
+    rows: number,
+    scale: number,
+    stay: number,
+    data: number,
+    bytes: number,
+  ): void;
 }
 
 /** Errors by the return value of `lod`. */
-const WRONG = ["", "a stream ends too early", "a stream holds numbers that are too large", "a section decodes to numbers that are too large", "a stream is damaged"];
+const WRONG = [
+  "",
+  "a stream ends too early",
+  "a stream holds numbers that are too large",
+  "a section decodes to numbers that are too large",
+  "a stream is damaged",
+];
 const PAGE = 65536;
 /** Maximum memory that is kept for the next file. */
 const KEPT = 64 * 2 ** 20;
@@ -71,7 +135,9 @@ class Arena {
 
   /** Copy from an address into an array. */
   take<T extends Numbers>(place: number, array: T): T {
-    new Uint8Array(array.buffer, array.byteOffset, array.byteLength).set(new Uint8Array(this.run.memory.buffer, place, array.byteLength));
+    new Uint8Array(array.buffer, array.byteOffset, array.byteLength).set(
+      new Uint8Array(this.run.memory.buffer, place, array.byteLength),
+    );
     return array;
   }
 }
@@ -110,20 +176,52 @@ function levelsOf(arena: Arena, quantized: Float64Array): Levels {
   const from = arena.put(Int32Array.from(quantized));
   const [order, neighbours, weights] = [arena.room(4 * count), arena.zeros(16 * count), arena.zeros(8 * count)];
   arena.run.levels(from, count, firstStride(count), order, neighbours, weights);
-  return { order: arena.take(order, new Uint32Array(count)), neighbours: arena.take(neighbours, new Uint32Array(4 * count)), weights: arena.take(weights, new Uint16Array(4 * count)) };
+  return {
+    order: arena.take(order, new Uint32Array(count)),
+    neighbours: arena.take(neighbours, new Uint32Array(4 * count)),
+    weights: arena.take(weights, new Uint16Array(4 * count)),
+  };
 }
 
 /** Decode the integers [N, columns] of a stream. Returns the addresses of them and of `ends`. */
-function lod(arena: Arena, data: Uint8Array, columns: number, levels: Levels, shifts: Uint8Array, ends: Int32Array | null): { found: number; ends: number } {
+function lod(
+  arena: Arena,
+  data: Uint8Array,
+  columns: number,
+  levels: Levels,
+  shifts: Uint8Array,
+  ends: Int32Array | null,
+): { found: number; ends: number } {
   const stream = streamOf(data, CONTEXTS);
   const count = shifts.length;
   const found = arena.zeros(4 * columns * count);
   const sizes = arena.zeros(2 * columns * count);
   const endsAt = ends ? arena.put(ends) : 0;
-  const [lookup, states, words, raw] = [arena.put(stream.lookup), arena.put(stream.states), arena.put(stream.words), arena.put(stream.raw)];
+  const [lookup, states, words, raw] = [
+    arena.put(stream.lookup),
+    arena.put(stream.states),
+    arena.put(stream.words),
+    arena.put(stream.raw),
+  ];
   arena.run.open(lookup, states, stream.states.length, words, stream.words.length, raw, stream.rawBytes);
-  const [contextOf, order, neighbours, weights] = [arena.put(CONTEXT_OF), arena.put(levels.order), arena.put(levels.neighbours), arena.put(levels.weights)];
-  const wrong = arena.run.lod(found, sizes, contextOf, order, neighbours, weights, arena.put(shifts), endsAt, count, columns);
+  const [contextOf, order, neighbours, weights] = [
+    arena.put(CONTEXT_OF),
+    arena.put(levels.order),
+    arena.put(levels.neighbours),
+    arena.put(levels.weights),
+  ];
+  const wrong = arena.run.lod(
+    found,
+    sizes,
+    contextOf,
+    order,
+    neighbours,
+    weights,
+    arena.put(shifts),
+    endsAt,
+    count,
+    columns,
+  );
   if (wrong) throw new ReelError(WRONG[wrong]);
   return { found, ends: endsAt };
 }
@@ -139,15 +237,37 @@ function decodeRows(arena: Arena, { data, ends, columns, basis, dimensions, leve
   return arena.take(to, result);
 }
 
-function decodeTexture(arena: Arena, { data, ends, columns, basis, dimensions, levels, shifts }: Klt, form: Form): Texture {
+function decodeTexture(
+  arena: Arena,
+  { data, ends, columns, basis, dimensions, levels, shifts }: Klt,
+  form: Form,
+): Texture {
   const { run } = arena;
   const K = basis.length / dimensions;
   const at = lod(arena, data, columns.length, levels, shifts, ends);
   const { slots, rows } = slotsOf(columns, 4);
   const some = coded(ends);
   const count = some.length * dimensions;
-  const [points, basisAt, own, values] = [arena.put(some), arena.put(basis), arena.room(32 * K), arena.room(16 * count)];
-  run.expand(at.found, at.ends, points, some.length, columns.length, arena.put(slots), arena.put(rows), basisAt, dimensions, K, own, values);
+  const [points, basisAt, own, values] = [
+    arena.put(some),
+    arena.put(basis),
+    arena.room(32 * K),
+    arena.room(16 * count),
+  ];
+  run.expand(
+    at.found,
+    at.ends,
+    points,
+    some.length,
+    columns.length,
+    arena.put(slots),
+    arena.put(rows),
+    basisAt,
+    dimensions,
+    K,
+    own,
+    values,
+  );
   if (form.turn === "quaternion") run.turn(values, count);
   if (form.turn === "color") run.color(values, count, arena.put(Float64Array.from(SHARES)));
   const ranges = arena.put(Float32Array.from([...form.rest, ...form.rest]));
@@ -156,7 +276,11 @@ function decodeTexture(arena: Arena, { data, ends, columns, basis, dimensions, l
   const { share, stay, step } = scaleOf(low, high, form.rest, form.most);
   const Whole = form.most > 255 ? Uint16Array : Uint8Array;
   const result = new Whole(4 * dimensions * ends.length);
-  const [scale, stayAt, to] = [arena.put(Float64Array.from([...low, ...share])), arena.put(Whole.from(stay)), arena.room(result.byteLength)];
+  const [scale, stayAt, to] = [
+    arena.put(Float64Array.from([...low, ...share])),
+    arena.put(Whole.from(stay)),
+    arena.room(result.byteLength),
+  ];
   run.quantize(values, dimensions, points, some.length, ends.length, scale, stayAt, to, 4 * Whole.BYTES_PER_ELEMENT);
   return { data: arena.take(to, result), min: [...low], step };
 }

@@ -10,7 +10,11 @@ export async function isIntact(bytes: Uint8Array, sha256: string): Promise<boole
  * instead. Returns null on a page that holds the whole player, whose workers can load no script beside them.
  */
 async function digestOf(bytes: Uint8Array): Promise<string | null> {
-  if (!globalThis.crypto?.subtle) return import("./sha256").then(({ sha256 }) => sha256(bytes), () => null);
+  if (!globalThis.crypto?.subtle)
+    return import("./sha256").then(
+      ({ sha256 }) => sha256(bytes),
+      () => null,
+    );
   const digest = new Uint8Array(await crypto.subtle.digest("SHA-256", bytes as BufferSource));
   return Array.from(digest, (byte) => byte.toString(16).padStart(2, "0")).join("");
 }

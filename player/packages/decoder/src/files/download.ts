@@ -12,7 +12,12 @@ const STALL = 8000;
 
 /** A temporary failure, and the number of retries for it. */
 class TransientError extends Error {
-  constructor(why: string, readonly tries = PAUSES.length, readonly status = 0, readonly plain = PLAIN.network) {
+  constructor(
+    why: string,
+    readonly tries = PAUSES.length,
+    readonly status = 0,
+    readonly plain = PLAIN.network,
+  ) {
     super(why);
   }
 }
@@ -47,21 +52,29 @@ export function downloadText(url: string, watcher: Watcher, signal: AbortSignal)
         });
         return utf8(await new Blob(parts as BlobPart[]).arrayBuffer());
       } catch (error) {
-        throw error instanceof ReelError ? new ReelError(`${url} is not a reel's manifest: ${error.message}.`, { plain: PLAIN.other }) : error;
+        throw error instanceof ReelError
+          ? new ReelError(`${url} is not a reel's manifest: ${error.message}.`, { plain: PLAIN.other })
+          : error;
       }
     }),
   );
 }
 
 /** Repeat `attempt` until it succeeds, fails permanently, or has used all retries. */
-async function withRetries<T>(url: string, watcher: Watcher, signal: AbortSignal, attempt: (again: boolean) => Promise<T>): Promise<T> {
-  for (let failures = 0; ; ) {
+async function withRetries<T>(
+  url: string,
+  watcher: Watcher,
+  signal: AbortSignal,
+  attempt: (again: boolean) => Promise<T>,
+): Promise<T> {
+  for (let failures = 0; ;) {
     try {
       return await attempt(failures > 0);
     } catch (error) {
       if (signal.aborted || !(error instanceof TransientError)) throw error;
       const offline = globalThis.navigator?.onLine === false;
-      if (!offline && failures >= error.tries) throw new ReelError(`${url} cannot be downloaded: ${error.message}.`, { plain: error.plain });
+      if (!offline && failures >= error.tries)
+        throw new ReelError(`${url} cannot be downloaded: ${error.message}.`, { plain: error.plain });
       watcher.trouble(offline ? "Offline. Waiting for the network." : `Retrying: ${error.message}.`);
       await pause(PAUSES[failures] * (1 + Math.random() / 2), signal);
       // While offline, retries are unlimited.
@@ -78,18 +91,28 @@ async function request(url: string, options: RequestInit, tries = PAUSES.length)
   } catch (error) {
     if (options.signal?.aborted) throw error;
     if (await answersOthers(url)) {
-      throw new ReelError(`${url} exists, but its host does not let ${readers()} read it. It must send the header Access-Control-Allow-Origin.`, { plain: PLAIN.refused });
+      throw new ReelError(
+        `${url} exists, but its host does not let ${readers()} read it. It must send the header Access-Control-Allow-Origin.`,
+        { plain: PLAIN.refused },
+      );
     }
     throw new TransientError(`${messageOf(error)}. Check the address and the network`, tries);
   }
   if (response.ok) return response;
   const why = `it answered ${response.status} ${response.statusText}`.trim();
-  if (response.status >= 500 || [408, 416, 425, 429].includes(response.status)) throw new TransientError(why, tries, response.status);
-  throw new ReelError(`${url} cannot be downloaded: ${why}.`, { plain: [401, 403].includes(response.status) ? PLAIN.refused : PLAIN.missing });
+  if (response.status >= 500 || [408, 416, 425, 429].includes(response.status))
+    throw new TransientError(why, tries, response.status);
+  throw new ReelError(`${url} cannot be downloaded: ${why}.`, {
+    plain: [401, 403].includes(response.status) ? PLAIN.refused : PLAIN.missing,
+  });
 }
 
 /** Run `work` with a timeout that `alive` restarts. */
-async function withStallTimeout<T>(signal: AbortSignal, tries: number, work: (inner: AbortSignal, alive: () => void) => Promise<T>): Promise<T> {
+async function withStallTimeout<T>(
+  signal: AbortSignal,
+  tries: number,
+  work: (inner: AbortSignal, alive: () => void) => Promise<T>,
+): Promise<T> {
   signal.throwIfAborted();
   const controller = new AbortController();
   const abort = (): void => controller.abort();
@@ -102,7 +125,8 @@ async function withStallTimeout<T>(signal: AbortSignal, tries: number, work: (in
   try {
     return await work(controller.signal, alive);
   } catch (error) {
-    if (controller.signal.aborted && !signal.aborted) throw new TransientError("no data arrived for some seconds", tries);
+    if (controller.signal.aborted && !signal.aborted)
+      throw new TransientError("no data arrived for some seconds", tries);
     throw error;
   } finally {
     clearTimeout(alarm);
@@ -114,32 +138,48 @@ async function withStallTimeout<T>(signal: AbortSignal, tries: number, work: (in
 async function readAll(response: Response, tries: number, take: (value: Uint8Array) => void): Promise<void> {
   const reader = response.body!.getReader();
   for (;;) {
-    const { done, value } = await reader.read().catch((error: unknown) => Promise.reject(new TransientError(messageOf(error), tries)));
+    const { done, value } = await reader
+      .read()
+      .catch((error: unknown) => Promise.reject(new TransientError(messageOf(error), tries)));
     if (done) return;
     take(value);
   }
 }
 
-async function receive(source: Source, transfer: { body: Uint8Array; filled: number }, again: boolean, watcher: Watcher, signal: AbortSignal): Promise<void> {
+async function receive(
+  source: Source,
+  transfer: { body: Uint8Array; filled: number },
+  again: boolean,
+  watcher: Watcher,
+  signal: AbortSignal,
+): Promise<void> {
   await withStallTimeout(signal, PAUSES.length, async (inner, alive) => {
     const headers: HeadersInit = transfer.filled > 0 ? { Range: `bytes=${transfer.filled}-` } : {};
-    const response = await request(source.url, { headers, cache: again ? "reload" : "default", signal: inner }).catch((error: unknown) => {
-      if (error instanceof TransientError && error.status === 416) transfer.filled = 0;
-      throw error;
-    });
+    const response = await request(source.url, { headers, cache: again ? "reload" : "default", signal: inner }).catch(
+      (error: unknown) => {
+        if (error instanceof TransientError && error.status === 416) transfer.filled = 0;
+        throw error;
+      },
+    );
     if (response.status !== 206) transfer.filled = 0; // the host ignored the range
     await readAll(response, PAUSES.length, (value) => {
       alive();
       if (transfer.filled + value.byteLength > source.bytes) {
         transfer.filled = 0;
-        throw new TransientError(`it has more than the ${source.bytes} bytes of the manifest`, FEW_RETRIES, 0, PLAIN.damaged);
+        throw new TransientError(
+          `it has more than the ${source.bytes} bytes of the manifest`,
+          FEW_RETRIES,
+          0,
+          PLAIN.damaged,
+        );
       }
       transfer.body.set(value, transfer.filled);
       transfer.filled += value.byteLength;
       watcher.received(value.byteLength);
     });
   });
-  if (transfer.filled < source.bytes) throw new TransientError(`it ended after ${transfer.filled} of ${source.bytes} bytes`);
+  if (transfer.filled < source.bytes)
+    throw new TransientError(`it ended after ${transfer.filled} of ${source.bytes} bytes`);
 }
 
 async function check({ sha256 }: Source, transfer: { body: Uint8Array; filled: number }): Promise<void> {
@@ -151,7 +191,10 @@ async function check({ sha256 }: Source, transfer: { body: Uint8Array; filled: n
 /** Return true if a host of another origin responds at all, which means that CORS blocked the request. Only browsers block requests. */
 function answersOthers(url: string): Promise<boolean> {
   if (!globalThis.location || new URL(url, location.href).origin === self.origin) return Promise.resolve(false);
-  return fetch(url, { mode: "no-cors", signal: AbortSignal.timeout(STALL) }).then(() => true, () => false);
+  return fetch(url, { mode: "no-cors", signal: AbortSignal.timeout(STALL) }).then(
+    () => true,
+    () => false,
+  );
 }
 
 /** Name the pages that a host must admit. A sandboxed frame has no origin; `location.origin` would name that of its address. */

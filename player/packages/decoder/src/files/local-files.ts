@@ -13,7 +13,10 @@ export class LocalFiles {
   private readonly addresses = new Map<string, Promise<string>>();
 
   /** name: of the folder or zip, for messages. find: returns the file at a path within the reel, or null. */
-  constructor(readonly name: string, private readonly find: (uri: string) => LocalFile | null) {}
+  constructor(
+    readonly name: string,
+    private readonly find: (uri: string) => LocalFile | null,
+  ) {}
 
   /** Address of the manifest, for messages. */
   get url(): string {
@@ -28,7 +31,10 @@ export class LocalFiles {
   /** Read the text of the manifest. Throws `ReelError`. */
   async manifest(): Promise<string> {
     const part = this.find("manifest.json");
-    if (!part) throw new ReelError(`${this.name} is not a reel: it has no manifest.json.`, { plain: `${this.name} is not a reel: it has no manifest.json.` });
+    if (!part)
+      throw new ReelError(`${this.name} is not a reel: it has no manifest.json.`, {
+        plain: `${this.name} is not a reel: it has no manifest.json.`,
+      });
     try {
       return utf8(await (await unpacked(part, LONGEST_MANIFEST)).arrayBuffer());
     } catch (error) {
@@ -47,14 +53,23 @@ export class LocalFiles {
 
   /** Revoke the object URLs. */
   close(): void {
-    for (const address of this.addresses.values()) address.then((url) => URL.revokeObjectURL(url), () => undefined);
+    for (const address of this.addresses.values())
+      address.then(
+        (url) => URL.revokeObjectURL(url),
+        () => undefined,
+      );
     this.addresses.clear();
   }
 }
 
 /** Read a file and verify its size and checksum. Throws `ReelError`. */
-export async function readLocalFile({ url, bytes, sha256 }: Source, part: LocalFile, watcher: Watcher): Promise<Uint8Array> {
-  const wrong = (why: string, plain = PLAIN.damaged): ReelError => new ReelError(`${url} cannot be read: ${why}.`, { plain });
+export async function readLocalFile(
+  { url, bytes, sha256 }: Source,
+  part: LocalFile,
+  watcher: Watcher,
+): Promise<Uint8Array> {
+  const wrong = (why: string, plain = PLAIN.damaged): ReelError =>
+    new ReelError(`${url} cannot be read: ${why}.`, { plain });
   const body = new Uint8Array(bytes);
   let filled = 0;
   const reader = streamOf(part).getReader();
@@ -76,7 +91,7 @@ export async function readLocalFile({ url, bytes, sha256 }: Source, part: LocalF
 async function unpacked(part: LocalFile, most: number): Promise<Blob> {
   const chunks: Uint8Array<ArrayBuffer>[] = [];
   const reader = streamOf(part).getReader();
-  for (let length = 0; ; ) {
+  for (let length = 0; ;) {
     const { done, value } = await reader.read();
     if (done) return new Blob(chunks);
     length += value.byteLength;

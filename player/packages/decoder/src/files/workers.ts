@@ -37,7 +37,9 @@ export function startWorker(address: string, options?: WorkerOptions): Worker {
  */
 export function openWorker(address: string, start?: () => Worker): Worker {
   try {
-    return start && (address.startsWith("data:") || !scriptPolicy()) ? start() : startWorker(address, { type: "module" });
+    return start && (address.startsWith("data:") || !scriptPolicy())
+      ? start()
+      : startWorker(address, { type: "module" });
   } catch {
     return importingWorker(address);
   }

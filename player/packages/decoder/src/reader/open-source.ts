@@ -7,7 +7,12 @@ import { ReelReader, type ReelOptions } from "./reel-reader";
 export type ReelFiles = (path: string) => Blob | null;
 
 /** Open a reel. name: of the reel, for messages. Throws `ReelError`. */
-export function openSource(source: string | URL | ReelFiles, workers: DecodeWorkers, options?: ReelOptions, name = "reel"): Promise<ReelReader> {
+export function openSource(
+  source: string | URL | ReelFiles,
+  workers: DecodeWorkers,
+  options?: ReelOptions,
+  name = "reel",
+): Promise<ReelReader> {
   return ReelReader.open(typeof source === "function" ? localFiles(source, name) : String(source), workers, options);
 }
 

@@ -50,7 +50,9 @@ interface Part {
 
 /** Return the Gaussians of a moment. previous: group that fades out. weight: of the current group, 0 to 1. */
 export function pointsAt(current: GroupAt, previous: GroupAt | null, weight: number): Points {
-  const parts = previous ? fadingParts(current, previous, weight) : [...staticParts(current, (flag) => flag, null), dynamicPart(current, null)];
+  const parts = previous
+    ? fadingParts(current, previous, weight)
+    : [...staticParts(current, (flag) => flag, null), dynamicPart(current, null)];
   const shown = parts.filter(({ points, rows }) => (rows?.length ?? points.count) > 0);
   return join(shown, lightAt(current.group.light, current.frame));
 }
@@ -74,11 +76,17 @@ function aliveIn({ group, layers }: GroupData): Map<string, Uint8Array> {
   return new Map(layers.map(({ uri, file }) => [uri, group.alive.subarray(first, (first += file.points.count))]));
 }
 
-function staticParts(shown: GroupAt, select: (flag: number, uri: string, row: number) => number, weight: Part["weight"]): Part[] {
+function staticParts(
+  shown: GroupAt,
+  select: (flag: number, uri: string, row: number) => number,
+  weight: Part["weight"],
+): Part[] {
   const alive = aliveIn(shown);
   return shown.layers.map(({ uri, file: { points } }) => {
     const flags = alive.get(uri)!;
-    const rows = Uint32Array.from({ length: points.count }, (_, row) => row).filter((row) => select(flags[row] ?? 0, uri, row) & 1);
+    const rows = Uint32Array.from({ length: points.count }, (_, row) => row).filter(
+      (row) => select(flags[row] ?? 0, uri, row) & 1,
+    );
     return { points, rows, weight };
   });
 }
@@ -126,7 +134,9 @@ function write({ points, rows, weight, offsets, frame = 0 }: Part, result: Point
     result.sh.set(codebook.subarray(rest * shRest[i], rest * (shRest[i] + 1)), 3 * (bands * to + 1));
   }
   if (offsets) move(offsets, frame, result, at, total, bands);
-  if (weight !== null) for (let to = at; to < at + total; to++) result.opacities[to] = 1 - (1 - Math.min(result.opacities[to], OPAQUE)) ** weight;
+  if (weight !== null)
+    for (let to = at; to < at + total; to++)
+      result.opacities[to] = 1 - (1 - Math.min(result.opacities[to], OPAQUE)) ** weight;
   return at + total;
 }
 
@@ -136,7 +146,8 @@ function move(offsets: Offsets, frame: number, result: Points, at: number, total
   const low = Math.min(Math.floor(frame), offsets.frames - 1);
   const between = frame - low;
   const [first, second] = [4 * total * low, 4 * total * Math.min(low + 1, offsets.frames - 1)];
-  const mix = (values: ArrayLike<number>, i: number): number => values[first + i] + (values[second + i] - values[first + i]) * between;
+  const mix = (values: ArrayLike<number>, i: number): number =>
+    values[first + i] + (values[second + i] - values[first + i]) * between;
   const [turn, next] = [new Float64Array(4), new Float64Array(4)];
   for (let k = 0, to = at; k < total; k++, to++) {
     for (let a = 0; a < 3; a++) result.means[3 * to + a] += dxMin[a] + dxStep[a] * mix(dx, 4 * k + a);
@@ -171,5 +182,10 @@ function normalize(q: Float64Array): void {
 /** Multiply a rotation by another: from the left if it is about the axes of the world, from the right if about those of the point. */
 function rotate(own: Float32Array, turn: Float64Array, worldly: boolean): void {
   const [[w, x, y, z], [s, a, b, c]] = worldly ? [turn, own] : [own, turn];
-  own.set([w * s - x * a - y * b - z * c, w * a + x * s + y * c - z * b, w * b - x * c + y * s + z * a, w * c + x * b - y * a + z * s]);
+  own.set([
+    w * s - x * a - y * b - z * c,
+    w * a + x * s + y * c - z * b,
+    w * b - x * c + y * s + z * a,
+    w * c + x * b - y * a + z * s,
+  ]);
 }

@@ -14,7 +14,23 @@ import { pointsAt, type GroupAt, type GroupData, type Points } from "./points";
 const HEARTBEAT = 500;
 
 /** The properties of a reel (docs/format.md). */
-export interface ReelInfo extends Pick<Manifest, "live" | "fps" | "frames" | "shDegree" | "bounds" | "up" | "near" | "clearance" | "background" | "antialias" | "camera" | "cameras" | "renditions" | "presentation"> {
+export interface ReelInfo extends Pick<
+  Manifest,
+  | "live"
+  | "fps"
+  | "frames"
+  | "shDegree"
+  | "bounds"
+  | "up"
+  | "near"
+  | "clearance"
+  | "background"
+  | "antialias"
+  | "camera"
+  | "cameras"
+  | "renditions"
+  | "presentation"
+> {
   /** First and last time, in seconds. A live reel grows, and may drop what was first. */
   start: number;
   end: number;
@@ -64,9 +80,16 @@ export class ReelReader {
   private readonly timer: ReturnType<typeof setInterval>;
 
   /** Open a reel by the address of its manifest, or a local one. Throws `ReelError`. */
-  static async open(source: string | LocalFiles, workers: DecodeWorkers, { rendition }: ReelOptions = {}): Promise<ReelReader> {
+  static async open(
+    source: string | LocalFiles,
+    workers: DecodeWorkers,
+    { rendition }: ReelOptions = {},
+  ): Promise<ReelReader> {
     const held: { reader?: ReelReader } = {};
-    const on = <T extends unknown[]>(act: (reader: ReelReader, ...rest: T) => void) => (...rest: T): void => void (held.reader && act(held.reader, ...rest));
+    const on =
+      <T extends unknown[]>(act: (reader: ReelReader, ...rest: T) => void) =>
+      (...rest: T): void =>
+        void (held.reader && act(held.reader, ...rest));
     const receiver: FileReceiver = {
       addLayer: on((reader, uri, file) => reader.layers.set(uri, file)),
       addGroup: on((reader, index, file) => reader.decoded.set(index, file)),
@@ -75,9 +98,15 @@ export class ReelReader {
       lost: false,
     };
     const changed = on((reader) => reader.update());
-    const failed = on((reader, error: unknown) => reader.fail(error instanceof Error ? error : new ReelError(String(error))));
+    const failed = on((reader, error: unknown) =>
+      reader.fail(error instanceof Error ? error : new ReelError(String(error))),
+    );
     const replaced = (): void => failed(new ReelError("The reel was replaced by another one. Open it again."));
-    const loader = new ReelLoader(receiver, { arrived: changed, grown: changed, progress: () => undefined, replaced, failed }, workers);
+    const loader = new ReelLoader(
+      receiver,
+      { arrived: changed, grown: changed, progress: () => undefined, replaced, failed },
+      workers,
+    );
     try {
       const reel = new Reel(await loader.findManifest(source));
       checkRendition(rendition, reel.manifest);
@@ -98,16 +127,60 @@ export class ReelReader {
 
   /** Properties of the reel, as known now. */
   get info(): ReelInfo {
-    const { live, fps, frames, shDegree, bounds, up, near, clearance, background, antialias, camera, cameras, renditions, presentation, first, groups, pages } = this.reel.manifest;
+    const {
+      live,
+      fps,
+      frames,
+      shDegree,
+      bounds,
+      up,
+      near,
+      clearance,
+      background,
+      antialias,
+      camera,
+      cameras,
+      renditions,
+      presentation,
+      first,
+      groups,
+      pages,
+    } = this.reel.manifest;
     const start = (groups[first] ?? pages[0]).firstFrame / fps;
-    return { live, fps, frames, shDegree, bounds, up, near, clearance, background, antialias, camera, cameras, renditions, presentation, start, end: frames / fps };
+    return {
+      live,
+      fps,
+      frames,
+      shDegree,
+      bounds,
+      up,
+      near,
+      clearance,
+      background,
+      antialias,
+      camera,
+      cameras,
+      renditions,
+      presentation,
+      start,
+      end: frames / fps,
+    };
   }
 
   /** Groups in order of time. Those of pages that were not needed yet are absent. */
   get groups(): GroupInfo[] {
     return this.reel.manifest.groups.flatMap((file) => {
       const { group: number, firstFrame, frames, points, bytes } = file;
-      return [{ number, firstFrame, frames, points, bytes, staticPoints: layersAt(file).reduce((sum, layer) => sum + layer.points, 0) }];
+      return [
+        {
+          number,
+          firstFrame,
+          frames,
+          points,
+          bytes,
+          staticPoints: layersAt(file).reduce((sum, layer) => sum + layer.points, 0),
+        },
+      ];
     });
   }
 
@@ -129,8 +202,11 @@ export class ReelReader {
   group(number: number): Promise<GroupData> {
     return this.enqueue(async () => {
       const known = this.reel.manifest.groups[number];
-      if (!known) throw new RangeError(`There is no group ${number}, or its page is not loaded. Seek to its time first.`);
-      await this.load((known.firstFrame + Math.min(overlapOf(this.reel.manifest, number), known.frames - 1)) / this.reel.manifest.fps);
+      if (!known)
+        throw new RangeError(`There is no group ${number}, or its page is not loaded. Seek to its time first.`);
+      await this.load(
+        (known.firstFrame + Math.min(overlapOf(this.reel.manifest, number), known.frames - 1)) / this.reel.manifest.fps,
+      );
       return this.groupData(number);
     });
   }
@@ -176,7 +252,10 @@ export class ReelReader {
 
   private isHere(): boolean {
     const { moment } = this;
-    return moment !== null && [moment.current, moment.previous].every((shown) => shown === null || this.loader.stream!.has(shown.group));
+    return (
+      moment !== null &&
+      [moment.current, moment.previous].every((shown) => shown === null || this.loader.stream!.has(shown.group))
+    );
   }
 
   private until(isDone: () => boolean): Promise<void> {
@@ -188,10 +267,21 @@ export class ReelReader {
 
   /** Update the demand of the stream, and settle the calls whose files are here. */
   private update(): void {
-    const { moment, loader: { stream }, failure } = this;
+    const {
+      moment,
+      loader: { stream },
+      failure,
+    } = this;
     if (!failure) {
       const [current, previous] = [moment?.current.group ?? null, moment?.previous?.group ?? null];
-      stream!.want({ current, previous, inUse: [], frame: this.seconds * this.reel.manifest.fps, rate: 1, loop: false });
+      stream!.want({
+        current,
+        previous,
+        inUse: [],
+        frame: this.seconds * this.reel.manifest.fps,
+        rate: 1,
+        loop: false,
+      });
     }
     const ready = this.waiting.filter(({ isDone }) => failure ?? isDone());
     this.waiting = this.waiting.filter((call) => !ready.includes(call));
@@ -216,5 +306,7 @@ export class ReelReader {
 
 function checkRendition(name: string | null | undefined, { renditions, url }: Manifest): void {
   if (name == null || renditions.includes(name)) return;
-  throw new ReelError(`${url} has no rendition ${name}. ${renditions.length > 0 ? `It has ${renditions.join(", ")}.` : "It has one only, without a name."}`);
+  throw new ReelError(
+    `${url} has no rendition ${name}. ${renditions.length > 0 ? `It has ${renditions.join(", ")}.` : "It has one only, without a name."}`,
+  );
 }

@@ -12,14 +12,29 @@ export function maxPoints(bytes: number): number {
 }
 
 /** Return true if the sections of a file fit the memory limit. Invalid numbers count as 0 and are rejected later. */
-export function fits(points: number, frames: number, sections: Record<string, Record<string, unknown>>, bytes: number): boolean {
+export function fits(
+  points: number,
+  frames: number,
+  sections: Record<string, Record<string, unknown>>,
+  bytes: number,
+): boolean {
   const found = Object.entries(sections);
   const columns = found.map(([, section]) => (section.codec === "klt" ? whole(section.columns) : 0));
   const basis = found.map(([, { shifts }]) => (Array.isArray(shifts) ? shifts.length : 0));
   const degree = Math.min(whole(sections.sh_rest?.degree), 3);
-  const perPoint = 256 + 32 * frames * (sections.shade ? 2 : 1) + 6 * Math.max(0, ...columns) + 18 * ((degree + 1) ** 2 - 1);
-  const pictures = found.map(([name, { width, height }]) => whole(width) * whole(height) * (name === "offsets" ? 10 * frames : name === "sh_rest" ? 3 + 3 * (degree + 1) ** 2 : 3));
-  const needed = points * perPoint + 32 * Math.max(0, ...basis) * Math.max(frames, 45) + 2 * pictures.reduce((sum, area) => sum + area, 0) + 2 * whole(sections.alive?.count);
+  const perPoint =
+    256 + 32 * frames * (sections.shade ? 2 : 1) + 6 * Math.max(0, ...columns) + 18 * ((degree + 1) ** 2 - 1);
+  const pictures = found.map(
+    ([name, { width, height }]) =>
+      whole(width) *
+      whole(height) *
+      (name === "offsets" ? 10 * frames : name === "sh_rest" ? 3 + 3 * (degree + 1) ** 2 : 3),
+  );
+  const needed =
+    points * perPoint +
+    32 * Math.max(0, ...basis) * Math.max(frames, 45) +
+    2 * pictures.reduce((sum, area) => sum + area, 0) +
+    2 * whole(sections.alive?.count);
   return needed <= BASE + PER_BYTE * bytes;
 }
 

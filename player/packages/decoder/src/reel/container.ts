@@ -44,14 +44,20 @@ export function parseContainer(file: Uint8Array, name: string): Container {
     fail("its header cannot be read");
   }
   if (!isObject(header) || !isObject(meta)) return fail("its header cannot be read");
-  if (meta.version !== 1) throw new ReelError(`${name} has version ${JSON.stringify(meta.version)}; this player knows version 1.`, { plain: PLAIN.newer });
+  if (meta.version !== 1)
+    throw new ReelError(`${name} has version ${JSON.stringify(meta.version)}; this player knows version 1.`, {
+      plain: PLAIN.newer,
+    });
   const sections = meta.sections;
   if (!isObject(sections) || !Object.values(sections).every(isObject)) return fail("it has no sections");
   if (meta.kind !== "layer" && meta.kind !== "group") fail("it is neither a layer nor a group");
   const frames = meta.kind === "group" ? (meta.frames as number) : 0;
-  if (![meta.points, frames, meta.index, meta.first_frame].every(isCount) || (meta.kind === "group" && frames === 0)) fail("its number of points or frames, or its place, is invalid");
+  if (![meta.points, frames, meta.index, meta.first_frame].every(isCount) || (meta.kind === "group" && frames === 0))
+    fail("its number of points or frames, or its place, is invalid");
   if (!fits(meta.points as number, frames, sections as Record<string, Section>, file.byteLength)) {
-    fail(`it claims ${frames} frames of ${meta.points} points in ${file.byteLength} bytes, which would take too much memory`);
+    fail(
+      `it claims ${frames} frames of ${meta.points} points in ${file.byteLength} bytes, which would take too much memory`,
+    );
   }
   const body = file.subarray(8 + headerBytes);
   const data: Record<string, Uint8Array> = {};
@@ -60,7 +66,12 @@ export function parseContainer(file: Uint8Array, name: string): Container {
     if (!isObject(tensor) || tensor.dtype !== "U8") return fail(`section ${name} is no tensor of bytes`);
     const { shape, data_offsets: offsets } = tensor;
     const [begin, end] = Array.isArray(offsets) && offsets.length === 2 ? (offsets as unknown[]) : [];
-    const inside = isCount(begin) && isCount(end) && begin <= end && end <= body.byteLength && JSON.stringify(shape) === `[${end - begin}]`;
+    const inside =
+      isCount(begin) &&
+      isCount(end) &&
+      begin <= end &&
+      end <= body.byteLength &&
+      JSON.stringify(shape) === `[${end - begin}]`;
     if (!inside) return fail(`section ${name} does not fit the file`);
     data[name] = body.subarray(begin, end);
   }

@@ -58,35 +58,41 @@ export function number(value: unknown, what: string): number {
 /** Return the value if it is a number from low to high. */
 export function within(value: unknown, low: number, high: number, what: string): number {
   const result = number(value, what);
-  if (result < low || result > high) throw new ReelError(`The manifest is damaged: ${what} is ${result}, expected ${low} to ${high}.`);
+  if (result < low || result > high)
+    throw new ReelError(`The manifest is damaged: ${what} is ${result}, expected ${low} to ${high}.`);
   return result;
 }
 
 /** Return the value if it is an integer from low to high. */
 export function whole(value: unknown, low: number, high: number, what: string): number {
   const result = within(value, low, high, what);
-  if (!Number.isInteger(result)) throw new ReelError(`The manifest is damaged: ${what} is ${result}, expected a whole number.`);
+  if (!Number.isInteger(result))
+    throw new ReelError(`The manifest is damaged: ${what} is ${result}, expected a whole number.`);
   return result;
 }
 
 /** Return the value if it is a list of `count` numbers within the range of float32. */
 export function numbers(value: unknown, count: number, what: string): number[] {
   const result = list(value, what);
-  if (result.length !== count) throw new ReelError(`The manifest is damaged: ${what} has ${result.length} numbers, not ${count}.`);
+  if (result.length !== count)
+    throw new ReelError(`The manifest is damaged: ${what} has ${result.length} numbers, not ${count}.`);
   return result.map((item) => within(item, -FLOAT32, FLOAT32, what));
 }
 
 /** Return the value if it is true or false. absent: value if there is none; undefined if there must be one. */
 export function flag(value: unknown, what: string, absent?: boolean): boolean {
   const result = value === undefined ? absent : value;
-  if (typeof result !== "boolean") throw new ReelError(`The manifest is damaged: ${what} is ${JSON.stringify(value)}, expected true or false.`);
+  if (typeof result !== "boolean")
+    throw new ReelError(`The manifest is damaged: ${what} is ${JSON.stringify(value)}, expected true or false.`);
   return result;
 }
 
 /** Return the value if it is a SHA-256 digest, 64 hexadecimal digits. */
 export function digest(value: unknown): string {
   if (typeof value !== "string" || !/^[0-9a-f]{64}$/.test(value)) {
-    throw new ReelError(`The manifest is damaged: a file has the sha256 ${JSON.stringify(value)?.slice(0, 100)}, expected 64 hexadecimal digits.`);
+    throw new ReelError(
+      `The manifest is damaged: a file has the sha256 ${JSON.stringify(value)?.slice(0, 100)}, expected 64 hexadecimal digits.`,
+    );
   }
   return value;
 }
@@ -94,14 +100,17 @@ export function digest(value: unknown): string {
 /** Return a field that is a text of at most `most` characters; "" if it is absent. */
 export function shortText(json: Json, name: string, most: number): string {
   const { [name]: value = "" } = json;
-  if (typeof value !== "string" || [...value].length > most) throw new ReelError(`The manifest is damaged: its ${name} is not a text of at most ${most} characters.`);
+  if (typeof value !== "string" || [...value].length > most)
+    throw new ReelError(`The manifest is damaged: its ${name} is not a text of at most ${most} characters.`);
   return value;
 }
 
 /** Return the value if it is a path within the reel. */
 export function plainPath(value: unknown): string {
   if (typeof value !== "string" || value.length > 500 || !PLAIN_PATH.test(value)) {
-    throw new ReelError(`The manifest is damaged: it names the file ${JSON.stringify(value)?.slice(0, 100)}; only plain relative paths are read.`);
+    throw new ReelError(
+      `The manifest is damaged: it names the file ${JSON.stringify(value)?.slice(0, 100)}; only plain relative paths are read.`,
+    );
   }
   return value;
 }

@@ -4,7 +4,19 @@ import type { Vec3 } from "../base/matrix";
 import { downloadText } from "../files/download";
 import type { LocalFiles } from "../files/local-files";
 import type { Source, Watcher } from "../files/source";
-import { MAX_NUMBER, addressWithin, flag, list, numbers, parseJson, record, shortText, whole, within, type Json } from "./json";
+import {
+  MAX_NUMBER,
+  addressWithin,
+  flag,
+  list,
+  numbers,
+  parseJson,
+  record,
+  shortText,
+  whole,
+  within,
+  type Json,
+} from "./json";
 import { LAST, checkOrder, numbered, parsePages, type Listing } from "./pages";
 import { parsePresentation, type Asset, type Presentation } from "./presentation";
 import { checkBytes, parseGroup, parseLayers, parseNames, parseRetiringLayers } from "./reel-file";
@@ -58,7 +70,12 @@ export interface Manifest extends Listing {
 }
 
 /** Download and check a manifest. early: its text, already requested; null if that failed. Throws `ReelError` with the URL in its message. */
-export async function loadManifest(url: string, watcher: Watcher, signal: AbortSignal, early?: Promise<string | null>): Promise<Manifest> {
+export async function loadManifest(
+  url: string,
+  watcher: Watcher,
+  signal: AbortSignal,
+  early?: Promise<string | null>,
+): Promise<Manifest> {
   const text = (await early) ?? (await downloadText(url, watcher, signal));
   return parseText(text, new URL(url, globalThis.location?.href).href);
 }
@@ -83,13 +100,18 @@ function parseText(text: string, url: string): Manifest {
 /** Check the fields of a manifest. Unknown fields are ignored; an unknown version throws. */
 export function parseManifest(value: unknown, url: string): Manifest {
   const json = record(value, "the manifest");
-  if (json.format !== "splatreel") throw new ReelError(`${url} is not a reel: its format is ${JSON.stringify(json.format)}.`, { plain: PLAIN.other });
+  if (json.format !== "splatreel")
+    throw new ReelError(`${url} is not a reel: its format is ${JSON.stringify(json.format)}.`, { plain: PLAIN.other });
   if (json.version !== 1 && json.version !== 2) {
-    throw new ReelError(`${url} is a reel of version ${JSON.stringify(json.version)}; this player knows versions 1 and 2.`, { plain: PLAIN.newer });
+    throw new ReelError(
+      `${url} is a reel of version ${JSON.stringify(json.version)}; this player knows versions 1 and 2.`,
+      { plain: PLAIN.newer },
+    );
   }
   const bounds = list(json.bounds, "bounds").map((corner) => numbers(corner, 3, "bounds") as Vec3);
   if (bounds.length !== 2) throw new ReelError(`${url}: bounds needs two corners.`);
-  if (bounds[0].some((low, axis) => low > bounds[1][axis])) throw new ReelError("The manifest is damaged: the first corner of its bounds is above the second.");
+  if (bounds[0].some((low, axis) => low > bounds[1][axis]))
+    throw new ReelError("The manifest is damaged: the first corner of its bounds is above the second.");
   const renditions = parseNames(json.renditions);
   const second = json.version === 2;
   const { first_group: start = 0, pages: listed = [] } = second ? json : {};
@@ -101,10 +123,15 @@ export function parseManifest(value: unknown, url: string): Manifest {
   const layers = second ? parseRetiringLayers(json.layers, begin, end) : parseLayers(json.layers, end);
   const groups = own.map((item, i) => parseGroup(item, begin + i, renditions, layers));
   const live = flag(json.live, "live");
-  if (groups.length === 0 && (!live || pages.length > 0)) throw new ReelError(`${url} holds no group yet.`, { plain: "This reel has no content yet." });
+  if (groups.length === 0 && (!live || pages.length > 0))
+    throw new ReelError(`${url} holds no group yet.`, { plain: "This reel has no content yet." });
   const frames = Math.max(0, ...[...pages, ...groups].map((span) => span.firstFrame + span.frames));
-  if (json.frames !== frames) throw new ReelError(`The manifest is damaged: it has ${JSON.stringify(json.frames)} frames, and its groups ${frames}.`);
-  if (pages.length > 0 && pages.at(-1)!.firstFrame >= groups[0].firstFrame) throw new ReelError("The manifest is damaged: its pages end after its groups begin.");
+  if (json.frames !== frames)
+    throw new ReelError(
+      `The manifest is damaged: it has ${JSON.stringify(json.frames)} frames, and its groups ${frames}.`,
+    );
+  if (pages.length > 0 && pages.at(-1)!.firstFrame >= groups[0].firstFrame)
+    throw new ReelError("The manifest is damaged: its pages end after its groups begin.");
   checkOrder(groups);
   checkBytes(json.renditions, renditions, pages, groups);
   whole(json.group_length, 1, MAX_NUMBER, "group_length");
@@ -117,7 +144,10 @@ export function parseManifest(value: unknown, url: string): Manifest {
     overlap: whole(json.overlap, 0, MAX_NUMBER, "overlap"),
     shDegree: whole(json.sh_degree, 0, 3, "sh_degree"),
     near: json.near === undefined ? 0.01 : within(json.near, 1e-30, 1e30, "near"),
-    clearance: json.clearance === undefined ? { focus: [0, 0, 0], share: 0 } : parseClearance(record(json.clearance, "clearance")),
+    clearance:
+      json.clearance === undefined
+        ? { focus: [0, 0, 0], share: 0 }
+        : parseClearance(record(json.clearance, "clearance")),
     background: json.background === undefined ? [0, 0, 0] : parseColor(json.background),
     transparent: flag(json.transparent, "transparent", false),
     antialias: flag(json.antialias, "antialias", false),
@@ -168,22 +198,34 @@ export async function addressOf({ url, files }: Manifest, { uri }: Asset): Promi
 
 function parseColor(value: unknown): Vec3 {
   const color = numbers(value, 3, "background");
-  if (!color.every((part) => part >= 0 && part <= 1)) throw new ReelError(`The manifest is damaged: its background is ${JSON.stringify(color)}.`);
+  if (!color.every((part) => part >= 0 && part <= 1))
+    throw new ReelError(`The manifest is damaged: its background is ${JSON.stringify(color)}.`);
   return color as Vec3;
 }
 
 function parseClearance(json: Json): Clearance {
-  return { focus: numbers(json.focus, 3, "clearance focus") as Vec3, share: within(json.share, 0, 1, "clearance share") };
+  return {
+    focus: numbers(json.focus, 3, "clearance focus") as Vec3,
+    share: within(json.share, 0, 1, "clearance share"),
+  };
 }
 
 function parseCamera(value: unknown): Camera {
   const json = record(value, "a camera");
   const K = numbers(json.K, 9, "camera K");
-  if (!(K[0] > 0 && K[4] > 0)) throw new ReelError(`The manifest is damaged: a camera has the focal lengths ${K[0]} and ${K[4]}.`);
+  if (!(K[0] > 0 && K[4] > 0))
+    throw new ReelError(`The manifest is damaged: a camera has the focal lengths ${K[0]} and ${K[4]}.`);
   const viewmat = numbers(json.viewmat, 16, "camera viewmat");
   const [a, b, c, , d, e, f, , g, h, i] = viewmat;
   const volume = a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g);
-  if (!(volume > 0.5 && volume < 2)) throw new ReelError("The manifest is damaged: the viewmat of a camera is no rotation and translation.");
+  if (!(volume > 0.5 && volume < 2))
+    throw new ReelError("The manifest is damaged: the viewmat of a camera is no rotation and translation.");
   const name = shortText(json, "name", MAX_NAME);
-  return { name, width: whole(json.width, 1, MAX_SIDE, "camera width"), height: whole(json.height, 1, MAX_SIDE, "camera height"), K, viewmat };
+  return {
+    name,
+    width: whole(json.width, 1, MAX_SIDE, "camera width"),
+    height: whole(json.height, 1, MAX_SIDE, "camera height"),
+    K,
+    viewmat,
+  };
 }

@@ -39,8 +39,17 @@ export function parsePages(value: unknown, first: number, names: string[]): Page
     const count = whole(json.groups, 1, MAX_GROUPS_PER_PAGE, "groups of a page");
     const firstFrame = whole(json.first_frame, begin, LAST, "first_frame of a page");
     const { rendition_bytes: sizes = {} } = json;
-    const renditionBytes = names.map((name) => whole(record(sizes, "rendition_bytes")[name], 1, MAX_NUMBER, "rendition_bytes"));
-    const page = { ...parseAsset(json, MAX_BYTES), group, count, firstFrame, frames: whole(json.frames, 1, LAST, "frames of a page"), renditionBytes };
+    const renditionBytes = names.map((name) =>
+      whole(record(sizes, "rendition_bytes")[name], 1, MAX_NUMBER, "rendition_bytes"),
+    );
+    const page = {
+      ...parseAsset(json, MAX_BYTES),
+      group,
+      count,
+      firstFrame,
+      frames: whole(json.frames, 1, LAST, "frames of a page"),
+      renditionBytes,
+    };
     [group, begin, bytes] = [group + count, firstFrame + 1, bytes + page.bytes];
     return page;
   });
@@ -62,7 +71,10 @@ export function withPage<L extends Listing>(manifest: L, page: Page, value: unkn
 /** Return a newly read manifest with the page groups that an earlier one already had. */
 export function withKnown<L extends Listing>(next: L, { groups }: Listing): L {
   const known = next.pages.map(({ group, count }) => groups.slice(group, group + count).filter(Boolean));
-  return { ...next, groups: numbered(known.filter((some, i) => some.length === next.pages[i].count).flat(), next.groups) };
+  return {
+    ...next,
+    groups: numbered(known.filter((some, i) => some.length === next.pages[i].count).flat(), next.groups),
+  };
 }
 
 /** Return a sparse list of groups, indexed by their numbers. others: list to extend. */
@@ -77,11 +89,16 @@ function groupsOf({ layers, renditions, groups: others }: Listing, page: Page, v
   // Permanent layers come from the manifest, retired ones from the page. The stable sort keeps permanent ones first.
   const all = [...layers.filter(({ until }) => until === Infinity), ...retiring].sort((a, b) => a.group - b.group);
   const groups = list(json.groups, "groups").map((item, i) => parseGroup(item, page.group + i, renditions, all));
-  checkOrder([others[page.group - 1], ...groups, others[page.group + page.count]].filter((group) => group !== undefined));
+  checkOrder(
+    [others[page.group - 1], ...groups, others[page.group + page.count]].filter((group) => group !== undefined),
+  );
   const end = Math.max(...groups.map(({ firstFrame, frames }) => firstFrame + frames));
   const found = [groups.length, groups[0]?.firstFrame, end, ...bytesOf(renditions, groups)].join(", ");
   const told = [page.count, page.firstFrame, page.firstFrame + page.frames, ...page.renditionBytes].join(", ");
-  if (found !== told) throw new ReelError(`Its groups, their first frame, their end and their bytes are ${found}; the manifest says ${told}.`);
+  if (found !== told)
+    throw new ReelError(
+      `Its groups, their first frame, their end and their bytes are ${found}; the manifest says ${told}.`,
+    );
   return groups;
 }
 
@@ -90,7 +107,8 @@ function checkLayers(retiring: ReelFile[], lists: ReelFile[][]): void {
   const known = new Map([...new Set(lists)].flat().map((layer) => [layer.uri, JSON.stringify(layer)]));
   for (const layer of retiring) {
     if (layer.until === Infinity) throw new ReelError(`The page lists ${layer.uri}, which is never retired.`);
-    if ((known.get(layer.uri) ?? JSON.stringify(layer)) !== JSON.stringify(layer)) throw new ReelError(`Two lists of layers say different things of ${layer.uri}.`);
+    if ((known.get(layer.uri) ?? JSON.stringify(layer)) !== JSON.stringify(layer))
+      throw new ReelError(`Two lists of layers say different things of ${layer.uri}.`);
   }
 }
 
@@ -99,7 +117,9 @@ export function checkOrder(groups: ReelFile[]): void {
   for (const [index, { uri, firstFrame }] of groups.entries()) {
     const before = groups[index - 1];
     if (before && (firstFrame <= before.firstFrame || firstFrame > before.firstFrame + before.frames)) {
-      throw new ReelError(`The manifest is damaged: ${uri} begins at frame ${firstFrame}, and the group before it lasts from ${before.firstFrame} to ${before.firstFrame + before.frames}.`);
+      throw new ReelError(
+        `The manifest is damaged: ${uri} begins at frame ${firstFrame}, and the group before it lasts from ${before.firstFrame} to ${before.firstFrame + before.frames}.`,
+      );
     }
   }
 }

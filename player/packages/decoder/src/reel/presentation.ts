@@ -73,7 +73,8 @@ export interface Presentation {
 
 /** Parse the optional parts of a manifest. */
 export function parsePresentation(json: Json): Presentation {
-  const part = <T>(name: string, parse: (value: Json) => T): T | null => (json[name] == null ? null : parse(record(json[name], name)));
+  const part = <T>(name: string, parse: (value: Json) => T): T | null =>
+    json[name] == null ? null : parse(record(json[name], name));
   return {
     title: shortText(json, "title", MAX_TEXT),
     author: shortText(json, "author", MAX_TEXT),
@@ -93,19 +94,36 @@ export function parseAsset(value: unknown, most = MAX_ASSET): Asset {
 }
 
 function parsePoster(json: Json): Poster {
-  return { ...parseAsset(json), width: whole(json.width, 1, 2 ** 14, "poster width"), height: whole(json.height, 1, 2 ** 14, "poster height") };
+  return {
+    ...parseAsset(json),
+    width: whole(json.width, 1, 2 ** 14, "poster width"),
+    height: whole(json.height, 1, 2 ** 14, "poster height"),
+  };
 }
 
 function parseThumbnails(json: Json): Thumbnails {
   const of = (name: string, most: number): number => whole(json[name], 1, most, `thumbnails ${name}`);
   const [columns, rows, count] = [of("columns", 1000), of("rows", 1000), of("count", 2 ** 30)];
   const sheets = list(json.sheets, "thumbnails sheets").map((sheet) => parseAsset(sheet));
-  if (Math.ceil(count / (columns * rows)) !== sheets.length) throw new ReelError(`The manifest is damaged: ${sheets.length} sheets do not hold ${count} thumbnails.`);
-  return { width: of("width", 4096), height: of("height", 4096), seconds: within(json.seconds, 1e-3, MAX_SECONDS, "thumbnails seconds"), columns, rows, count, sheets };
+  if (Math.ceil(count / (columns * rows)) !== sheets.length)
+    throw new ReelError(`The manifest is damaged: ${sheets.length} sheets do not hold ${count} thumbnails.`);
+  return {
+    width: of("width", 4096),
+    height: of("height", 4096),
+    seconds: within(json.seconds, 1e-3, MAX_SECONDS, "thumbnails seconds"),
+    columns,
+    rows,
+    count,
+    sheets,
+  };
 }
 
 function parseSound(json: Json): Sound {
-  if (typeof json.type !== "string" || json.type.length > 100 || !/^audio\/[a-z0-9]+; codecs="[A-Za-z0-9.]+"$/.test(json.type)) {
+  if (
+    typeof json.type !== "string" ||
+    json.type.length > 100 ||
+    !/^audio\/[a-z0-9]+; codecs="[A-Za-z0-9.]+"$/.test(json.type)
+  ) {
     throw new ReelError(`The manifest is damaged: its sound is of the type ${JSON.stringify(json.type)}.`);
   }
   const segments = list(json.segments, "sound segments").map(parseSegment);
@@ -125,12 +143,18 @@ function parseSound(json: Json): Sound {
 
 function parseSegment(value: unknown): SoundSegment {
   const json = record(value, "a sound segment");
-  return { ...parseAsset(json), start: within(json.start, 0, MAX_SECONDS, "sound start"), seconds: within(json.seconds, 1e-3, 3600, "sound seconds") };
+  return {
+    ...parseAsset(json),
+    start: within(json.start, 0, MAX_SECONDS, "sound start"),
+    seconds: within(json.seconds, 1e-3, 3600, "sound seconds"),
+  };
 }
 
 function parseLimits(json: Json): Limits {
-  const distance = json.distance === undefined ? null : (numbers(json.distance, 2, "limits distance") as [number, number]);
-  if (distance && !(distance[0] >= 0 && distance[0] < distance[1])) throw new ReelError(`The manifest is damaged: its limits of distance are ${distance.join(" to ")}.`);
+  const distance =
+    json.distance === undefined ? null : (numbers(json.distance, 2, "limits distance") as [number, number]);
+  if (distance && !(distance[0] >= 0 && distance[0] < distance[1]))
+    throw new ReelError(`The manifest is damaged: its limits of distance are ${distance.join(" to ")}.`);
   return {
     focus: numbers(json.focus, 3, "limits focus") as Vec3,
     angle: json.angle === undefined ? null : within(json.angle, 0, 180, "limits angle"),

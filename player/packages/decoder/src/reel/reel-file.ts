@@ -40,8 +40,11 @@ export function layersAt({ group: at, layers }: ReelFile): ReelFile[] {
 /** Parse the names of renditions. Returns none if there is only one. */
 export function parseNames(value: unknown = []): string[] {
   const names = list(value, "renditions").map((item) => record(item, "a rendition").name);
-  const valid = names.filter((name): name is string => typeof name === "string" && /^[a-z0-9][a-z0-9_-]{0,31}$/.test(name));
-  if (new Set(valid).size < names.length || names.length > MAX_RENDITIONS) throw new ReelError("The manifest is damaged: its renditions lack distinct names.");
+  const valid = names.filter(
+    (name): name is string => typeof name === "string" && /^[a-z0-9][a-z0-9_-]{0,31}$/.test(name),
+  );
+  if (new Set(valid).size < names.length || names.length > MAX_RENDITIONS)
+    throw new ReelError("The manifest is damaged: its renditions lack distinct names.");
   return valid.length > 1 ? valid : [];
 }
 
@@ -51,11 +54,19 @@ export function bytesOf(names: string[], groups: ReelFile[]): number[] {
 }
 
 /** Compare the bytes that a manifest states of its renditions with those of its pages and groups. */
-export function checkBytes(value: unknown, names: string[], pages: { renditionBytes: number[] }[], groups: ReelFile[]): void {
+export function checkBytes(
+  value: unknown,
+  names: string[],
+  pages: { renditionBytes: number[] }[],
+  groups: ReelFile[],
+): void {
   for (const [i, own] of bytesOf(names, groups).entries()) {
     const found = pages.reduce((sum, page) => sum + page.renditionBytes[i], own);
     const told = (value as Json[])[i].bytes;
-    if (told !== found) throw new ReelError(`The manifest is damaged: rendition ${names[i]} is to have ${JSON.stringify(told)} bytes; its groups have ${found}.`);
+    if (told !== found)
+      throw new ReelError(
+        `The manifest is damaged: rendition ${names[i]} is to have ${JSON.stringify(told)} bytes; its groups have ${found}.`,
+      );
   }
 }
 
@@ -63,14 +74,16 @@ export function checkBytes(value: unknown, names: string[], pages: { renditionBy
 export function parseLayers(value: unknown, end: number): ReelFile[] {
   const layers = parseFiles(value);
   for (const [index, { uri, group }] of layers.entries()) {
-    if (group <= (layers[index - 1]?.group ?? -1) || group >= end) throw new ReelError(`The manifest is damaged: ${uri} is not in its place in the order of birth.`);
+    if (group <= (layers[index - 1]?.group ?? -1) || group >= end)
+      throw new ReelError(`The manifest is damaged: ${uri} is not in its place in the order of birth.`);
   }
   return layers;
 }
 
 function parseFiles(value: unknown): ReelFile[] {
   const layers = list(value, "layers").map((item) => parseFile(item, 0));
-  if (new Set(layers.map(({ uri }) => uri)).size < layers.length) throw new ReelError("The manifest is damaged: it lists a layer twice.");
+  if (new Set(layers.map(({ uri }) => uri)).size < layers.length)
+    throw new ReelError("The manifest is damaged: it lists a layer twice.");
   if (layers.length > MAX_FILES) throw new ReelError(`The manifest is damaged: it has ${layers.length} layers.`);
   const sum = (field: "points" | "bytes"): number => layers.reduce((total, layer) => total + layer[field], 0);
   checkPoints("layers", sum("points"), sum("bytes"));
@@ -81,12 +94,15 @@ function parseFiles(value: unknown): ReelFile[] {
 export function parseRetiringLayers(value: unknown, first: number, end: number): ReelFile[] {
   const layers = parseFiles(value).map((layer, index) => {
     const { until } = (value as Json[])[index];
-    return until === undefined ? layer : { ...layer, until: whole(until, Math.max(layer.group, first) + 1, MAX_NUMBER, `until of ${layer.uri}`) };
+    return until === undefined
+      ? layer
+      : { ...layer, until: whole(until, Math.max(layer.group, first) + 1, MAX_NUMBER, `until of ${layer.uri}`) };
   });
   for (const [index, { uri, group, until }] of layers.entries()) {
     const before = layers[index - 1];
     const ordered = !before || before.group < group || (before.group === group && before.until >= until);
-    if (!ordered || group >= end) throw new ReelError(`The manifest is damaged: ${uri} is not in its place in the order of birth.`);
+    if (!ordered || group >= end)
+      throw new ReelError(`The manifest is damaged: ${uri} is not in its place in the order of birth.`);
   }
   return layers;
 }
@@ -128,5 +144,6 @@ function parseFile(value: unknown, frames: number): ReelFile {
 
 /** Limit the number of points, since repeated points compress to almost nothing. */
 function checkPoints(what: string, points: number, bytes: number): void {
-  if (points > maxPoints(bytes)) throw new ReelError(`The manifest is damaged: ${what} of ${bytes} bytes are to hold ${points} points.`);
+  if (points > maxPoints(bytes))
+    throw new ReelError(`The manifest is damaged: ${what} of ${bytes} bytes are to hold ${points} points.`);
 }

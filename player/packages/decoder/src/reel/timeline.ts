@@ -86,7 +86,9 @@ export function momentAt(schedule: Schedule, fps: number, seconds: number): Mome
 export function missingPages<P extends PageSpan>(schedule: Schedule & { pages: P[] }, frame: number): P[] {
   const group = groupAt(schedule, frame);
   const fading = group > schedule.first && frame - firstFrameOf(schedule, group)! < overlapOf(schedule, group);
-  return (fading ? [group, group - 1] : [group]).filter((number) => !schedule.groups[number]).map((number) => pageOf(schedule.pages, number)!);
+  return (fading ? [group, group - 1] : [group])
+    .filter((number) => !schedule.groups[number])
+    .map((number) => pageOf(schedule.pages, number)!);
 }
 
 /** Return the page of a group. */
@@ -98,7 +100,8 @@ export function pageOf<P extends PageSpan>(pages: P[], number: number): P | unde
 export function weightAt(schedule: Schedule, frame: number, group: number): number {
   const { first, groups } = schedule;
   const overlap = overlapOf(schedule, group);
-  const share = overlap > 0 && group > first ? Math.min(Math.max((frame - groups[group].firstFrame) / overlap, 0), 1) : 1;
+  const share =
+    overlap > 0 && group > first ? Math.min(Math.max((frame - groups[group].firstFrame) / overlap, 0), 1) : 1;
   return share * share * (3 - 2 * share);
 }
 
@@ -121,8 +124,14 @@ export interface Alive {
  * layer. Points beyond the end of `alive` are not alive. Without a previous group (null) both bits are equal, so that nothing fades.
  * Without any group all points are alive.
  */
-export function staticFlags(counts: Map<string, number>, now: Alive | null, before: Alive | null): Map<string, Uint8Array> {
-  const flags = new Map([...counts].map(([layer, count]) => [layer, new Uint8Array(count).fill(now ? 0 : ALIVE_NOW | ALIVE_BEFORE)]));
+export function staticFlags(
+  counts: Map<string, number>,
+  now: Alive | null,
+  before: Alive | null,
+): Map<string, Uint8Array> {
+  const flags = new Map(
+    [...counts].map(([layer, count]) => [layer, new Uint8Array(count).fill(now ? 0 : ALIVE_NOW | ALIVE_BEFORE)]),
+  );
   const mark = ({ alive, layers }: Alive, bit: number): void => {
     let first = 0;
     for (const layer of layers) {

@@ -76,7 +76,10 @@ export class DecoderPool {
   private onFree: () => void = () => undefined;
 
   /** Start one worker at once, while the manifest downloads. The second starts with the second file. early: already started. */
-  constructor(private readonly starter: DecodeWorkers, private early?: EarlyWorker | null) {
+  constructor(
+    private readonly starter: DecodeWorkers,
+    private early?: EarlyWorker | null,
+  ) {
     this.idle.push(this.addWorker(early?.worker));
   }
 
@@ -140,7 +143,8 @@ export class DecoderPool {
       }
     };
     worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => take(data);
-    worker.onerror = (event) => finish(() => receiver.failed(`${source.url} cannot be decoded (${failureOf(event)}).`, PLAIN.player), true);
+    worker.onerror = (event) =>
+      finish(() => receiver.failed(`${source.url} cannot be decoded (${failureOf(event)}).`, PLAIN.player), true);
     const replay = ({ data, at }: EarlyFile["replies"][number]): void => {
       if (this.running.get(key) === job) take(data, at);
       else worker.onmessage?.({ data } as MessageEvent); // canceled: this may confirm it
@@ -174,7 +178,8 @@ export class DecoderPool {
       this.onFree();
     };
     // The worker is busy until it confirms.
-    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) => void (("file" in data || "page" in data || "error" in data) && free(false));
+    worker.onmessage = ({ data }: MessageEvent<DecodeReply>) =>
+      void (("file" in data || "page" in data || "error" in data) && free(false));
     worker.onerror = () => free(true);
   }
 

@@ -81,10 +81,19 @@ export class FileCache {
    * first, then those shown longest ago. A retired layer goes with the last group at which it lives. keep: returns true for groups
    * that must stay. wanted: URIs of the layers that must stay.
    */
-  makeRoom(room: number, current: number, keep: (group: number) => boolean, wanted: Set<string>): Dropped & { fits: boolean } {
-    const { first, groups: { length } } = this.manifest;
+  makeRoom(
+    room: number,
+    current: number,
+    keep: (group: number) => boolean,
+    wanted: Set<string>,
+  ): Dropped & { fits: boolean } {
+    const {
+      first,
+      groups: { length },
+    } = this.manifest;
     const dropped: Dropped = { groups: [], layers: [] };
-    const behind = (group: number): number => (group < first ? Infinity : (current - group + length - first) % (length - first));
+    const behind = (group: number): number =>
+      group < first ? Infinity : (current - group + length - first) % (length - first);
     const victims = this.held.filter((group) => !keep(group)).sort((a, b) => behind(b) - behind(a));
     for (;;) {
       dropped.layers.push(...this.dropLayers(wanted));
@@ -99,13 +108,19 @@ export class FileCache {
   /** Drop the retired layers that live at no group in memory. */
   private dropLayers(wanted: Set<string>): string[] {
     const groups = [...this.groups.keys()];
-    const dropped = [...this.layers.values()].filter(({ uri, group, until }) => until < Infinity && !wanted.has(uri) && !groups.some((at) => group <= at && at < until));
+    const dropped = [...this.layers.values()].filter(
+      ({ uri, group, until }) =>
+        until < Infinity && !wanted.has(uri) && !groups.some((at) => group <= at && at < until),
+    );
     for (const { uri } of dropped) this.layers.delete(uri);
     return dropped.map(({ uri }) => uri);
   }
 
   private get bytes(): number {
-    return [...this.layers.values(), ...[...this.groups.values()].map(({ file }) => file)].reduce((total, file) => total + costOf(file), 0);
+    return [...this.layers.values(), ...[...this.groups.values()].map(({ file }) => file)].reduce(
+      (total, file) => total + costOf(file),
+      0,
+    );
   }
 }
 

@@ -37,12 +37,26 @@ export class GroupRenditions {
     if (this.downgraded.has(group)) return renditions.at(-1)!;
     const seconds = groups[group].frames / fps / Math.max(demand.rate, 0.1);
     const ahead = secondsTo(group, manifest, demand);
-    const found = this.policy.choose({ options: optionsOf(group, manifest), seconds, ahead, throughput, decode, last: this.last });
+    const found = this.policy.choose({
+      options: optionsOf(group, manifest),
+      seconds,
+      ahead,
+      throughput,
+      decode,
+      last: this.last,
+    });
     return renditions[found];
   }
 
   /** Return true if a group in memory is worth replacing, and the transfer ends before it is shown. */
-  isWorthReplacing(group: number, here: string | undefined, name: string, manifest: Manifest, demand: Demand, throughput: number): boolean {
+  isWorthReplacing(
+    group: number,
+    here: string | undefined,
+    name: string,
+    manifest: Manifest,
+    demand: Demand,
+    throughput: number,
+  ): boolean {
     const place = (rendition: string | undefined): number => manifest.renditions.indexOf(rendition ?? "");
     const gain = place(here) - place(name);
     if (gain === 0 || (gain < 0 && this.choice === null)) return false;

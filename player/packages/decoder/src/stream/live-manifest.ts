@@ -11,7 +11,13 @@ export async function nextManifest(manifest: Manifest, signal: AbortSignal): Pro
     const next = await freshManifest(manifest, signal);
     signal.throwIfAborted();
     if (!next) continue;
-    if (next.groups.length > manifest.groups.length || next.first > manifest.first || !next.live || hasOtherContents(manifest, next)) return next;
+    if (
+      next.groups.length > manifest.groups.length ||
+      next.first > manifest.first ||
+      !next.live ||
+      hasOtherContents(manifest, next)
+    )
+      return next;
   }
 }
 
@@ -21,7 +27,11 @@ export function freshManifest({ url }: Manifest, signal: AbortSignal): Promise<M
 }
 
 /** Call `grown` with each new manifest of a live reel, until the reel is complete. */
-export async function watchManifest(manifest: Manifest, grown: (next: Manifest) => void, signal: AbortSignal): Promise<void> {
+export async function watchManifest(
+  manifest: Manifest,
+  grown: (next: Manifest) => void,
+  signal: AbortSignal,
+): Promise<void> {
   let known = manifest;
   while (known.live) {
     const next = await nextManifest(known, signal).catch(() => null);

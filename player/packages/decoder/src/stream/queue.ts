@@ -23,18 +23,23 @@ export interface Demand {
 
 /** A file to download. key: identifies its job. urgent: playback waits for it. */
 export type QueueItem = { key: string; urgent: boolean } & (
-  | { kind: "layer"; file: ReelFile }
-  | { kind: "group"; index: number; file: ReelFile }
-  | { kind: "page"; file: Page }
+  { kind: "layer"; file: ReelFile } | { kind: "group"; index: number; file: ReelFile } | { kind: "page"; file: Page }
 );
 
 /** Return the queue of a demand. budget: bytes of memory for groups and retired layers. costOf: returns the bytes of an item. */
-export function queueOf(manifest: Manifest, { current, previous, frame, loop }: Demand, budget: number, costOf: (item: QueueItem) => number): QueueItem[] {
+export function queueOf(
+  manifest: Manifest,
+  { current, previous, frame, loop }: Demand,
+  budget: number,
+  costOf: (item: QueueItem) => number,
+): QueueItem[] {
   const { first, groups, pages, layers, fps } = manifest;
   if (current === null) {
     const missing = missingPages(manifest, frame);
     // Permanent layers are needed whatever the page lists.
-    const lasting = layers.filter(({ group, until }) => until === Infinity && missing.some((page) => group <= page.group));
+    const lasting = layers.filter(
+      ({ group, until }) => until === Infinity && missing.some((page) => group <= page.group),
+    );
     return [...missing.map((page) => pageItem(page, true)), ...lasting.map((layer) => layerItem(layer, true))];
   }
   const known = new Set<string>();
@@ -42,7 +47,10 @@ export function queueOf(manifest: Manifest, { current, previous, frame, loop }: 
   /** Return groups, preceded by their layers that are not in the queue yet. */
   const itemsOf = (urgent: boolean, ...numbers: number[]): QueueItem[] => {
     const needed = new Set(numbers.flatMap((number) => layersAt(groups[number])));
-    const items = [...[...needed].map((layer) => layerItem(layer, urgent)), ...numbers.map((number) => groupItem(number, groups[number], urgent))];
+    const items = [
+      ...[...needed].map((layer) => layerItem(layer, urgent)),
+      ...numbers.map((number) => groupItem(number, groups[number], urgent)),
+    ];
     return items.filter(({ key }) => !known.has(key) && known.add(key));
   };
   const result = itemsOf(true, current, ...(previous === null ? [] : [previous]));

@@ -50,7 +50,12 @@ export class ReelLoader {
   private readonly life = new AbortController();
 
   /** Start the first worker at once, while the manifest downloads. early: a decode worker that is already running. */
-  constructor(private readonly receiver: FileReceiver, private readonly events: LoaderEvents, workers: DecodeWorkers, early?: EarlyWorker | null) {
+  constructor(
+    private readonly receiver: FileReceiver,
+    private readonly events: LoaderEvents,
+    workers: DecodeWorkers,
+    early?: EarlyWorker | null,
+  ) {
     this.decoders = new DecoderPool(workers, early);
   }
 
@@ -62,7 +67,12 @@ export class ReelLoader {
   async findManifest(source: string | LocalFiles, early?: Promise<string | null>): Promise<Manifest> {
     const { signal } = this.life;
     if (typeof source !== "string") return readManifest(source);
-    let manifest = await loadManifest(source, { received: () => undefined, trouble: (why) => this.wait(why) }, signal, early);
+    let manifest = await loadManifest(
+      source,
+      { received: () => undefined, trouble: (why) => this.wait(why) },
+      signal,
+      early,
+    );
     while (manifest.groups.length === 0) {
       this.wait("Live. Waiting for the first group.");
       manifest = await nextManifest(manifest, signal);
@@ -76,15 +86,21 @@ export class ReelLoader {
     const { receiver, decoders, events } = this;
     const { manifest } = reel;
     this.reel = reel;
-    this.stream = new Stream(reel, decoders, memoryBudget(), {
-      layer: (uri, file) => this.take(() => receiver.addLayer(uri, file)),
-      group: (index, file, layers) => this.take(() => receiver.addGroup(index, file, layers)),
-      page: (page, json) => this.take(() => this.addPage(page, json)),
-      dropped: (dropped) => this.drop(dropped),
-      outdated: () => this.isOutdated(manifest),
-      progress: () => events.progress(),
-      failed: (error) => void (!this.closed && events.failed(error)),
-    }, new RenditionPolicy(guessOfBrowser()));
+    this.stream = new Stream(
+      reel,
+      decoders,
+      memoryBudget(),
+      {
+        layer: (uri, file) => this.take(() => receiver.addLayer(uri, file)),
+        group: (index, file, layers) => this.take(() => receiver.addGroup(index, file, layers)),
+        page: (page, json) => this.take(() => this.addPage(page, json)),
+        dropped: (dropped) => this.drop(dropped),
+        outdated: () => this.isOutdated(manifest),
+        progress: () => events.progress(),
+        failed: (error) => void (!this.closed && events.failed(error)),
+      },
+      new RenditionPolicy(guessOfBrowser()),
+    );
     void watchManifest(manifest, (next) => this.grow(next), this.life.signal);
   }
 

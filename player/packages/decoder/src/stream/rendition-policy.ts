@@ -25,7 +25,11 @@ export interface Situation {
 /** Assumed bits per second before any measurement, if the browser reports none. */
 const GUESS = 5e6;
 /** Part of a group's duration that its transfer may take, by buffered seconds. */
-const SHARES: [number, number][] = [[1, 0.5], [3, 0.8], [Infinity, 0.95]];
+const SHARES: [number, number][] = [
+  [1, 0.5],
+  [3, 0.8],
+  [Infinity, 0.95],
+];
 /** Stricter factor for an option better than the last one, to avoid switching up and down. */
 const UPGRADE = 0.7;
 /** Part of a group's duration that its decoding may take. */
@@ -52,7 +56,11 @@ export class RenditionPolicy {
     const fits = ({ bytes, points }: Option, index: number): boolean => {
       const caution = last !== null && index < last ? UPGRADE : 1;
       const transfer = (8 * bytes) / (throughput || this.guess);
-      return index >= this.best && transfer <= caution * share * seconds && (decode * points) / 1000 <= caution * DECODING * seconds;
+      return (
+        index >= this.best &&
+        transfer <= caution * share * seconds &&
+        (decode * points) / 1000 <= caution * DECODING * seconds
+      );
     };
     const found = options.findIndex(fits);
     return found < 0 ? options.length - 1 : found;

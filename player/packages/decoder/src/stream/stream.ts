@@ -188,7 +188,14 @@ export class Stream {
     const keys = new Set(queue.map((item) => item.key));
     for (const key of this.decoders.keys) if (!keys.has(key)) this.cancel(key);
     // A better rendition of a group that is already on screen is too late.
-    for (const item of queue) if (item.kind === "group" && this.loading.has(item.key) && this.cache.holds(item) && isOnScreen(item.index, this.demand)) this.cancel(item.key);
+    for (const item of queue)
+      if (
+        item.kind === "group" &&
+        this.loading.has(item.key) &&
+        this.cache.holds(item) &&
+        isOnScreen(item.index, this.demand)
+      )
+        this.cancel(item.key);
   }
 
   /** Record which needed files are missing, for `progress`. */
@@ -205,7 +212,10 @@ export class Stream {
 
   /** Return true while a large layer downloads that comes before a needed one. */
   private isLayerLoadingBefore({ key }: LayerItem): boolean {
-    const earlier = this.queue.slice(0, this.queue.findIndex((item) => item.key === key));
+    const earlier = this.queue.slice(
+      0,
+      this.queue.findIndex((item) => item.key === key),
+    );
     return earlier.some((item) => item.kind === "layer" && item.file.bytes > SMALL && this.isLoading(item));
   }
 
@@ -247,10 +257,26 @@ export class Stream {
     const throughput = this.decoders.meter.optimisticRate(performance.now());
     for (const item of queue) {
       if (!this.decoders.free) return;
-      if (item.kind !== "group" || isOnScreen(item.index, this.demand) || this.decoders.has(item.key) || this.backoff.has(item.key)) continue;
+      if (
+        item.kind !== "group" ||
+        isOnScreen(item.index, this.demand) ||
+        this.decoders.has(item.key) ||
+        this.backoff.has(item.key)
+      )
+        continue;
       const { index } = item;
       const name = this.renditionFor(index, throughput);
-      if (this.renditions.isWorthReplacing(index, this.cache.renditionOf(index), name, this.manifest, this.demand, throughput)) this.load(item, name);
+      if (
+        this.renditions.isWorthReplacing(
+          index,
+          this.cache.renditionOf(index),
+          name,
+          this.manifest,
+          this.demand,
+          throughput,
+        )
+      )
+        this.load(item, name);
     }
   }
 
@@ -297,7 +323,8 @@ export class Stream {
   /** End the stream if playback waits for the file; otherwise retry the file later. */
   private async fail(item: QueueItem, error: ReelError): Promise<void> {
     this.loading.delete(item.key);
-    if (!this.isNeededNow(item) || (item.kind === "group" && this.cache.holds(item))) return this.backoff.begin(item.key);
+    if (!this.isNeededNow(item) || (item.kind === "group" && this.cache.holds(item)))
+      return this.backoff.begin(item.key);
     this.stopped = true;
     if (error.plain === PLAIN.missing || error.plain === PLAIN.damaged) {
       if (await this.events.outdated()) return;
@@ -331,6 +358,10 @@ export class Stream {
       this.events.dropped({ groups: [index], layers: [] });
     }
     this.cache.addGroup(index, fileOf(item.file, rendition), rendition);
-    this.events.group(index, file, layersAt(item.file).map(({ uri }) => uri));
+    this.events.group(
+      index,
+      file,
+      layersAt(item.file).map(({ uri }) => uri),
+    );
   }
 }

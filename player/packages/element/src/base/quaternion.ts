@@ -9,10 +9,13 @@ export function quatOf([x, y, z]: [Vec3, Vec3, Vec3]): Quat {
   const trace = x[0] + y[1] + z[2];
   // Start from the largest component, so that the normalization is stable.
   const q: Quat =
-    trace > 0 ? [1 + trace, y[2] - z[1], z[0] - x[2], x[1] - y[0]]
-    : x[0] > y[1] && x[0] > z[2] ? [y[2] - z[1], 1 + x[0] - y[1] - z[2], x[1] + y[0], z[0] + x[2]]
-    : y[1] > z[2] ? [z[0] - x[2], x[1] + y[0], 1 - x[0] + y[1] - z[2], y[2] + z[1]]
-    : [x[1] - y[0], z[0] + x[2], y[2] + z[1], 1 - x[0] - y[1] + z[2]];
+    trace > 0
+      ? [1 + trace, y[2] - z[1], z[0] - x[2], x[1] - y[0]]
+      : x[0] > y[1] && x[0] > z[2]
+        ? [y[2] - z[1], 1 + x[0] - y[1] - z[2], x[1] + y[0], z[0] + x[2]]
+        : y[1] > z[2]
+          ? [z[0] - x[2], x[1] + y[0], 1 - x[0] + y[1] - z[2], y[2] + z[1]]
+          : [x[1] - y[0], z[0] + x[2], y[2] + z[1], 1 - x[0] - y[1] + z[2]];
   return normalized(q);
 }
 
@@ -37,7 +40,12 @@ export function slerp(a: Quat, b: Quat, t: number): Quat {
 
 /** Return a * b: first the rotation b, then a. */
 export function multiply([w, x, y, z]: Quat, [s, a, b, c]: Quat): Quat {
-  return [w * s - x * a - y * b - z * c, w * a + x * s + y * c - z * b, w * b - x * c + y * s + z * a, w * c + x * b - y * a + z * s];
+  return [
+    w * s - x * a - y * b - z * c,
+    w * a + x * s + y * c - z * b,
+    w * b - x * c + y * s + z * a,
+    w * c + x * b - y * a + z * s,
+  ];
 }
 
 /** Return the shortest rotation from a to b, as a rotation vector in the frame of a. */

@@ -33,16 +33,26 @@ export class CameraPath {
   private readonly spins: Vec3[];
 
   /** keyframes: at least one, with increasing `at`. loop: repeat, smoothly if the first and last views agree. */
-  constructor(readonly keyframes: readonly Keyframe[], readonly loop: boolean) {
+  constructor(
+    readonly keyframes: readonly Keyframe[],
+    readonly loop: boolean,
+  ) {
     this.eyes = keyframes.map(({ viewmat }) => eyeOf(viewmat));
-    this.turns = keyframes.map(({ viewmat: m }) => quatOf([[m[0], m[1], m[2]], [m[4], m[5], m[6]], [m[8], m[9], m[10]]]));
+    this.turns = keyframes.map(({ viewmat: m }) =>
+      quatOf([
+        [m[0], m[1], m[2]],
+        [m[4], m[5], m[6]],
+        [m[8], m[9], m[10]],
+      ]),
+    );
     const steps = keyframes.slice(1).map(({ at }, i) => at - keyframes[i].at);
     const ways = steps.map((_, i) => subtract(this.eyes[i + 1], this.eyes[i]));
     const arcs = steps.map((_, i) => turnBetween(this.turns[i], this.turns[i + 1]));
     const whole = ways.reduce((sum, way) => sum + length(way), 0);
     const last = steps.length;
     const gap = subtract(this.eyes[last], this.eyes[0]);
-    const round = loop && last > 1 && length(gap) <= SAME * whole && length(turnBetween(this.turns[last], this.turns[0])) <= SAME;
+    const round =
+      loop && last > 1 && length(gap) <= SAME * whole && length(turnBetween(this.turns[last], this.turns[0])) <= SAME;
     this.speeds = tangents(ways, steps, round);
     this.spins = tangents(arcs, steps, round);
   }
@@ -51,7 +61,10 @@ export class CameraPath {
   static through(start: number[], cameras: number[][]): CameraPath {
     const stops = nearestFirst(start, cameras);
     const back = stops.slice(0, -1).reverse();
-    return new CameraPath([...stops, ...back].map((viewmat, i) => ({ at: LEG * i, time: 0, viewmat })), true);
+    return new CameraPath(
+      [...stops, ...back].map((viewmat, i) => ({ at: LEG * i, time: 0, viewmat })),
+      true,
+    );
   }
 
   /** Duration in seconds. */
@@ -109,16 +122,21 @@ export function parsePath(value: unknown, name: string): CameraPath {
   const json = (typeof value === "object" && value !== null ? value : {}) as Partial<Record<keyof PathFile, unknown>>;
   const shown = (item: unknown): string => (JSON.stringify(item) ?? "absent").slice(0, 80);
   if (json.format !== "splatreel-path") wrong(`its format is ${shown(json.format)}. Give one that this player saved.`);
-  if (json.version !== 1) wrong(`its version is ${shown(json.version)}, and this player knows version 1. Update the player.`);
+  if (json.version !== 1)
+    wrong(`its version is ${shown(json.version)}, and this player knows version 1. Update the player.`);
   const list = json.keyframes;
-  if (!Array.isArray(list) || list.length < 1 || list.length > MAX_KEYFRAMES) return wrong(`its keyframes are not a list of 1 to ${MAX_KEYFRAMES}. Add one.`);
+  if (!Array.isArray(list) || list.length < 1 || list.length > MAX_KEYFRAMES)
+    return wrong(`its keyframes are not a list of 1 to ${MAX_KEYFRAMES}. Add one.`);
   let before = -1;
   const keyframes = list.map((item: Partial<Keyframe> | null, i): Keyframe => {
     const { at, time, viewmat } = item ?? {};
-    const field = (what: string, found: unknown, remedy: string): never => wrong(`${what} of keyframe ${i} is ${shown(found)}. ${remedy}`);
-    if (!isSeconds(at) || at <= before) return field("at", at, "Give seconds from 0 on that grow from keyframe to keyframe.");
+    const field = (what: string, found: unknown, remedy: string): never =>
+      wrong(`${what} of keyframe ${i} is ${shown(found)}. ${remedy}`);
+    if (!isSeconds(at) || at <= before)
+      return field("at", at, "Give seconds from 0 on that grow from keyframe to keyframe.");
     if (!isSeconds(time)) return field("time", time, "Give seconds of the reel, from 0 on.");
-    if (!isPose(viewmat)) return field("viewmat", viewmat, "Give 16 numbers, row by row: a turn, a shift, and 0, 0, 0, 1.");
+    if (!isPose(viewmat))
+      return field("viewmat", viewmat, "Give 16 numbers, row by row: a turn, a shift, and 0, 0, 0, 1.");
     before = at;
     return { at, time, viewmat };
   });
@@ -130,7 +148,8 @@ function isSeconds(value: unknown): value is number {
 }
 
 function isPose(m: unknown): m is number[] {
-  if (!Array.isArray(m) || m.length !== 16 || !m.every((part) => typeof part === "number" && Math.abs(part) < 1e12)) return false;
+  if (!Array.isArray(m) || m.length !== 16 || !m.every((part) => typeof part === "number" && Math.abs(part) < 1e12))
+    return false;
   const rows = [0, 4, 8].map((i) => m.slice(i, i + 3) as Vec3);
   const off = rows.flatMap((a, i) => rows.map((b, j) => Math.abs(dot(a, b) - (i === j ? 1 : 0))));
   const [[a, b, c], [d, e, f], [g, h, k]] = rows;

@@ -38,7 +38,11 @@ export function lasting(keyframes: Keyframe[], seconds: number): Keyframe[] {
 export function throughViews(viewmats: number[][], begin: number, end: number): Keyframe[] {
   const legs = viewmats.length - 1;
   const seconds = Math.max(end - begin, LEAST, legs * STEP);
-  return viewmats.map((viewmat, i) => ({ at: rounded((i / Math.max(legs, 1)) * seconds), time: begin + (i / Math.max(legs, 1)) * (end - begin), viewmat }));
+  return viewmats.map((viewmat, i) => ({
+    at: rounded((i / Math.max(legs, 1)) * seconds),
+    time: begin + (i / Math.max(legs, 1)) * (end - begin),
+    viewmat,
+  }));
 }
 
 function rounded(seconds: number): number {

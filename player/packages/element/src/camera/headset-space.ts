@@ -1,5 +1,16 @@
 /** Maps a reel into the space of a headset: meters, y up, floor at 0, forward along -z. */
-import { add, cross, dot, eyeOf, length, type Manifest, normalize, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
+import {
+  add,
+  cross,
+  dot,
+  eyeOf,
+  length,
+  type Manifest,
+  normalize,
+  scale,
+  subtract,
+  type Vec3,
+} from "@splatreel/decoder/internal";
 import { intrinsicsOf, type View } from "@splatreel/renderer";
 import { metersPerUnit } from "./scene-size";
 
@@ -27,9 +38,14 @@ export class HeadsetSpace {
     this.floor = floor ? 0 : -EYES;
     const y = normalize(manifest.up);
     const level = (v: Vec3): Vec3 => subtract(v, scale(y, dot(v, y)));
-    const [ahead, above]: Vec3[] = [[viewmat[8], viewmat[9], viewmat[10]], [-viewmat[4], -viewmat[5], -viewmat[6]]];
+    const [ahead, above]: Vec3[] = [
+      [viewmat[8], viewmat[9], viewmat[10]],
+      [-viewmat[4], -viewmat[5], -viewmat[6]],
+    ];
     // A view straight down faces the direction of the top of the image.
-    const forward = normalize(length(level(ahead)) > 0.05 ? level(ahead) : level(scale(above, -Math.sign(dot(ahead, y)))));
+    const forward = normalize(
+      length(level(ahead)) > 0.05 ? level(ahead) : level(scale(above, -Math.sign(dot(ahead, y)))),
+    );
     const z = scale(forward, -1);
     this.axes = [cross(y, z), y, z];
     this.origin = subtract(eyeOf(viewmat), scale(y, floor ? EYES / this.scale : 0));

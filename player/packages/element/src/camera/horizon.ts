@@ -81,7 +81,11 @@ export class Horizon {
   /** Interpolate between gazes by yaw and pitch, so that the horizon stays level. */
   between(from: Gaze, to: Gaze, t: number): Gaze {
     const yaw = t * this.yawTo(from.heading, to.heading);
-    return { heading: this.levelled(rotate(from.heading, this.up, yaw)), pitch: from.pitch + t * (to.pitch - from.pitch), tilt: slerp(from.tilt, to.tilt, t) };
+    return {
+      heading: this.levelled(rotate(from.heading, this.up, yaw)),
+      pitch: from.pitch + t * (to.pitch - from.pitch),
+      tilt: slerp(from.tilt, to.tilt, t),
+    };
   }
 
   /** Return the angle about `up` between level directions, in radians. */

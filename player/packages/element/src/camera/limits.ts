@@ -1,5 +1,17 @@
 /** Limits of the view: those of the manifest, else derived from the reel's bounds and cameras. */
-import { add, cross, dot, eyeOf, length, type Manifest, normalize, rotate, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
+import {
+  add,
+  cross,
+  dot,
+  eyeOf,
+  length,
+  type Manifest,
+  normalize,
+  rotate,
+  scale,
+  subtract,
+  type Vec3,
+} from "@splatreel/decoder/internal";
 
 /** The pivot may leave the bounds by this part of their diagonal. */
 const MARGIN = 0.25;
@@ -37,7 +49,12 @@ export class Limits {
     this.center = scale(add(low, high), 0.5);
     this.focus = limits?.focus ?? this.center;
     const eyes = (cameras.length > 0 ? cameras : [camera]).map(({ viewmat }) => subtract(eyeOf(viewmat), this.focus));
-    const far = REACH * Math.max(...[low, high, eyeOf(camera.viewmat)].map((point) => length(subtract(point, this.focus))), ...eyes.map(length));
+    const far =
+      REACH *
+      Math.max(
+        ...[low, high, eyeOf(camera.viewmat)].map((point) => length(subtract(point, this.focus))),
+        ...eyes.map(length),
+      );
     this.distance = limits?.distance ?? [0, far];
     this.angle = ((limits?.angle ?? 180) * Math.PI) / 180;
     this.floor = limits?.floor ?? -Infinity;

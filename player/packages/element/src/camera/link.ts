@@ -15,7 +15,11 @@ export function startOf(address: string): Start {
   const parameters = new URLSearchParams(address.split("#")[1] ?? "");
   const seconds = Number.parseFloat(parameters.get("t") ?? "");
   const numbers = (parameters.get("view") ?? "").split(",").map(Number);
-  const readable = numbers.length === 8 && numbers.every(Number.isFinite) && numbers[7] > 0 && Math.hypot(...numbers.slice(3, 7)) > 0.5;
+  const readable =
+    numbers.length === 8 &&
+    numbers.every(Number.isFinite) &&
+    numbers[7] > 0 &&
+    Math.hypot(...numbers.slice(3, 7)) > 0.5;
   const [x, y, z, a, b, c, d, distance] = numbers;
   return {
     seconds: Number.isFinite(seconds) ? seconds : null,

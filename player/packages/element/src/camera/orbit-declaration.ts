@@ -3,7 +3,18 @@
  * Azimuths are counted from the reel's own camera, counterclockwise as seen from above; inclinations from straight above. Distances
  * and positions are in units of the reel, or in percent of the reel's own distance.
  */
-import { add, cross, dot, eyeOf, type Manifest, normalize, rotate, scale, subtract, type Vec3 } from "@splatreel/decoder/internal";
+import {
+  add,
+  cross,
+  dot,
+  eyeOf,
+  type Manifest,
+  normalize,
+  rotate,
+  scale,
+  subtract,
+  type Vec3,
+} from "@splatreel/decoder/internal";
 import { Horizon, type Gaze } from "./horizon";
 import type { OrbitBounds } from "./orbit-camera";
 import type { CameraState } from "./pose";
@@ -26,16 +37,21 @@ export interface Orbit {
 export function parseAngle(text: string): number | null {
   if (text === "auto") return null;
   const match = /^([-+]?(?:\d+\.?\d*|\.\d+))(deg|rad)$/.exec(text);
-  if (!match) throw new DeclarationError(`"${text}" is not an angle. Write it with its unit, such as 45deg or 0.8rad, or auto`);
+  if (!match)
+    throw new DeclarationError(`"${text}" is not an angle. Write it with its unit, such as 45deg or 0.8rad, or auto`);
   return Number(match[1]) * (match[2] === "deg" ? Math.PI / 180 : 1);
 }
 
 /** Parse three values: azimuth, inclination, distance. */
 export function parseOrbit(text: string): Orbit {
   const parts = partsOf(text);
-  if (parts.length !== 3) throw new DeclarationError(`"${text}" must hold three values: azimuth, inclination and distance, such as 45deg 80deg 2`);
+  if (parts.length !== 3)
+    throw new DeclarationError(
+      `"${text}" must hold three values: azimuth, inclination and distance, such as 45deg 80deg 2`,
+    );
   const match = parts[2] === "auto" ? null : /^(\d+\.?\d*|\.\d+)(m|%)?$/.exec(parts[2]);
-  if (parts[2] !== "auto" && !(match && Number(match[1]) > 0)) throw new DeclarationError(`"${parts[2]}" is not a distance. Write a number above 0, such as 2 or 105%, or auto`);
+  if (parts[2] !== "auto" && !(match && Number(match[1]) > 0))
+    throw new DeclarationError(`"${parts[2]}" is not a distance. Write a number above 0, such as 2 or 105%, or auto`);
   const radius = match && { value: Number(match[1]) / (match[2] === "%" ? 100 : 1), relative: match[2] === "%" };
   return { theta: parseAngle(parts[0]), phi: parseAngle(parts[1]), radius };
 }
@@ -45,14 +61,16 @@ export function parseTarget(text: string): Vec3 | null {
   const parts = partsOf(text);
   if (parts.join() === "auto" || parts.join() === "auto,auto,auto") return null;
   const numbers = parts.map((part) => Number(part.replace(/m$/, "") || NaN));
-  if (numbers.length !== 3 || !numbers.every(Number.isFinite)) throw new DeclarationError(`"${text}" is not a position. Write three numbers, such as 0 1.5 -2, or auto`);
+  if (numbers.length !== 3 || !numbers.every(Number.isFinite))
+    throw new DeclarationError(`"${text}" is not a position. Write three numbers, such as 0 1.5 -2, or auto`);
   return numbers as Vec3;
 }
 
 /** Parse a vertical field of view in radians; null for "auto". */
 export function parseFieldOfView(text: string): number | null {
   const angle = parseAngle(text.trim());
-  if (angle !== null && !(angle >= Math.PI / 180 && angle <= (170 * Math.PI) / 180)) throw new DeclarationError(`"${text}" is no field of view. Write an angle from 1deg to 170deg`);
+  if (angle !== null && !(angle >= Math.PI / 180 && angle <= (170 * Math.PI) / 180))
+    throw new DeclarationError(`"${text}" is no field of view. Write an angle from 1deg to 170deg`);
   return angle;
 }
 
@@ -74,7 +92,9 @@ export class OrbitFrame {
     this.horizon = new Horizon(this.up);
     this.own = this.horizon.level(this.horizon.gazeOf(own.turn));
     this.target = target ?? add(own.eye, scale(this.horizon.forwardOf(this.own), own.distance));
-    this.distance = target ? Math.max(dot(subtract(target, eyeOf(camera.viewmat)), this.horizon.forwardOf(this.own)), 0.1 * own.distance) : own.distance;
+    this.distance = target
+      ? Math.max(dot(subtract(target, eyeOf(camera.viewmat)), this.horizon.forwardOf(this.own)), 0.1 * own.distance)
+      : own.distance;
   }
 
   /** Return the level view of an orbit. */
@@ -83,7 +103,11 @@ export class OrbitFrame {
     const pitch = phi === null ? this.own.pitch : within(phi, ...STEEPEST) - Math.PI / 2;
     const gaze = this.horizon.level({ ...this.own, heading, pitch });
     const distance = this.radiusOf(radius) ?? this.distance;
-    return { eye: subtract(this.target, scale(this.horizon.forwardOf(gaze), distance)), turn: this.horizon.turnOf(gaze), distance };
+    return {
+      eye: subtract(this.target, scale(this.horizon.forwardOf(gaze), distance)),
+      turn: this.horizon.turnOf(gaze),
+      distance,
+    };
   }
 
   /** Return the bounds between two orbits, whose "auto" means none. Throws `DeclarationError` if a minimum exceeds its maximum. */
@@ -91,7 +115,11 @@ export class OrbitFrame {
     const azimuths: [number, number] = [least.theta ?? -Infinity, most.theta ?? Infinity];
     const inclinations: [number, number] = [least.phi ?? 0, most.phi ?? Math.PI];
     const distances: [number, number] = [this.radiusOf(least.radius) ?? 0, this.radiusOf(most.radius) ?? Infinity];
-    for (const [name, [low, high]] of Object.entries({ azimuth: azimuths, inclination: inclinations, distance: distances })) {
+    for (const [name, [low, high]] of Object.entries({
+      azimuth: azimuths,
+      inclination: inclinations,
+      distance: distances,
+    })) {
       if (low > high) throw new DeclarationError(`the smallest ${name} is larger than the largest. Exchange them`);
     }
     const middle = (azimuths[0] + azimuths[1]) / 2;

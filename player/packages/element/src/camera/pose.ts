@@ -23,7 +23,11 @@ export interface Start {
 
 /** Return the rotation (camera to world) of a viewmat [16]. */
 export function turnOf(m: number[]): Quat {
-  return quatOf([[m[0], m[1], m[2]], [m[4], m[5], m[6]], [m[8], m[9], m[10]]]);
+  return quatOf([
+    [m[0], m[1], m[2]],
+    [m[4], m[5], m[6]],
+    [m[8], m[9], m[10]],
+  ]);
 }
 
 /** Return the viewmat [16] of a state. */

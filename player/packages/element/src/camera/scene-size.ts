@@ -7,6 +7,8 @@ const DISTANCE = 2;
 /** Return the meters per world unit. */
 export function metersPerUnit({ bounds, camera, cameras }: Pick<Manifest, "bounds" | "camera" | "cameras">): number {
   const middle = scale(add(...bounds), 0.5);
-  const distances = (cameras.length > 0 ? cameras : [camera]).map(({ viewmat }) => length(subtract(eyeOf(viewmat), middle))).sort((a, b) => a - b);
+  const distances = (cameras.length > 0 ? cameras : [camera])
+    .map(({ viewmat }) => length(subtract(eyeOf(viewmat), middle)))
+    .sort((a, b) => a - b);
   return DISTANCE / Math.max(distances[distances.length >> 1], 1e-6);
 }

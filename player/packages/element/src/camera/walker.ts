@@ -31,7 +31,10 @@ export class Walker implements CameraDriver {
   private walking = false;
 
   /** calm: no inertia, for people who prefer reduced motion. */
-  constructor(manifest: Manifest, private readonly calm: boolean) {
+  constructor(
+    manifest: Manifest,
+    private readonly calm: boolean,
+  ) {
     this.up = normalize(manifest.up);
     this.horizon = new Horizon(this.up);
     this.limits = new Limits(manifest);
@@ -55,7 +58,10 @@ export class Walker implements CameraDriver {
     const gaze = horizon.righted(horizon.turned(sight.gaze, -yaw, -pitch), part(PULL));
     const free = add(sight.eye, scale(this.velocity, seconds));
     const eye = this.limits.eye(free, part(PULL));
-    const rests = length(this.velocity) < SLOW * speed && length(wanted) === 0 && length(subtract(eye, free)) < NEAR * this.limits.extent;
+    const rests =
+      length(this.velocity) < SLOW * speed &&
+      length(wanted) === 0 &&
+      length(subtract(eye, free)) < NEAR * this.limits.extent;
     if (rests && horizon.isLevel(gaze)) [this.walking, this.velocity] = [false, [0, 0, 0]];
     return { eye, gaze, distance: sight.distance };
   }
@@ -65,7 +71,10 @@ export class Walker implements CameraDriver {
     const { stick, up, speed } = this;
     const ahead = stick[1] + Math.sign(keys.forward);
     const right = stick[0] + Math.sign(keys.right);
-    const way = add(add(scale(gaze.heading, ahead), scale(cross(gaze.heading, up), right)), scale(up, -Math.sign(keys.down)));
+    const way = add(
+      add(scale(gaze.heading, ahead), scale(cross(gaze.heading, up), right)),
+      scale(up, -Math.sign(keys.down)),
+    );
     return scale(way, speed / Math.max(length(way), 1));
   }
 }

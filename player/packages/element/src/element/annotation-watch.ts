@@ -7,9 +7,15 @@ import type { Annotations } from "../ui/annotations";
 export function watchAnnotations(host: HTMLElement, player: Player, failed: () => void, signal: AbortSignal): void {
   let loading: Promise<Annotations> | null = null;
   const update = (): void => {
-    if (loading) return void loading.then((annotations) => annotations.read(), () => undefined);
+    if (loading)
+      return void loading.then(
+        (annotations) => annotations.read(),
+        () => undefined,
+      );
     if (!host.querySelector(':scope > [slot^="annotation-"]')) return;
-    loading = loadPart("annotations.js", () => import("../ui/annotations")).then(({ Annotations }) => new Annotations(host, host.shadowRoot!, player, signal));
+    loading = loadPart("annotations.js", () => import("../ui/annotations")).then(
+      ({ Annotations }) => new Annotations(host, host.shadowRoot!, player, signal),
+    );
     loading.catch(failed);
   };
   const children = new MutationObserver(update);

@@ -29,7 +29,8 @@ export class ContextPool {
     const at = this.holding.indexOf(holder);
     if (at >= 0) return void this.holding.push(...this.holding.splice(at, 1)); // most recently used
     this.forget(holder);
-    const victim = now && this.holding.length >= this.most ? (this.victim() ?? this.holding.find(({ needed }) => !needed)) : null;
+    const victim =
+      now && this.holding.length >= this.most ? (this.victim() ?? this.holding.find(({ needed }) => !needed)) : null;
     if (victim) this.evict(victim);
     if (now) this.waiting.unshift(holder);
     else this.waiting.push(holder);

@@ -33,12 +33,42 @@ import { watchTracks } from "./track-watch";
 import { Visibility } from "./visibility";
 
 /** Events of the player that the element dispatches as well. */
-const EVENTS = ["emptied", "loadstart", "durationchange", "loadedmetadata", "loadeddata", "canplay", "play", "playing", "pause", "waiting"];
-EVENTS.push("timeupdate", "progress", "seeking", "seeked", "ratechange", "volumechange", "pathchange", "ended", "error");
+const EVENTS = [
+  "emptied",
+  "loadstart",
+  "durationchange",
+  "loadedmetadata",
+  "loadeddata",
+  "canplay",
+  "play",
+  "playing",
+  "pause",
+  "waiting",
+];
+EVENTS.push(
+  "timeupdate",
+  "progress",
+  "seeking",
+  "seeked",
+  "ratechange",
+  "volumechange",
+  "pathchange",
+  "ended",
+  "error",
+);
 
 /** `<splat-reel>`. */
 export class SplatReelElement extends MediaElement {
-  static readonly observedAttributes = ["src", "poster", "loop", "muted", "controls", "loading", "preload", "transparent"];
+  static readonly observedAttributes = [
+    "src",
+    "poster",
+    "loop",
+    "muted",
+    "controls",
+    "loading",
+    "preload",
+    "transparent",
+  ];
 
   /** The player behind the element. */
   readonly player: Player;
@@ -99,9 +129,15 @@ export class SplatReelElement extends MediaElement {
     signal.addEventListener("abort", () => resize.disconnect());
     addEventListener("hashchange", () => this.hasAttribute("share") && this.follow(location.href), { signal });
     this.addEventListener("click", () => this.visibility.ask(), { signal });
-    for (const name of ["pointerdown", "focusin"]) this.addEventListener(name, () => this.visibility.interact(), { signal });
+    for (const name of ["pointerdown", "focusin"])
+      this.addEventListener(name, () => this.visibility.interact(), { signal });
     this.showControls();
-    watchTracks(this, ({ Tracks }) => (player.tracks = new Tracks(this, this.shadowRoot!, player, (words) => this.say(words))), () => this.say(LACKING), signal);
+    watchTracks(
+      this,
+      ({ Tracks }) => (player.tracks = new Tracks(this, this.shadowRoot!, player, (words) => this.say(words))),
+      () => this.say(LACKING),
+      signal,
+    );
     signal.addEventListener("abort", () => (player.tracks = null));
     if (this.hasAttribute("drop")) watchDrops(this, this.shadowRoot!, () => this.say(LACKING), signal);
     this.watch();
@@ -270,7 +306,10 @@ export class SplatReelElement extends MediaElement {
   private describe(): void {
     const { words: t } = this.player;
     const label = this.getAttribute("aria-label") ?? t("Volumetric video");
-    this.canvas.setAttribute("aria-label", `${label}. ${t("Drag to look around, scroll to zoom, double-click to choose the middle.")}`);
+    this.canvas.setAttribute(
+      "aria-label",
+      `${label}. ${t("Drag to look around, scroll to zoom, double-click to choose the middle.")}`,
+    );
   }
 
   /** Show all texts in the language of the page. Until its file arrives, and if it does not, they are English. */

@@ -36,11 +36,25 @@ export class FrameCallbacks {
 
   private report(): void {
     this.pictures++;
-    const { waiting, player: { canvas: { width, height }, currentTime, resolution } } = this;
+    const {
+      waiting,
+      player: {
+        canvas: { width, height },
+        currentTime,
+        resolution,
+      },
+    } = this;
     if (waiting.size === 0) return;
     this.waiting = new Map();
     const now = performance.now();
-    const metadata = { presentationTime: now, expectedDisplayTime: now + resolution.interval, width, height, mediaTime: currentTime, presentedFrames: this.pictures };
+    const metadata = {
+      presentationTime: now,
+      expectedDisplayTime: now + resolution.interval,
+      width,
+      height,
+      mediaTime: currentTime,
+      presentedFrames: this.pictures,
+    };
     for (const callback of waiting.values()) {
       try {
         callback(now, metadata);

@@ -6,9 +6,16 @@ import type { Player } from "../player/player";
 export function watchMedia(host: HTMLElement, player: Player, poster: HTMLImageElement, signal: AbortSignal): void {
   const { mediaSession } = navigator;
   if (!mediaSession) return;
-  player.addEventListener("playing", () => {
-    const loading = loadPart("media-controls.js", () => import("../ui/media-controls"));
-    // Playback goes on without it.
-    loading.then(({ MediaControls }) => void (signal.aborted || new MediaControls(host, player, poster, mediaSession, signal)), () => undefined);
-  }, { once: true, signal });
+  player.addEventListener(
+    "playing",
+    () => {
+      const loading = loadPart("media-controls.js", () => import("../ui/media-controls"));
+      // Playback goes on without it.
+      loading.then(
+        ({ MediaControls }) => void (signal.aborted || new MediaControls(host, player, poster, mediaSession, signal)),
+        () => undefined,
+      );
+    },
+    { once: true, signal },
+  );
 }

@@ -1,5 +1,13 @@
 /** First script of the bundled page: requests the manifest and the first layer, and shows the poster, before the player is loaded. */
-import { addressWithin, type DecodeReply, type DecodeRequest, EARLY, type EarlyFile, type EarlyWorker, startWorker } from "@splatreel/decoder/internal";
+import {
+  addressWithin,
+  type DecodeReply,
+  type DecodeRequest,
+  EARLY,
+  type EarlyFile,
+  type EarlyWorker,
+  startWorker,
+} from "@splatreel/decoder/internal";
 import type { Prefetched } from "../player/prefetched";
 import type { PageRoot } from "./page";
 
@@ -24,9 +32,13 @@ interface Layer {
 const root = document.querySelector<PageRoot>("main[data-splatreel-page]")!;
 const parameters = new URLSearchParams(location.search);
 const given = parameters.get("poster");
-const url = new URL(parameters.get("src") ?? root.dataset.src ?? "reel/manifest.json", document.baseURI).href.split("#")[0];
+const url = new URL(parameters.get("src") ?? root.dataset.src ?? "reel/manifest.json", document.baseURI).href.split(
+  "#",
+)[0];
 // If this fails, the player repeats the request and reports the error.
-const text = fetch(url, { cache: "no-cache", priority: "high", signal: AbortSignal.timeout(STALL) }).then((answer) => (answer.ok ? answer.text() : null)).catch(() => null);
+const text = fetch(url, { cache: "no-cache", priority: "high", signal: AbortSignal.timeout(STALL) })
+  .then((answer) => (answer.ok ? answer.text() : null))
+  .catch(() => null);
 const image = document.createElement("img");
 const spinner = document.createElement("div");
 const prefetched: Prefetched = { url, text, image, spinner, worker: null };
@@ -46,8 +58,13 @@ function loadAll(): void {
 /** Start the first worker and request the first layer; null in a sandboxed frame, where the player starts workers differently. */
 function firstWorker(): EarlyWorker | null {
   try {
-    const early: EarlyWorker = { worker: startWorker(new URL("./decode-worker.js", import.meta.url).href, { type: "module" }), file: null };
-    void text.then((json) => (early.file = requestLayer(early.worker, JSON.parse(json ?? "{}")))).catch(() => undefined);
+    const early: EarlyWorker = {
+      worker: startWorker(new URL("./decode-worker.js", import.meta.url).href, { type: "module" }),
+      file: null,
+    };
+    void text
+      .then((json) => (early.file = requestLayer(early.worker, JSON.parse(json ?? "{}"))))
+      .catch(() => undefined);
     return early;
   } catch {
     return null;
@@ -91,8 +108,20 @@ async function show(): Promise<void> {
 /** Show that the page loads, unless the player is here, by the spinner of ui.css. */
 function showSpinner(): void {
   if (customElements.get("splat-reel")) return;
-  Object.assign(spinner.style, { position: "fixed", inset: "0", zIndex: "1", margin: "auto", boxSizing: "border-box", width: "42px", height: "42px" });
-  Object.assign(spinner.style, { border: "3px solid rgb(160 160 170 / 0.4)", borderTopColor: "#fff", borderRadius: "50%" });
+  Object.assign(spinner.style, {
+    position: "fixed",
+    inset: "0",
+    zIndex: "1",
+    margin: "auto",
+    boxSizing: "border-box",
+    width: "42px",
+    height: "42px",
+  });
+  Object.assign(spinner.style, {
+    border: "3px solid rgb(160 160 170 / 0.4)",
+    borderTopColor: "#fff",
+    borderRadius: "50%",
+  });
   Object.assign(spinner.style, { background: "rgb(0 0 0 / 0.35)", boxShadow: "0 0 0 3px rgb(0 0 0 / 0.35)" });
   root.append(spinner);
   spinner.animate({ rotate: "1turn" }, { duration: 900, iterations: Infinity });

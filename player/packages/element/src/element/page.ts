@@ -17,7 +17,8 @@ export function openPage(root: PageRoot): void {
   document.documentElement.lang = bestLanguage(navigator.languages);
   const parameters = new URLSearchParams(location.search);
   const reel = document.createElement("splat-reel");
-  for (const name of ["autoplay", "loop", "controls", "share"]) reel.toggleAttribute(name, parameters.get(name) !== "0");
+  for (const name of ["autoplay", "loop", "controls", "share"])
+    reel.toggleAttribute(name, parameters.get(name) !== "0");
   reel.toggleAttribute("muted", parameters.get("muted") === "1");
   for (const name of ["src", "poster"]) if (parameters.has(name)) reel.setAttribute(name, parameters.get(name)!);
   if (!parameters.has("src")) reel.setAttribute("src", root.dataset.src ?? "reel/manifest.json");

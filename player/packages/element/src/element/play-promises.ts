@@ -12,16 +12,26 @@ export class PlayPromises {
 
   constructor(private readonly player: Player) {
     player.addEventListener("playing", () => this.settle((promised) => promised.resolve()));
-    player.addEventListener("notallowed", () => this.fail("NotAllowedError", "The browser allows sound only after an interaction with the page. Mute the reel, or call play() in a click handler."));
+    player.addEventListener("notallowed", () =>
+      this.fail(
+        "NotAllowedError",
+        "The browser allows sound only after an interaction with the page. Mute the reel, or call play() in a click handler.",
+      ),
+    );
     player.addEventListener("pause", () => this.fail("AbortError", "play() was interrupted by a call to pause()."));
-    player.addEventListener("emptied", () => this.fail("AbortError", "play() was interrupted: another reel is opened, or none."));
+    player.addEventListener("emptied", () =>
+      this.fail("AbortError", "play() was interrupted: another reel is opened, or none."),
+    );
     player.addEventListener("error", () => this.fail("NotSupportedError", player.error!.message));
   }
 
   /** Play. Resolves once time advances. Rejects with an `AbortError`, `NotSupportedError` or `NotAllowedError`. */
   play(): Promise<void> {
     const { player } = this;
-    if (!player.hasSource) return Promise.reject(new DOMException("There is no reel to play: the attribute src is missing.", "NotSupportedError"));
+    if (!player.hasSource)
+      return Promise.reject(
+        new DOMException("There is no reel to play: the attribute src is missing.", "NotSupportedError"),
+      );
     if (player.error) return Promise.reject(new DOMException(player.error.message, "NotSupportedError"));
     player.play();
     if (player.playback.advancing) return Promise.resolve();

@@ -27,7 +27,10 @@ export class Poster {
     player.addEventListener("drawn", () => this.drawn());
     player.addEventListener("canplay", () => this.drawn());
     player.addEventListener("emptied", () => this.clear());
-    player.addEventListener("error", () => this.player.error instanceof DeviceLostError && this.last.canvas && this.showStill(this.last.canvas));
+    player.addEventListener(
+      "error",
+      () => this.player.error instanceof DeviceLostError && this.last.canvas && this.showStill(this.last.canvas),
+    );
     this.clear();
   }
 
@@ -74,11 +77,17 @@ export class Poster {
 
   /** Horizontal position at which the poster covers the canvas as the first view does, in percent. */
   private get position(): number {
-    const { camera, manifest, canvas: { clientWidth, clientHeight } } = this.player;
+    const {
+      camera,
+      manifest,
+      canvas: { clientWidth, clientHeight },
+    } = this.player;
     if (!camera || !manifest) return 50;
     const { width, height } = manifest.camera;
     const [shown, whole] = [clientWidth / 2, (clientHeight * width) / height];
-    return whole > clientWidth ? Math.min(Math.max((camera.center * whole - shown) / (whole - clientWidth), 0), 1) * 100 : 50;
+    return whole > clientWidth
+      ? Math.min(Math.max((camera.center * whole - shown) / (whole - clientWidth), 0), 1) * 100
+      : 50;
   }
 
   /** Show nothing. */

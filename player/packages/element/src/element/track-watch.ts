@@ -3,7 +3,12 @@ import { loadPart } from "@splatreel/renderer";
 import type { Tracks } from "../ui/text-tracks";
 
 /** Follow the tracks of an element until the signal. create: creates the tracks from the loaded part. failed: the part cannot be loaded. */
-export function watchTracks(host: HTMLElement, create: (part: typeof import("../ui/text-tracks")) => Tracks, failed: () => void, signal: AbortSignal): void {
+export function watchTracks(
+  host: HTMLElement,
+  create: (part: typeof import("../ui/text-tracks")) => Tracks,
+  failed: () => void,
+  signal: AbortSignal,
+): void {
   let tracks: Tracks | null = null;
   let loading = false;
   const update = async (): Promise<void> => {
@@ -18,7 +23,11 @@ export function watchTracks(host: HTMLElement, create: (part: typeof import("../
     }
   };
   const children = new MutationObserver(() => void update());
-  children.observe(host, { childList: true, subtree: true, attributeFilter: ["src", "kind", "srclang", "label", "default"] });
+  children.observe(host, {
+    childList: true,
+    subtree: true,
+    attributeFilter: ["src", "kind", "srclang", "label", "default"],
+  });
   const choice = new MutationObserver(() => tracks?.select());
   choice.observe(host, { attributeFilter: ["captions"] });
   signal.addEventListener("abort", () => {

@@ -24,7 +24,11 @@ export class Visibility implements ContextHolder {
   /** True if not even the manifest is downloaded before an interaction. */
   private patient = false;
 
-  constructor(private readonly element: Element, private readonly player: Player, private readonly poster: Poster) {
+  constructor(
+    private readonly element: Element,
+    private readonly player: Player,
+    private readonly poster: Poster,
+  ) {
     for (const event of ["canplay", "pause", "error"]) player.addEventListener(event, () => devices.review());
     for (const event of ["play", "seeking"]) player.addEventListener(event, () => this.ask());
   }

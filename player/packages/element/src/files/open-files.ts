@@ -37,11 +37,14 @@ export async function openFiles(list: Iterable<File>): Promise<LocalFiles> {
 /** Return the reel whose manifest is nearest to the root, with the files in its folder. */
 async function reelAmong(files: Files, name: string): Promise<LocalFiles> {
   const depth = (path: string): number => path.split("/").length;
-  const manifests = [...files.keys()].filter((path) => path.split("/").at(-1) === MANIFEST && !path.includes("__MACOSX"));
+  const manifests = [...files.keys()].filter(
+    (path) => path.split("/").at(-1) === MANIFEST && !path.includes("__MACOSX"),
+  );
   manifests.sort((a, b) => depth(a) - depth(b));
   const [manifest, other] = manifests;
   if (manifest === undefined) throw new ReelError(`That is not a reel: ${name} holds no ${MANIFEST}. ${REMEDY}`);
-  if (other !== undefined && depth(other) === depth(manifest)) throw new ReelError(`${name} holds several reels: ${manifest} and ${other}. Give one of them.`);
+  if (other !== undefined && depth(other) === depth(manifest))
+    throw new ReelError(`${name} holds several reels: ${manifest} and ${other}. Give one of them.`);
   const folder = manifest.slice(0, -MANIFEST.length);
   const parts = new Map<string, LocalFile>();
   for (const [path, read] of files) if (path.startsWith(folder)) parts.set(path.slice(folder.length), await read());
@@ -77,8 +80,10 @@ async function isZip(file: File): Promise<boolean> {
 
 function kindOf(name: string): string {
   const ending = name.toLowerCase().split(".").at(-1)!;
-  if (["ply", "spz", "splat", "ksplat", "glb", "gltf", "sog"].includes(ending)) return "a single static scene; a reel is a folder of many files";
-  if (["mp4", "mov", "webm", "mkv", "avi", "m4v"].includes(ending)) return "an ordinary video; splatreel reconstruct makes a reel from several videos";
+  if (["ply", "spz", "splat", "ksplat", "glb", "gltf", "sog"].includes(ending))
+    return "a single static scene; a reel is a folder of many files";
+  if (["mp4", "mov", "webm", "mkv", "avi", "m4v"].includes(ending))
+    return "an ordinary video; splatreel reconstruct makes a reel from several videos";
   if (ending === "json") return "only one file of a reel";
   return "a file of another type";
 }

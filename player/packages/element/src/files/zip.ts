@@ -27,9 +27,11 @@ export async function filesOfZip(blob: Blob, name: string): Promise<Map<string, 
     if (path.endsWith("/")) continue;
     files.set(path, async () => {
       if (encrypted) throw wrong(`${path} is encrypted. Zip the folder without a password`);
-      if (method !== STORED && method !== DEFLATED) throw wrong(`${path} is compressed in a way (${method}) that browsers do not know. Zip the folder as usual`);
+      if (method !== STORED && method !== DEFLATED)
+        throw wrong(`${path} is compressed in a way (${method}) that browsers do not know. Zip the folder as usual`);
       const local = await view(blob, header, LOCAL_HEADER);
-      if (local.byteLength < LOCAL_HEADER || local.getUint32(0, true) !== 0x04034b50) throw wrong(`it is damaged at ${path}. Copy it again`);
+      if (local.byteLength < LOCAL_HEADER || local.getUint32(0, true) !== 0x04034b50)
+        throw wrong(`it is damaged at ${path}. Copy it again`);
       const start = header + LOCAL_HEADER + local.getUint16(26, true) + local.getUint16(28, true);
       return { blob: blob.slice(start, start + packed), deflated: method === DEFLATED };
     });
@@ -43,13 +45,18 @@ async function directoryOf(blob: Blob, wrong: (why: string) => ReelError): Promi
   let at = tail.byteLength - END;
   while (at >= 0 && tail.getUint32(at, true) !== 0x06054b50) at--;
   if (at < 0) throw wrong("it is not a zip, or it was cut off. Copy it again");
-  const [count, size, start] = [tail.getUint16(at + 10, true), tail.getUint32(at + 12, true), tail.getUint32(at + 16, true)];
+  const [count, size, start] = [
+    tail.getUint16(at + 10, true),
+    tail.getUint32(at + 12, true),
+    tail.getUint32(at + 16, true),
+  ];
   if (start === 0xffffffff || count === 0xffff) throw wrong("it is larger than 4 GB. Unzip it and open the folder");
   if (size > MOST_BYTES || start + size > from + at) throw wrong("it is damaged. Copy it again");
   const directory = await view(blob, start, size);
   const entries: Entry[] = [];
-  for (let place = 0; entries.length < Math.min(count, MOST_FILES); ) {
-    if (place + 46 > size || directory.getUint32(place, true) !== 0x02014b50) throw wrong("its directory is damaged. Copy it again");
+  for (let place = 0; entries.length < Math.min(count, MOST_FILES);) {
+    if (place + 46 > size || directory.getUint32(place, true) !== 0x02014b50)
+      throw wrong("its directory is damaged. Copy it again");
     const u16 = (offset: number): number => directory.getUint16(place + offset, true);
     const u32 = (offset: number): number => directory.getUint32(place + offset, true);
     const end = place + 46 + u16(28);

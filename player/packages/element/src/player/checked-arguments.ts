@@ -6,15 +6,19 @@ import type { Pose } from "../camera/pose";
 export function checkedViewmat(viewmat: ArrayLike<number>): number[] {
   const m = checkedMatrix(viewmat, 16, "viewmat");
   const rows = [m.slice(0, 3), m.slice(4, 7), m.slice(8, 11)];
-  const products = rows.flatMap((a, i) => rows.slice(i).map((b, j) => a.reduce((sum, value, k) => sum + value * b[k], 0) - (j === 0 ? 1 : 0)));
-  if (products.some((off) => Math.abs(off) > 0.01)) throw new TypeError("viewmat must hold a rotation: its first three rows are not perpendicular and of length 1.");
+  const products = rows.flatMap((a, i) =>
+    rows.slice(i).map((b, j) => a.reduce((sum, value, k) => sum + value * b[k], 0) - (j === 0 ? 1 : 0)),
+  );
+  if (products.some((off) => Math.abs(off) > 0.01))
+    throw new TypeError("viewmat must hold a rotation: its first three rows are not perpendicular and of length 1.");
   return m;
 }
 
 /** Return a pose with valid intrinsics and rotation. Throws `TypeError`. */
 export function checkedPose({ K, viewmat }: Pose): Pose {
   const lens = checkedMatrix(K, 9, "K");
-  if (lens[0] <= 0 || lens[4] <= 0) throw new TypeError(`K must have focal lengths above 0, not ${lens[0]} and ${lens[4]}.`);
+  if (lens[0] <= 0 || lens[4] <= 0)
+    throw new TypeError(`K must have focal lengths above 0, not ${lens[0]} and ${lens[4]}.`);
   return { K: lens, viewmat: checkedViewmat(viewmat) };
 }
 

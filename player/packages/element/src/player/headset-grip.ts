@@ -24,13 +24,23 @@ export class HeadsetGrip {
   private readonly holds = new Map<XrInput, Hold>();
 
   /** selected: called for a short pinch, trigger or tap. */
-  constructor(session: XrSession, private readonly room: HeadsetSpace, selected: () => void) {
-    const begin = (grabs: boolean) => ({ inputSource }: InputEvent): void => void (inputSource && this.holds.set(inputSource, { start: null, last: null, grabs }));
+  constructor(
+    session: XrSession,
+    private readonly room: HeadsetSpace,
+    selected: () => void,
+  ) {
+    const begin =
+      (grabs: boolean) =>
+      ({ inputSource }: InputEvent): void =>
+        void (inputSource && this.holds.set(inputSource, { start: null, last: null, grabs }));
     const end = ({ inputSource }: InputEvent): void => void (inputSource && this.holds.delete(inputSource));
     session.addEventListener("selectstart", begin(false));
     session.addEventListener("squeezestart", begin(true));
     for (const name of ["selectend", "squeezeend"]) session.addEventListener(name, end);
-    session.addEventListener("select", ({ inputSource }: InputEvent) => this.holds.get(inputSource!)?.grabs || selected());
+    session.addEventListener(
+      "select",
+      ({ inputSource }: InputEvent) => this.holds.get(inputSource!)?.grabs || selected(),
+    );
   }
 
   /** Let the reel follow the hands. */

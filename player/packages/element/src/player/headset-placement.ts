@@ -15,7 +15,12 @@ export class HeadsetPlacement {
   placed = false;
   private hit: Vec3 | null = null;
 
-  private constructor(private readonly room: HeadsetSpace, private readonly anchor: Vec3, private readonly eye: Vec3, private readonly source: object) {}
+  private constructor(
+    private readonly room: HeadsetSpace,
+    private readonly anchor: Vec3,
+    private readonly eye: Vec3,
+    private readonly source: object,
+  ) {}
 
   /** Begin to look for the floor. eye: position of the first view, in world units. */
   static async begin(session: XrSession, room: HeadsetSpace, manifest: Manifest, eye: Vec3): Promise<HeadsetPlacement> {
@@ -49,7 +54,11 @@ export class HeadsetPlacement {
 function footOf({ bounds: [low, high], up, presentation: { limits } }: Manifest): Vec3 {
   const y = normalize(up);
   const focus = limits?.focus ?? scale(add(low, high), 0.5);
-  const corners = Array.from({ length: 8 }, (_, i): Vec3 => [[low, high][i & 1][0], [low, high][(i >> 1) & 1][1], [low, high][i >> 2][2]]);
+  const corners = Array.from({ length: 8 }, (_, i): Vec3 => [
+    [low, high][i & 1][0],
+    [low, high][(i >> 1) & 1][1],
+    [low, high][i >> 2][2],
+  ]);
   const floor = limits?.floor ?? Math.min(...corners.map((corner) => dot(corner, y)));
   return add(focus, scale(y, floor - dot(focus, y)));
 }

@@ -57,5 +57,9 @@ export async function supportsHeadset(mode: HeadsetMode): Promise<boolean> {
   // Without this check, browsers log an error in frames that may not ask.
   const { featurePolicy } = document as { featurePolicy?: { allowsFeature(name: string): boolean } };
   if (featurePolicy?.allowsFeature("xr-spatial-tracking") === false) return false;
-  return (await headsetSystem()?.isSessionSupported(`immersive-${mode}`).catch(() => false)) ?? false;
+  return (
+    (await headsetSystem()
+      ?.isSessionSupported(`immersive-${mode}`)
+      .catch(() => false)) ?? false
+  );
 }

@@ -22,7 +22,10 @@ export class HeadsetTeleport {
   /** Inputs whose stick has turned the viewer and is not released yet. */
   private readonly turned = new Set<XrInput>();
 
-  constructor(private readonly room: HeadsetSpace, private readonly limits: Limits) {}
+  constructor(
+    private readonly room: HeadsetSpace,
+    private readonly limits: Limits,
+  ) {}
 
   /** Read the sticks. head: position of the eyes. Returns the marks to draw. */
   update(frame: XrFrame, space: object, inputs: Iterable<XrInput>, head: Vec3): Mark[] {

@@ -45,7 +45,10 @@ export class Headset {
     const { camera, manifest, stage } = player;
     if (!camera || !manifest || !stage) throw new ReelError("There is no reel to show in the headset yet.");
     const needs = mode === "ar" ? { requiredFeatures: ["hit-test"] } : {};
-    const session = await headsetSystem()!.requestSession(`immersive-${mode}`, { ...needs, optionalFeatures: ["local-floor"] });
+    const session = await headsetSystem()!.requestSession(`immersive-${mode}`, {
+      ...needs,
+      optionalFeatures: ["local-floor"],
+    });
     let headset: Headset | null = null;
     session.addEventListener("end", () => {
       headset?.marks.delete();
@@ -59,7 +62,8 @@ export class Headset {
       const floor = await session.requestReferenceSpace("local-floor").catch(() => null);
       const space = floor ?? (await session.requestReferenceSpace("local"));
       const room = new HeadsetSpace(manifest, camera.viewmat, floor !== null);
-      const placement = mode === "ar" ? await HeadsetPlacement.begin(session, room, manifest, eyeOf(camera.viewmat)) : null;
+      const placement =
+        mode === "ar" ? await HeadsetPlacement.begin(session, room, manifest, eyeOf(camera.viewmat)) : null;
       headset = new Headset(player, session, layer, space, room, placement);
     } catch (error) {
       void session.end();
@@ -91,20 +95,35 @@ export class Headset {
     const pose = frame.getViewerPose(space);
     if (!pose || player.camera !== camera) return; // the headset is off, or another reel was opened
     this.head = pose.transform.matrix;
-    const marks = placement ? placement.update(frame, space) : this.teleport.update(frame, space, session.inputSources ?? [], positionOf(this.head));
+    const marks = placement
+      ? placement.update(frame, space)
+      : this.teleport.update(frame, space, session.inputSources ?? [], positionOf(this.head));
     const waits = placement?.placed === false;
     if (!waits) this.grip.update(frame, space);
     const [eyes, marked]: [Eye[], MarkedEye[]] = [[], []];
     for (const seen of pose.views) {
       const port = layer.getViewport(seen);
       if (!port) continue;
-      const { projectionMatrix, transform: { inverse: { matrix: inverse } } } = seen;
+      const {
+        projectionMatrix,
+        transform: {
+          inverse: { matrix: inverse },
+        },
+      } = seen;
       const { x, y, width, height } = port;
-      eyes.push({ framebuffer: layer.framebuffer, x, y, view: room.view(inverse, projectionMatrix, width, height, camera.near) });
+      eyes.push({
+        framebuffer: layer.framebuffer,
+        x,
+        y,
+        view: room.view(inverse, projectionMatrix, width, height, camera.near),
+      });
       marked.push({ port, projection: projectionMatrix, inverse });
     }
     if (eyes.length === 0) return;
-    const view = { ...room.view(pose.transform.inverse.matrix, pose.views[0].projectionMatrix, 1, 1, camera.near), ...WIDE };
+    const view = {
+      ...room.view(pose.transform.inverse.matrix, pose.views[0].projectionMatrix, 1, 1, camera.near),
+      ...WIDE,
+    };
     if (!waits) player.playback.drawForCaller(now, view, eyes);
     this.marks.draw(layer.framebuffer, marked, marks, waits);
   };

@@ -46,7 +46,11 @@ export class Lifecycle {
   };
 
   constructor(private readonly host: LifecycleHost) {
-    this.device = graphicsDeviceOf(host.canvas, () => this.fail(new DeviceLostError()), () => this.retry());
+    this.device = graphicsDeviceOf(
+      host.canvas,
+      () => this.fail(new DeviceLostError()),
+      () => this.retry(),
+    );
   }
 
   /** Session of the open reel; null if there is none, or while nobody looks. */
@@ -122,7 +126,8 @@ export class Lifecycle {
 
   retry(): void {
     const { clock } = this.host;
-    if (this.orbitCamera) this.resume = { seconds: clock.manifest ? clock.seconds : this.startSeconds, view: this.orbitCamera.state };
+    if (this.orbitCamera)
+      this.resume = { seconds: clock.manifest ? clock.seconds : this.startSeconds, view: this.orbitCamera.state };
     clock.forget();
     this.orbitCamera = null;
     void this.begin();
@@ -154,7 +159,12 @@ export class Lifecycle {
       if (device.released) await device.acquire();
       if (opening !== this.openings) return void (!this.isAwake && device.release());
       const prefetched = this.takePrefetched();
-      session = this.current = Session.start(device.createRenderer(), (failed) => new Sorter(failed), this.sessionEvents(), prefetched?.worker);
+      session = this.current = Session.start(
+        device.createRenderer(),
+        (failed) => new Sorter(failed),
+        this.sessionEvents(),
+        prefetched?.worker,
+      );
       if (session.stage.software) host.drawsInSoftware();
       // The manifest of a reel that was put to rest is still valid, unless the reel is live.
       const known = host.clock.live ? null : host.clock.reel;
@@ -175,13 +185,20 @@ export class Lifecycle {
   }
 
   private open(session: Session, reel: Reel): void {
-    const { host, host: { clock } } = this;
+    const {
+      host,
+      host: { clock },
+    } = this;
     const { manifest } = reel;
     const known = this.orbitCamera !== null;
     session.open(reel);
     clock.open(reel);
     this.orbitCamera ??= this.cameraOf(manifest);
-    clock.seek(known ? clock.seconds : (this.requestedTime ?? this.resume?.seconds ?? this.start?.seconds ?? (manifest.live ? clock.edge : 0)));
+    clock.seek(
+      known
+        ? clock.seconds
+        : (this.requestedTime ?? this.resume?.seconds ?? this.start?.seconds ?? (manifest.live ? clock.edge : 0)),
+    );
     [this.start, this.resume, this.requestedTime] = [null, null, null];
     host.opened(reel);
     if (!known) host.emit("loadedmetadata");

@@ -104,7 +104,8 @@ export class PathPlayer {
     if (runs && Math.abs(player.playbackRate - pace) > 1e-3) player.playbackRate = pace;
     if (runs !== this.runs) {
       this.runs = runs;
-      if (runs) player.play(true); // muted if the browser requires it
+      if (runs)
+        player.play(true); // muted if the browser requires it
       else player.pause();
     }
     const ahead = player.currentTime - time;

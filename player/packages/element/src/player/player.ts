@@ -223,7 +223,19 @@ export class Player extends PlayerCore {
   /** Statistics; null without an open reel. */
   get stats(): Stats | null {
     const { session, stage, stream, manifest, canvas, resolution, shownRendition: rendition, ahead } = this;
-    return session && stage && stream && manifest ? measure({ stage, stream, decoders: session.decoders, manifest, canvas, resolution, rendition, ahead, moment: this.clock.moment }) : null;
+    return session && stage && stream && manifest
+      ? measure({
+          stage,
+          stream,
+          decoders: session.decoders,
+          manifest,
+          canvas,
+          resolution,
+          rendition,
+          ahead,
+          moment: this.clock.moment,
+        })
+      : null;
   }
 
   /** Pause, and step by a number of frames. */

@@ -36,7 +36,17 @@ export interface Measured {
 }
 
 /** Return the statistics. */
-export function measure({ stage, stream, decoders, manifest, canvas, resolution, rendition, ahead, moment }: Measured): Stats {
+export function measure({
+  stage,
+  stream,
+  decoders,
+  manifest,
+  canvas,
+  resolution,
+  rendition,
+  ahead,
+  moment,
+}: Measured): Stats {
   const { groups, fps, frames } = manifest;
   const group = moment && groups[moment.current.group];
   const seconds = group ? ((firstFrameOf(manifest, group.group + 1) ?? frames) - group.firstFrame) / fps : 1;

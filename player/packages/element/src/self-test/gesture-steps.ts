@@ -21,7 +21,9 @@ export function dragTest({ canvas, camera }: Player, signal: AbortSignal): Promi
 export function pinchTest({ canvas, camera }: Player, signal: AbortSignal): Promise<string> {
   return watchFingers(canvas, signal, (fingers, start) => {
     const factor = fingers === 2 ? start(camera!.state).distance / camera!.state.distance : 1;
-    return Math.max(factor, 1 / factor) > PINCHED ? `changed the distance by a factor of ${(1 / factor).toFixed(2)}` : null;
+    return Math.max(factor, 1 / factor) > PINCHED
+      ? `changed the distance by a factor of ${(1 / factor).toFixed(2)}`
+      : null;
   });
 }
 
@@ -30,17 +32,22 @@ export function doubleTapTest(player: Player, signal: AbortSignal): Promise<stri
   const { canvas, camera } = player;
   return new Promise((resolve) => {
     let last = -Infinity;
-    canvas.addEventListener("pointerup", ({ timeStamp }) => {
-      const double = timeStamp - last < DOUBLE;
-      last = double ? -Infinity : timeStamp;
-      if (!double) return;
-      const [before, time] = [camera!.state, player.currentTime];
-      setTimeout(() => {
-        const { state } = camera!;
-        if (Math.abs(player.currentTime - time) > 0.02 && player.paused) resolve("stepped through the time");
-        else if (angleBetween(before, state) > 0.005 || Math.abs(state.distance / before.distance - 1) > 0.005) resolve("chose a new middle");
-      }, ANSWER);
-    }, { signal });
+    canvas.addEventListener(
+      "pointerup",
+      ({ timeStamp }) => {
+        const double = timeStamp - last < DOUBLE;
+        last = double ? -Infinity : timeStamp;
+        if (!double) return;
+        const [before, time] = [camera!.state, player.currentTime];
+        setTimeout(() => {
+          const { state } = camera!;
+          if (Math.abs(player.currentTime - time) > 0.02 && player.paused) resolve("stepped through the time");
+          else if (angleBetween(before, state) > 0.005 || Math.abs(state.distance / before.distance - 1) > 0.005)
+            resolve("chose a new middle");
+        }, ANSWER);
+      },
+      { signal },
+    );
   });
 }
 
@@ -49,32 +56,50 @@ export function rotationTest({ canvas }: Player, signal: AbortSignal): Promise<s
   const lies = (): boolean => innerWidth > innerHeight;
   const [before, size] = [lies(), `${innerWidth} x ${innerHeight}`];
   return new Promise((resolve, reject) => {
-    addEventListener("resize", () => {
-      if (lies() === before) return;
-      setTimeout(() => {
-        const wide = document.documentElement.scrollWidth > innerWidth;
-        const skew = (canvas.width * canvas.clientHeight) / (canvas.height * canvas.clientWidth);
-        if (wide || Math.abs(skew - 1) > 0.05) reject(new Error(wide ? "the page is wider than the screen" : "the picture is distorted"));
-        else resolve(`from ${size} to ${innerWidth} x ${innerHeight}`);
-      }, ANSWER);
-    }, { signal });
+    addEventListener(
+      "resize",
+      () => {
+        if (lies() === before) return;
+        setTimeout(() => {
+          const wide = document.documentElement.scrollWidth > innerWidth;
+          const skew = (canvas.width * canvas.clientHeight) / (canvas.height * canvas.clientWidth);
+          if (wide || Math.abs(skew - 1) > 0.05)
+            reject(new Error(wide ? "the page is wider than the screen" : "the picture is distorted"));
+          else resolve(`from ${size} to ${innerWidth} x ${innerHeight}`);
+        }, ANSWER);
+      },
+      { signal },
+    );
   });
 }
 
 /** Call `done` at each move with the number of fingers on a canvas, until it returns a text. start: remembers a value of the first call per number of fingers. */
-function watchFingers(canvas: HTMLElement, signal: AbortSignal, done: (fingers: number, start: <T>(now: T) => T) => string | null): Promise<string> {
+function watchFingers(
+  canvas: HTMLElement,
+  signal: AbortSignal,
+  done: (fingers: number, start: <T>(now: T) => T) => string | null,
+): Promise<string> {
   return new Promise((resolve) => {
     const fingers = new Set<number>();
     let first: unknown = null;
-    canvas.addEventListener("pointerdown", ({ pointerId }) => {
-      fingers.add(pointerId);
-      first = null;
-    }, { signal });
-    for (const name of ["pointerup", "pointercancel"] as const) canvas.addEventListener(name, ({ pointerId }) => (fingers.delete(pointerId), (first = null)), { signal });
-    canvas.addEventListener("pointermove", () => {
-      const text = done(fingers.size, <T>(now: T) => (first ??= now) as T);
-      if (text !== null) resolve(text);
-    }, { signal });
+    canvas.addEventListener(
+      "pointerdown",
+      ({ pointerId }) => {
+        fingers.add(pointerId);
+        first = null;
+      },
+      { signal },
+    );
+    for (const name of ["pointerup", "pointercancel"] as const)
+      canvas.addEventListener(name, ({ pointerId }) => (fingers.delete(pointerId), (first = null)), { signal });
+    canvas.addEventListener(
+      "pointermove",
+      () => {
+        const text = done(fingers.size, <T>(now: T) => (first ??= now) as T);
+        if (text !== null) resolve(text);
+      },
+      { signal },
+    );
   });
 }
 

@@ -29,7 +29,10 @@ export class Measurements {
 
   /** Play and turn for some seconds, and return the times between pictures. */
   async frameTimes(signal: AbortSignal): Promise<string> {
-    const { player, player: { camera, canvas } } = this;
+    const {
+      player,
+      player: { camera, canvas },
+    } = this;
     const times: number[] = [];
     let last = 0;
     const drawn = (): void => {
@@ -51,8 +54,14 @@ export class Measurements {
   /** Return what was measured beside the tests. */
   facts(): Finding[] {
     const { manifest, stats } = this.player;
-    const reel = manifest ? `${manifest.frames} frames at ${manifest.fps} per second, ${stats?.points ?? 0} points drawn` : "not opened";
-    return [fact("Reel", reel), fact("Decode time", `${spreadOf(this.decodeTimes)} of ${this.decodeTimes.length} files`), fact("Memory", this.memory())];
+    const reel = manifest
+      ? `${manifest.frames} frames at ${manifest.fps} per second, ${stats?.points ?? 0} points drawn`
+      : "not opened";
+    return [
+      fact("Reel", reel),
+      fact("Decode time", `${spreadOf(this.decodeTimes)} of ${this.decodeTimes.length} files`),
+      fact("Memory", this.memory()),
+    ];
   }
 
   private noteDecoding(): void {
@@ -66,7 +75,9 @@ export class Measurements {
     const files = stream && manifest ? [...manifest.layers, ...stream.held.map((group) => stream.fileOf(group))] : [];
     const decoded = files.reduce((sum, { points, frames }) => sum + costOf({ points, frames, until: 0 }), 0);
     const { memory } = performance as { memory?: { usedJSHeapSize: number; jsHeapSizeLimit: number } };
-    const heap = memory ? `scripts ${megabytes(memory.usedJSHeapSize)} of at most ${megabytes(memory.jsHeapSizeLimit)}` : "scripts unknown";
+    const heap = memory
+      ? `scripts ${megabytes(memory.usedJSHeapSize)} of at most ${megabytes(memory.jsHeapSizeLimit)}`
+      : "scripts unknown";
     return `decoded files ${megabytes(decoded)}, ${heap}`;
   }
 }

@@ -35,7 +35,9 @@ export class Panel {
   /** Offer buttons before those that are there. Resolves to the text of the one that people press; never if the signal comes first. */
   choose(labels: string[], signal: AbortSignal): Promise<string> {
     return new Promise((resolve) => {
-      const buttons = labels.map((label) => Object.assign(document.createElement("button"), { type: "button", textContent: label }));
+      const buttons = labels.map((label) =>
+        Object.assign(document.createElement("button"), { type: "button", textContent: label }),
+      );
       const remove = (): void => buttons.forEach((button) => button.remove());
       for (const button of buttons) {
         button.onclick = () => {
@@ -65,7 +67,9 @@ export class Panel {
     this.find(".result").hidden = false;
     this.find("a").setAttribute("href", `./${location.search}`);
     this.find(".copy").onclick = async () => {
-      this.find(".copied").textContent = (await copyText(area)) ? "Copied" : "Selected: copy it with the browser's menu";
+      this.find(".copied").textContent = (await copyText(area))
+        ? "Copied"
+        : "Selected: copy it with the browser's menu";
     };
     this.find(".copy").focus();
   }

@@ -29,11 +29,18 @@ export function megabytes(bytes: number): string {
 
 /** Return the findings as a table in Markdown. */
 export function reportOf(version: string, findings: readonly Finding[]): string {
-  const rows = findings.map(({ name, state, text }) => `| ${name} | ${cell(state === "fact" ? text : text ? `${state}: ${text}` : state)} |`);
-  return [`### Self-test of Splatreel's player ${version}`, "", "| test | result |", "|---|---|", ...rows, ""].join("\n");
+  const rows = findings.map(
+    ({ name, state, text }) => `| ${name} | ${cell(state === "fact" ? text : text ? `${state}: ${text}` : state)} |`,
+  );
+  return [`### Self-test of Splatreel's player ${version}`, "", "| test | result |", "|---|---|", ...rows, ""].join(
+    "\n",
+  );
 }
 
 /** Escape a text so that it stays within its cell. Texts may come from the browser or a damaged reel. */
 function cell(text: string): string {
-  return text.replace(/\s+/g, " ").replace(/[|\\`<]/g, (mark) => `\\${mark}`).slice(0, 400);
+  return text
+    .replace(/\s+/g, " ")
+    .replace(/[|\\`<]/g, (mark) => `\\${mark}`)
+    .slice(0, 400);
 }

@@ -43,12 +43,36 @@ reel.src = new URLSearchParams(location.search).get("src") ?? "reel/manifest.jso
 
 const steps: Step[] = [
   { name: "First picture", instruction: "Loading the reel", run: () => measurements.firstPicture() },
-  { name: "Frame time", instruction: "Measuring for four seconds. Do not touch the picture", run: (signal) => measurements.frameTimes(signal) },
-  { name: "Drag", instruction: "Drag the picture with one finger", byHand: true, run: (signal) => dragTest(player, signal) },
-  { name: "Pinch", instruction: "Pinch the picture with two fingers", byHand: true, run: (signal) => pinchTest(player, signal) },
-  { name: "Double tap", instruction: "Double-tap something in the middle of the picture", byHand: true, run: (signal) => doubleTapTest(player, signal) },
+  {
+    name: "Frame time",
+    instruction: "Measuring for four seconds. Do not touch the picture",
+    run: (signal) => measurements.frameTimes(signal),
+  },
+  {
+    name: "Drag",
+    instruction: "Drag the picture with one finger",
+    byHand: true,
+    run: (signal) => dragTest(player, signal),
+  },
+  {
+    name: "Pinch",
+    instruction: "Pinch the picture with two fingers",
+    byHand: true,
+    run: (signal) => pinchTest(player, signal),
+  },
+  {
+    name: "Double tap",
+    instruction: "Double-tap something in the middle of the picture",
+    byHand: true,
+    run: (signal) => doubleTapTest(player, signal),
+  },
   { name: "Sound", instruction: "Turn the volume up, then press Play", byHand: true, run: testSound },
-  { name: "Rotation", instruction: "Turn the device to its side, or back", byHand: true, run: (signal) => rotationTest(player, signal) },
+  {
+    name: "Rotation",
+    instruction: "Turn the device to its side, or back",
+    byHand: true,
+    run: (signal) => rotationTest(player, signal),
+  },
 ];
 const panel = new Panel(steps.map(({ name }) => name));
 document.querySelector("main")!.append(reel, panel.box);
@@ -59,7 +83,9 @@ async function run(): Promise<void> {
   const findings: Finding[] = [];
   for (const [index, step] of steps.entries()) {
     panel.instruct(index, step.instruction);
-    const { state, text } = player.error ? { state: "skipped" as const, text: "the reel cannot be played" } : await attempt(step);
+    const { state, text } = player.error
+      ? { state: "skipped" as const, text: "the reel cannot be played" }
+      : await attempt(step);
     panel.tick(index, state);
     findings.push({ name: step.name, state, text });
   }
@@ -70,8 +96,15 @@ async function run(): Promise<void> {
 
 async function attempt({ run, byHand }: Step): Promise<Pick<Finding, "state" | "text">> {
   const life = new AbortController();
-  const choice = byHand ? panel.choose([BROKEN, SKIP], life.signal).then((label) => ({ state: label === SKIP ? ("skipped" as const) : ("failed" as const), text: "" })) : null;
-  const result = run(life.signal).then((text) => ({ state: "passed" as const, text }), (error) => ({ state: "failed" as const, text: messageOf(error) }));
+  const choice = byHand
+    ? panel
+        .choose([BROKEN, SKIP], life.signal)
+        .then((label) => ({ state: label === SKIP ? ("skipped" as const) : ("failed" as const), text: "" }))
+    : null;
+  const result = run(life.signal).then(
+    (text) => ({ state: "passed" as const, text }),
+    (error) => ({ state: "failed" as const, text: messageOf(error) }),
+  );
   try {
     return await (choice ? Promise.race([result, choice]) : result);
   } finally {

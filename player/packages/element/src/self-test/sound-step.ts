@@ -15,7 +15,8 @@ export async function playSound(player: Player, signal: AbortSignal): Promise<st
   await wait(1000 * SECONDS, signal);
   const [muted, stands] = [soundtrack.muted, player.currentTime === before];
   player.pause();
-  if (muted || stands) throw new Error(muted ? "the browser muted the reel's sound" : "the reel did not play with its sound");
+  if (muted || stands)
+    throw new Error(muted ? "the browser muted the reel's sound" : "the reel did not play with its sound");
   return "the reel's sound";
 }
 

@@ -6,7 +6,9 @@ import type { Presentation } from "@splatreel/decoder/internal";
 export function aboutOf({ author, description, licence }: Presentation, t: Words): HTMLElement {
   const box = document.createElement("div");
   box.className = "about";
-  const lines = [author && t("By {0}", author), description, licence && t("License: {0}", licence)].filter((words) => words !== "");
+  const lines = [author && t("By {0}", author), description, licence && t("License: {0}", licence)].filter(
+    (words) => words !== "",
+  );
   for (const words of lines) {
     const line = box.appendChild(document.createElement("p"));
     line.dir = "auto";

@@ -25,10 +25,16 @@ export class Annotations {
   private list: Annotation[] = [];
   private timer = 0;
 
-  constructor(private readonly host: HTMLElement, root: ShadowRoot, private readonly player: Player, signal: AbortSignal) {
+  constructor(
+    private readonly host: HTMLElement,
+    root: ShadowRoot,
+    private readonly player: Player,
+    signal: AbortSignal,
+  ) {
     adoptStyles(root, styles);
     root.querySelector(".poster")!.after(this.holder);
-    for (const name of ["drawn", "timeupdate", "emptied"]) player.addEventListener(name, () => this.place(), { signal });
+    for (const name of ["drawn", "timeupdate", "emptied"])
+      player.addEventListener(name, () => this.place(), { signal });
     signal.addEventListener("abort", () => {
       clearTimeout(this.timer);
       this.holder.remove();
@@ -42,7 +48,14 @@ export class Annotations {
       const box = elementOf(`<div class="annotation" hidden><slot></slot></div>`);
       box.querySelector("slot")!.name = element.slot;
       try {
-        return [{ box, point: parsePoint(element.dataset.position ?? ""), time: parseTime(element.dataset.time), place: null }];
+        return [
+          {
+            box,
+            point: parsePoint(element.dataset.position ?? ""),
+            time: parseTime(element.dataset.time),
+            place: null,
+          },
+        ];
       } catch (error) {
         console.warn(`slot="${element.slot}" of <splat-reel>: ${messageOf(error)}. The annotation is not shown.`);
         return [];
@@ -54,13 +67,22 @@ export class Annotations {
 
   /** Place the annotations on the present picture. */
   private place(): void {
-    const { player, player: { camera, canvas, currentTime } } = this;
+    const {
+      player,
+      player: { camera, canvas, currentTime },
+    } = this;
     const view = player.playback.hasPicture ? camera?.view(canvas.clientWidth, canvas.clientHeight) : null;
     for (const annotation of this.list) {
-      const { box, point, time: [start, end] } = annotation;
-      const place = (annotation.place = view && currentTime >= start && currentTime <= end ? placeOfPoint(view, point) : null);
+      const {
+        box,
+        point,
+        time: [start, end],
+      } = annotation;
+      const place = (annotation.place =
+        view && currentTime >= start && currentTime <= end ? placeOfPoint(view, point) : null);
       box.hidden = !place;
-      if (place) box.style.transform = `translate(${place.x.toFixed(1)}px, ${place.y.toFixed(1)}px) translate(-50%, -50%)`;
+      if (place)
+        box.style.transform = `translate(${place.x.toFixed(1)}px, ${place.y.toFixed(1)}px) translate(-50%, -50%)`;
     }
     clearTimeout(this.timer);
     this.timer = window.setTimeout(() => this.hideThoseBehind(), REST);
@@ -82,15 +104,23 @@ export class Annotations {
 
 /** Parse a position of three numbers. */
 export function parsePoint(text: string): Vec3 {
-  const numbers = text.trim().split(/\s+/).map((part) => Number(part || NaN));
-  if (numbers.length !== 3 || !numbers.every(Number.isFinite)) throw new Error(`data-position="${text}" is not a position. Write three numbers, such as 0 1.5 -2`);
+  const numbers = text
+    .trim()
+    .split(/\s+/)
+    .map((part) => Number(part || NaN));
+  if (numbers.length !== 3 || !numbers.every(Number.isFinite))
+    throw new Error(`data-position="${text}" is not a position. Write three numbers, such as 0 1.5 -2`);
   return numbers as Vec3;
 }
 
 /** Parse the seconds of start and end; without a text it is always shown. */
 export function parseTime(text: string | undefined): [number, number] {
   if (text === undefined) return [-Infinity, Infinity];
-  const numbers = text.trim().split(/\s+/).map((part) => Number(part || NaN));
-  if (numbers.length !== 2 || !(numbers[0] <= numbers[1])) throw new Error(`data-time="${text}" is no part of the time. Write the seconds of start and end, such as 1.5 3`);
+  const numbers = text
+    .trim()
+    .split(/\s+/)
+    .map((part) => Number(part || NaN));
+  if (numbers.length !== 2 || !(numbers[0] <= numbers[1]))
+    throw new Error(`data-time="${text}" is no part of the time. Write the seconds of start and end, such as 1.5 3`);
   return numbers as [number, number];
 }

@@ -11,11 +11,22 @@ export class AutoHide {
   private touched = false;
 
   /** holder: element of all controls. busy: returns true while they are in use. */
-  constructor(private readonly host: HostWithStates, private readonly holder: HTMLElement, private readonly player: Player, private readonly busy: () => boolean, signal: AbortSignal) {
+  constructor(
+    private readonly host: HostWithStates,
+    private readonly holder: HTMLElement,
+    private readonly player: Player,
+    private readonly busy: () => boolean,
+    signal: AbortSignal,
+  ) {
     const { canvas } = player;
-    for (const name of ["pointermove", "pointerdown"] as const) host.addEventListener(name, (event) => this.pointer(event), { signal });
+    for (const name of ["pointermove", "pointerdown"] as const)
+      host.addEventListener(name, (event) => this.pointer(event), { signal });
     // Ignore focus by click or tap.
-    host.addEventListener("focusin", (event) => (event.composedPath()[0] as Element).matches(":focus-visible") && this.wake(), { signal });
+    host.addEventListener(
+      "focusin",
+      (event) => (event.composedPath()[0] as Element).matches(":focus-visible") && this.wake(),
+      { signal },
+    );
     host.addEventListener("pointerleave", (event) => event.pointerType !== "touch" && this.sleep(), { signal });
     // The click follows the tap, so that it does not reach the controls that it shows.
     canvas.addEventListener("click", () => this.touched && (this.asleep ? this.wake() : this.sleep()), { signal });

@@ -51,7 +51,10 @@ export class Bar {
   /** Seek bar and buttons, in order. */
   private readonly stops: HTMLElement[];
 
-  constructor(private readonly player: Player, actions: BarActions) {
+  constructor(
+    private readonly player: Player,
+    actions: BarActions,
+  ) {
     this.box = elementOf(MARKUP, player.words);
     this.seek = new SeekBar(player);
     this.box.prepend(this.seek.box);
@@ -109,7 +112,12 @@ export class Bar {
     if (at < 0 || event.shiftKey) return;
     const onSeek = stops[at] === this.seek.input; // there left and right change the time
     const first = stops[0] === this.seek.input ? 1 : 0; // small embeds have no seek bar
-    const ways = { ArrowUp: 0, ArrowDown: Math.max(at, first), ArrowLeft: onSeek ? null : Math.max(at - 1, first), ArrowRight: onSeek ? null : Math.min(at + 1, stops.length - 1) };
+    const ways = {
+      ArrowUp: 0,
+      ArrowDown: Math.max(at, first),
+      ArrowLeft: onSeek ? null : Math.max(at - 1, first),
+      ArrowRight: onSeek ? null : Math.min(at + 1, stops.length - 1),
+    };
     const next = ways[event.key as keyof typeof ways] ?? null;
     if (next === null) return;
     event.preventDefault();

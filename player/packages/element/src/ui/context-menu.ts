@@ -28,8 +28,17 @@ export class ContextMenu {
   private readonly life = new AbortController();
 
   /** Open the menu at a position of the holder, in pixels. */
-  constructor(root: ShadowRoot, holder: HTMLElement, [x, y]: [number, number], private readonly player: Player, private readonly actions: ContextActions) {
-    const { box, life: { signal } } = this;
+  constructor(
+    root: ShadowRoot,
+    holder: HTMLElement,
+    [x, y]: [number, number],
+    private readonly player: Player,
+    private readonly actions: ContextActions,
+  ) {
+    const {
+      box,
+      life: { signal },
+    } = this;
     adoptStyles(root, styles);
     box.ariaLabel = player.words("Menu of the picture");
     this.fill();
@@ -38,7 +47,9 @@ export class ContextMenu {
     box.style.top = `${Math.max(Math.min(y, holder.clientHeight - box.offsetHeight - EDGE), EDGE)}px`;
     box.addEventListener("keydown", (event) => this.key(event));
     box.addEventListener("contextmenu", (event) => event.preventDefault());
-    document.addEventListener("pointerdown", (event) => void (event.composedPath().includes(box) || this.close()), { signal });
+    document.addEventListener("pointerdown", (event) => void (event.composedPath().includes(box) || this.close()), {
+      signal,
+    });
     addEventListener("blur", () => this.close(), { signal });
     this.items[0].focus();
   }
@@ -57,7 +68,8 @@ export class ContextMenu {
 
   private fill(): void {
     const { actions, player } = this;
-    const add = (text: string, act: (() => void) | null): void => void (act && this.box.append(this.entryOf(text, act)));
+    const add = (text: string, act: (() => void) | null): void =>
+      void (act && this.box.append(this.entryOf(text, act)));
     add("Copy a link to this time and view", actions.link === null ? null : () => void this.copyLink(actions.link!));
     add(player.section ? "Stop repeating" : "Repeat a part", () => actions.section());
     add("Walk mode", () => actions.walk());
@@ -68,7 +80,10 @@ export class ContextMenu {
 
   /** Copy the link, or show it where the browser does not allow that. */
   private async copyLink(link: string): Promise<void> {
-    const copied = await navigator.clipboard?.writeText(link).then(() => true, () => false);
+    const copied = await navigator.clipboard?.writeText(link).then(
+      () => true,
+      () => false,
+    );
     if (copied) this.actions.say("Copied");
     else this.actions.share();
   }
@@ -86,7 +101,12 @@ export class ContextMenu {
   private key(event: KeyboardEvent): void {
     const { items } = this;
     const at = items.indexOf(event.target as HTMLElement);
-    const ways: Record<string, number> = { ArrowDown: at + 1, ArrowUp: at - 1 + items.length, Home: 0, End: items.length - 1 };
+    const ways: Record<string, number> = {
+      ArrowDown: at + 1,
+      ArrowUp: at - 1 + items.length,
+      Home: 0,
+      End: items.length - 1,
+    };
     if (event.key in ways) items[ways[event.key] % items.length].focus();
     else if (event.key === "Escape" || event.key === "Tab") this.close();
     else if (event.key === "Enter" || event.key === " ") return event.stopPropagation(); // the browser clicks the entry

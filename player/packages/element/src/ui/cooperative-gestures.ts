@@ -16,7 +16,12 @@ export class CooperativeGestures {
   private timer = 0;
 
   /** canvas: canvas of the host element. words: returns the texts in its language. */
-  constructor(private readonly host: HostWithStates, private readonly canvas: HTMLElement, private readonly words: () => Words, signal: AbortSignal) {
+  constructor(
+    private readonly host: HostWithStates,
+    private readonly canvas: HTMLElement,
+    private readonly words: () => Words,
+    signal: AbortSignal,
+  ) {
     const release = (): void => this.choose(false);
     const outside = (event: Event): void => void (event.composedPath().includes(host) || release());
     canvas.addEventListener("click", () => this.choose(true), { signal });
@@ -31,7 +36,9 @@ export class CooperativeGestures {
 
   /** True if one finger and the wheel move the picture instead of the page. */
   get active(): boolean {
-    return this.chosen || this.mode === "greedy" || document.fullscreenElement !== null || this.host.states.has("filling");
+    return (
+      this.chosen || this.mode === "greedy" || document.fullscreenElement !== null || this.host.states.has("filling")
+    );
   }
 
   /** Return true if a wheel event belongs to the picture. Otherwise show a hint. */
@@ -64,10 +71,15 @@ export class CooperativeGestures {
     const keep = (event: TouchEvent): void => {
       if (event.targetTouches.length > 1 && event.cancelable) event.preventDefault();
     };
-    for (const name of ["touchstart", "touchmove"] as const) canvas.addEventListener(name, keep, { passive: false, signal });
-    canvas.addEventListener("pointercancel", ({ pointerType }) => {
-      if (pointerType === "touch" && !this.active) this.explain(this.words()("Use two fingers to move the view"));
-    }, { signal });
+    for (const name of ["touchstart", "touchmove"] as const)
+      canvas.addEventListener(name, keep, { passive: false, signal });
+    canvas.addEventListener(
+      "pointercancel",
+      ({ pointerType }) => {
+        if (pointerType === "touch" && !this.active) this.explain(this.words()("Use two fingers to move the view"));
+      },
+      { signal },
+    );
   }
 
   /** Update when the size of the page or an attribute changes. */
@@ -107,7 +119,10 @@ function isInScrollingPage(element: HTMLElement): boolean {
 function scrolls(box: HTMLElement): boolean {
   const { overflowX, overflowY } = getComputedStyle(box);
   const may = (overflow: string): boolean => /auto|scroll/.test(overflow);
-  return (may(overflowY) && box.scrollHeight > box.clientHeight + 1) || (may(overflowX) && box.scrollWidth > box.clientWidth + 1);
+  return (
+    (may(overflowY) && box.scrollHeight > box.clientHeight + 1) ||
+    (may(overflowX) && box.scrollWidth > box.clientWidth + 1)
+  );
 }
 
 function around(element: HTMLElement): HTMLElement | null {

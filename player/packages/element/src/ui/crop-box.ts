@@ -11,7 +11,10 @@ export interface Face {
   side: 0 | 1;
 }
 
-export const FACES: Face[] = [0, 1, 2].flatMap((axis) => [{ axis, side: 0 as const }, { axis, side: 1 as const }]);
+export const FACES: Face[] = [0, 1, 2].flatMap((axis) => [
+  { axis, side: 0 as const },
+  { axis, side: 1 as const },
+]);
 
 /** A place to clean. range: frames from the first to before the second; null for all. */
 export interface Mark extends Sphere {
@@ -27,9 +30,14 @@ export function firstBox(bounds: Box, focus: Vec3, eye: Vec3): Box {
   const side = (axis: number, sign: 1 | -1): number => {
     const border = bounds[sign === 1 ? 1 : 0][axis];
     const reach = focus[axis] + sign * most;
-    return sign === 1 ? Math.max(Math.min(border, reach), focus[axis] + 0.1 * most) : Math.min(Math.max(border, reach), focus[axis] - 0.1 * most);
+    return sign === 1
+      ? Math.max(Math.min(border, reach), focus[axis] + 0.1 * most)
+      : Math.min(Math.max(border, reach), focus[axis] - 0.1 * most);
   };
-  return [[side(0, -1), side(1, -1), side(2, -1)], [side(0, 1), side(1, 1), side(2, 1)]];
+  return [
+    [side(0, -1), side(1, -1), side(2, -1)],
+    [side(0, 1), side(1, 1), side(2, 1)],
+  ];
 }
 
 /** Return the middle of a face. */
@@ -42,7 +50,9 @@ export function middleOf(box: Box, { axis, side }: Face): Vec3 {
 /** Return the edges of a box, as pairs of corners. */
 export function edgesOf(box: Box): [Vec3, Vec3][] {
   const corner = (bits: number): Vec3 => [0, 1, 2].map((axis) => box[(bits >> axis) & 1][axis]) as Vec3;
-  return [0, 1, 2, 3, 4, 5, 6, 7].flatMap((bits) => [1, 2, 4].filter((bit) => !(bits & bit)).map((bit): [Vec3, Vec3] => [corner(bits), corner(bits | bit)]));
+  return [0, 1, 2, 3, 4, 5, 6, 7].flatMap((bits) =>
+    [1, 2, 4].filter((bit) => !(bits & bit)).map((bit): [Vec3, Vec3] => [corner(bits), corner(bits | bit)]),
+  );
 }
 
 /** Return a box whose face was dragged by pixels, so that it follows the pointer along its axis. Opposite faces do not pass each other. */
@@ -85,7 +95,9 @@ export function marksAt(marks: Mark[], frame: number): Mark[] {
 
 /** Return the operations of an edit. box: null keeps everything. */
 export function operationsOf(box: Box | null, marks: Mark[], transparent: boolean): string[] {
-  const removals = marks.map(({ center, radius, range }) => `remove=sphere:${texts([...center, radius])}${range ? `@${range.join(":")}` : ""}`);
+  const removals = marks.map(
+    ({ center, radius, range }) => `remove=sphere:${texts([...center, radius])}${range ? `@${range.join(":")}` : ""}`,
+  );
   const crop = box ? [`crop=box:${texts([...box[0], ...box[1]])}`] : [];
   return [...removals, ...crop, ...(transparent ? ["background=transparent"] : [])];
 }

@@ -1,6 +1,13 @@
 /** Camera attributes of an element: `camera-orbit`, `camera-target`, `field-of-view`, bounds and `auto-rotate`. This part is loaded on demand. */
 import { messageOf } from "@splatreel/decoder/internal";
-import { OrbitFrame, parseAngle, parseFieldOfView, parseOrbit, parseTarget, type Orbit } from "../camera/orbit-declaration";
+import {
+  OrbitFrame,
+  parseAngle,
+  parseFieldOfView,
+  parseOrbit,
+  parseTarget,
+  type Orbit,
+} from "../camera/orbit-declaration";
 import type { Player } from "../player/player";
 
 const AUTO: Orbit = { theta: null, phi: null, radius: null };
@@ -13,23 +20,36 @@ export class DeclaredCamera {
   /** Attributes that were reported to be wrong, with their values. */
   private readonly reported = new Set<string>();
 
-  constructor(private readonly host: HTMLElement, private readonly player: Player, signal: AbortSignal) {
+  constructor(
+    private readonly host: HTMLElement,
+    private readonly player: Player,
+    signal: AbortSignal,
+  ) {
     player.addEventListener("loadedmetadata", () => this.apply(), { signal });
     this.apply();
   }
 
   /** Apply the attributes to the camera, once the reel has one. The view changes only if people have not moved it. */
   apply(): void {
-    const { player: { camera, manifest } } = this;
+    const {
+      player: { camera, manifest },
+    } = this;
     if (!camera || !manifest) return;
     const target = this.read("camera-target", parseTarget, null);
     const orbit = this.read("camera-orbit", parseOrbit, AUTO);
     const frame = new OrbitFrame(manifest, camera.ownState, target);
     camera.fieldOfView = this.read("field-of-view", parseFieldOfView, null);
     const [least, most] = ["min-camera-orbit", "max-camera-orbit"].map((name) => this.read(name, parseOrbit, AUTO));
-    camera.bounds = least === AUTO && most === AUTO ? null : this.attempt("min-camera-orbit", () => frame.boundsOf(least, most), null);
+    camera.bounds =
+      least === AUTO && most === AUTO
+        ? null
+        : this.attempt("min-camera-orbit", () => frame.boundsOf(least, most), null);
     camera.startAt(target || orbit !== AUTO ? frame.stateOf(orbit) : camera.ownState);
-    camera.rotate(this.host.hasAttribute("auto-rotate") ? { speed: this.read("rotation-per-second", (text) => parseAngle(text) ?? SPEED, SPEED), delay: this.delay } : null);
+    camera.rotate(
+      this.host.hasAttribute("auto-rotate")
+        ? { speed: this.read("rotation-per-second", (text) => parseAngle(text) ?? SPEED, SPEED), delay: this.delay }
+        : null,
+    );
     this.player.invalidate();
   }
 

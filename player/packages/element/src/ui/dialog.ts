@@ -17,13 +17,22 @@ export class Dialog {
   private readonly button: HTMLElement;
 
   /** root: of the element. closed: called when the dialog closes. */
-  constructor(root: ShadowRoot, private readonly closed: () => void, t: Words, signal: AbortSignal) {
+  constructor(
+    root: ShadowRoot,
+    private readonly closed: () => void,
+    t: Words,
+    signal: AbortSignal,
+  ) {
     adoptStyles(root, styles);
     this.box = elementOf(MARKUP, t);
     this.button = this.box.querySelector(".close")!;
     this.button.onclick = () => this.close();
     this.box.addEventListener("keydown", (event) => event.key === "Tab" && this.trapFocus(event));
-    document.addEventListener("pointerdown", (event) => void (event.composedPath().includes(this.box) || this.close()), { signal });
+    document.addEventListener(
+      "pointerdown",
+      (event) => void (event.composedPath().includes(this.box) || this.close()),
+      { signal },
+    );
   }
 
   /** Title of the open dialog; "" if it is closed. */
@@ -41,7 +50,9 @@ export class Dialog {
 
   /** Keep the focus within the dialog. */
   private trapFocus(event: KeyboardEvent): void {
-    const stops = [...this.box.querySelectorAll<HTMLElement>("button, input, textarea, select, summary, a[href]")].filter((stop) => stop.getClientRects().length > 0);
+    const stops = [
+      ...this.box.querySelectorAll<HTMLElement>("button, input, textarea, select, summary, a[href]"),
+    ].filter((stop) => stop.getClientRects().length > 0);
     const [first, last] = event.shiftKey ? [stops[0], stops.at(-1)!] : [stops.at(-1)!, stops[0]];
     if (event.composedPath()[0] !== first) return;
     event.preventDefault();

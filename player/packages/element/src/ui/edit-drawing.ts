@@ -17,7 +17,10 @@ export class EditDrawing {
   private readonly handles: SVGCircleElement[];
 
   /** t: texts. drag: called with a face and the pixels by which its handle was dragged. */
-  constructor(private readonly t: Words, drag: (face: Face, by: [number, number]) => void) {
+  constructor(
+    private readonly t: Words,
+    drag: (face: Face, by: [number, number]) => void,
+  ) {
     this.box.classList.add("path-drawing", "edit-drawing");
     this.lines = ["under", "curve", "under", "marks"].map((name) => {
       const path = document.createElementNS(SVG, "path");
@@ -31,7 +34,11 @@ export class EditDrawing {
   /** Draw a box, or none, and marks. */
   draw(box: Box | null, marks: Sphere[], view: View): void {
     this.box.setAttribute("viewBox", `0 0 ${view.width} ${view.height}`);
-    const edges = box ? edgesOf(box).map((edge) => lineOf(edge, view)).join("") : "";
+    const edges = box
+      ? edgesOf(box)
+          .map((edge) => lineOf(edge, view))
+          .join("")
+      : "";
     const circles = marks.map((mark) => lineOf(outline(mark, view), view)).join("");
     for (const [i, shape] of [edges, edges, circles, circles].entries()) this.lines[i].setAttribute("d", shape);
     for (const [i, face] of FACES.entries()) {
@@ -47,7 +54,10 @@ export class EditDrawing {
     circle.setAttribute("r", String(HANDLE));
     circle.setAttribute("role", "slider");
     circle.setAttribute("tabindex", "0");
-    circle.setAttribute("aria-label", this.t(face.side === 0 ? "Face of the box: low {0}" : "Face of the box: high {0}", "xyz"[face.axis]));
+    circle.setAttribute(
+      "aria-label",
+      this.t(face.side === 0 ? "Face of the box: low {0}" : "Face of the box: high {0}", "xyz"[face.axis]),
+    );
     let last: [number, number] | null = null;
     circle.onpointerdown = (event) => {
       circle.setPointerCapture(event.pointerId);

@@ -62,7 +62,11 @@ export class EditPanel {
   private readonly wasTransparent: boolean;
 
   /** closed: called when the panel closes. */
-  constructor(private readonly player: Player, root: ShadowRoot, private readonly closed: () => void) {
+  constructor(
+    private readonly player: Player,
+    root: ShadowRoot,
+    private readonly closed: () => void,
+  ) {
     const { bounds, camera, presentation, transparent } = player.manifest!;
     const focus = presentation.limits?.focus ?? scale(add(bounds[0], bounds[1]), 0.5);
     this.crop = firstBox(bounds, focus, eyeOf(camera.viewmat));
@@ -109,7 +113,8 @@ export class EditPanel {
     const surface = this.drawing.box;
     surface.addEventListener("pointerdown", (event) => this.begin(event), { signal });
     surface.addEventListener("pointermove", (event) => this.stroke && this.brush(event), { signal });
-    for (const name of ["pointerup", "pointercancel"]) surface.addEventListener(name, () => void (this.stroke = null), { signal });
+    for (const name of ["pointerup", "pointercancel"])
+      surface.addEventListener(name, () => void (this.stroke = null), { signal });
     this.player.addEventListener("emptied", () => this.close(), { signal });
   }
 
@@ -159,7 +164,8 @@ export class EditPanel {
     const radius = this.marks.at(-1)?.radius ?? Number((SIZE * depth).toPrecision(2));
     if (this.stroke && length(subtract(center, this.stroke)) < radius) return;
     this.stroke = center;
-    if (this.marks.length >= MOST_REMOVED) return this.say(this.player.words("An edit has at most {0} marks here; add more in the list", MOST_REMOVED));
+    if (this.marks.length >= MOST_REMOVED)
+      return this.say(this.player.words("An edit has at most {0} marks here; add more in the list", MOST_REMOVED));
     this.marks.push({ center, radius, range: null });
     this.say("");
     this.update();
@@ -171,7 +177,10 @@ export class EditPanel {
     const { fps, groups, frames } = manifest!;
     const number = groupAt(manifest!, currentTime * fps);
     const end = groups[number + 1]?.firstFrame ?? frames;
-    return [Math.min(groups[number].firstFrame + (groups[number - 1] ? overlapOf(manifest!, number) : 0), end - 1), end];
+    return [
+      Math.min(groups[number].firstFrame + (groups[number - 1] ? overlapOf(manifest!, number) : 0), end - 1),
+      end,
+    ];
   }
 
   private get command(): string {
@@ -181,7 +190,11 @@ export class EditPanel {
 
   private async copy(): Promise<void> {
     const done = await copyText(this.find<HTMLTextAreaElement>(".command"));
-    this.say(this.player.words(done ? "Copied. Replace REEL by its folder" : "Selected: copy it with the keyboard or the browser's menu"));
+    this.say(
+      this.player.words(
+        done ? "Copied. Replace REEL by its folder" : "Selected: copy it with the keyboard or the browser's menu",
+      ),
+    );
   }
 
   private save(): void {
@@ -196,7 +209,12 @@ export class EditPanel {
 
   private key(event: KeyboardEvent): void {
     if (event.key === "Escape") this.close();
-    if (event.target instanceof HTMLInputElement || event.target instanceof HTMLTextAreaElement || event.key === "Escape") event.stopPropagation();
+    if (
+      event.target instanceof HTMLInputElement ||
+      event.target instanceof HTMLTextAreaElement ||
+      event.key === "Escape"
+    )
+      event.stopPropagation();
   }
 
   private update(): void {
@@ -205,7 +223,8 @@ export class EditPanel {
     this.find(".empty").hidden = this.marks.length > 0;
     for (const name of [".copy", ".save"]) this.find<HTMLButtonElement>(name).disabled = operations.length === 0;
     this.find(".corners").hidden = !this.checked(".crop");
-    for (const [i, input] of this.box.querySelectorAll<HTMLInputElement>(".corners input").entries()) input.value = String(Number(this.crop[FACES[i].side][FACES[i].axis].toPrecision(4)));
+    for (const [i, input] of this.box.querySelectorAll<HTMLInputElement>(".corners input").entries())
+      input.value = String(Number(this.crop[FACES[i].side][FACES[i].axis].toPrecision(4)));
     this.find<HTMLTextAreaElement>(".command").value = operations.length > 0 ? this.command : "";
     if (this.find("ol").childElementCount !== this.marks.length) this.list();
     this.drawn = "";
@@ -260,7 +279,12 @@ export class EditPanel {
   private redraw(): void {
     this.frame = requestAnimationFrame(() => this.redraw());
     const { player } = this;
-    const { camera, stage, canvas: { clientWidth, clientHeight }, manifest } = player;
+    const {
+      camera,
+      stage,
+      canvas: { clientWidth, clientHeight },
+      manifest,
+    } = player;
     if (!camera || !stage || !manifest) return;
     if (stage !== this.stage) [this.stage, this.drawn] = [stage, ""]; // a reel that rested has a new one
     const shown = marksAt(this.marks, player.currentTime * manifest.fps);

@@ -30,7 +30,11 @@ export class FileDrop {
   private question = "";
 
   /** Accept drops on the host until the signal. */
-  constructor(private readonly host: FileDropHost, root: ShadowRoot, signal: AbortSignal) {
+  constructor(
+    private readonly host: FileDropHost,
+    root: ShadowRoot,
+    signal: AbortSignal,
+  ) {
     adoptStyles(root, styles);
     this.box = elementOf(MARKUP, host.player.words);
     this.box.dir = directionOf(host.player.language);
@@ -38,7 +42,11 @@ export class FileDrop {
     root.append(this.box);
     signal.addEventListener("abort", () => this.box.remove());
     host.addEventListener("dragover", (event) => this.hover(event), { signal });
-    host.addEventListener("dragleave", (event) => void (host.contains(event.relatedTarget as Node | null) || this.settle()), { signal });
+    host.addEventListener(
+      "dragleave",
+      (event) => void (host.contains(event.relatedTarget as Node | null) || this.settle()),
+      { signal },
+    );
     this.box.addEventListener("click", (event) => event.target === this.box && this.settle());
     this.box.addEventListener("keydown", (event) => event.key === "Escape" && this.settle());
     for (const name of ["folder", "zip"]) this.listen(name);

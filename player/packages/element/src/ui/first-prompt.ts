@@ -11,7 +11,8 @@ import { elementOf } from "./markup";
 const KNOWN = "splatreel-knows-gestures";
 
 /** Parts of the player that the prompt must not cover. */
-const OTHERS = ".start, .unmute, .spinner, .wait.long p, .toast.shown, .sheet, .choices, .bar > *, .cue, .beyond p, .annotation, .path-drawing, .walk, .gestures.shown";
+const OTHERS =
+  ".start, .unmute, .spinner, .wait.long p, .toast.shown, .sheet, .choices, .bar > *, .cue, .beyond p, .annotation, .path-drawing, .walk, .gestures.shown";
 /** Minimum distance to them, in pixels. */
 const GAP = 4;
 
@@ -20,7 +21,12 @@ export class FirstPrompt {
   private readonly box = elementOf(`<div class="prompt" aria-hidden="true">${HAND}<p></p></div>`);
 
   /** Show the prompt once the first frame is drawn, until the signal. root: of the element. */
-  constructor(private readonly root: ShadowRoot, private readonly player: Player, gestures: CooperativeGestures, signal: AbortSignal) {
+  constructor(
+    private readonly root: ShadowRoot,
+    private readonly player: Player,
+    gestures: CooperativeGestures,
+    signal: AbortSignal,
+  ) {
     if (matchMedia("(prefers-reduced-motion: reduce)").matches || isKnown()) return;
     const { box } = this;
     const finger = !gestures.active && matchMedia("(pointer: coarse)").matches;
@@ -28,7 +34,9 @@ export class FirstPrompt {
     const show = (): void => {
       if (isKnown() || this.used) return;
       remember();
-      box.lastElementChild!.textContent = player.words(finger ? "Use two fingers to look around" : "Drag to look around");
+      box.lastElementChild!.textContent = player.words(
+        finger ? "Use two fingers to look around" : "Drag to look around",
+      );
       gestures.hint.after(box);
       this.place();
     };
@@ -56,7 +64,13 @@ export class FirstPrompt {
     if (left < picture.left || top < picture.top || right > picture.right || bottom > picture.bottom) return false;
     return [...this.root.querySelectorAll(OTHERS)].every((other) => {
       const box = other.getBoundingClientRect(); // empty if it is not shown
-      return box.width === 0 || box.left >= right + GAP || box.right <= left - GAP || box.top >= bottom + GAP || box.bottom <= top - GAP;
+      return (
+        box.width === 0 ||
+        box.left >= right + GAP ||
+        box.right <= left - GAP ||
+        box.top >= bottom + GAP ||
+        box.bottom <= top - GAP
+      );
     });
   }
 

@@ -4,7 +4,11 @@ import type { HostWithStates } from "./host-states";
 /** Fullscreen state of one element. */
 export class Fullscreen {
   /** changed: called when the state changes. */
-  constructor(private readonly host: HostWithStates, private readonly changed: () => void, signal: AbortSignal) {
+  constructor(
+    private readonly host: HostWithStates,
+    private readonly changed: () => void,
+    signal: AbortSignal,
+  ) {
     document.addEventListener("fullscreenchange", changed, { signal });
   }
 

@@ -6,7 +6,12 @@ const HOLD = 500;
 const DRAG = 8;
 
 /** Follow presses of a surface until the signal. changed: called when the speed rises, and when it is as before. */
-export function attachHoldSpeed(surface: HTMLElement, player: Player, changed: (fast: boolean) => void, signal: AbortSignal): void {
+export function attachHoldSpeed(
+  surface: HTMLElement,
+  player: Player,
+  changed: (fast: boolean) => void,
+  signal: AbortSignal,
+): void {
   let press: { x: number; y: number; timer: number } | null = null;
   let before: number | null = null;
   const end = (): void => {
@@ -23,13 +28,21 @@ export function attachHoldSpeed(surface: HTMLElement, player: Player, changed: (
     player.playbackRate = 2 * before;
     changed(true);
   };
-  surface.addEventListener("pointerdown", ({ clientX: x, clientY: y, button, shiftKey, isPrimary }) => {
-    end();
-    if (button === 0 && !shiftKey && isPrimary) press = { x, y, timer: window.setTimeout(begin, HOLD) };
-  }, { signal });
-  surface.addEventListener("pointermove", ({ clientX, clientY }) => {
-    if (press && before === null && Math.hypot(clientX - press.x, clientY - press.y) > DRAG) end();
-  }, { signal });
+  surface.addEventListener(
+    "pointerdown",
+    ({ clientX: x, clientY: y, button, shiftKey, isPrimary }) => {
+      end();
+      if (button === 0 && !shiftKey && isPrimary) press = { x, y, timer: window.setTimeout(begin, HOLD) };
+    },
+    { signal },
+  );
+  surface.addEventListener(
+    "pointermove",
+    ({ clientX, clientY }) => {
+      if (press && before === null && Math.hypot(clientX - press.x, clientY - press.y) > DRAG) end();
+    },
+    { signal },
+  );
   for (const name of ["pointerup", "pointercancel"]) surface.addEventListener(name, end, { signal });
   for (const name of ["pause", "emptied"]) player.addEventListener(name, end, { signal });
   signal.addEventListener("abort", end);

@@ -48,23 +48,29 @@ export type KeyTable = [time: Line[], view: Line[]];
 export function attachKeys(host: HTMLElement, player: Player, actions: Actions, signal: AbortSignal): KeyTable {
   const table: KeyTable = [timeLines(player, actions), viewLines(player, actions)];
   const bindings = new Map<string, Binding & { line: Line }>();
-  for (const line of table.flat()) for (const binding of line.bindings) for (const key of binding.keys) bindings.set(key, { ...binding, line });
+  for (const line of table.flat())
+    for (const binding of line.bindings) for (const key of binding.keys) bindings.set(key, { ...binding, line });
   const down = new Map<string, Partial<Motion>>();
   const steer = (): void => {
     const thrust: Motion = { yaw: 0, pitch: 0, right: 0, down: 0, forward: 0, zoom: 0 };
-    for (const part of down.values()) for (const [axis, value] of Object.entries(part)) thrust[axis as keyof Motion] += value;
+    for (const part of down.values())
+      for (const [axis, value] of Object.entries(part)) thrust[axis as keyof Motion] += value;
     player.camera?.steer(thrust);
   };
-  host.addEventListener("keydown", (event) => {
-    if (event.ctrlKey || event.metaKey || event.altKey || takesKeys(event)) return;
-    const key = nameOf(event);
-    const binding = bindings.get(key);
-    if (!binding || binding.line.applies?.() === false) return;
-    event.preventDefault();
-    if (binding.thrust) down.set(event.code, binding.thrust);
-    binding.press?.(key);
-    steer();
-  }, { signal });
+  host.addEventListener(
+    "keydown",
+    (event) => {
+      if (event.ctrlKey || event.metaKey || event.altKey || takesKeys(event)) return;
+      const key = nameOf(event);
+      const binding = bindings.get(key);
+      if (!binding || binding.line.applies?.() === false) return;
+      event.preventDefault();
+      if (binding.thrust) down.set(event.code, binding.thrust);
+      binding.press?.(key);
+      steer();
+    },
+    { signal },
+  );
   host.addEventListener("keyup", (event) => (down.delete(event.code), steer()), { signal });
   const letGo = (): void => (down.clear(), steer());
   host.addEventListener("focusout", letGo, { signal });
@@ -77,7 +83,8 @@ function takesKeys(event: KeyboardEvent): boolean {
   const { key } = event;
   const target = event.composedPath()[0];
   if (!(target instanceof HTMLElement) || key === "Escape") return false;
-  if (target.isContentEditable || target.matches("select, textarea, input:not([type=range], [type=checkbox])")) return true;
+  if (target.isContentEditable || target.matches("select, textarea, input:not([type=range], [type=checkbox])"))
+    return true;
   if (target.matches("[type=checkbox]")) return key === " ";
   return target.matches("button, summary, a[href]") && (key === " " || key === "Enter");
 }
@@ -96,16 +103,64 @@ function timeLines(player: Player, actions: Actions): Line[] {
   };
   return [
     { bindings: [{ keys: [" ", "k"], press: actions.toggle }] },
-    { bindings: [{ keys: ["arrowleft"], press: move(-0.1, 5) }, { keys: ["arrowright"], press: move(0.1, 5) }] },
-    { bindings: [{ keys: ["j"], press: move(-0.2, 10) }, { keys: ["l"], press: move(0.2, 10) }] },
-    { bindings: [{ keys: [","], press: () => player.step(-1) }, { keys: ["."], press: () => player.step(1) }] },
-    { bindings: [{ keys: [..."0123456789"], press: (key) => void (player.currentTime = player.earliest + (Number(key) / 10) * (player.duration - player.earliest)) }] },
-    { bindings: [{ keys: ["home"], press: () => void (player.currentTime = player.earliest) }, { keys: ["end"], press: () => void (player.currentTime = player.duration) }] },
-    { applies: () => (player.tracks?.chapters.length ?? 0) > 0, bindings: [{ keys: ["b"], press: () => player.tracks?.step(-1) }, { keys: ["n"], press: () => player.tracks?.step(1) }] },
-    { applies: () => (player.tracks?.captions.length ?? 0) > 0, bindings: [{ keys: ["t"], press: () => player.tracks?.toggle() }] },
-    { bindings: [{ keys: ["<"], press: rate(-1) }, { keys: [">"], press: rate(1) }] },
+    {
+      bindings: [
+        { keys: ["arrowleft"], press: move(-0.1, 5) },
+        { keys: ["arrowright"], press: move(0.1, 5) },
+      ],
+    },
+    {
+      bindings: [
+        { keys: ["j"], press: move(-0.2, 10) },
+        { keys: ["l"], press: move(0.2, 10) },
+      ],
+    },
+    {
+      bindings: [
+        { keys: [","], press: () => player.step(-1) },
+        { keys: ["."], press: () => player.step(1) },
+      ],
+    },
+    {
+      bindings: [
+        {
+          keys: [..."0123456789"],
+          press: (key) =>
+            void (player.currentTime = player.earliest + (Number(key) / 10) * (player.duration - player.earliest)),
+        },
+      ],
+    },
+    {
+      bindings: [
+        { keys: ["home"], press: () => void (player.currentTime = player.earliest) },
+        { keys: ["end"], press: () => void (player.currentTime = player.duration) },
+      ],
+    },
+    {
+      applies: () => (player.tracks?.chapters.length ?? 0) > 0,
+      bindings: [
+        { keys: ["b"], press: () => player.tracks?.step(-1) },
+        { keys: ["n"], press: () => player.tracks?.step(1) },
+      ],
+    },
+    {
+      applies: () => (player.tracks?.captions.length ?? 0) > 0,
+      bindings: [{ keys: ["t"], press: () => player.tracks?.toggle() }],
+    },
+    {
+      bindings: [
+        { keys: ["<"], press: rate(-1) },
+        { keys: [">"], press: rate(1) },
+      ],
+    },
     { bindings: [{ keys: ["o"], press: actions.section }] },
-    { applies: hasSound, bindings: [{ keys: ["arrowup"], press: () => actions.volume(1) }, { keys: ["arrowdown"], press: () => actions.volume(-1) }] },
+    {
+      applies: hasSound,
+      bindings: [
+        { keys: ["arrowup"], press: () => actions.volume(1) },
+        { keys: ["arrowdown"], press: () => actions.volume(-1) },
+      ],
+    },
     { bindings: [{ keys: ["m"], press: () => player.soundtrack.toggle() }] },
   ];
 }
@@ -118,9 +173,19 @@ function viewLines(player: Player, actions: Actions): Line[] {
   return [
     { bindings: [...both(["s", "w"], "forward", WALK), ...both(["a", "d"], "right", WALK)] },
     { bindings: both(["e", "q"], "down", WALK) },
-    { bindings: [...both(["shift+arrowleft", "shift+arrowright"], "yaw", TURN), ...both(["shift+arrowup", "shift+arrowdown"], "pitch", TURN)] },
+    {
+      bindings: [
+        ...both(["shift+arrowleft", "shift+arrowright"], "yaw", TURN),
+        ...both(["shift+arrowup", "shift+arrowdown"], "pitch", TURN),
+      ],
+    },
     { bindings: [...both(["+", "-"], "zoom", ZOOM), { keys: ["="], thrust: { zoom: -ZOOM } }] },
-    { bindings: [{ keys: ["["], press: () => player.camera?.visit(-1) }, { keys: ["]"], press: () => player.camera?.visit(1) }] },
+    {
+      bindings: [
+        { keys: ["["], press: () => player.camera?.visit(-1) },
+        { keys: ["]"], press: () => player.camera?.visit(1) },
+      ],
+    },
     { bindings: [{ keys: ["c"], press: actions.fly }] },
     { bindings: [{ keys: ["g"], press: actions.walk }] },
     { bindings: [{ keys: ["r"], press: actions.reset }] },

@@ -23,7 +23,7 @@ export function bestLanguage(wanted: readonly string[]): string {
 
 /** Return the language of an element. */
 export function languageOf(element: Element): string {
-  for (let at: Element | null = element; at; ) {
+  for (let at: Element | null = element; at;) {
     const near: Element | null = at.closest("[lang]");
     if (near?.getAttribute("lang")) return bestLanguage([near.getAttribute("lang")!]);
     const root: Node = (near ?? at).getRootNode();

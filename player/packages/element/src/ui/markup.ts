@@ -17,7 +17,10 @@ export function elementOf<T extends Element = HTMLElement>(markup: string, t: Wo
     if (end) parent = parent.parentNode!;
     else if (text) parent.appendChild(document.createTextNode(text.replaceAll("&lt;", "<")));
     else {
-      const element = name === "svg" || parent instanceof SVGElement ? document.createElementNS(SVG, name) : document.createElement(name);
+      const element =
+        name === "svg" || parent instanceof SVGElement
+          ? document.createElementNS(SVG, name)
+          : document.createElement(name);
       for (const [, attribute, value = ""] of attributes.matchAll(ATTRIBUTES)) element.setAttribute(attribute, value);
       parent.appendChild(element);
       if (!single) parent = element;

@@ -14,9 +14,16 @@ function setOwner(next: MediaControls | null): void {
 /** The media session of one element. */
 export class MediaControls {
   /** poster: image of the present reel. */
-  constructor(private readonly host: HTMLElement, private readonly player: Player, private readonly poster: HTMLImageElement, private readonly session: MediaSession, signal: AbortSignal) {
+  constructor(
+    private readonly host: HTMLElement,
+    private readonly player: Player,
+    private readonly poster: HTMLImageElement,
+    private readonly session: MediaSession,
+    signal: AbortSignal,
+  ) {
     player.addEventListener("play", () => this.take(), { signal });
-    for (const name of ["playing", "pause", "seeked", "ratechange", "durationchange"]) player.addEventListener(name, () => this.update(), { signal });
+    for (const name of ["playing", "pause", "seeked", "ratechange", "durationchange"])
+      player.addEventListener(name, () => this.update(), { signal });
     player.addEventListener("loadedmetadata", () => owner === this && this.take(), { signal });
     player.addEventListener("emptied", () => this.release(), { signal });
     signal.addEventListener("abort", () => this.release());
@@ -29,7 +36,11 @@ export class MediaControls {
     setOwner(this);
     const { title = "", author: artist = "" } = player.manifest?.presentation ?? {};
     const name = title || (this.host.getAttribute("aria-label") ?? document.title);
-    session.metadata = new MediaMetadata({ title: name, artist, artwork: this.poster.src ? [{ src: this.poster.src }] : [] });
+    session.metadata = new MediaMetadata({
+      title: name,
+      artist,
+      artwork: this.poster.src ? [{ src: this.poster.src }] : [],
+    });
     this.handle({
       play: () => player.play(),
       pause: () => player.pause(),
@@ -48,7 +59,8 @@ export class MediaControls {
     if (owner !== this) return;
     session.playbackState = player.paused ? "paused" : "playing";
     const { duration, currentTime, playbackRate } = player;
-    if (duration > 0 && playbackRate > 0) session.setPositionState?.({ duration, position: Math.min(currentTime, duration), playbackRate });
+    if (duration > 0 && playbackRate > 0)
+      session.setPositionState?.({ duration, position: Math.min(currentTime, duration), playbackRate });
   }
 
   /** Give the session back. */
@@ -57,7 +69,16 @@ export class MediaControls {
     setOwner(null);
     this.session.metadata = null;
     this.session.playbackState = "none";
-    this.handle({ play: null, pause: null, stop: null, seekbackward: null, seekforward: null, seekto: null, previoustrack: null, nexttrack: null });
+    this.handle({
+      play: null,
+      pause: null,
+      stop: null,
+      seekbackward: null,
+      seekforward: null,
+      seekto: null,
+      previoustrack: null,
+      nexttrack: null,
+    });
   }
 
   private handle(handlers: Partial<Record<MediaSessionAction, MediaSessionActionHandler | null>>): void {

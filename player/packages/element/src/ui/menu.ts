@@ -7,18 +7,32 @@ import styles from "./menu.css";
 import { adoptStyles } from "./styles";
 
 const RATES = [0.25, 0.5, 0.75, 1, 1.25, 1.5, 2];
-const QUALITIES: [Quality, string][] = [["auto", "Automatic"], ["full", "Full"], ["half", "Half"]];
+const QUALITIES: [Quality, string][] = [
+  ["auto", "Automatic"],
+  ["full", "Full"],
+  ["half", "Half"],
+];
 
 const option = (value: string | number, text: string): string => `<option value="${value}">${text}</option>`;
-const choice = (name: string, text: string, options: string[]): string => `<label>${text}<select name="${name}">${options.join("")}</select></label>`;
-const toggle = (name: string, text: string): string => `<label>${text}<input type="checkbox" role="switch" name="${name}" /></label>`;
+const choice = (name: string, text: string, options: string[]): string =>
+  `<label>${text}<select name="${name}">${options.join("")}</select></label>`;
+const toggle = (name: string, text: string): string =>
+  `<label>${text}<input type="checkbox" role="switch" name="${name}" /></label>`;
 
 const MARKUP = [
-  choice("rate", "Speed", RATES.map((rate) => option(rate, `${rate} ×`))),
+  choice(
+    "rate",
+    "Speed",
+    RATES.map((rate) => option(rate, `${rate} ×`)),
+  ),
   choice("rendition", "Quality", []),
   choice("captions", "Captions", []),
   choice("chapter", "Chapter", []),
-  choice("quality", "Resolution", QUALITIES.map(([value, text]) => option(value, text))),
+  choice(
+    "quality",
+    "Resolution",
+    QUALITIES.map(([value, text]) => option(value, text)),
+  ),
   toggle("loop", "Loop"),
   toggle("spatial", "Spatial sound"),
   toggle("fly", "Fly through the cameras"),
@@ -61,11 +75,20 @@ export class Menu {
   readonly box: HTMLElement;
 
   /** state: returns the state that is not in the player. */
-  constructor(root: ShadowRoot, private readonly player: Player, actions: MenuActions, private readonly state: () => MenuState) {
+  constructor(
+    root: ShadowRoot,
+    private readonly player: Player,
+    actions: MenuActions,
+    private readonly state: () => MenuState,
+  ) {
     adoptStyles(root, styles);
-    this.box = elementOf(`<div class="sheet menu" role="group" aria-label="Settings" hidden>${MARKUP}</div>`, player.words);
+    this.box = elementOf(
+      `<div class="sheet menu" role="group" aria-label="Settings" hidden>${MARKUP}</div>`,
+      player.words,
+    );
     this.input("rate").onchange = () => void (player.playbackRate = Number(this.input("rate").value));
-    this.input("rendition").onchange = () => void (player.rendition = player.renditions[Number(this.input("rendition").value) - 1] ?? null);
+    this.input("rendition").onchange = () =>
+      void (player.rendition = player.renditions[Number(this.input("rendition").value) - 1] ?? null);
     this.input("quality").onchange = () => {
       player.resolution.quality = this.input("quality").value as Quality;
       player.invalidate();
@@ -81,7 +104,8 @@ export class Menu {
     this.input("statistics").onchange = () => actions.statistics();
     this.input("back").onclick = () => player.step(-1);
     this.input("on").onclick = () => player.step(1);
-    for (const name of ["walk", "path", "edit", "share", "picture", "about", "help"] as const) this.input(name).onclick = () => actions[name]();
+    for (const name of ["walk", "path", "edit", "share", "picture", "about", "help"] as const)
+      this.input(name).onclick = () => actions[name]();
   }
 
   get open(): boolean {
@@ -115,14 +139,26 @@ export class Menu {
   private updateRenditions(): void {
     const { renditions, rendition, shownRendition, words: t } = this.player;
     const auto = shownRendition && rendition === null ? `${t("Auto")} (${shownRendition})` : t("Auto");
-    this.offer("rendition", renditions.length > 0 ? [auto, ...renditions] : [], renditions.indexOf(rendition ?? "") + 1);
+    this.offer(
+      "rendition",
+      renditions.length > 0 ? [auto, ...renditions] : [],
+      renditions.indexOf(rendition ?? "") + 1,
+    );
   }
 
   private updateTracks(): void {
     const { tracks, currentTime } = this.player;
     const [captions, chapters] = [tracks?.captions ?? [], tracks?.chapters ?? []];
-    this.offer("captions", captions.length > 0 ? [this.player.words("Off"), ...captions] : [], (tracks?.shown ?? -1) + 1);
-    this.offer("chapter", chapters.map(({ title }) => title), tracks?.chapterAt(currentTime) ?? -1);
+    this.offer(
+      "captions",
+      captions.length > 0 ? [this.player.words("Off"), ...captions] : [],
+      (tracks?.shown ?? -1) + 1,
+    );
+    this.offer(
+      "chapter",
+      chapters.map(({ title }) => title),
+      tracks?.chapterAt(currentTime) ?? -1,
+    );
   }
 
   /** Let people choose among texts; hidden without any. chosen: index of the present one, the option's value. */

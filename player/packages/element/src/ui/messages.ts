@@ -43,7 +43,8 @@ export class Messages {
 
   /** Show the present state. */
   update(): void {
-    const { canPlay, paused, currentTime, earliest, error, waiting, busy, deferred, hasSource, soundtrack } = this.player;
+    const { canPlay, paused, currentTime, earliest, error, waiting, busy, deferred, hasSource, soundtrack } =
+      this.player;
     this.updatePanel(error);
     this.updateWait(busy && (!canPlay || waiting));
     this.updateSound(soundtrack, paused);
@@ -63,7 +64,10 @@ export class Messages {
     if (text) box.textContent = text;
     box.classList.toggle("shown", text !== "");
     clearTimeout(this.toast);
-    this.toast = window.setTimeout(() => box.classList.remove("shown"), Math.max(TOAST, TOAST_PER_LETTER * text.length));
+    this.toast = window.setTimeout(
+      () => box.classList.remove("shown"),
+      Math.max(TOAST, TOAST_PER_LETTER * text.length),
+    );
   }
 
   /** Show an error in plain words, with the exact message in the details. */
@@ -91,7 +95,8 @@ export class Messages {
     if (!waiting) clearTimeout(this.explain);
     wait.hidden = !waiting;
     const { notice, progress, words: t } = this.player;
-    const text = notice !== null ? t(notice) : progress > 0 ? t("Loading {0} %", Math.floor(100 * progress)) : t("Loading");
+    const text =
+      notice !== null ? t(notice) : progress > 0 ? t("Loading {0} %", Math.floor(100 * progress)) : t("Loading");
     const words = wait.querySelector("p")!;
     if (words.textContent !== text) words.textContent = text;
   }

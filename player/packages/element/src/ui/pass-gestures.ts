@@ -25,10 +25,15 @@ export function passGestures(button: HTMLElement, surface: HTMLElement): void {
     pass();
     surface.dispatchEvent(new PointerEvent("pointermove", event));
   });
-  for (const name of ["pointerup", "pointercancel", "pointerleave"] as const) button.addEventListener(name, ({ pointerId }) => resting.delete(pointerId));
+  for (const name of ["pointerup", "pointercancel", "pointerleave"] as const)
+    button.addEventListener(name, ({ pointerId }) => resting.delete(pointerId));
   button.addEventListener("click", (event) => dragged && event.stopImmediatePropagation(), { capture: true });
   button.addEventListener("contextmenu", (event) => event.preventDefault());
-  button.addEventListener("wheel", (event) => {
-    if (!surface.dispatchEvent(new WheelEvent("wheel", event))) event.preventDefault();
-  }, { passive: false });
+  button.addEventListener(
+    "wheel",
+    (event) => {
+      if (!surface.dispatchEvent(new WheelEvent("wheel", event))) event.preventDefault();
+    },
+    { passive: false },
+  );
 }

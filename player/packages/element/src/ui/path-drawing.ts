@@ -37,7 +37,9 @@ export class PathDrawing {
     const eyes = path?.keyframes.map(({ viewmat }) => eyeOf(viewmat)) ?? [];
     const curve = path ? lineOf(curveOf(path), view) : "";
     const size = SIZE * widest(eyes) || 0.05 * camera.state.distance;
-    const cameras = (path?.keyframes ?? []).flatMap(({ viewmat }) => cameraAt(viewmat, size).map((line) => lineOf(line, view))).join("");
+    const cameras = (path?.keyframes ?? [])
+      .flatMap(({ viewmat }) => cameraAt(viewmat, size).map((line) => lineOf(line, view)))
+      .join("");
     for (const [i, shape] of [curve, curve, cameras, cameras].entries()) this.parts[i].setAttribute("d", shape);
     this.labels.replaceChildren(...eyes.flatMap((eye, i) => label(String(i + 1), eye, view)));
   }
@@ -64,9 +66,14 @@ function curveOf(path: CameraPath): Vec3[] {
 function cameraAt(m: number[], size: number): Vec3[][] {
   const eye = eyeOf(m);
   const [right, down, forward] = [0, 4, 8].map((i) => m.slice(i, i + 3) as Vec3);
-  const corner = (x: number, y: number): Vec3 => add(eye, add(add(scale(right, 0.6 * x * size), scale(down, 0.4 * y * size)), scale(forward, size)));
+  const corner = (x: number, y: number): Vec3 =>
+    add(eye, add(add(scale(right, 0.6 * x * size), scale(down, 0.4 * y * size)), scale(forward, size)));
   const corners = [corner(-1, -1), corner(1, -1), corner(1, 1), corner(-1, 1)];
-  return [[...corners, corners[0]], ...corners.map((point) => [eye, point]), [corner(-0.4, -1), corner(0, -1.5), corner(0.4, -1)]];
+  return [
+    [...corners, corners[0]],
+    ...corners.map((point) => [eye, point]),
+    [corner(-0.4, -1), corner(0, -1.5), corner(0.4, -1)],
+  ];
 }
 
 /** Return the part of a line in front of the viewer, as SVG path data. */
@@ -81,7 +88,8 @@ export function lineOf(points: Vec3[], view: View): string {
       drawing = false;
       continue;
     }
-    const cut = (behind: Vec3, before: Vec3): Vec3 => add(behind, scale(subtract(before, behind), (near - behind[2]) / (before[2] - behind[2])));
+    const cut = (behind: Vec3, before: Vec3): Vec3 =>
+      add(behind, scale(subtract(before, behind), (near - behind[2]) / (before[2] - behind[2])));
     if (a[2] < near) [a, drawing] = [cut(a, b), false];
     const leaves = b[2] < near;
     if (leaves) b = cut(b, a);

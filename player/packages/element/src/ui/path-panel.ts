@@ -58,7 +58,11 @@ export class PathPanel {
   private frame = 0;
 
   /** closed: called when the panel closes. */
-  constructor(private readonly host: PathHost, root: ShadowRoot, private readonly closed: () => void) {
+  constructor(
+    private readonly host: PathHost,
+    root: ShadowRoot,
+    private readonly closed: () => void,
+  ) {
     const { signal } = this.life;
     adoptStyles(root, styles);
     this.box = elementOf(MARKUP, host.player.words);
@@ -95,10 +99,14 @@ export class PathPanel {
       file.value = "";
       if (chosen) void this.load(chosen);
     };
-    this.find<HTMLInputElement>(".seconds").onchange = ({ target }) => this.edit((keyframes) => lasting(keyframes, Number((target as HTMLInputElement).value)));
+    this.find<HTMLInputElement>(".seconds").onchange = ({ target }) =>
+      this.edit((keyframes) => lasting(keyframes, Number((target as HTMLInputElement).value)));
     this.find(".loop").onchange = () => this.edit((keyframes) => keyframes);
     this.box.addEventListener("keydown", (event) => this.key(event));
-    host.addEventListener("dragover", (event) => void (holdsFiles(event) && event.preventDefault()), { signal, capture: true });
+    host.addEventListener("dragover", (event) => void (holdsFiles(event) && event.preventDefault()), {
+      signal,
+      capture: true,
+    });
     host.addEventListener("drop", (event) => this.drop(event), { signal, capture: true });
     player.addEventListener("pathchange", () => this.update(), { signal });
     player.addEventListener("emptied", () => this.close(), { signal });
@@ -131,7 +139,14 @@ export class PathPanel {
 
   private throughCameras(): Keyframe[] {
     const { camera, cameras } = this.player.manifest!;
-    return throughViews(nearestFirst(camera.viewmat, cameras.map(({ viewmat }) => viewmat)), this.player.earliest, this.player.duration);
+    return throughViews(
+      nearestFirst(
+        camera.viewmat,
+        cameras.map(({ viewmat }) => viewmat),
+      ),
+      this.player.earliest,
+      this.player.duration,
+    );
   }
 
   private toggle(): void {
@@ -173,7 +188,10 @@ export class PathPanel {
     this.find(".play").hidden = keyframes.length < 2;
     this.find(".play").ariaLabel = pathPlayer.playing ? null : this.player.words("Play the path"); // the bar has a button "Play"
     this.find(".back").hidden = keyframes.length < 2;
-    this.find(".play").replaceChildren(elementOf(pathPlayer.playing ? PAUSE : PLAY), this.player.words(pathPlayer.playing ? "Stop" : "Play"));
+    this.find(".play").replaceChildren(
+      elementOf(pathPlayer.playing ? PAUSE : PLAY),
+      this.player.words(pathPlayer.playing ? "Stop" : "Play"),
+    );
     this.find<HTMLInputElement>(".seconds").value = String(Number((keyframes.at(-1)?.at ?? 0).toFixed(2)));
     this.find<HTMLInputElement>(".loop").checked = path?.loop ?? false;
     this.find("ol").replaceChildren(...keyframes.map((keyframe, i) => this.item(keyframe, i)));
@@ -196,8 +214,13 @@ export class PathPanel {
     [input.value, input.disabled] = [String(Number(at.toFixed(2))), index === 0];
     input.onchange = () => this.edit((keyframes) => moved(keyframes, index, Number(input.value)));
     part(".set", t("Set keyframe {0} to this view and time", number)).onclick = () =>
-      this.edit((keyframes) => keyframes.map((keyframe, i) => (i === index ? { at, time: this.player.currentTime, viewmat: this.viewmat } : keyframe)));
-    part(".remove", t("Delete keyframe {0}", number)).onclick = () => this.edit((keyframes) => without(keyframes, index));
+      this.edit((keyframes) =>
+        keyframes.map((keyframe, i) =>
+          i === index ? { at, time: this.player.currentTime, viewmat: this.viewmat } : keyframe,
+        ),
+      );
+    part(".remove", t("Delete keyframe {0}", number)).onclick = () =>
+      this.edit((keyframes) => without(keyframes, index));
     return item;
   }
 
@@ -213,7 +236,10 @@ export class PathPanel {
   private redraw(): void {
     this.frame = requestAnimationFrame(() => this.redraw());
     const { player, host } = this;
-    const { camera, canvas: { clientWidth, clientHeight } } = player;
+    const {
+      camera,
+      canvas: { clientWidth, clientHeight },
+    } = player;
     if (!camera) return;
     const key = [...camera.viewmat, clientWidth, clientHeight, host.pathPlayer.playing].join();
     if (key === this.drawn) return;

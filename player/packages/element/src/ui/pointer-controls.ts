@@ -18,7 +18,13 @@ interface Finger {
 }
 
 /** Control the camera of a player from a surface, until the signal. skip: called for a double tap at the left (-1) or right (1) side. */
-export function attachPointerControls(surface: HTMLElement, player: Player, gestures: CooperativeGestures, skip: (side: -1 | 1) => void, signal: AbortSignal): void {
+export function attachPointerControls(
+  surface: HTMLElement,
+  player: Player,
+  gestures: CooperativeGestures,
+  skip: (side: -1 | 1) => void,
+  signal: AbortSignal,
+): void {
   const fingers = new Map<number, Finger>();
   let velocity: [number, number] = [0, 0];
   let moved = 0;
@@ -26,7 +32,12 @@ export function attachPointerControls(surface: HTMLElement, player: Player, gest
   let tap = { x: 0, y: 0, time: -Infinity };
 
   const down = (event: PointerEvent): void => {
-    fingers.set(event.pointerId, { x: event.clientX, y: event.clientY, pan: event.button !== 0 || event.shiftKey, touch: event.pointerType === "touch" });
+    fingers.set(event.pointerId, {
+      x: event.clientX,
+      y: event.clientY,
+      pan: event.button !== 0 || event.shiftKey,
+      touch: event.pointerType === "touch",
+    });
     surface.setPointerCapture(event.pointerId);
     player.camera?.hold();
     velocity = [0, 0];
@@ -65,7 +76,8 @@ export function attachPointerControls(surface: HTMLElement, player: Player, gest
     player.invalidate();
   };
   const tapped = (event: PointerEvent): void => {
-    const double = event.timeStamp - tap.time < DOUBLE && Math.hypot(event.clientX - tap.x, event.clientY - tap.y) < 2 * NEAR;
+    const double =
+      event.timeStamp - tap.time < DOUBLE && Math.hypot(event.clientX - tap.x, event.clientY - tap.y) < 2 * NEAR;
     tap = { x: event.clientX, y: event.clientY, time: double ? -Infinity : event.timeStamp };
     if (!double) return;
     const { left, top, width } = surface.getBoundingClientRect();
@@ -95,12 +107,15 @@ function focusAt({ camera, stage, canvas }: Player, x: number, y: number): void 
   if (!camera || !view) return;
   const ratio = view.width / canvas.clientWidth;
   const depth = stage.depthAt(x * ratio, y * ratio);
-  if (depth !== null) camera.focus([((x * ratio - view.cx) / view.fx) * depth, ((y * ratio - view.cy) / view.fy) * depth, depth]);
+  if (depth !== null)
+    camera.focus([((x * ratio - view.cx) / view.fx) * depth, ((y * ratio - view.cy) / view.fy) * depth, depth]);
 }
 
 /** Return the mean distance of the fingers from their center. event: updates one of them. */
 function spread(fingers: Map<number, Finger>, event?: PointerEvent): number {
-  const points = [...fingers].map(([id, finger]) => (event && id === event.pointerId ? { x: event.clientX, y: event.clientY } : finger));
+  const points = [...fingers].map(([id, finger]) =>
+    event && id === event.pointerId ? { x: event.clientX, y: event.clientY } : finger,
+  );
   const x = points.reduce((sum, point) => sum + point.x, 0) / points.length;
   const y = points.reduce((sum, point) => sum + point.y, 0) / points.length;
   return Math.max(points.reduce((sum, point) => sum + Math.hypot(point.x - x, point.y - y), 0) / points.length, 1);

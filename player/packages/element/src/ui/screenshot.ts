@@ -11,8 +11,15 @@ export async function saveScreenshot(player: Player): Promise<void> {
   if (!camera || !manifest || !player.canPlay || player.waiting || player.seeking) throw failure(NOT_READY);
   const seconds = player.currentTime;
   const size = (css: number): number => Math.max(Math.round(css * devicePixelRatio), 1);
-  const { width, height, data } = await player.playback.takePicture(camera.view(size(canvas.clientWidth), size(canvas.clientHeight)));
-  save(await encode(new ImageData(new Uint8ClampedArray(data.buffer as ArrayBuffer, data.byteOffset, data.byteLength), width, height)), nameOf(manifest.presentation.title, seconds));
+  const { width, height, data } = await player.playback.takePicture(
+    camera.view(size(canvas.clientWidth), size(canvas.clientHeight)),
+  );
+  save(
+    await encode(
+      new ImageData(new Uint8ClampedArray(data.buffer as ArrayBuffer, data.byteOffset, data.byteLength), width, height),
+    ),
+    nameOf(manifest.presentation.title, seconds),
+  );
 }
 
 function failure(why: string): ReelError {
@@ -29,7 +36,9 @@ function encode(pixels: ImageData): Promise<Blob> {
   const canvas = document.createElement("canvas");
   [canvas.width, canvas.height] = [pixels.width, pixels.height];
   canvas.getContext("2d")!.putImageData(pixels, 0, 0);
-  return new Promise((resolve, reject) => canvas.toBlob((blob) => (blob ? resolve(blob) : reject(failure(TOO_LARGE))), "image/png"));
+  return new Promise((resolve, reject) =>
+    canvas.toBlob((blob) => (blob ? resolve(blob) : reject(failure(TOO_LARGE))), "image/png"),
+  );
 }
 
 function save(file: Blob, name: string): void {

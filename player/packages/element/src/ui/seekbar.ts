@@ -52,7 +52,11 @@ export class SeekBar {
     [input.min, input.max] = [String(earliest), String(duration)];
     if (!this.dragging) input.value = String(currentTime);
     const chapter = this.titleAt(currentTime);
-    input.setAttribute("aria-valuetext", this.player.words("{0} of {1}", timeText(currentTime, duration < 60), timeText(duration, duration < 60)) + (chapter && `, ${chapter}`));
+    input.setAttribute(
+      "aria-valuetext",
+      this.player.words("{0} of {1}", timeText(currentTime, duration < 60), timeText(duration, duration < 60)) +
+        (chapter && `, ${chapter}`),
+    );
     this.updateMarks();
     this.updateSection();
     input.style.setProperty("--played", `${this.percent(currentTime)}%`);
@@ -61,7 +65,10 @@ export class SeekBar {
 
   /** Show the time and thumbnail at a position of the bar, 0 to 1. */
   private showHint(place: number): void {
-    const { hint, player: { earliest, duration } } = this;
+    const {
+      hint,
+      player: { earliest, duration },
+    } = this;
     const part = Math.min(Math.max(place, 0), 1) || 0;
     const seconds = earliest + part * (duration - earliest);
     hint.querySelector(".chapter")!.textContent = this.titleAt(seconds);
@@ -102,14 +109,18 @@ export class SeekBar {
   /** Show where chapters begin. */
   private updateMarks(): void {
     const { tracks, earliest, duration } = this.player;
-    const places = (tracks?.chapters ?? []).filter(({ start }) => start > earliest && start < duration).map(({ start }) => `${this.percent(start)}%`);
+    const places = (tracks?.chapters ?? [])
+      .filter(({ start }) => start > earliest && start < duration)
+      .map(({ start }) => `${this.percent(start)}%`);
     if (places.join() === this.marked) return;
     this.marked = places.join();
-    this.box.querySelector(".marks")!.replaceChildren(...places.map((place) => {
-      const mark = document.createElement("i");
-      mark.style.left = place;
-      return mark;
-    }));
+    this.box.querySelector(".marks")!.replaceChildren(
+      ...places.map((place) => {
+        const mark = document.createElement("i");
+        mark.style.left = place;
+        return mark;
+      }),
+    );
   }
 
   /** Show the part that repeats. */
@@ -117,7 +128,8 @@ export class SeekBar {
     const { section } = this.player;
     const box = this.box.querySelector<HTMLElement>(".section")!;
     box.hidden = !section;
-    if (section) Object.assign(box.style, { left: `${this.percent(section[0])}%`, right: `${100 - this.percent(section[1])}%` });
+    if (section)
+      Object.assign(box.style, { left: `${this.percent(section[0])}%`, right: `${100 - this.percent(section[1])}%` });
   }
 
   /** Return the buffered ranges as a background image. */
@@ -126,7 +138,9 @@ export class SeekBar {
       const [a, b] = [this.percent(from), this.percent(to)];
       return [`transparent ${a}%`, `var(--here) ${a}%`, `var(--here) ${b}%`, `transparent ${b}%`];
     });
-    return stops.length > 0 ? `linear-gradient(to right, ${stops.join(", ")})` : "linear-gradient(transparent, transparent)";
+    return stops.length > 0
+      ? `linear-gradient(to right, ${stops.join(", ")})`
+      : "linear-gradient(transparent, transparent)";
   }
 
   /** Return the position of a time on the bar, 0 to 1. */

@@ -54,7 +54,8 @@ export function shareOf(root: ShadowRoot, shared: Shared, t: Words, say: (words:
   for (const button of box.querySelectorAll<HTMLElement>(".copy")) {
     const text = button.parentElement!.querySelector("textarea")!;
     button.ariaLabel = `${t("Copy")}: ${text.parentElement!.querySelector("label")!.textContent}`;
-    button.onclick = async () => say((await copyText(text)) ? "Copied" : "Selected: copy it with the keyboard or the browser's menu");
+    button.onclick = async () =>
+      say((await copyText(text)) ? "Copied" : "Selected: copy it with the keyboard or the browser's menu");
     text.onfocus = () => text.select();
   }
   update();
@@ -77,5 +78,7 @@ function escaped(text: string): string {
 function codeOf(text: string): SVGElement {
   const { data, size } = encode(text, { ecc: "L", border: 3 });
   const squares = data.flatMap((row, y) => row.flatMap((dark, x) => (dark ? `M${x} ${y}h1v1h-1z` : [])));
-  return elementOf<SVGElement>(`<svg viewBox="0 0 ${size} ${size}" shape-rendering="crispEdges"><path d="M0 0h${size}v${size}H0z" fill="#fff" stroke="none" /><path d="${squares.join("")}" fill="#000" stroke="none" /></svg>`);
+  return elementOf<SVGElement>(
+    `<svg viewBox="0 0 ${size} ${size}" shape-rendering="crispEdges"><path d="M0 0h${size}v${size}H0z" fill="#fff" stroke="none" /><path d="${squares.join("")}" fill="#000" stroke="none" /></svg>`,
+  );
 }

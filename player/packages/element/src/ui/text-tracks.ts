@@ -32,11 +32,17 @@ export class Tracks implements TextTracks {
   private readings = 0;
 
   /** host: element with the children. say: shows a failure to people. */
-  constructor(private readonly host: HTMLElement, root: ShadowRoot, private readonly player: Player, private readonly say: (words: string) => void) {
+  constructor(
+    private readonly host: HTMLElement,
+    root: ShadowRoot,
+    private readonly player: Player,
+    private readonly say: (words: string) => void,
+  ) {
     const { signal } = this.life;
     adoptStyles(root, styles);
     root.querySelector(".poster")!.after(this.display.box);
-    for (const name of ["timeupdate", "emptied", "loadedmetadata"]) player.addEventListener(name, () => this.display.show(this.cuesNow(), this.language), { signal });
+    for (const name of ["timeupdate", "emptied", "loadedmetadata"])
+      player.addEventListener(name, () => this.display.show(this.cuesNow(), this.language), { signal });
     signal.addEventListener("abort", () => this.display.box.remove());
     this.read();
   }
@@ -54,11 +60,13 @@ export class Tracks implements TextTracks {
     const tracks = [...this.host.querySelectorAll<HTMLElement>(":scope > track[src]")];
     const kind = (element: HTMLElement): string => (element.getAttribute("kind") ?? "subtitles").toLowerCase();
     const before = this.list;
-    this.list = tracks.filter((element) => ["captions", "subtitles"].includes(kind(element))).map((element, i) => {
-      const language = element.getAttribute("srclang") ?? "";
-      const known = before.find((captions) => captions.element === element && captions.name === nameOf(element, i));
-      return { element, language, name: nameOf(element, i), cues: known?.cues ?? null };
-    });
+    this.list = tracks
+      .filter((element) => ["captions", "subtitles"].includes(kind(element)))
+      .map((element, i) => {
+        const language = element.getAttribute("srclang") ?? "";
+        const known = before.find((captions) => captions.element === element && captions.name === nameOf(element, i));
+        return { element, language, name: nameOf(element, i), cues: known?.cues ?? null };
+      });
     const number = ++this.readings;
     this.select();
     const chapters = tracks.find((element) => kind(element) === "chapters");
@@ -70,8 +78,11 @@ export class Tracks implements TextTracks {
   /** Show the captions that the attribute `captions` names, else those with the attribute `default`. */
   select(): void {
     const wanted = this.host.getAttribute("captions");
-    const names = ({ name, language }: Captions): boolean => [name, language].some((text) => text.toLowerCase() === wanted!.toLowerCase());
-    this.index = this.list.findIndex((captions) => (wanted === null ? captions.element.hasAttribute("default") : names(captions)));
+    const names = ({ name, language }: Captions): boolean =>
+      [name, language].some((text) => text.toLowerCase() === wanted!.toLowerCase());
+    this.index = this.list.findIndex((captions) =>
+      wanted === null ? captions.element.hasAttribute("default") : names(captions),
+    );
     if (this.index >= 0) this.last = this.index;
     void this.load();
     this.player.emit("trackchange");
@@ -104,7 +115,8 @@ export class Tracks implements TextTracks {
     const starts = this.chapters.map(({ start }) => start);
     if (starts.length === 0) return;
     const begun = currentTime - Math.min(BACK, duration / 20);
-    const to = by > 0 ? starts.find((start) => start > currentTime) : (starts.findLast((start) => start <= begun) ?? earliest);
+    const to =
+      by > 0 ? starts.find((start) => start > currentTime) : (starts.findLast((start) => start <= begun) ?? earliest);
     if (to !== undefined) player.currentTime = to;
   }
 
@@ -136,13 +148,18 @@ export class Tracks implements TextTracks {
       const answer = await fetch(address, { signal: this.life.signal });
       if (!answer.ok) throw new Error(`it answered ${answer.status}`);
       const { cues, unreadable } = parseCues(await answer.text());
-      if (unreadable > 0) console.warn(`${address}: ${unreadable} cues are left out, because their times cannot be read.`);
+      if (unreadable > 0)
+        console.warn(`${address}: ${unreadable} cues are left out, because their times cannot be read.`);
       element.dispatchEvent(new Event("load"));
       return cues;
     } catch (error) {
       if (this.life.signal.aborted) return [];
       console.warn(`${address} cannot be used: ${messageOf(error)}.`);
-      this.say(element.getAttribute("kind") === "chapters" ? "The chapters cannot be loaded" : "These captions cannot be loaded");
+      this.say(
+        element.getAttribute("kind") === "chapters"
+          ? "The chapters cannot be loaded"
+          : "These captions cannot be loaded",
+      );
       element.dispatchEvent(new Event("error"));
       return [];
     }

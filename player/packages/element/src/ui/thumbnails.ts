@@ -28,7 +28,8 @@ export class Thumbnails {
     const { manifest } = this.player;
     const sheets = manifest?.presentation.thumbnails;
     this.box.hidden = !sheets;
-    if (manifest && sheets) this.place(manifest, sheets, Math.min(Math.round(seconds / sheets.seconds), sheets.count - 1));
+    if (manifest && sheets)
+      this.place(manifest, sheets, Math.min(Math.round(seconds / sheets.seconds), sheets.count - 1));
   }
 
   private place(manifest: Manifest, { width, height, columns, rows, sheets }: Sheets, index: number): void {
@@ -51,7 +52,10 @@ export class Thumbnails {
 
   /** Maximum height above the texts of the hint, whose lower edge stays in place. */
   private get space(): number {
-    const { box, player: { canvas } } = this;
+    const {
+      box,
+      player: { canvas },
+    } = this;
     const hint = box.parentElement!;
     const texts = hint.offsetHeight - box.offsetHeight;
     const above = hint.getBoundingClientRect().bottom - canvas.getBoundingClientRect().top;
@@ -64,6 +68,9 @@ export class Thumbnails {
     if (this.uri === uri) return;
     this.uri = uri;
     image.hidden = true;
-    void addressOf(manifest, sheet).then((address) => this.uri === uri && (image.src = address), () => undefined);
+    void addressOf(manifest, sheet).then(
+      (address) => this.uri === uri && (image.src = address),
+      () => undefined,
+    );
   }
 }

@@ -31,7 +31,13 @@ export class WalkMode {
   private locked = false;
 
   /** controls: the element of the controls, which stay above. closed: called at the end. */
-  constructor(root: ShadowRoot, controls: HTMLElement, private readonly player: Player, say: (words: string) => void, private readonly closed: () => void) {
+  constructor(
+    root: ShadowRoot,
+    controls: HTMLElement,
+    private readonly player: Player,
+    say: (words: string) => void,
+    private readonly closed: () => void,
+  ) {
     const { canvas, words } = player;
     this.box = elementOf(MARKUP, words);
     this.stick = this.box.querySelector(".stick")!;
@@ -56,30 +62,42 @@ export class WalkMode {
     if (camera) {
       camera.driver = null;
       const { view } = stage ?? {};
-      const distance = (view && !stage!.lost && stage!.depthAt(view.width / 2, view.height / 2)) || camera.state.distance;
+      const distance =
+        (view && !stage!.lost && stage!.depthAt(view.width / 2, view.height / 2)) || camera.state.distance;
       camera.state = { ...camera.state, distance, turn: turnOf(camera.viewmat) };
     }
     this.closed();
   }
 
   private listen(root: ShadowRoot): void {
-    const { box, stick, life: { signal } } = this;
+    const {
+      box,
+      stick,
+      life: { signal },
+    } = this;
     box.querySelector<HTMLElement>(".leave")!.onclick = (event) => {
       event.stopPropagation();
       this.close();
     };
     box.addEventListener("pointerdown", (event) => this.press(event));
     box.addEventListener("pointermove", (event) => this.move(event));
-    for (const name of ["pointerup", "pointercancel"] as const) box.addEventListener(name, (event) => this.release(event));
-    for (const name of ["pointerdown", "pointermove"] as const) stick.addEventListener(name, (event) => this.push(event));
+    for (const name of ["pointerup", "pointercancel"] as const)
+      box.addEventListener(name, (event) => this.release(event));
+    for (const name of ["pointerdown", "pointermove"] as const)
+      stick.addEventListener(name, (event) => this.push(event));
     for (const name of ["pointerup", "pointercancel"] as const) stick.addEventListener(name, () => this.deflect(0, 0));
     box.addEventListener("contextmenu", (event) => event.preventDefault());
-    document.addEventListener("pointerlockchange", () => {
-      const was = this.locked;
-      this.locked = root.pointerLockElement === box;
-      if (was && !this.locked) this.close();
-    }, { signal });
-    for (const name of ["emptied", "loadstart", "error"]) this.player.addEventListener(name, () => this.close(), { signal });
+    document.addEventListener(
+      "pointerlockchange",
+      () => {
+        const was = this.locked;
+        this.locked = root.pointerLockElement === box;
+        if (was && !this.locked) this.close();
+      },
+      { signal },
+    );
+    for (const name of ["emptied", "loadstart", "error"])
+      this.player.addEventListener(name, () => this.close(), { signal });
   }
 
   /** Hide the pointer, so that the mouse looks around without an edge. If the browser refuses, drags look around. */

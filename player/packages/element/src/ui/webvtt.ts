@@ -21,14 +21,27 @@ export interface Cues {
 
 const TIME = String.raw`(?:(\d{2,}):)?([0-5]\d):([0-5]\d)\.(\d{3})`;
 const TIMING = new RegExp(String.raw`^\s*${TIME}\s*-->\s*${TIME}(?:\s+(.*))?$`);
-const ENTITIES: Record<string, string> = { amp: "&", lt: "<", gt: ">", nbsp: "\u00a0", lrm: "\u200e", rlm: "\u200f", quot: '"', apos: "'" };
+const ENTITIES: Record<string, string> = {
+  amp: "&",
+  lt: "<",
+  gt: ">",
+  nbsp: "\u00a0",
+  lrm: "\u200e",
+  rlm: "\u200f",
+  quot: '"',
+  apos: "'",
+};
 /** Tags that cues may have. Others are dropped, and their text stays. */
 const TAGS = new Set(["b", "i", "u", "c", "v", "lang", "ruby", "rt"]);
 
 /** Parse a WebVTT file. Throws an `Error` if the text is of another format. */
 export function parseCues(text: string): Cues {
-  const lines = text.replace(/^\ufeff/, "").replace(/\0/g, "\ufffd").split(/\r\n|\n|\r/);
-  if (!/^WEBVTT(?:[ \t]|$)/.test(lines[0])) throw new Error(`it is not WebVTT: its first line is ${JSON.stringify(lines[0].slice(0, 40))} instead of "WEBVTT"`);
+  const lines = text
+    .replace(/^\ufeff/, "")
+    .replace(/\0/g, "\ufffd")
+    .split(/\r\n|\n|\r/);
+  if (!/^WEBVTT(?:[ \t]|$)/.test(lines[0]))
+    throw new Error(`it is not WebVTT: its first line is ${JSON.stringify(lines[0].slice(0, 40))} instead of "WEBVTT"`);
   const cues: Cue[] = [];
   let unreadable = 0;
   for (const block of blocksOf(lines.slice(1))) {
@@ -40,7 +53,12 @@ export function parseCues(text: string): Cues {
       unreadable++;
       continue;
     }
-    const settings = new Map((timing[9] ?? "").split(/\s+/).filter((part) => part.includes(":")).map((part) => part.split(/:(.*)/).slice(0, 2) as [string, string]));
+    const settings = new Map(
+      (timing[9] ?? "")
+        .split(/\s+/)
+        .filter((part) => part.includes(":"))
+        .map((part) => part.split(/:(.*)/).slice(0, 2) as [string, string]),
+    );
     cues.push({ id: at === 1 ? block[0] : "", start, end, settings, text: block.slice(at + 1).join("\n") });
   }
   return { cues: cues.sort((a, b) => a.start - b.start || b.end - a.end), unreadable };
@@ -70,7 +88,12 @@ export function parseMarkup(text: string): Piece[] {
     else if (!TAGS.has(tag)) continue;
     else if (!close) {
       const [classes, ...note] = rest.split(/\s+/);
-      const piece = { tag, classes: classes.split(".").filter((name) => name !== ""), note: unescaped(note.join(" ")), pieces: [] };
+      const piece = {
+        tag,
+        classes: classes.split(".").filter((name) => name !== ""),
+        note: unescaped(note.join(" ")),
+        pieces: [],
+      };
       open.at(-1)!.pieces.push(piece);
       open.push(piece);
     } else if (open.some((piece) => piece.tag === tag)) while (open.pop()!.tag !== tag);
@@ -80,13 +103,18 @@ export function parseMarkup(text: string): Piece[] {
 
 /** Return the text of a cue without markup, on one line. */
 export function plainText(text: string): string {
-  const flat = (pieces: Piece[]): string => pieces.map((piece) => (typeof piece === "string" ? piece : flat(piece.pieces))).join("");
+  const flat = (pieces: Piece[]): string =>
+    pieces.map((piece) => (typeof piece === "string" ? piece : flat(piece.pieces))).join("");
   return flat(parseMarkup(text)).replace(/\s+/g, " ").trim();
 }
 
 function unescaped(text: string): string {
   return text.replace(/&(?:#(\d+)|#x([\da-f]+)|(\w+));/gi, (whole, decimal, hex, name) => {
     const code = decimal ? Number(decimal) : hex ? Number.parseInt(hex, 16) : NaN;
-    return Number.isNaN(code) ? (ENTITIES[name] ?? whole) : code > 0 && code <= 0x10ffff ? String.fromCodePoint(code) : "\ufffd";
+    return Number.isNaN(code)
+      ? (ENTITIES[name] ?? whole)
+      : code > 0 && code <= 0x10ffff
+        ? String.fromCodePoint(code)
+        : "\ufffd";
   });
 }

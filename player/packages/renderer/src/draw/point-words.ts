@@ -35,7 +35,11 @@ export function packPoints(points: Gaussians): Uint32Array<ArrayBuffer> {
 }
 
 /** Return the view-dependent colors of a file as [rows, 128 * 15, 4] numbers, and the number of entries. */
-export function packCodebook({ codebook, shDegree }: Gaussians): { values: Float32Array<ArrayBuffer>; rows: number; entries: number } {
+export function packCodebook({ codebook, shDegree }: Gaussians): {
+  values: Float32Array<ArrayBuffer>;
+  rows: number;
+  entries: number;
+} {
   const numbers = 3 * ((shDegree + 1) ** 2 - 1);
   const entries = codebook.length / numbers;
   const rows = Math.ceil(entries / ENTRIES_PER_ROW);

@@ -18,7 +18,10 @@ export interface SortReply {
   milliseconds: number;
 }
 
-const scope = self as unknown as { onmessage: (event: MessageEvent<SortMessage>) => void; postMessage(message: SortReply, transfer: Transferable[]): void };
+const scope = self as unknown as {
+  onmessage: (event: MessageEvent<SortMessage>) => void;
+  postMessage(message: SortReply, transfer: Transferable[]): void;
+};
 /** Layers by URI, groups by number. */
 const layers = new Map<string, SortableLayer>();
 const groups = new Map<number, SortableGroup & Alive>();

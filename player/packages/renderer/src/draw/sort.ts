@@ -59,7 +59,11 @@ export class DepthRun {
     const between = frame - low;
     const [minX, minY, minZ] = dxMin;
     const [stepX, stepY, stepZ] = dxStep;
-    for (let i = 0, at = 0, a = 4 * count * low, b = 4 * count * Math.min(low + 1, frames - 1); i < count; i++, at += 3, a += 4, b += 4) {
+    for (
+      let i = 0, at = 0, a = 4 * count * low, b = 4 * count * Math.min(low + 1, frames - 1);
+      i < count;
+      i++, at += 3, a += 4, b += 4
+    ) {
       const x = means[at] + minX + stepX * (dx[a] + (dx[b] - dx[a]) * between);
       const y = means[at + 1] + minY + stepY * (dx[a + 1] + (dx[b + 1] - dx[a + 1]) * between);
       const z = means[at + 2] + minZ + stepZ * (dx[a + 2] + (dx[b + 2] - dx[a + 2]) * between);
@@ -94,7 +98,14 @@ export class DepthRun {
     [this.ids, this.spareIds, this.depths, this.spareDepths] = [spareIds, ids, spareDepths, depths];
   }
 
-  private add(id: number, x: number, y: number, z: number, radius: number, { viewmat: m, near, left, right, top, bottom, reachX, reachY }: Frustum): void {
+  private add(
+    id: number,
+    x: number,
+    y: number,
+    z: number,
+    radius: number,
+    { viewmat: m, near, left, right, top, bottom, reachX, reachY }: Frustum,
+  ): void {
     const depth = m[8] * x + m[9] * y + m[10] * z + m[11];
     if (!(depth >= near)) return;
     const across = m[0] * x + m[1] * y + m[2] * z + m[3];

@@ -1,6 +1,12 @@
 /** Main-thread side of the sort worker. It sends one request at a time and reuses the buffers. */
 import type { View } from "../base/view";
-import { type Clearance, type DecodedGroup, type DecodedLayer, failureOf, type Gaussians } from "@splatreel/decoder/internal";
+import {
+  type Clearance,
+  type DecodedGroup,
+  type DecodedLayer,
+  failureOf,
+  type Gaussians,
+} from "@splatreel/decoder/internal";
 import { startSortWorker } from "../files/bundle";
 import { EXTENT, frustumOf } from "./frustum";
 import type { Scene } from "./scene";
@@ -36,7 +42,12 @@ export class Sorter implements PointSorter {
   /** Transfer the positions and offsets of a group, and copy its `alive` flags. layers: URIs of the layers that these flags cover. */
   addGroup(index: number, base: number, file: DecodedGroup, layers: string[]): void {
     const { means } = file.points;
-    const { dx, dxMin, dxStep, frames } = file.offsets ?? { dx: new Uint16Array(), dxMin: [0, 0, 0], dxStep: [0, 0, 0], frames: 1 };
+    const { dx, dxMin, dxStep, frames } = file.offsets ?? {
+      dx: new Uint16Array(),
+      dxMin: [0, 0, 0],
+      dxStep: [0, 0, 0],
+      frames: 1,
+    };
     const radii = radiiOf(file.points);
     const group = { base, means, radii, frames, dx, dxMin, dxStep, alive: file.alive, layers };
     this.post({ type: "group", index, group }, [means.buffer, radii.buffer, dx.buffer] as ArrayBuffer[]);
@@ -53,7 +64,10 @@ export class Sorter implements PointSorter {
     this.spare = null;
     return new Promise((resolve) => {
       this.waiting = resolve;
-      this.post({ type: "sort", scene, view: frustumOf(view, clearance), buffer }, buffer ? [buffer.buffer as ArrayBuffer] : []);
+      this.post(
+        { type: "sort", scene, view: frustumOf(view, clearance), buffer },
+        buffer ? [buffer.buffer as ArrayBuffer] : [],
+      );
     });
   }
 

@@ -1,5 +1,18 @@
 /** The scene on screen: sorted by the worker, drawn by the renderer. Each frame is drawn with an order that was sorted for it. */
-import { add, clampFrame, type DecodedGroup, type DecodedLayer, eyeOf, groupAt, length, type Reel, scale, type Schedule, subtract, weightAt } from "@splatreel/decoder/internal";
+import {
+  add,
+  clampFrame,
+  type DecodedGroup,
+  type DecodedLayer,
+  eyeOf,
+  groupAt,
+  length,
+  type Reel,
+  scale,
+  type Schedule,
+  subtract,
+  weightAt,
+} from "@splatreel/decoder/internal";
 import type { View } from "../base/view";
 import type { Cutaway } from "./cutaway";
 import type { Eye } from "./eye";
@@ -38,7 +51,10 @@ export class Stage {
   /** Schedule for which the order was sorted. A live reel may drop its groups from the next manifest. */
   private schedule: Schedule | null = null;
 
-  constructor(private readonly renderer: Renderer, private readonly sorter: PointSorter) {}
+  constructor(
+    private readonly renderer: Renderer,
+    private readonly sorter: PointSorter,
+  ) {}
 
   /** Begin to draw a reel. Throws `ReelError` if the device cannot draw. */
   open(reel: Reel): void {
@@ -118,7 +134,9 @@ export class Stage {
 
   /** Groups on screen, or about to be with the next order. */
   get inUse(): number[] {
-    return [this.scene, this.sorting].flatMap((scene) => [scene?.current?.group, scene?.previous?.group]).filter((group) => group !== undefined);
+    return [this.scene, this.sorting]
+      .flatMap((scene) => [scene?.current?.group, scene?.previous?.group])
+      .filter((group) => group !== undefined);
   }
 
   /** True if a new order is needed and the worker is idle. */
@@ -137,7 +155,10 @@ export class Stage {
     this.sorting = scene;
     const { manifest } = this.reel!;
     const { current, previous } = scene;
-    const weight = current && previous ? weightAt(manifest, manifest.groups[current.group].firstFrame + current.frame, current.group) : 1;
+    const weight =
+      current && previous
+        ? weightAt(manifest, manifest.groups[current.group].firstFrame + current.frame, current.group)
+        : 1;
     const reply = await this.sorter.sort(scene, view, manifest.clearance, weight);
     this.sorting = null;
     if (this.closed || !this.renderer.holds(scene)) return false;
@@ -160,7 +181,8 @@ export class Stage {
     this.pictures++;
     // A view beyond the sorted frustum would lack points at its borders: the last covered view stays until the next order.
     const shownView = (this.view = eyes || this.isCovered(view) ? view : this.sortedFor!);
-    const paint = (shown: Scene, weight: number): void => (eyes ? this.renderer.drawEyes(shown, weight, eyes) : this.renderer.draw(shown, weight, shownView));
+    const paint = (shown: Scene, weight: number): void =>
+      eyes ? this.renderer.drawEyes(shown, weight, eyes) : this.renderer.draw(shown, weight, shownView);
     if (scene.current === null) return paint(scene, 1);
     const { groups } = schedule;
     const { group } = scene.current;
@@ -169,7 +191,9 @@ export class Stage {
     if (frame !== null && isOrderedFor(scene, frame, schedule)) this.drawnFrame = frame;
     else if (frame !== null && frame < ordered && this.isOrderNew) this.drawnFrame = ordered; // time runs backwards: draw one frame behind
     this.isOrderNew = false;
-    const [current, previous] = [scene.current, scene.previous].map((shown) => shown && { group: shown.group, frame: clampFrame(groups[shown.group], this.drawnFrame) });
+    const [current, previous] = [scene.current, scene.previous].map(
+      (shown) => shown && { group: shown.group, frame: clampFrame(groups[shown.group], this.drawnFrame) },
+    );
     paint({ ...scene, current, previous }, previous ? weightAt(schedule, this.drawnFrame, group) : 1);
   }
 
@@ -209,6 +233,12 @@ export class Stage {
 export function isOrderedFor({ current, previous }: Scene, frame: number, schedule: Schedule): boolean {
   if (current === null) return true;
   const group = schedule.groups[current.group];
-  const holds = (frame >= group.firstFrame && frame <= group.firstFrame + group.frames - 1) || groupAt(schedule, frame) === current.group;
-  return holds && (previous !== null || weightAt(schedule, frame, current.group) === 1) && clampFrame(group, frame) >= current.frame;
+  const holds =
+    (frame >= group.firstFrame && frame <= group.firstFrame + group.frames - 1) ||
+    groupAt(schedule, frame) === current.group;
+  return (
+    holds &&
+    (previous !== null || weightAt(schedule, frame, current.group) === 1) &&
+    clampFrame(group, frame) >= current.frame
+  );
 }

@@ -1,5 +1,13 @@
 /** Files of a reel in the memory of a graphics device: its layers by URI, its groups by number. */
-import { type Alive, type DecodedFile, type DecodedGroup, type DecodedLayer, lightAt, staticFlags, type Vec3 } from "@splatreel/decoder/internal";
+import {
+  type Alive,
+  type DecodedFile,
+  type DecodedGroup,
+  type DecodedLayer,
+  lightAt,
+  staticFlags,
+  type Vec3,
+} from "@splatreel/decoder/internal";
 import type { Scene } from "./scene";
 
 /** Points of a file on the device. */
@@ -56,7 +64,10 @@ export abstract class UploadedFiles<T extends UploadedPoints<Place>, Place = voi
 
   /** Return true if all of a scene is uploaded. */
   holds({ current, previous, layers }: Scene): boolean {
-    return [current, previous].every((shown) => shown === null || this.groups.has(shown.group)) && layers.every((uri) => this.layers.has(uri));
+    return (
+      [current, previous].every((shown) => shown === null || this.groups.has(shown.group)) &&
+      layers.every((uri) => this.layers.has(uri))
+    );
   }
 
   /** Return the uploaded layers of a scene. */

@@ -17,14 +17,20 @@ export const decodeWorkers: DecodeWorkers = {
   }),
   start: () =>
     embeddedWorker("decode-worker.js") ??
-    openWorker(new URL("./decode-worker.js", import.meta.url).href, () => new Worker(new URL("./decode-worker.js", import.meta.url), { type: "module" })),
+    openWorker(
+      new URL("./decode-worker.js", import.meta.url).href,
+      () => new Worker(new URL("./decode-worker.js", import.meta.url), { type: "module" }),
+    ),
 };
 
 /** Start a worker that sorts points. */
 export function startSortWorker(): Worker {
   return (
     embeddedWorker("sort-worker.js") ??
-    openWorker(new URL("./sort-worker.js", import.meta.url).href, () => new Worker(new URL("./sort-worker.js", import.meta.url), { type: "module" }))
+    openWorker(
+      new URL("./sort-worker.js", import.meta.url).href,
+      () => new Worker(new URL("./sort-worker.js", import.meta.url), { type: "module" }),
+    )
   );
 }
 

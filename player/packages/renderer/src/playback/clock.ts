@@ -43,7 +43,8 @@ export class Clock {
 
   /** Throws `TypeError` if the end does not come after the start. */
   set section(section: readonly [number, number] | null) {
-    if (section && !(section[0] >= 0 && section[1] > section[0])) throw new TypeError(`A section must end after it starts, not last from ${section[0]} to ${section[1]} s.`);
+    if (section && !(section[0] >= 0 && section[1] > section[0]))
+      throw new TypeError(`A section must end after it starts, not last from ${section[0]} to ${section[1]} s.`);
     this.repeated = section && [section[0], section[1]];
   }
 

@@ -132,8 +132,13 @@ export abstract class MediaProperties {
 }
 
 /** Return a subclass with the properties of a media element. */
-export function withMediaProperties<Base extends Class>(base: Base): Base & (abstract new (...values: Values) => MediaProperties) {
+export function withMediaProperties<Base extends Class>(
+  base: Base,
+): Base & (abstract new (...values: Values) => MediaProperties) {
   abstract class MediaObject extends base {}
-  Object.defineProperties(MediaObject.prototype, { ...Object.getOwnPropertyDescriptors(MediaProperties.prototype), constructor: { value: MediaObject } });
+  Object.defineProperties(MediaObject.prototype, {
+    ...Object.getOwnPropertyDescriptors(MediaProperties.prototype),
+    constructor: { value: MediaObject },
+  });
   return MediaObject as unknown as Base & (abstract new (...values: Values) => MediaProperties);
 }

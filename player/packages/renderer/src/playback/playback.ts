@@ -117,7 +117,13 @@ export class Playback {
     const wanted = !player.paused && !player.error;
     const running = wanted && this.ready && !this.stalled && !this.seeking;
     if (wanted) soundtrack.want(clock, running);
-    const passed = soundtrack.advance(clock, running, now / 1000, seconds, Math.min(resolution.interval / 1000, LONGEST_LEAD));
+    const passed = soundtrack.advance(
+      clock,
+      running,
+      now / 1000,
+      seconds,
+      Math.min(resolution.interval / 1000, LONGEST_LEAD),
+    );
     this.waitForSound(running && soundtrack.isLate(clock));
     if (running && passed > 0) this.advance(passed);
     if (++this.ticks % HEARTBEAT === 0) this.askForFiles();
@@ -169,7 +175,11 @@ export class Playback {
 
   /** Sort the present scene, or the loaded static layers before the first group arrives. */
   private sort(stage: Stage, view: View): void {
-    const { stream, clock: { moment }, manifest } = this.player;
+    const {
+      stream,
+      clock: { moment },
+      manifest,
+    } = this.player;
     if (!this.stalled && moment) return void this.show(stage, sceneAt(moment, manifest!), view);
     const layers = stage.scene?.current ? null : staticSceneOf(stream!);
     if (layers) void this.show(stage, layers, view);
@@ -211,7 +221,14 @@ export class Playback {
     if (!stream || !stage || player.error || player.deferred) return;
     const { moment } = clock;
     const [current, previous] = [moment?.current.group ?? null, moment?.previous?.group ?? null];
-    stream.want({ current, previous, inUse: stage.inUse, frame: clock.frame, rate: clock.rate, loop: player.loop && !player.live });
+    stream.want({
+      current,
+      previous,
+      inUse: stage.inUse,
+      frame: clock.frame,
+      rate: clock.rate,
+      loop: player.loop && !player.live,
+    });
     const here = current !== null && stream.has(current) && (previous === null || stream.has(previous));
     if (here !== this.stalled) return;
     this.stalled = !here;
@@ -287,7 +304,11 @@ export class Playback {
 
   /** Render the present scene for any view and size. Rejects if the reel was closed. */
   async takePicture(view: View): Promise<Picture> {
-    const { stage, clock: { moment }, manifest } = this.player;
+    const {
+      stage,
+      clock: { moment },
+      manifest,
+    } = this.player;
     if (!stage || !manifest || !moment) throw new Error("The reel was closed.");
     this.held = true;
     try {

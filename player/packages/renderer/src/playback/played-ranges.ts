@@ -16,7 +16,10 @@ export class PlayedRanges {
     if (to <= from) return;
     const apart = this.list.filter(([start, end]) => start > to + GAP || end < from - GAP);
     const joined = this.list.filter((range) => !apart.includes(range));
-    const whole: [number, number] = [Math.min(from, ...joined.map(([start]) => start)), Math.max(to, ...joined.map(([, end]) => end))];
+    const whole: [number, number] = [
+      Math.min(from, ...joined.map(([start]) => start)),
+      Math.max(to, ...joined.map(([, end]) => end)),
+    ];
     this.list = [...apart, whole].sort((a, b) => a[0] - b[0]);
   }
 

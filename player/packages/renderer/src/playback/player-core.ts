@@ -18,7 +18,10 @@ export abstract class PlayerCore extends EventTarget implements PlaybackHost {
   /** Played ranges. */
   readonly played = new PlayedRanges();
   readonly playback = new Playback(this);
-  readonly soundtrack = new Soundtrack((event) => this.emit(event), () => this.pause());
+  readonly soundtrack = new Soundtrack(
+    (event) => this.emit(event),
+    () => this.pause(),
+  );
   private choice: string | null = null;
 
   /** Session of the open reel; null if there is none. */

@@ -21,7 +21,10 @@ export class ReelPlayer extends PlayerCore {
   private last: View | null = null;
 
   /** url: address of the manifest. listen: receives the names of events, as in HTMLMediaElement. */
-  constructor(public url: string, private readonly listen: (event: string) => void) {
+  constructor(
+    public url: string,
+    private readonly listen: (event: string) => void,
+  ) {
     super();
     this.playback.letCallerDraw();
   }

@@ -1,5 +1,12 @@
 /** Resources of the open reel: its workers, its stage, and the stream of its files. */
-import { type EarlyWorker, type LoaderEvents, type LocalFiles, type Manifest, type Reel, ReelLoader } from "@splatreel/decoder/internal";
+import {
+  type EarlyWorker,
+  type LoaderEvents,
+  type LocalFiles,
+  type Manifest,
+  type Reel,
+  ReelLoader,
+} from "@splatreel/decoder/internal";
 import type { PointSorter } from "../draw/point-sorter";
 import type { Renderer } from "../draw/renderer";
 import { Stage } from "../draw/stage";
@@ -12,11 +19,27 @@ export type SessionEvents = LoaderEvents;
 /** Opens one reel, draws it on a stage, and closes it again. */
 export class Session extends ReelLoader {
   /** Start the workers at once, while the manifest downloads. sorterOf: creates the sorter. early: a decode worker that is already running. */
-  static start(renderer: Renderer, sorterOf: (failed: (message: string) => void) => PointSorter, events: SessionEvents, early?: EarlyWorker | null): Session {
-    return new Session(new Stage(renderer, sorterOf((message) => events.failed(new Error(message)))), events, early);
+  static start(
+    renderer: Renderer,
+    sorterOf: (failed: (message: string) => void) => PointSorter,
+    events: SessionEvents,
+    early?: EarlyWorker | null,
+  ): Session {
+    return new Session(
+      new Stage(
+        renderer,
+        sorterOf((message) => events.failed(new Error(message))),
+      ),
+      events,
+      early,
+    );
   }
 
-  private constructor(readonly stage: Stage, events: SessionEvents, early?: EarlyWorker | null) {
+  private constructor(
+    readonly stage: Stage,
+    events: SessionEvents,
+    early?: EarlyWorker | null,
+  ) {
     super(stage, events, decodeWorkers, early);
   }
 

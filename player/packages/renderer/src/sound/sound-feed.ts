@@ -35,7 +35,11 @@ class SourceFeed implements SoundFeed {
   private readonly opened: Promise<unknown>;
   private buffer: SourceBuffer | null = null;
 
-  constructor(private readonly audio: HTMLAudioElement, private readonly source: MediaSource, private readonly type: string) {
+  constructor(
+    private readonly audio: HTMLAudioElement,
+    private readonly source: MediaSource,
+    private readonly type: string,
+  ) {
     this.url = URL.createObjectURL(source);
     this.opened = new Promise((resolve) => source.addEventListener("sourceopen", resolve, { once: true }));
     audio.disableRemotePlayback = true; // ManagedMediaSource requires this
@@ -45,7 +49,8 @@ class SourceFeed implements SoundFeed {
   holds({ start, seconds }: SoundSegment): boolean {
     const middle = start + seconds / 2;
     const ranges = this.buffer?.buffered;
-    for (let i = 0; i < (ranges?.length ?? 0); i++) if (ranges!.start(i) <= middle && middle < ranges!.end(i)) return true;
+    for (let i = 0; i < (ranges?.length ?? 0); i++)
+      if (ranges!.start(i) <= middle && middle < ranges!.end(i)) return true;
     return false;
   }
 
@@ -90,7 +95,11 @@ class FileFeed implements SoundFeed {
   private readonly held = new Set<string>();
   private url = "";
 
-  constructor(private readonly audio: HTMLAudioElement, private readonly type: string, private readonly renewed: () => void) {}
+  constructor(
+    private readonly audio: HTMLAudioElement,
+    private readonly type: string,
+    private readonly renewed: () => void,
+  ) {}
 
   get ready(): boolean {
     return this.url !== "";

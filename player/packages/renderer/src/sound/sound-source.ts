@@ -1,5 +1,16 @@
 /** Downloads the sound of a reel by segments and feeds it to an audio element. */
-import { type Asset, download, type Manifest, messageOf, PLAIN, type Reel, ReelError, type Sound, type SoundSegment, sourceOf } from "@splatreel/decoder/internal";
+import {
+  type Asset,
+  download,
+  type Manifest,
+  messageOf,
+  PLAIN,
+  type Reel,
+  ReelError,
+  type Sound,
+  type SoundSegment,
+  sourceOf,
+} from "@splatreel/decoder/internal";
 import { feedOf, type SoundFeed } from "./sound-feed";
 
 /** Maximum seconds of sound to keep beyond the wanted segments. */
@@ -32,7 +43,11 @@ export class SoundSource {
   private coming: { index: number; transfer: AbortController } | null = null;
 
   /** Throws `ReelError` if the browser cannot play this type of sound. */
-  constructor(audio: HTMLAudioElement, private readonly reel: Reel, private readonly events: SoundEvents) {
+  constructor(
+    audio: HTMLAudioElement,
+    private readonly reel: Reel,
+    private readonly events: SoundEvents,
+  ) {
     this.feed = feedOf(audio, this.sound.type, this.manifest.live, () => events.renewed());
   }
 
@@ -75,7 +90,8 @@ export class SoundSource {
     const { signal } = this.life;
     try {
       await this.feed.begin(() => this.get(this.sound.init, signal));
-      for (let index = this.missing(); index !== undefined && !signal.aborted; index = this.missing()) await this.add(index);
+      for (let index = this.missing(); index !== undefined && !signal.aborted; index = this.missing())
+        await this.add(index);
       signal.throwIfAborted();
     } catch (error) {
       if (!signal.aborted) this.events.failed(error instanceof Error ? error : new ReelError(messageOf(error)));
@@ -97,7 +113,8 @@ export class SoundSource {
     });
     this.coming = null;
     if (!bytes) return;
-    for (const spare of spareSegments(segments, this.wanted, (segment) => this.feed.holds(segment))) await this.feed.drop(segments[spare]);
+    for (const spare of spareSegments(segments, this.wanted, (segment) => this.feed.holds(segment)))
+      await this.feed.drop(segments[spare]);
     await this.feed.add(segments[index], bytes);
     const complete = !this.manifest.live && this.feed.holds(segments.at(-1)!);
     if (complete) this.feed.end();
@@ -129,18 +146,35 @@ export function segmentAt(segments: SoundSegment[], seconds: number): number {
 }
 
 /** Return the indices of the segments in a range of time, in order of need. */
-export function wantedSegments(segments: SoundSegment[], seconds: number, ahead: number, again: number | null): number[] {
-  const touches = (from: number, to: number): number[] => segments.flatMap(({ start, seconds: length }, index) => (start < to && start + length > from ? [index] : []));
+export function wantedSegments(
+  segments: SoundSegment[],
+  seconds: number,
+  ahead: number,
+  again: number | null,
+): number[] {
+  const touches = (from: number, to: number): number[] =>
+    segments.flatMap(({ start, seconds: length }, index) => (start < to && start + length > from ? [index] : []));
   const end = segments.length > 0 ? segments.at(-1)!.start + segments.at(-1)!.seconds : 0;
   const over = seconds + ahead - end;
-  return [...new Set([...touches(seconds, seconds + ahead), ...(over > 0 && again !== null ? touches(again, Math.min(again + over, seconds)) : [])])];
+  return [
+    ...new Set([
+      ...touches(seconds, seconds + ahead),
+      ...(over > 0 && again !== null ? touches(again, Math.min(again + over, seconds)) : []),
+    ]),
+  ];
 }
 
 /** Return the indices of segments to drop, those played longest ago first. */
-export function spareSegments(segments: SoundSegment[], wanted: number[], held: (segment: SoundSegment) => boolean): number[] {
+export function spareSegments(
+  segments: SoundSegment[],
+  wanted: number[],
+  held: (segment: SoundSegment) => boolean,
+): number[] {
   const now = wanted[0] ?? 0;
   const behind = (index: number): number => (now - index + segments.length) % segments.length;
-  const spare = [...segments.keys()].filter((index) => !wanted.includes(index) && held(segments[index])).sort((a, b) => behind(b) - behind(a));
+  const spare = [...segments.keys()]
+    .filter((index) => !wanted.includes(index) && held(segments[index]))
+    .sort((a, b) => behind(b) - behind(a));
   let total = spare.reduce((sum, index) => sum + segments[index].seconds, 0);
   return spare.filter((index) => {
     if (total <= KEPT) return false;

@@ -49,7 +49,10 @@ export class Soundtrack {
    * emit: receives the events volumechange (also when sound becomes available or not), progress, and notallowed (the browser requires an
    * interaction first). stop: called after notallowed.
    */
-  constructor(private readonly emit: (event: string) => void, private readonly stop: () => void) {}
+  constructor(
+    private readonly emit: (event: string) => void,
+    private readonly stop: () => void,
+  ) {}
 
   /** Prepare the sound of a reel. Nothing is downloaded before it is audible. */
   open(reel: Reel): void {
@@ -103,7 +106,8 @@ export class Soundtrack {
   /** Throws `IndexSizeError` outside of 0 to 1, as in HTMLMediaElement. */
   set volume(given: number) {
     const volume = Number(given);
-    if (!(volume >= 0 && volume <= 1)) throw new DOMException(`The volume is ${volume}, not within 0 and 1.`, "IndexSizeError");
+    if (!(volume >= 0 && volume <= 1))
+      throw new DOMException(`The volume is ${volume}, not within 0 and 1.`, "IndexSizeError");
     const before = this.loudness;
     if (volume === before) return;
     this.loudness = volume;
@@ -162,7 +166,8 @@ export class Soundtrack {
 
   /** Get what is heard at this time and, once there are pictures, after it. */
   want({ seconds, rate, loop, earliest, live }: PictureTime, pictures: boolean): void {
-    if (this.heard(rate) && this.prepare()) this.source!.want(seconds, pictures ? AHEAD : TAIL, loop && !live ? earliest : null);
+    if (this.heard(rate) && this.prepare())
+      this.source!.want(seconds, pictures ? AHEAD : TAIL, loop && !live ? earliest : null);
   }
 
   /**
@@ -238,7 +243,11 @@ export class Soundtrack {
         this.emit("volumechange");
       };
       try {
-        this.source = new SoundSource(this.audio, reel!, { progress: () => this.emit("progress"), renewed: () => this.seek(), failed });
+        this.source = new SoundSource(this.audio, reel!, {
+          progress: () => this.emit("progress"),
+          renewed: () => this.seek(),
+          failed,
+        });
       } catch (error) {
         failed(error);
         return null;

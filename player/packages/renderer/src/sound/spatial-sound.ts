@@ -49,7 +49,8 @@ export class SpatialSound {
     const place = placeOf(position, viewmat, manifest);
     if (length(subtract(place, this.place)) < 1e-4) return;
     this.place = place;
-    const move = (parameter: AudioParam, value: number): unknown => parameter.setTargetAtTime(value, context.currentTime, GLIDE);
+    const move = (parameter: AudioParam, value: number): unknown =>
+      parameter.setTargetAtTime(value, context.currentTime, GLIDE);
     move(panner.positionX, place[0]);
     move(panner.positionY, -place[1]);
     move(panner.positionZ, -place[2]);
@@ -63,7 +64,12 @@ export class SpatialSound {
   private build(context: AudioContext, audio: HTMLAudioElement, channels: number): void {
     if (context.state !== "running") return;
     this.node = context.createMediaElementSource(audio);
-    this.panner = new PannerNode(context, { panningModel: "equalpower", distanceModel: "inverse", refDistance: 1, rolloffFactor: ROLLOFF });
+    this.panner = new PannerNode(context, {
+      panningModel: "equalpower",
+      distanceModel: "inverse",
+      refDistance: 1,
+      rolloffFactor: ROLLOFF,
+    });
     // The panner splits the power of a mono channel over two ears.
     this.panner.connect(new GainNode(context, { gain: channels === 1 ? Math.SQRT2 : 1 })).connect(context.destination);
     this.node.connect(context.destination);
@@ -81,7 +87,11 @@ export class SpatialSound {
 }
 
 /** Return the position of a source in camera axes (x right, y down, z forward), in units of its distance from the start view. */
-export function placeOf(position: Vec3, viewmat: number[], { camera, bounds: [low, high] }: Pick<Manifest, "camera" | "bounds">): Vec3 {
+export function placeOf(
+  position: Vec3,
+  viewmat: number[],
+  { camera, bounds: [low, high] }: Pick<Manifest, "camera" | "bounds">,
+): Vec3 {
   const middle = scale([low[0] + high[0], low[1] + high[1], low[2] + high[2]], 0.5);
   const width = WIDTH * Math.max(length(subtract(eyeOf(camera.viewmat), middle)), 1e-6);
   return scale(heardFrom(position, viewmat, width), 1 / length(heardFrom(position, camera.viewmat, width)));

@@ -60,7 +60,10 @@ export class HeadsetMarks {
     program.use();
     gl.bindVertexArray(this.points);
     gl.bindBuffer(gl.ARRAY_BUFFER, this.buffer);
-    for (const [edge, color] of [[EDGE, 0], [0, 1]]) {
+    for (const [edge, color] of [
+      [EDGE, 0],
+      [0, 1],
+    ]) {
       const corners = new Float32Array(marks.flatMap((mark) => trianglesOf(mark, edge).flat()));
       gl.bufferData(gl.ARRAY_BUFFER, corners, gl.STREAM_DRAW);
       gl.uniform3f(program.at("uColor"), color, color, color);
@@ -89,7 +92,9 @@ function trianglesOf(mark: Mark, edge: number): Vec3[] {
       return add(mark.center, [radius * Math.cos(angle), 0, radius * Math.sin(angle)]);
     };
     const [inner, outer] = [RING[0] - edge, RING[1] + edge];
-    return Array.from({ length: SEGMENTS }, (_, i) => quad(corner(i, inner), corner(i, outer), corner(i + 1, inner), corner(i + 1, outer))).flat();
+    return Array.from({ length: SEGMENTS }, (_, i) =>
+      quad(corner(i, inner), corner(i, outer), corner(i + 1, inner), corner(i + 1, outer)),
+    ).flat();
   }
   const { from, to } = mark;
   const way = subtract(to, from);

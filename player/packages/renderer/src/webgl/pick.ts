@@ -20,7 +20,8 @@ export function hitsAt(shape: Uint32Array, color: Uint32Array, x: number, y: num
     const u = along(shape[at + 2], dx, dy);
     const v = along(shape[at + 3], dx, dy);
     const square = (u * u + v * v) * extent * extent;
-    if (square < extent * extent) hits.push({ depth: colors[at + 3], alpha: float(color[at + 1] >>> 16) * Math.exp(-0.5 * square) });
+    if (square < extent * extent)
+      hits.push({ depth: colors[at + 3], alpha: float(color[at + 1] >>> 16) * Math.exp(-0.5 * square) });
   }
   return hits;
 }

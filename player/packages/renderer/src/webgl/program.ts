@@ -8,7 +8,11 @@ export class Program {
   private readonly locations = new Map<string, WebGLUniformLocation | null>();
 
   /** Start to compile. Drivers compile in the background until the result is requested. */
-  constructor(private readonly gl: WebGL2RenderingContext, vertex: string, fragment: string) {
+  constructor(
+    private readonly gl: WebGL2RenderingContext,
+    vertex: string,
+    fragment: string,
+  ) {
     this.program = gl.createProgram();
     this.stages = [compile(gl, gl.VERTEX_SHADER, vertex), compile(gl, gl.FRAGMENT_SHADER, fragment)];
     for (const stage of this.stages) gl.attachShader(this.program, stage);
@@ -18,8 +22,11 @@ export class Program {
   /** Wait for the compiler. Throws `ReelError` if the driver rejects the shaders. */
   check(): void {
     const { gl, program, stages } = this;
-    if (gl.getProgramParameter(program, gl.LINK_STATUS) || gl.isContextLost()) return stages.forEach((stage) => gl.deleteShader(stage));
-    const why = [...stages.map((stage) => gl.getShaderInfoLog(stage)), gl.getProgramInfoLog(program)].filter(Boolean).join(" ");
+    if (gl.getProgramParameter(program, gl.LINK_STATUS) || gl.isContextLost())
+      return stages.forEach((stage) => gl.deleteShader(stage));
+    const why = [...stages.map((stage) => gl.getShaderInfoLog(stage)), gl.getProgramInfoLog(program)]
+      .filter(Boolean)
+      .join(" ");
     throw new ReelError(`This device's graphics driver rejects the player's shaders: ${why}`, { plain: PLAIN.device });
   }
 

@@ -18,7 +18,10 @@ export class ProjectionPass {
   private readonly program: Program;
   private readonly empty: WebGLVertexArrayObject;
 
-  constructor(private readonly gl: WebGL2RenderingContext, private readonly memory: GpuMemory) {
+  constructor(
+    private readonly gl: WebGL2RenderingContext,
+    private readonly memory: GpuMemory,
+  ) {
     this.program = new Program(gl, coverVertex, projectFragment);
     this.empty = gl.createVertexArray();
   }
@@ -95,7 +98,11 @@ function setCutaway(gl: WebGL2RenderingContext, program: Program, cutaway: Cutaw
   gl.uniform3fv(program.at("uLow"), low);
   gl.uniform3fv(program.at("uHigh"), high);
   gl.uniform1i(program.at("uRemovals"), removed.length);
-  if (removed.length > 0) gl.uniform4fv(program.at("uRemoved"), removed.flatMap(({ center, radius }) => [...center, radius]));
+  if (removed.length > 0)
+    gl.uniform4fv(
+      program.at("uRemoved"),
+      removed.flatMap(({ center, radius }) => [...center, radius]),
+    );
 }
 
 /** Set the camera uniforms. The Jacobian is evaluated within 1.3 times the field of view, as in 3DGS. */
@@ -106,7 +113,13 @@ function setView(gl: WebGL2RenderingContext, program: Program, view: View): void
   gl.uniformMatrix4fv(program.at("uView"), true, m);
   gl.uniform3fv(program.at("uEye"), eyeOf(m));
   gl.uniform4f(program.at("uLens"), fx, fy, cx, cy);
-  gl.uniform4f(program.at("uRange"), -cx / fx - marginX, (width - cx) / fx + marginX, -cy / fy - marginY, (height - cy) / fy + marginY);
+  gl.uniform4f(
+    program.at("uRange"),
+    -cx / fx - marginX,
+    (width - cx) / fx + marginX,
+    -cy / fy - marginY,
+    (height - cy) / fy + marginY,
+  );
   gl.uniform2f(program.at("uSize"), width, height);
   gl.uniform1f(program.at("uNear"), view.near);
 }

@@ -20,7 +20,11 @@ export class SplatPass {
   private orderRows = 0;
   private points = 0;
 
-  constructor(private readonly gl: WebGL2RenderingContext, private readonly target: SplatTarget, shaders: SplatShaders = [splatVertexOf("0.0"), splatFragment]) {
+  constructor(
+    private readonly gl: WebGL2RenderingContext,
+    private readonly target: SplatTarget,
+    shaders: SplatShaders = [splatVertexOf("0.0"), splatFragment],
+  ) {
     this.program = new Program(gl, ...shaders);
     this.quads = gl.createVertexArray();
     this.corners = gl.createBuffer();
@@ -85,6 +89,10 @@ export class SplatPass {
 /** Return the indices of two triangles per splat, for a row of the order. */
 function rowOfQuads(): Uint16Array {
   const indices = new Uint16Array(6 * TEXTURE_WIDTH);
-  for (let i = 0; i < TEXTURE_WIDTH; i++) indices.set([0, 1, 2, 2, 1, 3].map((corner) => 4 * i + corner), 6 * i);
+  for (let i = 0; i < TEXTURE_WIDTH; i++)
+    indices.set(
+      [0, 1, 2, 2, 1, 3].map((corner) => 4 * i + corner),
+      6 * i,
+    );
   return indices;
 }

@@ -26,7 +26,11 @@ export class SplatTarget {
     if (rows <= this.capacity) return;
     const { gl } = this;
     const most = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
-    if (rows > most) throw new ReelError(`The reel has more points than this device draws (${rows * TEXTURE_WIDTH} of ${most * TEXTURE_WIDTH}).`, { plain: PLAIN.device });
+    if (rows > most)
+      throw new ReelError(
+        `The reel has more points than this device draws (${rows * TEXTURE_WIDTH} of ${most * TEXTURE_WIDTH}).`,
+        { plain: PLAIN.device },
+      );
     this.capacity = Math.min(Math.max(rows, Math.ceil(1.5 * this.capacity)), most);
     for (const texture of [this.shapes, this.colors]) gl.deleteTexture(texture);
     this.shapes = integerTexture(gl, gl.RGBA32UI, this.capacity);

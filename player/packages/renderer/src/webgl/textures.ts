@@ -1,6 +1,14 @@
 /** GPU textures of the points of one file. */
 import { type Gaussians, type Offsets, PLAIN, ReelError } from "@splatreel/decoder/internal";
-import { ENTRIES_PER_ROW, ENTRY_TEXELS, POINT_TEXELS, packCodebook, packFlags, packPoints, rowsOf } from "../draw/point-words";
+import {
+  ENTRIES_PER_ROW,
+  ENTRY_TEXELS,
+  POINT_TEXELS,
+  packCodebook,
+  packFlags,
+  packPoints,
+  rowsOf,
+} from "../draw/point-words";
 import { TEXTURE_WIDTH } from "../draw/texture-layout";
 
 /** The part of a group's offsets that stays on the CPU. */
@@ -19,7 +27,12 @@ export class PointTextures {
   appearance: WebGLTexture | null = null;
 
   /** Upload a file. firstRow: first row of its splats in the splat target. */
-  constructor(private readonly gl: WebGL2RenderingContext, readonly firstRow: number, points: Gaussians, offsets: Offsets | null) {
+  constructor(
+    private readonly gl: WebGL2RenderingContext,
+    readonly firstRow: number,
+    points: Gaussians,
+    offsets: Offsets | null,
+  ) {
     this.count = points.count;
     this.shDegree = points.shDegree;
     if (points.count === 0) return;
@@ -29,7 +42,8 @@ export class PointTextures {
       this.range = offsets;
       this.dx = this.uploadFrames(offsets.dx, offsets.frames, gl.RGBA16UI, gl.UNSIGNED_SHORT);
       this.dq = this.uploadFrames(offsets.dq, offsets.frames, gl.RGBA8UI, gl.UNSIGNED_BYTE);
-      if (offsets.appearance) this.appearance = this.uploadFrames(offsets.appearance.data, offsets.frames, gl.RGBA8UI, gl.UNSIGNED_BYTE);
+      if (offsets.appearance)
+        this.appearance = this.uploadFrames(offsets.appearance.data, offsets.frames, gl.RGBA8UI, gl.UNSIGNED_BYTE);
     }
   }
 
@@ -48,7 +62,8 @@ export class PointTextures {
   }
 
   delete(): void {
-    for (const texture of [this.points, this.codebook, this.flags, this.dx, this.dq, this.appearance]) this.gl.deleteTexture(texture);
+    for (const texture of [this.points, this.codebook, this.flags, this.dx, this.dq, this.appearance])
+      this.gl.deleteTexture(texture);
   }
 
   private uploadPoints(points: Gaussians): WebGLTexture {
@@ -57,7 +72,19 @@ export class PointTextures {
     const words = packPoints(points);
     const texture = this.create(gl.TEXTURE_2D_ARRAY);
     gl.texStorage3D(gl.TEXTURE_2D_ARRAY, 1, gl.RGBA32UI, TEXTURE_WIDTH, rows, POINT_TEXELS);
-    gl.texSubImage3D(gl.TEXTURE_2D_ARRAY, 0, 0, 0, 0, TEXTURE_WIDTH, rows, POINT_TEXELS, gl.RGBA_INTEGER, gl.UNSIGNED_INT, words);
+    gl.texSubImage3D(
+      gl.TEXTURE_2D_ARRAY,
+      0,
+      0,
+      0,
+      0,
+      TEXTURE_WIDTH,
+      rows,
+      POINT_TEXELS,
+      gl.RGBA_INTEGER,
+      gl.UNSIGNED_INT,
+      words,
+    );
     return texture;
   }
 
@@ -65,7 +92,11 @@ export class PointTextures {
     const { gl } = this;
     const { values, rows, entries } = packCodebook(points);
     const most = gl.getParameter(gl.MAX_TEXTURE_SIZE) as number;
-    if (rows > most) throw new ReelError(`A file of the reel has more view-dependent colors than this device holds (${entries} of ${most * ENTRIES_PER_ROW}).`, { plain: PLAIN.device });
+    if (rows > most)
+      throw new ReelError(
+        `A file of the reel has more view-dependent colors than this device holds (${entries} of ${most * ENTRIES_PER_ROW}).`,
+        { plain: PLAIN.device },
+      );
     const width = ENTRIES_PER_ROW * ENTRY_TEXELS;
     const texture = this.create(gl.TEXTURE_2D);
     gl.texStorage2D(gl.TEXTURE_2D, 1, gl.RGBA16F, width, rows);

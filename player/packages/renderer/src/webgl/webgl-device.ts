@@ -9,7 +9,11 @@ export class WebglDevice implements GraphicsDevice {
   private acquiring: Promise<void> | null = null;
 
   /** onlost, onrestored: not called for `release` and `acquire`. */
-  constructor(private readonly canvas: HTMLCanvasElement, onlost: () => void, onrestored: () => void) {
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    onlost: () => void,
+    onrestored: () => void,
+  ) {
     canvas.addEventListener("webglcontextlost", (event) => {
       event.preventDefault(); // without this the browser never restores the context
       if (!this.released) onlost();
@@ -27,7 +31,9 @@ export class WebglDevice implements GraphicsDevice {
 
   /** Give the device back, if the canvas has one. */
   release(): void {
-    const extension = this.released ? null : (this.canvas.getContext("webgl2")?.getExtension("WEBGL_lose_context") ?? null);
+    const extension = this.released
+      ? null
+      : (this.canvas.getContext("webgl2")?.getExtension("WEBGL_lose_context") ?? null);
     if (!extension) return;
     this.extension = extension;
     this.lost = this.next("webglcontextlost");

@@ -32,9 +32,20 @@ export class WebglRenderer implements Renderer {
   private background: Vec3 = [0, 0, 0];
 
   /** Throws `ReelError` if the browser has no WebGL 2. shaders: of the second pass. */
-  constructor(private readonly canvas: HTMLCanvasElement, shaders?: SplatShaders) {
-    const gl = canvas.getContext("webgl2", { alpha: true, antialias: false, depth: false, powerPreference: "high-performance" });
-    if (!gl) throw new ReelError("This browser or device lacks WebGL 2, which the player needs to draw.", { plain: PLAIN.device });
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    shaders?: SplatShaders,
+  ) {
+    const gl = canvas.getContext("webgl2", {
+      alpha: true,
+      antialias: false,
+      depth: false,
+      powerPreference: "high-performance",
+    });
+    if (!gl)
+      throw new ReelError("This browser or device lacks WebGL 2, which the player needs to draw.", {
+        plain: PLAIN.device,
+      });
     this.gl = gl;
     this.software = isSoftware(gl);
     this.memory = new GpuMemory(gl);
@@ -85,7 +96,8 @@ export class WebglRenderer implements Renderer {
 
   draw(scene: Scene, weight: number, view: View): void {
     const { canvas } = this;
-    if (canvas.width !== view.width || canvas.height !== view.height) [canvas.width, canvas.height] = [view.width, view.height];
+    if (canvas.width !== view.width || canvas.height !== view.height)
+      [canvas.width, canvas.height] = [view.width, view.height];
     this.drawEyes(scene, weight, [{ framebuffer: null, x: 0, y: 0, view }]);
   }
 
@@ -115,7 +127,8 @@ export class WebglRenderer implements Renderer {
     gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, bottomUp);
     if (this.transparent) unmultiply(bottomUp);
     const result = new Uint8Array(bottomUp.length);
-    for (let y = 0; y < height; y++) result.set(bottomUp.subarray(4 * width * y, 4 * width * (y + 1)), 4 * width * (height - 1 - y));
+    for (let y = 0; y < height; y++)
+      result.set(bottomUp.subarray(4 * width * y, 4 * width * (y + 1)), 4 * width * (height - 1 - y));
     return result;
   }
 
@@ -174,5 +187,7 @@ function unmultiply(pixels: Uint8Array): void {
 
 function isSoftware(gl: WebGL2RenderingContext): boolean {
   const names = gl.getExtension("WEBGL_debug_renderer_info");
-  return /swiftshader|llvmpipe|softpipe|basic render/i.test(String(gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER)));
+  return /swiftshader|llvmpipe|softpipe|basic render/i.test(
+    String(gl.getParameter(names ? names.UNMASKED_RENDERER_WEBGL : gl.RENDERER)),
+  );
 }
