@@ -337,6 +337,17 @@ def test_what_the_kernels_do_not_compute_is_trained_on_the_cpu() -> None:
 
 
 @pytest.mark.slow
+def test_a_keyframe_trains_as_well_as_on_the_cpu() -> None:
+    """Densification, errors, surfaces, the running mean and the color gains, to the end."""
+    shown, quality = pictures(1, background=False), []
+    for gpu in (SoftwareGpu(), None):
+        trainer = keyframe_trainer(gpu, **{"keyframe.densify_every": 20})
+        trainer.train(shown, 120, 120, Silent())
+        quality.append(trainer.psnr(shown))
+    assert quality[0] == pytest.approx(quality[1], abs=0.4)
+
+
+@pytest.mark.slow
 def test_a_group_trains_as_well_as_on_the_cpu() -> None:
     """Density control converts, clones and prunes; images change their size; time offsets are learned."""
     results = [group_trainer(gpu) for gpu in (SoftwareGpu(), None)]
