@@ -6,7 +6,7 @@ import contextlib
 import importlib.util
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any
@@ -63,11 +63,16 @@ def is_installed() -> bool:
     return importlib.util.find_spec("wgpu") is not None
 
 
-@cache
 def adapters() -> tuple[Adapter, ...]:
     """Return the adapters of this machine, the fastest kinds first; none without the package wgpu or its driver."""
-    if not is_installed():
-        return ()
+    return _found() if is_installed() else ()
+
+
+@cache
+def _found() -> tuple[Adapter, ...]:
+    """Look for adapters, once."""
+    if sys.platform == "linux" and not {"XDG_RUNTIME_DIR", "MESA_VK_DEVICE_SELECT"} & set(os.environ):
+        os.environ.setdefault("NODEVICE_SELECT", "1")  # without a desktop, this layer of Mesa only prints errors
     try:
         import wgpu
         from wgpu.backends.wgpu_native.extras import set_instance_extras
@@ -75,27 +80,12 @@ def adapters() -> tuple[Adapter, ...]:
         # Looking for OpenGL prints warnings on machines without a screen, and training cannot use it.
         with contextlib.suppress(RuntimeError):  # the program that calls us has used wgpu before
             set_instance_extras(backends=("Vulkan", "Metal", "DX12"))
-        with _without_device_select():
-            handles = wgpu.gpu.enumerate_adapters_sync()
+        handles = wgpu.gpu.enumerate_adapters_sync()
     except (ImportError, OSError, RuntimeError):  # no library for this system, or no driver
         return ()
     found = [_adapter(handle) for handle in handles]
     order = {"DiscreteGPU": 0, "IntegratedGPU": 1, "Unknown": 2, "CPU": 3}
     return tuple(sorted(found, key=lambda adapter: (adapter.missing is not None, order.get(adapter.kind, 2))))
-
-
-@contextlib.contextmanager
-def _without_device_select() -> Iterator[None]:
-    """Disable a layer of Mesa that prints errors where there is no desktop, unless the user chose a device with it."""
-    quiet = sys.platform == "linux" and not {"XDG_RUNTIME_DIR", "MESA_VK_DEVICE_SELECT"} & set(os.environ)
-    if quiet and "NODEVICE_SELECT" not in os.environ:
-        os.environ["NODEVICE_SELECT"] = "1"
-        try:
-            yield
-        finally:
-            del os.environ["NODEVICE_SELECT"]
-    else:
-        yield
 
 
 def _adapter(handle: Any) -> Adapter:
