@@ -1,4 +1,4 @@
-"""What gsplat needs of a machine to compile its kernels."""
+"""Checks and settings for gsplat, which compiles its kernels when they are first used."""
 
 import os
 from importlib.util import find_spec

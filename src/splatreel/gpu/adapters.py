@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import importlib.util
+import os
+import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 from splatreel.base.errors import UsageError
@@ -58,19 +63,29 @@ def is_installed() -> bool:
     return importlib.util.find_spec("wgpu") is not None
 
 
-def adapters() -> list[Adapter]:
+def adapters() -> tuple[Adapter, ...]:
     """Return the adapters of this machine, the fastest kinds first; none without the package wgpu or its driver."""
-    if not is_installed():
-        return []
+    return _found() if is_installed() else ()
+
+
+@cache
+def _found() -> tuple[Adapter, ...]:
+    """Look for adapters, once."""
+    if sys.platform == "linux" and not {"XDG_RUNTIME_DIR", "MESA_VK_DEVICE_SELECT"} & set(os.environ):
+        os.environ.setdefault("NODEVICE_SELECT", "1")  # without a desktop, this layer of Mesa only prints errors
     try:
         import wgpu
+        from wgpu.backends.wgpu_native.extras import set_instance_extras
 
+        # Looking for OpenGL prints warnings on machines without a screen, and training cannot use it.
+        with contextlib.suppress(RuntimeError):  # the program that calls us has used wgpu before
+            set_instance_extras(backends=("Vulkan", "Metal", "DX12"))
         handles = wgpu.gpu.enumerate_adapters_sync()
     except (ImportError, OSError, RuntimeError):  # no library for this system, or no driver
-        return []
+        return ()
     found = [_adapter(handle) for handle in handles]
     order = {"DiscreteGPU": 0, "IntegratedGPU": 1, "Unknown": 2, "CPU": 3}
-    return sorted(found, key=lambda adapter: (adapter.missing is not None, order.get(adapter.kind, 2)))
+    return tuple(sorted(found, key=lambda adapter: (adapter.missing is not None, order.get(adapter.kind, 2))))
 
 
 def _adapter(handle: Any) -> Adapter:
@@ -80,7 +95,7 @@ def _adapter(handle: Any) -> Adapter:
     )
 
 
-def choose_adapter(found: list[Adapter], software: bool = False) -> tuple[Adapter | None, str]:
+def choose_adapter(found: Sequence[Adapter], software: bool = False) -> tuple[Adapter | None, str]:
     """Return the adapter that training uses, if any, and a sentence that explains the choice.
 
     Args:

@@ -32,8 +32,8 @@ class PicturePool:
         """
         self._gpu = gpu
         self._bytes = 4 * width * height
-        self._in_buffer = max(min(int(min(gpu.largest, CHUNK) // self._bytes), count), 1)
         fits = max(int(min(bound // self._bytes, count)), 2)
+        self._in_buffer = max(min(int(min(gpu.largest, CHUNK) // self._bytes), fits), 1)
         self._slots = -(-fits // self._in_buffer) * self._in_buffer
         self._buffers: list[Any] = []
         self._held: OrderedDict[tuple[int, int], int] = OrderedDict()

@@ -89,7 +89,7 @@ def test_plan_counts_what_is_finished(runs: list, tmp_path: Path, monkeypatch: p
 def test_short_plan_is_not_rounded_to_no_time(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     seconds = Estimate({"group": 17.0}, 10**9, 0.1, Division(1, 1))
     monkeypatch.setattr(paper_bench, "estimate", lambda *_: seconds)
-    monkeypatch.setattr(paper_bench, "measure_speed", lambda _: None)
+    monkeypatch.setattr(paper_bench, "measure_run_speed", lambda *_: None)
     plan = bench(tmp_path).plan([FULL, "w/o Reg."])
     assert "about 17 s, 1.0 GB" in plan
     assert "All: about 34 s" in plan

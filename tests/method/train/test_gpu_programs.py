@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +19,7 @@ from splatreel.method.cameras.time_offsets import TimeOffsets
 from splatreel.method.deform.adam import Adam
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train import gpu_program
+from splatreel.method.train.average import Average
 from splatreel.method.train.group import GroupTrainer
 from splatreel.method.train.keyframe import KeyframeTrainer
 from splatreel.method.train.losses import CHAPTER_KEYFRAME, KEYFRAME, Loss, photometric
@@ -163,7 +165,7 @@ def test_an_iteration_of_a_group_is_that_of_the_cpu() -> None:
         outcome = device.program.run([draw])[0]
         device.program.give_meters()
         device.program.download()
-        host.density.measures = lambda _: True
+        host.density.measures = lambda iteration: True
         host.density.restart()
         loss = host.step(iteration)
         assert outcome.loss == pytest.approx(float(loss), rel=CLOSE), parts
@@ -212,7 +214,7 @@ def test_an_iteration_of_a_keyframe_is_that_of_the_cpu(losses, static: bool, unk
         host.density.measure(0.0, drawing, shown.views[camera])
         device.done = done
         device._cameras = [camera]
-        draw = replace(device._plan(shown, done, total, _NoMean()), whole=whole, metered=True)
+        draw = replace(device._plan(shown, done, total, Average(0.0, total)), whole=whole, metered=True)
         outcome = device.program.run([draw])[0]
         device.program.give_meters()
         device.program.download()
@@ -228,13 +230,6 @@ def test_an_iteration_of_a_keyframe_is_that_of_the_cpu(losses, static: bool, unk
         host.density.restart(shown)
         for trainer in trainers:
             trainer.density.distances = torch.linspace(1, 3, len(trainer.points))
-
-
-class _NoMean:
-    """Stands in for `Average`: no iteration is a sample."""
-
-    def next_weight(self, done: int) -> float:
-        return 0.0
 
 
 def _align(device: KeyframeTrainer, host: KeyframeTrainer) -> None:
@@ -316,7 +311,7 @@ def test_a_keyframe_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: py
     notes, trainer = Notes(), keyframe_trainer(SoftwareGpu())
     start = trainer._start_program
 
-    def start_and_fail(*arguments: object) -> None:
+    def start_and_fail(*arguments: Any) -> None:
         start(*arguments)
         monkeypatch.setattr(trainer.program, "run", fail_at(trainer.program, 2))
 
@@ -334,6 +329,17 @@ def test_what_the_kernels_do_not_compute_is_trained_on_the_cpu() -> None:
     trainer = group_trainer(SoftwareGpu(), group_config(**{"group.tracks": False, "group.deformation": "hashgrid"}))
     trainer._start_program(notes)
     assert notes.notes[-1] == "this group is trained on the CPU: the hash grid runs on the CPU or with CUDA"
+
+
+@pytest.mark.slow
+def test_a_keyframe_trains_as_well_as_on_the_cpu() -> None:
+    """Densification, errors, surfaces, the running mean and the color gains, to the end."""
+    shown, quality = pictures(1, background=False), []
+    for gpu in (SoftwareGpu(), None):
+        trainer = keyframe_trainer(gpu, KEYFRAME, None, **{"keyframe.densify_every": 20})
+        trainer.train(shown, 120, 120, Silent())
+        quality.append(trainer.psnr(shown))
+    assert quality[0] == pytest.approx(quality[1], abs=0.4)
 
 
 @pytest.mark.slow

@@ -23,6 +23,8 @@ def a_run(frames: int, device: str = "cpu", chapter_frames: int = 300) -> Any:
         capture=WallCapture(frames),
         config=config,
         device=torch.device(device),
+        device_name=device,
+        gpu=None,
         groups=groups,
         chapters=chapter_spans(groups, chapter_frames),
     )

@@ -124,7 +124,9 @@ def test_failed_chapter_is_retried_by_the_same_command(out: Path, expected: dict
 def a_run(device: str, chapters: int = 6) -> Any:
     """Return a stand-in of a run."""
     config, capture = small({"group.length": 30}), WallCapture(60)
-    return SimpleNamespace(device=torch.device(device), chapters=list(range(chapters)), config=config, capture=capture)
+    return SimpleNamespace(
+        device=torch.device(device), gpu=None, chapters=list(range(chapters)), config=config, capture=capture
+    )
 
 
 def test_each_gpu_of_a_machine_is_a_worker(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -240,7 +240,8 @@ class GroupTrainer:
         Returns:
             Loss [] of the last iteration, and the number of finished iterations.
         """
-        draws, most = [self._plan(first)], min(MOST_DRAWS, self.time_offsets.independent)
+        most = min(MOST_DRAWS, self.time_offsets.independent) if program.learns_time else MOST_DRAWS
+        draws = [self._plan(first)]
         while len(draws) < most and not self._stops(first + len(draws)):
             draws.append(self._plan(first + len(draws)))
         outcomes = program.run(draws)
