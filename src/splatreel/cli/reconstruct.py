@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 from tyro.conf import OmitArgPrefixes, arg
 
-from splatreel.capture.mask_files import MADE_MASKS
 from splatreel.cli.capture_masks import AUTO, is_complete, make_masks
 from splatreel.cli.follow_options import FollowOptions
 from splatreel.cli.machine_options import MachineOptions
@@ -96,6 +95,8 @@ class SubjectOptions:
         """
         if self.masks != AUTO:
             return self.masks
+        from splatreel.capture.mask_files import MADE_MASKS
+
         masks = folder / MADE_MASKS
         if not estimate:
             make_masks(source, masks, self.clean_plate)
