@@ -10,7 +10,6 @@ from tyro.conf import OmitArgPrefixes, arg
 
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.capture.mask_files import MADE_MASKS
 from splatreel.cli.capture_masks import AUTO, is_complete, make_masks
 from splatreel.cli.follow_options import FollowOptions
 from splatreel.cli.machine_options import MachineOptions
@@ -94,6 +93,8 @@ class SubjectOptions:
         """
         if self.masks != AUTO:
             return self.masks
+        from splatreel.capture.mask_files import MADE_MASKS
+
         masks = folder / MADE_MASKS
         if not estimate:
             make_masks(source, masks, self.clean_plate)

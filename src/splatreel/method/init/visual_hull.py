@@ -17,7 +17,7 @@ DARKEST = 64
 
 WIDE = 30.0
 """Median angle between neighboring cameras, degrees, from which on points outside of the hull are removed while a keyframe
-trains. Between denser cameras other views contradict such points."""
+trains (docs/experiments/2026-11-27-few-cameras.md). Between denser cameras other views contradict such points."""
 
 
 def hull_of_few(cameras: list[Camera], masks: np.ndarray | None, near: float) -> VisualHull | None:
