@@ -109,6 +109,10 @@ def _seed_note(records: Iterable[dict]) -> list[str]:
     ]
 
 
+UNDRAWN = {name: f"\n{name}.svg was not drawn." for name in ("figure10", "figure15")}
+"""Start of the note about a chart that could not be drawn, which some records end with."""
+
+
 def paper_tables(records: dict[str, dict]) -> str:
     """Return the paper's tables in the order of their numbers, each with what it was measured on."""
     found = {name.split()[1]: record for name, record in records.items() if name.split()[0] == PAPER}
@@ -119,7 +123,8 @@ def paper_tables(records: dict[str, dict]) -> str:
         shapes = ", ".join(f"{name} ({shape})" for name, shape in record["captures"].items())
         settings = "".join(f", `{setting}`" for setting in record.get("settings", []))
         label = f"Measured at `{record['quality']}`{settings} on {shapes}; commit `{record['revision']}`."
-        parts += [f"## {title}", "", record["markdown"].strip(), "", label, ""]
+        text = record["markdown"].partition(UNDRAWN[name])[0] if name in UNDRAWN else record["markdown"]
+        parts += [f"## {title}", "", text.strip(), "", label, ""]
     return "\n".join(parts).strip()
 
 

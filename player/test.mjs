@@ -26,7 +26,11 @@ try {
   mkdirSync(join(here, "out"), { recursive: true });
   writeFileSync(join(here, "out/tests.json"), JSON.stringify(results, null, 1));
   if (results.coverage) console.log(results.coverage.line);
-  if (results.coverage && parts.length === 0 && results.coverage.covered < (results.coverage.lines * LEAST_COVERAGE) / 100) {
+  if (
+    results.coverage &&
+    parts.length === 0 &&
+    results.coverage.covered < (results.coverage.lines * LEAST_COVERAGE) / 100
+  ) {
     console.error(`The unit tests must run at least ${LEAST_COVERAGE} % of the lines.`);
     process.exitCode = 1;
   }
