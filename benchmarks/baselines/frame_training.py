@@ -11,12 +11,12 @@ from baselines.motion_field import MotionField
 from baselines.shared_start import SharedStart
 from splatreel.base.progress import Silent
 from splatreel.config import KeyframeConfig
-from splatreel.method.train.density import GROWTH_GRADIENT, GradientMeter, KeyframeDensity, children, select_growth
+from splatreel.method.train.density import GROWTH_GRADIENT, GradientMeter, KeyframeDensity, select_growth
 from splatreel.method.train.keyframe import LAMBDA_DSSIM, KeyframeTrainer
 from splatreel.method.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC
 from splatreel.method.train.pictures import Pictures
-from splatreel.method.train.points import TrainablePoints, default_rates
-from splatreel.method.train.render import Comparable, View, deformed, draw
+from splatreel.method.train.points import TrainablePoints, children, default_rates
+from splatreel.method.train.render import deformed, draw
 from splatreel.scene.gaussians import Gaussians
 
 DENSIFICATIONS = 5
@@ -30,9 +30,7 @@ ADDED_LOGIT = -1.0
 class FixedRows(KeyframeDensity):
     """Density control that never adds or removes a point, so that points keep their identity over time."""
 
-    def update(
-        self, done: int, share: float, drawing: Comparable, view: View, pictures: Pictures, settled: bool
-    ) -> None:
+    def update(self, done: int, share: float, pictures: Pictures, settled: bool, absolute: bool) -> None:
         """Do nothing."""
 
     def prune(self, unit: float, share: float) -> None:

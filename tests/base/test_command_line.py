@@ -12,7 +12,7 @@ import pytest
 from splatreel.base.command_line import install_command, option, quoted
 from splatreel.base.progress import printable
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 NAMES = [
     "reel",
     "my reel",

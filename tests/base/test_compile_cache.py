@@ -11,7 +11,7 @@ import pytest
 from splatreel.base import compile_cache
 from splatreel.base.compile_cache import _private_folder
 
-SOURCE = Path(compile_cache.__file__).parent
+SOURCE = Path(compile_cache.__file__).parents[1]
 ROUND_TRIP = """
 import sys, tempfile
 if sys.argv[1] == "nothing":

@@ -26,7 +26,7 @@ print(most - after, most - resident_of("self"))
 
 @pytest.mark.skipif(sys.platform != "linux", reason="only glibc keeps memory so")
 def test_freed_memory_is_kept_until_returned() -> None:
-    root = Path(__file__).parent.parent
+    root = Path(__file__).parents[2]
     done = subprocess.run([sys.executable, "-c", TAKE_AND_FREE], capture_output=True, text=True, check=True, cwd=root)
     before, after = map(int, done.stdout.split())
     assert before < 20e6
@@ -42,7 +42,7 @@ def test_steady_clock_ignores_that_the_clock_is_set(monkeypatch: pytest.MonkeyPa
 
 def test_durations_are_not_measured_by_a_clock_that_can_be_set() -> None:
     """Only dates of files that are served, and the beginning of `steady_clock`, are times of day."""
-    root = Path(__file__).parent.parent
+    root = Path(__file__).parents[2]
     found = [
         f"{file.relative_to(root / 'src' / 'splatreel')}"
         for file in sorted((root / "src").rglob("*.py"))

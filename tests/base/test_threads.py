@@ -39,7 +39,7 @@ def test_limit_applies_to_loaded_libraries() -> None:
 
 def test_limit_applies_to_libraries_loaded_later() -> None:
     program = (
-        "from splatreel import threads; threads.use(1)\n"
+        "from splatreel.base import threads; threads.use(1)\n"
         "import torch, cv2; print(torch.get_num_threads(), cv2.getNumThreads())"
     )
     assert subprocess.check_output([sys.executable, "-c", program], text=True).split() == ["1", "1"]
@@ -127,7 +127,7 @@ def test_many_threads_use_the_pool_at_once() -> None:
 @pytest.mark.skipif(not hasattr(__import__("os"), "fork"), reason="only POSIX systems fork")
 def test_forked_process_has_its_own_pool() -> None:
     program = (
-        "import os; from splatreel import threads\n"
+        "import os; from splatreel.base import threads\n"
         "def run():\n"
         "    found = []\n"
         "    with threads.limited(3): threads.run_ranges(lambda a, b: found.extend(range(a, b)), 30, (), 1, 9)\n"

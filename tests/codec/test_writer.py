@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from splatreel.base.errors import ReelError
+from splatreel.base.errors import ReelError, StorageError
 from splatreel.codec.group_file import encode_layer
 from splatreel.codec.presentation import Poster, Presentation
 from splatreel.codec.reader import ReelReader
@@ -207,7 +207,7 @@ def test_full_disk_leaves_a_valid_reel(tmp_path, monkeypatch):
 
     with monkeypatch.context() as patch:
         patch.setattr("os.fsync", full)
-        with pytest.raises(ReelError, match=r"0001\.safetensors.*No space left"):
+        with pytest.raises(StorageError, match=r"0001\.safetensors.*No space left"):
             writer.add_group(new_group(1, 5, 20))
     assert verify_reel(tmp_path).groups == 1
     writer.add_group(new_group(1, 5, 20))

@@ -1,4 +1,4 @@
-"""What the documents say about files is true: the files exist, and the names that they are said to hold are defined in them."""
+"""Claims of the documents about files: the files exist, and the names that they are said to hold are defined in them."""
 
 import ast
 import re

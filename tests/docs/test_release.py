@@ -14,7 +14,7 @@ import yaml
 
 ROOT = Path(__file__).parent.parent.parent
 PLAYER = ROOT / "player"
-PACKAGES = [PLAYER, *sorted((PLAYER / "packages").iterdir())]
+PACKAGES = [PLAYER, *(PLAYER / "packages" / name for name in ("decoder", "playcanvas", "three"))]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 JOBS: dict[str, Any] = yaml.safe_load((ROOT / ".github/workflows/release.yml").read_text(encoding="utf-8"))["jobs"]
 NOWHERE = {"npm_config_registry": "http://127.0.0.1:9/", "npm_config_fetch_retries": "0"}

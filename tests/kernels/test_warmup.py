@@ -39,7 +39,7 @@ def test_warmup_lists_every_module_with_kernels() -> None:
 def test_warmup_compiles_in_another_process(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "NUMBA_CACHE_DIR": str(tmp_path)}
     program = (
-        "from splatreel import jit; from splatreel.kernels import warmup; from splatreel.base.progress import Silent\n"
+        "from splatreel.base import jit; from splatreel.kernels import warmup; from splatreel.base.progress import Silent\n"
         "names = ['kernels.cpu.motion.normalize', 'kernels.cpu.binning.mark']\n"
         "chosen = [kernel for kernel in warmup.kernels() if kernel.name in names]\n"
         "warmup.kernels = lambda: chosen\n"

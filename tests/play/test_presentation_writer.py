@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from splatreel.base import atomic
 from splatreel.base.errors import ReelError
-from splatreel.codec import container
 from splatreel.codec.verify import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.play.presentation_writer import PresentationWriter, jpeg_within
@@ -146,7 +146,7 @@ def test_killed_edit_resumes_to_same_reel(tmp_path: Path, monkeypatch: pytest.Mo
         complete(writer, present)
 
     run(tmp_path / "whole")
-    writes, first = 0, container.write_bytes
+    writes, first = 0, atomic.write_bytes
 
     def write(path: Path, data: bytes) -> None:
         nonlocal writes

@@ -1,6 +1,7 @@
 """The player in a real Chromium: the golden reel's numbers and pictures, seeking, errors, controls."""
 
 import base64
+import hashlib
 import io
 import json
 import shutil
@@ -58,8 +59,8 @@ RENDER = (
 )
 
 
-def source(server: Server, uri: str, size: int) -> dict:
-    return {"url": f"{server.url}reel/{uri}", "bytes": size, "sha256": None}
+def source(server: Server, uri: str, size: int, sha256: str) -> dict:
+    return {"url": f"{server.url}reel/{uri}", "bytes": size, "sha256": sha256}
 
 
 def picture(page: Page, seconds: float, camera: Camera) -> np.ndarray:
@@ -80,7 +81,7 @@ def test_decodes_the_golden_reel_to_the_expected_numbers(page: Page, server: Ser
     compared = 0
     for kind in ("layer", "group"):
         for index, file in enumerate(manifest[f"{kind}s"]):
-            arrays = page.evaluate(DECODE, source(server, file["uri"], file["bytes"]))
+            arrays = page.evaluate(DECODE, source(server, file["uri"], file["bytes"], file["sha256"]))
             for name, values in arrays.items():
                 prefix = f"{kind}{index}."
                 key = prefix + name if prefix + name in expected else f"{prefix}dynamic.{name}"
@@ -107,7 +108,9 @@ def test_decodes_offsets_in_a_fragmented_mp4(page: Page, server: Server):
     body = save(tensors, metadata)
     page.route("**/fragmented.safetensors", lambda route: route.fulfill(body=body))
     page.goto(server.url + "?autoplay=0")
-    arrays = page.evaluate(DECODE, source(server, "fragmented.safetensors", len(body)))
+    arrays = page.evaluate(
+        DECODE, source(server, "fragmented.safetensors", len(body), hashlib.sha256(body).hexdigest())
+    )
     want = np.load(GOLDEN / "expected.npz")["group1.dx"]
     assert np.allclose(np.array(arrays["dx"]).reshape(want.shape), want, atol=1e-5)
 

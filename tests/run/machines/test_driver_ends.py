@@ -14,7 +14,7 @@ from tests.run.test_pipeline import content
 DRIVER = """
 import multiprocessing, sys
 from pathlib import Path
-from splatreel import threads
+from splatreel.base import threads
 from splatreel.cli.failure import termination
 from splatreel.base.progress import Silent
 from splatreel.run.machines.local_processes import reconstruct_here

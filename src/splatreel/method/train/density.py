@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -16,7 +15,7 @@ from splatreel.method.layering.lift import NEIGHBORS
 from splatreel.method.train.losses import GROWTH
 from splatreel.method.train.moving import MovingPoints
 from splatreel.method.train.pictures import Pictures
-from splatreel.method.train.points import TrainablePoints
+from splatreel.method.train.points import TrainablePoints, children
 from splatreel.method.train.render import Comparable, StaticCache, View, contributions, relative_distances
 from splatreel.scene.volumes import Volume
 
@@ -87,17 +86,6 @@ def too_large(scales: Tensor, distances: Tensor, unit: float) -> Tensor:
         unit: Typical viewing distance, world units.
     """
     return scales.amax(1) > LARGEST_SCALE * unit * distances
-
-
-def children(points: TrainablePoints, split: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
-    """Return two children of every split point, sampled from the parent's Gaussian and 1.6 times smaller (3DGS section 5.2)."""
-    rows = points.rows(split)
-    twice = {name: torch.cat([value, value]) for name, value in rows.items()}
-    noise = torch.randn(twice["means"].shape, generator=generator).to(twice["means"].device)
-    offset = noise * twice["log_scales"].exp()
-    twice["means"] = twice["means"] + rotate(torch.nn.functional.normalize(twice["quats"], dim=-1), offset)
-    twice["log_scales"] = twice["log_scales"] - math.log(1.6)
-    return twice
 
 
 def rotate(quats: Tensor, vectors: Tensor) -> Tensor:
