@@ -49,10 +49,10 @@ def test_durations_are_not_measured_by_a_clock_that_can_be_set() -> None:
         if re.search(r"\btime\.time(_ns)?\b|datetime\.(now|today|utcnow)", file.read_text(encoding="utf-8"))
     ]
     assert found == [
+        "base/process.py",
         "evaluation/bench/provenance.py",
         "play/remote_files.py",
         "play/web_app.py",
-        "base/process.py",
     ]
     scripts = [*(root / "player" / "src").rglob("*.ts"), *(root / "player" / "packages").glob("*/src/**/*.ts")]
     assert scripts

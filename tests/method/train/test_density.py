@@ -2,8 +2,8 @@
 
 import torch
 
-from splatreel.method.train.density import GradientMeter, rotate, select_growth
-from splatreel.method.train.points import TrainablePoints, children, default_rates
+from splatreel.method.train.density import GradientMeter, select_growth
+from splatreel.method.train.points import TrainablePoints, children, default_rates, rotate
 from tests.method.scenes import random_gaussians
 
 

@@ -88,13 +88,6 @@ def too_large(scales: Tensor, distances: Tensor, unit: float) -> Tensor:
     return scales.amax(1) > LARGEST_SCALE * unit * distances
 
 
-def rotate(quats: Tensor, vectors: Tensor) -> Tensor:
-    """Rotate vectors [N, 3] by unit quaternions [N, 4]."""
-    w, xyz = quats[:, :1], quats[:, 1:]
-    cross = 2 * torch.linalg.cross(xyz, vectors)
-    return vectors + w * cross + torch.linalg.cross(xyz, cross)
-
-
 PRUNE_EVERY = 500
 """Iterations between two prunings once no points are added."""
 

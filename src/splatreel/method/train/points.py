@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 
 import numpy as np
@@ -188,3 +189,10 @@ def children(points: TrainablePoints, split: Tensor, generator: torch.Generator)
     twice["means"] = twice["means"] + rotate(torch.nn.functional.normalize(twice["quats"], dim=-1), offset)
     twice["log_scales"] = twice["log_scales"] - math.log(1.6)
     return twice
+
+
+def rotate(quats: Tensor, vectors: Tensor) -> Tensor:
+    """Rotate vectors [N, 3] by unit quaternions [N, 4]."""
+    w, xyz = quats[:, :1], quats[:, 1:]
+    cross = 2 * torch.linalg.cross(xyz, vectors)
+    return vectors + w * cross + torch.linalg.cross(xyz, cross)
