@@ -17,7 +17,7 @@ from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import Any, NoReturn
 
 import torch
 import tyro
@@ -140,7 +140,7 @@ def main(
     sys.exit(1 if failed else 0)
 
 
-def fail(code: int, text: str) -> None:
+def fail(code: int, text: str) -> NoReturn:
     print(text, file=sys.stderr)
     sys.exit(code)
 

@@ -114,8 +114,9 @@ def main(
 ) -> None:
     """Measure and record. frames: of the capture, that the run was made from. cameras: names, by default the held-out ones."""
     span = None if frames is None else (0, frames)
-    source, _ = open_reel_capture(run / "reel", capture, frames=span, named=cameras is not None)
-    found = FirstGroup(run, source, cameras.split(",") if cameras else list(source.held_out), moments)
+    names = cameras.split(",") if cameras else None
+    source, _ = open_reel_capture(run / "reel", capture, frames=span, names=names)
+    found = FirstGroup(run, source, names or list(source.held_out), moments)
     before = found.score(found.layer.trained, found.stored.group)
     stored, chosen = (found.layer.steps, found.stored.steps), found.choose()
     curves = {

@@ -81,7 +81,7 @@ def test_commands_in_messages_are_quoted() -> None:
             if not isinstance(node, ast.JoinedStr):
                 continue
             text = "".join(
-                part.value if isinstance(part, ast.Constant) else f"\0{ast.unparse(part.value)}\0"
+                str(part.value) if isinstance(part, ast.Constant) else f"\0{ast.unparse(part.value)}\0"
                 for part in node.values
                 if isinstance(part, ast.Constant) or (isinstance(part, ast.FormattedValue) and part.conversion == -1)
             )

@@ -80,7 +80,7 @@ class Case:
         """Compare everything that was computed with the CPU."""
         (width, height), count = self.size, len(self.arrays[0])
         center = np.zeros(3, np.float32)
-        moment = deform.DeformedPoints(*[*self.arrays, *NONE])
+        moment = deform.DeformedPoints._make([*self.arrays, *NONE])
         opacities, seen = deform.forward(moment, center, self.view)
         bins = binning.bin_splats(seen.means2d, seen.conics, opacities, seen.depths, seen.radii, width, height)
         image, alpha = rasterize.forward(bins, seen.colors)
@@ -197,9 +197,9 @@ def test_more_pairs_than_fit_are_reported() -> None:
 
 
 def binning_pairs(case: Case) -> int:
-    moment = deform.DeformedPoints(*[*case.arrays, *NONE])
+    moment = deform.DeformedPoints._make([*case.arrays, *NONE])
     opacities, seen = deform.forward(moment, np.zeros(3, np.float32), case.view)
-    return int(binning.bin_splats(*seen[:2], opacities, seen.depths, seen.radii, *case.size).first[-1])
+    return int(binning.bin_splats(seen.means2d, seen.conics, opacities, seen.depths, seen.radii, *case.size).first[-1])
 
 
 @pytest.mark.parametrize(

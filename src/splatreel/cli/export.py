@@ -126,7 +126,7 @@ def export(
     _say_losses(film, out, kind)
 
 
-def _kind(out: Path, format: FrameKind | None) -> FrameKind | None:
+def _kind(out: Path, format: FrameKind | None) -> str | None:
     """Return the format of files of one frame, or None for a file that holds all frames.
 
     Raises:
@@ -151,7 +151,7 @@ def _program(name: ProgramName | None) -> Program | None:
     return None if name is None else PROGRAMS[name]
 
 
-def _kind_for(program: Program, name: str, out: Path, format: FrameKind | None) -> FrameKind:
+def _kind_for(program: Program, name: str, out: Path, format: FrameKind | None) -> str:
     """Return the format of files for a program.
 
     Raises:

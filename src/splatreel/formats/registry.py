@@ -17,7 +17,6 @@ from splatreel.formats.ksplat import read_ksplat
 from splatreel.formats.plausible import check_plausible
 from splatreel.formats.ply import splat_mode, write_ply
 from splatreel.formats.ply_table import Columns, read_comments, read_elements
-from splatreel.formats.programs import FrameKind
 from splatreel.formats.remarks import Remarks
 from splatreel.formats.sog import META, is_sog_antialiased, read_sog, write_sog
 from splatreel.formats.splat import read_splat, write_splat
@@ -120,7 +119,7 @@ def _spz(version: Version) -> Write:
     return write
 
 
-FRAME_FORMATS: dict[FrameKind, FrameFormat] = {
+FRAME_FORMATS: dict[str, FrameFormat] = {
     "ply": FrameFormat(".ply", "-y", _ply, keeps_origin=True),
     "compressed-ply": FrameFormat(".compressed.ply", "-y", _compressed_ply),
     "splat": FrameFormat(".splat", "-y", _splat, marks_antialias=False),
@@ -133,7 +132,7 @@ FRAME_FORMATS: dict[FrameKind, FrameFormat] = {
 """Formats by the name that `splatreel export --format` takes. Of formats with one suffix, the first is the default."""
 
 
-def format_of(path: Path) -> FrameKind | None:
+def format_of(path: Path) -> str | None:
     """Return the default format of a file by its name; None for another suffix."""
     fits = [name for name, kind in FRAME_FORMATS.items() if path.name.endswith(kind.suffix)]
     return max(fits, key=lambda name: len(FRAME_FORMATS[name].suffix), default=None)

@@ -52,8 +52,9 @@ def test_page_shows_verdict_rig_table_and_all_pictures(tmp_path: Path) -> None:
 def test_masks_are_shown_with_the_share_of_the_subject(tmp_path: Path) -> None:
     found = facts(tmp_path)
     assert 'id="masks"' not in check_page(found)
-    masks = np.zeros(found.images.shape[:3], np.uint8)
-    masks[1, :, : masks.shape[2] // 2] = 255
+    cameras, height, width = found.images.shape[:3]
+    masks = np.zeros((cameras, height, width), np.uint8)
+    masks[1, :, : width // 2] = 255
     page = check_page(replace(found, masks=masks))
     parse(page)
     assert page.count("data:image/jpeg") == 2 * len(masks)

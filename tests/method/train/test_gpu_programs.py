@@ -165,7 +165,7 @@ def test_an_iteration_of_a_group_is_that_of_the_cpu() -> None:
         outcome = device.program.run([draw])[0]
         device.program.give_meters()
         device.program.download()
-        host.density.measures = lambda iteration: True
+        host.density.measures = lambda iteration: True  # pyright: ignore[reportAttributeAccessIssue]
         host.density.restart()
         loss = host.step(iteration)
         assert outcome.loss == pytest.approx(float(loss), rel=CLOSE), parts
