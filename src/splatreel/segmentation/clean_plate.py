@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.base.command_line import option
+from splatreel.base.command_line import option, quoted
 from splatreel.base.errors import CaptureError
 from splatreel.capture.camera_images import same_shape
 from splatreel.capture.file_capture import FileCapture
@@ -90,5 +90,5 @@ def _place(folder: Path, name: str) -> Path:
             return found[0]
     raise CaptureError(
         f"{folder}: there is no clean plate of camera {name}. Add a picture {name}.png without the subject, or leave the camera out "
-        f"with {option('--leave-out', name)}."
+        f"with {quoted(option('--leave-out', name))}."
     )
