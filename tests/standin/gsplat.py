@@ -96,21 +96,26 @@ class Kernels:
         return Remote(image[None]), Remote(alpha[None, ..., None]), Remote(torch.zeros(1, height, width).int())
 
     def rasterize_to_pixels_3dgs_bwd(self, means2d, conics, colors, opacities, _, masks, *rest) -> tuple[Any, ...]:
-        width, height, _, _, order, _, _, d_image, d_alpha, _ = rest
+        width, height, _, _, order, _, _, d_image, d_alpha, absgrad = rest
         leaves = [value[0].detach().clone().requires_grad_() for value in _ready(means2d, conics, colors, opacities)]
+        absolute = torch.zeros_like(leaves[0]).requires_grad_()
         with torch.enable_grad():
-            image, alpha = self._blend(leaves, held(order), width, height)
+            image, alpha = self._blend(leaves, held(order), width, height, absolute)
         drawn = torch.ones(height, width) if masks is None else _pixels(masks, width, height)
         d_image, d_alpha = held(d_image)[0] * drawn[..., None], held(d_alpha)[0, ..., 0] * drawn
-        gradients = torch.autograd.grad([image, alpha], leaves, [d_image, d_alpha])
-        return None, *(Remote(value[None]) for value in gradients)
+        gradients = torch.autograd.grad([image, alpha], [absolute, *leaves], [d_image, d_alpha])
+        found = [Remote(value[None]) for value in gradients]
+        return found[0] if absgrad else None, *found[1:]
 
-    def _blend(self, splats: list[Tensor], order: Tensor, width: int, height: int) -> tuple[Tensor, Tensor]:
+    def _blend(
+        self, splats: list[Tensor], order: Tensor, width: int, height: int, absolute: Tensor | None = None
+    ) -> tuple[Tensor, Tensor]:
         means2d, conics, colors, opacities = splats
         radii, depths = torch.zeros(len(means2d), dtype=torch.int32), torch.zeros(len(means2d))
         order = order.long()
         radii[order], depths[order] = self.radii[order], torch.arange(1.0, len(order) + 1)
-        return cpu.Rasterize.apply(means2d, conics, colors, opacities, depths, radii, width, height)  # pyright: ignore[reportReturnType]
+        splat = means2d, conics, colors, opacities, depths, radii
+        return cpu.Rasterize.apply(*splat, width, height, absolute)  # pyright: ignore[reportReturnType]
 
 
 def _ready(*values: Tensor) -> list[Tensor]:
