@@ -6,6 +6,7 @@ Look at what it wrote before it is committed. The scenes are the golden reels.
 from __future__ import annotations
 
 import base64
+import hashlib
 import io
 import json
 import shutil
@@ -188,11 +189,11 @@ def described(page: Page) -> None:
     manifest = json.loads((GOLDEN / "manifest.json").read_text())
     manifest |= {"title": "A toy train on its round", "author": "Ada Example", "licence": "CC BY 4.0"}
     manifest |= {"description": "Filmed on a Sunday with eight phones.\nThe engine is older than its driver."}
-    sheet = {"uri": "thumbnails.png", "bytes": 1000}
     manifest["thumbnails"] = {"width": 160, "height": 90, "columns": 1, "rows": 1, "seconds": 1, "count": 1}
-    manifest["thumbnails"]["sheets"] = [sheet]
     out = io.BytesIO()
     Image.new("RGB", (160, 90), (80, 130, 200)).save(out, "PNG")
+    digest = hashlib.sha256(out.getvalue()).hexdigest()
+    manifest["thumbnails"]["sheets"] = [{"uri": "thumbnails.png", "bytes": len(out.getvalue()), "sha256": digest}]
     page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
     page.route("**/thumbnails.png", lambda route: route.fulfill(content_type="image/png", body=out.getvalue()))
 

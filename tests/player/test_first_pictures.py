@@ -137,7 +137,7 @@ def test_the_poster_lies_as_the_first_view_of_a_narrow_window_does(postered: Pag
     page = postered
     page.set_viewport_size({"width": 320, "height": 480})
     manifest = json.loads((GOLDEN / "manifest.json").read_text())
-    manifest["poster"] = {"uri": "poster.jpg", "bytes": 900, "width": 32, "height": 24}
+    manifest["poster"] = {"uri": "poster.jpg", "bytes": 900, "sha256": "0" * 64, "width": 32, "height": 24}
     manifest["limits"] = {"focus": [1, 0.3, 0]}
     page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
     page.route("**/layers/*", lambda route: None)
@@ -166,7 +166,7 @@ def test_a_manifest_makes_the_page_ask_no_address_outside_of_the_reel(page: Page
     asked: list[str] = []
     page.on("request", lambda request: asked.append(request.url))
     manifest = json.loads((GOLDEN / "manifest.json").read_text())
-    manifest["poster"] = {"uri": uri, "bytes": 1000, "width": 32, "height": 24}
+    manifest["poster"] = {"uri": uri, "bytes": 1000, "sha256": "0" * 64, "width": 32, "height": 24}
     manifest["layers"][0]["uri"] = manifest["groups"][0]["uri"] = uri
     page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
     page.goto(server.url)

@@ -1,5 +1,6 @@
 """Thumbnails over the seek bar: the right one of the right sheet, loaded on demand."""
 
+import hashlib
 import io
 import json
 
@@ -46,7 +47,10 @@ def add_thumbnails(page: Page) -> list[str]:
     """Give the golden reel thumbnails, and return the requests for them."""
     manifest = json.loads((GOLDEN / "manifest.json").read_text())
     seconds = manifest["frames"] / manifest["fps"] / COUNT
-    sheets = [{"uri": f"thumbnails/{i}.png", "bytes": len(sheet(i))} for i in range(2)]
+    sheets = [
+        {"uri": f"thumbnails/{i}.png", "bytes": len(sheet(i)), "sha256": hashlib.sha256(sheet(i)).hexdigest()}
+        for i in range(2)
+    ]
     manifest["thumbnails"] = {"width": SIZE[0], "height": SIZE[1], "columns": COLUMNS, "rows": ROWS, "count": COUNT}
     manifest["thumbnails"] |= {"seconds": seconds, "sheets": sheets}
     asked: list[str] = []

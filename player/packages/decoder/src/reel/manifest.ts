@@ -119,12 +119,12 @@ export function parseManifest(value: unknown, url: string): Manifest {
   const pages = parsePages(listed, first, renditions);
   const begin = pages.reduce((number, { count }) => number + count, first);
   const own = list(json.groups, "groups");
+  const live = flag(json.live, "live");
+  if (own.length === 0 && (!live || pages.length > 0))
+    throw new ReelError(`${url} holds no group yet.`, { plain: "This reel has no content yet." });
   const end = begin + own.length;
   const layers = second ? parseRetiringLayers(json.layers, begin, end) : parseLayers(json.layers, end);
   const groups = own.map((item, i) => parseGroup(item, begin + i, renditions, layers));
-  const live = flag(json.live, "live");
-  if (groups.length === 0 && (!live || pages.length > 0))
-    throw new ReelError(`${url} holds no group yet.`, { plain: "This reel has no content yet." });
   const frames = Math.max(0, ...[...pages, ...groups].map((span) => span.firstFrame + span.frames));
   if (json.frames !== frames)
     throw new ReelError(
