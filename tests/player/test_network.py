@@ -1,5 +1,6 @@
 """The player on bad networks and unusual hosts: it waits, retries, continues at the right time, and reports failures."""
 
+import hashlib
 import json
 import shutil
 import threading
@@ -10,6 +11,8 @@ from pathlib import Path
 
 import pytest
 from playwright.sync_api import Page, Route
+from safetensors import safe_open
+from safetensors.numpy import save
 
 from splatreel.play import web_app
 from splatreel.play.served_files import open_file
@@ -216,13 +219,24 @@ def test_groups_that_memory_does_not_hold_are_dropped_and_fetched_again(page: Pa
     manifest = json.loads((GOLDEN / "manifest.json").read_text())
     first, second = manifest["groups"]
     step = second["first_frame"]
-    # Claims of their size are all that the player knows before it has them. Three of these fit into what a small phone has.
-    page.add_init_script("Object.defineProperty(Navigator.prototype, 'deviceMemory', { get: () => 1 })")
-    claims = {"points": 70_000}
-    groups = [(second if i % 2 else first) | claims | {"first_frame": i * step} for i in range(6)]
-    manifest |= {"groups": groups, "frames": 5 * step + first["frames"]}
+    groups, files = [], {}
+    for i in range(6):
+        group = second if i else first
+        with safe_open(GOLDEN / group["uri"], "numpy") as file:
+            metadata, tensors = file.metadata(), {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        header = json.dumps(json.loads(metadata["splatreel"]) | {"index": i, "first_frame": i * step})
+        uri, body = f"groups/{i:04d}.safetensors", save(tensors, metadata | {"splatreel": header})
+        files[Path(uri).name] = body
+        named = {"uri": uri, "bytes": len(body), "sha256": hashlib.sha256(body).hexdigest()}
+        groups.append(group | named | {"first_frame": i * step})
+    manifest |= {"groups": groups, "frames": 5 * step + second["frames"]}
     page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
+    page.route("**/groups/*", lambda route: route.fulfill(body=files[route.request.url.rpartition("/")[2]]))
     open_player(page, server, "?autoplay=0&loop=0")
+    room = (
+        3 * max(first["points"], second["points"]) * (92 + 24 * second["frames"])
+    )  # bytes of memory that three groups take
+    page.evaluate(f"{PLAYER}.stream.budget = {room}")
     page.evaluate(
         f"(() => {{ window.taken = []; const {{stage}} = {PLAYER}; const add = stage.addGroup.bind(stage);"
         "stage.addGroup = (index, file, layers) => { taken.push(index); add(index, file, layers); }; })()"
