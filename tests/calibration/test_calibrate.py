@@ -13,7 +13,7 @@ from splatreel.calibration.calibrate import calibrate, set_distance
 from splatreel.calibration.calibration_agreement import CalibratedCamera, rig_of
 from splatreel.calibration.photographs import check_photos
 from splatreel.calibration.uncalibrated import camera_files
-from splatreel.capture.builtin import toyroom
+from splatreel.capture.builtin import synthetic, toyroom
 from splatreel.capture.builtin.raytracer import trace_frame, trace_static
 from splatreel.capture.builtin.synthetic import TARGET, make_capture
 from splatreel.capture.opening import open_capture
@@ -77,8 +77,13 @@ def test_videos_without_features_are_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_cameras_of_one_lens_need_fewer_matches(room: Path, tmp_path: Path) -> None:
-    colmap, known = pytest.importorskip("pycolmap"), open_capture(room, held_out=[])
+def test_cameras_of_one_lens_need_fewer_matches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    colmap = pytest.importorskip("pycolmap")
+    # Five cameras need all details: the film of the package is compressed too much.
+    monkeypatch.setattr(synthetic, "QUALITY", {"crf": "6", "preset": "medium"})
+    room, tmp_path = make_capture(tmp_path / "room", frames=2), tmp_path / "videos"
+    tmp_path.mkdir()
+    known = open_capture(room, held_out=[])
     names = ["cam01", "cam04", "cam06", "cam11", "cam13"]
     for name in names:
         shutil.copy(room / f"{name}.mp4", tmp_path)
