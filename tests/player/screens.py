@@ -9,6 +9,7 @@ import base64
 import hashlib
 import io
 import json
+import re
 import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -223,8 +224,10 @@ def live_reel(page: Page) -> None:
 def renditions(page: Page) -> None:
     manifest = json.loads((GOLDEN / "manifest.json").read_text())
     for group in manifest["groups"]:
-        file = {name: group[name] for name in ("uri", "bytes", "sha256", "points")}
-        group["renditions"] = {"medium": file, "low": file}
+        file = {name: group[name] for name in ("bytes", "sha256", "points")}
+        group["renditions"] = {name: file | {"uri": f"{name}/{Path(group['uri']).name}"} for name in ("medium", "low")}
+    named = re.compile(r"/(medium|low)/(\w+\.safetensors)$")
+    page.route(named, lambda route: route.fulfill(path=GOLDEN / "groups" / route.request.url.rpartition("/")[2]))
     manifest["renditions"] = [{"name": name, "bytes": 1} for name in ("high", "medium", "low")]
     page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
 

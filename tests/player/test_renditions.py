@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from functools import partial
 from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -46,7 +47,7 @@ class Line:
 
             def end_headers(self) -> None:
                 self.send_header("Access-Control-Allow-Origin", "*")
-                self.send_header("Cache-Control", "no-store")  # all groups are the same two files
+                self.send_header("Cache-Control", "no-store")
                 super().end_headers()
 
             def log_message(self, format: str, *args: object) -> None: ...
@@ -61,36 +62,43 @@ def line(tmp_path: Path) -> Iterator[Line]:
     """A reel of many groups of half a second. `high` is `low` with an unused tensor."""
     manifest = json.loads((PREDICTIVE / "manifest.json").read_text())
     for layer in manifest["layers"]:
-        layer["group"] = 0
-        write(tmp_path / layer["uri"], (PREDICTIVE / layer["uri"]).read_bytes())
-    second = manifest["groups"][1]  # whose bitmap covers both layers
-    with safe_open(PREDICTIVE / second["uri"], "numpy") as file:
-        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
-        metadata = file.metadata()
-    noise = np.random.default_rng(0).integers(0, 256, PADDING, np.uint8)
-    high = save(tensors | {"padding": noise}, metadata)
-    low = (PREDICTIVE / second["uri"]).read_bytes()
-    names = {"high": ("high.safetensors", high), "low": ("low.safetensors", low)}
-    files = {}
-    for name, (uri, data) in names.items():
-        write(tmp_path / uri, data)
-        files[name] = {"uri": uri, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
-    points = {"points": second["points"]}
-    manifest["groups"] = [
-        second | files["high"] | {"first_frame": 6 * i, "renditions": {"low": files["low"] | points}}
-        for i in range(GROUPS)
-    ]
-    manifest["renditions"] = [{"name": name, "bytes": GROUPS * file["bytes"]} for name, file in files.items()]
+        write(tmp_path, layer["uri"], (PREDICTIVE / layer["uri"]).read_bytes())
+    first, second = manifest["groups"]
+    noise = {"padding": np.random.default_rng(0).integers(0, 256, PADDING, np.uint8)}
+    groups = []
+    for i in range(GROUPS):
+        place, group = {"index": i, "first_frame": 6 * i}, second if i else first
+        low = write(tmp_path, f"low/{i}.safetensors", with_header(group["uri"], place))
+        high = write(tmp_path, f"high/{i}.safetensors", with_header(group["uri"], place, noise))
+        low |= {"points": group["points"]}
+        groups.append(group | high | {"first_frame": 6 * i, "renditions": {"low": low}})
+    sums = {"high": sum(group["bytes"] for group in groups)}
+    sums["low"] = sum(group["renditions"]["low"]["bytes"] for group in groups)
+    manifest["groups"], manifest["renditions"] = (
+        groups,
+        [{"name": name, "bytes": total} for name, total in sums.items()],
+    )
     manifest |= {"fps": FPS, "frames": 6 * GROUPS + 2}
-    write(tmp_path / "manifest.json", json.dumps(manifest).encode())
+    write(tmp_path, "manifest.json", json.dumps(manifest).encode())
     running = Line(tmp_path)
     yield running
     running.http.shutdown()
 
 
-def write(path: Path, data: bytes) -> None:
-    path.parent.mkdir(exist_ok=True)
-    path.write_bytes(data)
+def with_header(uri: str, changes: dict[str, int], more: dict[str, np.ndarray] | None = None) -> bytes:
+    """Return a file of the golden reel with another header, and more tensors."""
+    with safe_open(PREDICTIVE / uri, "numpy") as file:
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118 - not a dict
+        metadata = file.metadata()
+    header = json.dumps(json.loads(metadata["splatreel"]) | changes)
+    return save(tensors | (more or {}), metadata | {"splatreel": header})
+
+
+def write(folder: Path, uri: str, data: bytes) -> dict[str, Any]:
+    """Write a file of a reel, and return its entry."""
+    (folder / uri).parent.mkdir(exist_ok=True)
+    (folder / uri).write_bytes(data)
+    return {"uri": uri, "bytes": len(data), "sha256": hashlib.sha256(data).hexdigest()}
 
 
 def open_reel_at(page: Page, server: Server, line: Line, query: str) -> None:
