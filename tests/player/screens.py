@@ -228,7 +228,8 @@ def renditions(page: Page) -> None:
         group["renditions"] = {name: file | {"uri": f"{name}/{Path(group['uri']).name}"} for name in ("medium", "low")}
     named = re.compile(r"/(medium|low)/(\w+\.safetensors)$")
     page.route(named, lambda route: route.fulfill(path=GOLDEN / "groups" / route.request.url.rpartition("/")[2]))
-    manifest["renditions"] = [{"name": name, "bytes": 1} for name in ("high", "medium", "low")]
+    total = sum(group["bytes"] for group in manifest["groups"])
+    manifest["renditions"] = [{"name": name, "bytes": total} for name in ("high", "medium", "low")]
     page.route("**/reel/manifest.json", lambda route: route.fulfill(json=manifest))
 
 
