@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from splatreel.base import atomic
-from splatreel.base.errors import CaptureError, ReconstructionError, ReelError, SplatreelError, UsageError
+from splatreel.base.errors import CaptureError, ReconstructionError, SplatreelError, StorageError, UsageError
 from splatreel.base.progress import Silent, Span
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verify import verify_reel
@@ -212,7 +212,7 @@ def test_full_disk_is_reported_and_loses_nothing(
     assert len(met) == len(full)
     files = r"/(run\.json|seconds\.json|header\.json|layout\.json|manifest\.json|\w+\.safetensors)"
     for error in met:
-        assert isinstance(error, ReelError)
+        assert isinstance(error, StorageError)
         assert re.search(f"{files}: could not write \\d+ bytes .No space left on device.*[Ff]ree space", str(error)), (
             error
         )
