@@ -30,7 +30,7 @@ ADDED_LOGIT = -1.0
 class FixedRows(KeyframeDensity):
     """Density control that never adds or removes a point, so that points keep their identity over time."""
 
-    def update(self, done: int, share: float, pictures: Pictures, settled: bool, absolute: bool) -> None:
+    def update(self, done: int, share: float, pictures: Pictures, averaged: bool, absolute: bool) -> None:
         """Do nothing."""
 
     def prune(self, unit: float, share: float) -> None:

@@ -17,7 +17,7 @@ FRAMES = """(count) => new Promise((resolve) => {
 MOVING = """[document, ...[...document.querySelectorAll('splat-reel')].map((reel) => reel.shadowRoot)]
   .flatMap((root) => root.getAnimations())
   .some(({ playState, effect }) => playState === 'running' && effect.getComputedTiming().endTime < Infinity)"""
-"""Whether a transition or an animation that ends is under way."""
+"""Expression that is true while a transition runs, or an animation that ends."""
 
 
 def open_player(page: Page, server: Server, query: str = "?autoplay=0") -> None:

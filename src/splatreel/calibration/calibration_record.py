@@ -32,12 +32,12 @@ def calibration_record(path: Path, options: dict[str, Any], others: list[Path]) 
         others: Other folders that it reads, of photographs or of videos.
     """
     sidecar = read_sidecar(path)
-    lengths = [{str(file): size for file, size in _pictures(folder)} for folder in (path, *others)]
+    lengths = [{str(file): size for file, size in _camera_files(folder)} for folder in (path, *others)]
     return {"options": options, "starts": sidecar.starts, "rates": sidecar.rates, "files": lengths}
 
 
-def _pictures(folder: Path) -> Iterator[tuple[Path, int]]:
-    """Yield the videos and pictures below a folder, and their lengths."""
+def _camera_files(folder: Path) -> Iterator[tuple[Path, int]]:
+    """Yield the videos and images below a folder, and their lengths in bytes."""
     for file in sorted(folder.rglob("*")):
         if file.suffix.lower() in (*VIDEO_SUFFIXES, *IMAGE_SUFFIXES) and file.is_file():
             yield file.relative_to(folder), file.stat().st_size

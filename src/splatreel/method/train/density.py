@@ -136,24 +136,24 @@ class KeyframeDensity:
         assert grad is not None
         self.meter.add(grad[: drawing.moving], view.width, view.height)
 
-    def is_due(self, done: int, share: float, settled: bool) -> bool:
+    def is_due(self, done: int, share: float, averaged: bool) -> bool:
         """Return whether `update` adds or prunes points, see there."""
         every = self.config.densify_every
         if share <= GROWTH:
             return done % every == 0 and done >= 2 * every
-        return done % PRUNE_EVERY == 0 and not settled
+        return done % PRUNE_EVERY == 0 and not averaged
 
-    def update(self, done: int, share: float, pictures: Pictures, settled: bool, absolute: bool) -> None:
+    def update(self, done: int, share: float, pictures: Pictures, averaged: bool, absolute: bool) -> None:
         """Add and prune points after an iteration, if due.
 
         Args:
             done: Number of finished iterations.
             share: Share of training that is over, 0..1.
             pictures: Training images.
-            settled: Values are being averaged; no point is removed any more.
+            averaged: Values are being averaged; no point is removed any more.
             absolute: The measured gradients are absolute ones.
         """
-        if not self.is_due(done, share, settled):
+        if not self.is_due(done, share, averaged):
             return
         if share <= GROWTH:
             self.densify(pictures.unit, share, ABSOLUTE_GRADIENT if absolute else GROWTH_GRADIENT)

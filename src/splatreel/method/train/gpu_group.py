@@ -29,7 +29,7 @@ KINDS = {"motion": "0u", "nodes": "1u", "appearance": "2u"}
 """Constants of the kernel `adam_knots`."""
 
 
-def why_not(points: MovingPoints) -> str | None:
+def unsupported_group(points: MovingPoints) -> str | None:
     """Return why the GPU cannot train the motion of a group; None if it can."""
     model = points.deformation
     if not isinstance(model, Trajectory):

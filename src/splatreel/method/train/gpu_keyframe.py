@@ -31,7 +31,9 @@ LISTS = (KEYFRAME, CHAPTER_KEYFRAME, KEYFRAME_BEFORE_STATIC, KEYFRAME[:1])
 """Lists of losses that the kernels compute."""
 
 
-def why_not(losses: Sequence[Loss[KeyframeStep]], pictures: Pictures, static: StaticCache | None) -> str | None:
+def unsupported_keyframe(
+    losses: Sequence[Loss[KeyframeStep]], pictures: Pictures, static: StaticCache | None
+) -> str | None:
     """Return why the GPU cannot train a keyframe; None if it can."""
     if tuple(losses) not in LISTS:
         return "its losses are not among those that the GPU computes"

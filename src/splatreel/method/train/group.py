@@ -19,7 +19,7 @@ from splatreel.method.deform.adam import Restore, merge_snapshots
 from splatreel.method.layering.lift import NEIGHBORS
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.density import GroupDensity
-from splatreel.method.train.gpu_group import GpuGroupProgram, why_not
+from splatreel.method.train.gpu_group import GpuGroupProgram, unsupported_group
 from splatreel.method.train.gpu_program import MOST_DRAWS
 from splatreel.method.train.losses import GROUP, GroupStep, backward, choose_rank, choose_span
 from splatreel.method.train.moving import Changes, MovingPoints
@@ -207,7 +207,7 @@ class GroupTrainer:
             return
         try:
             opened = self.gpu.open()
-            if why := why_not(self.points):
+            if why := unsupported_group(self.points):
                 progress.note(f"this group is trained on the CPU: {why}")
             elif opened is not None:
                 settings = self.config.group, self.gains, self.time_offsets.enabled and self.pictures.count > 1

@@ -21,7 +21,7 @@ from splatreel.method.deform.adam import Restore, merge_snapshots
 from splatreel.method.train.average import Average
 from splatreel.method.train.density import KeyframeDensity
 from splatreel.method.train.error_points import ADDED_AT, ADDED_SHARE, points_at_errors
-from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram, why_not
+from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram, unsupported_keyframe
 from splatreel.method.train.gpu_program import MOST_DRAWS
 from splatreel.method.train.losses import GROWTH, KEYFRAME, LAMBDA_DSSIM, KeyframeStep, Loss, backward, psnr
 from splatreel.method.train.pictures import Pictures
@@ -200,7 +200,7 @@ class KeyframeTrainer:
             return
         try:
             opened = self.gpu.open()
-            if why := why_not(self.losses, pictures, static):
+            if why := unsupported_keyframe(self.losses, pictures, static):
                 progress.note(f"this keyframe is trained on the CPU: {why}")
             elif opened is not None:
                 host = self.points, static, self.density, pictures, self.config, self.losses, self.gains
