@@ -169,8 +169,8 @@ class GpuGroupProgram(GpuProgram):
         ):
             flags |= flag if on else 0
         block["numbers"][0] |= flags
-        for k, adam in enumerate(self._points.adams.values()):
-            rate = self._points.base_rates[list(self._points.adams)[k]] * draw.pace * 0.1**draw.share
+        for k, (name, adam) in enumerate(self._points.adams.items()):
+            rate = self._points.base_rates[name] * draw.pace * 0.1**draw.share
             block["adam"][k] = adam_row(rate, steps[k], adam.eps)
         late = draw.pace * 0.05**draw.share
         for row, (name, rate) in enumerate(

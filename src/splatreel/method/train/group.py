@@ -219,13 +219,8 @@ class GroupTrainer:
     def _continue_without_gpu(self, error: GpuError, progress: Progress) -> int:
         """Return to the last good state, to continue on the CPU. Return the number of iterations that are done in it."""
         assert self.gpu is not None
-        self.gpu.fail(error)
         self.program = None
-        done = self.recovery.rewind()
-        progress.note(
-            f"the GPU failed ({str(error).rstrip('.')}): training continues on the CPU from iteration {done:,}"
-        )
-        return done
+        return self.recovery.leave_gpu(self.gpu, error, progress)
 
     def _upload(self) -> None:
         """Copy the state to the GPU, if one trains."""

@@ -214,13 +214,8 @@ class KeyframeTrainer:
         if isinstance(error, GaussiansError):
             return self.recovery.restore(self.done, error, progress)
         assert self.gpu is not None
-        self.gpu.fail(error)
         self.program = None
-        done = self.recovery.rewind()
-        progress.note(
-            f"the GPU failed ({str(error).rstrip('.')}): training continues on the CPU from iteration {done:,}"
-        )
-        return done
+        return self.recovery.leave_gpu(self.gpu, error, progress)
 
     def _upload(self) -> None:
         """Copy the state to the GPU, if one trains."""

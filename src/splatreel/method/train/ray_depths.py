@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
+from splatreel.method.init.planesweep import NOISE
 from splatreel.method.init.triangulate import nearest_poses
 from splatreel.method.train.pictures import Pictures
 
@@ -23,8 +24,6 @@ STEPS, STEP_PIXELS = 8, 0.5
 """Depths in front of the rendered one, and as many behind it; their distance in the median neighboring view, pixels."""
 LARGEST_STEP = 0.03
 """Largest distance of two depths, as a share of the rendered inverse depth."""
-NOISE = 2.5 / 255
-"""Standard deviation below which a patch counts as flat."""
 STEP_COST = 0.03
 """Correlation that a step away from the rendered depth must gain."""
 MIN_GAIN, MIN_CORRELATION = 0.1, 0.4

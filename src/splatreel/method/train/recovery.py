@@ -7,8 +7,9 @@ from typing import Protocol
 
 from torch import Tensor
 
-from splatreel.base.errors import GaussiansError, ReconstructionError
+from splatreel.base.errors import GaussiansError, GpuError, ReconstructionError
 from splatreel.base.progress import Progress
+from splatreel.gpu.shared import SharedGpu
 from splatreel.method.deform.adam import Restore
 
 KEEP_EVERY = 250
@@ -87,10 +88,22 @@ class Recovery:
         """Number of iterations after which the state is saved again."""
         return self._done + KEEP_EVERY
 
-    def rewind(self) -> int:
-        """Return to the last good state, without lower learning rates. Return the number of iterations that are done in it."""
+    def leave_gpu(self, gpu: SharedGpu, error: GpuError, progress: Progress) -> int:
+        """Return to the last good state, to continue on the CPU at the same learning rates.
+
+        Args:
+            gpu: GPU that failed. No training of this process uses it any more.
+            error: The error that was raised.
+            progress: Receives a note.
+
+        Returns:
+            Number of iterations that are done in the restored state.
+        """
+        gpu.fail(error)
         if self._restore is not None:
             self._restore()
+        reason = str(error).rstrip(".")
+        progress.note(f"the GPU failed ({reason}): training continues on the CPU from iteration {self._done:,}")
         return self._done
 
     def restore(self, failed: int, error: GaussiansError, progress: Progress) -> int:
