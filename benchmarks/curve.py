@@ -22,9 +22,9 @@ from splatreel.evaluation.evaluate import evaluate
 from splatreel.method.train.group import GroupResult, GroupTrainer
 from splatreel.method.train.keyframe import KeyframeTrainer
 from splatreel.method.train.losses import psnr
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import to_params
 from splatreel.method.train.render import Splats, View, activate, deformed, draw, splats
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.run.jobs import ChapteredRun
 from splatreel.run.output.group_writer import no_presentation
 from splatreel.run.pipeline import plan_run, reconstruct_run
@@ -135,7 +135,7 @@ class Curve:
         a_frame = None if left is None else round((taken + left) / frames, 4)
         return {"seconds": round(taken, 2), "seconds_a_frame" if finished else "seconds_a_frame_expected": a_frame}
 
-    def look_at_keyframe(self, trainer: KeyframeTrainer, pictures: Pictures) -> float:
+    def look_at_keyframe(self, trainer: KeyframeTrainer, pictures: TrainingImages) -> float:
         """Return the PSNR of the held-out camera at the group's first frame, dB."""
         view, near = self._view(pictures), pictures.near
         seen = deformed(trainer.points.params, None, None, view, near)
@@ -154,7 +154,7 @@ class Curve:
             values.append(psnr(draw(seen, view).image, self._truth(span.first + frame)))
         return float(np.mean(values))
 
-    def _view(self, pictures: Pictures) -> View:
+    def _view(self, pictures: TrainingImages) -> View:
         """Return the held-out camera as a view at full size."""
         return View.of(self.camera, self.run.device, pictures.views[0].antialias, self.run.store.layout())
 
@@ -188,7 +188,7 @@ def watched(curve: Curve) -> Iterator[None]:
     keyframe, group = KeyframeTrainer.train, GroupTrainer.train
 
     def train_keyframe(
-        self: KeyframeTrainer, pictures: Pictures, iterations: int, total: int, progress: Progress
+        self: KeyframeTrainer, pictures: TrainingImages, iterations: int, total: int, progress: Progress
     ) -> None:
         curve.look = torch.no_grad()(lambda: curve.look_at_keyframe(self, pictures))
         keyframe(self, pictures, iterations, total, progress)

@@ -14,7 +14,7 @@ from baselines.shared_start import SharedStart
 from splatreel.codec.group_file import encode_layer
 from splatreel.config import EncodeConfig
 from splatreel.method.encode.importance import weigh
-from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.run.output.group_writer import group_importance
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
@@ -56,7 +56,7 @@ class PerFrame(FrameByFrame):
         return keyframe
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Sequence[Pictures], iterations: int, first: int
+        self, start: SharedStart, before: Gaussians, pictures: Sequence[TrainingImages], iterations: int, first: int
     ) -> list[Gaussians]:
         """Train all attributes."""
         return [train_freely(start, before, pictures[0], iterations, first)]
@@ -95,7 +95,7 @@ class Streaming(FrameByFrame):
         return keyframe
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Sequence[Pictures], iterations: int, first: int
+        self, start: SharedStart, before: Gaussians, pictures: Sequence[TrainingImages], iterations: int, first: int
     ) -> list[Gaussians]:
         """Move all points, then add some."""
         adding = int(ADDING * iterations)
@@ -123,7 +123,7 @@ class AttributeVideo(FrameByFrame):
         return replace(keyframe, sh=keyframe.sh[:, :1])
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Sequence[Pictures], iterations: int, first: int
+        self, start: SharedStart, before: Gaussians, pictures: Sequence[TrainingImages], iterations: int, first: int
     ) -> list[Gaussians]:
         """Move all points, then train them in place."""
         moving = int(MOVING * iterations)

@@ -14,9 +14,9 @@ from splatreel.config import KeyframeConfig
 from splatreel.method.train.density import GROWTH_GRADIENT, GradientMeter, KeyframeDensity, select_growth
 from splatreel.method.train.keyframe import LAMBDA_DSSIM, KeyframeTrainer
 from splatreel.method.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import TrainablePoints, children, default_rates
 from splatreel.method.train.render import deformed, draw
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians
 
 DENSIFICATIONS = 5
@@ -30,14 +30,16 @@ ADDED_LOGIT = -1.0
 class FixedRows(KeyframeDensity):
     """Density control that never adds or removes a point, so that points keep their identity over time."""
 
-    def update(self, done: int, share: float, pictures: Pictures, averaged: bool, absolute: bool) -> None:
+    def update(self, done: int, share: float, images: TrainingImages, averaged: bool, absolute: bool) -> None:
         """Do nothing."""
 
     def prune(self, unit: float, share: float) -> None:
         """Do nothing."""
 
 
-def train_freely(start: SharedStart, before: Gaussians, pictures: Pictures, iterations: int, frame: int) -> Gaussians:
+def train_freely(
+    start: SharedStart, before: Gaussians, pictures: TrainingImages, iterations: int, frame: int
+) -> Gaussians:
     """Train all attributes of the points of the frame before, with density control, as 3DGS does."""
     every = max(iterations // DENSIFICATIONS, 10)
     config = replace(start.config.keyframe, densify_every=every)
@@ -48,7 +50,9 @@ def train_freely(start: SharedStart, before: Gaussians, pictures: Pictures, iter
     return _fit(trainer, start, pictures, iterations)
 
 
-def train_in_place(start: SharedStart, before: Gaussians, pictures: Pictures, iterations: int, frame: int) -> Gaussians:
+def train_in_place(
+    start: SharedStart, before: Gaussians, pictures: TrainingImages, iterations: int, frame: int
+) -> Gaussians:
     """Train positions, rotations, opacities and colors of the points. Sizes and the number of points stay."""
     config = start.config.keyframe
     rates = default_rates(start.layout.unit, config.rate_scale) | {"log_scales": 0.0}
@@ -60,7 +64,7 @@ def train_in_place(start: SharedStart, before: Gaussians, pictures: Pictures, it
 
 
 def move_points(
-    start: SharedStart, before: Gaussians, pictures: Pictures, iterations: int, frame: int
+    start: SharedStart, before: Gaussians, pictures: TrainingImages, iterations: int, frame: int
 ) -> tuple[Gaussians, GradientMeter]:
     """Train the motion of all points since the frame before; return the moved points and their screen-space gradients."""
     seed, gains = start.config.seed + frame, start.gains().values
@@ -91,7 +95,7 @@ def move_points(
 
 
 def add_points(
-    start: SharedStart, moved: Gaussians, meter: GradientMeter, pictures: Pictures, iterations: int, frame: int
+    start: SharedStart, moved: Gaussians, meter: GradientMeter, pictures: TrainingImages, iterations: int, frame: int
 ) -> Gaussians:
     """Return points that a frame needs in addition, where moved points have large gradients. Few iterations add none."""
     room = min(start.max_points - len(moved), round(ADDED_SHARE * len(moved)))
@@ -117,7 +121,7 @@ def add_points(
     return _fit(trainer, start, pictures, iterations)
 
 
-def _fit(trainer: KeyframeTrainer, start: SharedStart, pictures: Pictures, iterations: int) -> Gaussians:
+def _fit(trainer: KeyframeTrainer, start: SharedStart, pictures: TrainingImages, iterations: int) -> Gaussians:
     """Run a trainer at all image sizes and return its points."""
     for end, shown in pictures.sizes(iterations, 0.0, start.config.training_megapixels):
         if end > trainer.done:

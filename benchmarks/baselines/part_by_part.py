@@ -14,7 +14,7 @@ from baselines.shared_start import SharedStart
 from splatreel.base.atomic import move
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Progress
-from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.run import checkpoint
 from splatreel.scene.gaussians import Gaussians
 
@@ -34,7 +34,7 @@ class PartMethod(Protocol):
         ...
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Sequence[Pictures], iterations: int, first: int
+        self, start: SharedStart, before: Gaussians, pictures: Sequence[TrainingImages], iterations: int, first: int
     ) -> list[Gaussians]:
         """Return the points of each frame of a part.
 

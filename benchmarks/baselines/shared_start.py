@@ -18,8 +18,8 @@ from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.cameras.exposure import Exposure, remove_exposure
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.init.layout import Layout
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.render import View
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.run.run_history import read_history
 from splatreel.run.step_checkpoints import EXPOSURE, KEYFRAME, restored_rig
 from splatreel.run.steps import STEPS
@@ -103,7 +103,7 @@ class SharedStart:
         gains.load(torch.from_numpy(self.rig.gains).to(self.device))
         return gains
 
-    def pictures(self, frame: int) -> Pictures:
+    def pictures(self, frame: int) -> TrainingImages:
         """Return the training images of one frame, without changes of exposure and light."""
         images = self.capture.read(frame, 1, self.rig.names)
         exposure, place = self._exposure(frame)
@@ -116,7 +116,7 @@ class SharedStart:
             unknown = torch.from_numpy(np.broadcast_to(absent[:, None, None], images.shape[1:4]).copy()).to(self.device)
         views = [View.of(c, self.device, self.config.antialias, self.layout) for c in self.rig.cameras]
         tensor = torch.from_numpy(images).to(self.device)
-        return Pictures(tensor, views, self.layout.near, self.layout.unit, unknown)
+        return TrainingImages(tensor, views, self.layout.near, self.layout.unit, unknown)
 
     def light(self, first: int, count: int) -> np.ndarray | None:
         """Return the factors [count, 3] of the light from frame `first` on, as in `Group.light`; None if it never changes."""

@@ -26,9 +26,9 @@ from splatreel.method.train.density import (
 )
 from splatreel.method.train.keyframe import LAMBDA_DSSIM
 from splatreel.method.train.losses import GROWTH
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import TrainablePoints, default_rates
 from splatreel.method.train.render import View, activate, draw, relative_distances, splats
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians
 
 RATES = {"centers": 0.02, "log_durations": 0.01, "velocities": 1e-3}
@@ -161,7 +161,7 @@ class TemporalSlices:
         return group_ranges(start)
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Sequence[Pictures], iterations: int, first: int
+        self, start: SharedStart, before: Gaussians, pictures: Sequence[TrainingImages], iterations: int, first: int
     ) -> list[Gaussians]:
         """Train the points of a group and return them at each frame."""
         alive = before[before.opacities >= CULL_OPACITY]
@@ -174,7 +174,7 @@ class TemporalSlices:
 
 
 def train_slices(
-    start: SharedStart, before: Gaussians, pictures: Sequence[Pictures], iterations: int, first: int
+    start: SharedStart, before: Gaussians, pictures: Sequence[TrainingImages], iterations: int, first: int
 ) -> SpaceTimePoints:
     """Train points over a group of frames.
 
@@ -209,7 +209,7 @@ def train_slices(
 
 
 def _learn(
-    points: SpaceTimePoints, pictures: Pictures, camera: int, moment: float, gain: Tensor, meter: GradientMeter
+    points: SpaceTimePoints, pictures: TrainingImages, camera: int, moment: float, gain: Tensor, meter: GradientMeter
 ) -> None:
     """Compare one image of one camera, and collect the gradients."""
     view: View = pictures.views[camera]

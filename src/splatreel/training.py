@@ -116,8 +116,8 @@ def group_trainer(
         from splatreel.method.init.layout import viewing_distance
         from splatreel.method.tracking.tracking import GroupStart
         from splatreel.method.train.group import GroupTrainer
-        from splatreel.method.train.pictures import Pictures
         from splatreel.method.train.render import View
+        from splatreel.method.train.training_images import TrainingImages
         from splatreel.run.device import pick_device
         from splatreel.scene.static_points import StaticPoints
 
@@ -126,7 +126,7 @@ def group_trainer(
         unit = viewing_distance(list(cameras), np.concatenate([dynamic.means, static.means]))
         views = [View.of(camera, place, settings.antialias) for camera in cameras]
         return GroupTrainer(
-            Pictures(torch.from_numpy(np.ascontiguousarray(array)).to(place), views, near, unit),
+            TrainingImages(torch.from_numpy(np.ascontiguousarray(array)).to(place), views, near, unit),
             GroupStart(dynamic, None if tracks is None else np.asarray(tracks, np.float32)),
             StaticPoints(static, np.ones(len(static), bool)),
             settings,

@@ -61,7 +61,7 @@ class Case:
         gpu.queue.write_buffer(drawing.buffers["draw"], 0, draw.tobytes())
         self.target = np.random.default_rng(1).integers(0, 256, (height, width, 4)).astype(np.uint8)
         self.target[..., 3] = 0
-        self.buffers = drawing.alone() | {"pictures": gpu.upload(self.target), "gains": gpu.upload(GAIN)}
+        self.buffers = drawing.alone() | {"targets": gpu.upload(self.target), "gains": gpu.upload(GAIN)}
         self.view = project.Pinhole(pose, K, width, height, NEAR, project.FINE_BLUR if antialias else project.BLUR)
 
     def run(self) -> None:

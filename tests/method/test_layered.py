@@ -10,8 +10,8 @@ from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.group import GroupTrainer
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.render import View, draw
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.static_points import StaticPoints
 from tests.method.captures import blots
 from tests.method.scenes import random_gaussians, ring
@@ -28,7 +28,7 @@ def trainer(seed: int, speed: float) -> GroupTrainer:
     static = random_gaussians(250, seed, sh_degree=0, spread=2.0)
     tracks = np.stack([thing.means + np.array([speed * t, 0, 0]) for t in range(FRAMES)]).astype(np.float32)
     images = torch.from_numpy(rng.integers(0, 256, (FRAMES, len(CAMERAS), 100, 150, 3), dtype=np.uint8))
-    frames = Pictures(images, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
+    frames = TrainingImages(images, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
     gains = CameraGains(len(CAMERAS), CPU)
     gains.load(torch.from_numpy(rng.uniform(0.9, 1.1, (len(CAMERAS), 3)).astype(np.float32)))
     config = plain({"group.length": FRAMES, "group.overlap": 0, "group.iterations_per_frame": 10})

@@ -14,8 +14,8 @@ from splatreel.config import KeyframeConfig
 from splatreel.gpu.shared import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.train.keyframe import KeyframeTrainer
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import TrainablePoints, default_rates
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.run.machine_speed import LARGE, SMALL, MachineSpeed, Probe, measure_speed, probe_scene
 
 CPU = torch.device("cpu")
@@ -42,7 +42,7 @@ def iteration_ms(
     scene = probe_scene(probe, device)
     points = TrainablePoints.from_gaussians(scene.gaussians, default_rates(scene.unit), device)
     image = np.random.default_rng(0).integers(0, 256, (1, 1, probe.height, probe.width, 3), np.uint8)
-    pictures = Pictures(torch.from_numpy(image).to(device), [scene.view], scene.near, scene.unit)
+    pictures = TrainingImages(torch.from_numpy(image).to(device), [scene.view], scene.near, scene.unit)
     gains = CameraGains(1, device)
     config = KeyframeConfig(densify_every=10**9, average_share=0.0, detail=False)
     trainer = KeyframeTrainer(points, gains, config, max_points=probe.points, gpu=gpu)

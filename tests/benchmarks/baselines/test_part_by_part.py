@@ -10,7 +10,7 @@ from baselines.shared_start import SharedStart
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Silent
 from splatreel.codec.reader import ReelReader
-from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians
 from tests.benchmarks.baselines.starts import SECONDS, write_start
 from tests.evaluation import scenes
@@ -36,7 +36,7 @@ class Sliding(PerFrame):
         self.trained: list[int] = []
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Sequence[Pictures], iterations: int, first: int
+        self, start: SharedStart, before: Gaussians, pictures: Sequence[TrainingImages], iterations: int, first: int
     ) -> list[Gaussians]:
         if first == self.fails_at:
             raise KeyboardInterrupt

@@ -14,8 +14,8 @@ from splatreel.method.deform.hashgrid import HashGrid
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.group import GroupTrainer
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.render import View
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
 from tests.method.captures import blots
@@ -51,7 +51,7 @@ def trained(
     config = plain({"layering.adapt_every": 0, **{f"group.{name}": value for name, value in group.items()}})
     gains, delays = CameraGains(len(CAMERAS), CPU, enabled=False), TimeOffsets(len(CAMERAS), enabled)
     trainer = GroupTrainer(
-        Pictures(torch.from_numpy(pictures), views, NEAR, UNIT),
+        TrainingImages(torch.from_numpy(pictures), views, NEAR, UNIT),
         GroupStart(THING, tracks),
         StaticPoints(WALL, np.ones(len(WALL), bool)),
         config,

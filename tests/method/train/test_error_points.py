@@ -10,9 +10,9 @@ from splatreel.kernels.image import render_image
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.train.error_points import OPACITY, SIZE, _choose, points_at_errors
 from splatreel.method.train.keyframe import KeyframeTrainer
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import TrainablePoints, default_rates
 from splatreel.method.train.render import View, deformed, draw
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0, Gaussians
 from tests.method.captures import blots
 from tests.method.scenes import ring
@@ -26,13 +26,13 @@ DOT = replace(blots(1, [0, 0, 0.9], [0.01, 0.01, 0.9], 0.1, 1), sh=np.full((1, *
 GAINS = torch.tensor([[1.0, 1.0, 1.0], [0.9, 1.0, 1.1], [1.1, 1.0, 0.9], [1.0, 1.0, 1.0]])
 
 
-def pictures(scene: Gaussians) -> Pictures:
+def pictures(scene: Gaussians) -> TrainingImages:
     images = np.stack([render_image(scene, camera, near=NEAR) for camera in CAMERAS]) * GAINS[:, None, None].numpy()
     views = [View.of(camera, CPU) for camera in CAMERAS]
-    return Pictures(torch.from_numpy((images.clip(0, 1) * 255).round().astype(np.uint8))[None], views, NEAR, UNIT)
+    return TrainingImages(torch.from_numpy((images.clip(0, 1) * 255).round().astype(np.uint8))[None], views, NEAR, UNIT)
 
 
-def added(count: int, shown: Pictures) -> dict[str, torch.Tensor]:
+def added(count: int, shown: TrainingImages) -> dict[str, torch.Tensor]:
     """Return the points that are added to the plain wall."""
     points = TrainablePoints.from_gaussians(WALL, default_rates(UNIT, 1.0), CPU)
 
@@ -72,7 +72,7 @@ def test_unknown_pixels_and_small_budgets_add_nothing() -> None:
     shown = pictures(Gaussians.concatenate([WALL, DOT]))
     unknown = torch.zeros(shown.images.shape[1:4], dtype=torch.bool)
     unknown[:2] = True
-    known = Pictures(shown.images, shown.views, NEAR, UNIT, unknown)
+    known = TrainingImages(shown.images, shown.views, NEAR, UNIT, unknown)
     assert len(added(3, shown)["means"]) == 0, "fewer than one a camera"
     assert len(added(40, known)["means"]) <= len(added(40, shown)["means"])
     weights = np.zeros((4, 5))
@@ -92,7 +92,7 @@ def test_training_recovers_a_dot_that_it_misses_without_detail() -> None:
         trainer = KeyframeTrainer(points, gains, plain(settings).keyframe, max_points=3000, seed=0)
         views = [View.of(camera, CPU) for camera in CAMERAS]
         images = torch.from_numpy((np.stack(truth) * 255).round().astype(np.uint8))[None]
-        trainer.train(Pictures(images, views, NEAR, UNIT), 80, 80, Silent())
+        trainer.train(TrainingImages(images, views, NEAR, UNIT), 80, 80, Silent())
         drawn = [render_image(trainer.points.gaussians(), camera, near=NEAR).clip(0, 1) for camera in CAMERAS]
         errors[detail] = float(np.mean([np.square(a - b).max() for a, b in zip(drawn, truth, strict=True)]))
     assert errors[True] < 0.7 * errors[False]

@@ -23,9 +23,9 @@ from splatreel.method.train.average import Average
 from splatreel.method.train.group import GroupTrainer
 from splatreel.method.train.keyframe import KeyframeTrainer
 from splatreel.method.train.losses import CHAPTER_KEYFRAME, KEYFRAME, Loss, photometric
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import TrainablePoints, default_rates
 from splatreel.method.train.render import View
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
 from tests.gpu.software import SoftwareGpu
@@ -70,7 +70,7 @@ def moved(points: Gaussians, frame: float) -> Gaussians:
     return replace(points, means=(points.means + np.array([0.06 * frame, 0, 0])).astype(np.float32))
 
 
-def pictures(count: int, antialias: bool = True, background: bool = True, unknown: bool = False) -> Pictures:
+def pictures(count: int, antialias: bool = True, background: bool = True, unknown: bool = False) -> TrainingImages:
     scenes = [Gaussians.concatenate([WALL, moved(THING, frame)]) for frame in range(count)]
     images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
     pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
@@ -81,7 +81,7 @@ def pictures(count: int, antialias: bool = True, background: bool = True, unknow
     if unknown:
         mask = torch.zeros(len(CAMERAS), *pixels.shape[2:4], dtype=torch.bool)
         mask[:, 3:9, 5:30] = True
-    return Pictures(pixels, views, NEAR, UNIT, mask)
+    return TrainingImages(pixels, views, NEAR, UNIT, mask)
 
 
 def camera_gains(enabled: bool) -> CameraGains:

@@ -15,8 +15,8 @@ from splatreel.method.deform.hashgrid import HashGrid
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.group import GroupResult, GroupTrainer
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.render import View
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.static_points import StaticPoints
@@ -37,15 +37,15 @@ def moved(points: Gaussians, frame: float) -> Gaussians:
     return Gaussians(means, points.quats, points.scales, points.opacities, points.sh)
 
 
-def frames(thing: Gaussians = THING, count: int = FRAMES) -> Pictures:
+def frames(thing: Gaussians = THING, count: int = FRAMES) -> TrainingImages:
     scenes = [Gaussians.concatenate([WALL, moved(thing, t)]) for t in range(count)]
     images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
     pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
-    return Pictures(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
+    return TrainingImages(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
 
 
 @pytest.fixture(scope="module")
-def filmed() -> Pictures:
+def filmed() -> TrainingImages:
     return frames()
 
 
@@ -59,7 +59,7 @@ def config(deformation="trajectory", iterations=30, **layering) -> Config:
 
 
 def trainer(
-    filmed: Pictures,
+    filmed: TrainingImages,
     config: Config,
     dynamic: Gaussians = THING,
     static: Gaussians = WALL,
@@ -84,7 +84,7 @@ class Losses(Silent):
             self.values.append(numbers["loss"])
 
 
-def quality(filmed: Pictures, result: GroupResult, static: Gaussians = WALL) -> float:
+def quality(filmed: TrainingImages, result: GroupResult, static: Gaussians = WALL) -> float:
     """Return the PSNR over all frames and cameras, drawn as by a viewer."""
     squares = []
     group = Group(0, 0, result.dynamic, result.dx, result.dq, result.alive, result.shade)
@@ -98,7 +98,7 @@ def quality(filmed: Pictures, result: GroupResult, static: Gaussians = WALL) -> 
 
 
 @pytest.mark.parametrize(("deformation", "least"), [("trajectory", 28), ("hashgrid", 30)])
-def test_group_learns_motion(filmed: Pictures, deformation: str, least: float) -> None:
+def test_group_learns_motion(filmed: TrainingImages, deformation: str, least: float) -> None:
     group, losses = trainer(filmed, config(deformation, 60)), Losses()
     assert isinstance(group.points.deformation, HashGrid if deformation == "hashgrid" else Trajectory)
     assert quality(filmed, group.result()) < 27, "standing still is not good enough"
@@ -120,7 +120,7 @@ def test_group_learns_darkening_and_fading() -> None:
         scenes.append(Gaussians.concatenate([WALL, THING.shaded(shade.astype(np.float32))]))
     images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
     pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
-    dark = Pictures(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
+    dark = TrainingImages(pixels, [View.of(camera, CPU) for camera in CAMERAS], NEAR, UNIT)
     whole = config(iterations=60)
     with_shade = with_group(whole, appearance=True)
     without, found = (trainer(dark, c).train(Silent()) for c in (whole, with_shade))
@@ -131,7 +131,7 @@ def test_group_learns_darkening_and_fading() -> None:
     assert quality(dark, found) > quality(dark, without) + 3
 
 
-def test_group_training_starts_with_small_images(filmed: Pictures, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_group_training_starts_with_small_images(filmed: TrainingImages, monkeypatch: pytest.MonkeyPatch) -> None:
     group = trainer(filmed, with_group(config(iterations=60), coarse_share=0.25))
     heights, step = [], group.step
     monkeypatch.setattr(group, "step", lambda n: heights.append(group.pictures.images.shape[2]) or step(n))
@@ -141,14 +141,14 @@ def test_group_training_starts_with_small_images(filmed: Pictures, monkeypatch: 
 
 
 @pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
-def test_group_starts_well_from_true_tracks(filmed: Pictures, deformation: str) -> None:
+def test_group_starts_well_from_true_tracks(filmed: TrainingImages, deformation: str) -> None:
     tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
     group = trainer(filmed, config(deformation), tracks=tracks)
     assert quality(filmed, group.result()) > 35
     assert group.psnr() > 35
 
 
-def test_lambda_sh_reduces_view_dependent_color(filmed: Pictures) -> None:
+def test_lambda_sh_reduces_view_dependent_color(filmed: TrainingImages) -> None:
     """The object looks the same from everywhere, but starts with view-dependent color."""
     sheen = np.full((len(THING), 3, 3), 0.1, np.float32)
     sheeny = replace(THING, sh=np.concatenate([THING.sh, sheen], 1))
@@ -161,13 +161,13 @@ def test_lambda_sh_reduces_view_dependent_color(filmed: Pictures) -> None:
     assert quality(filmed, priced) > quality(filmed, free) - 0.5
 
 
-def test_group_training_is_deterministic_per_seed(filmed: Pictures) -> None:
+def test_group_training_is_deterministic_per_seed(filmed: TrainingImages) -> None:
     a, b = (trainer(filmed, config(iterations=6)).train(Silent()) for _ in range(2))
     np.testing.assert_array_equal(a.dx, b.dx)
     np.testing.assert_array_equal(a.dynamic.means, b.dynamic.means)
 
 
-def test_conversion_makes_moving_static_points_dynamic(filmed: Pictures) -> None:
+def test_conversion_makes_moving_static_points_dynamic(filmed: TrainingImages) -> None:
     """A few moving points start as static ones. They are converted, and no point of the wall is."""
     few = np.arange(len(THING)) % 8 == 0
     static = Gaussians.concatenate([WALL, THING[few]])
@@ -180,7 +180,7 @@ def test_conversion_makes_moving_static_points_dynamic(filmed: Pictures) -> None
     assert result.dx.shape[1] == len(result.dynamic)
 
 
-def test_conversion_by_gradient_alone(filmed: Pictures) -> None:
+def test_conversion_by_gradient_alone(filmed: TrainingImages) -> None:
     few = np.arange(len(THING)) % 8 == 0
     static = Gaussians.concatenate([WALL, THING[few]])
     settings = {"adapt_every": 40, "adapt_neighbors": 2.0}
@@ -192,7 +192,7 @@ def test_conversion_by_gradient_alone(filmed: Pictures) -> None:
     assert (~alive[: len(WALL)]).mean() < 0.05, "the wall stands still"
 
 
-def test_conversion_respects_may_move(filmed: Pictures) -> None:
+def test_conversion_respects_may_move(filmed: TrainingImages) -> None:
     settings = config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0)
     may = np.arange(len(WALL)) % 2 == 0
     alive = trainer(filmed, settings, may_move=may).train(Silent()).alive
@@ -200,7 +200,7 @@ def test_conversion_respects_may_move(filmed: Pictures) -> None:
     assert not alive[may].all()
 
 
-def test_conversion_and_cloning_stop_at_budget(filmed: Pictures) -> None:
+def test_conversion_and_cloning_stop_at_budget(filmed: TrainingImages) -> None:
     group = trainer(filmed, config(iterations=8, adapt_every=10, adapt_gradient=0.0, adapt_neighbors=2.0))
     group.density.budget = 50
     before = len(group.points)
@@ -211,7 +211,7 @@ def test_conversion_and_cloning_stop_at_budget(filmed: Pictures) -> None:
 
 
 @pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
-def test_prune_keeps_points_and_motion_aligned(filmed: Pictures, deformation: str) -> None:
+def test_prune_keeps_points_and_motion_aligned(filmed: TrainingImages, deformation: str) -> None:
     """Every third point fades; the others keep position and motion."""
     tracks = np.stack([moved(THING, t).means for t in range(FRAMES)])
     tracks[..., 1] += np.linspace(0, 0.1, FRAMES)[:, None] * np.arange(len(THING))  # every point has another motion
@@ -229,7 +229,7 @@ def test_prune_keeps_points_and_motion_aligned(filmed: Pictures, deformation: st
     group.step(0)  # the optimizers match the rows
 
 
-def test_prune_keeps_large_far_points(filmed: Pictures) -> None:
+def test_prune_keeps_large_far_points(filmed: TrainingImages) -> None:
     """Pruning a far wall that became dynamic, because of a shadow, would leave a hole."""
     wide = 0.8 * filmed.unit
     two = replace(THING[:2], means=np.array([[0, 0, 0], [0, 0, 4 * filmed.unit]], np.float32))
@@ -239,7 +239,7 @@ def test_prune_keeps_large_far_points(filmed: Pictures) -> None:
     np.testing.assert_allclose(group.points.means[:, 2].detach(), [4 * filmed.unit], atol=1e-5)
 
 
-def test_prune_never_removes_all_points(filmed: Pictures) -> None:
+def test_prune_never_removes_all_points(filmed: TrainingImages) -> None:
     group = trainer(filmed, config(), THING.faded(0.001))
     group.density.prune(group.pictures)
     assert len(group.points) == len(THING)
@@ -248,7 +248,7 @@ def test_prune_never_removes_all_points(filmed: Pictures) -> None:
     assert len(group.points) == len(THING), "out of sight"
 
 
-def test_drop_faint_removes_invisible_points(filmed: Pictures) -> None:
+def test_drop_faint_removes_invisible_points(filmed: TrainingImages) -> None:
     """Some points lie behind the wall, where no camera sees them."""
     hidden = blots(30, [-0.8, -0.6, 1.3], [0.2, 0.6, 1.5], 0.05, 2)
     tracks = np.stack([moved(Gaussians.concatenate([THING, hidden]), t).means for t in range(FRAMES)])
@@ -264,7 +264,7 @@ def test_drop_faint_removes_invisible_points(filmed: Pictures) -> None:
 
 
 @pytest.mark.parametrize("deformation", ["trajectory", "hashgrid"])
-def test_group_without_motion(filmed: Pictures, deformation: str) -> None:
+def test_group_without_motion(filmed: TrainingImages, deformation: str) -> None:
     notes = Losses()
     result = trainer(filmed, config(deformation), Gaussians.empty(0)).train(notes)
     assert len(result.dynamic) == 0
@@ -282,7 +282,7 @@ def test_group_with_one_dynamic_and_no_static_point() -> None:
     assert np.isfinite(result.dx).all()
 
 
-def test_group_applies_gains_without_changing_them(filmed: Pictures) -> None:
+def test_group_applies_gains_without_changing_them(filmed: TrainingImages) -> None:
     """A camera that records at half brightness does not change the scene."""
     dim = replace(filmed, images=(filmed.images * torch.tensor([1, 1, 0.5, 1])[:, None, None, None]).round().byte())
     gains = CameraGains(len(CAMERAS), CPU)

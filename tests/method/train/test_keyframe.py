@@ -12,10 +12,10 @@ from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.init.layout import Layout
 from splatreel.method.train.average import AVERAGE_EVERY, Average
 from splatreel.method.train.keyframe import KeyframeTrainer, _with_gain, starting_points
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import TrainablePoints, default_rates
 from splatreel.method.train.regularizers import Depths, spread
 from splatreel.method.train.render import View, deformed, draw
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.volumes import Sphere
@@ -32,10 +32,10 @@ SCENE = Gaussians.concatenate([WALL, THING])
 CONFIG = plain({"keyframe.sh_degree": 1, "keyframe.densify_every": 40}).keyframe
 
 
-def pictures(scene: Gaussians = SCENE) -> Pictures:
+def pictures(scene: Gaussians = SCENE) -> TrainingImages:
     images = np.stack([render_image(scene, camera, near=NEAR) for camera in CAMERAS]).clip(0, 1)
     views = [View.of(camera, CPU) for camera in CAMERAS]
-    return Pictures(torch.from_numpy((images * 255).round().astype(np.uint8))[None], views, NEAR, UNIT)
+    return TrainingImages(torch.from_numpy((images * 255).round().astype(np.uint8))[None], views, NEAR, UNIT)
 
 
 def psnr(points: Gaussians, camera: Camera, scene: Gaussians = SCENE) -> float:

@@ -10,9 +10,9 @@ from splatreel.config import GroupConfig, KeyframeConfig
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.losses import GROUP, KEYFRAME, KEYFRAME_BEFORE_STATIC, GroupStep, Loss, backward
 from splatreel.method.train.moving import MovingPoints
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import View, draw
+from splatreel.method.train.training_images import TrainingImages
 from tests.method.scenes import random_gaussians, ring
 
 CPU = torch.device("cpu")
@@ -21,7 +21,7 @@ CPU = torch.device("cpu")
 def group_step(iteration: int, share: float = 0.5, frames: int = 4, seed: int = 0) -> GroupStep:
     """Return a step of a group with a few points and an empty background."""
     views = [View.of(camera, CPU) for camera in ring(1, width=32, height=32)]
-    pictures = Pictures(torch.zeros(frames, 1, 32, 32, 3, dtype=torch.uint8), views, 0.1, 4.0)
+    pictures = TrainingImages(torch.zeros(frames, 1, 32, 32, 3, dtype=torch.uint8), views, 0.1, 4.0)
     points = MovingPoints.of(GroupStart(random_gaussians(20, seed)), pictures, GroupConfig(), seed)
     changes = points.changes(0.0)
     drawing = draw(points.splats(changes, views[0], 0.1), views[0])

@@ -9,10 +9,10 @@ import torch
 
 from splatreel.method.train import ray_depths
 from splatreel.method.train.error_points import points_at_errors
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import to_params
 from splatreel.method.train.ray_depths import RayDepths
 from splatreel.method.train.render import View, deformed, draw
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.camera import Camera
 from tests.method.captures import blots
 from tests.method.scenes import ring
@@ -46,7 +46,7 @@ WALL = blots(1500, [-4, -3, 0.6], [4, 3, 0.6], 0.1, 0)
 def search(cameras: int = len(CAMERAS), images: np.ndarray = IMAGES, unknown: np.ndarray | None = None) -> RayDepths:
     views = [View.of(camera, torch.device("cpu")) for camera in CAMERAS[:cameras]]
     mask = None if unknown is None else torch.from_numpy(unknown)
-    return RayDepths(Pictures(torch.from_numpy(images[:cameras])[None], views, 0.1, 4.0, mask))
+    return RayDepths(TrainingImages(torch.from_numpy(images[:cameras])[None], views, 0.1, 4.0, mask))
 
 
 def errors(found: np.ndarray, camera: int) -> np.ndarray:
@@ -94,7 +94,7 @@ def test_points_at_errors_take_the_depth_that_views_agree_on() -> None:
     """The points so far are a plain wall, 0.4 in front of the textured one."""
     params = to_params(replace(WALL, sh=np.zeros_like(WALL.sh)), torch.device("cpu"))
     views = [View.of(camera, torch.device("cpu")) for camera in CAMERAS]
-    pictures = Pictures(torch.from_numpy(IMAGES)[None], views, 0.1, 4.0)
+    pictures = TrainingImages(torch.from_numpy(IMAGES)[None], views, 0.1, 4.0)
 
     def draw_camera(camera: int):
         splats = deformed(params, None, None, views[camera], 0.1)

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from splatreel.method.init.layout import measure
-from splatreel.method.train.pictures import halved
 from splatreel.method.train.points import TrainablePoints, default_rates
 from splatreel.method.train.render import Splats, StaticCache, View, contributions, draw, splats
+from splatreel.method.train.training_images import halved
 from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import Gaussians
 from tests.method.captures import blots

@@ -2,7 +2,7 @@
 // Gradient of the losses of surfaces to the blended powers of log depth and to alpha (recon/train/regularizers.py).
 @group(0) @binding(0) var<uniform> draw: Draw;
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;
-@group(0) @binding(2) var<storage, read> pictures: array<u32>;
+@group(0) @binding(2) var<storage, read> targets: array<u32>;
 @group(0) @binding(3) var<storage, read> gains: array<f32>;
 @group(0) @binding(4) var<storage, read> depths: array<vec4f>;
 @group(0) @binding(5) var<storage, read_write> d_depths: array<vec4f>;

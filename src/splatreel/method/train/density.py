@@ -14,9 +14,9 @@ from splatreel.kernels import splat
 from splatreel.method.layering.lift import NEIGHBORS
 from splatreel.method.train.losses import GROWTH
 from splatreel.method.train.moving import MovingPoints
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import TrainablePoints, children
 from splatreel.method.train.render import Comparable, StaticCache, View, contributions, relative_distances
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.volumes import Volume
 
 CULL_OPACITY = 0.05
@@ -120,7 +120,7 @@ class KeyframeDensity:
         self.generator = torch.Generator().manual_seed(seed)
         self.distances = torch.ones(len(points), device=points.means.device)
 
-    def restart(self, pictures: Pictures) -> None:
+    def restart(self, pictures: TrainingImages) -> None:
         """Restart the measurements, after points were added or removed or the images changed."""
         self.meter = GradientMeter(len(self.points), self.points.means.device)
         self.distances = relative_distances(
@@ -143,23 +143,23 @@ class KeyframeDensity:
             return done % every == 0 and done >= 2 * every
         return done % PRUNE_EVERY == 0 and not averaged
 
-    def update(self, done: int, share: float, pictures: Pictures, averaged: bool, absolute: bool) -> None:
+    def update(self, done: int, share: float, images: TrainingImages, averaged: bool, absolute: bool) -> None:
         """Add and prune points after an iteration, if due.
 
         Args:
             done: Number of finished iterations.
             share: Share of training that is over, 0..1.
-            pictures: Training images.
+            images: Training images.
             averaged: Values are being averaged; no point is removed any more.
             absolute: The measured gradients are absolute ones.
         """
         if not self.is_due(done, share, averaged):
             return
         if share <= GROWTH:
-            self.densify(pictures.unit, share, ABSOLUTE_GRADIENT if absolute else GROWTH_GRADIENT)
+            self.densify(images.unit, share, ABSOLUTE_GRADIENT if absolute else GROWTH_GRADIENT)
         else:
-            self.prune(pictures.unit, share)
-        self.restart(pictures)
+            self.prune(images.unit, share)
+        self.restart(images)
 
     def densify(self, unit: float, share: float, threshold: float) -> None:
         """Clone small points with gradients above a threshold, split large ones, and prune."""
@@ -180,7 +180,7 @@ class KeyframeDensity:
         """Number of points that may still be added."""
         return self.max_points - len(self.points)
 
-    def add(self, params: Mapping[str, Tensor], pictures: Pictures) -> None:
+    def add(self, params: Mapping[str, Tensor], pictures: TrainingImages) -> None:
         """Add points, without those outside of the region. params: unconstrained tensors, as in `TrainablePoints`."""
         if self.region is not None:
             kept = inside(self.region, params["means"])
@@ -288,7 +288,7 @@ class GroupDensity:
         if drawing.index is not None:
             self.static_meter.add(grad[drawing.moving :], view.width, view.height, drawing.index)
 
-    def update(self, done: int, pictures: Pictures) -> bool:
+    def update(self, done: int, pictures: TrainingImages) -> bool:
         """Add and prune points after `done` iterations, if due. Return whether anything was due."""
         due, faint_due = self._is_regular(done), done in self.faint_at
         if due or faint_due:
@@ -307,7 +307,7 @@ class GroupDensity:
         """Return whether `update` adds or prunes points after `done` iterations."""
         return self._is_regular(done) or done in self.faint_at
 
-    def convert_and_clone(self, pictures: Pictures) -> None:
+    def convert_and_clone(self, pictures: TrainingImages) -> None:
         """Convert static points (paper section 4.1), then clone dynamic points with large gradients (4.2)."""
         layering, alive = self.config.layering, self.static.alive
         threshold = layering.adapt_gradient * (PAPER_WIDTH / pictures.views[0].width)
@@ -331,7 +331,7 @@ class GroupDensity:
         self.static.set_alive(alive)
         self.points.append(rows)
 
-    def prune(self, pictures: Pictures) -> None:
+    def prune(self, pictures: TrainingImages) -> None:
         """Drop points that hardly show and points that are too large for their distance."""
         config, points = self.config.keyframe, self.points
         with torch.no_grad():
@@ -341,7 +341,7 @@ class GroupDensity:
         if not bool(keep.all()):
             points.keep(torch.nonzero(keep)[:, 0])
 
-    def drop_faint(self, pictures: Pictures) -> None:
+    def drop_faint(self, pictures: TrainingImages) -> None:
         """Drop the points that together fill a small share of the images (`GroupConfig.faint_share`): often half of all points."""
         total = torch.zeros(len(self.points), device=self.points.means.device)
         for k in range(FAINT_PICTURES):

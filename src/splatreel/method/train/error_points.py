@@ -13,10 +13,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.ray_depths import RayDepths
 from splatreel.method.train.regularizers import Depths
 from splatreel.method.train.render import Splats, View
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0
 
 ADDED_AT = (0.3, 0.4, 0.5, 0.6)
@@ -36,7 +36,7 @@ Draw = Callable[[int], tuple[Splats, Tensor]]
 
 @torch.no_grad()
 def points_at_errors(
-    draw: Draw, pictures: Pictures, gains: Tensor, bands: int, count: int, rng: np.random.Generator
+    draw: Draw, pictures: TrainingImages, gains: Tensor, bands: int, count: int, rng: np.random.Generator
 ) -> dict[str, Tensor]:
     """Return new points in random pixels. The probability of a pixel is its absolute error times its loss of similarity (1 - SSIM).
 

@@ -21,9 +21,9 @@ from splatreel.method.train.density import GroupDensity
 from splatreel.method.train.gpu_program import GpuProgram, adam_row
 from splatreel.method.train.losses import GROUP
 from splatreel.method.train.moving import MovingPoints
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.programs import Draw, Outcome
 from splatreel.method.train.regularizers import Neighbors
+from splatreel.method.train.training_images import TrainingImages
 
 KINDS = {"motion": "0u", "nodes": "1u", "appearance": "2u"}
 """Constants of the kernel `adam_knots`."""
@@ -47,7 +47,7 @@ class GpuGroupProgram(GpuProgram):
         gpu: Gpu,
         points: MovingPoints,
         density: GroupDensity,
-        pictures: Pictures,
+        images: TrainingImages,
         config: GroupConfig,
         gains: CameraGains,
         learns_time: bool,
@@ -58,12 +58,12 @@ class GpuGroupProgram(GpuProgram):
             gpu: Device.
             points: Points of the host.
             density: Density control, which knows the static points.
-            pictures: Images.
+            images: Images.
             config: Settings.
             gains: Color gains, which stay fixed.
             learns_time: Slopes of the time offsets are measured.
         """
-        super().__init__(gpu, points.canonical, density.static, pictures)
+        super().__init__(gpu, points.canonical, density.static, images)
         self._moving, self._density, self._config = points, density, config
         self._gains, self.learns_time = gains, learns_time
         self._motion: Buffers = {}
@@ -77,7 +77,7 @@ class GpuGroupProgram(GpuProgram):
 
     def upload(self) -> None:
         """See `Program`."""
-        self.upload_points(self.pictures)
+        self.upload_points(self.images)
         alive = self._density.static.alive
         self.upload_static(alive.numpy(), (alive & self._density.convertible).numpy())
         model, appearance = self._model, self._moving.appearance
@@ -101,8 +101,8 @@ class GpuGroupProgram(GpuProgram):
                 "d_nodes": np.zeros(28 * nodes, np.float32),
                 "slopes": np.zeros(-(-n // self.gpu.group) + 1, np.float32),
                 "gains": self._gains.values.numpy(),
-                "gain_means": np.zeros(3 * len(self.pictures.views), np.float32),
-                "gain_squares": np.zeros(3 * len(self.pictures.views), np.float32),
+                "gain_means": np.zeros(3 * len(self.images.views), np.float32),
+                "gain_squares": np.zeros(3 * len(self.images.views), np.float32),
             },
         )
         adams = {"nodes": model.adams[0], "motion": model.adams[1]}
@@ -145,9 +145,9 @@ class GpuGroupProgram(GpuProgram):
 
     def _prepare(self, draw: Draw, steps: list[int], knot_steps: dict[str, int]) -> tuple[np.ndarray, Buffers]:
         """Return the uniform block and the buffers of a draw. steps: numbers of the steps of Adam."""
-        block, unit = self.block(draw.camera), self.pictures.unit
+        block, unit = self.block(draw.camera), self.images.unit
         static = self.static_buffers(block, draw.camera, draw.metered_static)
-        picture = self.picture(block, draw.frame, draw.camera)
+        target = self.target(block, draw.frame, draw.camera)
         self.set_loss(block, self._config.lambda_dssim)
         weights = {loss.name: loss.weight_at(draw, self._config) for loss in GROUP}
         pixels = self.drawing.size[0] * self.drawing.size[1]
@@ -178,7 +178,7 @@ class GpuGroupProgram(GpuProgram):
         ):
             if name in self._knots:
                 block["adam"][row] = adam_row(late * rate, knot_steps[name], self._knots[name][0].eps)
-        return block, static | self._motion | {"pictures": picture}
+        return block, static | self._motion | {"targets": target}
 
     def _set_moments(self, block: np.ndarray, draw: Draw) -> None:
         """Fill the knots and weights of the moments of a draw."""
@@ -191,7 +191,7 @@ class GpuGroupProgram(GpuProgram):
                 uniforms.BETWEEN: start + between * (end - start),
             }
         if self.learns_time:
-            before, after = max(draw.moment - 0.5, 0.0), min(draw.moment + 0.5, self.pictures.count - 1.0)
+            before, after = max(draw.moment - 0.5, 0.0), min(draw.moment + 0.5, self.images.count - 1.0)
             moments |= {uniforms.BEFORE: before, uniforms.AFTER: after}
             block["meters"][1] = 1 / (after - before)
         for place, moment in moments.items():

@@ -22,24 +22,24 @@ from splatreel.method.train.losses import (
     KeyframeStep,
     Loss,
 )
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import TrainablePoints
 from splatreel.method.train.programs import KeyframeDraw, Outcome
 from splatreel.method.train.render import StaticCache
+from splatreel.method.train.training_images import TrainingImages
 
 LISTS = (KEYFRAME, CHAPTER_KEYFRAME, KEYFRAME_BEFORE_STATIC, KEYFRAME[:1])
 """Lists of losses that the kernels compute."""
 
 
 def unsupported_keyframe(
-    losses: Sequence[Loss[KeyframeStep]], pictures: Pictures, static: StaticCache | None
+    losses: Sequence[Loss[KeyframeStep]], images: TrainingImages, static: StaticCache | None
 ) -> str | None:
     """Return why the GPU cannot train a keyframe; None if it can."""
     if tuple(losses) not in LISTS:
         return "its losses are not among those that the GPU computes"
     if static is not None and len(losses) > len(CHAPTER_KEYFRAME):
         return "losses of surfaces do not look at static points"
-    if any(view.gain is not None for view in pictures.views):
+    if any(view.gain is not None for view in images.views):
         return "captures with masks are trained on the CPU or with CUDA"
     return None
 
@@ -53,7 +53,7 @@ class GpuKeyframeProgram(GpuProgram):
         points: TrainablePoints,
         static: StaticCache | None,
         density: KeyframeDensity,
-        pictures: Pictures,
+        images: TrainingImages,
         config: KeyframeConfig,
         losses: Sequence[Loss[KeyframeStep]],
         gains: CameraGains,
@@ -65,18 +65,18 @@ class GpuKeyframeProgram(GpuProgram):
             points: Points of the host.
             static: Static points; None if there are none.
             density: Density control.
-            pictures: Images.
+            images: Images.
             config: Settings.
             losses: One of `LISTS`.
             gains: Color gains, trained too.
         """
-        super().__init__(gpu, points, static, pictures)
+        super().__init__(gpu, points, static, images)
         self._density, self._config, self._losses, self._gains = density, config, losses, gains
         self._shared: Buffers = {}
 
     def upload(self) -> None:
         """See `Program`."""
-        self.upload_points(self.pictures)
+        self.upload_points(self.images)
         if self._static is not None:
             alive = self._static.alive.numpy()
             self.upload_static(alive, np.zeros_like(alive))
@@ -116,7 +116,7 @@ class GpuKeyframeProgram(GpuProgram):
     def download(self) -> None:
         """See `Program`."""
         self.download_points()
-        shape = len(self.pictures.views), 3
+        shape = len(self.images.views), 3
         adam = self._gains.adam
         for name, tensor in (("gains", self._gains.values), ("gain_means", adam.mean), ("gain_squares", adam.square)):
             tensor.copy_(torch.from_numpy(self.gpu.read(self._shared[name], np.float32, shape)))
@@ -129,14 +129,14 @@ class GpuKeyframeProgram(GpuProgram):
         """Return the uniform block and the buffers of a draw. steps, learned: numbers of the steps of Adam."""
         block, config = self.block(draw.camera), self._config
         static = self.static_buffers(block, draw.camera, measured=False)
-        picture = self.picture(block, 0, draw.camera)
+        target = self.target(block, 0, draw.camera)
         self.set_loss(block, LAMBDA_DSSIM)
         weights = {loss.name: loss.weight_at(draw, config) for loss in self._losses}
         width, height = self.drawing.size
         block["loss"][2] = weights.get("opacity", 0.0) / (width * height)
-        near = self.pictures.near
+        near = self.images.near
         spread, roughness = weights.get("before surfaces", 0.0), weights.get("bent surfaces", 0.0)
-        block["surfaces"] = spread, roughness, near, self.pictures.unit / near
+        block["surfaces"] = spread, roughness, near, self.images.unit / near
         block["meters"][0] = draw.average
         flags = uniforms.SCALED_STEPS
         for flag, on in (
@@ -150,7 +150,7 @@ class GpuKeyframeProgram(GpuProgram):
         for k, adam in enumerate(self._points.adams.values()):
             block["adam"][k] = adam_row(draw.rates[k], steps[k], adam.eps)
         block["adam"][9] = adam_row(self._gains.adam.rate, max(learned, 1), self._gains.adam.eps)
-        return block, static | self._shared | {"pictures": picture}
+        return block, static | self._shared | {"targets": target}
 
     def _record(self, to: Recording, block: np.ndarray, buffers: Buffers) -> None:
         """Record the dispatches of a draw."""

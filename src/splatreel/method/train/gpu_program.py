@@ -13,13 +13,13 @@ from splatreel.base.errors import GaussiansError
 from splatreel.gpu import uniforms
 from splatreel.gpu.device import Gpu, Recording
 from splatreel.gpu.drawing import Buffers, Drawing
-from splatreel.gpu.picture_pool import PicturePool
+from splatreel.gpu.image_pool import ImagePool
 from splatreel.gpu.static_scene import StaticScene
 from splatreel.method.deform.adam import DECAYS, Adam
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import NAMES, TrainablePoints
 from splatreel.method.train.programs import Outcome
 from splatreel.method.train.render import StaticCache
+from splatreel.method.train.training_images import TrainingImages
 
 MOST_DRAWS = 64
 """Largest number of draws of a batch."""
@@ -33,35 +33,35 @@ class GpuProgram:
 
     Attributes:
         gpu: Device.
-        pictures: Images in use.
+        images: Images in use.
         drawing: Buffers and dispatches of the drawing.
     """
 
-    def __init__(self, gpu: Gpu, points: TrainablePoints, static: StaticCache | None, pictures: Pictures) -> None:
+    def __init__(self, gpu: Gpu, points: TrainablePoints, static: StaticCache | None, images: TrainingImages) -> None:
         """Prepare a program; `upload` follows.
 
         Args:
             gpu: Device.
             points: Canonical points of the host.
             static: Static points; None if there are none.
-            pictures: Images.
+            images: Images.
         """
-        self.gpu, self.pictures, self._points, self._static = gpu, pictures, points, static
+        self.gpu, self.images, self._points, self._static = gpu, images, points, static
         self.drawing = Drawing(gpu)
         self._results = gpu.zeros(16 * MOST_DRAWS)
         self._scene: StaticScene | None = None
         self._moments: Buffers = {}
-        self._pool: PicturePool | None = None
+        self._pool: ImagePool | None = None
         self._adam_buffers: dict[str, Buffers] = {}
         self._packed: dict[tuple[int, int], int] = {}
 
-    def upload_points(self, pictures: Pictures) -> None:
+    def upload_points(self, images: TrainingImages) -> None:
         """Copy the canonical points and their moments to the device, and choose the image size."""
         gpu, adams = self.gpu, list(self._points.adams.values())
-        width, height = pictures.views[0].width, pictures.views[0].height
-        if self._pool is None or self.drawing.size != (width, height) or pictures is not self.pictures:
-            self.pictures = pictures
-            self._pool = PicturePool(gpu, width, height, pictures.count * len(pictures.views))
+        width, height = images.views[0].width, images.views[0].height
+        if self._pool is None or self.drawing.size != (width, height) or images is not self.images:
+            self.images = images
+            self._pool = ImagePool(gpu, width, height, images.count * len(images.views))
             if self._scene is not None:
                 self._scene.forget_views()
         self.drawing.set_points(_columns([adam.tensor for adam in adams]))
@@ -111,15 +111,15 @@ class GpuProgram:
 
     def block(self, camera: int) -> np.ndarray:
         """Return the uniform block of a view without what the kind of training adds."""
-        draw, view = uniforms.new_draw(), self.pictures.views[camera]
+        draw, view = uniforms.new_draw(), self.images.views[camera]
         pose, K = view.viewmat.numpy(), view.K.numpy()
-        near = self.pictures.near
+        near = self.images.near
         uniforms.fill_view(draw, pose, K, view.width, view.height, near, view.antialias)
         if view.background is not None:
             draw["background"][:3] = view.background.numpy()
         draw["counts"] = self.drawing.count, (self.drawing.columns - 14) // 3, 0, self.drawing.capacity
         draw["numbers"][1] = camera
-        draw["links"][3] = len(self.pictures.views)
+        draw["links"][3] = len(self.images.views)
         return draw
 
     def set_loss(self, draw: np.ndarray, lambda_dssim: float) -> None:
@@ -133,23 +133,23 @@ class GpuProgram:
         if self._scene is None or self._scene.count == 0:
             self.drawing.fit_pairs(0)
             return {}
-        view, still = self.pictures.views[camera], draw.copy()
-        still["center"][3] = max(self.pictures.near, view.clear)
+        view, still = self.images.views[camera], draw.copy()
+        still["center"][3] = max(self.images.near, view.clear)
         found = self._scene.view(camera, still, self.drawing)
         self.drawing.fit_pairs(0, self._scene.pairs, measured)
         draw["counts"][2:] = self._scene.count, self.drawing.capacity
         return found | {"static_meter": self._scene.meter}
 
-    def picture(self, draw: np.ndarray, frame: int, camera: int) -> Any:
+    def target(self, draw: np.ndarray, frame: int, camera: int) -> Any:
         """Return the buffer with a training image, and note its place in the block."""
         assert self._pool is not None
-        pictures = self.pictures
+        images = self.images
 
         def load() -> np.ndarray:
-            image = pictures.images[frame, camera].numpy()
+            image = images.images[frame, camera].numpy()
             unknown = np.zeros(image.shape[:2], np.uint8)
-            if pictures.unknown is not None:
-                unknown[:] = 255 * pictures.unknown[camera].numpy()
+            if images.unknown is not None:
+                unknown[:] = 255 * images.unknown[camera].numpy()
             return np.dstack([image, unknown])
 
         buffer, first = self._pool.get(frame, camera, load)

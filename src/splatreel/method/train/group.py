@@ -23,12 +23,12 @@ from splatreel.method.train.gpu_group import GpuGroupProgram, unsupported_group
 from splatreel.method.train.gpu_program import MOST_DRAWS
 from splatreel.method.train.losses import GROUP, GroupStep, backward, choose_rank, choose_span
 from splatreel.method.train.moving import Changes, MovingPoints
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.programs import Draw
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import StaticCache, draw, moving_tiles
 from splatreel.method.train.schedule import FrameSchedule
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.method.train.training_psnr import training_psnr
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -102,7 +102,7 @@ class GroupTrainer:
 
     def __init__(
         self,
-        pictures: Pictures,
+        pictures: TrainingImages,
         start: GroupStart,
         static: StaticPoints,
         config: Config,
@@ -226,7 +226,7 @@ class GroupTrainer:
         """Copy the state to the GPU, if one trains."""
         if self.program is not None:
             self.program.neighbors = self.neighbors
-            self.program.pictures = self.pictures
+            self.program.images = self.pictures
             self.program.upload()
 
     def _run_batch(self, first: int, program: GpuGroupProgram) -> tuple[Tensor, int]:
@@ -367,7 +367,7 @@ class GroupTrainer:
             self.points, self.static, self.pictures, self.gains.values, self.time_offsets, self.schedule.available
         )
 
-    def _use_pictures(self, pictures: Pictures) -> None:
+    def _use_pictures(self, pictures: TrainingImages) -> None:
         """Switch to images of another size."""
         self.pictures = pictures
         self.static.set_views(pictures.views)

@@ -24,11 +24,11 @@ from splatreel.method.train.error_points import ADDED_AT, ADDED_SHARE, points_at
 from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram, unsupported_keyframe
 from splatreel.method.train.gpu_program import MOST_DRAWS
 from splatreel.method.train.losses import GROWTH, KEYFRAME, LAMBDA_DSSIM, KeyframeStep, Loss, backward, psnr
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import NAMES, TrainablePoints, default_rates
 from splatreel.method.train.programs import KeyframeDraw
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.render import Comparable, Splats, StaticCache, View, deformed, draw, moving_tiles
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.volumes import Volume
 
@@ -130,7 +130,7 @@ class KeyframeTrainer:
         self.watch: Callable[[Callable[[], Gaussians]], None] | None = None
         """Called during training with a function that returns the points as they are now."""
 
-    def train(self, pictures: Pictures, iterations: int, total: int, progress: Progress) -> None:
+    def train(self, pictures: TrainingImages, iterations: int, total: int, progress: Progress) -> None:
         """Run `iterations` of `total` on images of one resolution. Another call continues with other images."""
         static = self._static_cache(pictures)
         average = Average(self.config.average_share, total)
@@ -162,7 +162,7 @@ class KeyframeTrainer:
         self.program = None
         self.density.prune(pictures.unit, self.done / total)
 
-    def _iterate(self, pictures: Pictures, static: StaticCache | None, total: int, average: Average) -> Tensor:
+    def _iterate(self, pictures: TrainingImages, static: StaticCache | None, total: int, average: Average) -> Tensor:
         """Run one iteration with torch, and return its photometric loss []."""
         camera = self._next_camera(pictures)
         loss, drawing = self.step(pictures, camera, static, self.done / total)
@@ -172,7 +172,7 @@ class KeyframeTrainer:
         self.density.measure(self.done / total, drawing, pictures.views[camera])
         return loss
 
-    def _finish_iteration(self, pictures: Pictures, total: int, average: Average) -> None:
+    def _finish_iteration(self, pictures: TrainingImages, total: int, average: Average) -> None:
         """Add, prune and average points after an iteration, if due."""
         share, averaged = self.done / total, average.has_begun(self.done)
         changes = self.density.is_due(self.done, share, averaged) or self._adds_at_errors(total)
@@ -185,7 +185,7 @@ class KeyframeTrainer:
             average.restart()
             self.program.upload()
 
-    def _next_camera(self, pictures: Pictures) -> int:
+    def _next_camera(self, pictures: TrainingImages) -> int:
         self._cameras = self._cameras or self.rng.permutation(len(pictures.views)).tolist()
         return self._cameras.pop()
 
@@ -194,7 +194,7 @@ class KeyframeTrainer:
         """True if density control measures absolute gradients."""
         return self.config.detail and not self.static
 
-    def _start_program(self, pictures: Pictures, static: StaticCache | None, progress: Progress) -> None:
+    def _start_program(self, pictures: TrainingImages, static: StaticCache | None, progress: Progress) -> None:
         """Use the GPU, if there is one that can train this keyframe."""
         if self.gpu is None:
             return
@@ -229,7 +229,7 @@ class KeyframeTrainer:
         return self.points.gaussians()
 
     def _run_batch(
-        self, pictures: Pictures, total: int, end: int, average: Average, program: GpuKeyframeProgram
+        self, pictures: TrainingImages, total: int, end: int, average: Average, program: GpuKeyframeProgram
     ) -> Tensor:
         """Run iterations on the GPU until something is due, and return the loss [] of the last one."""
         draws = [self._plan(pictures, self.done, total, average)]
@@ -255,7 +255,7 @@ class KeyframeTrainer:
         due = self.density.is_due(done, done / total, average.has_begun(done))
         return due or self._adds_at_errors(total, done) or done >= self.recovery.next_save or done == end
 
-    def _plan(self, pictures: Pictures, iteration: int, total: int, average: Average) -> KeyframeDraw:
+    def _plan(self, pictures: TrainingImages, iteration: int, total: int, average: Average) -> KeyframeDraw:
         """Decide what an iteration on the GPU draws and compares."""
         done, share = iteration + 1, iteration / total
         factors = self._rate_factors(share)
@@ -283,7 +283,7 @@ class KeyframeTrainer:
         splat.check_finite(gains=self.gains.values)
 
     def step(
-        self, pictures: Pictures, camera: int, static: StaticCache | None, share: float
+        self, pictures: TrainingImages, camera: int, static: StaticCache | None, share: float
     ) -> tuple[Tensor, Comparable]:
         """Run one iteration: draw a view, compare it and follow the gradients.
 
@@ -324,12 +324,12 @@ class KeyframeTrainer:
         return losses["photometric"].detach(), drawing
 
     @torch.no_grad()
-    def psnr(self, pictures: Pictures) -> float:
+    def psnr(self, pictures: TrainingImages) -> float:
         """Return the mean PSNR, dB, over the training images, without static points."""
         images = [self._draw(pictures, camera)[1] for camera in range(len(pictures.views))]
         return float(np.mean([psnr(image, target) for image, target in zip(images, pictures.images[0], strict=True)]))
 
-    def _draw(self, pictures: Pictures, camera: int) -> tuple[Splats, Tensor]:
+    def _draw(self, pictures: TrainingImages, camera: int) -> tuple[Splats, Tensor]:
         """Return the projected points of a camera, without static points, and the image [H, W, 3] that the camera would take."""
         view, gain = pictures.views[camera], self.gains.values[camera]
         splats, factor = _with_gain(deformed(self.points.params, None, None, view, pictures.near), view, gain)
@@ -341,19 +341,19 @@ class KeyframeTrainer:
         done = self.done if done is None else done
         return self.config.detail and self.static is None and done in [round(at * total) for at in ADDED_AT]
 
-    def _add_at_errors(self, pictures: Pictures) -> None:
+    def _add_at_errors(self, pictures: TrainingImages) -> None:
         """Add points where the images differ most from the drawings."""
         count = max(min(self.density.room, round(ADDED_SHARE * len(self.points))), 0)
         bands, gains = self.points.params["sh_rest"].shape[1], self.gains.values
         draw_camera = partial(self._draw, pictures)
         self.density.add(points_at_errors(draw_camera, pictures, gains, bands, count, self.rng), pictures)
 
-    def _static_cache(self, pictures: Pictures) -> StaticCache | None:
+    def _static_cache(self, pictures: TrainingImages) -> StaticCache | None:
         if self.static is None or len(self.static) == 0:
             return None
         return StaticCache(self.static, pictures.views, pictures.near, self.points.means.device)
 
-    def _compares_all(self, pictures: Pictures, iteration: int) -> bool:
+    def _compares_all(self, pictures: TrainingImages, iteration: int) -> bool:
         """Return whether an iteration compares the whole image."""
         shows = (iteration + 1) % SHOW_EVERY == 0
         return shows or iteration % GAINS_EVERY == 0 or pictures.unknown is not None

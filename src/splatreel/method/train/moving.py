@@ -14,9 +14,9 @@ from splatreel.method.deform.appearance import Appearance, detect_cuts
 from splatreel.method.deform.models import make_deformation
 from splatreel.method.deform.protocol import Deformation
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import TrainablePoints
 from splatreel.method.train.render import Splats, View, deformed
+from splatreel.method.train.training_images import TrainingImages
 
 CANONICAL_RATES = {
     "means": 3.6e-4,
@@ -59,7 +59,7 @@ class MovingPoints:
         self.canonical, self.deformation, self.appearance = canonical, deformation, appearance
 
     @staticmethod
-    def of(start: GroupStart, pictures: Pictures, config: GroupConfig, seed: int) -> MovingPoints:
+    def of(start: GroupStart, pictures: TrainingImages, config: GroupConfig, seed: int) -> MovingPoints:
         """Create the points from which a group's training starts, on the device of its images."""
         device = pictures.images.device
         rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * pictures.unit}

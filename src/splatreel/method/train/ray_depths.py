@@ -14,7 +14,7 @@ import numpy as np
 
 from splatreel.method.init.planesweep import NOISE
 from splatreel.method.init.triangulate import nearest_poses
-from splatreel.method.train.pictures import Pictures
+from splatreel.method.train.training_images import TrainingImages
 
 NEIGHBORS = 4
 """Views that a patch is compared with. The best two count, since others may be occluded."""
@@ -75,7 +75,7 @@ class _Relation:
 class RayDepths:
     """Search for depths in the training images of one frame."""
 
-    def __init__(self, pictures: Pictures) -> None:
+    def __init__(self, pictures: TrainingImages) -> None:
         """Prepare the images.
 
         Args:

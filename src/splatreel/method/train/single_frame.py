@@ -14,8 +14,8 @@ from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.init.initial_points import InitialPoints, initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure
 from splatreel.method.train.keyframe import KeyframeTrainer, starting_points
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.render import View
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.volumes import Volume
@@ -155,7 +155,7 @@ def train_frame(
         for camera, gain in zip(cameras, trainer.gains.values, strict=True)
     ]
     mask = None if unknown is None else torch.from_numpy(unknown).to(device)
-    pictures = Pictures(torch.from_numpy(images).to(device)[None], views, layout.near, layout.unit, mask)
+    pictures = TrainingImages(torch.from_numpy(images).to(device)[None], views, layout.near, layout.unit, mask)
     begin = 0
     for end, shown in pictures.sizes(iterations, coarse_share, config.training_megapixels):
         if end > begin:

@@ -19,10 +19,10 @@ from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.group import GroupResult, GroupTrainer
 from splatreel.method.train.keyframe import KeyframeResult, KeyframeTrainer
 from splatreel.method.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.points import TrainablePoints, default_rates
 from splatreel.method.train.render import View
 from splatreel.method.train.single_frame import first_keyframe_trainer, train_frame
+from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
 
@@ -118,7 +118,7 @@ def group_trainer(
     time_offsets = TimeOffsets(len(data.cameras), config.group.time_offsets)
     time_offsets.load(data.time_offsets)
     return GroupTrainer(
-        Pictures(images, views, data.near, data.unit, array=None if images.is_cuda else data.images),
+        TrainingImages(images, views, data.near, data.unit, array=None if images.is_cuda else data.images),
         start,
         static,
         config,

@@ -9,8 +9,8 @@ from torch import Tensor
 from splatreel.method.cameras.time_offsets import TimeOffsets
 from splatreel.method.train.losses import psnr
 from splatreel.method.train.moving import MovingPoints
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.render import StaticCache, draw
+from splatreel.method.train.training_images import TrainingImages
 
 SAMPLES = 12
 """Training images over which the PSNR of a group is averaged."""
@@ -20,7 +20,7 @@ SAMPLES = 12
 def training_psnr(
     points: MovingPoints,
     static: StaticCache,
-    pictures: Pictures,
+    pictures: TrainingImages,
     gains: Tensor,
     time_offsets: TimeOffsets,
     available: np.ndarray,

@@ -15,7 +15,7 @@ from splatreel.method.train.render import View
 
 
 @dataclass(frozen=True)
-class Pictures:
+class TrainingImages:
     """Training images at one resolution.
 
     Attributes:
@@ -56,7 +56,7 @@ class Pictures:
         as_shown = (shown.clamp(0, 1) * 255).round().to(torch.uint8)
         return torch.where(self.unknown[camera][..., None], as_shown, image)
 
-    def sizes(self, iterations: int, coarse_share: float, afforded: float) -> list[tuple[int, Pictures]]:
+    def sizes(self, iterations: int, coarse_share: float, afforded: float) -> list[tuple[int, TrainingImages]]:
         """Return the resolutions that training uses, smallest first, each with the iteration at which its use ends.
 
         Args:
@@ -77,7 +77,7 @@ class Pictures:
         if self.array is not None:
             release_pages(self.array)
 
-    def halved(self) -> Pictures:
+    def halved(self) -> TrainingImages:
         """Return the images at half size. Frames are converted one at a time, since a group's images as floats take much memory."""
         count, cameras, height, width, channels = self.images.shape
         shape = (count, cameras, height // 2, width // 2, channels)

@@ -17,7 +17,7 @@ CHUNK = 2.5e8
 """Bytes of one buffer of images at most. Buffers are allocated when they are needed."""
 
 
-class PicturePool:
+class ImagePool:
     """Images of one size, in buffers with room for many. The one that was not used for the longest time is replaced."""
 
     def __init__(self, gpu: Gpu, width: int, height: int, count: int, bound: float = BOUND) -> None:

@@ -3,16 +3,16 @@
 import pytest
 import torch
 
-from splatreel.method.train.pictures import Pictures
 from splatreel.method.train.render import View
+from splatreel.method.train.training_images import TrainingImages
 from tests.method.scenes import ring
 
 CPU = torch.device("cpu")
 
 
-def pictures(width: int, height: int) -> Pictures:
+def pictures(width: int, height: int) -> TrainingImages:
     images = torch.full((1, 1, height, width, 3), 100, dtype=torch.uint8)
-    return Pictures(images, [View.of(ring(1, width=width, height=height)[0], CPU)], 0.1, 4.0)
+    return TrainingImages(images, [View.of(ring(1, width=width, height=height)[0], CPU)], 0.1, 4.0)
 
 
 def sizes(width: int, height: int, coarse: float, afforded: float) -> list[tuple[int, int]]:

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from splatreel.base.errors import GpuError
-from splatreel.gpu.picture_pool import PicturePool
+from splatreel.gpu.image_pool import ImagePool
 from tests.gpu.software import software_gpu
 
 WIDTH, HEIGHT = 8, 4
@@ -14,7 +14,7 @@ def image(number: int) -> np.ndarray:
     return np.full((HEIGHT, WIDTH, 4), number, np.uint8)
 
 
-def content(pool: PicturePool, frame: int, loaded: list[int]) -> int:
+def content(pool: ImagePool, frame: int, loaded: list[int]) -> int:
     """Return the value that fills an image on the device. loaded: gets the frames that were copied there."""
 
     def load() -> np.ndarray:
@@ -28,7 +28,7 @@ def content(pool: PicturePool, frame: int, loaded: list[int]) -> int:
 
 
 def test_the_image_that_was_not_used_for_the_longest_time_is_replaced() -> None:
-    pool, loaded = PicturePool(software_gpu(), WIDTH, HEIGHT, 5, bound=3 * 4 * WIDTH * HEIGHT), list[int]()
+    pool, loaded = ImagePool(software_gpu(), WIDTH, HEIGHT, 5, bound=3 * 4 * WIDTH * HEIGHT), list[int]()
     pool._in_buffer = 1  # each image in a buffer of its own
     for frame in (0, 1, 2, 0, 3, 0, 1):
         assert content(pool, frame, loaded) == frame
@@ -37,7 +37,7 @@ def test_the_image_that_was_not_used_for_the_longest_time_is_replaced() -> None:
 
 def test_where_memory_is_short_fewer_images_stay(monkeypatch: pytest.MonkeyPatch) -> None:
     gpu, loaded = software_gpu(), list[int]()
-    pool = PicturePool(gpu, WIDTH, HEIGHT, 5)
+    pool = ImagePool(gpu, WIDTH, HEIGHT, 5)
     pool._in_buffer = 1
     assert content(pool, 0, loaded) == 0
 
@@ -48,4 +48,4 @@ def test_where_memory_is_short_fewer_images_stay(monkeypatch: pytest.MonkeyPatch
     assert [content(pool, frame, loaded) for frame in (1, 0)] == [1, 0]
     assert loaded == [0, 1, 0]
     with pytest.raises(GpuError, match="no room"):
-        PicturePool(gpu, WIDTH, HEIGHT, 5).get(0, 0, lambda: image(0))
+        ImagePool(gpu, WIDTH, HEIGHT, 5).get(0, 0, lambda: image(0))
