@@ -57,7 +57,7 @@ def reconstruct(
         ReconstructionError: OUT belongs to another capture or configuration, OUT is in use, or a checkpoint is damaged.
         UsageError: The device or the preset does not exist.
         MissingDependencyError: PyTorch, or a package or weights that the settings need, are missing.
-        ReelError: The disk is full or cannot be written.
+        StorageError: The disk is full or cannot be written.
         CaptureError: The capture cannot be read.
     """
     with needing_packages():

@@ -47,7 +47,8 @@ class ReelWriter:
         page: Groups per page of the manifest. The manifest itself lists up to twice as many.
 
     Raises:
-        ReelError: Files cannot be read or written, or no reader would accept the header. Nothing is encoded then.
+        ReelError: Files cannot be read, or no reader would accept the header. Nothing is encoded then.
+        StorageError: Files cannot be written.
     """
 
     def __init__(

@@ -35,7 +35,8 @@ def write_clip(clip: Clip, out: Path, progress: Callable[[int], None] = lambda d
 
     Raises:
         UsageError: `out` exists and is not the same reel, or no point is left.
-        ReelError: A file of the reel is damaged, or the disk refuses.
+        ReelError: A file of the reel is damaged.
+        StorageError: The disk is full or cannot be written.
     """
     refusal = UsageError(f"--out {out}: exists already. Choose another folder, or delete it.")
     if is_taken(out) and not _is_alike(out, clip):

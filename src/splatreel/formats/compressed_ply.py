@@ -34,7 +34,7 @@ def write_compressed_ply(path: str | Path, gaussians: Gaussians, antialias: bool
         antialias: Value of the mark of antialiasing, as for `render_image`.
 
     Raises:
-        GaussiansError: The file cannot be written.
+        StorageError: The file cannot be written.
     """
     points = gaussians[neighbor_order(gaussians.means)]
     scales = np.clip(np.log(np.maximum(points.scales, 1e-30)), _LOWEST, _HIGHEST)

@@ -131,7 +131,8 @@ def write_fourdgs(path: Path, film: Film, fps: float) -> None:
         fps: Frames per second.
 
     Raises:
-        GaussiansError: The package fourdgs is missing, or the file cannot be written.
+        GaussiansError: The package fourdgs is missing.
+        StorageError: The file cannot be written.
     """
     try:
         import fourdgs  # pyright: ignore[reportMissingImports] - optional

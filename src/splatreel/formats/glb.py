@@ -36,7 +36,7 @@ def write_glb(path: str | Path, gaussians: Gaussians, shift: np.ndarray | None =
         shift: Translation of the scene, [3] float64; None is 0, 0, 0.
 
     Raises:
-        GaussiansError: The file cannot be written.
+        StorageError: The file cannot be written.
     """
     arrays = _attributes(gaussians)
     views, accessors, offset = [], [], 0

@@ -55,7 +55,7 @@ def write_ply(
         antialias: Value of the mark of antialiasing, as for `render_image`.
 
     Raises:
-        GaussiansError: The file cannot be written.
+        StorageError: The file cannot be written.
     """
     path = Path(path)
     opacities = np.clip(gaussians.opacities.astype(np.float64), 1e-6, 1 - 1e-6)

@@ -54,7 +54,7 @@ def write_sog(path: str | Path, gaussians: Gaussians, antialias: bool = False) -
         antialias: Value of the antialiasing flag, as for `render_image`.
 
     Raises:
-        GaussiansError: The file cannot be written.
+        StorageError: The file cannot be written.
     """
     points = gaussians[neighbor_order(gaussians.means)]
     files: Files = {}

@@ -33,7 +33,7 @@ def write_splat(path: str | Path, gaussians: Gaussians) -> None:
         gaussians: Gaussians to write.
 
     Raises:
-        GaussiansError: The file cannot be written.
+        StorageError: The file cannot be written.
     """
     points = gaussians[np.argsort(-gaussians.opacities * gaussians.scales.prod(1), kind="stable")]
     table = np.empty(len(points), _POINT)

@@ -56,7 +56,8 @@ def write_spz(path: str | Path, gaussians: Gaussians, antialias: bool = False, v
         version: Version of the format.
 
     Raises:
-        GaussiansError: The file cannot be written, a point is too far away, or a package is missing.
+        GaussiansError: A point is too far away, or a package is missing.
+        StorageError: The file cannot be written.
     """
     path = Path(path)
     points = len(gaussians)

@@ -27,7 +27,7 @@ def save_arrays(path: Path, arrays: dict[str, np.ndarray]) -> None:
     """Write arrays to a safetensors file.
 
     Raises:
-        ReelError: The disk is full or cannot be written.
+        StorageError: The disk is full or cannot be written.
     """
     write_bytes(path, save({name: np.ascontiguousarray(value) for name, value in arrays.items()}))
 
@@ -70,7 +70,7 @@ def save_json(path: Path, value: Any) -> None:
     """Write a JSON file.
 
     Raises:
-        ReelError: The disk is full or cannot be written.
+        StorageError: The disk is full or cannot be written.
     """
     write_bytes(path, (json.dumps(value, indent=1, sort_keys=True) + "\n").encode())
 

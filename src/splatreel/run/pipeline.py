@@ -73,7 +73,7 @@ def reconstruct(
         ReconstructionError: OUT belongs to another capture or configuration, OUT is in use, or a checkpoint is damaged.
         UsageError: The device does not exist.
         MissingDependencyError: A package that the settings need, or its weights, are missing.
-        ReelError: The disk is full or cannot be written.
+        StorageError: The disk is full or cannot be written.
         CaptureError: Frames or sound cannot be read.
     """
     run = plan_run(capture, out, config, sound=sound, device=device)

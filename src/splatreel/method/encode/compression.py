@@ -90,7 +90,7 @@ class CompressedGroup:
 
 
 def compress_layer(
-    data: GroupInput, points: Gaussians, moving: Gaussians, resting: Gaussians, coding: Coding
+    data: GroupInput, points: Gaussians, moving: Gaussians, static: Gaussians, coding: Coding
 ) -> CompressedLayer:
     """Encode new static points as a layer, and decode them again.
 
@@ -98,11 +98,11 @@ def compress_layer(
         data: Training views of the group.
         points: N new static points.
         moving: Dynamic and relit points at the keyframe.
-        resting: Static points of older layers.
+        static: Static points of older layers.
         coding: Encoder of the reel.
     """
     count = len(points)
-    seen = Gaussians.concatenate([points, moving, resting])
+    seen = Gaussians.concatenate([points, moving, static])
     importance = weigh([seen], data.cameras, data.near, data.device, data.antialias)[:count]
     others, moved = seen[count:], len(moving)
     encoded, steps = encode_layer_by_slope(coding.encoder, data, points, others, moved, importance, coding.trial)
