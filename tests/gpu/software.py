@@ -5,8 +5,7 @@ from functools import cache
 import pytest
 
 from splatreel.gpu.adapters import Adapter, adapters, choose_adapter
-from splatreel.gpu.device import Gpu
-from splatreel.gpu.shared import SharedGpu
+from splatreel.gpu.device import Gpu, SharedGpu
 
 
 @cache

@@ -1,4 +1,4 @@
-"""A GPU through wgpu: buffers, kernels and dispatches."""
+"""A GPU through wgpu: buffers, kernels and dispatches; and the one GPU that all trainings of a process share."""
 
 from __future__ import annotations
 
@@ -197,6 +197,35 @@ class Gpu:
     def record(self) -> Recording:
         """Start a list of dispatches."""
         return Recording(self)
+
+
+class SharedGpu:
+    """An adapter that is opened when it is first used. After a failure, the process does not use it again.
+
+    Attributes:
+        adapter: The adapter.
+        failure: What failed; None if nothing did.
+    """
+
+    def __init__(self, adapter: Adapter) -> None:
+        """Choose an adapter, without opening it."""
+        self.adapter = adapter
+        self.failure: str | None = None
+        self._gpu: Gpu | None = None
+
+    def open(self) -> Gpu | None:
+        """Return the opened device; None after a failure.
+
+        Raises:
+            GpuError: The driver refuses.
+        """
+        if self._gpu is None and self.failure is None:
+            self._gpu = Gpu(self.adapter)
+        return self._gpu
+
+    def fail(self, error: GpuError) -> None:
+        """Stop using the GPU."""
+        self.failure, self._gpu = str(error), None
 
 
 class Recording:

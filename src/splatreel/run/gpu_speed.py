@@ -11,7 +11,7 @@ import torch
 from splatreel.base.errors import GpuError
 from splatreel.base.progress import Silent
 from splatreel.config import KeyframeConfig
-from splatreel.gpu.shared import SharedGpu
+from splatreel.gpu.device import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.train.keyframe import KeyframeTrainer
 from splatreel.method.train.points import TrainablePoints, default_rates

@@ -12,7 +12,7 @@ from torch import Tensor
 from splatreel.base.errors import GaussiansError, GpuError
 from splatreel.base.progress import Progress
 from splatreel.config import Config
-from splatreel.gpu.shared import SharedGpu
+from splatreel.gpu.device import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.cameras.time_offsets import LearnedOffsets, TimeOffsets, slope
 from splatreel.method.deform.adam import Restore, merge_snapshots
