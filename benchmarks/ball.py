@@ -19,7 +19,7 @@ from splatreel.play.timeline import open_reel
 RED = 0.15
 """How much more red than green and blue, 0..1."""
 SMALLEST = 2e-4
-"""Share of the picture below which what is seen of the ball is a sliver."""
+"""Share of the image below which what is seen of the ball is a sliver."""
 THERE = 0.5
 """The share of its pixels from which on the ball is there; here intersection over union of the red ones."""
 
@@ -28,7 +28,7 @@ def red(image: np.ndarray) -> np.ndarray:
     """Return the red pixels of an image as [H, W] bool, without specks.
 
     Args:
-        picture: [H, W, 3], 0..1.
+        image: [H, W, 3], 0..1.
     """
     mask = image[..., 0] - np.maximum(image[..., 1], image[..., 2]) > RED
     return cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, np.ones((2, 2), np.uint8)) > 0

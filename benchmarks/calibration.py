@@ -49,8 +49,8 @@ def write_videos(capture: Capture, cameras: list[Camera], frames: list[int], fol
             stream = container.add_stream("ffv1", rate=30)
             stream.width, stream.height, stream.pix_fmt = camera.width, camera.height, "bgr0"
             for frame in frames:
-                picture = np.ascontiguousarray(capture.read(frame, 1, [camera.name])[0, 0])
-                container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="rgb24")))
+                image = np.ascontiguousarray(capture.read(frame, 1, [camera.name])[0, 0])
+                container.mux(stream.encode(av.VideoFrame.from_ndarray(image, format="rgb24")))
             container.mux(stream.encode(None))
 
 

@@ -30,7 +30,7 @@ WHITE = (0.85, 0.85, 0.86)
 def main(
     quality: Quality = "standard", frames: int = 45, seed: int = 0, out: Path | None = None, note: str = ""
 ) -> None:
-    """Film, reconstruct, evaluate, record. Pictures are 288x384."""
+    """Film, reconstruct, evaluate, record. Images are 288x384."""
     film().run("cove", quality, frames, seed, out, note)
 
 

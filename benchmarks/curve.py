@@ -51,7 +51,7 @@ def reconstruct_until(
     run = plan_run(capture, out, config, device=device)
     on_gpu = run.device.type == "cuda"
     if on_gpu:
-        gc.collect()  # trainers are in circles, and have pictures on the GPU
+        gc.collect()  # trainers are in circles, and have images on the GPU
         torch.cuda.empty_cache()
         torch.cuda.reset_peak_memory_stats()
     curve = Curve(run, limit, shown)
@@ -135,9 +135,9 @@ class Curve:
         a_frame = None if left is None else round((taken + left) / frames, 4)
         return {"seconds": round(taken, 2), "seconds_a_frame" if finished else "seconds_a_frame_expected": a_frame}
 
-    def look_at_keyframe(self, trainer: KeyframeTrainer, pictures: TrainingImages) -> float:
+    def look_at_keyframe(self, trainer: KeyframeTrainer, images: TrainingImages) -> float:
         """Return the PSNR of the held-out camera at the group's first frame, dB."""
-        view, near = self._view(pictures), pictures.near
+        view, near = self._view(images), images.near
         seen = deformed(trainer.points.params, None, None, view, near)
         if trainer.static is not None and len(trainer.static):
             seen = Splats.join(seen, resting(to_params(trainer.static, self.run.device), view, near))
@@ -145,7 +145,7 @@ class Curve:
 
     def look_at_group(self, trainer: GroupTrainer) -> float:
         """Return the mean PSNR of the held-out camera over the first, middle and last own frame of the group, dB."""
-        view, near, span = self._view(trainer.pictures), trainer.pictures.near, self.run.groups[self.group]
+        view, near, span = self._view(trainer.images), trainer.images.near, self.run.groups[self.group]
         alive = torch.nonzero(trainer.static.alive)[:, 0]
         still = resting({name: value[alive] for name, value in trainer.static.params.items()}, view, near)
         values = []
@@ -154,9 +154,9 @@ class Curve:
             values.append(psnr(draw(seen, view).image, self._truth(span.first + frame)))
         return float(np.mean(values))
 
-    def _view(self, pictures: TrainingImages) -> View:
+    def _view(self, images: TrainingImages) -> View:
         """Return the held-out camera as a view at full size."""
-        return View.of(self.camera, self.run.device, pictures.views[0].antialias, self.run.store.layout())
+        return View.of(self.camera, self.run.device, images.views[0].antialias, self.run.store.layout())
 
     def _truth(self, frame: int) -> Tensor:
         if frame not in self._truths:
@@ -188,10 +188,10 @@ def watched(curve: Curve) -> Iterator[None]:
     keyframe, group = KeyframeTrainer.train, GroupTrainer.train
 
     def train_keyframe(
-        self: KeyframeTrainer, pictures: TrainingImages, iterations: int, total: int, progress: Progress
+        self: KeyframeTrainer, images: TrainingImages, iterations: int, total: int, progress: Progress
     ) -> None:
-        curve.look = torch.no_grad()(lambda: curve.look_at_keyframe(self, pictures))
-        keyframe(self, pictures, iterations, total, progress)
+        curve.look = torch.no_grad()(lambda: curve.look_at_keyframe(self, images))
+        keyframe(self, images, iterations, total, progress)
         curve.look = None
 
     def train_group(self: GroupTrainer, progress: Progress) -> GroupResult:

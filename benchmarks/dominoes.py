@@ -32,7 +32,7 @@ NOISE, GAIN = 3.0, 0.04
 def main(
     quality: Quality = "standard", frames: int = 45, seed: int = 0, out: Path | None = None, note: str = ""
 ) -> None:
-    """Film, reconstruct, evaluate, record. Pictures are 320x180."""
+    """Film, reconstruct, evaluate, record. Images are 320x180."""
     filmed = film()
     reel = filmed.run("dominoes", quality, frames, seed, out, note)
     record("dominoes, the ball", {"cameras": filmed.shows(reel, frames, partial(moving, ball=False))}, note)

@@ -25,7 +25,7 @@ from splatreel.scene.camera import Camera
 
 FPS = 30
 VISIBLE, SMALLEST = 20, 1e-3
-"""Gray levels by which a pixel shows a thing, or its shadow; the least share of the picture that is looked at."""
+"""Gray levels by which a pixel shows a thing, or its shadow; the least share of the image that is looked at."""
 SKIN = (0.9, 0.7, 0.58)
 
 
@@ -69,12 +69,12 @@ class Film:
         seen = trace_static(camera, self.still, self.light)
         with VideoWriter(folder / f"{camera.name}.mp4", camera, FPS) as video:
             for t in range(frames):
-                clean = self.picture(camera, seen, max(t + late, 0) / FPS)
+                clean = self.image(camera, seen, max(t + late, 0) / FPS)
                 exposure = 1.0 if fixed else np.exp(self.drift * np.sin(phase + speed * t / FPS))
                 noisy = clean * gain * exposure + rng.normal(0, self.noise, clean.shape)
                 video.add(noisy.clip(0, 255).astype(np.uint8))
 
-    def picture(self, camera: Camera, seen: StaticView, seconds: float) -> np.ndarray:
+    def image(self, camera: Camera, seen: StaticView, seconds: float) -> np.ndarray:
         """Return a noise-free image in gray levels, [H, W, 3].
 
         Args:

@@ -2,7 +2,7 @@
 
 python benchmarks/follow.py --seconds 180
 
-Needs Chromium and the playwright package. It says how long after it was filmed each group is shown, and for how long the picture in
+Needs Chromium and the playwright package. It says how long after it was filmed each group is shown, and for how long the image in
 the browser stood still.
 """
 
@@ -44,7 +44,7 @@ class Show:
         chosen = np.linspace(0, len(capture.cameras) - 1, cameras).round().astype(int)
         np.save(folder / poses.name, np.load(poses)[chosen])
         names = [capture.cameras[number].name for number in chosen]
-        self._pictures = capture.read(0, capture.frames, names)
+        self._images = capture.read(0, capture.frames, names)
         self._files = [av.open(str(folder / f"{name}.ts"), "w", options={"flush_packets": "1"}) for name in names]
         self._streams = [file.add_stream("libx264", rate=fps) for file in self._files]
         for stream in self._streams:
@@ -59,14 +59,14 @@ class Show:
         Args:
             late: Receives the largest delay of a frame, in seconds.
         """
-        begun, count = time.monotonic(), len(self._pictures)
+        begun, count = time.monotonic(), len(self._images)
         there_and_back = [*range(count), *range(count - 2, 0, -1)]
         for number, source in enumerate(itertools.islice(itertools.cycle(there_and_back), round(seconds * self.fps))):
             wait = begun + number / self.fps - time.monotonic()
             time.sleep(max(wait, 0))
             self.late = max(self.late, -wait)
-            for file, stream, picture in zip(self._files, self._streams, self._pictures[source], strict=True):
-                file.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(picture), format="rgb24")))
+            for file, stream, image in zip(self._files, self._streams, self._images[source], strict=True):
+                file.mux(stream.encode(av.VideoFrame.from_ndarray(np.ascontiguousarray(image), format="rgb24")))
         for file, stream in zip(self._files, self._streams, strict=True):
             file.mux(stream.encode(None))
             file.close()
@@ -85,7 +85,7 @@ def wait_for(reel: Path, over: threading.Event) -> None:
 
 
 def watch(url: str) -> dict:
-    """Play a live reel to its end, and return how long the picture stood still."""
+    """Play a live reel to its end, and return how long the image stood still."""
     with sync_playwright() as driver:
         path = next(
             found for name in ("chromium", "chromium-browser", "google-chrome") if (found := shutil.which(name))

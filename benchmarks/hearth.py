@@ -53,7 +53,7 @@ class Fog:
 class FogFilm(Film):
     """A film with flames and steam."""
 
-    def picture(self, camera: Camera, seen: StaticView, seconds: float) -> np.ndarray:
+    def image(self, camera: Camera, seen: StaticView, seconds: float) -> np.ndarray:
         center, rays = _rays(camera)
         behind = seen.samples[..., DEPTH].mean(2)
         light, depth = np.zeros((*behind.shape, 3)), np.zeros(behind.shape)
@@ -68,7 +68,7 @@ class FogFilm(Film):
             )
             light += way[..., None] * fog.light
             depth += way * fog.depth
-        solid = super().picture(camera, seen, seconds) / 255
+        solid = super().image(camera, seen, seconds) / 255
         linear = np.where(solid <= 0.04045, solid / 12.92, ((solid + 0.055) / 1.055) ** 2.4)
         clear = np.exp(-depth)[..., None]
         linear = (linear * clear + WHITE * (1 - clear) + light).clip(0, 1)
@@ -78,7 +78,7 @@ class FogFilm(Film):
 def main(
     quality: Quality = "standard", frames: int = 45, seed: int = 0, out: Path | None = None, note: str = ""
 ) -> None:
-    """Film, reconstruct, evaluate, record. Pictures are 336x252."""
+    """Film, reconstruct, evaluate, record. Images are 336x252."""
     film().run("hearth", quality, frames, seed, out, note)
 
 

@@ -36,7 +36,7 @@ BATTER = np.array([0.9, 0.0, -0.7])
 def main(
     quality: Quality = "standard", frames: int = 60, seed: int = 0, out: Path | None = None, note: str = ""
 ) -> None:
-    """Film, reconstruct, evaluate, record. Pictures are 320x180."""
+    """Film, reconstruct, evaluate, record. Images are 320x180."""
     filmed = film()
     reel = filmed.run("juggle", quality, frames, seed, out, note)
     for thing in ("balls", "bat"):

@@ -41,7 +41,7 @@ def main(
 ) -> None:
     """Film, reconstruct, evaluate, record. Only the default width with 45 frames is shown in results.md.
 
-    width: of pictures, pixels. rich: all surfaces have grain, and pictures more noise.
+    width: of images, pixels. rich: all surfaces have grain, and images more noise.
     """
     other = [str(width)] * (width != 336) + ["rich"] * rich + [f"{frames}-frames"] * (frames != 45)
     film(width, rich).run("-".join(["kitchen", *other]), quality, frames, seed, out, note)

@@ -37,12 +37,12 @@ def main(
 
     Args:
         capture: The capture.
-        masks: Folder with a folder of pictures for each camera.
+        masks: Folder with a folder of images for each camera.
         cameras: Names of the cameras to read, as NAME,NAME; by default all with masks.
         frames: First frame and end.
         every: Distance of the frames to compare.
         width: Width of the images in pixels.
-        overlays: Picture to write: red where only the new mask is white, blue where only the given one is.
+        overlays: Image to write: red where only the new mask is white, blue where only the given one is.
         note: Note of the record.
     """
     with_masks = {path.name for path in masks.iterdir() if path.is_dir()}

@@ -15,7 +15,7 @@ from typing import Annotated
 import tyro
 
 from paper_tables.paper_bench import PaperBench
-from paper_tables.paper_pictures import PICTURES
+from paper_tables.paper_images import IMAGES
 from paper_tables.paper_run import TITLES, variants_of, write_table
 from record import record
 from splatreel.base.display import console
@@ -68,7 +68,7 @@ def main(
         raise UsageError("benchmarks/paper.py needs captures with different folder names, and --every 1 or more.")
     if minutes is not None and not 0 < minutes < math.inf:
         raise UsageError(f"--minutes {minutes:g} is out of range. Choose more than 0.")
-    variants = {number: variants_of(number) for number in table or [name for name in TITLES if name not in PICTURES]}
+    variants = {number: variants_of(number) for number in table or [name for name in TITLES if name not in IMAGES]}
     sources = {}
     for name, path in zip(names, captures, strict=True):
         with closing(open_capture(path)) as source:
@@ -86,7 +86,7 @@ def main(
             text = write_table(bench, number, every)
             shapes = {name: f"{s.frames} at {s.width}x{s.height}" for name, s in sources.items()}
             values = {"captures": shapes, "quality": quality, "settings": list(set), "markdown": text}
-            if number not in PICTURES:
+            if number not in IMAGES:
                 record(f"paper {number}", {**values, "runs": [json.loads(line) for line in bench.record()]}, note)
             print(text)
     finally:

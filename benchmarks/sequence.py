@@ -54,9 +54,9 @@ SIDE, NEAR = 768, 0.2
 class Judge:
     """Images of some frames of the film, seen by its cameras in turn."""
 
-    def __init__(self, film: Frames, cameras: list[Camera], pictures: int, antialias: bool) -> None:
+    def __init__(self, film: Frames, cameras: list[Camera], images: int, antialias: bool) -> None:
         self.antialias = antialias
-        self.frames = np.unique(np.linspace(0, len(film) - 1, pictures).round().astype(int)).tolist()
+        self.frames = np.unique(np.linspace(0, len(film) - 1, images).round().astype(int)).tolist()
         views = [cameras[i * len(cameras) // len(self.frames)].at_most(SIDE) for i in range(len(self.frames))]
         self._pairs = [
             (frame, view, self._draw(film.read(frame), view)) for frame, view in zip(self.frames, views, strict=True)
@@ -162,7 +162,7 @@ def main() -> None:
     parser.add_argument("film", type=Path)
     parser.add_argument("--cameras", type=Path)
     parser.add_argument("--out", type=Path, required=True)
-    parser.add_argument("--pictures", type=int, default=6)
+    parser.add_argument("--images", type=int, default=6)
     parser.add_argument("--antialiased", action="store_true")
     parser.add_argument("--train", type=int, help="width that a film is trained at; FILM is then a capture")
     parser.add_argument("--frames", help="frames of the capture, A:B")
@@ -174,7 +174,7 @@ def main() -> None:
     if given.train is not None:
         train_film(given)
     film = open_frames(given.film)
-    judge = Judge(film, read_cameras(given.cameras), given.pictures, given.antialiased)
+    judge = Judge(film, read_cameras(given.cameras), given.images, given.antialiased)
     measures: list[tuple[str, Callable[..., tuple[float, float]], Any]]
     steps = {f"reel, {rate}": step for rate, step in COARSENESS.items()} | {f"reel, {step}": step for step in COARSER}
     measures = [(name, measure_reel, step) for name, step in steps.items()]

@@ -41,7 +41,7 @@ FACTORS = 0.7, 1.0, 1.5, 2.2, 3.3
 
 
 class FirstGroup:
-    """The first group of a run and its layer, before encoding, with the pictures of the held-out cameras at some frames."""
+    """The first group of a run and its layer, before encoding, with the images of the held-out cameras at some frames."""
 
     def __init__(self, run: Path, capture: Capture, cameras: list[str], moments: int) -> None:
         reader = ReelReader(run / "reel")
@@ -87,14 +87,14 @@ class FirstGroup:
         return {"factor": factor, **sizes, **self.score(points, group_file.decode_group(moving, "group"))}
 
     def score(self, points: Gaussians, group: Group) -> dict:
-        """Return the mean PSNR and SSIM over all held-out pictures."""
-        pairs = list(self._pictures(points, group))
+        """Return the mean PSNR and SSIM over all held-out images."""
+        pairs = list(self._images(points, group))
         return {
             name: round(float(np.mean([measure(*pair) for pair in pairs])), 4)
             for name, measure in (("psnr", psnr), ("ssim", ssim))
         }
 
-    def _pictures(self, points: Gaussians, group: Group) -> Iterator[tuple[np.ndarray, np.ndarray]]:
+    def _images(self, points: Gaussians, group: Group) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         for frame, truths in zip(self.frames, self.truths, strict=True):
             parts = [(points[group.alive], True), (group.at(float(frame)), False)]
             moment = Moment.join(parts, group.light_at(float(frame)))

@@ -39,7 +39,7 @@ def main(
     out: Path | None = None,
     note: str = "",
 ) -> None:
-    """Film, reconstruct, evaluate, record. Pictures are 320x180.
+    """Film, reconstruct, evaluate, record. Images are 320x180.
 
     drift: how far exposures go, as the logarithm of a gain. late: frames by which phones are out of step at most.
     """

@@ -31,7 +31,7 @@ TROUSERS = ((0.2, 0.2, 0.3), (0.5, 0.45, 0.4))
 def main(
     quality: Quality = "standard", frames: int = 40, seed: int = 0, out: Path | None = None, note: str = ""
 ) -> None:
-    """Film, reconstruct, evaluate, record. Pictures are 400x225."""
+    """Film, reconstruct, evaluate, record. Images are 400x225."""
     filmed = film()
     reel = filmed.run("yard", quality, frames, seed, out, note)
     record("yard, the ball", {"cameras": filmed.shows(reel, frames, partial(moving, ball=False))}, note)

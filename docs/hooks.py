@@ -17,7 +17,7 @@ PLAYER, SAMPLE = PLAY / "static", PLAY / "sample"
 CELL = re.compile(r"<td.*?</td>", re.DOTALL)
 CODE = re.compile(r"<code>([^<]+)</code>")
 LINK = re.compile(r"\]\((?![a-z]+:|#)([^)#\s]+)((?:#[^)]*)?)\)")
-PICTURE = re.compile(r"^!\[([^\]]*)\]\(images/demo\.jpg\)$", re.MULTILINE)
+IMAGE = re.compile(r"^!\[([^\]]*)\]\(images/demo\.jpg\)$", re.MULTILINE)
 REEL = """<splat-reel src="sample/manifest.json" autoplay muted loop controls aria-label="The built-in scene"></splat-reel>
 <script type="module" src="player/player.js"></script>
 
@@ -33,7 +33,7 @@ def on_files(files: Any, *, config: Any) -> Any:
 
 
 def on_page_markdown(markdown: str, *, page: Any, config: Any, files: Any) -> str:
-    """Let links to files outside docs/ lead to the repository, and play the sample instead of the first page's picture."""
+    """Let links to files outside docs/ lead to the repository, and play the sample instead of the first page's image."""
     here = posixpath.dirname(posixpath.join("docs", page.file.src_uri))
     folder = "" if page.file.src_uri == GUIDE.lower() else here
 
@@ -47,7 +47,7 @@ def on_page_markdown(markdown: str, *, page: Any, config: Any, files: Any) -> st
 
     markdown = LINK.sub(replace, markdown)
     if page.file.src_uri == "index.md" and SAMPLE.is_dir():
-        markdown = PICTURE.sub(lambda _: REEL, markdown)
+        markdown = IMAGE.sub(lambda _: REEL, markdown)
     return markdown
 
 

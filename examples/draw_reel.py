@@ -1,6 +1,6 @@
 """Open a reel and draw one of its frames.
 
-python examples/draw_reel.py out/demo/reel --seconds 0.5 --out picture.png
+python examples/draw_reel.py out/demo/reel --seconds 0.5 --out image.png
 """
 
 from pathlib import Path
@@ -19,7 +19,7 @@ def main(reel: Positional[str], seconds: float = 0.5, out: Path = Path("picture.
     Args:
         reel: Folder or URL of the reel, or output folder of a run.
         seconds: Time of the frame.
-        out: Picture to write.
+        out: Image to write.
     """
     timeline = splatreel.open_reel(reel)
     gaussians = timeline.at(seconds)

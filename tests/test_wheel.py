@@ -23,7 +23,7 @@ reel = splatreel.open_reel(sys.argv[1])
 gaussians = reel.at(0.5 * reel.duration)
 image = reel.render(gaussians, reel.manifest.camera)
 assert image.shape == (reel.manifest.camera.height, reel.manifest.camera.width, 3), image.shape
-assert image.max() > 0.05, "the picture is black"
+assert image.max() > 0.05, "the image is black"
 assert "site-packages" in splatreel.__file__, splatreel.__file__
 print(len(gaussians), "Gaussians")
 """

@@ -56,10 +56,10 @@ class PerFrame(FrameByFrame):
         return keyframe
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Sequence[TrainingImages], iterations: int, first: int
+        self, start: SharedStart, before: Gaussians, images: Sequence[TrainingImages], iterations: int, first: int
     ) -> list[Gaussians]:
         """Train all attributes."""
-        return [train_freely(start, before, pictures[0], iterations, first)]
+        return [train_freely(start, before, images[0], iterations, first)]
 
     def write(self, start: SharedStart, frames: Frames, reel: Path) -> None:
         """Write each frame as a layer that lives for one frame."""
@@ -95,12 +95,12 @@ class Streaming(FrameByFrame):
         return keyframe
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Sequence[TrainingImages], iterations: int, first: int
+        self, start: SharedStart, before: Gaussians, images: Sequence[TrainingImages], iterations: int, first: int
     ) -> list[Gaussians]:
         """Move all points, then add some."""
         adding = int(ADDING * iterations)
-        moved, meter = move_points(start, before, pictures[0], iterations - adding, first)
-        added = add_points(start, moved, meter, pictures[0], adding, first)
+        moved, meter = move_points(start, before, images[0], iterations - adding, first)
+        added = add_points(start, moved, meter, images[0], adding, first)
         return [Gaussians.concatenate([moved, added])]
 
     def write(self, start: SharedStart, frames: Frames, reel: Path) -> None:
@@ -123,12 +123,12 @@ class AttributeVideo(FrameByFrame):
         return replace(keyframe, sh=keyframe.sh[:, :1])
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Sequence[TrainingImages], iterations: int, first: int
+        self, start: SharedStart, before: Gaussians, images: Sequence[TrainingImages], iterations: int, first: int
     ) -> list[Gaussians]:
         """Move all points, then train them in place."""
         moving = int(MOVING * iterations)
-        moved = move_points(start, before, pictures[0], moving, first)[0] if moving else before
-        return [train_in_place(start, moved, pictures[0], max(iterations - moving, 1), first)]
+        moved = move_points(start, before, images[0], moving, first)[0] if moving else before
+        return [train_in_place(start, moved, images[0], max(iterations - moving, 1), first)]
 
     def write(self, start: SharedStart, frames: Frames, reel: Path) -> None:
         """Write groups of all points without layers."""

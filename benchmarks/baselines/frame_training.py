@@ -38,7 +38,7 @@ class FixedRows(KeyframeDensity):
 
 
 def train_freely(
-    start: SharedStart, before: Gaussians, pictures: TrainingImages, iterations: int, frame: int
+    start: SharedStart, before: Gaussians, images: TrainingImages, iterations: int, frame: int
 ) -> Gaussians:
     """Train all attributes of the points of the frame before, with density control, as 3DGS does."""
     every = max(iterations // DENSIFICATIONS, 10)
@@ -47,11 +47,11 @@ def train_freely(
     points = TrainablePoints.from_gaussians(before, rates, start.device)
     gains, most = start.gains(), max(start.max_points, len(before))
     trainer = KeyframeTrainer(points, gains, config, max_points=most, losses=KEYFRAME, seed=start.config.seed + frame)
-    return _fit(trainer, start, pictures, iterations)
+    return _fit(trainer, start, images, iterations)
 
 
 def train_in_place(
-    start: SharedStart, before: Gaussians, pictures: TrainingImages, iterations: int, frame: int
+    start: SharedStart, before: Gaussians, images: TrainingImages, iterations: int, frame: int
 ) -> Gaussians:
     """Train positions, rotations, opacities and colors of the points. Sizes and the number of points stay."""
     config = start.config.keyframe
@@ -60,21 +60,21 @@ def train_in_place(
     seed = start.config.seed + frame
     trainer = KeyframeTrainer(points, start.gains(), config, max_points=len(before), losses=KEYFRAME[:1], seed=seed)
     trainer.density = FixedRows(points, config, len(before), seed)
-    return _fit(trainer, start, pictures, iterations)
+    return _fit(trainer, start, images, iterations)
 
 
 def move_points(
-    start: SharedStart, before: Gaussians, pictures: TrainingImages, iterations: int, frame: int
+    start: SharedStart, before: Gaussians, images: TrainingImages, iterations: int, frame: int
 ) -> tuple[Gaussians, GradientMeter]:
     """Train the motion of all points since the frame before; return the moved points and their screen-space gradients."""
     seed, gains = start.config.seed + frame, start.gains().values
-    points = TrainablePoints.from_gaussians(before, default_rates(pictures.unit), start.device)
+    points = TrainablePoints.from_gaussians(before, default_rates(images.unit), start.device)
     params = {name: tensor.detach() for name, tensor in points.params.items()}
     means = params["means"]
-    field = MotionField(means, np.array(start.layout.bounds), pictures.unit, iterations, seed)
+    field = MotionField(means, np.array(start.layout.bounds), images.unit, iterations, seed)
     rng, cameras, begin = np.random.default_rng(seed), list[int](), 0
     meter = GradientMeter(len(before), start.device)
-    for end, shown in pictures.sizes(iterations, 0.0, start.config.training_megapixels):
+    for end, shown in images.sizes(iterations, 0.0, start.config.training_megapixels):
         for iteration in range(begin, end):
             cameras = cameras or rng.permutation(len(shown.views)).tolist()
             camera = cameras.pop()
@@ -95,12 +95,12 @@ def move_points(
 
 
 def add_points(
-    start: SharedStart, moved: Gaussians, meter: GradientMeter, pictures: TrainingImages, iterations: int, frame: int
+    start: SharedStart, moved: Gaussians, meter: GradientMeter, images: TrainingImages, iterations: int, frame: int
 ) -> Gaussians:
     """Return points that a frame needs in addition, where moved points have large gradients. Few iterations add none."""
     room = min(start.max_points - len(moved), round(ADDED_SHARE * len(moved)))
     grow = select_growth(meter, GROWTH_GRADIENT, room)
-    if iterations < len(pictures.views) or not bool(grow.any()):
+    if iterations < len(images.views) or not bool(grow.any()):
         return moved[:0]
     config: KeyframeConfig = replace(start.config.keyframe, densify_every=iterations)
     seed = start.config.seed + frame
@@ -118,12 +118,12 @@ def add_points(
         losses=KEYFRAME_BEFORE_STATIC,
         seed=seed,
     )
-    return _fit(trainer, start, pictures, iterations)
+    return _fit(trainer, start, images, iterations)
 
 
-def _fit(trainer: KeyframeTrainer, start: SharedStart, pictures: TrainingImages, iterations: int) -> Gaussians:
+def _fit(trainer: KeyframeTrainer, start: SharedStart, images: TrainingImages, iterations: int) -> Gaussians:
     """Run a trainer at all image sizes and return its points."""
-    for end, shown in pictures.sizes(iterations, 0.0, start.config.training_megapixels):
+    for end, shown in images.sizes(iterations, 0.0, start.config.training_megapixels):
         if end > trainer.done:
             trainer.train(shown, end - trainer.done, iterations, Silent())
     return trainer.points.gaussians()

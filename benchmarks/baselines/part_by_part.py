@@ -34,14 +34,14 @@ class PartMethod(Protocol):
         ...
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Sequence[TrainingImages], iterations: int, first: int
+        self, start: SharedStart, before: Gaussians, images: Sequence[TrainingImages], iterations: int, first: int
     ) -> list[Gaussians]:
         """Return the points of each frame of a part.
 
         Args:
             start: Run that the baseline starts from.
             before: Points of the frame before; for the first frame those of `first`.
-            pictures: Training images of each frame.
+            images: Training images of each frame.
             iterations: Iterations of training.
             first: Number of the first frame.
         """
@@ -141,9 +141,9 @@ def _train_all(
     points = frames.load(parts[done - 1][-1] if done else 0)
     progress.stage("training frames", len(parts))
     for number, part in enumerate(parts[done:], done + 1):
-        pictures, iterations = [start.pictures(frame) for frame in part], budget.iterations()
+        images, iterations = [start.images(frame) for frame in part], budget.iterations()
         begun = clock()
-        trained = method.train(start, points, pictures, iterations, part[0])
+        trained = method.train(start, points, images, iterations, part[0])
         budget.spend(clock() - begun, iterations)
         for frame, points in zip(part, trained, strict=True):
             points.check_finite(f"Frame {frame}")

@@ -103,7 +103,7 @@ class SharedStart:
         gains.load(torch.from_numpy(self.rig.gains).to(self.device))
         return gains
 
-    def pictures(self, frame: int) -> TrainingImages:
+    def training_images(self, frame: int) -> TrainingImages:
         """Return the training images of one frame, without changes of exposure and light."""
         images = self.capture.read(frame, 1, self.rig.names)
         exposure, place = self._exposure(frame)

@@ -161,12 +161,12 @@ class TemporalSlices:
         return group_ranges(start)
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Sequence[TrainingImages], iterations: int, first: int
+        self, start: SharedStart, before: Gaussians, images: Sequence[TrainingImages], iterations: int, first: int
     ) -> list[Gaussians]:
         """Train the points of a group and return them at each frame."""
         alive = before[before.opacities >= CULL_OPACITY]
-        points = train_slices(start, alive, pictures, iterations, first)
-        return [points.at(moment) for moment in _moments(len(pictures))]
+        points = train_slices(start, alive, images, iterations, first)
+        return [points.at(moment) for moment in _moments(len(images))]
 
     def write(self, start: SharedStart, frames: Frames, reel: Path) -> None:
         """Write groups of all points without layers."""
@@ -174,14 +174,14 @@ class TemporalSlices:
 
 
 def train_slices(
-    start: SharedStart, before: Gaussians, pictures: Sequence[TrainingImages], iterations: int, first: int
+    start: SharedStart, before: Gaussians, images: Sequence[TrainingImages], iterations: int, first: int
 ) -> SpaceTimePoints:
     """Train points over a group of frames.
 
     Args:
         start: Run that the baseline starts from.
         before: Points of the frame before.
-        pictures: Training images of each frame.
+        images: Training images of each frame.
         iterations: Iterations of training.
         first: First frame, which the seed depends on.
     """
@@ -189,10 +189,10 @@ def train_slices(
     unit, gains = start.layout.unit, start.gains().values
     points = SpaceTimePoints(before, unit, default_rates(unit, config.keyframe.rate_scale), start.device)
     rng, generator = np.random.default_rng(seed), torch.Generator().manual_seed(seed)
-    moments, every = _moments(len(pictures)), max(int(GROWTH * iterations) // DENSIFICATIONS, 20)
+    moments, every = _moments(len(images)), max(int(GROWTH * iterations) // DENSIFICATIONS, 20)
     meter, begin, order = GradientMeter(len(points), start.device), 0, list[int]()
-    cameras = len(pictures[0].views)
-    for sized in zip(*[p.sizes(iterations, 0.0, config.training_megapixels) for p in pictures], strict=True):
+    cameras = len(images[0].views)
+    for sized in zip(*[p.sizes(iterations, 0.0, config.training_megapixels) for p in images], strict=True):
         end, shown = sized[0][0], [frame for _, frame in sized]
         for iteration in range(begin, end):
             order = order or rng.permutation(len(shown) * cameras).tolist()
@@ -209,13 +209,13 @@ def train_slices(
 
 
 def _learn(
-    points: SpaceTimePoints, pictures: TrainingImages, camera: int, moment: float, gain: Tensor, meter: GradientMeter
+    points: SpaceTimePoints, images: TrainingImages, camera: int, moment: float, gain: Tensor, meter: GradientMeter
 ) -> None:
     """Compare one image of one camera, and collect the gradients."""
-    view: View = pictures.views[camera]
+    view: View = images.views[camera]
     params, rows = points.slice(moment)
-    drawing = draw(splats(*activate(params), view, pictures.near), view)
-    drawing.loss(pictures.target(camera, drawing.image, gain), LAMBDA_DSSIM, gain).backward()
+    drawing = draw(splats(*activate(params), view, images.near), view)
+    drawing.loss(images.target(camera, drawing.image, gain), LAMBDA_DSSIM, gain).backward()
     grad = drawing.means2d.grad
     assert grad is not None
     meter.add(grad, view.width, view.height, rows)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from paper_tables.paper_bench import FULL, INDEPENDENT, PaperBench
 from paper_tables.paper_comparisons import COMPARISONS
-from paper_tables.paper_pictures import PICTURES, write_figure
+from paper_tables.paper_images import IMAGES, write_figure
 from paper_tables.paper_results import CODEC_TABLES, RESULTS, PaperResult, codec_table
 from paper_tables.paper_table import PaperTable
 from splatreel.base.errors import MissingDependencyError, UsageError
@@ -20,7 +20,7 @@ TITLES = {name: result.title for name, result in TABLES.items()} | {
     "8": "ablation on model size",
     "9": "ablation on Gaussian point quantization",
     "10": "ablation on deformation encoding",
-    **{name: picture.title for name, picture in PICTURES.items()},
+    **{name: image.title for name, image in IMAGES.items()},
 }
 """Tables and figures that can be measured, by the value of --table."""
 
@@ -34,8 +34,8 @@ def variants_of(table: str) -> tuple[str, ...]:
     if table not in TITLES:
         known = ", ".join(f"{name} ({TITLES[name]})" for name in sorted(TITLES, key=lambda name: (len(name), name)))
         raise UsageError(f"--table {table!r} is not one of: {known}.")
-    if table in PICTURES:
-        return tuple(PICTURES[table].variants)
+    if table in IMAGES:
+        return tuple(IMAGES[table].variants)
     if table in CODEC_TABLES:
         return (FULL, INDEPENDENT) if table == "8" else (FULL,)
     return tuple(TABLES[table].variants)
@@ -55,7 +55,7 @@ def write_table(bench: PaperBench, table: str, every: int) -> str:
         UsageError: The table cannot be measured.
     """
     variants_of(table)
-    if table in PICTURES:
+    if table in IMAGES:
         text = write_figure(bench, table)
     else:
         place = bench.out / (f"table-{table}" if table[0].isdigit() else table)

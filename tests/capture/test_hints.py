@@ -24,11 +24,11 @@ def test_videos_alone_need_calibration(tmp_path: Path, place: str) -> None:
         open_capture(tmp_path)
 
 
-def test_pictures_alone_need_calibration(tmp_path: Path) -> None:
+def test_images_alone_need_calibration(tmp_path: Path) -> None:
     for name in ("a", "b", "c"):
         (tmp_path / name).mkdir()
         Image.new("RGB", (4, 4)).save(tmp_path / name / "0.png")
-    with pytest.raises(CaptureError, match=r"pictures of 3 cameras \(a, b, c\) without poses .*capture calibrate"):
+    with pytest.raises(CaptureError, match=r"images of 3 cameras \(a, b, c\) without poses .*capture calibrate"):
         open_capture(tmp_path)
 
 
@@ -60,7 +60,7 @@ def test_images_of_all_cameras_in_one_folder(tmp_path: Path, name: str, camera: 
     for c in range(4):
         for t in range(1, 3):
             Image.new("RGB", (32, 24)).save(place / f"{name.format(c=c, t=t)}.png")
-    with pytest.raises(CaptureError, match=rf"pictures of 4 cameras in one folder.* such as {camera}/.*\.png"):
+    with pytest.raises(CaptureError, match=rf"images of 4 cameras in one folder.* such as {camera}/.*\.png"):
         open_capture(tmp_path)
 
 

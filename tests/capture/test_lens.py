@@ -24,7 +24,7 @@ def test_the_most_common_shape_decides(sizes: list[tuple[int, int]], expected: t
 
 
 def mixed(folder: Path, upright: int, count: int = 4) -> Path:
-    """Write a Neu3DV folder of pictures in which one camera is upright; colors encode the direction of each pixel."""
+    """Write a Neu3DV folder of images in which one camera is upright; colors encode the direction of each pixel."""
     folder.mkdir()
     views = []
     for c, view in enumerate(folders.cameras(count)):
@@ -32,9 +32,9 @@ def mixed(folder: Path, upright: int, count: int = 4) -> Path:
         K = np.array([[40.0, 0, width / 2], [0, 40.0, height / 2], [0, 0, 1]])
         views.append(Camera(view.name, view.viewmat, K, width, height))
         x, y = np.meshgrid(np.arange(width) + 0.5 - width / 2, np.arange(height) + 0.5 - height / 2)
-        picture = np.stack([128 + 5 * x, 128 + 5 * y, np.full(x.shape, 7)], 2).round().astype(np.uint8)
+        image = np.stack([128 + 5 * x, 128 + 5 * y, np.full(x.shape, 7)], 2).round().astype(np.uint8)
         (folder / view.name).mkdir()
-        Image.fromarray(picture).save(folder / view.name / "0000.png")
+        Image.fromarray(image).save(folder / view.name / "0000.png")
     np.save(folder / "poses_bounds.npy", folders.llff(views))
     return folder
 
@@ -49,10 +49,10 @@ def test_an_upright_camera_is_cropped_and_the_others_are_not(tmp_path: Path, upr
         f"images are cropped to the shape of most cameras' images (32x24): {name} by 44 %"
     ]
     for camera in capture.cameras:
-        picture = capture.read(0, 1, [camera.name])[0, 0].astype(float)
+        image = capture.read(0, 1, [camera.name])[0, 0].astype(float)
         x, y = np.meshgrid(np.arange(32) + 0.5 - camera.K[0, 2], np.arange(24) + 0.5 - camera.K[1, 2])
         expected = 128 + 5 * 40 * np.stack([x / camera.K[0, 0], y / camera.K[1, 1]], 2)
-        assert np.abs(picture[2:-2, 2:-2, :2] - expected[2:-2, 2:-2]).max() < 4, camera.name
+        assert np.abs(image[2:-2, 2:-2, :2] - expected[2:-2, 2:-2]).max() < 4, camera.name
 
 
 def test_an_upright_camera_that_is_left_out_crops_nothing(tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Masks of a capture in folders, videos and single pictures, and what is wrong with them."""
+"""Masks of a capture in folders, videos and single images, and what is wrong with them."""
 
 import shutil
 from collections.abc import Callable
@@ -19,7 +19,7 @@ FRAMES = 5
 
 
 def mask(number: int, width: int = WIDTH, height: int = HEIGHT) -> np.ndarray:
-    """A mask that encodes its frame: a bar, one sixteenth of the picture wide for each frame, half of it gray."""
+    """A mask that encodes its frame: a bar, one sixteenth of the image wide for each frame, half of it gray."""
     image = np.zeros((height, width), np.uint8)
     image[: height // 2, : (number + 1) * width // 16] = 255
     image[height // 2 :, : (number + 1) * width // 16] = 128
@@ -83,7 +83,7 @@ def test_mask_videos_follow_the_frames_of_the_cameras(tmp_path: Path) -> None:
         masked(scene, tmp_path / "masks")
 
 
-def test_masks_of_video_cameras_may_be_pictures(tmp_path: Path) -> None:
+def test_masks_of_video_cameras_may_be_images(tmp_path: Path) -> None:
     scene, masks = folders.neu3dv(tmp_path / "scene"), tmp_path / "masks"
     for camera in ("cam00", "cam01", "cam02", "cam03"):
         (masks / camera / "images").mkdir(parents=True)
@@ -92,7 +92,7 @@ def test_masks_of_video_cameras_may_be_pictures(tmp_path: Path) -> None:
     assert frames_of(masked(scene, masks), "cam03") == list(range(folders.FRAMES))  # 2.png comes before 10.png
 
 
-def test_single_pictures_have_a_mask_each(tmp_path: Path) -> None:
+def test_single_images_have_a_mask_each(tmp_path: Path) -> None:
     pytest.importorskip("pycolmap")
     scene, masks = folders.colmap(tmp_path / "scene"), tmp_path / "masks"
     (masks / "view").mkdir(parents=True)
@@ -107,16 +107,16 @@ def test_masks_are_undistorted_as_the_images(tmp_path: Path) -> None:
     for file in (scene / "images").rglob("*.png"):
         target = tmp_path / "masks" / file.relative_to(scene / "images")
         target.parent.mkdir(parents=True, exist_ok=True)
-        picture = np.repeat(mask(6)[..., None], 3, 2)
-        Image.fromarray(picture).save(file)
-        Image.fromarray(picture).save(target)
+        image = np.repeat(mask(6)[..., None], 3, 2)
+        Image.fromarray(image).save(file)
+        Image.fromarray(image).save(target)
     capture = masked(scene, tmp_path / "masks")
     alpha = capture.alpha(0, 1, ["02"])
     assert alpha is not None
     np.testing.assert_array_equal(alpha[0, 0], capture.scene.read(0, 1, ["02"])[0, 0, ..., 0])
 
 
-def test_opacity_of_a_picture_is_its_mask(scene: Path, tmp_path: Path) -> None:
+def test_opacity_of_a_image_is_its_mask(scene: Path, tmp_path: Path) -> None:
     """The color of a cut-out does not count."""
     masks = write_masks(tmp_path / "masks")
     for file in (masks / "1").iterdir():
@@ -164,8 +164,8 @@ def add_video(masks: Path) -> None:
     ("spoil", "message"),
     [
         (remove_camera, r"masks: there are no masks of camera 12\. Add a folder 12 .*--leave-out 12"),
-        (empty_camera, r"masks/12: holds no pictures.*camera 12"),
-        (one_too_few, r"masks/12: holds 4 masks, but camera 12 has 5 frames\. .*or name the masks as the pictures"),
+        (empty_camera, r"masks/12: holds no images.*camera 12"),
+        (one_too_few, r"masks/12: holds 4 masks, but camera 12 has 5 frames\. .*or name the masks as the images"),
         (wrong_size, r"12/000000\.png: is 24x24, but the images of camera 12 are 32x24"),
         (add_video, r"both 12\.mp4 and 12\.webm are masks of camera 12"),
     ],
@@ -187,7 +187,7 @@ def test_masks_that_do_not_fit_are_refused(
         (mask(1, 24, 24), r"000001\.png: is 24x24, the first image of its camera is 32x24"),
     ],
 )
-def test_pictures_that_are_no_masks_are_refused(scene: Path, tmp_path: Path, image: np.ndarray, message: str) -> None:
+def test_images_that_are_no_masks_are_refused(scene: Path, tmp_path: Path, image: np.ndarray, message: str) -> None:
     masks = write_masks(tmp_path / "masks")
     Image.fromarray(image).save(masks / "2" / "000001.png")
     with pytest.raises(CaptureError, match=message):

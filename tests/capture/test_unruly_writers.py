@@ -33,7 +33,7 @@ def test_rewritten_image_is_read_again(tmp_path: Path) -> None:
         place = recorder.folder / "images" / recorder.views[1].name
         (place / "000005.png").write_bytes((place / "000002.png").read_bytes())
         assert shown(follower.capture, 5, 1)[0][1] == (1, 2)
-        (place / "000005.png").write_bytes(b"no picture")
+        (place / "000005.png").write_bytes(b"no image")
         with pytest.raises(CaptureError, match=r"000005\.png"):
             shown(follower.capture, 5, 1)
 
@@ -132,7 +132,7 @@ def test_missing_file_of_a_numbered_video_is_named(tmp_path: Path) -> None:
         open_capture(recorder.folder)
 
 
-def test_lost_picture_stops_no_other_camera(tmp_path: Path) -> None:
+def test_lost_image_stops_no_other_camera(tmp_path: Path) -> None:
     recorder = Recorder(tmp_path / "show", "pictures")
     recorder.write(6)
     recorder.written[1] += 2

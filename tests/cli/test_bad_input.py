@@ -76,9 +76,9 @@ def jumped(scene: Path) -> None:
         stream = container.add_stream("libx264", rate=30)
         stream.height, stream.width, stream.pix_fmt = folders.HEIGHT, folders.WIDTH, "yuv444p"
         for number, time in enumerate((0, 1, 7)):
-            picture = av.VideoFrame.from_ndarray(folders.frame(2, number), format="rgb24")
-            picture.pts, picture.time_base = time, Fraction(1, 30)
-            container.mux(stream.encode(picture))
+            image = av.VideoFrame.from_ndarray(folders.frame(2, number), format="rgb24")
+            image.pts, image.time_base = time, Fraction(1, 30)
+            container.mux(stream.encode(image))
         container.mux(stream.encode(None))
 
 

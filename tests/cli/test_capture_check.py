@@ -16,12 +16,12 @@ COUNT = 5
 
 
 def write(folder: Path, poses: Callable[[list[Camera]], list[np.ndarray]]) -> Path:
-    """Write a corner of a room as Panoptic captures are, with other poses than its pictures were taken from."""
+    """Write a corner of a room as Panoptic captures are, with other poses than its images were taken from."""
     views = corner.arc(COUNT)
     names = list(range(1, COUNT + 1))
-    for name, picture in zip(names, corner.pictures(views), strict=True):
+    for name, image in zip(names, corner.images(views), strict=True):
         (folder / "ims" / str(name)).mkdir(parents=True)
-        Image.fromarray(picture).save(folder / "ims" / str(name) / "000000.png")
+        Image.fromarray(image).save(folder / "ims" / str(name) / "000000.png")
     meta = {
         "w": corner.WIDTH,
         "h": corner.HEIGHT,

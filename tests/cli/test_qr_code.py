@@ -17,8 +17,8 @@ def test_a_reader_finds_the_text() -> None:
     lines = qr_code(LINK).splitlines()
     halves = np.array([[LIGHT[block] for block in line] for line in lines])
     modules = halves.transpose(0, 2, 1).reshape(2 * len(lines), -1)
-    picture = np.kron(modules, np.full((8, 8), 255)).astype(np.uint8)
-    assert cv2.QRCodeDetector().detectAndDecode(picture)[0] == LINK
+    image = np.kron(modules, np.full((8, 8), 255)).astype(np.uint8)
+    assert cv2.QRCodeDetector().detectAndDecode(image)[0] == LINK
 
 
 class Terminal(io.TextIOWrapper):

@@ -80,7 +80,7 @@ def test_each_limit_is_optional() -> None:
         ("poster", {"uri": "../poster.jpg"}, "plain relative paths"),
         ("poster", {"bytes": 1 << 40}, "bytes"),
         ("poster", {"width": 0}, "width"),
-        ("thumbnails", {"count": 51}, "51 pictures"),
+        ("thumbnails", {"count": 51}, "51 images"),
         ("thumbnails", {"seconds": 0}, "seconds"),
         ("thumbnails", {"sheets": {}}, "list of files"),
         ("sound", {"type": "text/html"}, "text/html"),
@@ -109,7 +109,7 @@ def test_overlapping_sound_segments_are_refused() -> None:
 
 def test_writer_adds_and_removes_assets(tmp_path: Path) -> None:
     writer = new_writer(tmp_path)
-    poster = Poster(writer.write_asset("poster.jpg", b"a picture"), 64, 36)
+    poster = Poster(writer.write_asset("poster.jpg", b"an image"), 64, 36)
     writer.present(Presentation(title="Before the first group", poster=poster))
     writer.add_layer(0, 0, points(20))
     writer.add_group(new_group(0, 15, 20))
@@ -131,7 +131,7 @@ def test_writer_adds_and_removes_assets(tmp_path: Path) -> None:
 def test_presentation_is_kept_only_on_resume(tmp_path: Path) -> None:
     write_reel(tmp_path)
     writer = new_writer(tmp_path, resume=True)
-    writer.present(Presentation(poster=Poster(writer.write_asset("poster.jpg", b"a picture"), 64, 36)))
+    writer.present(Presentation(poster=Poster(writer.write_asset("poster.jpg", b"an image"), 64, 36)))
     assert new_writer(tmp_path, resume=True).manifest.presentation.poster is not None
     assert new_writer(tmp_path).manifest.presentation == EMPTY
     assert not (tmp_path / "poster.jpg").exists()

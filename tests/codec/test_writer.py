@@ -136,9 +136,9 @@ def test_resume_drops_damaged_files_of_the_right_length(tmp_path, uri):
 def test_resume_drops_damaged_images(tmp_path):
     writer = new_writer(tmp_path)
     writer.add_group(new_group(0, 5, 0))
-    poster = Poster(writer.write_asset("poster.jpg", b"a picture"), 4, 3)
+    poster = Poster(writer.write_asset("poster.jpg", b"an image"), 4, 3)
     writer.present(Presentation(title="A title", poster=poster))
-    (tmp_path / "poster.jpg").write_bytes(b"A picture")
+    (tmp_path / "poster.jpg").write_bytes(b"An image")
     presentation = new_writer(tmp_path, resume=True).manifest.presentation
     assert (presentation.title, presentation.poster) == ("A title", None)
 

@@ -110,7 +110,7 @@ def test_first_page_plays_the_sample_with_the_player_of_the_package(
     assert (site / "player" / "decode-worker.js").is_file()
 
 
-def test_first_page_of_a_checkout_without_the_sample_shows_the_picture(
+def test_first_page_of_a_checkout_without_the_sample_shows_the_image(
     hooks: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(hooks, "SAMPLE", tmp_path / "none")

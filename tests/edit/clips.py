@@ -1,4 +1,4 @@
-"""Reels for tests of edits, and pictures of them."""
+"""Reels for tests of edits, and images of them."""
 
 from __future__ import annotations
 
@@ -76,20 +76,20 @@ def edit(reel: Path, out: Path, *operations: str) -> Timeline:
     return open_reel(out)
 
 
-def picture(reel: Timeline, frame: float, camera: Camera | None = None) -> np.ndarray:
+def make_image(reel: Timeline, frame: float, camera: Camera | None = None) -> np.ndarray:
     """Render a frame as the player shows it, [60, 80, 3]."""
     view = (reel.manifest.camera if camera is None else camera).resized(80, 60)
     return reel.render(reel.at(frame / reel.fps), view)
 
 
 def psnr(a: np.ndarray, b: np.ndarray) -> float:
-    """Return decibels between two pictures; at most 99."""
+    """Return decibels between two images; at most 99."""
     return min(-10 * np.log10(max(float(np.square(a - b).mean()), 1e-12)), 99.0)
 
 
 def worst(a: Timeline, b: Timeline, frames: Sequence[tuple[float, float]]) -> float:
     """Return the lowest PSNR of pairs of frames of two reels, each from its own start camera."""
-    return min(psnr(picture(a, one), picture(b, other)) for one, other in frames)
+    return min(psnr(make_image(a, one), make_image(b, other)) for one, other in frames)
 
 
 def all_points(reel: Timeline, frame: float) -> Gaussians:

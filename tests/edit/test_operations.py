@@ -12,7 +12,7 @@ from splatreel.base.errors import UsageError
 from splatreel.edit.operations import OPERATIONS, apply_operations, read_edit_list
 from splatreel.edit.reel_clip import ReelClip
 from splatreel.play.timeline import open_reel
-from tests.edit.clips import edit, picture, psnr, write_reel
+from tests.edit.clips import edit, make_image, psnr, write_reel
 from tests.flashes import clicks
 
 ROOT = Path(__file__).parent.parent.parent
@@ -35,7 +35,7 @@ def reel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_colors_are_multiplied(reel: Path, tmp_path: Path, operation: str, gain: tuple[float, ...]) -> None:
     lit, original = edit(reel, tmp_path / "lit", operation), open_reel(reel)
     for frame in (0, 6.5, 9):
-        assert psnr(picture(lit, frame), picture(original, frame) * gain) > 55
+        assert psnr(make_image(lit, frame), make_image(original, frame) * gain) > 55
     assert (tmp_path / "lit" / "layers" / "0000.safetensors").read_bytes() == (
         reel / "layers" / "0000.safetensors"
     ).read_bytes()
@@ -44,7 +44,7 @@ def test_colors_are_multiplied(reel: Path, tmp_path: Path, operation: str, gain:
 def test_background_and_transparency(reel: Path, tmp_path: Path) -> None:
     blue = edit(reel, tmp_path / "blue", "crop=sphere:0,0,0,0.8", "background=#0000ff")
     assert blue.manifest.background == (0, 0, 1)
-    np.testing.assert_allclose(picture(blue, 0)[0, 0], (0, 0, 1), atol=1e-6)
+    np.testing.assert_allclose(make_image(blue, 0)[0, 0], (0, 0, 1), atol=1e-6)
     clear = edit(tmp_path / "blue", tmp_path / "clear", "background=transparent")
     assert clear.manifest.transparent
     assert json.loads((tmp_path / "clear" / "manifest.json").read_text())["transparent"] is True

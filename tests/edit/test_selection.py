@@ -13,7 +13,7 @@ from splatreel.scene.camera import facing
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from tests.codec.reels import QUICK, new_writer
-from tests.edit.clips import all_points, edit, picture, psnr, write_reel
+from tests.edit.clips import all_points, edit, make_image, psnr, write_reel
 
 
 @pytest.fixture(scope="module")
@@ -100,7 +100,7 @@ def test_floater_that_few_cameras_saw_disappears(tmp_path: Path) -> None:
     after = edit(tmp_path / "room", tmp_path / "clean", "min-cameras=2")
     assert (near(after, FLOATER), near(after, HIDDEN)) == (0, 0)
     assert len(after.at(0)) > 0.95 * len(before.at(0))
-    assert psnr(picture(before, 0), picture(after, 0)) > 35
+    assert psnr(make_image(before, 0), make_image(after, 0)) > 35
 
 
 def test_faint_huge_far_and_short_lived_points_disappear(tmp_path: Path) -> None:
@@ -129,8 +129,8 @@ def test_removal_for_some_frames_leaves_the_others(reel: Path, tmp_path: Path) -
     volume = "sphere:0.5,0.2,0,3"
     after, before = edit(reel, tmp_path / "after", f"remove={volume}@0:2"), open_reel(reel)
     assert len(after.at(0)) < 0.2 * len(before.at(0))
-    assert psnr(picture(after, 10), picture(before, 10)) > 90
-    assert psnr(picture(after, 15), picture(before, 15)) > 90
+    assert psnr(make_image(after, 10), make_image(before, 10)) > 90
+    assert psnr(make_image(after, 15), make_image(before, 15)) > 90
 
 
 def test_capture_volume_is_what_half_of_the_cameras_see(tmp_path: Path) -> None:

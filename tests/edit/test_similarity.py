@@ -14,7 +14,7 @@ from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import facing
 from splatreel.scene.gaussians import Gaussians
 from tests.codec.reels import new_group, new_writer
-from tests.edit.clips import edit, picture, psnr, worst, write_reel
+from tests.edit.clips import edit, make_image, psnr, worst, write_reel
 from tests.golden import camera
 
 FRAMES = (0, 3, 6.5, 8, 15)
@@ -48,7 +48,7 @@ def test_turned_reel_turns_back(reel: Path, tmp_path: Path) -> None:
     operations = "rotate=z,30", "scale=3", "move=1,2,3", "move=-1,-2,-3", "scale=0.33333333333", "rotate=z,-30"
     same, original = edit(reel, tmp_path / "same", *operations), open_reel(reel)
     view = original.manifest.cameras[0]
-    assert psnr(picture(same, 4, view), picture(original, 4, view)) > 36
+    assert psnr(make_image(same, 4, view), make_image(original, 4, view)) > 36
     np.testing.assert_allclose(same.manifest.camera.viewmat, original.manifest.camera.viewmat, atol=1e-5)
 
 

@@ -12,10 +12,10 @@ from splatreel.edit.operations import apply_operations
 from splatreel.edit.reel_clip import ReelClip
 from splatreel.play.timeline import Timeline, open_reel
 from tests.codec.reels import new_group, new_writer, points, write_chapters
-from tests.edit.clips import edit, picture, psnr, worst, write_reel
+from tests.edit.clips import edit, make_image, psnr, worst, write_reel
 
 NOT_FADING = 45.0
-"""PSNR, dB, of pictures whose motion was encoded once more."""
+"""PSNR, dB, of images whose motion was encoded once more."""
 
 
 @pytest.fixture(scope="module")
@@ -70,8 +70,8 @@ def test_join_has_a_hard_cut(reel: Path, tmp_path: Path) -> None:
     joined = edit(reel, tmp_path / "joined", f"join={other}")
     groups = joined.manifest.groups
     assert [group.overlap for group in groups] == [None, None, None, 0, None, None]
-    assert psnr(picture(joined, 18), picture(open_reel(other), 0)) > 90
-    assert psnr(picture(joined, 17), picture(open_reel(reel), 17)) > 90
+    assert psnr(make_image(joined, 18), make_image(open_reel(other), 0)) > 90
+    assert psnr(make_image(joined, 17), make_image(open_reel(reel), 17)) > 90
     assert joined.sound is not None
     assert joined.sound.duration == pytest.approx(3.6, abs=0.03)
 
@@ -134,7 +134,7 @@ def test_window_of_a_live_reel_starts_at_zero(tmp_path: Path) -> None:
     same = edit(tmp_path / "reel", tmp_path / "same")
     assert same.manifest.first_group == same.manifest.first_frame == 0
     assert same.frames == open_reel(tmp_path / "reel").frames - 6
-    assert psnr(picture(same, 2), picture(open_reel(tmp_path / "reel"), 8)) > 30
+    assert psnr(make_image(same, 2), make_image(open_reel(tmp_path / "reel"), 8)) > 30
 
 
 def test_renditions_are_edited_alike(tmp_path: Path) -> None:

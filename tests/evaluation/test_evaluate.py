@@ -38,7 +38,7 @@ def test_good_reel_scores_high_with_a_complete_report(reel: Path, tmp_path: Path
     assert (report.frames, report.width, report.height) == (scenes.FRAMES, scenes.WIDTH, scenes.HEIGHT)
     assert (report.points_static, report.points_dynamic) == (90, 200)
     assert report.reel_bytes == sum(p.stat().st_size for p in reel.rglob("*") if p.is_file())
-    assert report.first_view_bytes == report.reel_bytes  # one group: the first picture needs all
+    assert report.first_view_bytes == report.reel_bytes  # one group: the first image needs all
     assert (report.total_bytes, report.start_bytes) == (report.reel_bytes, report.first_view_bytes)
     assert report.bytes_per_second == report.reel_bytes / (scenes.FRAMES / 30)
     assert 0 < (report.playing_bytes_per_second or 0) < report.bytes_per_second
@@ -51,8 +51,8 @@ def test_good_reel_scores_high_with_a_complete_report(reel: Path, tmp_path: Path
     assert np.mean([c["psnr"] for c in report.cameras]) == pytest.approx(report.psnr)
     assert np.mean([f["psnr"] for f in report.per_frame]) == pytest.approx(report.psnr)
     assert Report.read(tmp_path / "out" / "report.json") == report
-    picture = Image.open(tmp_path / "out" / "pictures" / "cam03.png")
-    assert picture.size == (3 * scenes.WIDTH, scenes.HEIGHT)
+    image = Image.open(tmp_path / "out" / "pictures" / "cam03.png")
+    assert image.size == (3 * scenes.WIDTH, scenes.HEIGHT)
 
 
 def test_report_measures_motion_bytes_and_speed(reel: Path, tmp_path: Path) -> None:

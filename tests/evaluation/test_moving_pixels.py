@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.capture.base import Capture
-from splatreel.evaluation.moving_pixels import median_pictures, moving_pixels
+from splatreel.evaluation.moving_pixels import median_images, moving_pixels
 from tests.evaluation import scenes
 
 FRAMES = 45
@@ -25,18 +25,18 @@ class SquareCapture(Capture):
                 out[t, c, :SIDE, first + t : first + t + SIDE] = 200
 
 
-def test_median_picture_shows_static_content() -> None:
+def test_median_image_shows_static_content() -> None:
     capture = SquareCapture()
-    for picture, value in zip(median_pictures(capture, ["cam01", "cam03"]), (10, 30), strict=True):
-        assert picture.dtype == np.uint8
-        assert np.all(picture == value)
+    for image, value in zip(median_images(capture, ["cam01", "cam03"]), (10, 30), strict=True):
+        assert image.dtype == np.uint8
+        assert np.all(image == value)
     assert len(capture.asked) == 2 * 20
     assert (min(capture.asked), max(capture.asked)) == (0, FRAMES - 1)
 
 
 def test_moving_pixels_cover_the_moving_square() -> None:
     capture = SquareCapture()
-    median = median_pictures(capture, ["cam02"])[0]
+    median = median_images(capture, ["cam02"])[0]
     expected = np.zeros((scenes.HEIGHT, scenes.WIDTH), bool)
     expected[:SIDE, 30 : 30 + SIDE] = True
     truth = capture.read(30, 1, ["cam02"])[0, 0].astype(np.float32) / 255
@@ -54,4 +54,4 @@ def test_moving_pixels_ignore_small_differences() -> None:
 def test_moving_pixels_are_empty_for_one_frame() -> None:
     capture = SquareCapture(1)
     truth = capture.read(0, 1, ["cam00"])[0, 0].astype(np.float32) / 255
-    assert not moving_pixels(truth, median_pictures(capture, ["cam00"])[0]).any()
+    assert not moving_pixels(truth, median_images(capture, ["cam00"])[0]).any()

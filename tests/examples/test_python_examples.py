@@ -41,9 +41,9 @@ def test_examples_import_public_names_only() -> None:
 def test_draw_reel(monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     run(monkeypatch, "draw_reel.py", GOLDEN, "--seconds", 0.2, "--out", tmp_path / "picture.png")
     camera = splatreel.open_reel(GOLDEN).manifest.camera
-    with Image.open(tmp_path / "picture.png") as picture:
-        assert picture.size == (camera.width, camera.height)
-        assert np.asarray(picture).max() > 50
+    with Image.open(tmp_path / "picture.png") as image:
+        assert image.size == (camera.width, camera.height)
+        assert np.asarray(image).max() > 50
     assert "Gaussians at 0.2 s" in capsys.readouterr().out
 
 

@@ -13,10 +13,10 @@ WIDTH, HEIGHT = 96, 64
 CAMERAS = ring(4, width=WIDTH, height=HEIGHT)
 
 
-def views(pictures: np.ndarray, depth: float = 1e30) -> Views:
+def views(images: np.ndarray, depth: float = 1e30) -> Views:
     depths = np.full((len(CAMERAS), HEIGHT // 2, WIDTH // 2), depth, np.float32)
     poses, lenses = np.stack([c.viewmat for c in CAMERAS]), np.stack([c.K for c in CAMERAS])
-    return Views(poses, lenses, pictures, depths, np.float32(0.1))
+    return Views(poses, lenses, images, depths, np.float32(0.1))
 
 
 def noise(seed: int) -> np.ndarray:
@@ -43,13 +43,13 @@ def turned(points: np.ndarray, axis: tuple[float, ...], angle: float, shift: tup
 
 
 def test_sample_colors_reads_visible_pixels() -> None:
-    points, pictures = cloud(10), noise(0)
-    seen, colors = rigid.sample_colors(points, views(pictures))
+    points, images = cloud(10), noise(0)
+    seen, colors = rigid.sample_colors(points, views(images))
     assert seen.all()
     for i, point in enumerate(points):
         for c, (row, column) in enumerate(pixels(point)):
-            np.testing.assert_array_equal(colors[i, c], pictures[c, row, column])
-    wall = views(pictures)
+            np.testing.assert_array_equal(colors[i, c], images[c, row, column])
+    wall = views(images)
     wall.depths[1] = 1.0
     seen, hidden = rigid.sample_colors(points, wall)
     assert not seen[:, 1].any()
@@ -71,8 +71,8 @@ def test_color_difference_is_mean_of_capped_differences() -> None:
 
 
 def test_rarely_visible_patch_has_neutral_difference_and_capped_cost() -> None:
-    points, pictures = cloud(24), noise(3)
-    seen, colors = rigid.sample_colors(points, views(pictures))
+    points, images = cloud(24), noise(3)
+    seen, colors = rigid.sample_colors(points, views(images))
     patch, hidden = np.arange(24)[None], views(noise(4), depth=0.5)
     assert rigid.color_differences(points, patch, Template(seen, colors, hidden))[0] == 0
     assert rigid.color_differences(points + 9, patch, Template(seen, colors, views(noise(4))))[0] == 0
@@ -84,8 +84,8 @@ def test_rarely_visible_patch_has_neutral_difference_and_capped_cost() -> None:
 def test_initial_move_fits_flow_or_stays(angle: float) -> None:
     here, patches = cloud(40), np.stack([np.arange(20), np.arange(20, 40)])
     there = turned(here, (1, 2, -1), angle, (0.2, -0.1, 0.3))
-    pictures = views(noise(4))
-    template = Template(*rigid.sample_colors(here, pictures), pictures)
+    images = views(noise(4))
+    template = Template(*rigid.sample_colors(here, images), images)
     moves, _ = rigid.initial_moves(here, here, there, patches, np.zeros(2, bool), template)
     for move, patch in zip(moves, patches, strict=True):
         np.testing.assert_allclose(here[patch] @ move[:, :3].T + move[:, 3], there[patch], atol=1e-5)
@@ -97,8 +97,8 @@ def test_initial_move_fits_flow_or_stays(angle: float) -> None:
 
 def test_refine_moves_adopts_better_move_of_neighbor() -> None:
     here, patches = cloud(48), np.stack([np.arange(24), np.arange(24, 48)])
-    pictures = views(noise(5))
-    template = Template(*rigid.sample_colors(here, pictures), pictures)
+    images = views(noise(5))
+    template = Template(*rigid.sample_colors(here, images), images)
     stay = np.concatenate([np.eye(3), np.zeros((3, 1))], 1).astype(np.float32)
     moves = np.stack([stay, stay])
     moves[1, :, 3] = 0.4

@@ -8,7 +8,7 @@ from splatreel.kernels import splat, twin
 from tests.kernels.compare import assert_parity
 
 
-def pictures(height, width, seed=0):
+def make_images(height, width, seed=0):
     generator = torch.Generator().manual_seed(seed)
     target = torch.rand(height, width, 3, generator=generator)
     return (target + 0.1 * torch.randn(height, width, 3, generator=generator)).clamp(0, 1), target
@@ -17,7 +17,7 @@ def pictures(height, width, seed=0):
 @pytest.mark.parametrize("lambda_dssim", [0.0, 0.2, 1.0])
 @pytest.mark.parametrize(("height", "width"), [(29, 37), (1, 1), (4, 40), (40, 3), (12, 11)])
 def test_photometric_loss_equals_twin(lambda_dssim, height, width):
-    image, target = pictures(height, width)
+    image, target = make_images(height, width)
     assert_parity(
         lambda x: splat.photometric_loss(x, target, lambda_dssim),
         lambda x: twin.photometric_loss(x, target.double(), lambda_dssim),
@@ -27,7 +27,7 @@ def test_photometric_loss_equals_twin(lambda_dssim, height, width):
 
 
 def test_photometric_loss_of_equal_images_is_zero():
-    _, target = pictures(20, 20)
+    _, target = make_images(20, 20)
     image = target.clone().requires_grad_()
     loss = splat.photometric_loss(image, target)
     assert abs(loss.item()) < 1e-6
@@ -42,14 +42,14 @@ def test_photometric_loss_without_ssim_is_mean_difference():
 
 
 def test_photometric_loss_accepts_uint8_target():
-    image, target = pictures(20, 20)
+    image, target = make_images(20, 20)
     bytes_ = (target * 255).round().to(torch.uint8)
     expected = float(splat.photometric_loss(image, bytes_.float() / 255))
     assert float(splat.photometric_loss(image, bytes_)) == pytest.approx(expected, rel=1e-6)
 
 
 def test_photometric_gradient_scales_with_loss():
-    image, target = pictures(20, 20)
+    image, target = make_images(20, 20)
     once, twice = image.clone().requires_grad_(), image.clone().requires_grad_()
     splat.photometric_loss(once, target).backward()
     (2 * splat.photometric_loss(twice, target)).backward()
@@ -61,7 +61,7 @@ def test_photometric_gradient_scales_with_loss():
 @pytest.mark.parametrize("as_bytes", [True, False])
 @pytest.mark.parametrize(("height", "width"), [(29, 37), (40, 130)])
 def test_photometric_loss_equals_twin_with_gain(height, width, as_bytes):
-    image, target = pictures(height, width)
+    image, target = make_images(height, width)
     target = (target * 255).round().to(torch.uint8) if as_bytes else target
     assert_parity(
         lambda x, gain: splat.photometric_loss(x, target, 0.2, gain),
@@ -78,10 +78,10 @@ def test_photometric_gradient_of_tiles_equals_whole_image(seed):
     height, width, gain = 90, 350, torch.tensor([0.9, 1.0, 1.1])
     tiles = torch.rand(6, 22, generator=generator) < (0.05, 0.3, 0.7, 1.0)[seed]
     inside = tiles.repeat_interleave(16, 0).repeat_interleave(16, 1)[:height, :width, None]
-    (image, target), (other, _) = pictures(height, width, seed), pictures(height, width, seed + 50)
+    (image, target), (other, _) = make_images(height, width, seed), make_images(height, width, seed + 50)
     losses = []
-    for picture in (image, torch.where(inside, other, image)):
-        leaf, same = picture.clone().requires_grad_(), picture.clone().requires_grad_()
+    for drawn in (image, torch.where(inside, other, image)):
+        leaf, same = drawn.clone().requires_grad_(), drawn.clone().requires_grad_()
         whole, part = (
             splat.photometric_loss(leaf, target, 0.2, gain),
             splat.photometric_loss(same, target, 0.2, gain, tiles),
@@ -98,7 +98,7 @@ def test_photometric_gradient_of_tiles_equals_whole_image(seed):
 
 
 def test_photometric_gradient_is_zero_without_tiles():
-    image, target = pictures(20, 40)
+    image, target = make_images(20, 40)
     leaf = image.requires_grad_()
     splat.photometric_loss(leaf, target, tiles=torch.zeros(2, 3, dtype=torch.bool)).backward()
     assert leaf.grad is not None
@@ -106,7 +106,7 @@ def test_photometric_gradient_is_zero_without_tiles():
 
 
 def test_photometric_loss_rejects_tiles_with_trainable_gain():
-    image, target = pictures(20, 40)
+    image, target = make_images(20, 40)
     with pytest.raises(GaussiansError, match="pass no tiles"):
         splat.photometric_loss(image, target, 0.2, torch.ones(3).requires_grad_(), torch.ones(2, 3, dtype=torch.bool))
 

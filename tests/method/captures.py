@@ -22,7 +22,7 @@ def blots(count: int, low: list[float], high: list[float], size: float, seed: in
 
 
 @cache
-def picture(camera: int, cameras: int, offset: float, dims: bool) -> np.ndarray:
+def make_image(camera: int, cameras: int, offset: float, dims: bool) -> np.ndarray:
     wall = blots(500, [-3, -2, 0.9], [3, 2, 1.0], 0.12, 0)
     thing = blots(60, [-1.6, -0.6, -0.4], [-0.6, 0.6, 0.2], 0.09, 1)
     thing.means[:, 0] += offset
@@ -55,9 +55,9 @@ class WallCapture(Capture):
             number = [camera.name for camera in self.cameras].index(name)
             for t in range(len(out)):
                 dims = self.dims and (first + t) % 2 == 1
-                shown = picture(number, len(self.cameras), self.speed * (first + t), dims)
+                shown = make_image(number, len(self.cameras), self.speed * (first + t), dims)
                 out[t, c] = np.rint(shown * self.exposure(number, first + t)).clip(0, 255)
 
     def exposure(self, camera: int, frame: int) -> float:
-        """The factor of a camera's pictures, 1 in the first frame."""
+        """The factor of a camera's images, 1 in the first frame."""
         return float(np.exp(self.drift * (np.sin(1.7 * camera + frame) - np.sin(1.7 * camera))))

@@ -41,7 +41,7 @@ def depth_of(camera: Camera) -> np.ndarray:
     return np.where((to_floor > 0) & (to_floor < to_wall), to_floor, to_wall)
 
 
-def picture(camera: Camera, bare: float = 0) -> np.ndarray:
+def make_image(camera: Camera, bare: float = 0) -> np.ndarray:
     """The corner, textured but for a strip of the floor where |x| < bare, as the camera sees it; [H, W, 3] uint8."""
     depth = depth_of(camera)
     points = planesweep.unproject(camera, depth)
@@ -56,5 +56,5 @@ def picture(camera: Camera, bare: float = 0) -> np.ndarray:
     return out.astype(np.uint8)
 
 
-def pictures(cameras: list[Camera], bare: float = 0) -> np.ndarray:
-    return np.stack([picture(c, bare) for c in cameras])
+def make_images(cameras: list[Camera], bare: float = 0) -> np.ndarray:
+    return np.stack([make_image(c, bare) for c in cameras])

@@ -22,7 +22,7 @@ CAMERAS = ring(3, width=150, height=100)
 
 
 def trainer(seed: int, speed: float) -> GroupTrainer:
-    """A cluster that crosses the picture in front of and through static points, and pictures of noise; nothing fits."""
+    """A cluster that crosses the image in front of and through static points, and images of noise; nothing fits."""
     rng = np.random.default_rng(seed)
     thing = blots(40, [-1.2, -0.4, -0.6], [-0.7, 0.3, 0.2], 0.05, seed)
     static = random_gaussians(250, seed, sh_degree=0, spread=2.0)
@@ -41,7 +41,7 @@ def gradients(group: GroupTrainer, frame: int, camera: int, layered: bool) -> tu
     assert isinstance(group.points.deformation, Trajectory)
     group.points.deformation.evaluations.clear()
     group.points.canonical.clear()
-    view, target = group.pictures.views[camera], group.pictures.images[frame, camera]
+    view, target = group.images.views[camera], group.images.pixels[frame, camera]
     drawing = draw(group.points.at(frame, view, NEAR), view, group.static.view(camera), layered=layered)
     gain = group.gains.values.detach()[camera]
     loss = splat.photometric_loss(drawing.image, target, 0.2, gain, drawing.tiles)
@@ -69,12 +69,12 @@ def assert_same_gradients(group: GroupTrainer) -> list[float]:
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_gradients_are_those_of_the_whole_picture(seed: int) -> None:
-    """Also after points were converted, cloned and pruned, and where they leave the picture."""
+def test_gradients_are_those_of_the_whole_image(seed: int) -> None:
+    """Also after points were converted, cloned and pruned, and where they leave the image."""
     group = trainer(seed, speed=0.7)
     shares = assert_same_gradients(group)
     assert 0 < np.mean(shares) < 0.6
-    assert min(shares) < 0.5 * max(shares), "some leave the picture"
+    assert min(shares) < 0.5 * max(shares), "some leave the image"
     for change in (
         lambda: group.density.convert(torch.arange(0, 250, 9)),
         lambda: group.points.clone(torch.arange(0, 40, 3)),
@@ -90,7 +90,7 @@ def test_gradients_are_those_of_the_whole_picture(seed: int) -> None:
         assert 0 < np.mean(shares) < 1
 
 
-def test_loss_changes_as_that_of_the_whole_picture() -> None:
+def test_loss_changes_as_that_of_the_whole_image() -> None:
     """The two differ by what nothing that moves can change."""
     group = trainer(0, speed=0.1)
     apart = []

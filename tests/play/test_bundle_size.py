@@ -1,4 +1,4 @@
-"""The size of the JavaScript that a viewer downloads before the first picture."""
+"""The size of the JavaScript that a viewer downloads before the first image."""
 
 import gzip
 import re
@@ -10,7 +10,7 @@ MAX_BYTES = 81 * 1024
 FIRST = ("player.js", "decode-worker.js", "sort-worker.js")
 
 
-def test_the_first_picture_takes_little_javascript() -> None:
+def test_the_first_image_takes_little_javascript() -> None:
     page = (STATIC / "index.html").read_text(encoding="utf-8")
     early = "".join(re.findall(r"<script[^>]*>(.*?)</script>", page, re.S))
     scripts = {name: (STATIC / name).read_bytes() for name in FIRST} | {"index.html": early.encode()}

@@ -72,12 +72,12 @@ def test_film_shows_reel(tmp_path: Path):
     write_film(tmp_path / "film.mp4", reel, [(i / reel.fps, start) for i in (4, 5, 6)], report=done.append)
     assert done == [1, 2, 3]
     with av.open(str(tmp_path / "film.mp4")) as film:
-        pictures = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
+        images = [frame.to_ndarray(format="rgb24") for frame in film.decode(video=0)]
         assert film.streams.video[0].average_rate == reel.fps
-    assert len(pictures) == 3
-    assert pictures[0].shape == (60, 80, 3)
+    assert len(images) == 3
+    assert images[0].shape == (60, 80, 3)
     want = np.clip(render_image(reel.at(6 / reel.fps), start), 0, 1)[:, :80]
-    assert -10 * np.log10(np.mean((pictures[2] / 255 - want) ** 2)) > 25
+    assert -10 * np.log10(np.mean((images[2] / 255 - want) ** 2)) > 25
 
 
 def test_film_sound_is_synchronized(tmp_path: Path):
@@ -114,7 +114,7 @@ def test_interrupted_film_keeps_old_file(tmp_path: Path) -> None:
 
 
 def test_film_encoding_is_deterministic(tmp_path: Path) -> None:
-    """One thread, and no macroblock tree: with it 22 of 7,190 encodings of the same pictures under load differed."""
+    """One thread, and no macroblock tree: with it 22 of 7,190 encodings of the same images under load differed."""
     reel = open_reel(GOLDEN)
     for name in ("a.mp4", "b.mp4"):
         write_film(tmp_path / name, reel, [(0.0, reel.manifest.camera)] * 2)

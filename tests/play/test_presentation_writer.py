@@ -93,13 +93,13 @@ def test_thumbnails_show_their_times(tmp_path: Path) -> None:
     assert found.sheets[0].bytes < 10_000
     camera = reel.manifest.camera.resized(found.width, found.height)
     for index in range(5):
-        picture = sheet[:, index * found.width : (index + 1) * found.width] / 255
-        errors = [np.abs(picture - reel.render(reel.at(t * found.seconds), camera)).mean() for t in range(5)]
+        image = sheet[:, index * found.width : (index + 1) * found.width] / 255
+        errors = [np.abs(image - reel.render(reel.at(t * found.seconds), camera)).mean() for t in range(5)]
         assert np.argmin(errors) == index
 
 
 def test_long_reel_has_thumbnail_sheets_of_five_minutes(tmp_path: Path) -> None:
-    """Ten minutes at a frame every two seconds: a picture each ten seconds, 30 a sheet, the last one not full."""
+    """Ten minutes at a frame every two seconds: an image each ten seconds, 30 a sheet, the last one not full."""
     writer = new_writer(tmp_path, fps=0.5)
     writer.add_layer(0, 0, points(20))
     writer.add_group(new_group(0, 2, 20, frames=310))

@@ -198,7 +198,7 @@ def test_server_with_cors_admits_other_sites(reel: Path):
 
 
 def test_files_of_reel_cannot_run_scripts(reel: Path):
-    """Its manifest may call a page a picture."""
+    """Its manifest may call a page an image."""
     (reel / "page.html").write_text("<script>alert(1)</script>")
     poster = {"uri": "page.html", "bytes": 25, "sha256": "0" * 64, "width": 1, "height": 1}
     edit_manifest(reel, lambda document: document.update(poster=poster))

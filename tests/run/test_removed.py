@@ -21,8 +21,8 @@ CONFIG = small({"group.length": 2, "keyframe.first_iterations": 10})
 
 
 @pytest.fixture
-def pictures(tmp_path: Path) -> Path:
-    """The wall as Panoptic Sports has its pictures: a file a camera and frame, opened when it is needed."""
+def image_folder(tmp_path: Path) -> Path:
+    """The wall as Panoptic Sports has its images: a file a camera and frame, opened when it is needed."""
     wall, folder = WallCapture(FRAMES), tmp_path / "pictures"
     for number in range(len(wall.cameras)):
         (folder / "ims" / str(number)).mkdir(parents=True)
@@ -54,17 +54,17 @@ class Thief(Silent):
 
 
 @pytest.mark.slow
-def test_removed_capture_is_reported_and_run_continues_later(pictures: Path, tmp_path: Path) -> None:
-    whole = reconstruct(open_capture(pictures, held_out=[]), tmp_path / "whole", CONFIG)
-    folder, out = pictures / "ims", tmp_path / "out"
+def test_removed_capture_is_reported_and_run_continues_later(image_folder: Path, tmp_path: Path) -> None:
+    whole = reconstruct(open_capture(image_folder, held_out=[]), tmp_path / "whole", CONFIG)
+    folder, out = image_folder / "ims", tmp_path / "out"
     thief = Thief(folder, "group 1/3: training the motion")
     with pytest.raises(CaptureError, match=r"ims.\d.0000\d\d\.png"):
-        reconstruct(open_capture(pictures, held_out=[]), out, CONFIG, progress=thief)
+        reconstruct(open_capture(image_folder, held_out=[]), out, CONFIG, progress=thief)
     groups = verify_reel(out / "reel").groups
     assert 1 <= groups < 3
     with pytest.raises(CaptureError, match="pictures"):
-        reconstruct(open_capture(pictures, held_out=[]), out, CONFIG)
+        reconstruct(open_capture(image_folder, held_out=[]), out, CONFIG)
     assert verify_reel(out / "reel").groups == groups
     shutil.move(folder.with_name("elsewhere"), folder)
-    again = reconstruct(open_capture(pictures, held_out=[]), out, CONFIG)
+    again = reconstruct(open_capture(image_folder, held_out=[]), out, CONFIG)
     assert contents(again.reel) == contents(whole.reel)

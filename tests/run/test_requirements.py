@@ -12,7 +12,7 @@ from splatreel.config import LayeringConfig
 from splatreel.config.settings import changed
 from splatreel.method.layering.sam2 import SAM2
 from splatreel.run.pipeline import reconstruct
-from splatreel.run.requirements import check_capture, check_networks, check_pictures
+from splatreel.run.requirements import check_capture, check_images, check_networks
 from tests.method.captures import WallCapture
 from tests.run.test_pipeline import CONFIG
 
@@ -31,18 +31,18 @@ def moments(level: int, spread: int = 3) -> np.ndarray:
 def test_cameras_that_show_nothing_are_named(level: int, color: str) -> None:
     capture = WallCapture(2)
     with pytest.raises(ReconstructionError, match=f"wall: all images of camera c are {color}. Choose other frames"):
-        check_pictures(capture, NAMES, moments(level))
+        check_images(capture, NAMES, moments(level))
     with pytest.raises(ReconstructionError, match="all images of every camera"):
-        check_pictures(capture, ["c"], moments(level)[:, 2:])
+        check_images(capture, ["c"], moments(level)[:, 2:])
 
 
 @pytest.mark.parametrize("level", [30, 128, 225])
 def test_gray_or_briefly_dark_images_are_accepted(level: int) -> None:
     capture = WallCapture(2)
-    check_pictures(capture, NAMES, moments(level))
+    check_images(capture, NAMES, moments(level))
     frames = moments(2)
     frames[1, 2, 0, 0] = 200
-    check_pictures(capture, NAMES, frames)
+    check_images(capture, NAMES, frames)
 
 
 def test_black_capture_is_refused_before_it_is_trained(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from splatreel.run.jobs import ChapteredRun, chapter_job, scene_job
 from splatreel.run.pipeline import plan_run
 from splatreel.run.step_checkpoints import CHAPTER
 from splatreel.scene.gaussians import Gaussians
-from tests.method.captures import HEIGHT, WIDTH, picture
+from tests.method.captures import HEIGHT, WIDTH, make_image
 from tests.method.scenes import ring
 from tests.method.small import small
 
@@ -35,7 +35,7 @@ class ChangingWall(Capture):
         for c, name in enumerate(cameras):
             number = [camera.name for camera in self.cameras].index(name)
             for t in range(len(out)):
-                shown = picture(number, CAMERAS, 0.0 if first + t < self.leaves else AWAY, dims=True)
+                shown = make_image(number, CAMERAS, 0.0 if first + t < self.leaves else AWAY, dims=True)
                 out[t, c] = np.rint(shown * np.exp(self.brighter * (first + t))).clip(0, 255)
 
 

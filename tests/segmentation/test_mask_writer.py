@@ -37,7 +37,7 @@ def make(scene: Path, folder: Path, clean_plate: Path | None = None, **options: 
     return write_masks(capture, folder, Silent(), clean_plate)
 
 
-def pictures(folder: Path) -> dict[str, bytes]:
+def make_images(folder: Path) -> dict[str, bytes]:
     return {file.relative_to(folder).as_posix(): file.read_bytes() for file in sorted(folder.glob("*/*.png"))}
 
 
@@ -64,16 +64,16 @@ def test_interrupted_call_continues_to_the_same_masks(scene: Path, masks: Path, 
     (folder / RECORD).write_text(json.dumps(record | {"complete": False}))
     for name in ("1/000003.png", "2/000006.png", "5/000006.png"):
         (folder / name).unlink()
-    assert make(scene, folder).pictures == 3
-    assert pictures(folder) == pictures(masks)
+    assert make(scene, folder).make_images == 3
+    assert make_images(folder) == make_images(masks)
 
 
 def test_masks_corrected_by_hand_stay(scene: Path, masks: Path, tmp_path: Path) -> None:
     folder = copied(masks, tmp_path / "masks")
     Image.new("L", (scenes.WIDTH, scenes.HEIGHT), 255).save(folder / "1" / "000000.png")
-    corrected = pictures(folder)
-    assert make(scene, folder).pictures == 0
-    assert pictures(folder) == corrected
+    corrected = make_images(folder)
+    assert make(scene, folder).make_images == 0
+    assert make_images(folder) == corrected
 
 
 def test_folder_of_other_frames_is_refused(scene: Path, masks: Path) -> None:
@@ -93,7 +93,7 @@ def test_body_that_never_moves_needs_a_clean_plate(tmp_path: Path) -> None:
         make(scene, tmp_path / "masks")
     plates = tmp_path / "plates"
     plates.mkdir()
-    with pytest.raises(CaptureError, match=r"there is no clean plate of camera 1\. Add a picture 1\.png"):
+    with pytest.raises(CaptureError, match=r"there is no clean plate of camera 1\. Add an image 1\.png"):
         make(scene, tmp_path / "masks2", plates)
     for c in range(scenes.CAMERAS):
         Image.fromarray(scenes.backdrop(c)).save(plates / f"{c + 1}.png")

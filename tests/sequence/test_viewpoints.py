@@ -71,7 +71,7 @@ def test_ring_surrounds_the_scene_upright(up: tuple[int, int, int]) -> None:
         turn = camera.viewmat[:3, :3]
         np.testing.assert_allclose(turn @ turn.T, np.eye(3), atol=1e-6)
         assert np.linalg.det(turn) == pytest.approx(1)
-        assert -turn[1] @ above > 0.9, "the picture's up is the world's"
+        assert -turn[1] @ above > 0.9, "the image's up is the world's"
         x, y, depth = camera.K @ (turn @ middle + camera.viewmat[:3, 3])
         assert (x / depth, y / depth) == pytest.approx((camera.width / 2, camera.height / 2), abs=1e-2)
     image = draw_on_cpu(points, views[0].at_most(240), 0.01, False, (0.0, 0.0, 0.0))

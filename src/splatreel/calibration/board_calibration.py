@@ -38,7 +38,7 @@ WORSE = 3.0
 EXACT = 0.5
 """Error in pixels that is never too large."""
 COVERED = 0.5
-"""Share of a camera's picture that its sightings should cover. The distortion of the lens is uncertain beyond."""
+"""Share of a camera's image that its sightings should cover. The distortion of the lens is uncertain beyond."""
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ def _judged(folder: Path, views: Views, rig: BoardRig, halves: list[BoardRig], n
     if len(kept) < MIN_CAMERAS:
         raise CaptureError(
             f"{folder}: either half of the frames places the cameras elsewhere; {len(kept)} of {len(counts)} agree. Show the board "
-            f"longer: near and far, in all corners of each picture, and tilted to all sides."
+            f"longer: near and far, in all corners of each image, and tilted to all sides."
         )
     one, other = parts
     turned = [Rotation.from_matrix(one[name].rotation @ other[name].rotation.T).magnitude() for name in kept]
@@ -194,7 +194,7 @@ def _judged(folder: Path, views: Views, rig: BoardRig, halves: list[BoardRig], n
 
 
 def _uncovered(views: Views, sizes: dict[str, tuple[int, int]]) -> list[str]:
-    """Return a sentence about cameras of whose pictures the board covered little."""
+    """Return a sentence about cameras of whose images the board covered little."""
     little = []
     for name, (width, height) in sizes.items():
         places = np.concatenate([seen[name].places for seen in views.values() if name in seen])
@@ -203,7 +203,7 @@ def _uncovered(views: Views, sizes: dict[str, tuple[int, int]]) -> list[str]:
             little.append(f"{name} ({share:.0%})")
     if not little:
         return []
-    return [f"lenses are uncertain beyond the part of the picture in which the board was: {', '.join(little)}"]
+    return [f"lenses are uncertain beyond the part of the image in which the board was: {', '.join(little)}"]
 
 
 def _rig(found: BoardRig, counts: dict[str, int]) -> CalibratedRig:

@@ -80,12 +80,12 @@ def calibrate(
     same_lens: bool = False,
     record: dict[str, Any] | None = None,
 ) -> Calibration:
-    """Write the COLMAP model `sparse/0` of a folder of videos or folders of pictures, one per camera, from frames spread over them.
+    """Write the COLMAP model `sparse/0` of a folder of videos or folders of images, one per camera, from frames spread over them.
 
     Cameras with too few matches, or on which moments disagree, are left out.
 
     Args:
-        path: Folder of videos, or of folders of pictures.
+        path: Folder of videos, or of folders of images.
         progress: Progress display.
         also: Folder of photographs that connect the cameras' views.
         leave_out: Names of videos that are not used.

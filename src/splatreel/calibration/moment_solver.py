@@ -15,14 +15,14 @@ from PIL import Image
 from splatreel.base.progress import Progress
 from splatreel.calibration.calibration_agreement import rig_of
 from splatreel.calibration.learned_matches import Matcher
-from splatreel.calibration.photographs import write_photos, write_picture
+from splatreel.calibration.photographs import write_image, write_photos
 from splatreel.calibration.uncalibrated import read_frame
 from splatreel.capture.file_capture import FrameSource
 
 MOMENTS = 3
 """Number of moments at which the cameras are placed, spread over the videos."""
 FEWEST = 15
-"""Minimum number of learned matches of two pictures, as COLMAP demands of SIFT."""
+"""Minimum number of learned matches of two images, as COLMAP demands of SIFT."""
 
 
 class MomentSolver:
@@ -52,10 +52,10 @@ class MomentSolver:
     ) -> None:
         self.colmap, self.folder, self.progress, self.matcher = colmap, folder, progress, matcher
         self.lenses = colmap.CameraMode.SINGLE if same_lens else colmap.CameraMode.PER_IMAGE
-        self.pictures, self.known = folder / "images", folder / "photos.db"
+        self.images, self.known = folder / "images", folder / "photos.db"
         self.databases: list[Path] = []
-        self.pictures.mkdir(parents=True)
-        self.photos = write_photos(list(photos), self.pictures, progress) if photos else []
+        self.images.mkdir(parents=True)
+        self.photos = write_photos(list(photos), self.images, progress) if photos else []
 
     def solve(self, videos: FrameSource, names: list[str]) -> list[Any]:
         """Return the models of all moments that have one."""
@@ -80,7 +80,7 @@ class MomentSolver:
         self.databases.append(database)
         images = []
         for name in names:
-            write_picture(self.pictures / f"{name}.png", read_frame(videos, name, frame))
+            write_image(self.images / f"{name}.png", read_frame(videos, name, frame))
             images.append(f"{name}.png")
         self.progress.update(4 * moment + 1)
         if self.known.exists():
@@ -98,7 +98,7 @@ class MomentSolver:
         options.num_threads = 1  # several threads sum in any order, which changes the result
         out = self.folder / f"models{moment}"
         out.mkdir()
-        models = colmap.incremental_mapping(database, self.pictures, out, options=options)
+        models = colmap.incremental_mapping(database, self.images, out, options=options)
         self.progress.update(4 * moment + 4)
         found = [model for model in models.values() if rig_of(model)]
         return max(found, key=lambda model: (len(rig_of(model)), len(model.points3D)), default=None)
@@ -106,8 +106,8 @@ class MomentSolver:
     def _extract(self, database: Path, images: list[str], mode: Any) -> None:
         """Extract the features of images. Images are numbered first, because threads finish in any order."""
         self.colmap.Database.open(database).close()
-        self.colmap.import_images(database, self.pictures, camera_mode=mode, image_names=images)
-        self.colmap.extract_features(database, self.pictures, image_names=images, camera_mode=mode)
+        self.colmap.import_images(database, self.images, camera_mode=mode, image_names=images)
+        self.colmap.extract_features(database, self.images, image_names=images, camera_mode=mode)
 
     def _match(self, database: Path, seed: int) -> None:
         """Match features, reproducibly for the same seed. Without a seed each thread draws its own random numbers."""
@@ -120,11 +120,11 @@ class MomentSolver:
         """Find and match features with a network, and keep the matches that fit a geometry of two views."""
         colmap = self.colmap
         colmap.Database.open(database).close()
-        colmap.import_images(database, self.pictures, camera_mode=self.lenses, image_names=images)
+        colmap.import_images(database, self.images, camera_mode=self.lenses, image_names=images)
         pairs = list(combinations(images, 2))
         with colmap.Database.open(database) as file:
             numbers = {image.name: image.image_id for image in file.read_all_images()}
-            found = {name: matcher.describe(np.array(Image.open(self.pictures / name))) for name in images}
+            found = {name: matcher.describe(np.array(Image.open(self.images / name))) for name in images}
             for name, features in found.items():
                 file.write_keypoints(numbers[name], features.points)
             for one, other in pairs:

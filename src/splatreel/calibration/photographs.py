@@ -30,7 +30,7 @@ def check_photos(folder: Path) -> list[Path]:
     return files
 
 
-def write_photos(files: list[Path], pictures: Path, progress: Progress) -> list[str]:
+def write_photos(files: list[Path], images: Path, progress: Progress) -> list[str]:
     """Write upright copies of photographs, grouped by size, since equal sizes share a lens. Return their names."""
     names = []
     progress.stage("reading photographs", len(files))
@@ -38,13 +38,13 @@ def write_photos(files: list[Path], pictures: Path, progress: Progress) -> list[
         image = Image.fromarray(read_whole_image(file))
         image.thumbnail((LONGEST, LONGEST), Image.Resampling.LANCZOS)
         name = f"{PHOTO_FOLDER}{image.width}x{image.height}/{number:05d}.jpg"
-        (pictures / name).parent.mkdir(parents=True, exist_ok=True)
-        image.save(pictures / name, quality=95)
+        (images / name).parent.mkdir(parents=True, exist_ok=True)
+        image.save(images / name, quality=95)
         names.append(name)
         progress.update(number + 1)
     return names
 
 
-def write_picture(file: Path, picture: np.ndarray) -> None:
+def write_image(file: Path, image: np.ndarray) -> None:
     """Write a frame [H, W, 3] uint8 as a PNG file."""
-    Image.fromarray(picture).save(file, compress_level=1)
+    Image.fromarray(image).save(file, compress_level=1)

@@ -20,7 +20,7 @@ from splatreel.calibration.calibration_agreement import CalibratedCamera, Calibr
 TIMES = 2.0
 """Minimum number of features of a camera that fit its place, as a multiple of those that fit the next best place."""
 AWAY = 6.0
-"""Maximum distance of a fitting feature from its point, in pixels of a picture 640 pixels wide."""
+"""Maximum distance of a fitting feature from its point, in pixels of an image 640 pixels wide."""
 TRIALS = 1000, 10_000
 """Minimum and maximum number of random trials."""
 FEWEST = 6
@@ -32,7 +32,7 @@ class Sighting:
     """N features of a camera, and the points of a model that they match.
 
     Attributes:
-        size: Width and height of the camera's pictures.
+        size: Width and height of the camera's images.
         pixels: Positions of the features, [N, 2] float64.
         points: Numbers of the points, [N].
         places: Positions of the points, [N, 3].

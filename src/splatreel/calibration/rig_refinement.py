@@ -20,7 +20,7 @@ longer side. The error with all points is about half of it. Lenses are off by ab
 def refine_by_moments(colmap: ModuleType, model: Any, models: list[Any], folder: Path) -> Any:
     """Return a model with the same cameras, whose poses and lenses fit the points of the models of all moments.
 
-    The cameras stand still, so that points of several moments are points of one picture per camera.
+    The cameras stand still, so that points of several moments are points of one image per camera.
 
     Args:
         colmap: Module pycolmap.
@@ -44,7 +44,7 @@ def _keeps_points(before: Any, after: Any) -> bool:
 def refine_lenses(colmap: ModuleType, model: Any) -> None:
     """Refine poses, points and lenses, with the principal points if the points determine these.
 
-    COLMAP's mapper keeps principal points in the middle of the picture. One that is off by 1 % of the width looks like a
+    COLMAP's mapper keeps principal points in the middle of the image. One that is off by 1 % of the width looks like a
     camera that is turned by half a degree. If all points are near the middle, the two cannot be told apart, and noise
     would turn the cameras by degrees. Therefore principal points must be the same from either half of the points.
     """

@@ -1,4 +1,4 @@
-"""Folders of synchronized videos or pictures whose cameras are not known yet."""
+"""Folders of synchronized videos or images whose cameras are not known yet."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from splatreel.capture.image_sequences import flat_images
 from splatreel.capture.readers.colmap import camera_folders, is_colmap, unread_videos, videos_but
 from splatreel.capture.readers.neu3dv import POSES
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.sources import picture_source
+from splatreel.capture.sources import image_source
 from splatreel.capture.videos import Videos
 
 MODEL = Path("sparse/0")
 """Place of the model that a calibration writes."""
 
 CameraFiles = dict[str, Path | list[Path]]
-"""Video, or pictures in order, by camera."""
+"""Video, or images in order, by camera."""
 
 
 def uncalibrated_files(path: Path, leave_out: Sequence[str]) -> CameraFiles:
-    """Return the videos of a folder, or the pictures of its folders, by camera, without some cameras.
+    """Return the videos of a folder, or the images of its folders, by camera, without some cameras.
 
     Raises:
         CaptureError: The folder is calibrated already, has too few cameras, or lacks one that is left out.
@@ -37,33 +37,33 @@ def uncalibrated_files(path: Path, leave_out: Sequence[str]) -> CameraFiles:
         others = "".join(f" {sentence}." for sentence in unread_videos(path))
         others += f" {flat}" if (flat := flat_images(path) or flat_images(path / "images")) else ""
         raise CaptureError(
-            f"{path}: videos or folders of pictures of {len(files)} cameras ({', '.join(files) or 'none'}), at least {MIN_CAMERAS} are "
+            f"{path}: videos or folders of images of {len(files)} cameras ({', '.join(files) or 'none'}), at least {MIN_CAMERAS} are "
             f"needed. Add the others.{others}"
         )
     return files
 
 
 def camera_files(path: Path, leave_out: Sequence[str]) -> CameraFiles:
-    """Return the videos of a folder, or else the pictures of its folders, by camera, without some cameras.
+    """Return the videos of a folder, or else the images of its folders, by camera, without some cameras.
 
     Raises:
         CaptureError: A camera that is left out does not exist.
     """
-    pictures = camera_folders(path) or camera_folders(path / "images")
-    if not pictures or videos_but(path, ()):
+    images = camera_folders(path) or camera_folders(path / "images")
+    if not images or videos_but(path, ()):
         return dict(videos_but(path, leave_out))
-    if unknown := [name for name in leave_out if name not in pictures]:
-        raise CaptureError(f"{path}: there is no camera {unknown[0]!r} to leave out; there are {', '.join(pictures)}.")
-    return {name: files for name, files in pictures.items() if name not in leave_out}
+    if unknown := [name for name in leave_out if name not in images]:
+        raise CaptureError(f"{path}: there is no camera {unknown[0]!r} to leave out; there are {', '.join(images)}.")
+    return {name: files for name, files in images.items() if name not in leave_out}
 
 
 def open_uncalibrated(path: Path, files: CameraFiles) -> FrameSource:
     """Return the synchronized frames of some cameras of a folder. EXIF is ignored, as in the model that is written."""
     sidecar, request = read_sidecar(path), Request(frames=(0, 1))
     sidecar = sidecar.only(files)
-    pictures = {name: found for name, found in files.items() if isinstance(found, list)}
-    if pictures:
-        return picture_source(path, pictures, sidecar, request, upright=False)
+    images = {name: found for name, found in files.items() if isinstance(found, list)}
+    if images:
+        return image_source(path, images, sidecar, request, upright=False)
     videos = {name: found for name, found in files.items() if isinstance(found, Path)}
     return Videos(path, videos, sidecar, request)
 
@@ -71,6 +71,6 @@ def open_uncalibrated(path: Path, files: CameraFiles) -> FrameSource:
 def read_frame(source: FrameSource, name: str, frame: int) -> np.ndarray:
     """Return a frame of a camera, [H, W, 3] uint8."""
     width, height = source.size(name)
-    picture = np.empty((1, height, width, 3), np.uint8)
-    source.read_camera(picture, frame, name)
-    return picture[0]
+    image = np.empty((1, height, width, 3), np.uint8)
+    source.read_camera(image, frame, name)
+    return image[0]

@@ -117,7 +117,7 @@ def _write_images(folder: Path, capture: Capture, names: dict[str, str], kind: F
     for name in names.values():
         (folder / name).mkdir(parents=True)
     chunk = max(CHUNK_PIXELS // (len(names) * capture.width * capture.height), 1)
-    progress.stage("writing pictures", capture.frames)
+    progress.stage("writing images", capture.frames)
     with ThreadPoolExecutor(threads.count()) as pool:
         for first in range(0, capture.frames, chunk):
             count = min(chunk, capture.frames - first)

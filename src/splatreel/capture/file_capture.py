@@ -192,8 +192,8 @@ class FileCapture(Capture):
             return
         bent = np.empty((len(out), lens.height, lens.width, 3), np.uint8)
         read(bent, first, name)
-        for t, picture in enumerate(bent):
-            out[t] = lens.undistort(picture)
+        for t, image in enumerate(bent):
+            out[t] = lens.undistort(image)
 
     def _missing(self, first: int, count: int, name: str) -> np.ndarray:
         return self._source.missing(first, count, name)

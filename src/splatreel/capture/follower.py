@@ -195,7 +195,7 @@ def _check_layout(path: Path) -> None:
     if is_panoptic(path) or is_technicolor(path):
         raise CaptureError(
             f"{path}: captures of this layout list their frames in advance and cannot be followed. Supported are a COLMAP model, a "
-            f"Neu3DV or an EasyVolcap folder, with a video, a folder of pictures or a folder of numbered videos a camera."
+            f"Neu3DV or an EasyVolcap folder, with a video, a folder of images or a folder of numbered videos a camera."
         )
     if not (is_colmap(path) or is_easyvolcap(path) or (path / POSES).is_file()):
         raise CaptureError(

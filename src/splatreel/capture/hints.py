@@ -39,10 +39,10 @@ def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
         if others := unread_videos(place):
             return f"Videos in {place} are {others[0]}."
     for place in [folder, *inside]:
-        pictures = camera_folders(place)
-        if len(pictures) >= MIN_CAMERAS:
+        images = camera_folders(place)
+        if len(images) >= MIN_CAMERAS:
             return (
-                f"{place} holds pictures of {len(pictures)} cameras ({_listed(list(pictures))}) without poses of these cameras. Run "
+                f"{place} holds images of {len(images)} cameras ({_listed(list(images))}) without poses of these cameras. Run "
                 f"`{_command('calibrate', place)}`."
             )
     return next((advice for place in [folder, *inside] if (advice := flat_images(place))), None)

@@ -22,7 +22,7 @@ from splatreel.capture.soundtrack import Track
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 FRAME_FIRST = re.compile(r"(?:frame|image|img|f)?[-_]?\d+[-_. ]+(?P<camera>\D.*)", re.IGNORECASE)
 CAMERA_FIRST = re.compile(r"(?P<camera>.*[^\W_].*?)[-_. ]+\D*?\d+")
-"""Names of pictures with the number of a frame and a camera, as 0001_cam00 and cam00_0001."""
+"""Names of images with the number of a frame and a camera, as 0001_cam00 and cam00_0001."""
 
 
 class ImageSequences:
@@ -69,13 +69,13 @@ class ImageSequences:
         if len(set(counts.values())) > 1:
             low, high = min(counts, key=lambda n: counts[n]), max(counts, key=lambda n: counts[n])
             raise CaptureError(
-                f"{path}: the cameras have unequal numbers of pictures: {low} has {counts[low]}, {high} has {counts[high]}. Add "
+                f"{path}: the cameras have unequal numbers of images: {low} has {counts[low]}, {high} has {counts[high]}. Add "
                 f"those that are missing."
             )
         self._exists = {name: np.array([file is not None for file in found]) for name, found in files.items()}
         for name, there in self._exists.items():
             if not there.any():
-                raise CaptureError(f"{path}: camera {name} has no pictures. Add them, or leave the camera out.")
+                raise CaptureError(f"{path}: camera {name} has no images. Add them, or leave the camera out.")
         lacks = {name: ~there for name, there in self._exists.items()}
         self.notes += describe_gaps(lacks, range(self.frames) if labels is None else labels, "pictures")
         self._files = {name: _stand_ins(found, self._exists[name]) for name, found in files.items()}
@@ -93,15 +93,15 @@ class ImageSequences:
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
-        for picture, file in zip(out, self._files[name][first : first + len(out)], strict=True):
-            self._images.read(picture, name, file)
+        for image, file in zip(out, self._files[name][first : first + len(out)], strict=True):
+            self._images.read(image, name, file)
 
     def missing(self, first: int, count: int, name: str) -> np.ndarray:
         """Return [count] bool, the time steps for which a camera has no image. The nearest image stands in for it."""
         return ~self._exists[name][first : first + count]
 
     def own_frames(self, name: str) -> OwnFrames:
-        """Return the pictures that a camera has."""
+        """Return the images that a camera has."""
         there = self._exists[name]
         shown = np.asarray(nearest(there))
         stems = [self._files[name][at].stem for at in np.flatnonzero(there)]
@@ -130,7 +130,7 @@ def image_files(folder: Path) -> list[Path]:
 
 
 def flat_images(folder: Path) -> str | None:
-    """Return advice about a folder that holds the pictures of several cameras itself, such as cam00_0001.png, or None."""
+    """Return advice about a folder that holds the images of several cameras itself, such as cam00_0001.png, or None."""
     files = image_files(folder)
     for pattern in (FRAME_FIRST, CAMERA_FIRST):
         found = [pattern.fullmatch(file.stem) for file in files]
@@ -139,7 +139,7 @@ def flat_images(folder: Path) -> str | None:
             camera, file = next((match["camera"], file) for match, file in zip(found, files, strict=True) if match)
             example = f"{camera}/{file.name}"
             return (
-                f"{folder} holds the pictures of {len(cameras)} cameras in one folder, such as {file.name}. Move the pictures of each "
+                f"{folder} holds the images of {len(cameras)} cameras in one folder, such as {file.name}. Move the images of each "
                 f"camera into a folder of its own, such as {example}."
             )
     return None

@@ -51,10 +51,10 @@ class Lens:
     keeps_shape: bool
     shown: float
 
-    def undistort(self, picture: np.ndarray) -> np.ndarray:
+    def undistort(self, image: np.ndarray) -> np.ndarray:
         """Convert an image [height, width, 3] uint8 of the lens to [H, W, 3] of the pinhole camera."""
-        cv2 = import_cv2("Straightening pictures")
-        return cv2.remap(picture, self.places, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
+        cv2 = import_cv2("Straightening images")
+        return cv2.remap(image, self.places, None, cv2.INTER_CUBIC, borderMode=cv2.BORDER_REPLICATE)
 
 
 def undistorted_camera(

@@ -1,4 +1,4 @@
-"""Files of masks: for each camera a folder of pictures, a video or a single picture."""
+"""Files of masks: for each camera a folder of images, a video or a single image."""
 
 from __future__ import annotations
 
@@ -53,15 +53,15 @@ def read_mask_record(folder: Path) -> dict[str, Any] | None:
 
 @dataclass(frozen=True)
 class _CameraMasks:
-    """Masks of a camera: a video, or a picture for each number of its frames. numbers: [T] number for each time step."""
+    """Masks of a camera: a video, or an image for each number of its frames. numbers: [T] number for each time step."""
 
     numbers: np.ndarray
-    pictures: Sequence[Path]
+    images: Sequence[Path]
     video: VideoFile | None
 
 
 class MaskFiles:
-    """Masks of a capture in a folder. Names are those of the cameras, pictures are named or numbered as the camera's frames.
+    """Masks of a capture in a folder. Names are those of the cameras, images are named or numbered as the camera's frames.
 
     Args:
         folder: Folder of the masks.
@@ -112,7 +112,7 @@ class MaskFiles:
         found: list[Path] = []
         for masks in self._masks.values():
             used = masks.numbers[first : first + count]
-            found += [masks.video.path] if masks.video else [masks.pictures[number] for number in used]
+            found += [masks.video.path] if masks.video else [masks.images[number] for number in used]
         return list(dict.fromkeys(found))
 
     def digest(self, first: int, count: int) -> str:
@@ -143,15 +143,15 @@ class MaskFiles:
             self._check_size(place, name, (video.width, video.height))
             self._check_count(place, name, video.frames, own)
             return _CameraMasks(own.numbers, (), video)
-        pictures = [place] if place.is_file() else image_files(place)
-        if not pictures:
-            raise CaptureError(f"{place}: holds no pictures. Copy the masks of camera {name} there.")
-        self._check_size(pictures[0], name, image_size(pictures[0]))
-        if own.stems is not None and {file.stem for file in pictures} & set(own.stems):
-            pictures = self._by_name(place, name, pictures, own)
+        images = [place] if place.is_file() else image_files(place)
+        if not images:
+            raise CaptureError(f"{place}: holds no images. Copy the masks of camera {name} there.")
+        self._check_size(images[0], name, image_size(images[0]))
+        if own.stems is not None and {file.stem for file in images} & set(own.stems):
+            images = self._by_name(place, name, images, own)
         else:
-            self._check_count(place, name, len(pictures), own)
-        return _CameraMasks(own.numbers, pictures, None)
+            self._check_count(place, name, len(images), own)
+        return _CameraMasks(own.numbers, images, None)
 
     def _place(self, name: str) -> Path:
         """Return the folder or file of a camera's masks."""
@@ -167,30 +167,30 @@ class MaskFiles:
             )
         if not found:
             raise CaptureError(
-                f"{self.folder}: there are no masks of camera {name}. Add a folder {name} with a picture for each frame, or a video "
+                f"{self.folder}: there are no masks of camera {name}. Add a folder {name} with an image for each frame, or a video "
                 f"{name}.mp4, or leave the camera out with {quoted(option('--leave-out', name))}."
             )
         return found[0]
 
-    def _by_name(self, place: Path, name: str, pictures: list[Path], own: OwnFrames) -> list[Path]:
-        """Return the mask of each picture of the camera: the file of the same name."""
+    def _by_name(self, place: Path, name: str, images: list[Path], own: OwnFrames) -> list[Path]:
+        """Return the mask of each image of the camera: the file of the same name."""
         assert own.stems is not None
-        by_stem = {file.stem: file for file in pictures}
+        by_stem = {file.stem: file for file in images}
         capture = self._capture
         used = own.numbers[capture.first_frame : capture.first_frame + capture.frames]
         for number in used:
             if own.stems[number] not in by_stem:
                 raise CaptureError(
-                    f"{place}: there is no mask {own.stems[number]} for the picture of this name of camera {name}. Add the mask, or "
+                    f"{place}: there is no mask {own.stems[number]} for the image of this name of camera {name}. Add the mask, or "
                     f"choose other frames with --frames."
                 )
-        return [by_stem.get(stem, pictures[0]) for stem in own.stems]
+        return [by_stem.get(stem, images[0]) for stem in own.stems]
 
     def _check_count(self, place: Path, name: str, found: int, own: OwnFrames) -> None:
         if found != own.count:
             raise CaptureError(
                 f"{place}: holds {found} masks, but camera {name} has {own.count} frames. Give a mask for each frame"
-                + (", or name the masks as the pictures." if own.stems is not None else ".")
+                + (", or name the masks as the images." if own.stems is not None else ".")
             )
 
     def _check_size(self, file: Path, name: str, found: tuple[int, int]) -> None:
@@ -210,15 +210,15 @@ class MaskFiles:
             masks.video.read_into(out, numbers)
         size = None
         for place, number in enumerate(numbers):
-            file = masks.video.path if masks.video else masks.pictures[number]
+            file = masks.video.path if masks.video else masks.images[number]
             if masks.video is None:
-                size = size or image_size(masks.pictures[0])
+                size = size or image_size(masks.images[0])
                 out[place] = read_image(file, out.shape[2], out.shape[1], size=size, mask=True)
             _check_levels(file, int(number), out[place])
 
 
 def _check_levels(file: Path, number: int, mask: np.ndarray) -> None:
-    """Raise `CaptureError` for a picture that is no mask."""
+    """Raise `CaptureError` for an image that is no mask."""
     if int((mask.max(2) - mask.min(2)).max()) > MOST_COLOR:
         raise CaptureError(f"{file}: frame {number} is colored. Masks are gray: white is the subject, black is not.")
     brightest = int(mask.max())

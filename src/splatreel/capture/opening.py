@@ -32,12 +32,12 @@ LOOKED_FOR = """\
   Panoptic Sports: train_meta.json, test_meta.json and ims/
   Technicolor:     cameras_parameters.txt and SCENE_undist_FRAME_CAMERA.png
   EasyVolcap:      intri.yml, extri.yml and images/CAMERA/*.jpg or videos/CAMERA.mp4
-  COLMAP:          sparse/0/cameras.bin (or .txt) and a video a camera, or images/, images_2/, ... with a picture or a folder a camera
+  COLMAP:          sparse/0/cameras.bin (or .txt) and a video a camera, or images/, images_2/, ... with an image or a folder a camera
   4DGaussians:     sparse_/cameras.bin and cam01/frame_00001.jpg, ...
   transforms.json: of nerfstudio, instant-ngp or Blender, and the images that it lists
   Calibration:     a file of Anipose, FreeMoCap, Caliscope, Pose2Sim, Qualisys, OpenCV, Metashape, CMU Panoptic, RealityCapture (XMP),
                    ActorsHQ (calibration.csv), ZJU-MoCap (annots.npy) or Google Immersive (models.json),
-                   and a video a camera, or a folder of pictures, with its name
+                   and a video a camera, or a folder of images, with its name
   Videos alone:    first run `splatreel capture calibrate` on them, and `splatreel capture sync` if they do not start together"""
 
 READERS: tuple[tuple[Callable[[Path], bool], Callable[[Path, Request], Capture]], ...] = (

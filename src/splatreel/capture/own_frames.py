@@ -16,7 +16,7 @@ class OwnFrames:
     Attributes:
         numbers: Number of the frame that each time step shows, [T] int. Frames are counted from 0.
         count: Number of frames.
-        stems: Names of the pictures without their suffixes; None for a video.
+        stems: Names of the images without their suffixes; None for a video.
     """
 
     numbers: np.ndarray

@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from splatreel.capture.base import Request
-from splatreel.capture.growing.growing_pictures import GrowingPictures
+from splatreel.capture.growing.growing_images import GrowingImages
 from splatreel.capture.growing.growing_videos import GrowingCamera, GrowingVideos
 from splatreel.capture.growing.growth import is_recorded
+from splatreel.capture.image_pairs import pair_images
 from splatreel.capture.image_sequences import ImageSequences
-from splatreel.capture.picture_pairs import pair_pictures
 from splatreel.capture.sidecar import Sidecar
 from splatreel.capture.video import VideoFile
 from splatreel.capture.videos import Videos
@@ -26,15 +26,15 @@ def video_source(path: Path, files: dict[str, Path], sidecar: Sidecar, request: 
     return GrowingVideos(path, files, sidecar, request.growth)
 
 
-def picture_source(
+def image_source(
     path: Path, files: dict[str, list[Path]], sidecar: Sidecar, request: Request, *, upright: bool = True
-) -> ImageSequences | GrowingPictures:
+) -> ImageSequences | GrowingImages:
     """Return the source for the images of each camera, which are paired by the numbers in their names.
 
     `upright` obeys EXIF.
     """
     files = {name: found for name, found in files.items() if name not in request.left_out}
     if request.growth is None:
-        pairs = pair_pictures(path, files, all_have=is_recorded(path))
+        pairs = pair_images(path, files, all_have=is_recorded(path))
         return ImageSequences(path, pairs.files, sidecar, request, pairs.notes, pairs.labels, upright=upright)
-    return GrowingPictures(path, files, sidecar, upright=upright)
+    return GrowingImages(path, files, sidecar, upright=upright)

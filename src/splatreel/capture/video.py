@@ -121,7 +121,7 @@ OTHER_VIDEOS = re.compile(
 )
 """Extensions of videos that are not read: raw formats of cameras, streams without times, and rare containers."""
 
-WITHOUT_PICTURES = {"fflags": "noparse", "probesize": "32"}
+WITHOUT_IMAGES = {"fflags": "noparse", "probesize": "32"}
 """FFmpeg options that do not parse images, which are zeros."""
 STEPS_BACK = (0.5, 2.0, 10.0)
 """Seconds before a keyframe to seek to, if a seek to the keyframe itself overshot it."""
@@ -223,7 +223,7 @@ class VideoFile:
             if self.path.suffix.lower() not in SUFFIXES:
                 return scan(container, stream, self._size())
             tables = IndexOnly(self._files.raw(self.path))
-            with closing(tables), av.open(cast(Any, tables), "r", options=WITHOUT_PICTURES) as index:
+            with closing(tables), av.open(cast(Any, tables), "r", options=WITHOUT_IMAGES) as index:
                 return scan(container, stream, self._size(), cast(InputContainer, index))
 
     def _size(self) -> int:

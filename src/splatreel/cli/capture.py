@@ -49,7 +49,7 @@ def capture_check(
         hold_out: Names of the cameras to keep for evaluation, as `reconstruct` takes them.
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
         quick: Leave out the trial that predicts the quality of novel views, which takes some seconds.
-        page: HTML file to write, such as check.html: the verdict, the cameras in plan and elevation, and a picture of each.
+        page: HTML file to write, such as check.html: the verdict, the cameras in plan and elevation, and an image of each.
         masks: Folder of masks, which the page shows.
     """
     import numpy as np
@@ -140,11 +140,11 @@ def _judge(
     """
     from splatreel.config import Config
     from splatreel.run.memory import check_memory
-    from splatreel.run.requirements import check_capture, check_pictures
+    from splatreel.run.requirements import check_capture, check_images
 
     check_capture(source)
     check_memory(source, Config())
-    check_pictures(source, names, frames)
+    check_images(source, names, frames)
     _say_each(source.doubts, said)
     if any(importlib.util.find_spec(name) is None for name in ("cv2", "torch")):
         _say_each([f"poses are not compared with the images, which needs {install_command('recon')}"], said)
@@ -194,13 +194,13 @@ def capture_calibrate(
     board: str | None = None,
     board_videos: Path | None = None,
 ) -> None:
-    """Find the poses and lenses of cameras by their videos or pictures: by COLMAP from some of the frames, or by a board.
+    """Find the poses and lenses of cameras by their videos or images: by COLMAP from some of the frames, or by a board.
 
     Writes the model sparse/0 into the folder, unless the frames contradict each other. If the videos do not start together, run
     `capture sync` first.
 
     Args:
-        capture: Folder of the videos, one per camera, or of folders of pictures, one per camera.
+        capture: Folder of the videos, one per camera, or of folders of images, one per camera.
         also: Folder of photographs by a camera that was carried from each camera's view to the next. They connect cameras far apart.
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
         distance: Names of two cameras and the distance of their lenses in meters, as cam00 cam05 2.5. Then the world's unit is a meter.
@@ -334,14 +334,14 @@ def capture_convert(
     frames: str | None = None,
     format: Literal["jpg", "png"] = "jpg",
 ) -> None:
-    """Write a capture as a folder that EasyVolcap, COLMAP and Splatreel read, with undistorted, synchronized pictures.
+    """Write a capture as a folder that EasyVolcap, COLMAP and Splatreel read, with undistorted, synchronized images.
 
     Args:
         capture: Folder or address of the videos or images and their cameras.
         out: New folder.
-        width: Width of the pictures to write, in pixels; by default their own.
+        width: Width of the images to write, in pixels; by default their own.
         frames: Frames A to B - 1, as A:B; by default all.
-        format: File format of the pictures. PNG keeps every pixel.
+        format: File format of the images. PNG keeps every pixel.
     """
     from splatreel.base.display import console
     from splatreel.base.new_folder import is_taken

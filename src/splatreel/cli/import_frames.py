@@ -215,7 +215,7 @@ def _say_result(film: Frames, found: Comparison, reel: Path) -> None:
     size = sum(file.bytes for file in open_reel(reel).manifest.files)
     say(
         f"{counted(len(film), 'frame')} in {megabytes(size)}, {compared_size(size, film.size)} the {megabytes(film.size)} of "
-        f"{film.path}. Its images have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.pictures})."
+        f"{film.path}. Its images have {found.psnr:.1f} dB PSNR against those of the files (mean of {found.images})."
     )
 
 

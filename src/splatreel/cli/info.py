@@ -47,7 +47,7 @@ def describe(name: str, found: ReelInfo) -> str:
         f"  {count} frames at {manifest.fps:g} a second, {seconds:.2f} s, from {width} x {height} pixels",
         f"  {len(manifest.cameras)} cameras; color depends on the view by spherical harmonics of degree {manifest.sh_degree}",
         f"  {found.total_bytes:,} bytes to watch once, {found.bytes_per_second:,.0f} for each second of video",
-        f"  {found.start_bytes:,} of these before the first complete picture, then {found.playing_bytes_per_second:,.0f} a second",
+        f"  {found.start_bytes:,} of these before the first complete image, then {found.playing_bytes_per_second:,.0f} a second",
         *([f"  {found.stored_bytes:,} bytes in all files"] if found.stored_bytes != found.total_bytes else []),
         f"  as plain float32 numbers the points would be {found.float32_bytes:,} bytes",
     ]

@@ -58,11 +58,11 @@ class SubjectOptions:
     """Part of the scene to make a reel of. Players show the page behind it."""
 
     masks: Annotated[str | None, arg(metavar="PATH")] = None
-    """Folder of masks, white where the images show the subject. It has a folder of pictures or a video for each camera, of the
-    camera's name. Pictures are named or numbered as the camera's frames. auto makes them first, in OUT/masks, as
+    """Folder of masks, white where the images show the subject. It has a folder of images or a video for each camera, of the
+    camera's name. Images are named or numbered as the camera's frames. auto makes them first, in OUT/masks, as
     `splatreel capture masks` does."""
     clean_plate: Annotated[Path | None, arg(metavar="PATH")] = None
-    """With --masks auto: folder with a picture or a video without the subject for each camera."""
+    """With --masks auto: folder with an image or a video without the subject for each camera."""
     region: str | None = None
     """Volume to keep, in the coordinates of the capture, as `splatreel edit crop=` takes it: box:x,y,z,X,Y,Z, sphere:x,y,z,RADIUS,
     cylinder:x,y,z,RADIUS,HEIGHT or capture. Its surroundings are trained coarsely and left out."""

@@ -42,10 +42,10 @@ def claimed_memory(points: int, frames: int, sections: Mapping[str, Coded]) -> i
     basis = max((len(p["shifts"]) for p in found.values() if isinstance(p.get("shifts"), list)), default=0)
     degree = min(_whole(found.get("sh_rest", {}), "degree"), 3)
     a_point += _COLOR * 3 * ((degree + 1) ** 2 - 1)
-    pictures = sum(_area(p) * (10 * frames if name == "offsets" else 3) for name, p in found.items())
-    pictures += _area(found.get("sh_rest", {})) * 3 * (degree + 1) ** 2
+    images = sum(_area(p) * (10 * frames if name == "offsets" else 3) for name, p in found.items())
+    images += _area(found.get("sh_rest", {})) * 3 * (degree + 1) ** 2
     flags = _whole(found.get("alive", {}), "count")
-    return points * a_point + _BASIS * basis * max(frames, 45) + _PIXEL * pictures + 2 * flags
+    return points * a_point + _BASIS * basis * max(frames, 45) + _PIXEL * images + 2 * flags
 
 
 def check_memory(points: int, frames: int, sections: Mapping[str, Coded], size: int, most: int | None = None) -> None:

@@ -33,9 +33,9 @@ class ReelInfo:
     stored_bytes: int
     """Bytes of all files of the reel, which holds all renditions."""
     first_view_bytes: int
-    """Bytes of the points that the first complete picture needs: manifest, first group and the layers that live at it."""
+    """Bytes of the points that the first complete image needs: manifest, first group and the layers that live at it."""
     start_bytes: int
-    """`first_view_bytes` with the poster: what a viewer downloads before the first complete picture, besides the player."""
+    """`first_view_bytes` with the poster: what a viewer downloads before the first complete image, besides the player."""
     bytes_per_second: float
     """`total_bytes` per second of video."""
     playing_bytes_per_second: float

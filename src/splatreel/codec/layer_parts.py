@@ -31,7 +31,7 @@ def part_sizes(count: int) -> list[int]:
 def split_layer(gaussians: Gaussians, classes: np.ndarray, cameras: Sequence[Camera]) -> list[np.ndarray]:
     """Return the indices of the points of each part, the parts of most visible points first.
 
-    Large opaque points come first, so that the first part alone covers the picture. Unimportant points, such as hidden
+    Large opaque points come first, so that the first part alone covers the image. Unimportant points, such as hidden
     ones, come last. Within a part points keep their order.
 
     Args:

@@ -246,7 +246,7 @@ def _parse_thumbnails(value: dict[str, Any]) -> Thumbnails:
         sheets=_parse_assets(value.get("sheets")),
     )
     if -(-found.count // (found.columns * found.rows)) != len(found.sheets):
-        raise ReelError(f"has {found.count} pictures, which {len(found.sheets)} sheets do not hold.")
+        raise ReelError(f"has {found.count} images, which {len(found.sheets)} sheets do not hold.")
     return found
 
 

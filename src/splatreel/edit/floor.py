@@ -20,7 +20,7 @@ FEWEST = 20
 def floor_height(clip: Clip) -> float:
     """Return the height along `up` of the largest horizontal surface below the focus, at the first frame.
 
-    Points count by their area and opacity. At least two cameras have them in their pictures.
+    Points count by their area and opacity. At least two cameras have them in their images.
 
     Raises:
         UsageError: There is no horizontal surface.

@@ -75,7 +75,7 @@ class Joined(ChangedClip):
 
 
 def _check(a: Outline, b: Outline) -> None:
-    """Refuse clips whose pictures would change where they meet."""
+    """Refuse clips whose images would change where they meet."""
     one, other = a.header, b.header
     if abs(one.fps - other.fps) > 1e-9 * one.fps:
         raise UsageError(

@@ -10,7 +10,7 @@ from splatreel.edit.clip import Clip, ClipGroup, ClipLayer, shown_points
 from splatreel.play.renderers import draw_on_cpu
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
-from splatreel.scene.volumes import in_picture
+from splatreel.scene.volumes import in_image
 
 SIDE = 256
 """Largest side in pixels of the depth images."""
@@ -25,7 +25,7 @@ CLEAR = 0.2
 
 
 class SeenByCameras:
-    """Selection of the points that at least `least` cameras see: in their pictures, and not behind what is drawn there."""
+    """Selection of the points that at least `least` cameras see: in their images, and not behind what is drawn there."""
 
     def __init__(self, least: int) -> None:
         self.least = least
@@ -47,7 +47,7 @@ class SeenByCameras:
         near, count = clip.outline.header.near, np.zeros(len(points), np.int64)
         reach = SIZES * points.scales.max(1, initial=0.0)
         for camera, surface in zip(_small(clip), self._surfaces(clip, index, frame), strict=True):
-            inside, pixels, depths = in_picture(points.means, camera, near)
+            inside, pixels, depths = in_image(points.means, camera, near)
             columns, rows = (
                 np.clip(pixels[:, axis].astype(int), 0, size - 1)
                 for axis, size in ((0, camera.width), (1, camera.height))

@@ -17,12 +17,12 @@ from splatreel.capture.base import Capture
 from splatreel.codec.info import ReelInfo, reel_info
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
+from splatreel.evaluation.comparison_images import chosen_frames, comparison, write_images, write_png
 from splatreel.evaluation.flicker import Flicker, border_frames
 from splatreel.evaluation.metrics import psnr
-from splatreel.evaluation.moving_pixels import median_pictures, moving_pixels
+from splatreel.evaluation.moving_pixels import median_images, moving_pixels
 from splatreel.evaluation.page.report_page import write_report_page
 from splatreel.evaluation.perceptual import Lpips, load_lpips
-from splatreel.evaluation.pictures import chosen_frames, comparison, write_pictures, write_png
 from splatreel.evaluation.quality import ImageComparison, Quality
 from splatreel.evaluation.report import Report
 from splatreel.play.timeline import Timeline
@@ -56,7 +56,7 @@ def evaluate(
         capture: Capture that the reel was made from, opened from the frame that the reel begins with (`open_reel_capture`).
         rendition: Name of a rendition; None chooses the best.
         cameras: Names of cameras; None uses the default of `choose_cameras`.
-        out: Folder for report.json, report.md, report.html and pictures of each camera: truth, render and error of the
+        out: Folder for report.json, report.md, report.html and images of each camera: truth, render and error of the
             middle, the worst and the median frame, and the layers of the worst.
         undecoded: Function from a frame to the Gaussians before encoding, for `psnr_undecoded`.
         frames: Frames to evaluate; None means all frames that the reel and the capture share.
@@ -84,11 +84,11 @@ def evaluate(
             sweep(folder)
     scores = Scores(Timeline(reader), capture, views, border_frames(reader.manifest))
     lpips, lpips_frames = load_lpips() if lpips_every else {}, set(chosen[:: max(lpips_every, 1)])
-    picture = chosen[len(chosen) // 2]
+    image = chosen[len(chosen) // 2]
     progress.stage(f"comparing with {', '.join(names)}", len(chosen))
     for done, (frame, truths) in enumerate(read_frames(capture, chosen, names), 1):
         images = scores.add(frame, truths, lpips if frame in lpips_frames else {}, undecoded)
-        if out is not None and frame == picture:
+        if out is not None and frame == image:
             for name, truth in zip(names, truths, strict=True):
                 if name in images:
                     write_png(out / "pictures" / f"{name.replace('/', '_')}.png", comparison(truth, images[name]))
@@ -107,7 +107,7 @@ def evaluate(
     )
     if out is not None:
         report.write(out)
-        write_pictures(out / "pictures", scores.timeline, capture, scores.psnr())
+        write_images(out / "pictures", scores.timeline, capture, scores.psnr())
         write_report_page(out, reel, most=most)
     return report
 
@@ -133,7 +133,7 @@ class Scores:
 
     def __init__(self, timeline: Timeline, capture: Capture, views: Sequence[Camera], borders: set[int]) -> None:
         self.timeline, self.capture, self.views = timeline, capture, views
-        self.medians = median_pictures(capture, [view.name for view in views])
+        self.medians = median_images(capture, [view.name for view in views])
         self.whole: dict[tuple[int, str], Quality] = {}
         self.moving: dict[tuple[int, str], Quality] = {}
         self.moving_share: list[float] = []

@@ -12,7 +12,7 @@ MOST_FRAMES = 20
 """Maximum number of frames for the median."""
 
 
-def median_pictures(capture: Capture, names: list[str]) -> list[np.ndarray]:
+def median_images(capture: Capture, names: list[str]) -> list[np.ndarray]:
     """Return the median of each named camera over the capture's frames, uint8 [H, W, 3].
 
     At most 20 evenly spread frames are used; of an even number the lower middle. One camera's frames are in memory at a
@@ -20,12 +20,12 @@ def median_pictures(capture: Capture, names: list[str]) -> list[np.ndarray]:
     """
     times = np.linspace(0, capture.frames - 1, min(MOST_FRAMES, capture.frames)).round().astype(int)
     middle = (len(times) - 1) // 2
-    pictures = []
+    images = []
     for name in names:
         stack = np.stack([capture.read(int(time), 1, [name])[0, 0] for time in times])
         stack.partition(middle, axis=0)
-        pictures.append(stack[middle].copy())
-    return pictures
+        images.append(stack[middle].copy())
+    return images
 
 
 def moving_pixels(truth: np.ndarray, median: np.ndarray) -> np.ndarray:

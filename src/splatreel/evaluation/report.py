@@ -47,7 +47,7 @@ class Report:
             consecutive frames.
         flicker_borders: The same where one group fades into the next.
         reel_bytes: Size of points and manifest, without poster, thumbnails and sound.
-        first_view_bytes: Bytes of points and manifest that the first complete picture needs.
+        first_view_bytes: Bytes of points and manifest that the first complete image needs.
         bytes_per_second: `total_bytes` per second of video. Earlier versions left out the first layers, poster, thumbnails and
             sound.
         seconds: Wall time of each stage.
@@ -74,7 +74,7 @@ class Report:
         psnr_color_fitted: PSNR in dB after the best gain for each color channel of each image; None if an older version wrote
             the report.
         total_bytes: Bytes that a viewer downloads who watches the reel once; None if an older version wrote the report.
-        start_bytes: Bytes that a viewer downloads before the first complete picture, without the player.
+        start_bytes: Bytes that a viewer downloads before the first complete image, without the player.
         playing_bytes_per_second: Bytes per second that a player downloads during playback: groups, new layers and sound.
         lpips_3dgs: LPIPS (VGG) as the code of 3DGS computes it, of images with values 0..1; None without its weights.
         moving: All metrics of `Quality` over the pixels with motion; None without motion.
@@ -269,9 +269,9 @@ def _size(report: Report) -> list[Number]:
             f"what a viewer downloads who watches it once: {kinds}" if kinds else "size of all files",
         ),
         Number(
-            "First picture",
+            "First image",
             megabytes(start),
-            "what a viewer downloads before the first complete picture, besides the player",
+            "what a viewer downloads before the first complete image, besides the player",
         ),
         *(
             []

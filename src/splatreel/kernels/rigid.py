@@ -29,9 +29,9 @@ class Template(NamedTuple):
     views: Views
 
 
-def make_views(viewmats: np.ndarray, Ks: np.ndarray, pictures: np.ndarray, depths: np.ndarray, near: float) -> Views:
+def make_views(viewmats: np.ndarray, Ks: np.ndarray, images: np.ndarray, depths: np.ndarray, near: float) -> Views:
     """Make `Views`. The depths may be infinite where nothing hides points."""
-    return Views(viewmats, Ks, pictures, finite(depths), F(near))
+    return Views(viewmats, Ks, images, finite(depths), F(near))
 
 
 def sample_colors(points: np.ndarray, views: Views) -> tuple[np.ndarray, np.ndarray]:

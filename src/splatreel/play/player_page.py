@@ -28,7 +28,7 @@ def with_metadata(page: str, presentation: Presentation, address: str | None = N
     Args:
         page: HTML of the player's page.
         presentation: Metadata of the reel.
-        address: URL of the folder that holds the page and `reel/`. Without it the tags name no picture.
+        address: URL of the folder that holds the page and `reel/`. Without it the tags name no image.
     """
     title = presentation.title or "Splatreel"
     tags = {

@@ -171,7 +171,7 @@ class Viewer:
         for _ in range(2):
             began = time.perf_counter()
             view = self.reel.manifest.camera
-            self._picture(view, full=True)
+            self._image(view, full=True)
             self._pace = (time.perf_counter() - began) / (view.width * view.height)
 
     def _run(self) -> None:
@@ -202,8 +202,8 @@ class Viewer:
             if before == (key, True):
                 continue
             still = before is not None and before[0] == key
-            picture = self._picture(view, full=still)
-            client.scene.set_background_image(picture, format="jpeg", jpeg_quality=90 if still else 75)
+            image = self._image(view, full=still)
+            client.scene.set_background_image(image, format="jpeg", jpeg_quality=90 if still else 75)
             self._shown[name] = (key, still)
             drew = True
         return drew
@@ -216,7 +216,7 @@ class Viewer:
         height = max(round(width * camera.image_height / camera.image_width), 1)
         return camera_of(camera.position, camera.wxyz, camera.fov, width, height)
 
-    def _picture(self, view: Camera, full: bool) -> np.ndarray:
+    def _image(self, view: Camera, full: bool) -> np.ndarray:
         """Render [h, w, 3] uint8, at reduced resolution unless `full`, if the device is too slow."""
         if not full:
             part = min(math.sqrt(_MAX_SECONDS / (self._pace * view.width * view.height)), 1.0)

@@ -42,14 +42,14 @@ def iteration_ms(
     scene = probe_scene(probe, device)
     points = TrainablePoints.from_gaussians(scene.gaussians, default_rates(scene.unit), device)
     image = np.random.default_rng(0).integers(0, 256, (1, 1, probe.height, probe.width, 3), np.uint8)
-    pictures = TrainingImages(torch.from_numpy(image).to(device), [scene.view], scene.near, scene.unit)
+    images = TrainingImages(torch.from_numpy(image).to(device), [scene.view], scene.near, scene.unit)
     gains = CameraGains(1, device)
     config = KeyframeConfig(densify_every=10**9, average_share=0.0, detail=False)
     trainer = KeyframeTrainer(points, gains, config, max_points=probe.points, gpu=gpu)
     taken = []
     while sum(taken[1:]) < seconds:
         start = time.perf_counter()
-        trainer.train(pictures, BATCH, 10**6, Silent())
+        trainer.train(images, BATCH, 10**6, Silent())
         taken.append(time.perf_counter() - start)
         if gpu is not None and gpu.failure is not None:
             raise GpuError(gpu.failure)

@@ -16,7 +16,7 @@ from splatreel.method.train.single_frame import Subject, lay_out
 from splatreel.run.job import Job
 from splatreel.run.output.group_writer import header_of, open_writer
 from splatreel.run.output.soundtrack import Soundtrack, save_soundtrack
-from splatreel.run.requirements import check_pictures
+from splatreel.run.requirements import check_images
 from splatreel.run.run_lock import RunLock
 from splatreel.run.step_checkpoints import POSES
 from splatreel.run.store import GroupStore
@@ -113,7 +113,7 @@ def check_cameras(
         The cameras that are left, and their images.
     """
     compared = frames[[0, len(frames) // 2]]
-    check_pictures(capture, rig.names, compared)
+    check_images(capture, rig.names, compared)
     for sentence in [*capture.notes, *capture.doubts]:
         job.progress.note(sentence)
     if not job.config.check_poses:

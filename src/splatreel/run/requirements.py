@@ -49,7 +49,7 @@ def check_networks(config: LayeringConfig) -> None:
         SAM2.check()
 
 
-def check_pictures(capture: Capture, names: list[str], frames: np.ndarray) -> None:
+def check_images(capture: Capture, names: list[str], frames: np.ndarray) -> None:
     """Check that every camera shows something.
 
     Args:

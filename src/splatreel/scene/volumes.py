@@ -80,7 +80,7 @@ class Cylinder:
 
 @dataclass(frozen=True)
 class CaptureVolume:
-    """Space in the pictures of at least a share of the cameras, beyond the depth `near` of each."""
+    """Space in the images of at least a share of the cameras, beyond the depth `near` of each."""
 
     cameras: Sequence[Camera]
     near: float
@@ -90,7 +90,7 @@ class CaptureVolume:
         """Return which points [..., 3] are inside, [...] bool."""
         seen = np.zeros(points.shape[:-1], np.int64)
         for camera in self.cameras:
-            seen += in_picture(points, camera, self.near)[0]
+            seen += in_image(points, camera, self.near)[0]
         return seen >= max(self.share * len(self.cameras), 1)
 
     def bounds(self) -> None:
@@ -113,11 +113,11 @@ class Outside:
         return
 
 
-def in_picture(points: np.ndarray, camera: Camera, near: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def in_image(points: np.ndarray, camera: Camera, near: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Project points [..., 3] into a camera.
 
     Returns:
-        Which points are in the picture and deeper than `near`, [...] bool; their pixels, [..., 2]; their depths, [...].
+        Which points are in the image and deeper than `near`, [...] bool; their pixels, [..., 2]; their depths, [...].
     """
     seen = points @ camera.viewmat[:3, :3].T + camera.viewmat[:3, 3]
     depth = seen[..., 2]

@@ -1,4 +1,4 @@
-"""Clean plates: images without the subject, as a picture, a folder of pictures or a video for each camera."""
+"""Clean plates: images without the subject, as an image, a folder of images or a video for each camera."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from splatreel.capture.mask_files import VIDEO_SUFFIXES
 from splatreel.capture.video import VideoFile
 
 MOST = 30
-"""Number of frames of a video or pictures of a folder that are read."""
+"""Number of frames of a video or images of a folder that are read."""
 FOLDERS = ("", "videos", "images", "ims")
 """Folders of a capture that hold the files of its cameras."""
 
@@ -26,7 +26,7 @@ def read_clean_plates(folder: Path, capture: FileCapture) -> list[np.ndarray]:
     """Return images without the subject for each camera, [P, H, W, 3] uint8 each, undistorted and at the size of the capture.
 
     Args:
-        folder: Folder with a picture, a folder of pictures or a video of each camera's name. Another take without the subject is
+        folder: Folder with an image, a folder of images or a video of each camera's name. Another take without the subject is
             such a folder.
         capture: The capture.
 
@@ -35,7 +35,7 @@ def read_clean_plates(folder: Path, capture: FileCapture) -> list[np.ndarray]:
     """
     if not folder.is_dir():
         raise CaptureError(
-            f"{folder}: is no folder. Give --clean-plate a folder with a picture or a video for each camera."
+            f"{folder}: is no folder. Give --clean-plate a folder with an image or a video for each camera."
         )
     return [_of_camera(folder, camera.name, capture) for camera in capture.cameras]
 
@@ -43,17 +43,17 @@ def read_clean_plates(folder: Path, capture: FileCapture) -> list[np.ndarray]:
 def _of_camera(folder: Path, name: str, capture: FileCapture) -> np.ndarray:
     place = _place(folder, name)
     video = VideoFile(place) if place.suffix.lower() in VIDEO_SUFFIXES and place.is_file() else None
-    pictures = [] if video else [place] if place.is_file() else image_files(place)
-    if video is None and not pictures:
-        raise CaptureError(f"{place}: holds no pictures. Copy the clean plate of camera {name} there.")
-    size = (video.width, video.height) if video else image_size(pictures[0])
+    images = [] if video else [place] if place.is_file() else image_files(place)
+    if video is None and not images:
+        raise CaptureError(f"{place}: holds no images. Copy the clean plate of camera {name} there.")
+    size = (video.width, video.height) if video else image_size(images[0])
     expected = capture.source.size(name)
     if not same_shape(size, expected):
         raise CaptureError(
             f"{place}: is {size[0]}x{size[1]}, but the images of camera {name} are {expected[0]}x{expected[1]}. Film the clean plate "
             f"with the same settings of the camera."
         )
-    count = video.frames if video else len(pictures)
+    count = video.frames if video else len(images)
     numbers = np.unique(np.linspace(0, count - 1, min(count, MOST)).round().astype(int))
 
     def read(out: np.ndarray, first: int, name: str) -> None:
@@ -61,7 +61,7 @@ def _of_camera(folder: Path, name: str, capture: FileCapture) -> np.ndarray:
             video.read_into(out, numbers)
         else:
             for image, number in zip(out, numbers, strict=True):
-                image[:] = read_image(pictures[number], out.shape[2], out.shape[1], size=size)
+                image[:] = read_image(images[number], out.shape[2], out.shape[1], size=size)
 
     out = np.empty((len(numbers), capture.height, capture.width, 3), np.uint8)
     try:
@@ -73,7 +73,7 @@ def _of_camera(folder: Path, name: str, capture: FileCapture) -> np.ndarray:
 
 
 def _place(folder: Path, name: str) -> Path:
-    """Return the picture, video or folder of a camera."""
+    """Return the image, video or folder of a camera."""
     kinds = (*VIDEO_SUFFIXES, *IMAGE_SUFFIXES)
     for inner in FOLDERS:
         if not (folder / inner).is_dir():
@@ -89,6 +89,6 @@ def _place(folder: Path, name: str) -> Path:
         if found:
             return found[0]
     raise CaptureError(
-        f"{folder}: there is no clean plate of camera {name}. Add a picture {name}.png without the subject, or leave the camera out "
+        f"{folder}: there is no clean plate of camera {name}. Add an image {name}.png without the subject, or leave the camera out "
         f"with {quoted(option('--leave-out', name))}."
     )

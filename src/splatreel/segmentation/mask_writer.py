@@ -1,4 +1,4 @@
-"""Masks of the subject of a capture, written as pictures that `--masks` reads. An interrupted call continues."""
+"""Masks of the subject of a capture, written as images that `--masks` reads. An interrupted call continues."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ FAINTEST = 0.0005
 VERSION = 1
 NOTHING_MOVES = (
     "nothing moves in these frames, so there is no subject to find. If somebody stands still, film the scene without them, and give "
-    "these pictures or videos with --clean-plate FOLDER."
+    "these images or videos with --clean-plate FOLDER."
 )
 NOTHING_DIFFERS = (
     "nothing differs from the clean plate, so there is no subject to find. Check that the plate shows the scene without the "
@@ -49,12 +49,12 @@ class WrittenMasks:
     """Result of `write_masks`.
 
     Attributes:
-        pictures: Number of pictures that were written now.
+        images: Number of images that were written now.
         shares: Mean share of the subject in the images of each camera, 0..1.
         notes: Sentences about doubtful masks.
     """
 
-    pictures: int
+    images: int
     shares: dict[str, float]
     notes: list[str]
 
@@ -66,9 +66,9 @@ def write_masks(
     clean_plate: Path | None = None,
     segmenter: Segmenter | None = None,
 ) -> WrittenMasks:
-    """Write a mask for each frame and camera of a capture: FOLDER/CAMERA/NAME.png, named as the camera's own pictures.
+    """Write a mask for each frame and camera of a capture: FOLDER/CAMERA/NAME.png, named as the camera's own images.
 
-    Pictures that exist are kept, so masks that were corrected by hand stay.
+    Images that exist are kept, so masks that were corrected by hand stay.
 
     Args:
         capture: The capture, at the size at which masks are made.
@@ -197,7 +197,7 @@ def _standing(names: list[str], model: SubjectModel) -> list[str]:
         return []
     return [
         f"somebody seems to cover the background all the time in {', '.join(found)}. Masks may have holes there: film the scene "
-        f"without people, and give these pictures or videos with --clean-plate FOLDER"
+        f"without people, and give these images or videos with --clean-plate FOLDER"
     ]
 
 

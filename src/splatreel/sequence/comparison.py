@@ -36,13 +36,13 @@ class Comparison:
 
     Attributes:
         psnr: Mean PSNR in dB of the decoded reel against the sequence in the file's own precision.
-        pictures: Number of compared images.
+        images: Number of compared images.
         blind: Names of cameras that saw nothing of the sequence.
         cause: Cause and remedy of a PSNR below `CLOSE`; None if the PSNR is high enough or the cause is unknown.
     """
 
     psnr: float
-    pictures: int
+    images: int
     blind: Sequence[str] = ()
     cause: str | None = None
 
@@ -84,7 +84,7 @@ def compare(frames: Frames, reel: Path, progress: Progress, antialias: bool) -> 
     timeline = open_reel(reel)
     cameras = [camera.at_most(SIDE) for camera in timeline.manifest.cameras]
     chosen = np.unique(np.linspace(0, len(frames) - 1, COMPARED).round().astype(int))
-    progress.stage("comparing pictures", len(chosen))
+    progress.stage("comparing images", len(chosen))
     pairs, blind = [], {}
     for number, frame in enumerate(chosen.tolist()):
         if not len(frames.read(frame)):

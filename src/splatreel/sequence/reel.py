@@ -38,7 +38,7 @@ NEAR = 0.2
 """Near plane of 3DGS in world units."""
 NEAR_SHARE = 0.02
 """Maximum near plane as a share of the typical viewing distance."""
-MOMENTS, PICTURES = 16, 48
+MOMENTS, IMAGES = 16, 48
 """Times per group at which importance is measured, and images in total."""
 
 
@@ -166,7 +166,7 @@ class SequenceEncoder:
         """Return the importance [N, 3] of the dynamic points, then the static ones, see `weigh`."""
         times = np.linspace(0, group.frames - 1, min(MOMENTS, group.frames))
         moments = (Gaussians.concatenate([group.at(time), static]) for time in times)
-        views = math.ceil(PICTURES / len(times))
+        views = math.ceil(IMAGES / len(times))
         reel = self.writer.manifest
         return weigh(moments, list(reel.cameras), reel.near, self.device, reel.antialias, views)
 

@@ -36,11 +36,11 @@ class Sliding(PerFrame):
         self.trained: list[int] = []
 
     def train(
-        self, start: SharedStart, before: Gaussians, pictures: Sequence[TrainingImages], iterations: int, first: int
+        self, start: SharedStart, before: Gaussians, images: Sequence[TrainingImages], iterations: int, first: int
     ) -> list[Gaussians]:
         if first == self.fails_at:
             raise KeyboardInterrupt
-        assert [shown.images.shape[:2] for shown in pictures] == [(1, 3)]
+        assert [shown.pixels.shape[:2] for shown in images] == [(1, 3)]
         self.trained.append(first)
         self.clock.now += 0.2 * iterations
         return [replace(before, means=before.means + 0.01)]

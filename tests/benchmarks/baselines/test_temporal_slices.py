@@ -82,8 +82,8 @@ def test_parts_are_the_groups(start: SharedStart) -> None:
 
 @pytest.mark.slow
 def test_training_follows_the_moving_points(start: SharedStart, tmp_path: Path) -> None:
-    pictures = [start.pictures(frame) for frame in range(5)]
-    trained = train_slices(start, start.keyframe, pictures, 300, 0)
+    images = [start.images(frame) for frame in range(5)]
+    trained = train_slices(start, start.keyframe, images, 300, 0)
     resting, followed = (
         [_error(points, start, frame) for frame, points in enumerate(each)]
         for each in ([start.keyframe] * 5, [trained.at(frame / 4) for frame in range(5)])

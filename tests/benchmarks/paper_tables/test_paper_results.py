@@ -5,7 +5,7 @@ import pytest
 
 from paper_tables.paper_bench import BASELINES, FULL, INDEPENDENT, VARIANTS, Measured, PaperBench
 from paper_tables.paper_comparisons import COMPARISONS
-from paper_tables.paper_pictures import PICTURES
+from paper_tables.paper_images import IMAGES
 from paper_tables.paper_results import RESULTS, chained_groups
 from paper_tables.paper_run import TITLES, variants_of, write_table
 from splatreel.base.errors import UsageError
@@ -142,4 +142,4 @@ def test_unknown_tables_are_refused_with_the_known_ones() -> None:
     ):
         variants_of("99")
     assert variants_of("10") == (FULL,)
-    assert set(TITLES) == {*map(str, range(1, 11)), "12", "13", "14", "baselines", "figure10", "figure15", *PICTURES}
+    assert set(TITLES) == {*map(str, range(1, 11)), "12", "13", "14", "baselines", "figure10", "figure15", *IMAGES}

@@ -26,11 +26,11 @@ def held(board: Board, roll: float, angle: float = 0.0) -> np.ndarray:
 
 @pytest.mark.parametrize("board", KINDS, ids=lambda board: board.spec)
 def test_corners_have_their_places_however_the_board_is_turned(film: FilmedBoard, board: Board) -> None:
-    """The corners of a checkerboard may be counted from its other end, but then in all pictures."""
+    """The corners of a checkerboard may be counted from its other end, but then in all images."""
     ends = set()
     for name, roll in [("cam00", 0), ("cam01", 90), ("cam00", 200)]:
         pose = held(board, roll)
-        sighting, known = board.find(film.picture(name, board, pose)).sighting, film.places(name, board, pose)
+        sighting, known = board.find(film.image(name, board, pose)).sighting, film.places(name, board, pose)
         assert sighting is not None
         assert len(sighting.corners) > 0.8 * len(board.points)
         off = [
@@ -52,7 +52,7 @@ def test_patterns_of_older_opencv_are_found(film: FilmedBoard, rows: int) -> Non
     printed = old.generateImage((40, 8 * rows)) > 127
     assert (printed == board.cells()).all() == (rows == 7)
     pose = held(board, 0)
-    sighting = board.find(film.picture("cam00", board, pose, printed)).sighting
+    sighting = board.find(film.image("cam00", board, pose, printed)).sighting
     assert sighting is not None
     off = film.places("cam00", board, pose)[sighting.corners] - sighting.places
     assert np.median(np.linalg.norm(off, axis=1)) < 0.5
@@ -69,12 +69,12 @@ def test_patterns_of_older_opencv_are_found(film: FilmedBoard, rows: int) -> Non
 )
 def test_another_board_is_named(film: FilmedBoard, spec: str, shown: str, said: str) -> None:
     board, other = parse_board(spec), parse_board(shown)
-    look = board.find(film.picture("cam00", other, held(other, 0)))
+    look = board.find(film.image("cam00", other, held(other, 0)))
     assert look.sighting is None
     assert re.search(said, look.other or "")
 
 
-def test_pictures_without_a_board_have_none() -> None:
+def test_images_without_a_board_have_none() -> None:
     blobs = np.random.default_rng(0).integers(0, 255, (12, 16, 3), np.uint8).repeat(10, 0).repeat(10, 1)
     for board in KINDS:
         assert board.find(blobs).sighting is None
@@ -83,7 +83,7 @@ def test_pictures_without_a_board_have_none() -> None:
 
 def test_the_dictionary_of_another_board_is_found(film: FilmedBoard) -> None:
     board = parse_board("5x7:0.12:6X6_250")
-    assert family_of_markers(film.picture("cam00", board, held(board, 0))) == "6X6_1000"
+    assert family_of_markers(film.image("cam00", board, held(board, 0))) == "6X6_1000"
 
 
 HOSTILE = [

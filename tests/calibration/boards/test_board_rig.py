@@ -127,7 +127,7 @@ def test_still_frames_are_chosen_over_all_of_the_time() -> None:
     assert frames[-1] > 165
 
 
-def test_pictures_that_the_board_covers_little_are_named() -> None:
+def test_images_that_the_board_covers_little_are_named() -> None:
     film = FilmedBoard(import_pycolmap(), [0])
     views = film.sightings(BOARD, moves(BOARD, 3, 1))
     size = {"cam00": (WIDTH, HEIGHT)}

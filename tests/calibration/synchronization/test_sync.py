@@ -114,8 +114,8 @@ def moving(
         for number in range(round(seconds * 30)):
             place = 10 + places[min(round((began + rate * number / 30) * 120), len(places) - 1)] % 70
             disk = (x - (place if side else 95 - place)) ** 2 + (y - 30 - 10 * side) ** 2 < 150
-            picture = np.where(disk, 210, 60 + 30 * side).astype(np.uint8)
-            frame = av.VideoFrame.from_ndarray(np.repeat(picture[..., None], 3, 2), format="rgb24")
+            image = np.where(disk, 210, 60 + 30 * side).astype(np.uint8)
+            frame = av.VideoFrame.from_ndarray(np.repeat(image[..., None], 3, 2), format="rgb24")
             container.mux(stream.encode(frame))
         container.mux(stream.encode(None))
         if track is not None:

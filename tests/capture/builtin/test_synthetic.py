@@ -82,7 +82,7 @@ def test_capture_bytes_are_reproducible(made: Path, tmp_path: Path) -> None:
 
 
 def test_the_shipped_film_is_the_one_that_is_filmed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Frames of one camera are traced and encoded again: the same pictures, whichever processor rounds the last bits."""
+    """Frames of one camera are traced and encoded again: the same images, whichever processor rounds the last bits."""
     filmed: list[float] = []
     folder = make_capture(tmp_path / "room", progress=filmed.append)
     assert filmed == [], "the package contains this film"

@@ -20,7 +20,7 @@ CONTAINERS: dict[str, tuple[str, dict[str, str]]] = {
 """Options that make each kind of file readable while it grows."""
 KINDS = (*CONTAINERS, "segments", "pictures")
 
-Picture = Callable[[int, int], np.ndarray]
+DrawImage = Callable[[int, int], np.ndarray]
 """Function from a camera and a frame to an image, uint8 [H, W, 3]."""
 
 
@@ -53,9 +53,9 @@ class Video:
     def add(self, image: np.ndarray) -> None:
         if self._frame == self._first:
             self._stream.height, self._stream.width = image.shape[:2]
-        picture = av.VideoFrame.from_ndarray(image, format="rgb24")
-        picture.pts = self._frame - self._first
-        self._container.mux(self._stream.encode(picture))
+        encoded = av.VideoFrame.from_ndarray(image, format="rgb24")
+        encoded.pts = self._frame - self._first
+        self._container.mux(self._stream.encode(encoded))
         if self._sound is not None:
             self._rest = np.concatenate([self._rest, self._sound(self._frame)])
             while len(self._rest) >= 1024:
@@ -92,17 +92,17 @@ class Recorder:
         self,
         folder: Path,
         kind: str,
-        picture: Picture = mark,
+        draw: DrawImage = mark,
         *,
         cameras: list | None = None,
         fps: int = 10,
         segment: int = 4,
         sound: Callable[[int], np.ndarray] | None = None,
     ) -> None:
-        self.folder, self.kind, self.picture, self.fps, self.segment, self.sound = (
+        self.folder, self.kind, self.draw, self.fps, self.segment, self.sound = (
             folder,
             kind,
-            picture,
+            draw,
             fps,
             segment,
             sound,
@@ -141,7 +141,7 @@ class Recorder:
 
     def _write(self, camera: int) -> None:
         number, name = self.written[camera], self.views[camera].name
-        image = self.picture(camera, number)
+        image = self.draw(camera, number)
         self.written[camera] += 1
         if self.kind == "pictures":
             place = self.folder / "images" / name

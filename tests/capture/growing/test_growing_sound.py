@@ -47,7 +47,7 @@ def test_segmented_sound_is_continuous_and_in_sync(kind: str, tmp_path: Path) ->
         sound = np.concatenate(list(source.sound("cam00", 1, 0, 0.0)))[:, 0]
         later = np.concatenate(list(source.sound("cam00", 1, 0, 1.25)))[:, 0]
     assert len(sound) == pytest.approx(FRAMES / FPS * RATE, abs=0.05 * RATE)
-    off = GAP if kind == "segments" else 0.003  # there each file's sound is a little longer than its pictures
+    off = GAP if kind == "segments" else 0.003  # there each file's sound is a little longer than its images
     np.testing.assert_allclose(heard(sound), np.arange(0, FRAMES, 5) / FPS, atol=off)
     np.testing.assert_allclose(heard(later), np.arange(15, FRAMES, 5) / FPS - 1.25, atol=off)
     between = sound[int(0.02 * RATE) : int(2.9 * RATE)].reshape(-1, 480)

@@ -188,11 +188,11 @@ def test_other_sizes_are_cropped_to_the_most_common(tmp_path: Path) -> None:
     camera = capture.camera("view/cam02")
     assert (camera.width, camera.height) == (64, 48)
     assert camera.K[0, 0] == camera.K[1, 1] == pytest.approx(100 * 64 / 60, rel=0.01)
-    picture = capture.read(0, 1, ["view/cam01", "view/cam02"])[0]
-    assert folders.which(picture[0]) == (1, 0)
+    image = capture.read(0, 1, ["view/cam01", "view/cam02"])[0]
+    assert folders.which(image[0]) == (1, 0)
     scale = 100 / camera.K[0, 0]
-    np.testing.assert_allclose(picture[1, 24, 8:56, 0], 4 * ((np.arange(8, 56) - 31.5) * scale + 29.5), atol=3)
-    np.testing.assert_allclose(picture[1, 8:40, 32, 1], 2 * ((np.arange(8, 40) - 23.5) * scale + 44.5), atol=3)
+    np.testing.assert_allclose(image[1, 24, 8:56, 0], 4 * ((np.arange(8, 56) - 31.5) * scale + 29.5), atol=3)
+    np.testing.assert_allclose(image[1, 8:40, 32, 1], 2 * ((np.arange(8, 40) - 23.5) * scale + 44.5), atol=3)
 
 
 @pytest.mark.parametrize(

@@ -88,7 +88,7 @@ def test_easyvolcap_videos_are_read(scene: Path) -> None:
         ("intri.yml", "W_01:", "W_01: wide\nX_01:", r"intri\.yml: W_01 is 'wide', no finite number"),
         ("intri.yml", "H_01:", "H_01: .Inf\nX_01:", r"intri\.yml: H_01 is '.Inf', no finite number"),
         ("intri.yml", '"03"', "[ 3 ]", r"first is '\[ 3 \]'"),
-        ("intri.yml", '"03"', '"07"', r"1 of the 4 cameras in intri\.yml have neither pictures .* first is '07'"),
+        ("intri.yml", '"03"', '"07"', r"1 of the 4 cameras in intri\.yml have neither images .* first is '07'"),
     ],
 )
 def test_unusable_camera_files_are_named(scene: Path, file: str, old: str, new: str, message: str) -> None:
@@ -107,13 +107,13 @@ def test_invalid_rotations_are_refused(scene: Path) -> None:
         open_capture(scene)
 
 
-def test_missing_picture_costs_only_its_camera(scene: Path) -> None:
+def test_missing_image_costs_only_its_camera(scene: Path) -> None:
     (scene / "images" / "01" / "000001.png").unlink()
     capture = open_capture(scene)
     assert capture.frames == 3
     assert capture.missing(0, 3, ["00", "01"]).tolist() == [[False, False], [False, True], [False, False]]
     assert [folders.which(image) for image in capture.read(0, 3, ["01"])[:, 0]] == [(1, 0), (1, 0), (1, 2)]
-    assert capture.notes == ["01 has no pictures 1: left out of training for that camera only"]
+    assert capture.notes == ["01 has no images 1: left out of training for that camera only"]
 
 
 def test_start_times_need_videos(scene: Path) -> None:

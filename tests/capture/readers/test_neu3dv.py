@@ -185,7 +185,7 @@ def test_unsupported_frame_rates_are_refused(scene: Path, fps: float) -> None:
         open_capture(scene)
 
 
-def test_pictures_in_folders_of_cameras_are_read(scene: Path) -> None:
+def test_images_in_folders_of_cameras_are_read(scene: Path) -> None:
     for c, file in enumerate(sorted(scene.glob("*.mp4"))):
         file.unlink()
         (scene / file.stem / "images").mkdir(parents=True)

@@ -77,7 +77,7 @@ def test_meta_file_without_json_is_named(scene: Path) -> None:
 def test_a_missing_image_is_named(scene: Path) -> None:
     (scene / "ims" / "2" / "000003.png").unlink()
     capture = open_capture(scene)
-    assert capture.notes == ["2 has no pictures 3: left out of training for that camera only"]
+    assert capture.notes == ["2 has no images 3: left out of training for that camera only"]
     assert capture.missing(0, 5, ["1", "2"])[:, 1].tolist() == [False, False, False, True, False]
 
 

@@ -44,7 +44,7 @@ def test_technicolor_sidecar_sets_held_out_and_rate(scene: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda rows: rows.pop(), r"pictures of the cameras 00, 01, 02, 03 .*but 3 lines of cameras"),
+        (lambda rows: rows.pop(), r"images of the cameras 00, 01, 02, 03 .*but 3 lines of cameras"),
         (lambda rows: rows[2].append("1"), r"cameras_parameters\.txt: camera 1 has 13 numbers, expected 12"),
         (lambda rows: rows[3].__setitem__(5, "much"), r"cameras_parameters\.txt: cannot be read"),
         (lambda rows: rows[4].__setitem__(0, "-40"), r"camera 3 is \[-40.0, .*its focal length must be positive"),
@@ -64,12 +64,12 @@ def test_unusable_parameters_are_named(scene: Path, change, message: str) -> Non
 def test_missing_frame_is_named(scene: Path) -> None:
     (scene / "Painter_undist_00052_01.png").unlink()
     capture = open_capture(scene)
-    assert capture.notes == ["01 has no pictures 52: left out of training for that camera only"]
+    assert capture.notes == ["01 has no images 52: left out of training for that camera only"]
     assert capture.missing(0, 3, ["00", "01"])[:, 1].tolist() == [False, True, False]
 
 
 def test_unrelated_images_are_ignored(scene: Path) -> None:
     (scene / "Painter_undist_00051_00.png").rename(scene / "cover.png")
     capture = open_capture(scene)
-    assert capture.notes == ["00 has no pictures 51: left out of training for that camera only"]
+    assert capture.notes == ["00 has no images 51: left out of training for that camera only"]
     assert folders.which(capture.read(0, 1, ["00"])[0, 0]) == (0, 1)

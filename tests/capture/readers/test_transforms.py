@@ -50,7 +50,7 @@ def write(folder: Path, lens: dict[str, Any], frames: list[dict[str, Any]], file
     return folder
 
 
-def picture(file: Path, image: np.ndarray) -> None:
+def make_image(file: Path, image: np.ndarray) -> None:
     file.parent.mkdir(exist_ok=True, parents=True)
     Image.fromarray(image).save(file)
 
@@ -61,7 +61,7 @@ def test_photographs(tmp_path: Path, lens: dict[str, Any]) -> None:
     lens = PERSPECTIVE | lens
     frames = [{"file_path": f"./images/frame_{c}.png", "transform_matrix": matrix(c).tolist()} for c in range(4)]
     for c in range(4):
-        picture(tmp_path / "images" / f"frame_{c}.png", blobs.draw(project(c, lens), 0.5))
+        make_image(tmp_path / "images" / f"frame_{c}.png", blobs.draw(project(c, lens), 0.5))
     capture = open_capture(write(tmp_path, lens, frames))
     assert ([c.name for c in capture.cameras], capture.frames) == ([f"frame_{c}" for c in range(4)], 1)
     assert capture.layout == "transforms.json"
@@ -74,7 +74,7 @@ def test_lenses_of_frames_and_images_of_twice_the_size(tmp_path: Path) -> None:
         lens = PERSPECTIVE | {"fl_x": 150.0 + 5 * c, "k1": -0.05 * c}
         listed = {"distortion_params": [lens["k1"], 0, 0, 0, 0, 0]} | {k: v for k, v in lens.items() if k != "k1"}
         frames.append(listed | {"file_path": f"images\\{c}.png", "transform_matrix": matrix(c)[:3].tolist()})
-        picture(tmp_path / "images" / f"{c}.png", blobs.draw(2 * project(c, lens), 0.5, 320, 240))
+        make_image(tmp_path / "images" / f"{c}.png", blobs.draw(2 * project(c, lens), 0.5, 320, 240))
     assert blobs.errors(open_capture(write(tmp_path, {"camera_model": "OPENCV"}, frames))).max() < 0.1
 
 
@@ -87,7 +87,7 @@ def timed(folder: Path, times: bool = True, separate: bool = True) -> Path:
             file = f"images/cam0{c}/{number}.png" if separate else f"images/cam0{c}_{number}.png"
             frame = {"file_path": file, "transform_matrix": matrix(c).tolist()}
             frames.append(frame | ({"time": t / 2} if times else {}))
-            picture(folder / file, folders.frame(c, t, 160, 120))
+            make_image(folder / file, folders.frame(c, t, 160, 120))
     return write(folder, PERSPECTIVE, frames)
 
 
@@ -109,7 +109,7 @@ def test_deleted_images_of_instant_ngp_are_left_out(tmp_path: Path) -> None:
         {"file_path": f"images/{c}.png", "sharpness": 20.0, "transform_matrix": matrix(c).tolist()} for c in range(4)
     ]
     for c in (0, 1, 3):
-        picture(tmp_path / "images" / f"{c}.png", folders.frame(c, 0, 160, 120))
+        make_image(tmp_path / "images" / f"{c}.png", folders.frame(c, 0, 160, 120))
     capture = open_capture(write(tmp_path, PERSPECTIVE, frames))
     assert [c.name for c in capture.cameras] == ["0", "1", "3"]
 
@@ -161,7 +161,7 @@ def test_synthetic_scenes_of_blender(tmp_path: Path) -> None:
     for file, members in (("train", (0, 1, 2)), ("test", (3,))):
         frames = []
         for c in members:
-            picture(tmp_path / file / f"r_{c}.png", blobs.draw(project(c, lens), 0.5))
+            make_image(tmp_path / file / f"r_{c}.png", blobs.draw(project(c, lens), 0.5))
             frames.append({"file_path": f"./{file}/r_{c}", "rotation": 0.1, "transform_matrix": matrix(c).tolist()})
         write(tmp_path, angle, frames, f"transforms_{file}.json")
     header = "ply\nformat ascii 1.0\nelement vertex 2\nproperty float x\nproperty float y\nproperty float z\n"
@@ -181,7 +181,7 @@ def test_a_moving_camera_is_refused(tmp_path: Path) -> None:
     """The layout of D-NeRF."""
     frames = [{"file_path": f"./train/r_{c}", "time": c / 3, "transform_matrix": matrix(c).tolist()} for c in range(4)]
     write(tmp_path, {"camera_angle_x": 1.0}, frames, "transforms_train.json")
-    with pytest.raises(CaptureError, match="its 4 pictures have 4 times and 4 poses: the camera moves, as in D-NeRF"):
+    with pytest.raises(CaptureError, match="its 4 images have 4 times and 4 poses: the camera moves, as in D-NeRF"):
         open_capture(tmp_path)
 
 
@@ -203,7 +203,7 @@ def change(folder: Path, number: int | None, **values: Any) -> None:
         (None, {"ply_file_path": "points.ply"}, r"points\.ply: is missing, though transforms\.json names it"),
         (None, {"frames": []}, r"transforms\.json: lists no frames"),
         (None, {"frames": 3}, r"transforms\.json: cannot be read"),
-        (0, {"time": 0.5}, r"camera cam01 has 3 pictures with 2 different times"),
+        (0, {"time": 0.5}, r"camera cam01 has 3 images with 2 different times"),
         (0, {"time": "late"}, r"frame 0: cannot be read \(its file_path is .* and its time 'late'"),
         (0, {"transform_matrix": [[1, 0], [0, 1]]}, r"frame 0: cannot be read"),
         (0, {"file_path": "images/cam01/77.png"}, r"77\.png: is missing, and so are 0 more of the 12 files"),
@@ -231,6 +231,6 @@ def test_a_frame_without_a_pose_is_named(tmp_path: Path) -> None:
 def test_a_rolling_shutter_is_named(tmp_path: Path, shutter: dict[str, Any], named: bool) -> None:
     frames = [{"file_path": f"images/{c}.png", "transform_matrix": matrix(c).tolist()} for c in range(4)]
     for c in range(4):
-        picture(tmp_path / "images" / f"{c}.png", blobs.draw(project(c, PERSPECTIVE), 0.5))
+        make_image(tmp_path / "images" / f"{c}.png", blobs.draw(project(c, PERSPECTIVE), 0.5))
     capture = open_capture(write(tmp_path, PERSPECTIVE | shutter, frames))
     assert any("rolling_shutter [0, 0, 0.02, 0] is not read" in note for note in capture.notes) == named

@@ -1,4 +1,4 @@
-"""The page of `capture check`: verdict, notes, drawings, table and pictures."""
+"""The page of `capture check`: verdict, notes, drawings, table and images."""
 
 import re
 from dataclasses import replace
@@ -31,7 +31,7 @@ def facts(folder: Path, **changes: object) -> CheckFacts:
     return CheckFacts(**(given | {"coverage": coverage} | changes))  # pyright: ignore[reportArgumentType]
 
 
-def test_page_shows_verdict_rig_table_and_all_pictures(tmp_path: Path) -> None:
+def test_page_shows_verdict_rig_table_and_all_images(tmp_path: Path) -> None:
     found = facts(tmp_path)
     page = check_page(found)
     parse(page)

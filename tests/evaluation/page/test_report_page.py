@@ -104,10 +104,10 @@ def test_page_needs_no_other_file(run: Path) -> None:
     assert "http-equiv" not in (run / "report.html").read_text().split("srcdoc", 1)[0]
 
 
-def test_pictures_are_those_of_the_evaluation(run: Path) -> None:
+def test_images_are_those_of_the_evaluation(run: Path) -> None:
     data = re.findall(r'src="data:image/jpeg;base64,([^"]+)" alt="Truth', (run / "report.html").read_text())
-    pictures = [Image.open(io.BytesIO(base64.b64decode(text))) for text in data]
-    assert [picture.size for picture in pictures] == [(scenes.WIDTH, scenes.HEIGHT)] * 4
+    images = [Image.open(io.BytesIO(base64.b64decode(text))) for text in data]
+    assert [image.size for image in images] == [(scenes.WIDTH, scenes.HEIGHT)] * 4
 
 
 def test_page_before_evaluation_says_how_to_evaluate(tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from tests.method import inputs
 from tests.method.scenes import random_gaussians, ring
 
 
-def test_pictures_are_halved_as_long_as_they_are_too_large(monkeypatch: pytest.MonkeyPatch):
+def test_images_are_halved_as_long_as_they_are_too_large(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(group_input, "ENOUGH_SIDE", 60)
     cameras = ring(2, width=122, height=80)
     images = np.full((3, 2, 80, 122, 3), 90, np.uint8)
@@ -34,6 +34,6 @@ def test_halved_camera_sees_the_same(monkeypatch: pytest.MonkeyPatch):
     assert expected.max() > 0.2
 
 
-def test_small_pictures_stay_as_they_are():
+def test_small_images_stay_as_they_are():
     data = inputs.group_input(np.zeros((1, 1, 80, 122, 3), np.uint8), ring(1, width=122, height=80))
     assert data.smaller() is data

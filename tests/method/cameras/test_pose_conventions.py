@@ -10,11 +10,11 @@ from splatreel.method.cameras.pose_conventions import match_nearest, recognize_c
 from splatreel.method.cameras.poses import PoseFindings, inspect_poses
 from splatreel.method.init.features import detect
 from splatreel.scene.camera import Camera
-from tests.method.corner import arc, pictures
+from tests.method.corner import arc, make_images
 
 CAMERAS = arc(5)
-PICTURES = pictures(CAMERAS)
-FEATURES = [detect(picture) for picture in PICTURES]
+IMAGES = make_images(CAMERAS)
+FEATURES = [detect(image) for image in IMAGES]
 
 
 def test_correct_poses_keep_their_convention() -> None:
@@ -31,9 +31,9 @@ def test_correct_poses_keep_their_convention() -> None:
 )
 def test_convention_of_the_poses_is_recognized(stored: Callable[[list[Camera]], list[Camera]], meant: str) -> None:
     """The cameras stand in a row and look ahead. The axes of their inverse poses meet in front of the cameras, too."""
-    assert inspect_poses(stored(CAMERAS), np.stack([PICTURES] * 2)) == PoseFindings({}, [], [], [], meant)
+    assert inspect_poses(stored(CAMERAS), np.stack([IMAGES] * 2)) == PoseFindings({}, [], [], [], meant)
 
 
 def test_unrelated_images_show_no_convention() -> None:
-    others = [detect(np.roll(picture, (23 * i, 31 * i), (0, 1))) for i, picture in enumerate(PICTURES)]
+    others = [detect(np.roll(image, (23 * i, 31 * i), (0, 1))) for i, image in enumerate(IMAGES)]
     assert recognize_convention(CAMERAS, others, match_nearest(CAMERAS, others)) is None

@@ -6,10 +6,10 @@ import pytest
 
 from splatreel.method.cameras.poses import MOVED, PLENTY, PoseEstimate, PoseFindings, inspect_poses
 from splatreel.scene.camera import Camera
-from tests.method.corner import HEIGHT, WIDTH, arc, pictures, texture
+from tests.method.corner import HEIGHT, WIDTH, arc, make_images, texture
 
 CAMERAS = arc(9)
-TRUTH = pictures(CAMERAS)
+TRUTH = make_images(CAMERAS)
 ALL_RIGHT = PoseFindings({}, [], [])
 
 
@@ -112,7 +112,7 @@ def test_too_many_wrong_poses_are_all_doubtful() -> None:
 
 
 def test_moving_thing_is_not_mistaken_for_a_moved_camera() -> None:
-    """Half of the pictures are elsewhere in the first moment, as they are of cameras that are out of step."""
+    """Half of the images are elsewhere in the first moment, as they are of cameras that are out of step."""
     frames = moments()
     frames[0, 3, :, : WIDTH // 2] = np.roll(frames[0, 3], 4, axis=1)[:, : WIDTH // 2]
     assert inspect_poses(CAMERAS, frames) == ALL_RIGHT

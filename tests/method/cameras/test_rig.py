@@ -17,14 +17,14 @@ from splatreel.run.store import GroupStore
 from splatreel.scene.gaussians import Gaussians
 from tests.method.cameras.test_poses import apart, turned
 from tests.method.captures import WallCapture
-from tests.method.corner import arc, pictures
+from tests.method.corner import arc, make_images
 from tests.notes import Notes
 
 CAPTURE = WallCapture(6, speed=0.0, drift=0.1)
 CAMERAS = CAPTURE.cameras
 NAMES = [camera.name for camera in CAMERAS]
 CORNER = arc(9)
-PICTURES = np.stack([pictures(CORNER)] * 2)
+IMAGES = np.stack([make_images(CORNER)] * 2)
 
 
 def test_exposures_carry_over_and_restored_rig_is_equal(tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_rig_without_checkpoints_stays(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_moved_camera_is_corrected_and_stranger_left_out(tmp_path: Path) -> None:
-    frames = PICTURES.copy()
+    frames = IMAGES.copy()
     frames[:, 6] = frames[:, 6, ::-1, ::-1]
     said = [turned(camera, 1.0) if number == 2 else camera for number, camera in enumerate(CORNER)]
     notes, store = Notes(), GroupStore(tmp_path)
@@ -113,12 +113,12 @@ def test_moved_camera_is_corrected_and_stranger_left_out(tmp_path: Path) -> None
 @pytest.mark.slow
 def test_camera_moved_later_is_corrected_in_the_next_group(tmp_path: Path) -> None:
     rig, notes, store = Rig.of([*CORNER[:4], turned(CORNER[4], 1.0), *CORNER[5:]]), Notes(), GroupStore(tmp_path)
-    POSES.save(store, poses := check_later_poses(rig, PICTURES, notes))
+    POSES.save(store, poses := check_later_poses(rig, IMAGES, notes))
     rig = rig.with_poses(poses)
     assert apart(rig.cameras[4], CORNER[4]) < 0.3
     restored = restored_rig(Rig.of(CORNER), store, 3)
     assert np.array_equal(restored.cameras[4].viewmat, rig.cameras[4].viewmat)
-    frames = PICTURES.copy()
+    frames = IMAGES.copy()
     frames[:, 1] = frames[:, 1, ::-1, ::-1]
     rig = rig.with_poses(check_later_poses(rig, frames, notes))
     assert notes.lines[1] == "cam1 no longer shows what its neighbors show: check its video"
@@ -129,12 +129,12 @@ def test_camera_to_world_poses_are_refused() -> None:
     with pytest.raises(
         ReconstructionError, match=r"scene/extri.yml: the poses .* would if they were camera to world\."
     ):
-        check_first_poses(Rig.of(inverted(CORNER)), PICTURES, "scene/extri.yml", Notes())
+        check_first_poses(Rig.of(inverted(CORNER)), IMAGES, "scene/extri.yml", Notes())
 
 
 def test_unverifiable_poses_are_reported() -> None:
     notes = Notes()
-    poses = check_first_poses(Rig.of(CORNER), np.full_like(PICTURES, 90), "The capture", notes)
+    poses = check_first_poses(Rig.of(CORNER), np.full_like(IMAGES, 90), "The capture", notes)
     assert len(Rig.of(CORNER).with_poses(poses).cameras) == 9
     assert notes.lines == ["the cameras show too little in common to check their poses: they are used unchecked"]
     (line,) = PoseFindings({}, [], [], [1]).doubts(["a", "b", "c"])
@@ -144,7 +144,7 @@ def test_unverifiable_poses_are_reported() -> None:
 def test_too_many_wrong_poses_are_reported_and_kept() -> None:
     said = [turned(camera, 1.0) if number % 3 == 1 else camera for number, camera in enumerate(CORNER)]
     notes = Notes()
-    rig = Rig.of(said).with_poses(check_first_poses(Rig.of(said), PICTURES, "The capture", notes))
+    rig = Rig.of(said).with_poses(check_first_poses(Rig.of(said), IMAGES, "The capture", notes))
     assert all(np.array_equal(now.viewmat, before.viewmat) for now, before in zip(rig.cameras, said, strict=True))
     (line,) = notes.lines
     assert re.match("the poses or lenses of .*cam1.*cam4.*cam7.* do not fit each other, too many to be corrected", line)

@@ -40,18 +40,18 @@ def trained(
     late: np.ndarray, enabled: bool = True, deformation: Model = "trajectory"
 ) -> tuple[GroupTrainer, TimeOffsets]:
     """Train a group from tracks that ignore the time offsets."""
-    pictures = np.empty((FRAMES, len(CAMERAS), 32, 48, 3), np.uint8)
+    images = np.empty((FRAMES, len(CAMERAS), 32, 48, 3), np.uint8)
     for t in range(FRAMES):
         for c, camera in enumerate(CAMERAS):
             scene = Gaussians.concatenate([WALL, moved(t + late[c])])
-            pictures[t, c] = (np.clip(render_image(scene, camera, near=NEAR), 0, 1) * 255).round()
+            images[t, c] = (np.clip(render_image(scene, camera, near=NEAR), 0, 1) * 255).round()
     views = [View.of(camera, CPU) for camera in CAMERAS]
     tracks = np.stack([moved(t).means for t in range(FRAMES)]).astype(np.float32)
     group = {"length": FRAMES, "overlap": 0, "iterations_per_frame": 60, "deformation": deformation}
     config = plain({"layering.adapt_every": 0, **{f"group.{name}": value for name, value in group.items()}})
     gains, delays = CameraGains(len(CAMERAS), CPU, enabled=False), TimeOffsets(len(CAMERAS), enabled)
     trainer = GroupTrainer(
-        TrainingImages(torch.from_numpy(pictures), views, NEAR, UNIT),
+        TrainingImages(torch.from_numpy(images), views, NEAR, UNIT),
         GroupStart(THING, tracks),
         StaticPoints(WALL, np.ones(len(WALL), bool)),
         config,

@@ -64,7 +64,7 @@ def test_appearance_starts_from_given_shades():
         assert not shade.at(frame)[:, 3].any(), "opacities start as they are"
 
 
-def pictures(frames: int = 20) -> torch.Tensor:
+def make_images(frames: int = 20) -> torch.Tensor:
     """Return images [T, 2, 40, 60, 3] uint8 of a bar that moves by a pixel per frame over gray noise."""
     rng = torch.Generator().manual_seed(0)
     images = torch.randint(100, 120, (frames, 2, 40, 60, 3), generator=rng, dtype=torch.uint8)
@@ -74,8 +74,8 @@ def pictures(frames: int = 20) -> torch.Tensor:
 
 
 def test_detect_cuts_ignores_motion():
-    assert detect_cuts(pictures()) == []
-    cut = pictures()
+    assert detect_cuts(make_images()) == []
+    cut = make_images()
     cut[9:, :, 30:, 40:] = 20  # a screen turns dark, and stays dark
     assert detect_cuts(cut) == [9]
     assert detect_cuts(cut[:1]) == []

@@ -73,8 +73,8 @@ def seen(noise: float) -> GroupInput:
     rng, group = np.random.default_rng(0), moving()
     for frame in range(FRAMES):
         for c, camera in enumerate(cameras):
-            picture = 255 * 1.1 * data.draw(Gaussians.concatenate([group.at(float(frame)), WALL]), camera)
-            blank[frame, c] = np.rint(picture + rng.normal(0, noise, picture.shape)).clip(0, 255)
+            image = 255 * 1.1 * data.draw(Gaussians.concatenate([group.at(float(frame)), WALL]), camera)
+            blank[frame, c] = np.rint(image + rng.normal(0, noise, image.shape)).clip(0, 255)
     return data
 
 

@@ -14,12 +14,12 @@ def filmed(drift: np.ndarray, cover: float = 0.0, noise: float = 0.5) -> np.ndar
     for c in range(CAMERAS):
         wall = rng.uniform(40, 200, (18, 32, 3)).repeat(4, 0).repeat(4, 1)
         for t in range(FRAMES):
-            picture = wall.copy()
+            image = wall.copy()
             wide = round(cover * 128)
-            picture[:, :wide] = rng.uniform(20, 220, (72, wide, 3)).mean(2, keepdims=True)
+            image[:, :wide] = rng.uniform(20, 220, (72, wide, 3)).mean(2, keepdims=True)
             patches = rng.uniform(20, 220, (9, wide // 8, 3)).repeat(8, 0).repeat(8, 1)
-            picture[:, : patches.shape[1]] = patches
-            film[t, c] = np.rint(picture * np.exp(drift[t, c]) + rng.normal(0, noise, picture.shape)).clip(0, 255)
+            image[:, : patches.shape[1]] = patches
+            film[t, c] = np.rint(image * np.exp(drift[t, c]) + rng.normal(0, noise, image.shape)).clip(0, 255)
     return film
 
 

@@ -18,7 +18,7 @@ def filmed(noise: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 def test_temporal_mean_reduces_noise() -> None:
     film, clean = filmed(4.0)
     before, after = (
-        np.abs(pictures[1] - clean[1]).mean() for pictures in (film[0].astype(float), temporal_mean(film).astype(float))
+        np.abs(images[1] - clean[1]).mean() for images in (film[0].astype(float), temporal_mean(film).astype(float))
     )
     assert after < 0.35 * before
 

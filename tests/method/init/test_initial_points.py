@@ -17,7 +17,7 @@ from splatreel.method.init.initial_points import (
 from splatreel.method.init.layout import viewing_distance
 from splatreel.method.init.planesweep import DepthMap
 from splatreel.method.init.triangulate import nearest_cameras, triangulate
-from tests.method.corner import FLOOR, HEIGHT, WALL, WIDTH, arc, depth_of, picture, pictures
+from tests.method.corner import FLOOR, HEIGHT, WALL, WIDTH, arc, depth_of, make_image, make_images
 
 
 def surface_error(points: np.ndarray) -> np.ndarray:
@@ -27,7 +27,7 @@ def surface_error(points: np.ndarray) -> np.ndarray:
 
 def test_triangulated_points_lie_on_surfaces() -> None:
     cameras = arc()
-    tracks = triangulate(cameras, pictures(cameras))
+    tracks = triangulate(cameras, make_images(cameras))
     assert len(tracks.points) > 100
     assert (tracks.seen.sum(1) >= 3).all()
     assert np.percentile(surface_error(tracks.points), 95) < 0.1
@@ -42,7 +42,7 @@ def test_triangulate_without_texture_gives_no_points() -> None:
 
 def test_sweep_depth_is_right_where_neighbors_agree() -> None:
     cameras = arc()
-    maps = planesweep.sweep(cameras, pictures(cameras), np.tile([1.5, 10.0], (5, 1)), width=WIDTH, planes=64)
+    maps = planesweep.sweep(cameras, make_images(cameras), np.tile([1.5, 10.0], (5, 1)), width=WIDTH, planes=64)
     for camera, found in zip(cameras, maps, strict=True):
         trusted = found.agreeing >= 2
         assert trusted.mean() > 0.5
@@ -54,7 +54,7 @@ def test_sweep_depth_is_right_where_neighbors_agree() -> None:
 def test_initial_points_cover_scene_with_colors() -> None:
     cameras = arc(6)
     held_out, training = cameras[2], cameras[:2] + cameras[3:]
-    result = initial_points(training, pictures(training))
+    result = initial_points(training, make_images(training))
     assert result.source == "triangulated+swept"
     assert result.points.dtype == result.colors.dtype == np.float32
     assert 1000 < len(result.points) <= MAX_POINTS + 5 * 500
@@ -62,7 +62,7 @@ def test_initial_points_cover_scene_with_colors() -> None:
     pixels, _ = planesweep.project(held_out, result.points.astype(np.float64))
     seen = planesweep.inside(held_out, pixels)
     column, row = pixels[seen].astype(int).T
-    expected = picture(held_out)[row, column] / 255
+    expected = make_image(held_out)[row, column] / 255
     assert np.abs(expected - result.colors[seen]).mean() < 0.1
     cells = np.zeros((HEIGHT // 16, WIDTH // 16), bool)
     cells[row // 16, column // 16] = True
@@ -71,7 +71,7 @@ def test_initial_points_cover_scene_with_colors() -> None:
 
 def test_plain_area_takes_depth_of_surroundings() -> None:
     cameras = arc()
-    points = initial_points(cameras, pictures(cameras, bare=0.5)).points
+    points = initial_points(cameras, make_images(cameras, bare=0.5)).points
     strip = (np.abs(points[:, 0]) < 0.3) & (points[:, 1] > 0.6) & (points[:, 2] < 5)
     assert strip.sum() > 50
     assert np.median(np.abs(points[strip, 1] - FLOOR)) < 0.1
@@ -95,7 +95,7 @@ def test_initial_points_keep_capture_points() -> None:
     cameras = arc()
     rng = np.random.default_rng(0)
     own = np.c_[rng.uniform(-1, 1, (200, 2)), np.full(200, WALL)]
-    result = initial_points(cameras, pictures(cameras), own, np.full((200, 3), 0.5))
+    result = initial_points(cameras, make_images(cameras), own, np.full((200, 3), 0.5))
     assert result.source == "capture+swept"
     assert np.median(surface_error(result.points)) < 0.1
 
@@ -114,14 +114,14 @@ def test_scene_without_texture_starts_from_random_points() -> None:
 @pytest.mark.parametrize("count", [1, 2])
 def test_initial_points_of_few_cameras(count: int) -> None:
     cameras = arc()[:count]
-    result = initial_points(cameras, pictures(cameras))
+    result = initial_points(cameras, make_images(cameras))
     assert len(result.points) > 500
     assert np.isfinite(result.points).all()
 
 
 def test_initial_points_refuse_wrong_input() -> None:
     cameras = arc()
-    images = pictures(cameras)
+    images = make_images(cameras)
     with pytest.raises(ReconstructionError, match=r"expected uint8 \[5, H, W, 3\]"):
         initial_points(cameras, images[:4])
     with pytest.raises(ReconstructionError, match="'cam1' is 99x128"):

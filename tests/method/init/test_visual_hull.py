@@ -6,7 +6,7 @@ from tests.segmentation import scenes
 
 
 def masks_of_box(count: int) -> np.ndarray:
-    """Masks of a square in the middle of all pictures."""
+    """Masks of a square in the middle of all images."""
     masks = np.zeros((count, 32, 48), np.uint8)
     masks[:, 12:20, 20:28] = 255
     return masks

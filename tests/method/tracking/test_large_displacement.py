@@ -15,7 +15,7 @@ from tests.method.tracking.test_new_points import (
     PIXEL,
     RADIUS,
     ball,
-    pictures,
+    make_images,
     sure,
 )
 
@@ -24,11 +24,11 @@ MOTION = np.array([0.5, 0.3, -0.2])
 
 def moved(motion: np.ndarray) -> np.ndarray:
     here = ball()
-    return pictures(Gaussians(here.means + motion, here.quats, here.scales, here.opacities, here.sh))
+    return make_images(Gaussians(here.means + motion, here.quats, here.scales, here.opacities, here.sh))
 
 
 def test_large_displacement_finds_leap_beyond_object_size() -> None:
-    here = pictures(ball())
+    here = make_images(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in here])
     found = find_new_points(CAMERAS, here, sure(wrong), BACKGROUND, NEAR, NOTHING)
     motion = large_displacements(found.points, found.sizes, CAMERAS, here, moved(MOTION), BACKGROUND, NEAR)
@@ -38,7 +38,7 @@ def test_large_displacement_finds_leap_beyond_object_size() -> None:
 
 
 def test_large_displacement_of_resting_or_vanished_object_is_zero() -> None:
-    here = pictures(ball())
+    here = make_images(ball())
     points = ball().means[::10].astype(np.float32)
     sizes = np.full(len(points), 0.05, np.float32)
     empty = np.broadcast_to((EMPTY * 255).astype(np.uint8), here.shape)
@@ -48,7 +48,7 @@ def test_large_displacement_of_resting_or_vanished_object_is_zero() -> None:
 
 
 def test_large_displacement_ignores_few_points() -> None:
-    here = pictures(ball())
+    here = make_images(ball())
     few = ball().means[:4].astype(np.float32)
     motion = large_displacements(few, np.full(4, 0.05, np.float32), CAMERAS, here, moved(MOTION), BACKGROUND, NEAR)
     np.testing.assert_array_equal(motion, 0)

@@ -26,7 +26,7 @@ def ball() -> Gaussians:
     return Gaussians(means, quats, np.full((count, 3), 0.03), np.full(count, 0.99), sh)
 
 
-def pictures(scene: Gaussians) -> np.ndarray:
+def make_images(scene: Gaussians) -> np.ndarray:
     images = [render_image(scene, camera, near=NEAR, background=(0.2, 0.4, 0.6)) for camera in CAMERAS]
     return (np.clip(images, 0, 1) * 255).astype(np.uint8)
 
@@ -42,7 +42,7 @@ def sure(wrong: np.ndarray) -> ErrorMasks:
 
 
 def test_new_points_find_missing_ball() -> None:
-    images = pictures(ball())
+    images = make_images(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     found = find_new_points(CAMERAS, images, sure(wrong), BACKGROUND, NEAR, NOTHING)
     assert len(found.points) > 100
@@ -58,7 +58,7 @@ def test_new_points_find_missing_ball() -> None:
 
 
 def test_new_points_are_deterministic_per_seed() -> None:
-    images = pictures(ball())
+    images = make_images(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     a, b = (find_new_points(CAMERAS, images, sure(wrong), BACKGROUND, NEAR, NOTHING, seed=3) for _ in range(2))
     assert len(a.points)
@@ -66,14 +66,14 @@ def test_new_points_are_deterministic_per_seed() -> None:
 
 
 def test_new_points_without_errors_are_empty() -> None:
-    images = pictures(ball())
+    images = make_images(ball())
     found = find_new_points(CAMERAS, images, sure(np.zeros((5, HEIGHT, WIDTH), bool)), BACKGROUND, NEAR, NOTHING)
     assert found.points.shape == found.colors.shape == (0, 3)
     assert found.sizes.shape == (0,)
 
 
 def test_new_points_need_three_views() -> None:
-    images = pictures(ball())
+    images = make_images(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     for views in (1, 2):
         few = wrong.copy()
@@ -82,7 +82,7 @@ def test_new_points_need_three_views() -> None:
 
 
 def test_new_points_need_agreeing_colors() -> None:
-    images = pictures(ball())
+    images = make_images(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     for c, image in enumerate(images):
         image[wrong[c]] = [(0, 0, 0), (255, 255, 255), (255, 0, 0), (0, 255, 0), (0, 0, 255)][c]
@@ -90,7 +90,7 @@ def test_new_points_need_agreeing_colors() -> None:
 
 
 def test_new_points_are_not_behind_visible_surface() -> None:
-    images = pictures(ball())
+    images = make_images(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     found = find_new_points(CAMERAS, images, sure(wrong), np.full_like(BACKGROUND, 2.0), NEAR, NOTHING)
     for camera in CAMERAS:
@@ -100,7 +100,7 @@ def test_new_points_are_not_behind_visible_surface() -> None:
 
 def test_new_points_ignore_occluded_views() -> None:
     """A known person stands in front of the ball in two of five views, which therefore show no error."""
-    images = pictures(ball())
+    images = make_images(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     wrong[:2] = False
     assert len(find_new_points(CAMERAS, images, sure(wrong), BACKGROUND, NEAR, NOTHING).points) == 0
@@ -113,7 +113,7 @@ def test_new_points_ignore_occluded_views() -> None:
 
 def test_uncertain_masks_confirm_errors_away_from_moving_points() -> None:
     """Only two or three views see an object in front of a wall of another color."""
-    images = pictures(ball())
+    images = make_images(ball())
     wrong = np.stack([error_masks(EMPTY, image).error for image in images])
     uncertain = wrong.copy()
     wrong[2:] = False
@@ -129,9 +129,9 @@ def test_uncertain_masks_confirm_errors_away_from_moving_points() -> None:
 
 def test_error_masks_mark_pale_object_uncertain() -> None:
     truth = np.full((HEIGHT, WIDTH, 3), 110, np.uint8)
-    picture = np.full((HEIGHT, WIDTH, 3), 110 / 255, np.float32)
+    image = np.full((HEIGHT, WIDTH, 3), 110 / 255, np.float32)
     truth[20:40, 30:60] = 110 + round(0.07 * 255)
-    found = error_masks(picture, truth)
+    found = error_masks(image, truth)
     assert not found.error.any()
     assert found.uncertain[23:37, 33:57].all()
     assert found.uncertain.sum() < 24 * 34
@@ -139,13 +139,13 @@ def test_error_masks_mark_pale_object_uncertain() -> None:
 
 def test_error_masks_ignore_noise_and_thin_edges() -> None:
     truth = np.random.default_rng(0).integers(90, 130, (HEIGHT, WIDTH, 3)).astype(np.uint8)
-    picture = np.full((HEIGHT, WIDTH, 3), 110 / 255, np.float32)
-    assert not error_masks(picture, truth).error.any()
+    image = np.full((HEIGHT, WIDTH, 3), 110 / 255, np.float32)
+    assert not error_masks(image, truth).error.any()
     edge = truth.copy()
     edge[:, 40] = 255
-    assert not error_masks(picture, edge).error[:, :36].any()
+    assert not error_masks(image, edge).error[:, :36].any()
     block = truth.copy()
     block[20:40, 30:60] = 250
-    mask = error_masks(picture, block).error
+    mask = error_masks(image, block).error
     assert mask[23:37, 33:57].all()
     assert mask.sum() < 24 * 34

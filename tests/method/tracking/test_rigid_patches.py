@@ -35,7 +35,7 @@ def swing(frames: int) -> np.ndarray:
     return np.einsum("tij,nj->tni", turns, bar().means).astype(np.float32)
 
 
-def pictures(means: np.ndarray) -> np.ndarray:
+def make_images(means: np.ndarray) -> np.ndarray:
     scene = Gaussians.concatenate([WALL, at(bar(), means)])
     return (np.clip([render_image(scene, camera, near=NEAR) for camera in CAMERAS], 0, 1) * 255).astype(np.uint8)
 
@@ -43,13 +43,13 @@ def pictures(means: np.ndarray) -> np.ndarray:
 def eyes(means: np.ndarray, cameras: list[Camera] = CAMERAS) -> Views:
     depths = np.full((len(cameras), HEIGHT // 2, WIDTH // 2), 1e30, np.float32)
     poses, lenses = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras])
-    return Views(poses, lenses, pictures(means), depths, np.float32(NEAR))
+    return Views(poses, lenses, make_images(means), depths, np.float32(NEAR))
 
 
 def test_rigid_patches_track_swinging_bar() -> None:
     truth = swing(10)
     assert np.median(np.linalg.norm(truth[-1] - truth[-2], axis=1)) > 2 * 0.06, "twice its width a frame"
-    frames = np.stack([pictures(means) for means in truth])
+    frames = np.stack([make_images(means) for means in truth])
     kept, alone = (PointTracks(at(bar(), truth[0]), 0) for _ in range(2))
     alone.patches = RigidPatches(truth[0][:2], eyes(truth[0]))  # too few points for a patch: flow only
     tracker = Tracker(WALL, CAMERAS, frames, DisFlow(), NEAR)
@@ -63,7 +63,9 @@ def test_rigid_patches_track_swinging_bar() -> None:
 
 def test_rigid_patches_colors_follow_light() -> None:
     truth = np.repeat(swing(2)[:1], 9, axis=0)
-    light = [eyes(truth[0])._replace(pictures=(pictures(truth[0]) * (1 - 0.01 * t)).astype(np.uint8)) for t in range(9)]
+    light = [
+        eyes(truth[0])._replace(make_images=(make_images(truth[0]) * (1 - 0.01 * t)).astype(np.uint8)) for t in range(9)
+    ]
     still, parts = np.zeros_like(truth[0]), RigidPatches(truth[0], light[0])
     first = parts.colors.copy()
     for now, then in itertools.pairwise(light):

@@ -26,7 +26,7 @@ DOT = replace(blots(1, [0, 0, 0.9], [0.01, 0.01, 0.9], 0.1, 1), sh=np.full((1, *
 GAINS = torch.tensor([[1.0, 1.0, 1.0], [0.9, 1.0, 1.1], [1.1, 1.0, 0.9], [1.0, 1.0, 1.0]])
 
 
-def pictures(scene: Gaussians) -> TrainingImages:
+def make_images(scene: Gaussians) -> TrainingImages:
     images = np.stack([render_image(scene, camera, near=NEAR) for camera in CAMERAS]) * GAINS[:, None, None].numpy()
     views = [View.of(camera, CPU) for camera in CAMERAS]
     return TrainingImages(torch.from_numpy((images.clip(0, 1) * 255).round().astype(np.uint8))[None], views, NEAR, UNIT)
@@ -44,7 +44,7 @@ def added(count: int, shown: TrainingImages) -> dict[str, torch.Tensor]:
 
 
 def test_points_lie_on_the_missing_dot_with_its_color() -> None:
-    shown = pictures(Gaussians.concatenate([WALL, DOT]))
+    shown = make_images(Gaussians.concatenate([WALL, DOT]))
     found = added(40, shown)
     means = found["means"].numpy()
     assert 20 < len(means) <= 40
@@ -63,16 +63,16 @@ def test_points_lie_on_the_missing_dot_with_its_color() -> None:
 def test_gain_of_the_camera_is_taken_from_the_color() -> None:
     """All cameras give a point the same color, though one shows it darker."""
     scene = Gaussians.concatenate([WALL, DOT])
-    shown = pictures(scene)
+    shown = make_images(scene)
     colors = (C0 * added(400, shown)["sh_base"][:, 0] + 0.5).amax(0)
     assert (colors - colors.mean()).abs().max() < 0.06
 
 
 def test_unknown_pixels_and_small_budgets_add_nothing() -> None:
-    shown = pictures(Gaussians.concatenate([WALL, DOT]))
-    unknown = torch.zeros(shown.images.shape[1:4], dtype=torch.bool)
+    shown = make_images(Gaussians.concatenate([WALL, DOT]))
+    unknown = torch.zeros(shown.pixels.shape[1:4], dtype=torch.bool)
     unknown[:2] = True
-    known = TrainingImages(shown.images, shown.views, NEAR, UNIT, unknown)
+    known = TrainingImages(shown.pixels, shown.views, NEAR, UNIT, unknown)
     assert len(added(3, shown)["means"]) == 0, "fewer than one a camera"
     assert len(added(40, known)["means"]) <= len(added(40, shown)["means"])
     weights = np.zeros((4, 5))

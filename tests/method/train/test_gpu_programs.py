@@ -70,7 +70,7 @@ def moved(points: Gaussians, frame: float) -> Gaussians:
     return replace(points, means=(points.means + np.array([0.06 * frame, 0, 0])).astype(np.float32))
 
 
-def pictures(count: int, antialias: bool = True, background: bool = True, unknown: bool = False) -> TrainingImages:
+def make_images(count: int, antialias: bool = True, background: bool = True, unknown: bool = False) -> TrainingImages:
     scenes = [Gaussians.concatenate([WALL, moved(THING, frame)]) for frame in range(count)]
     images = [[render_image(scene, camera, near=NEAR) for camera in CAMERAS] for scene in scenes]
     pixels = torch.from_numpy((np.clip(images, 0, 1) * 255).round().astype(np.uint8))
@@ -108,7 +108,7 @@ def group_trainer(gpu: SharedGpu | None, config: Config | None = None, static: G
     offsets = TimeOffsets(len(CAMERAS))
     offsets.load(np.array([0.1, -0.2, 0.15, -0.05]))
     return GroupTrainer(
-        pictures(FRAMES),
+        make_images(FRAMES),
         GroupStart(THING, tracks),
         StaticPoints(static, np.ones(len(static), bool)),
         config or group_config(),
@@ -196,7 +196,7 @@ def test_an_iteration_of_a_group_is_that_of_the_cpu() -> None:
 )
 def test_an_iteration_of_a_keyframe_is_that_of_the_cpu(losses, static: bool, unknown: bool) -> None:
     """Losses of surfaces and opacity, color gains, absolute gradients and steps scaled by distance."""
-    shown = pictures(1, unknown=unknown)
+    shown = make_images(1, unknown=unknown)
     trainers = [keyframe_trainer(gpu, losses, WALL if static else None) for gpu in (SoftwareGpu(), None)]
     caches = [trainer._static_cache(shown) for trainer in trainers]
     for trainer, cache in zip(trainers, caches, strict=True):
@@ -316,7 +316,7 @@ def test_a_keyframe_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: py
         monkeypatch.setattr(trainer.program, "run", fail_at(trainer.program, 2))
 
     monkeypatch.setattr(trainer, "_start_program", start_and_fail)
-    trainer.train(pictures(1), 40, 40, notes)
+    trainer.train(make_images(1), 40, 40, notes)
     assert trainer.done == 40
     assert any("training continues on the CPU" in note for note in notes.notes)
 
@@ -324,7 +324,7 @@ def test_a_keyframe_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: py
 def test_what_the_kernels_do_not_compute_is_trained_on_the_cpu() -> None:
     notes, other = Notes(), (Loss("photometric", photometric), Loss("again", photometric))
     trainer = keyframe_trainer(SoftwareGpu(), other)
-    trainer.train(pictures(1), 3, 3, notes)
+    trainer.train(make_images(1), 3, 3, notes)
     assert notes.notes == ["this keyframe is trained on the CPU: its losses are not among those that the GPU computes"]
     trainer = group_trainer(SoftwareGpu(), group_config(**{"group.tracks": False, "group.deformation": "hashgrid"}))
     trainer._start_program(notes)
@@ -334,7 +334,7 @@ def test_what_the_kernels_do_not_compute_is_trained_on_the_cpu() -> None:
 @pytest.mark.slow
 def test_a_keyframe_trains_as_well_as_on_the_cpu() -> None:
     """Densification, errors, surfaces, the running mean and the color gains, to the end."""
-    shown, quality = pictures(1, background=False), []
+    shown, quality = make_images(1, background=False), []
     for gpu in (SoftwareGpu(), None):
         trainer = keyframe_trainer(gpu, KEYFRAME, None, **{"keyframe.densify_every": 20})
         trainer.train(shown, 120, 120, Silent())

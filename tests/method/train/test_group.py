@@ -134,7 +134,7 @@ def test_group_learns_darkening_and_fading() -> None:
 def test_group_training_starts_with_small_images(filmed: TrainingImages, monkeypatch: pytest.MonkeyPatch) -> None:
     group = trainer(filmed, with_group(config(iterations=60), coarse_share=0.25))
     heights, step = [], group.step
-    monkeypatch.setattr(group, "step", lambda n: heights.append(group.pictures.images.shape[2]) or step(n))
+    monkeypatch.setattr(group, "step", lambda n: heights.append(group.images.pixels.shape[2]) or step(n))
     result = group.train(Silent())
     assert heights == [16] * 75 + [32] * 225
     assert quality(filmed, result) > 28
@@ -220,7 +220,7 @@ def test_prune_keeps_points_and_motion_aligned(filmed: TrainingImages, deformati
     faint = torch.arange(len(THING)) % 3 == 0
     with torch.no_grad():
         group.points.canonical.params["logit_opacities"][faint] = -8
-    group.density.prune(group.pictures)
+    group.density.prune(group.images)
     after, kept = group.result(), ~faint.numpy()
     np.testing.assert_array_equal(after.dynamic.means, before.dynamic.means[kept])
     np.testing.assert_allclose(after.dx, before.dx[:, kept], atol=1e-6)
@@ -235,16 +235,16 @@ def test_prune_keeps_large_far_points(filmed: TrainingImages) -> None:
     two = replace(THING[:2], means=np.array([[0, 0, 0], [0, 0, 4 * filmed.unit]], np.float32))
     two = replace(two, scales=np.full((2, 3), wide, np.float32), opacities=np.full(2, 0.9, np.float32))
     group = trainer(filmed, changed(config(), {"keyframe.far_step_scale": 8.0}), two)
-    group.density.prune(group.pictures)
+    group.density.prune(group.images)
     np.testing.assert_allclose(group.points.means[:, 2].detach(), [4 * filmed.unit], atol=1e-5)
 
 
 def test_prune_never_removes_all_points(filmed: TrainingImages) -> None:
     group = trainer(filmed, config(), THING.faded(0.001))
-    group.density.prune(group.pictures)
+    group.density.prune(group.images)
     assert len(group.points) == len(THING)
     group = trainer(filmed, config(), moved(THING, 1e4))
-    group.density.drop_faint(group.pictures)
+    group.density.drop_faint(group.images)
     assert len(group.points) == len(THING), "out of sight"
 
 
@@ -256,7 +256,7 @@ def test_drop_faint_removes_invisible_points(filmed: TrainingImages) -> None:
     wall = Gaussians(WALL.means, WALL.quats, WALL.scales, np.full(len(WALL), 0.999), WALL.sh)
     group = trainer(filmed, settings, Gaussians.concatenate([THING, hidden]), wall, tracks)
     assert quality(filmed, group.result(), wall) > 38
-    group.density.drop_faint(group.pictures)
+    group.density.drop_faint(group.images)
     result = group.result()
     assert len(result.dynamic) < len(THING) + 0.5 * len(hidden)
     assert (result.dynamic.means[:, 2] < 1).sum() > 0.8 * len(THING)

@@ -32,7 +32,7 @@ SCENE = Gaussians.concatenate([WALL, THING])
 CONFIG = plain({"keyframe.sh_degree": 1, "keyframe.densify_every": 40}).keyframe
 
 
-def pictures(scene: Gaussians = SCENE) -> TrainingImages:
+def make_images(scene: Gaussians = SCENE) -> TrainingImages:
     images = np.stack([render_image(scene, camera, near=NEAR) for camera in CAMERAS]).clip(0, 1)
     views = [View.of(camera, CPU) for camera in CAMERAS]
     return TrainingImages(torch.from_numpy((images * 255).round().astype(np.uint8))[None], views, NEAR, UNIT)
@@ -75,7 +75,7 @@ def test_starting_points_with_one_or_two_points(count: int) -> None:
 def test_keyframe_generalizes_to_held_out_view() -> None:
     trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=3000)
     start = psnr(trainer.points.gaussians(), CAMERAS[0])
-    trainer.train(pictures(), 300, 300, Silent())
+    trainer.train(make_images(), 300, 300, Silent())
     points = trainer.points.gaussians()
     points.check_finite()
     assert start < 16
@@ -96,7 +96,7 @@ def test_keyframe_averages_last_iterations(monkeypatch: pytest.MonkeyPatch) -> N
         return taken
 
     monkeypatch.setattr(trainer, "step", watched)
-    trainer.train(pictures(), 100, 100, Silent())
+    trainer.train(make_images(), 100, 100, Silent())
     assert len(seen) == 20 // AVERAGE_EVERY
     assert np.ptp(seen, axis=0).max() > 1e-3, "they differ"
     np.testing.assert_allclose(trainer.points.gaussians().sh, np.mean(seen, axis=0), atol=1e-5)
@@ -105,7 +105,7 @@ def test_keyframe_averages_last_iterations(monkeypatch: pytest.MonkeyPatch) -> N
 def test_densification_stops_at_max_points() -> None:
     limit = len(SCENE) + 20
     trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=limit)
-    trainer.train(pictures(), 200, 200, Silent())
+    trainer.train(make_images(), 200, 200, Silent())
     assert len(SCENE) - 60 < len(trainer.points) <= limit
 
 
@@ -115,7 +115,7 @@ def test_static_points_stay_frozen() -> None:
     points = TrainablePoints.from_gaussians(gray, default_rates(UNIT), CPU)
     trainer = KeyframeTrainer(points, gains(), plain({"keyframe.sh_degree": 0}).keyframe, static=WALL, max_points=200)
     before = psnr(Gaussians.concatenate([WALL, gray]), UNSEEN)
-    trainer.train(pictures(), 150, 150, Silent())
+    trainer.train(make_images(), 150, 150, Silent())
     after = psnr(Gaussians.concatenate([WALL, trainer.points.gaussians()]), UNSEEN)
     assert after > before + 5
 
@@ -138,7 +138,7 @@ def test_prune_drops_faint_and_huge_points_but_never_all() -> None:
 
 def test_unknown_pixels_do_not_affect_training() -> None:
     """A white person stands in the image of one camera only."""
-    seen = pictures()
+    seen = make_images()
     images, unknown = seen.images.clone(), torch.zeros(seen.images.shape[1:4], dtype=torch.bool)
     images[0, 1, 8:24, 12:36] = 255
     unknown[1, 8:24, 12:36] = True
@@ -152,7 +152,7 @@ def test_unknown_pixels_do_not_affect_training() -> None:
 
 
 def test_halved_marks_pixel_unknown_if_any_of_four_is() -> None:
-    seen = pictures()
+    seen = make_images()
     unknown = torch.zeros(seen.images.shape[1:4], dtype=torch.bool)
     unknown[0, 5, 8] = True
     small = replace(seen, unknown=unknown).halved().unknown
@@ -169,7 +169,7 @@ def test_lambda_opacity_fades_hidden_points() -> None:
         config = replace(CONFIG, lambda_opacity=price, rate_scale=4.0)
         points = starting_points(places, np.full(places.shape, 0.5), config, UNIT, CPU)
         trainer = KeyframeTrainer(points, gains(), config, max_points=len(places))
-        trainer.train(pictures(), 150, 150, Silent())
+        trainer.train(make_images(), 150, 150, Silent())
         return trainer.points.gaussians()
 
     free, priced = left(0.0), left(0.3)
@@ -189,7 +189,7 @@ def test_lambda_spread_removes_mist_in_front_of_plain_wall() -> None:
         points.params["logit_opacities"][len(scene) :] = 0.4  # each 60 %
     config = replace(CONFIG, lambda_spread=1.0, densify_every=1000)
     trainer = KeyframeTrainer(points, gains(), config, max_points=len(start))
-    trainer.train(pictures(scene), 200, 200, Silent())
+    trainer.train(make_images(scene), 200, 200, Silent())
     assert psnr(trainer.points.gaussians(), UNSEEN, scene) > 28
 
 
@@ -198,7 +198,7 @@ def test_last_prune_keeps_large_points() -> None:
     wall = replace(wall, scales=np.full_like(wall.scales, 0.7 * UNIT), opacities=np.full(4, 0.9, np.float32))
     points = TrainablePoints.from_gaussians(wall, default_rates(UNIT, 1.0), CPU)
     trainer = KeyframeTrainer(points, gains(), CONFIG, max_points=4)
-    trainer.train(pictures(), 10, 10, Silent())
+    trainer.train(make_images(), 10, 10, Silent())
     assert len(trainer.points) == 4
 
 
@@ -211,7 +211,7 @@ def test_lambda_spread_reduces_depth_spread() -> None:
         places = np.concatenate([rough_start().means.detach().numpy(), before])
         points = starting_points(places, np.full(places.shape, 0.5), config, UNIT, CPU)
         trainer = KeyframeTrainer(points, gains(), config, max_points=len(places))
-        trainer.train(pictures(), 300, 300, Silent())
+        trainer.train(make_images(), 300, 300, Silent())
         return trainer.points
 
     view = View.of(UNSEEN, CPU)
@@ -226,7 +226,7 @@ def test_far_points_take_larger_steps() -> None:
         np.array([[0, 0, 0], [0, 0, 3 * UNIT], [0, 0, 99 * UNIT]]), np.ones((3, 3)), CONFIG, UNIT, CPU
     )
     trainer = KeyframeTrainer(points, gains(), replace(CONFIG, far_step_scale=8.0), max_points=3)
-    trainer.density.restart(pictures())
+    trainer.density.restart(make_images())
     near, far, farthest = trainer.density.distances.tolist()
     assert 1 <= near < far < farthest == 8
     before = points.means.detach().clone()
@@ -238,9 +238,9 @@ def test_far_points_take_larger_steps() -> None:
 
 def test_training_continues_at_second_resolution() -> None:
     trainer = KeyframeTrainer(rough_start(), gains(), CONFIG, max_points=1000)
-    trainer.train(pictures(), 10, 20, Silent())
+    trainer.train(make_images(), 10, 20, Silent())
     assert trainer.done == 10
-    trainer.train(pictures(), 10, 20, Silent())
+    trainer.train(make_images(), 10, 20, Silent())
     assert trainer.done == 20
 
 
@@ -309,7 +309,7 @@ def test_points_outside_of_the_hull_are_removed() -> None:
     means = trainer.points.gaussians().means
     middle, radius = np.median(means, 0), float(np.quantile(np.linalg.norm(means - np.median(means, 0), axis=1), 0.7))
     trainer.density.hull = Sphere(middle, radius)
-    trainer.train(pictures(), 120, 120, Silent())
+    trainer.train(make_images(), 120, 120, Silent())
     found = trainer.points.gaussians().means
     assert len(found) > 10
     assert (np.linalg.norm(found - middle, axis=1) < 1.1 * radius).mean() > 0.98

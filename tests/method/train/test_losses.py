@@ -21,8 +21,8 @@ CPU = torch.device("cpu")
 def group_step(iteration: int, share: float = 0.5, frames: int = 4, seed: int = 0) -> GroupStep:
     """Return a step of a group with a few points and an empty background."""
     views = [View.of(camera, CPU) for camera in ring(1, width=32, height=32)]
-    pictures = TrainingImages(torch.zeros(frames, 1, 32, 32, 3, dtype=torch.uint8), views, 0.1, 4.0)
-    points = MovingPoints.of(GroupStart(random_gaussians(20, seed)), pictures, GroupConfig(), seed)
+    images = TrainingImages(torch.zeros(frames, 1, 32, 32, 3, dtype=torch.uint8), views, 0.1, 4.0)
+    points = MovingPoints.of(GroupStart(random_gaussians(20, seed)), images, GroupConfig(), seed)
     changes = points.changes(0.0)
     drawing = draw(points.splats(changes, views[0], 0.1), views[0])
     return GroupStep(
@@ -30,7 +30,7 @@ def group_step(iteration: int, share: float = 0.5, frames: int = 4, seed: int = 
         share=share,
         view=views[0],
         drawing=drawing,
-        target=pictures.images[0, 0],
+        target=images.pixels[0, 0],
         gain=None,
         lambda_dssim=0.2,
         unit=4.0,

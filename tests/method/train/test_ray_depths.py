@@ -94,14 +94,14 @@ def test_points_at_errors_take_the_depth_that_views_agree_on() -> None:
     """The points so far are a plain wall, 0.4 in front of the textured one."""
     params = to_params(replace(WALL, sh=np.zeros_like(WALL.sh)), torch.device("cpu"))
     views = [View.of(camera, torch.device("cpu")) for camera in CAMERAS]
-    pictures = TrainingImages(torch.from_numpy(IMAGES)[None], views, 0.1, 4.0)
+    images = TrainingImages(torch.from_numpy(IMAGES)[None], views, 0.1, 4.0)
 
     def draw_camera(camera: int):
         splats = deformed(params, None, None, views[camera], 0.1)
         return splats, draw(splats, views[camera]).image
 
     rng, gains = np.random.default_rng(0), torch.ones(len(CAMERAS), 3)
-    means = points_at_errors(draw_camera, pictures, gains, 3, 200, rng)["means"].numpy()
+    means = points_at_errors(draw_camera, images, gains, 3, 200, rng)["means"].numpy()
     central = means[np.abs(means[:, :2]).max(1) < 1.5]
     assert len(central) > 40
     assert np.mean(np.abs(central[:, 2] - 1) < 0.2) > 0.5, "rendered depths are 0.4 away"

@@ -168,10 +168,10 @@ def corrugated(amplitude: float, slope: float = 0.0) -> tuple[Splats, View, torc
 
 def rough(amplitude: float, slope: float = 0.0, edges: bool = False) -> torch.Tensor:
     points, view, _ = corrugated(amplitude, slope)
-    picture = torch.zeros(view.height, view.width, 3, dtype=torch.uint8)
+    image = torch.zeros(view.height, view.width, 3, dtype=torch.uint8)
     if edges:
-        picture[:, 2::4] = picture[:, 3::4] = 255
-    return regularizers.roughness(regularizers.Depths.of(points, view, 0.1), picture, 30.0)
+        image[:, 2::4] = image[:, 3::4] = 255
+    return regularizers.roughness(regularizers.Depths.of(points, view, 0.1), image, 30.0)
 
 
 def test_roughness_is_zero_for_tilted_planes() -> None:

@@ -150,8 +150,8 @@ def test_contributions_equal_visible_pixels() -> None:
 def test_halved_images_match_halved_views() -> None:
     views = [View.of(camera, CPU, antialias=True) for camera in ring(2, width=97, height=65)]
     seen = StaticCache(WALL, views, NEAR, CPU)
-    pictures = torch.stack([seen.view(k).frozen.image for k in range(2)])
-    small = halved((pictures.clamp(0, 1) * 255).round().to(torch.uint8))
+    images = torch.stack([seen.view(k).frozen.image for k in range(2)])
+    small = halved((images.clamp(0, 1) * 255).round().to(torch.uint8))
     seen.set_views([view.halved() for view in views])
     again = torch.stack([seen.view(k).frozen.image for k in range(2)])
     assert small.shape == again.shape == (2, 32, 48, 3)

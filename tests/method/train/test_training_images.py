@@ -10,14 +10,14 @@ from tests.method.scenes import ring
 CPU = torch.device("cpu")
 
 
-def pictures(width: int, height: int) -> TrainingImages:
+def make_images(width: int, height: int) -> TrainingImages:
     images = torch.full((1, 1, height, width, 3), 100, dtype=torch.uint8)
     return TrainingImages(images, [View.of(ring(1, width=width, height=height)[0], CPU)], 0.1, 4.0)
 
 
 def sizes(width: int, height: int, coarse: float, afforded: float) -> list[tuple[int, int]]:
     """Return the iteration of 1000 at which each size ends, and its width."""
-    return [(end, shown.images.shape[3]) for end, shown in pictures(width, height).sizes(1000, coarse, afforded)]
+    return [(end, shown.images.shape[3]) for end, shown in make_images(width, height).sizes(1000, coarse, afforded)]
 
 
 def test_sizes_of_small_images_end_at_full_size():
@@ -38,7 +38,7 @@ def test_sizes_without_limit_use_full_size():
 
 @pytest.mark.parametrize("width", [101, 100])
 def test_halved_views_project_to_half_pixels(width: int):
-    shown = pictures(width, 80).halved()
+    shown = make_images(width, 80).halved()
     assert shown.images.shape[2:4] == (40, 50)
     assert (shown.images == 100).all()
     assert (shown.views[0].width, shown.views[0].height) == (50, 40)

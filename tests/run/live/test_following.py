@@ -31,10 +31,10 @@ WALL = WallCapture(1000, speed=0.1)
 
 
 def recorder(folder: Path, kind: str = "pictures", sound: Callable[[int], np.ndarray] | None = None) -> Recorder:
-    def picture(camera: int, frame: int) -> np.ndarray:
+    def make_image(camera: int, frame: int) -> np.ndarray:
         return WALL.read(frame, 1, [WALL.cameras[camera].name])[0, 0]
 
-    return Recorder(folder, kind, picture, cameras=WALL.cameras, fps=FPS, sound=sound)
+    return Recorder(folder, kind, make_image, cameras=WALL.cameras, fps=FPS, sound=sound)
 
 
 class Director(Silent):

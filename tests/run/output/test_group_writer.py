@@ -47,7 +47,7 @@ def work(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(autouse=True)
-def no_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
+def no_images(monkeypatch: pytest.MonkeyPatch) -> None:
     def weigh(*_: object) -> None:
         raise AssertionError("the run has measured the importance already")
 

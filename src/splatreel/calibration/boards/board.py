@@ -1,4 +1,4 @@
-"""Calibration boards: ChArUco boards and checkerboards, which OpenCV finds in pictures."""
+"""Calibration boards: ChArUco boards and checkerboards, which OpenCV finds in images."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ SPEC = re.compile(r"(\d{1,3})x(\d{1,3}):(\d{1,9}|\d{0,9}\.\d{1,20})(?::(\w{1,40}
 FEWEST = 6
 """Minimum number of corners of a sighting."""
 MARKERS = 4
-"""Minimum number of markers that tell what board a picture shows."""
+"""Minimum number of markers that tell what board an image shows."""
 FLAT = 0.25
 """Maximum distance of a corner from its place on a plane, as a share of a square. Lenses bend boards by less."""
 BORDER = 1
@@ -30,7 +30,7 @@ BORDER = 1
 
 @dataclass(frozen=True)
 class Sighting:
-    """Corners of a board in one picture.
+    """Corners of a board in one image.
 
     Attributes:
         corners: Numbers of the corners, [N] int.
@@ -43,11 +43,11 @@ class Sighting:
 
 @dataclass(frozen=True)
 class Look:
-    """Result of a search for a board in one picture.
+    """Result of a search for a board in one image.
 
     Attributes:
         sighting: The corners, or None.
-        other: Phrase about what the picture shows in place of the board; None if it shows nothing of the kind.
+        other: Phrase about what the image shows in place of the board; None if it shows nothing of the kind.
     """
 
     sighting: Sighting | None
@@ -81,10 +81,10 @@ class Board:
         x, y = np.meshgrid(np.arange(1, self.columns), np.arange(1, self.rows))
         return np.stack([x.ravel(), y.ravel(), np.zeros(x.size)], 1) * self.square
 
-    def find(self, picture: np.ndarray) -> Look:
-        """Search a picture [H, W, 3] uint8 for the board."""
+    def find(self, image: np.ndarray) -> Look:
+        """Search an image [H, W, 3] uint8 for the board."""
         cv2 = import_cv2("Finding a board")
-        gray = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY)
+        gray = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
         look = self._find_checkerboard(cv2, gray) if self.kind == CHECKERBOARD else self._find_charuco(gray)
         if look.sighting is not None and not self._is_flat(cv2, look.sighting):
             return Look(None, "a pattern that is bent or of another kind")
@@ -198,10 +198,10 @@ def dictionary(kind: str) -> Any:
     return aruco.getPredefinedDictionary(number)
 
 
-def family_of_markers(picture: np.ndarray) -> str | None:
-    """Return the dictionary of most markers in a picture [H, W, 3] uint8, or None if it shows too few of any."""
+def family_of_markers(image: np.ndarray) -> str | None:
+    """Return the dictionary of most markers in an image [H, W, 3] uint8, or None if it shows too few of any."""
     cv2 = import_cv2("Finding a board")
-    gray, counts = cv2.cvtColor(picture, cv2.COLOR_RGB2GRAY), {}
+    gray, counts = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY), {}
     for family in FAMILIES:
         _, numbers, _ = cv2.aruco.ArucoDetector(dictionary(family)).detectMarkers(gray)
         counts[family] = 0 if numbers is None else len(numbers)

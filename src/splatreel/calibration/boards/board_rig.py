@@ -21,7 +21,7 @@ from splatreel.capture.lens import import_cv2
 FISHEYE = 0.97
 """Share of the error of the model OPENCV that OPENCV_FISHEYE must reach to be chosen. Both fit alike in narrow views."""
 FOCALS = 0.3 * 1.25 ** np.arange(12)
-"""Tried focal lengths of a camera, in units of the longer side of its pictures: fields of view of 118 to 8 degrees."""
+"""Tried focal lengths of a camera, in units of the longer side of its images: fields of view of 118 to 8 degrees."""
 ROBUST = 1.0
 """Error in pixels from which on an observation counts less."""
 
@@ -51,7 +51,7 @@ class BoardRig:
 def solve_camera(
     colmap: ModuleType, board: Board, name: str, seen: dict[int, Sighting], size: tuple[int, int]
 ) -> BoardRig:
-    """Return the lens of one camera, and where the board was. `size`: width and height of its pictures."""
+    """Return the lens of one camera, and where the board was. `size`: width and height of its images."""
     views, middle = {frame: {name: sighting} for frame, sighting in seen.items()}, np.array(size) / 2
     focal = min(FOCALS * max(size), key=lambda f: _error_of_focal(board, list(seen.values()), f, middle))
     boards = {frame: solve_pose(board, sighting, _pinhole(focal, middle)) for frame, sighting in seen.items()}

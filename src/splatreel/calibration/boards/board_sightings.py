@@ -41,7 +41,7 @@ class Sightings:
         return {frame: seen[camera] for frame, seen in self.found.items() if camera in seen}
 
     def chosen(self, widths: dict[str, int]) -> Sightings:
-        """Return still sightings that are spread over the time of each camera. `widths`: pixels of the pictures by camera."""
+        """Return still sightings that are spread over the time of each camera. `widths`: pixels of the images by camera."""
         motion = self._motion(widths)
         frames: set[int] = set()
         for camera in widths:
@@ -92,8 +92,8 @@ def find_board(videos: FrameSource, names: Sequence[str], board: Board, progress
 def _look(videos: FrameSource, name: str, frame: int, board: Board) -> Look:
     if videos.missing(frame, 1, name)[0]:
         return Look(None)
-    picture, scale = _reduced(videos, name, frame)
-    look = board.find(picture)
+    image, scale = _reduced(videos, name, frame)
+    look = board.find(image)
     if look.sighting is None or scale == 1:
         return look
     return Look(Sighting(look.sighting.corners, look.sighting.places * scale))
@@ -101,12 +101,12 @@ def _look(videos: FrameSource, name: str, frame: int, board: Board) -> Look:
 
 def _reduced(videos: FrameSource, name: str, frame: int) -> tuple[np.ndarray, float]:
     """Return a frame of a camera, reduced if it is large, and the factor to its own size."""
-    picture = read_frame(videos, name, frame)
-    scale = max(picture.shape[:2]) / LONGEST
+    image = read_frame(videos, name, frame)
+    scale = max(image.shape[:2]) / LONGEST
     if scale <= 1:
-        return picture, 1.0
-    size = round(picture.shape[1] / scale), round(picture.shape[0] / scale)
-    return np.asarray(Image.fromarray(picture).resize(size, Image.Resampling.BOX)), picture.shape[1] / size[0]
+        return image, 1.0
+    size = round(image.shape[1] / scale), round(image.shape[0] / scale)
+    return np.asarray(Image.fromarray(image).resize(size, Image.Resampling.BOX)), image.shape[1] / size[0]
 
 
 def _stillest(frames: list[int], motion: dict[int, float], count: int) -> list[int]:

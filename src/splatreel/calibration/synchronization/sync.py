@@ -101,7 +101,7 @@ def synchronize(
         dry_run: True writes nothing.
 
     Raises:
-        CaptureError: Neither the sound, the picture nor the timecode of a video tells when it starts.
+        CaptureError: Neither the sound, the image nor the timecode of a video tells when it starts.
     """
     found = find_starts(path, progress, leave_out)
     known = read_sidecar(path)
@@ -130,7 +130,7 @@ def find_starts(path: Path, progress: Progress, leave_out: Sequence[str] = ()) -
         leave_out: Names of videos that are not used.
 
     Raises:
-        CaptureError: Neither the sound, the picture nor the timecode of a video tells when it starts.
+        CaptureError: Neither the sound, the image nor the timecode of a video tells when it starts.
     """
     files = videos_but(path, leave_out)
     if len(files) < 2:
@@ -245,7 +245,7 @@ class _Search:
     def _by_timecode(self) -> bool:
         """Align a video by its timecode.
 
-        Timecodes count only where pictures tell nothing, because clocks of cameras that were not synchronized differ by
+        Timecodes count only where images tell nothing, because clocks of cameras that were not synchronized differ by
         seconds. Timecodes of videos that do not overlap are of such clocks.
         """
         for b in self._waiting:

@@ -17,7 +17,7 @@ RATE = 120
 LONGEST = 180
 """Maximum seconds of a video that are used."""
 WIDTH, HEIGHT = 64, 36
-"""Size in pixels of the pictures that are compared."""
+"""Size in pixels of the images that are compared."""
 SMOOTH = 1.0
 """Seconds of the moving mean that is subtracted, since slow changes align at any time."""
 OVERLAP = 2.0
@@ -72,15 +72,15 @@ def watch(file: Path) -> np.ndarray:
             for frame in container.decode(video=0):
                 if frame.time is None:
                     continue
-                picture = frame.reformat(WIDTH, HEIGHT, "gray").to_ndarray().astype(np.float32)
+                image = frame.reformat(WIDTH, HEIGHT, "gray").to_ndarray().astype(np.float32)
                 if before is not None:
-                    change = picture - before
+                    change = image - before
                     times.append(frame.time)
                     light.append(float(change.mean()))
                     motion.append(float(np.abs(change - change.mean()).mean()))
                 elif not times:
                     first = frame.time
-                before = picture
+                before = image
                 if frame.time - first > LONGEST:
                     break
     except (FFmpegError, OSError) as error:

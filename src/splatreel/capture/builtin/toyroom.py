@@ -137,8 +137,8 @@ def _room(b: Builder, rng: np.random.Generator) -> None:
         occlusion=0,
     )
     b.add(BOX, (0.55, 1.55, -1.78), (0.55, 0.42, 0.04), (WOOD,), occlusion=0)
-    picture = ((0.98, 0.62, 0.4), (0.36, 0.5, 0.8), (0.3, 0.42, 0.36))
-    b.add(BOX, (0.55, 1.55, -1.76), (0.48, 0.35, 0.04), picture, tx.PAINTING, occlusion=0)
+    image = ((0.98, 0.62, 0.4), (0.36, 0.5, 0.8), (0.3, 0.42, 0.36))
+    b.add(BOX, (0.55, 1.55, -1.76), (0.48, 0.35, 0.04), image, tx.PAINTING, occlusion=0)
 
 
 def _books(b: Builder, rng: np.random.Generator) -> None:

@@ -32,7 +32,7 @@ from splatreel.capture.readers.calibrations.rig import Rig, RigCamera
 from splatreel.capture.readers.calibrations.toml_cameras import is_toml, read_toml
 from splatreel.capture.readers.calibrations.zju_mocap import is_zju_mocap, read_zju_mocap
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.sources import picture_source, video_source
+from splatreel.capture.sources import image_source, video_source
 from splatreel.scene.camera import middle_camera
 
 HEAD = 1 << 16
@@ -120,12 +120,12 @@ class CalibratedCapture(FileCapture):
         if videos:
             source = video_source(path, {name: videos[name] for name in names}, sidecar, request)
         else:
-            pictures = {name: files for name in names if not isinstance(files := media[name], Path)}
-            existing = {name: [file for file in files if file is not None] for name, files in pictures.items()}
+            images = {name: files for name in names if not isinstance(files := media[name], Path)}
+            existing = {name: [file for file in files if file is not None] for name, files in images.items()}
             source = (
-                ImageSequences(path, pictures, sidecar, request, upright=upright)
+                ImageSequences(path, images, sidecar, request, upright=upright)
                 if paired
-                else picture_source(path, existing, sidecar, request, upright=upright)
+                else image_source(path, existing, sidecar, request, upright=upright)
             )
         sizes = {view.name: source.size(view.name, view.size) for view in views}
         width, height = request.size(*common_size(list(sizes.values())), path)

@@ -27,7 +27,7 @@ from splatreel.capture.images import image_size
 from splatreel.capture.lens import Lens, common_size, undistorted_camera
 from splatreel.capture.readers.colmap_model import FRAME, Model, ModelCamera, model_folders, read_model
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.sources import picture_source, video_source
+from splatreel.capture.sources import image_source, video_source
 from splatreel.capture.video import OTHER_VIDEOS, VIDEO_SUFFIXES
 from splatreel.scene.camera import Camera, middle_camera
 
@@ -65,8 +65,8 @@ class ColmapCapture(FileCapture):
             source = video_source(path, _of_cameras(path, files, names), sidecar, request)
             width, height = request.size(*shape, path)
         else:
-            pictures, (width, height) = _choose(path, cameras, found, shape, request)
-            source = picture_source(path, pictures, sidecar, request, upright=False)
+            images, (width, height) = _choose(path, cameras, found, shape, request)
+            source = image_source(path, images, sidecar, request, upright=False)
         first, _ = request.range(source.frames, path)
         # The model was made from the first frame.
         points, colors = _points(model.reconstruction) if first == 0 else (None, None)
@@ -267,7 +267,7 @@ def _image_folders(
     """Return folders with images of every camera by the size of the images of camera `usual`, as {camera: files}."""
     names = [camera.name for camera in cameras]
     folders, missing = {}, []
-    choices = [(f.name, _pictures_of(f, cameras)) for f in list_folder(path) if f.name.startswith("images")]
+    choices = [(f.name, _images_of(f, cameras)) for f in list_folder(path) if f.name.startswith("images")]
     for folder, files in [*choices, (".", {name: found[name] for name in names if name in found})]:
         absent = [name for name in names if name not in files]
         if not absent:
@@ -286,31 +286,31 @@ def _image_folders(
     return folders
 
 
-def _pictures_of(folder: Path, cameras: list[ModelCamera]) -> dict[str, list[Path]]:
+def _images_of(folder: Path, cameras: list[ModelCamera]) -> dict[str, list[Path]]:
     """Return the images of each camera in a folder, by its name or by the pattern of its images."""
-    files = pictures_by_camera(folder, [camera.name for camera in cameras])
+    files = images_by_camera(folder, [camera.name for camera in cameras])
     for camera in cameras:
         if camera.pattern is not None and camera.name not in files:
             before, after = camera.pattern.split(FRAME)
             pattern = re.compile(re.escape(before) + "[0-9]+" + re.escape(after))
-            names = {name: file for name, file in _all_pictures(folder).items() if pattern.fullmatch(name)}
+            names = {name: file for name, file in _all_images(folder).items() if pattern.fullmatch(name)}
             files |= {camera.name: list(names.values())} if names else {}
     return files
 
 
-def pictures_by_camera(folder: Path, names: list[str]) -> dict[str, list[Path]]:
+def images_by_camera(folder: Path, names: list[str]) -> dict[str, list[Path]]:
     """Return the images of each camera that a folder has: the image with its name, or those in the folder with its name."""
-    single = _all_pictures(folder)
+    single = _all_images(folder)
     several = {name: image_files(folder / name) for name in names}
     return {name: files for name in names if (files := [single[name]] if name in single else several[name])}
 
 
-def _all_pictures(folder: Path, depth: int = 4) -> dict[str, Path]:
+def _all_images(folder: Path, depth: int = 4) -> dict[str, Path]:
     """Return all images below a folder by their names without extension."""
     found: dict[str, Path] = {}
     for entry in list_folder(folder):
         if entry.is_dir() and depth:
-            found |= {f"{entry.name}/{name}": file for name, file in _all_pictures(entry, depth - 1).items()}
+            found |= {f"{entry.name}/{name}": file for name, file in _all_images(entry, depth - 1).items()}
         elif entry.suffix.lower() in IMAGE_SUFFIXES:
             found[entry.stem] = entry
     return found

@@ -20,10 +20,10 @@ from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.lens import Lens, common_size, undistorted_camera
 from splatreel.capture.pose_checks import check_center, check_rotation
 from splatreel.capture.readers.calibrations.opencv_storage import OpenCVStorage
-from splatreel.capture.readers.colmap import pictures_by_camera, video_files
+from splatreel.capture.readers.colmap import images_by_camera, video_files
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.sources import picture_source, video_source
+from splatreel.capture.sources import image_source, video_source
 from splatreel.scene.camera import middle_camera
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
@@ -40,17 +40,17 @@ class EasyVolcapCapture(FileCapture):
     def __init__(self, path: Path, request: Request) -> None:
         intrinsics, extrinsics = _Numbers(path / INTRINSICS), _Numbers(path / EXTRINSICS)
         names, sidecar = intrinsics.names(), read_sidecar(path)
-        pictures, videos = pictures_by_camera(path / "images", names), video_files(path, segmented=True)
+        images, videos = images_by_camera(path / "images", names), video_files(path, segmented=True)
         kept = [name for name in names if name not in request.left_out]
-        absent = [name for name in kept if name not in (pictures or videos)]
+        absent = [name for name in kept if name not in (images or videos)]
         if absent:
             raise CaptureError(
-                f"{path}: {len(absent)} of the {len(names)} cameras in {INTRINSICS} have neither pictures in images/NAME/ nor a "
+                f"{path}: {len(absent)} of the {len(names)} cameras in {INTRINSICS} have neither images in images/NAME/ nor a "
                 f"video videos/NAME.mp4, the first is {absent[0]!r}. Copy them there, or leave cameras out "
                 f"({quoted(option('--leave-out', ','.join(absent)))})."
             )
-        if pictures:
-            source = picture_source(path, pictures, sidecar, request)
+        if images:
+            source = image_source(path, images, sidecar, request)
         else:
             source = video_source(path, {name: videos[name] for name in kept}, sidecar, request)
         calibrated = {name: intrinsics.size(name) or source.size(name if name in kept else kept[0]) for name in names}

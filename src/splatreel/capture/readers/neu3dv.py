@@ -1,4 +1,4 @@
-"""Neural 3D Video folders: one `camNN.mp4`, or a folder of pictures, per camera and `poses_bounds.npy` (LLFF).
+"""Neural 3D Video folders: one `camNN.mp4`, or a folder of images, per camera and `poses_bounds.npy` (LLFF).
 
 A row of poses_bounds is a 3x5 matrix, then near and far. The matrix holds camera-to-world axes in the order (down,
 right, backwards), the camera center, and (height, width, focal). The principal point is the image center. An optional
@@ -27,7 +27,7 @@ from splatreel.capture.readers.calibrated import is_calibrated
 from splatreel.capture.readers.colmap import camera_folders, is_colmap, video_files, videos_in
 from splatreel.capture.readers.transforms import is_transforms
 from splatreel.capture.sidecar import calibration_error, read_sidecar
-from splatreel.capture.sources import picture_source, video_source
+from splatreel.capture.sources import image_source, video_source
 from splatreel.scene.camera import Camera
 
 POSES = "poses_bounds.npy"
@@ -43,17 +43,17 @@ def is_neu3dv(path: Path) -> bool:
 
 
 class Neu3DVCapture(FileCapture):
-    """Neu3DV folder with videos, or with pictures as in CAMERA/images/0000.png. By default the camera numbered 0 is held out."""
+    """Neu3DV folder with videos, or with images as in CAMERA/images/0000.png. By default the camera numbered 0 is held out."""
 
     def __init__(self, path: Path, request: Request) -> None:
         sidecar, poses, notes = read_sidecar(path), _read_poses(path / POSES), list[str]()
-        videos, pictures = _videos(path), _cameras_of(camera_folders(path))
-        names = _names(path, list(videos or pictures), len(poses), request, notes)
+        videos, images = _videos(path), _cameras_of(camera_folders(path))
+        names = _names(path, list(videos or images), len(poses), request, notes)
         kept = [name for name in names if name not in request.left_out]
         if videos:
             source = video_source(path, {name: videos[name] for name in kept}, sidecar, request)
         else:
-            source = picture_source(path, {name: pictures[name] for name in kept}, sidecar, request)
+            source = image_source(path, {name: images[name] for name in kept}, sidecar, request)
         calibrated = {name: (round(row[9]), round(row[4])) for name, row in zip(names, poses, strict=True)}
         sizes = {name: source.size(name, calibrated[name]) for name in kept}
         usual = common_size(list(sizes.values()))
@@ -99,7 +99,7 @@ def _names(path: Path, found: list[str], rows: int, request: Request, notes: lis
         flat = None if found else flat_images(path) or flat_images(path / "images")
         advice = f" {flat}" if flat else ""
         raise CaptureError(
-            f"{path}: {len(found)} videos (cam*.mp4, or of another kind) or folders of pictures, but {rows} rows in {POSES}. There are "
+            f"{path}: {len(found)} videos (cam*.mp4, or of another kind) or folders of images, but {rows} rows in {POSES}. There are "
             f"{', '.join(found) or 'none'}. Rows belong to them in the order of their numbers: add the missing videos, or leave out "
             f"cameras that have no row or no video (--leave-out NAME).{advice}"
         )

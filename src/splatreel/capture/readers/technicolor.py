@@ -21,7 +21,7 @@ from splatreel.capture.image_sequences import image_files
 from splatreel.capture.lens import common_size, fitted_camera
 from splatreel.capture.pose_checks import check_center
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.sources import picture_source
+from splatreel.capture.sources import image_source
 from splatreel.scene.camera import Camera
 
 PARAMETER_BYTES = 1 << 20
@@ -29,7 +29,7 @@ PARAMETERS = "cameras_parameters.txt"
 HELD_OUT = "10"
 """Middle camera of the rig, used in published tables (paper, appendix B)."""
 NUMBERS = 12
-PICTURE = re.compile(r".+_undist_(\d+)_(\d+)")
+IMAGE = re.compile(r".+_undist_(\d+)_(\d+)")
 
 
 def is_technicolor(path: Path) -> bool:
@@ -41,17 +41,17 @@ class TechnicolorCapture(FileCapture):
     """Technicolor folder. Cameras are named by their two digits, and 10 is held out by default."""
 
     def __init__(self, path: Path, request: Request) -> None:
-        sidecar, files = read_sidecar(path), _pictures(path)
+        sidecar, files = read_sidecar(path), _images(path)
         rows = _read_parameters(path / PARAMETERS)
         if sorted(int(name) for name in files) != list(range(len(rows))):
             raise CaptureError(
-                f"{path}: pictures of the cameras {', '.join(sorted(files)) or 'none'} (SCENE_undist_FRAME_CAMERA.png), but "
+                f"{path}: images of the cameras {', '.join(sorted(files)) or 'none'} (SCENE_undist_FRAME_CAMERA.png), but "
                 f"{len(rows)} lines of cameras in {PARAMETERS}. They belong together in their order, from 00 on: add what is missing."
             )
-        pictures = picture_source(path, files, sidecar, request)
+        images = image_source(path, files, sidecar, request)
         names = sorted(files)
         default = sidecar.held_out if sidecar.held_out is not None else [name for name in names if name == HELD_OUT]
-        sizes = {name: pictures.size(name) for name in names if name not in request.left_out}
+        sizes = {name: images.size(name) for name in names if name not in request.left_out}
         usual = common_size(list(sizes.values()))
         size = request.size(*usual, path)
         fitted = {
@@ -61,7 +61,7 @@ class TechnicolorCapture(FileCapture):
         super().__init__(
             path,
             [camera for camera, _ in fitted.values()],
-            pictures,
+            images,
             request,
             held_out=default,
             lenses={name: lens for name, (_, lens) in fitted.items() if lens is not None},
@@ -79,11 +79,11 @@ def _camera(name: str, row: np.ndarray, width: int, height: int) -> Camera:
     return Camera(name, viewmat, K, width, height)
 
 
-def _pictures(path: Path) -> dict[str, list[Path]]:
+def _images(path: Path) -> dict[str, list[Path]]:
     """Return the images by camera."""
     found: dict[str, list[Path]] = defaultdict(list)
     for file in image_files(path):
-        if match := PICTURE.fullmatch(file.stem):
+        if match := IMAGE.fullmatch(file.stem):
             found[match[2]].append(file)
     return found
 
@@ -100,7 +100,7 @@ def _read_parameters(file: Path) -> np.ndarray:
     for number, row in enumerate(rows):
         if row.shape != (NUMBERS,):
             raise CaptureError(
-                f"{file}: camera {number} has {row.size} numbers, expected {NUMBERS}. Only undistorted pictures are read, and they "
+                f"{file}: camera {number} has {row.size} numbers, expected {NUMBERS}. Only undistorted images are read, and they "
                 f"have: focal length, principal point, aspect ratio, skew, quaternion wxyz, translation."
             )
         focal, aspect, skew, turn = row[0], row[3], row[4], np.linalg.norm(row[5:9])

@@ -106,7 +106,7 @@ def _ignored(file: Path, frames: list[_Frame]) -> list[str]:
     used = [values for values in shutters if values and (not isinstance(values, list) or any(values))]
     if not used:
         return []
-    return [f"{file}: rolling_shutter {used[0]!r:.60} is not read: each picture is taken to show one moment"]
+    return [f"{file}: rolling_shutter {used[0]!r:.60} is not read: each image is taken to show one moment"]
 
 
 def _frames(file: Path) -> tuple[list[_Frame], Path | None]:
@@ -149,7 +149,7 @@ def _views(file: Path, frames: list[_Frame]) -> list[_View]:
     times = {frame.time for frame in frames if frame.time is not None}
     if len(times) > 1 and len(groups) > max(len(frames) / 2, 1):
         raise CaptureError(
-            f"{file}: its {len(frames)} pictures have {len(times)} times and {len(groups)} poses: the camera moves, as in D-NeRF. Only "
+            f"{file}: its {len(frames)} images have {len(times)} times and {len(groups)} poses: the camera moves, as in D-NeRF. Only "
             f"static cameras that film together can be reconstructed."
         )
     views = []
@@ -158,7 +158,7 @@ def _views(file: Path, frames: list[_Frame]) -> list[_View]:
             own = {frame.time: frame for frame in group}
             if None in own or len(own) < len(group):
                 raise CaptureError(
-                    f"{file}: camera {name} has {len(group)} pictures with {len(own)} different times. Each picture needs its own "
+                    f"{file}: camera {name} has {len(group)} images with {len(own)} different times. Each image needs its own "
                     f"time: correct the list of frames."
                 )
             views.append(_View(name, [own.get(time) for time in sorted(times)]))

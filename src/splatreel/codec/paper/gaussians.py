@@ -166,7 +166,7 @@ def encode_values(
         crf: Rate factor of H.265; None does not store the values as images.
     """
     if crf is not None:
-        return _encode_pictures(values, log, crf)
+        return _encode_images(values, log, crf)
     if bits is None:
         return quantize.encode_float32(values)
     return quantize.encode_linear(values, bits, log)
@@ -180,24 +180,24 @@ def decode_values(data: bytes, parameters: Parameters, rows: int, columns: int) 
     if codec == "float32":
         return quantize.decode_float32(data, (rows, columns))
     if codec == "picture":
-        return _decode_pictures(data, parameters, rows, columns)
-    raise ReelError(f"has the unknown codec {codec!r:.60}; known are linear, float32 and picture.")
+        return _decode_images(data, parameters, rows, columns)
+    raise ReelError(f"has the unknown codec {codec!r:.60}; known are linear, float32 and image.")
 
 
-def _encode_pictures(values: np.ndarray, log: bool, crf: int) -> tuple[bytes, Parameters]:
+def _encode_images(values: np.ndarray, log: bool, crf: int) -> tuple[bytes, Parameters]:
     """Encode each column as an image of 8 bits, all in one HEVC track."""
     q, ranges = quantize.quantize_columns(values, 255, log)
     width, height = maps.size_of(len(q))
-    pictures = maps.to_maps(q.astype(np.uint8).T[:, :, None], maps.pixels_of(len(q), width), width, height)
+    images = maps.to_maps(q.astype(np.uint8).T[:, :, None], maps.pixels_of(len(q), width), width, height)
     parameters: Parameters = {"codec": "picture", "width": width, "height": height}
-    return encode_tracks([("values", pictures, f"crf={crf}")]), parameters | ranges
+    return encode_tracks([("values", images, f"crf={crf}")]), parameters | ranges
 
 
-def _decode_pictures(data: bytes, parameters: Parameters, rows: int, columns: int) -> np.ndarray:
+def _decode_images(data: bytes, parameters: Parameters, rows: int, columns: int) -> np.ndarray:
     width, height = maps.decode_size(parameters, rows)
     low, high = numbers(parameters, "min", columns), numbers(parameters, "max", columns)
-    pictures = decode_tracks(data, 1, columns, [(width, height)])[0]
-    q = maps.from_maps(pictures, maps.pixels_of(rows, width), width)[:, :, 0].T
+    images = decode_tracks(data, 1, columns, [(width, height)])[0]
+    q = maps.from_maps(images, maps.pixels_of(rows, width), width)[:, :, 0].T
     values = low + q * ((high - low) / 255)
     if boolean(parameters, "log", default=False):
         values = np.exp2(np.clip(values, -126, 126))

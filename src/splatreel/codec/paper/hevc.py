@@ -15,26 +15,26 @@ _X265 = (
     "keyint={frames}:min-keyint={frames}:scenecut=0:open-gop=0:bframes=0:repeat-headers=0:info=0:range=full:"
     "log-level=none:frame-threads=1:weightp=0:{rate}"
 )
-"""Parameters for one key picture without reordering and for reproducible output.
+"""Parameters for one key image without reordering and for reproducible output.
 
 Frame threads and weighted prediction are off, because they make the output depend on more than the input. Weighted
-prediction reads uninitialized memory for small pictures: 60 encodings of the same 8 pictures of 96 x 32 gave 9 results.
+prediction reads uninitialized memory for small images: 60 encodings of the same 8 images of 96 x 32 gave 9 results.
 """
 
 _LEVELS = ((36_864, 30), (122_880, 60), (245_760, 63), (552_960, 90), (983_040, 93), (2_228_224, 120), (8_912_896, 150))
-"""Largest luma picture and general_level_idc, from Table A.8 of H.265."""
+"""Largest luma image and general_level_idc, from Table A.8 of H.265."""
 
 MAX_PIXELS = 8_912_896
-"""Luma pixels of the largest picture that common decoders accept (level 5)."""
+"""Luma pixels of the largest image that common decoders accept (level 5)."""
 FPS = 30
 """Frames per second that the file states. Readers ignore it."""
 
 
 def encode_tracks(tracks: list[tuple[str, np.ndarray, str]]) -> bytes:
-    """Encode tracks into an MP4 file. The same pictures give the same bytes.
+    """Encode tracks into an MP4 file. The same images give the same bytes.
 
     Args:
-        tracks: Name, pictures [T, H, W] uint8, and x265 rate control such as `lossless=1` or `crf=20` of each track.
+        tracks: Name, images [T, H, W] uint8, and x265 rate control such as `lossless=1` or `crf=20` of each track.
 
     Raises:
         MissingDependencyError: PyAV has no libx265.
@@ -42,10 +42,10 @@ def encode_tracks(tracks: list[tuple[str, np.ndarray, str]]) -> bytes:
     file = io.BytesIO()
     container = av.open(file, "w", format="mp4", options={"fflags": "+bitexact"})
     try:
-        streams = [_add_stream(container, name, pictures, rate) for name, pictures, rate in tracks]
-        for stream, (_, pictures, _) in zip(streams, tracks, strict=True):
-            for index, picture in enumerate(pictures):
-                container.mux(stream.encode(_frame(picture, index)))
+        streams = [_add_stream(container, name, images, rate) for name, images, rate in tracks]
+        for stream, (_, images, _) in zip(streams, tracks, strict=True):
+            for index, image in enumerate(images):
+                container.mux(stream.encode(_frame(image, index)))
             container.mux(stream.encode(None))
     finally:
         container.close()
@@ -54,12 +54,12 @@ def encode_tracks(tracks: list[tuple[str, np.ndarray, str]]) -> bytes:
 
 
 def decode_tracks(data: bytes, count: int, frames: int, sizes: list[tuple[int, int]]) -> list[np.ndarray]:
-    """Decode `count` tracks to pictures [frames, height, width] uint8 each.
+    """Decode `count` tracks to images [frames, height, width] uint8 each.
 
     Args:
         data: MP4 file.
         count: Number of tracks.
-        frames: Pictures per track.
+        frames: Images per track.
         sizes: Width and height of each track.
 
     Raises:
@@ -69,8 +69,8 @@ def decode_tracks(data: bytes, count: int, frames: int, sizes: list[tuple[int, i
     return [_decode_track(data, track, count, frames, *sizes[track]) for track in range(count)]
 
 
-def _add_stream(container, name: str, pictures: np.ndarray, rate: str):
-    frames, height, width = pictures.shape
+def _add_stream(container, name: str, images: np.ndarray, rate: str):
+    frames, height, width = images.shape
     if height * width > MAX_PIXELS:
         raise ReelError(f"Offset maps of {width} x {height} pixels are more than a video holds ({MAX_PIXELS} pixels).")
     try:
@@ -84,12 +84,12 @@ def _add_stream(container, name: str, pictures: np.ndarray, rate: str):
     return stream
 
 
-def _frame(picture: np.ndarray, index: int) -> av.VideoFrame:
-    height, width = picture.shape
+def _frame(image: np.ndarray, index: int) -> av.VideoFrame:
+    height, width = image.shape
     frame = av.VideoFrame(width, height, "yuv420p")
     luma, *chroma = frame.planes
     rows = np.zeros((luma.height, luma.line_size), np.uint8)
-    rows[:height, :width] = picture
+    rows[:height, :width] = image
     luma.update(rows.tobytes())
     for plane in chroma:
         plane.update(b"\x80" * plane.buffer_size)
@@ -98,7 +98,7 @@ def _frame(picture: np.ndarray, index: int) -> av.VideoFrame:
 
 
 def _decode_track(data: bytes, track: int, count: int, frames: int, width: int, height: int) -> np.ndarray:
-    pictures = np.empty((frames, height, width), np.uint8)
+    images = np.empty((frames, height, width), np.uint8)
     decoded = 0
     try:
         with av.open(io.BytesIO(data), "r", format="mov") as container:
@@ -113,20 +113,20 @@ def _decode_track(data: bytes, track: int, count: int, frames: int, width: int, 
             for frame in container.decode(streams[track]):
                 if decoded == frames or (frame.width, frame.height) != (width, height):
                     raise ReelError(
-                        f"track {track} has a picture {decoded} of {frame.width} x {frame.height} pixels; "
-                        f"expected {frames} pictures of {width} x {height}."
+                        f"track {track} has an image {decoded} of {frame.width} x {frame.height} pixels; "
+                        f"expected {frames} images of {width} x {height}."
                     )
                 if not frame.format.name.startswith(("yuv420p", "yuvj420p")) or frame.format.components[0].bits != 8:
-                    raise ReelError(f"track {track} has pictures of format {frame.format.name}, expected yuv420p.")
+                    raise ReelError(f"track {track} has images of format {frame.format.name}, expected yuv420p.")
                 luma = frame.planes[0]
                 rows = np.frombuffer(luma, np.uint8)  # pyright: ignore[reportCallIssue, reportArgumentType]: it is a buffer
-                pictures[decoded] = rows.reshape(-1, luma.line_size)[:height, :width]
+                images[decoded] = rows.reshape(-1, luma.line_size)[:height, :width]
                 decoded += 1
     except (FFmpegError, ValueError, EOFError) as error:
         raise ReelError(f"is not a video file that can be decoded ({error}).") from error
     if decoded != frames:
-        raise ReelError(f"track {track} holds {decoded} pictures, expected {frames}.")
-    return pictures
+        raise ReelError(f"track {track} holds {decoded} images, expected {frames}.")
+    return images
 
 
 def _with_level(data: bytes, level: int) -> bytes:

@@ -14,7 +14,7 @@ from splatreel.codec.quantize import Parameters, integer
 BLOCK = 16
 """Side of the blocks in pixels; widths and heights are multiples of it."""
 _MIN_SIDE = 64
-"""Side of one coding tree unit. x265 corrupts memory on pictures of 48 x 16 pixels."""
+"""Side of one coding tree unit. x265 corrupts memory on images of 48 x 16 pixels."""
 MAX_SLACK = 4096
 """Pixels that a map may have beyond its points."""
 

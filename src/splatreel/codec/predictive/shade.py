@@ -13,7 +13,7 @@ from splatreel.codec.section import Sections, named, section_of
 SHADE = np.diag([1.0, 1.0, 1.0, 2.0])
 """Transform of c_base and opacity for encoding. Opacity counts twice as much as color, about its effect in an image."""
 SHADE[:3, :3] = COLORS
-"""From c_base and opacity to what is coded: opacity counts twice as much as color, about what it changes in a picture."""
+"""From c_base and opacity to what is coded: opacity counts twice as much as color, about what it changes in an image."""
 
 
 def encode_shade(

@@ -26,7 +26,7 @@ from splatreel.config import Config
 from splatreel.config.records import complete_settings
 from splatreel.evaluation.bench.oracle_report import OracleReport, Score, SingleFrame
 from splatreel.evaluation.evaluate import check_same_capture, check_unseen
-from splatreel.evaluation.moving_pixels import median_pictures, moving_pixels
+from splatreel.evaluation.moving_pixels import median_images, moving_pixels
 from splatreel.evaluation.perceptual import Lpips, load_lpips
 from splatreel.evaluation.quality import ImageComparison, Quality
 from splatreel.evaluation.report import write_text
@@ -80,13 +80,13 @@ def oracle(
     frames = check_frames(frames, capture, timeline)
     finished = OracleFrames(Path(out) / "oracle.json", capture, config)
     progress, names, lpips = progress or Silent(), [view.name for view in views], load_lpips()
-    medians = median_pictures(capture, names)
+    medians = median_images(capture, names)
     todo = [frame for frame in frames if frame not in finished.frames]
     scores: list[Score] = []
     for frame in frames:
         truths = capture.read(frame, 1, names)[0].astype(np.float32) / 255
         masks = [moving_pixels(truth, median) for truth, median in zip(truths, medians, strict=True)]
-        held_out = HeldOutPictures(views, truths, masks, lpips)
+        held_out = HeldOutImages(views, truths, masks, lpips)
         if frame in todo:
             done = todo.index(frame)
             title, span = (
@@ -104,7 +104,7 @@ def oracle(
 
 
 def reconstruct_frame(
-    capture: Capture, frame: int, config: Config, held_out: HeldOutPictures, device: torch.device, progress: Progress
+    capture: Capture, frame: int, config: Config, held_out: HeldOutImages, device: torch.device, progress: Progress
 ) -> SingleFrame:
     """Reconstruct one frame from its own images, encode and measure it."""
     cameras = capture.training_cameras
@@ -139,7 +139,7 @@ def draw_single_frame(layout: Layout, antialias: bool, gaussians: Gaussians, vie
 
 
 @dataclass(frozen=True)
-class HeldOutPictures:
+class HeldOutImages:
     """Held-out images of one frame.
 
     Attributes:

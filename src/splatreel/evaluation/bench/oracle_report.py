@@ -101,7 +101,7 @@ class OracleReport:
             "Held-out cameras against an independent static reconstruction of each frame, not encoded.",
         ]
         lines += [
-            "Moving: only the pixels that differ from their camera's median picture. Decoded: after encoding. Colors fitted: after one "
+            "Moving: only the pixels that differ from their camera's median image. Decoded: after encoding. Colors fitted: after one "
             "gain for each color channel of each image.",
             "",
         ]

@@ -142,10 +142,10 @@ def iteration_row(trainer: GroupTrainer, repeats: int) -> Timing:
     # Both have the same regularizers.
     layered, whole = (_batch(trainer, at) for at in (middle + MEASURE_EVERY // 2, middle))
     layered()  # warm up; the loop below draws the static points of every view
-    for camera in range(len(trainer.pictures.views)):
+    for camera in range(len(trainer.images.views)):
         trainer.static.view(camera)
     works = [layered, whole]
-    if trainer.pictures.images.device.type == "cpu":
+    if trainer.images.pixels.device.type == "cpu":
         works.append(lambda: on_one_thread(layered))
     times = medians_ms(works, repeats)
     row: Timing = {
@@ -171,8 +171,8 @@ def _batch(trainer: GroupTrainer, iteration: int) -> Callable[[], None]:
 def _tiles(trainer: GroupTrainer) -> float:
     """Return the share of tiles with dynamic points."""
     shares = []
-    for camera, view in enumerate(trainer.pictures.views):
-        moving = trainer.points.at(camera % trainer.pictures.count, view, trainer.pictures.near)
+    for camera, view in enumerate(trainer.images.views):
+        moving = trainer.points.at(camera % trainer.images.count, view, trainer.images.near)
         tiles = draw(moving, view, trainer.static.view(camera)).tiles
         assert tiles is not None
         shares.append(float(tiles.float().mean()))

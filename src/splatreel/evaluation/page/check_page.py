@@ -1,4 +1,4 @@
-"""The page of `splatreel capture check`: verdict, cameras with their matches, synchronization, and a picture of each camera."""
+"""The page of `splatreel capture check`: verdict, cameras with their matches, synchronization, and an image of each camera."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from splatreel.method.coverage.coverage import Coverage
 from splatreel.method.init.layout import upright
 
 THUMBNAIL = 320
-"""Longer side of a camera's picture, in pixels."""
+"""Longer side of a camera's image, in pixels."""
 BRIGHTNESS = 0.25
 """Difference from the median brightness of all cameras, as a share, from which on a camera is named."""
 MANY, FAINTEST = 100, 0.06
@@ -147,7 +147,7 @@ def _table(facts: CheckFacts, levels: np.ndarray) -> str:
 
 
 def _mask_sheet(facts: CheckFacts) -> str:
-    """Return the subject of each camera with dimmed surroundings, and its share of the picture; nothing without masks."""
+    """Return the subject of each camera with dimmed surroundings, and its share of the image; nothing without masks."""
     if facts.masks is None:
         return ""
     figures = []

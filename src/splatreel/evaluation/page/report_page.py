@@ -12,21 +12,21 @@ from PIL import Image
 
 from splatreel.base.command_line import quoted
 from splatreel.base.errors import ReelError
+from splatreel.evaluation.comparison_images import image_file
 from splatreel.evaluation.page.charts import Series, line_chart
 from splatreel.evaluation.page.findings import failing_moments, findings
 from splatreel.evaluation.page.html import html_list, html_page, html_table, jpeg_url, rig_drawings, section, with_code
 from splatreel.evaluation.page.rig_plan import RigPlan
 from splatreel.evaluation.page.run_facts import RunFacts
-from splatreel.evaluation.pictures import picture_file
 from splatreel.evaluation.report import LPIPS_MISSING, Report, megabytes, report_numbers, write_text
 from splatreel.play.standalone import standalone_page
 
 LARGEST_REEL = 64 << 20
 """Largest reel in bytes that is embedded."""
 WIDEST = 640
-"""Largest width of an embedded picture in pixels."""
+"""Largest width of an embedded image in pixels."""
 CAMERAS = 24
-"""Largest number of cameras with pictures. The cameras with the lowest PSNR come first."""
+"""Largest number of cameras with images. The cameras with the lowest PSNR come first."""
 
 Player = Literal["embedded", "beside", "none"]
 """Player of the page: embedded with the reel, that of the server at `./`, or none."""
@@ -36,7 +36,7 @@ def write_report_page(out: Path, reel: str | Path, player: Player = "embedded", 
     """Write OUT/report.html atomically, from what is in the folders now.
 
     Args:
-        out: Folder of report.json and pictures.
+        out: Folder of report.json and images.
         reel: Folder or URL of the reel.
         player: Player of the page.
         most: Memory in bytes that decoding a file may take, see `ReelReader`.
@@ -54,7 +54,7 @@ def report_page(facts: RunFacts, player: Player) -> str:
         f'<div id="summary">{_summary(facts)}</div>',
         section("Player", _player(facts, player), "screen"),
         section("Curves", _charts(facts)),
-        section("Pictures", _pictures(facts)),
+        section("Pictures", _images(facts)),
         section("Cameras", _rig(facts)),
         section("Numbers", _numbers(facts.report)),
         section("Groups", _groups(facts)),
@@ -154,8 +154,8 @@ def _losses(facts: RunFacts) -> dict[str, list[tuple[float, float]]]:
     return found
 
 
-def _pictures(facts: RunFacts) -> str:
-    """Return the pictures of each camera, the worst camera first."""
+def _images(facts: RunFacts) -> str:
+    """Return the images of each camera, the worst camera first."""
     report = facts.report
     if report is None:
         return ""
@@ -169,13 +169,13 @@ def _pictures(facts: RunFacts) -> str:
 def _camera(facts: RunFacts, camera: dict) -> str:
     name, parts = camera["name"], []
     for kind in ("worst", "median"):
-        panels = _panels(picture_file(facts.pictures, kind, name), 3)
+        panels = _panels(image_file(facts.images, kind, name), 3)
         frame = camera.get(f"{kind}_frame")
         names = ("Truth", "Render", "Error, four times")
         pairs = list(zip(names, panels, strict=False))
         if kind == "worst":
             pairs += [
-                ("Layers: moving in blue", panel) for panel in _panels(picture_file(facts.pictures, "layers", name), 1)
+                ("Layers: moving in blue", panel) for panel in _panels(image_file(facts.images, "layers", name), 1)
             ]
         figures = "".join(
             f'<figure><img src="{panel}" alt="{escape(f"{label}, {name}, frame {frame}")}"><figcaption>{label}</figcaption></figure>'
@@ -190,7 +190,7 @@ def _camera(facts: RunFacts, camera: dict) -> str:
 
 
 def _panels(path: Path, count: int) -> list[str]:
-    """Return the panels of a picture, side by side, as data URLs of JPEGs; none if the file is missing or damaged."""
+    """Return the panels of an image, side by side, as data URLs of JPEGs; none if the file is missing or damaged."""
     try:
         with Image.open(path) as image:
             image = image.convert("RGB")

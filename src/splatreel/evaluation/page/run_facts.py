@@ -92,7 +92,7 @@ class RunFacts:
         manifest: Manifest of the reel.
         points: Some static points of the first group, [N, 3].
         report: Report of the evaluation; None before it.
-        pictures: Folder of the pictures.
+        images: Folder of the images.
         history: History of the run; empty for a reel without its run.
         record: Content of run.json; empty for a reel without its run.
         coverage: Sentences about the coverage of the cameras.
@@ -103,7 +103,7 @@ class RunFacts:
     manifest: Manifest
     points: np.ndarray
     report: Report | None
-    pictures: Path
+    images: Path
     history: RunHistory
     record: Mapping[str, Any]
     coverage: list[str]
@@ -114,7 +114,7 @@ class RunFacts:
         """Read the facts of a reel. A report or a run of another version counts as missing.
 
         Args:
-            out: Folder of report.json and pictures.
+            out: Folder of report.json and images.
             reel: Folder or URL of the reel; the run is in `work` beside the folder.
             most: Memory in bytes that decoding a file may take, see `ReelReader`.
 
@@ -136,7 +136,7 @@ class RunFacts:
             manifest=reader.manifest,
             points=points,
             report=report,
-            pictures=out / "pictures",
+            images=out / "pictures",
             history=RunHistory() if work is None else read_history(work),
             record=record if isinstance(record, dict) else {},
             coverage=report.coverage if report and report.coverage else coverage.sentences() if coverage else [],

@@ -16,7 +16,7 @@ class ServedReport:
     """Report page that is made anew when a file of the run has changed. Thread-safe.
 
     Args:
-        out: Output folder of the run, with report.json and pictures.
+        out: Output folder of the run, with report.json and images.
         reel: Folder of the reel.
 
     Attributes:

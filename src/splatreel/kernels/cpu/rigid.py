@@ -25,13 +25,13 @@ ROUNDS, TRIES = 3, 2
 class Views(NamedTuple):
     """The images of all cameras at one frame. `splatreel.kernels.rigid.make_views` makes them.
 
-    viewmats: [C, 4, 4]. Ks: [C, 3, 3]. pictures: [C, H, W, 3] uint8. depths: [C, ceil(H / 2), ceil(W / 2)] float32, finite, the
+    viewmats: [C, 4, 4]. Ks: [C, 3, 3]. images: [C, H, W, 3] uint8. depths: [C, ceil(H / 2), ceil(W / 2)] float32, finite, the
     surfaces that may hide points. near: near plane.
     """
 
     viewmats: np.ndarray
     Ks: np.ndarray
-    pictures: np.ndarray
+    images: np.ndarray
     depths: np.ndarray
     near: np.float32
 
@@ -48,7 +48,7 @@ def _pixel(x, y, z, views, c):
     if depth > views.near:
         across = K[0, 0] * (V[0, 0] * x + V[0, 1] * y + V[0, 2] * z + V[0, 3]) / depth + K[0, 2]
         down = K[1, 1] * (V[1, 0] * x + V[1, 1] * y + V[1, 2] * z + V[1, 3]) / depth + K[1, 2]
-        if ZERO <= across < views.pictures.shape[2] and ZERO <= down < views.pictures.shape[1]:
+        if ZERO <= across < views.images.shape[2] and ZERO <= down < views.images.shape[1]:
             row, column = int(down), int(across)
             if depth > HIDDEN * views.depths[c, row // 2, column // 2]:
                 row = -1
@@ -66,7 +66,7 @@ def sample_colors(first, last, points, views, seen, colors):
                 seen[i, c] = True
                 count += ONE
                 for k in range(3):
-                    colors[i, c, k] = views.pictures[c, row, column, k]
+                    colors[i, c, k] = views.images[c, row, column, k]
                 red += colors[i, c, 0]
                 green += colors[i, c, 1]
                 blue += colors[i, c, 2]
@@ -114,7 +114,7 @@ def _difference(places, move, pairs, colors, views, unseen=CAP, limit=CAP):
         if row >= 0:
             difference = ZERO
             for k in range(3):
-                difference += abs(F(views.pictures[c, row, column, k]) - colors[i, c, k]) / F(3 * 255)
+                difference += abs(F(views.images[c, row, column, k]) - colors[i, c, k]) / F(3 * 255)
             total += min(difference, CAP)
             count += 1
     return total / F(count) if 2 * count > pairs.shape[0] else unseen

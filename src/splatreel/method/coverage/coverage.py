@@ -96,7 +96,7 @@ class Coverage:
             return []
         trial = self.trial
         tried = f"Quick trial without {trial.camera}, {trial.angle:.0f} degrees from the nearest other camera: {trial.psnr:.1f} dB"
-        without = f"the nearest camera's picture has {trial.nearest:.1f} dB there, one flat color {trial.flat:.1f} dB"
+        without = f"the nearest camera's image has {trial.nearest:.1f} dB there, one flat color {trial.flat:.1f} dB"
         remedy = "Set the cameras closer together, or add some between them."
         if not trial.holds:
             return [

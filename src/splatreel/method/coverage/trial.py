@@ -122,10 +122,10 @@ def resize_image(image: np.ndarray, camera: Camera) -> np.ndarray:
     return image if image.shape[1::-1] == size else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
-def _psnr(picture: np.ndarray, truth: np.ndarray) -> float:
+def _psnr(image: np.ndarray, truth: np.ndarray) -> float:
     """Return the PSNR in dB of an image [H, W, 3] 0..1, fitted to the exposure of the true image."""
-    gain = (picture * truth).sum((0, 1)) / np.maximum((picture * picture).sum((0, 1)), 1e-9)
-    error = np.square(picture * np.clip(gain, *GAINS) - truth).mean()
+    gain = (image * truth).sum((0, 1)) / np.maximum((image * image).sum((0, 1)), 1e-9)
+    error = np.square(image * np.clip(gain, *GAINS) - truth).mean()
     return round(min(float(-10 * np.log10(max(error, 1e-12))), BEST), 2)
 
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from splatreel.scene.camera import Camera, angles_apart, focus_point
-from splatreel.scene.volumes import in_picture
+from splatreel.scene.volumes import in_image
 
 AGREEING = 0.9
 """Share of the cameras that see a place, rounded up, whose masks must contain it. One bad mask among ten removes nothing."""
@@ -56,7 +56,7 @@ class VisualHull:
         """Return which points [..., 3] are inside, [...] bool."""
         seen, within = np.zeros(points.shape[:-1], np.int64), np.zeros(points.shape[:-1], np.int64)
         for camera, mask in zip(self.cameras, self._masks, strict=True):
-            inside, pixels, _ = in_picture(points, camera, self.near)
+            inside, pixels, _ = in_image(points, camera, self.near)
             column, row = np.where(inside[..., None], pixels, 0).astype(np.int64).reshape(-1, 2).T
             seen += inside
             within += inside & mask[row, column].reshape(inside.shape)

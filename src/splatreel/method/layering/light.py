@@ -80,11 +80,11 @@ def _brightness_of(
     for row, camera, film in zip(shown, cameras, frames.swapaxes(0, 1), strict=True):
         small = _shrunk(camera)
         bright = partial(_brightness, width=small.width, height=small.height)
-        pictures = np.stack(threads.map_parallel(bright, film), 2)
-        pictures -= pictures[..., :1].copy()
-        pictures -= np.median(pictures[::3, ::3], (0, 1))  # remove exposure and light of the whole scene
-        pictures = np.concatenate([pictures, np.ones_like(pictures[..., :1])], 2)
-        sums = gather_images(splats, small, torch.from_numpy(pictures).to(device), near).cpu().numpy()
+        images = np.stack(threads.map_parallel(bright, film), 2)
+        images -= images[..., :1].copy()
+        images -= np.median(images[::3, ::3], (0, 1))  # remove exposure and light of the whole scene
+        images = np.concatenate([images, np.ones_like(images[..., :1])], 2)
+        sums = gather_images(splats, small, torch.from_numpy(images).to(device), near).cpu().numpy()
         seen = sums[:, -1] > MIN_SEEN_PIXELS
         row[seen] = sums[seen, :-1] / sums[seen, -1:]
     return shown
@@ -96,9 +96,9 @@ def _shrunk(camera: Camera) -> Camera:
     return camera.resized(max(1, round(shrink * camera.width)), max(1, round(shrink * camera.height)))
 
 
-def _brightness(picture: np.ndarray, width: int, height: int) -> np.ndarray:
+def _brightness(image: np.ndarray, width: int, height: int) -> np.ndarray:
     """Return the log brightness [h, w] of an image [H, W, 3] uint8 at another size."""
-    gray = cv2.cvtColor(cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
+    gray = cv2.cvtColor(cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA), cv2.COLOR_RGB2GRAY)
     return np.log(cv2.GaussianBlur(gray.astype(np.float32), (0, 0), BLUR) + DARK_OFFSET)
 
 

@@ -120,12 +120,10 @@ class KeyframeDensity:
         self.generator = torch.Generator().manual_seed(seed)
         self.distances = torch.ones(len(points), device=points.means.device)
 
-    def restart(self, pictures: TrainingImages) -> None:
+    def restart(self, images: TrainingImages) -> None:
         """Restart the measurements, after points were added or removed or the images changed."""
         self.meter = GradientMeter(len(self.points), self.points.means.device)
-        self.distances = relative_distances(
-            self.points.means, pictures.views, pictures.unit, self.config.far_step_scale
-        )
+        self.distances = relative_distances(self.points.means, images.views, images.unit, self.config.far_step_scale)
 
     def measure(self, share: float, drawing: Comparable, view: View) -> None:
         """Add the gradients of an iteration. share: share of training that is over after it, 0..1."""
@@ -180,13 +178,13 @@ class KeyframeDensity:
         """Number of points that may still be added."""
         return self.max_points - len(self.points)
 
-    def add(self, params: Mapping[str, Tensor], pictures: TrainingImages) -> None:
+    def add(self, params: Mapping[str, Tensor], images: TrainingImages) -> None:
         """Add points, without those outside of the region. params: unconstrained tensors, as in `TrainablePoints`."""
         if self.region is not None:
             kept = inside(self.region, params["means"])
             params = {name: value[kept] for name, value in params.items()}
         self.points.append(params)
-        self.restart(pictures)
+        self.restart(images)
 
     def prune(self, unit: float, share: float) -> None:
         """Prune points, but never all of them."""
@@ -223,7 +221,7 @@ FAINT_AT = (0.4, 0.7)
 """Shares of training at which the faintest points are pruned. By then misplaced points have faded, and the remaining ones can
 fill in."""
 
-FAINT_PICTURES = 60
+FAINT_IMAGES = 60
 """Number of drawings by which faint points are found."""
 
 MEASURE_EVERY = 8
@@ -288,17 +286,17 @@ class GroupDensity:
         if drawing.index is not None:
             self.static_meter.add(grad[drawing.moving :], view.width, view.height, drawing.index)
 
-    def update(self, done: int, pictures: TrainingImages) -> bool:
+    def update(self, done: int, images: TrainingImages) -> bool:
         """Add and prune points after `done` iterations, if due. Return whether anything was due."""
         due, faint_due = self._is_regular(done), done in self.faint_at
         if due or faint_due:
             self.points.check()
         if due and self._converts(done):
-            self.convert_and_clone(pictures)
+            self.convert_and_clone(images)
         if due:
-            self.prune(pictures)
+            self.prune(images)
         if faint_due:
-            self.drop_faint(pictures)
+            self.drop_faint(images)
         if due or faint_due:
             self.restart()
         return due or faint_due
@@ -307,10 +305,10 @@ class GroupDensity:
         """Return whether `update` adds or prunes points after `done` iterations."""
         return self._is_regular(done) or done in self.faint_at
 
-    def convert_and_clone(self, pictures: TrainingImages) -> None:
+    def convert_and_clone(self, images: TrainingImages) -> None:
         """Convert static points (paper section 4.1), then clone dynamic points with large gradients (4.2)."""
         layering, alive = self.config.layering, self.static.alive
-        threshold = layering.adapt_gradient * (PAPER_WIDTH / pictures.views[0].width)
+        threshold = layering.adapt_gradient * (PAPER_WIDTH / images.views[0].width)
         pull_static, pull_moving = self.static_meter.mean(), self.moving_meter.mean()
         convert = alive & (pull_static > threshold) | alive & self._surrounded(alive)
         converted = self._within_budget(convert & self.convertible, pull_static)
@@ -331,25 +329,25 @@ class GroupDensity:
         self.static.set_alive(alive)
         self.points.append(rows)
 
-    def prune(self, pictures: TrainingImages) -> None:
+    def prune(self, images: TrainingImages) -> None:
         """Drop points that hardly show and points that are too large for their distance."""
         config, points = self.config.keyframe, self.points
         with torch.no_grad():
             keep = points.highest_logits().sigmoid() >= CULL_OPACITY
-            distances = relative_distances(points.means, pictures.views, pictures.unit, config.far_step_scale)
-            keep &= ~too_large(points.canonical.scales, distances, pictures.unit)
+            distances = relative_distances(points.means, images.views, images.unit, config.far_step_scale)
+            keep &= ~too_large(points.canonical.scales, distances, images.unit)
         if not bool(keep.all()):
             points.keep(torch.nonzero(keep)[:, 0])
 
-    def drop_faint(self, pictures: TrainingImages) -> None:
+    def drop_faint(self, images: TrainingImages) -> None:
         """Drop the points that together fill a small share of the images (`GroupConfig.faint_share`): often half of all points."""
         total = torch.zeros(len(self.points), device=self.points.means.device)
-        for k in range(FAINT_PICTURES):
-            frame = k * (pictures.count - 1) // (FAINT_PICTURES - 1)
-            camera = int(self.rng.integers(len(pictures.views)))
-            view = pictures.views[camera]
+        for k in range(FAINT_IMAGES):
+            frame = k * (images.count - 1) // (FAINT_IMAGES - 1)
+            camera = int(self.rng.integers(len(images.views)))
+            view = images.views[camera]
             with torch.no_grad():
-                splats = self.points.at(frame, view, pictures.near)
+                splats = self.points.at(frame, view, images.near)
             total += contributions(splats, view, self.static.view(camera))
         order = total.argsort()
         held = total[order].cumsum(0) / total.sum().clamp_min(1e-9)

@@ -36,7 +36,7 @@ Draw = Callable[[int], tuple[Splats, Tensor]]
 
 @torch.no_grad()
 def points_at_errors(
-    draw: Draw, pictures: TrainingImages, gains: Tensor, bands: int, count: int, rng: np.random.Generator
+    draw: Draw, images: TrainingImages, gains: Tensor, bands: int, count: int, rng: np.random.Generator
 ) -> dict[str, Tensor]:
     """Return new points in random pixels. The probability of a pixel is its absolute error times its loss of similarity (1 - SSIM).
 
@@ -44,7 +44,7 @@ def points_at_errors(
 
     Args:
         draw: Draws the current points.
-        pictures: Training images.
+        images: Training images.
         gains: [C, 3] color gains of the cameras.
         bands: Number of harmonics of a point beyond the constant.
         count: Number of points to add, over all cameras.
@@ -53,14 +53,14 @@ def points_at_errors(
     Returns:
         Unconstrained tensors of up to `count` points, as in `TrainablePoints`.
     """
-    found, ray_depths = [], RayDepths(pictures)
-    for camera, view in enumerate(pictures.views):
+    found, ray_depths = [], RayDepths(images)
+    for camera, view in enumerate(images.views):
         splats, image = draw(camera)
-        target = pictures.target(camera, image, None).float() / 255
-        depths = Depths.of(splats, view, pictures.near)
+        target = images.target(camera, image, None).float() / 255
+        depths = Depths.of(splats, view, images.near)
         known = (depths.alpha > MIN_ALPHA).cpu().numpy()
-        pixels = _choose(_errors(image.cpu().numpy(), target.cpu().numpy()) * known, count // len(pictures.views), rng)
-        rendered = (pictures.near * depths.moments[..., 0].exp()).cpu().numpy()
+        pixels = _choose(_errors(image.cpu().numpy(), target.cpu().numpy()) * known, count // len(images.views), rng)
+        rendered = (images.near * depths.moments[..., 0].exp()).cpu().numpy()
         depth = torch.from_numpy(ray_depths.agreed(camera, pixels, rendered, known).astype(np.float32)).to(image.device)
         chosen = torch.from_numpy(pixels).to(image.device)
         found.append((*_unproject(view, chosen, depth), target.flatten(0, 1)[chosen] / gains[camera]))

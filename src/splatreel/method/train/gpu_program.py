@@ -146,7 +146,7 @@ class GpuProgram:
         images = self.images
 
         def load() -> np.ndarray:
-            image = images.images[frame, camera].numpy()
+            image = images.pixels[frame, camera].numpy()
             unknown = np.zeros(image.shape[:2], np.uint8)
             if images.unknown is not None:
                 unknown[:] = 255 * images.unknown[camera].numpy()

@@ -96,13 +96,13 @@ class GroupTrainer:
     """Trainer of one group. Static points stay frozen unless density control makes them dynamic (paper section 4.1).
 
     Attributes:
-        pictures: Images in use, smaller ones at first.
-        larger_pictures: Images of larger sizes, each with the iteration at which its use begins.
+        images: Images in use, smaller ones at first.
+        larger_images: Images of larger sizes, each with the iteration at which its use begins.
     """
 
     def __init__(
         self,
-        pictures: TrainingImages,
+        images: TrainingImages,
         start: GroupStart,
         static: StaticPoints,
         config: Config,
@@ -118,7 +118,7 @@ class GroupTrainer:
         """Prepare the training of a group.
 
         Args:
-            pictures: Training images at full size.
+            images: Training images at full size.
             start: Initial state.
             static: Static points.
             config: Settings.
@@ -130,17 +130,17 @@ class GroupTrainer:
             region: Volume in which points are cloned; None is everywhere.
             gpu: GPU that runs the iterations; None runs them on the device of the images, with torch.
         """
-        device, group = pictures.images.device, config.group
+        device, group = images.pixels.device, config.group
         self.config, self.gains = config, gains
-        self.iterations = group.iterations_per_frame * pictures.count
-        sizes = pictures.sizes(self.iterations, group.coarse_share, config.training_megapixels)
-        self.pictures = sizes[0][1]
-        self.larger_pictures = [(end, larger) for (end, _), (_, larger) in pairwise(sizes)]
-        self.time_offsets = time_offsets or TimeOffsets(len(pictures.views), enabled=False)
-        self.points = MovingPoints.of(start, self.pictures, group, seed)
-        self.static = StaticCache(static.points, self.pictures.views, pictures.near, device)
+        self.iterations = group.iterations_per_frame * images.count
+        sizes = images.sizes(self.iterations, group.coarse_share, config.training_megapixels)
+        self.images = sizes[0][1]
+        self.larger_images = [(end, larger) for (end, _), (_, larger) in pairwise(sizes)]
+        self.time_offsets = time_offsets or TimeOffsets(len(images.views), enabled=False)
+        self.points = MovingPoints.of(start, self.images, group, seed)
+        self.static = StaticCache(static.points, self.images.views, images.near, device)
         self.static.set_alive(torch.from_numpy(static.alive).to(device))
-        available = np.ones((pictures.count, len(pictures.views)), bool) if missing is None else ~missing
+        available = np.ones((images.count, len(images.views)), bool) if missing is None else ~missing
         self.schedule = FrameSchedule(available, self.iterations, group.progressive_share, seed)
         self.rng = np.random.default_rng(seed)
         movable = torch.from_numpy(static.alive if may_move is None else may_move).to(device)
@@ -184,16 +184,16 @@ class GroupTrainer:
             GaussiansError: A value is NaN or infinite.
             GpuError: The GPU was lost, or has too little memory.
         """
-        while self.larger_pictures and iteration >= self.larger_pictures[0][0]:
-            self._use_pictures(self.larger_pictures.pop(0)[1])
+        while self.larger_images and iteration >= self.larger_images[0][0]:
+            self._use_images(self.larger_images.pop(0)[1])
         if self.program is None:
             loss, done = self.step(iteration), iteration + 1
         else:
             loss, done = self._run_batch(iteration, self.program)
         if done % GIVE_BACK_EVERY == 0:
-            self.pictures.release_pages()
+            self.images.release_pages()
         self.recovery.check_iteration(done, loss, self)
-        if self.density.update(done, self.pictures):
+        if self.density.update(done, self.images):
             self.find_neighbors()
             self._upload()
         if self._shows(done - 1) or done == self.iterations:
@@ -210,8 +210,8 @@ class GroupTrainer:
             if why := unsupported_group(self.points):
                 progress.note(f"this group is trained on the CPU: {why}")
             elif opened is not None:
-                settings = self.config.group, self.gains, self.time_offsets.enabled and self.pictures.count > 1
-                self.program = GpuGroupProgram(opened, self.points, self.density, self.pictures, *settings)
+                settings = self.config.group, self.gains, self.time_offsets.enabled and self.images.count > 1
+                self.program = GpuGroupProgram(opened, self.points, self.density, self.images, *settings)
                 self._upload()
         except GpuError as error:
             self._continue_without_gpu(error, progress)
@@ -226,7 +226,7 @@ class GroupTrainer:
         """Copy the state to the GPU, if one trains."""
         if self.program is not None:
             self.program.neighbors = self.neighbors
-            self.program.images = self.pictures
+            self.program.images = self.images
             self.program.upload()
 
     def _run_batch(self, first: int, program: GpuGroupProgram) -> tuple[Tensor, int]:
@@ -258,7 +258,7 @@ class GroupTrainer:
 
     def _needs_host(self, done: int) -> bool:
         """Return whether the host needs the state after `done` iterations."""
-        resizes = bool(self.larger_pictures) and done >= self.larger_pictures[0][0]
+        resizes = bool(self.larger_images) and done >= self.larger_images[0][0]
         saves = done >= self.recovery.next_save
         return resizes or saves or self.density.is_due(done) or done == self.iterations
 
@@ -272,14 +272,14 @@ class GroupTrainer:
             pace=self.recovery.pace,
             frame=frame,
             camera=camera,
-            moment=self.time_offsets.moment(frame, camera, self.pictures.count),
+            moment=self.time_offsets.moment(frame, camera, self.images.count),
             whole=whole,
             metered=self.density.measures(iteration),
             metered_static=not whole and self.density.measured_static(iteration) is not None,
             rank=None,
             span=None,
         )
-        last, count = self.schedule.frontier(iteration), self.pictures.count
+        last, count = self.schedule.frontier(iteration), self.images.count
         weights = {loss.name: loss.weight_at(step, self.config.group) for loss in GROUP}
         neighbors = self.neighbors if weights["rigidity"] else None
         rank = None if neighbors is None else choose_rank(neighbors, self.rng)
@@ -314,14 +314,14 @@ class GroupTrainer:
         frame, camera = self.schedule.draw(iteration)
         last_frame = self.schedule.frontier(iteration)
         self.points.deformation.extend_to(last_frame)
-        moment = self.time_offsets.moment(frame, camera, self.pictures.count)
+        moment = self.time_offsets.moment(frame, camera, self.images.count)
         changes = self.points.changes(moment)
         if self.time_offsets.enabled:  # the hash grid's offsets are not leaf tensors
             changes.dx.retain_grad()
             changes.dq.retain_grad()
 
-        view = self.pictures.views[camera]
-        splats = self.points.splats(changes, view, self.pictures.near)
+        view = self.images.views[camera]
+        splats = self.points.splats(changes, view, self.images.near)
         static, also = self.static.view(camera), self.density.measured_static(iteration)
         whole = self._shows(iteration)  # the reported loss covers the whole image
         drawing = draw(splats, view, static) if whole else moving_tiles(splats, view, static, also)
@@ -331,15 +331,15 @@ class GroupTrainer:
             share=share,
             view=view,
             drawing=drawing,
-            target=self.pictures.images[frame, camera],
+            target=self.images.pixels[frame, camera],
             gain=self.gains.values[camera],
             lambda_dssim=self.config.group.lambda_dssim,
-            unit=self.pictures.unit,
+            unit=self.images.unit,
             points=self.points,
             changes=changes,
             neighbors=self.neighbors,
             frame=frame,
-            frames=self.pictures.count,
+            frames=self.images.count,
             last=last_frame,
             rng=self.rng,
         )
@@ -359,25 +359,25 @@ class GroupTrainer:
     def result(self) -> GroupResult:
         """Return the trained points and their changes."""
         offsets = self.time_offsets.learned() if self.time_offsets.enabled else None
-        return group_result(self.points, self.pictures.count, self.static.alive, offsets)
+        return group_result(self.points, self.images.count, self.static.alive, offsets)
 
     def psnr(self) -> float:
         """Return the mean PSNR, dB, over a few training images."""
         return training_psnr(
-            self.points, self.static, self.pictures, self.gains.values, self.time_offsets, self.schedule.available
+            self.points, self.static, self.images, self.gains.values, self.time_offsets, self.schedule.available
         )
 
-    def _use_pictures(self, pictures: TrainingImages) -> None:
+    def _use_images(self, images: TrainingImages) -> None:
         """Switch to images of another size."""
-        self.pictures = pictures
-        self.static.set_views(pictures.views)
+        self.images = images
+        self.static.set_views(images.views)
         self.density.restart()
         self.find_neighbors()
         self._upload()
 
     def _learn_time_offset(self, camera: int, moment: float, changes: Changes, share: float) -> None:
         """Refine a camera's time offset by the derivative of the loss with respect to the moment that was drawn."""
-        frames = self.pictures.count
+        frames = self.images.count
         if not self.time_offsets.enabled or frames < 2:
             return
         if changes.dx.grad is not None:

@@ -130,21 +130,21 @@ class KeyframeTrainer:
         self.watch: Callable[[Callable[[], Gaussians]], None] | None = None
         """Called during training with a function that returns the points as they are now."""
 
-    def train(self, pictures: TrainingImages, iterations: int, total: int, progress: Progress) -> None:
+    def train(self, images: TrainingImages, iterations: int, total: int, progress: Progress) -> None:
         """Run `iterations` of `total` on images of one resolution. Another call continues with other images."""
-        static = self._static_cache(pictures)
+        static = self._static_cache(images)
         average = Average(self.config.average_share, total)
-        self.density.restart(pictures)
+        self.density.restart(images)
         end, self._cameras = self.done + iterations, list[int]()
         self.recovery.save_state(self.done, self)
-        self._start_program(pictures, static, progress)
+        self._start_program(images, static, progress)
         while self.done < end:
             try:
                 if self.program is None:
-                    loss = self._iterate(pictures, static, total, average)
+                    loss = self._iterate(images, static, total, average)
                 else:
-                    loss = self._run_batch(pictures, total, end, average, self.program)
-                self._finish_iteration(pictures, total, average)
+                    loss = self._run_batch(images, total, end, average, self.program)
+                self._finish_iteration(images, total, average)
                 if self.done % SHOW_EVERY == 0 or self.done == end:
                     self.check()
                     progress.update(self.done, loss=float(loss), points=len(self.points))
@@ -153,40 +153,40 @@ class KeyframeTrainer:
             except (GaussiansError, GpuError) as error:
                 self.done = self._recover(error, progress)
                 self._anneal(self.done / total)
-                self.density.restart(pictures)
+                self.density.restart(images)
                 average = Average(self.config.average_share, total)
                 if self.program is not None:
-                    self._start_program(pictures, static, progress)
+                    self._start_program(images, static, progress)
         self.recovery.release_state()
         average.write_to(self.points.params.values())
         self.program = None
-        self.density.prune(pictures.unit, self.done / total)
+        self.density.prune(images.unit, self.done / total)
 
-    def _iterate(self, pictures: TrainingImages, static: StaticCache | None, total: int, average: Average) -> Tensor:
+    def _iterate(self, images: TrainingImages, static: StaticCache | None, total: int, average: Average) -> Tensor:
         """Run one iteration with torch, and return its photometric loss []."""
-        camera = self._next_camera(pictures)
-        loss, drawing = self.step(pictures, camera, static, self.done / total)
+        camera = self._next_camera(images)
+        loss, drawing = self.step(images, camera, static, self.done / total)
         self.done += 1
         self.recovery.check_iteration(self.done, loss, self)
         self._anneal(self.done / total)
-        self.density.measure(self.done / total, drawing, pictures.views[camera])
+        self.density.measure(self.done / total, drawing, images.views[camera])
         return loss
 
-    def _finish_iteration(self, pictures: TrainingImages, total: int, average: Average) -> None:
+    def _finish_iteration(self, images: TrainingImages, total: int, average: Average) -> None:
         """Add, prune and average points after an iteration, if due."""
         share, averaged = self.done / total, average.has_begun(self.done)
         changes = self.density.is_due(self.done, share, averaged) or self._adds_at_errors(total)
-        self.density.update(self.done, share, pictures, averaged, self._measures_absolute)
+        self.density.update(self.done, share, images, averaged, self._measures_absolute)
         if self._adds_at_errors(total):
-            self._add_at_errors(pictures)
+            self._add_at_errors(images)
         if averaged and self.program is None:
             average.add(self.done, self.points.params.values())
         if changes and self.program is not None:
             average.restart()
             self.program.upload()
 
-    def _next_camera(self, pictures: TrainingImages) -> int:
-        self._cameras = self._cameras or self.rng.permutation(len(pictures.views)).tolist()
+    def _next_camera(self, images: TrainingImages) -> int:
+        self._cameras = self._cameras or self.rng.permutation(len(images.views)).tolist()
         return self._cameras.pop()
 
     @property
@@ -194,16 +194,16 @@ class KeyframeTrainer:
         """True if density control measures absolute gradients."""
         return self.config.detail and not self.static
 
-    def _start_program(self, pictures: TrainingImages, static: StaticCache | None, progress: Progress) -> None:
+    def _start_program(self, images: TrainingImages, static: StaticCache | None, progress: Progress) -> None:
         """Use the GPU, if there is one that can train this keyframe."""
         if self.gpu is None:
             return
         try:
             opened = self.gpu.open()
-            if why := unsupported_keyframe(self.losses, pictures, static):
+            if why := unsupported_keyframe(self.losses, images, static):
                 progress.note(f"this keyframe is trained on the CPU: {why}")
             elif opened is not None:
-                host = self.points, static, self.density, pictures, self.config, self.losses, self.gains
+                host = self.points, static, self.density, images, self.config, self.losses, self.gains
                 self.program = GpuKeyframeProgram(opened, *host)
                 self._upload()
         except GpuError as error:
@@ -229,12 +229,12 @@ class KeyframeTrainer:
         return self.points.gaussians()
 
     def _run_batch(
-        self, pictures: TrainingImages, total: int, end: int, average: Average, program: GpuKeyframeProgram
+        self, images: TrainingImages, total: int, end: int, average: Average, program: GpuKeyframeProgram
     ) -> Tensor:
         """Run iterations on the GPU until something is due, and return the loss [] of the last one."""
-        draws = [self._plan(pictures, self.done, total, average)]
+        draws = [self._plan(images, self.done, total, average)]
         while not self._stops(self.done + len(draws), total, end, average) and len(draws) < MOST_DRAWS:
-            draws.append(self._plan(pictures, self.done + len(draws), total, average))
+            draws.append(self._plan(images, self.done + len(draws), total, average))
         loss = torch.tensor(program.run(draws)[-1].loss)
         self.done += len(draws)
         self._anneal(self.done / total)
@@ -255,15 +255,15 @@ class KeyframeTrainer:
         due = self.density.is_due(done, done / total, average.has_begun(done))
         return due or self._adds_at_errors(total, done) or done >= self.recovery.next_save or done == end
 
-    def _plan(self, pictures: TrainingImages, iteration: int, total: int, average: Average) -> KeyframeDraw:
+    def _plan(self, images: TrainingImages, iteration: int, total: int, average: Average) -> KeyframeDraw:
         """Decide what an iteration on the GPU draws and compares."""
         done, share = iteration + 1, iteration / total
         factors = self._rate_factors(share)
         return KeyframeDraw(
             iteration=iteration,
             share=share,
-            camera=self._next_camera(pictures),
-            whole=not self.static or self._compares_all(pictures, iteration),
+            camera=self._next_camera(images),
+            whole=not self.static or self._compares_all(images, iteration),
             metered=done / total <= GROWTH,
             average=average.next_weight(done),
             rates=tuple(self.points.base_rates[name] * factors[name] for name in NAMES),
@@ -283,12 +283,12 @@ class KeyframeTrainer:
         splat.check_finite(gains=self.gains.values)
 
     def step(
-        self, pictures: TrainingImages, camera: int, static: StaticCache | None, share: float
+        self, images: TrainingImages, camera: int, static: StaticCache | None, share: float
     ) -> tuple[Tensor, Comparable]:
         """Run one iteration: draw a view, compare it and follow the gradients.
 
         Args:
-            pictures: Training images.
+            images: Training images.
             camera: Number of the camera.
             static: Static points; None if there are none.
             share: Share of training that is over, 0..1.
@@ -296,15 +296,15 @@ class KeyframeTrainer:
         Returns:
             The photometric loss [], and the drawing with its gradients.
         """
-        view = pictures.views[camera]
-        splats = deformed(self.points.params, None, None, view, pictures.near)
-        if static is None or self._compares_all(pictures, self.done):
+        view = images.views[camera]
+        splats = deformed(self.points.params, None, None, view, images.near)
+        if static is None or self._compares_all(images, self.done):
             splats, gain = _with_gain(splats, view, self.gains.of(camera))
             drawing = draw(splats, view, static.view(camera) if static else None)
-            target = pictures.target(camera, drawing.image, gain)
+            target = images.target(camera, drawing.image, gain)
         else:
             splats, gain = _with_gain(splats, view, self.gains.values[camera])
-            drawing, target = moving_tiles(splats, view, static.view(camera)), pictures.images[0, camera]
+            drawing, target = moving_tiles(splats, view, static.view(camera)), images.pixels[0, camera]
         drawn = KeyframeStep(
             iteration=self.done,
             share=share,
@@ -313,10 +313,10 @@ class KeyframeTrainer:
             target=target,
             gain=gain,
             lambda_dssim=LAMBDA_DSSIM,
-            unit=pictures.unit,
+            unit=images.unit,
             points=self.points,
             splats=splats,
-            near=pictures.near,
+            near=images.near,
         )
         losses = backward(self.losses, drawn, self.config)
         self.points.step(self.density.distances[:, None])
@@ -324,15 +324,15 @@ class KeyframeTrainer:
         return losses["photometric"].detach(), drawing
 
     @torch.no_grad()
-    def psnr(self, pictures: TrainingImages) -> float:
+    def psnr(self, images: TrainingImages) -> float:
         """Return the mean PSNR, dB, over the training images, without static points."""
-        images = [self._draw(pictures, camera)[1] for camera in range(len(pictures.views))]
-        return float(np.mean([psnr(image, target) for image, target in zip(images, pictures.images[0], strict=True)]))
+        drawn = [self._draw(images, camera)[1] for camera in range(len(images.views))]
+        return float(np.mean([psnr(image, target) for image, target in zip(drawn, images.pixels[0], strict=True)]))
 
-    def _draw(self, pictures: TrainingImages, camera: int) -> tuple[Splats, Tensor]:
+    def _draw(self, images: TrainingImages, camera: int) -> tuple[Splats, Tensor]:
         """Return the projected points of a camera, without static points, and the image [H, W, 3] that the camera would take."""
-        view, gain = pictures.views[camera], self.gains.values[camera]
-        splats, factor = _with_gain(deformed(self.points.params, None, None, view, pictures.near), view, gain)
+        view, gain = images.views[camera], self.gains.values[camera]
+        splats, factor = _with_gain(deformed(self.points.params, None, None, view, images.near), view, gain)
         image = draw(splats, view).image
         return splats, image if factor is None else image * factor
 
@@ -341,22 +341,22 @@ class KeyframeTrainer:
         done = self.done if done is None else done
         return self.config.detail and self.static is None and done in [round(at * total) for at in ADDED_AT]
 
-    def _add_at_errors(self, pictures: TrainingImages) -> None:
+    def _add_at_errors(self, images: TrainingImages) -> None:
         """Add points where the images differ most from the drawings."""
         count = max(min(self.density.room, round(ADDED_SHARE * len(self.points))), 0)
         bands, gains = self.points.params["sh_rest"].shape[1], self.gains.values
-        draw_camera = partial(self._draw, pictures)
-        self.density.add(points_at_errors(draw_camera, pictures, gains, bands, count, self.rng), pictures)
+        draw_camera = partial(self._draw, images)
+        self.density.add(points_at_errors(draw_camera, images, gains, bands, count, self.rng), images)
 
-    def _static_cache(self, pictures: TrainingImages) -> StaticCache | None:
+    def _static_cache(self, images: TrainingImages) -> StaticCache | None:
         if self.static is None or len(self.static) == 0:
             return None
-        return StaticCache(self.static, pictures.views, pictures.near, self.points.means.device)
+        return StaticCache(self.static, images.views, images.near, self.points.means.device)
 
-    def _compares_all(self, pictures: TrainingImages, iteration: int) -> bool:
+    def _compares_all(self, images: TrainingImages, iteration: int) -> bool:
         """Return whether an iteration compares the whole image."""
         shows = (iteration + 1) % SHOW_EVERY == 0
-        return shows or iteration % GAINS_EVERY == 0 or pictures.unknown is not None
+        return shows or iteration % GAINS_EVERY == 0 or images.unknown is not None
 
     def _rate_factors(self, share: float) -> dict[str, float]:
         """Return the factors of the learning rates by attribute, after a share of training."""

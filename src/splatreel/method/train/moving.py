@@ -59,19 +59,19 @@ class MovingPoints:
         self.canonical, self.deformation, self.appearance = canonical, deformation, appearance
 
     @staticmethod
-    def of(start: GroupStart, pictures: TrainingImages, config: GroupConfig, seed: int) -> MovingPoints:
+    def of(start: GroupStart, images: TrainingImages, config: GroupConfig, seed: int) -> MovingPoints:
         """Create the points from which a group's training starts, on the device of its images."""
-        device = pictures.images.device
-        rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * pictures.unit}
+        device = images.pixels.device
+        rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * images.unit}
         canonical = TrainablePoints.from_gaussians(start.dynamic, rates, device)
         tracks, shades = (None if a is None else torch.from_numpy(a).to(device) for a in (start.tracks, start.shades))
         fixed = None if shades is None else shades.any(2).any(0)
         means = canonical.means.detach()
-        deformation = make_deformation(config.deformation, means, pictures.count, pictures.unit, seed, tracks, fixed)
+        deformation = make_deformation(config.deformation, means, images.count, images.unit, seed, tracks, fixed)
         if not config.appearance:
             return MovingPoints(canonical, deformation, None)
-        cuts = detect_cuts(pictures.images)
-        return MovingPoints(canonical, deformation, Appearance(pictures.count, len(canonical), device, shades, cuts))
+        cuts = detect_cuts(images.pixels)
+        return MovingPoints(canonical, deformation, Appearance(images.count, len(canonical), device, shades, cuts))
 
     def __len__(self) -> int:
         """Return the number of points."""

@@ -75,21 +75,20 @@ class _Relation:
 class RayDepths:
     """Search for depths in the training images of one frame."""
 
-    def __init__(self, pictures: TrainingImages) -> None:
+    def __init__(self, images: TrainingImages) -> None:
         """Prepare the images.
 
         Args:
-            pictures: Training images of a keyframe.
+            images: Training images of a keyframe.
         """
-        self.views, self.near = pictures.views, pictures.near
+        self.views, self.near = images.views, images.near
         self.poses = [view.viewmat.cpu().numpy().astype(np.float64) for view in self.views]
         self.intrinsics = [view.K.cpu().numpy().astype(np.float64) for view in self.views]
         self.grays = [
-            cv2.cvtColor(image.cpu().numpy(), cv2.COLOR_RGB2GRAY).astype(np.float32) / 255
-            for image in pictures.images[0]
+            cv2.cvtColor(image.cpu().numpy(), cv2.COLOR_RGB2GRAY).astype(np.float32) / 255 for image in images.pixels[0]
         ]
-        if pictures.unknown is not None:
-            for gray, unknown in zip(self.grays, pictures.unknown.cpu().numpy(), strict=True):
+        if images.unknown is not None:
+            for gray, unknown in zip(self.grays, images.unknown.cpu().numpy(), strict=True):
                 gray[unknown] = np.nan
         centers = np.stack([view.center.cpu().numpy() for view in self.views])
         self.nearest = nearest_poses(centers, np.stack([pose[2, :3] for pose in self.poses]), NEIGHBORS)

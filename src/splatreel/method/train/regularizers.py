@@ -133,21 +133,21 @@ def spread(depths: Depths) -> Tensor:
     return (weight * (second - 2 * far * first + far.square())).mean()
 
 
-def roughness(depths: Depths, picture: Tensor, span: float) -> Tensor:
+def roughness(depths: Depths, image: Tensor, span: float) -> Tensor:
     """Return the loss of bends in depth where the image has no edges, mean over pixels.
 
     The inverse depth of a plane is an affine function of the pixel, so its second differences along rows and columns vanish.
 
     Args:
         depths: Depths of the view.
-        picture: [H, W, 3] uint8. Contrast over two pixels makes a bend cheaper.
+        image: [H, W, 3] uint8. Contrast over two pixels makes a bend cheaper.
         span: Typical viewing distance in multiples of the near plane, the unit of inverse depth.
 
     Source:
         Woodford et al. 2009, "Global stereo reconstruction under second-order smoothness priors".
     """
     inverse = span * (-depths.moments[..., 0]).exp()
-    colors = picture.float() / 255
+    colors = image.float() / 255
     cost = inverse.new_zeros(())
     for along in (0, 1):
         before, here, after = (inverse.narrow(along, k, inverse.shape[along] - 2) for k in range(3))

@@ -62,10 +62,8 @@ class FrameSchedule:
             copies = np.floor(
                 np.repeat(self.draws_per_round(), self.cameras) + self.rng.random(self.frames * self.cameras)
             )
-            pictures = np.repeat(np.arange(self.frames * self.cameras), copies.astype(np.int64))
-            self._round = self.rng.permutation(pictures).tolist() or [
-                int(self.rng.integers(self.frames * self.cameras))
-            ]
+            images = np.repeat(np.arange(self.frames * self.cameras), copies.astype(np.int64))
+            self._round = self.rng.permutation(images).tolist() or [int(self.rng.integers(self.frames * self.cameras))]
         return divmod(self._round.pop(), self.cameras)
 
     def record_loss(self, frame: int, camera: int, loss: Tensor) -> None:

@@ -136,7 +136,7 @@ def train_frame(
     progress: Progress,
     unknown: np.ndarray | None = None,
 ) -> None:
-    """Train on one frame, first at smaller sizes (`Pictures.sizes`).
+    """Train on one frame, first at smaller sizes (`Images.sizes`).
 
     Args:
         trainer: Trainer of the points.
@@ -155,13 +155,13 @@ def train_frame(
         for camera, gain in zip(cameras, trainer.gains.values, strict=True)
     ]
     mask = None if unknown is None else torch.from_numpy(unknown).to(device)
-    pictures = TrainingImages(torch.from_numpy(images).to(device)[None], views, layout.near, layout.unit, mask)
+    training_images = TrainingImages(torch.from_numpy(images).to(device)[None], views, layout.near, layout.unit, mask)
     begin = 0
-    for end, shown in pictures.sizes(iterations, coarse_share, config.training_megapixels):
+    for end, shown in training_images.sizes(iterations, coarse_share, config.training_megapixels):
         if end > begin:
             trainer.train(shown, end - begin, iterations, progress)
             begin = end
     progress.update(iterations, points=len(trainer.points))
-    if trainer.static is None and (psnr := trainer.psnr(pictures)) < LOW_PSNR:
+    if trainer.static is None and (psnr := trainer.psnr(training_images)) < LOW_PSNR:
         why = "the cameras disagree. Check their poses, intrinsics and synchronization"
         progress.note(f"low PSNR of the training images, {psnr:.1f} dB: {why}")

@@ -19,15 +19,15 @@ class TrainingImages:
     """Training images at one resolution.
 
     Attributes:
-        images: [T, C, H, W, 3] uint8. A keyframe has T = 1.
+        pixels: [T, C, H, W, 3] uint8. A keyframe has T = 1.
         views: C views.
         near: Near plane, world units.
         unit: Typical viewing distance, world units.
         unknown: [C, H, W] bool, pixels of a keyframe without a valid value; None if all are valid.
-        array: The array of `frame_array` that `images` is a view of, if there is one.
+        array: The array of `frame_array` that `pixels` is a view of, if there is one.
     """
 
-    images: Tensor
+    pixels: Tensor
     views: list[View]
     near: float
     unit: float
@@ -37,7 +37,7 @@ class TrainingImages:
     @property
     def count(self) -> int:
         """Number of frames, T."""
-        return self.images.shape[0]
+        return self.pixels.shape[0]
 
     def target(self, camera: int, drawn: Tensor, gain: Tensor | None) -> Tensor:
         """Return the target image [H, W, 3] uint8 of a keyframe's camera.
@@ -49,7 +49,7 @@ class TrainingImages:
             drawn: [H, W, 3] current drawing, 0..1, before the color gain.
             gain: [3] color gain of the camera; None is 1.
         """
-        image = self.images[0, camera]
+        image = self.pixels[0, camera]
         if self.unknown is None:
             return image
         shown = drawn.detach() if gain is None else drawn.detach() * gain.detach()
@@ -64,7 +64,7 @@ class TrainingImages:
             coarse_share: Share of the iterations at half size.
             afforded: See `Config.training_megapixels`.
         """
-        *_, height, width, _ = self.images.shape
+        *_, height, width, _ = self.pixels.shape
         sizes, shown = [], self
         for end in size_ends(1e-6 * width * height, coarse_share, afforded):
             if sizes:
@@ -79,13 +79,13 @@ class TrainingImages:
 
     def halved(self) -> TrainingImages:
         """Return the images at half size. Frames are converted one at a time, since a group's images as floats take much memory."""
-        count, cameras, height, width, channels = self.images.shape
+        count, cameras, height, width, channels = self.pixels.shape
         shape = (count, cameras, height // 2, width // 2, channels)
-        array = None if self.images.is_cuda else frame_array(shape)
-        small = self.images.new_empty(shape) if array is None else torch.from_numpy(array)
+        array = None if self.pixels.is_cuda else frame_array(shape)
+        small = self.pixels.new_empty(shape) if array is None else torch.from_numpy(array)
 
         def halve(frame: int) -> None:
-            small[frame].copy_(halved(self.images[frame]))
+            small[frame].copy_(halved(self.pixels[frame]))
             self.release_pages()
 
         threads.map_parallel(halve, range(count))
@@ -93,7 +93,7 @@ class TrainingImages:
         if unknown is not None:  # unknown if any of the four pixels is
             unknown = torch.nn.functional.max_pool2d(unknown[:, None].float(), 2)[:, 0] > 0
         views = [view.halved() for view in self.views]
-        return replace(self, images=small, views=views, unknown=unknown, array=array)
+        return replace(self, pixels=small, views=views, unknown=unknown, array=array)
 
 
 def size_ends(megapixels: float, coarse_share: float, afforded: float) -> list[float]:

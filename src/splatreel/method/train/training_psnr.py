@@ -20,7 +20,7 @@ SAMPLES = 12
 def training_psnr(
     points: MovingPoints,
     static: StaticCache,
-    pictures: TrainingImages,
+    images: TrainingImages,
     gains: Tensor,
     time_offsets: TimeOffsets,
     available: np.ndarray,
@@ -30,17 +30,17 @@ def training_psnr(
     Args:
         points: Trained points.
         static: Static points.
-        pictures: Training images.
+        images: Training images.
         gains: [C, 3] color gains.
         time_offsets: Learned time offsets.
         available: [T, C] bool, images that exist.
     """
     values = []
     for k in range(SAMPLES):
-        frame = k * (pictures.count - 1) // (SAMPLES - 1)
+        frame = k * (images.count - 1) // (SAMPLES - 1)
         cameras = np.flatnonzero(available[frame])
         camera = int(cameras[(k * 7) % len(cameras)])
-        view, moment = pictures.views[camera], time_offsets.moment(frame, camera, pictures.count)
-        image = draw(points.at(moment, view, pictures.near), view, static.view(camera)).image
-        values.append(psnr(image * gains[camera], pictures.images[frame, camera]))
+        view, moment = images.views[camera], time_offsets.moment(frame, camera, images.count)
+        image = draw(points.at(moment, view, images.near), view, static.view(camera)).image
+        values.append(psnr(image * gains[camera], images.pixels[frame, camera]))
     return float(np.mean(values))

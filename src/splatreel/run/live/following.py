@@ -174,11 +174,11 @@ class _LiveRun:
             FramePrefetcher(capture, names, stretches(), ahead=not skip, shared=group.overlap) as frames,
             _stop_on_error(self.follower),
         ):
-            for pictures in frames:
+            for images in frames:
                 span = taken.get()
                 for index in range(done, span.index):
                     before = self._skip_group(live.span(index), before, layout, output)
-                before = self._reconstruct(span, pictures, before, layout, output, live)
+                before = self._reconstruct(span, images, before, layout, output, live)
                 done = span.index + 1
 
     def _reconstruct(

@@ -65,7 +65,7 @@ def test_several_recordings_are_ambiguous(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("files", "message"),
     [
-        ([], r"holds no videos or pictures of the cameras cam_0, cam_1, cam_2 in rig\.toml"),
+        ([], r"holds no videos or images of the cameras cam_0, cam_1, cam_2 in rig\.toml"),
         (
             ["videos/cam_0.mp4", "videos/cam_1.mp4", "videos/cam_2b.mp4"],
             r"to 1 of the 3 .*first is 'cam_2'.*Is it 'cam_2b'\?",

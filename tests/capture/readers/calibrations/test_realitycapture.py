@@ -54,7 +54,7 @@ def xmp(c: int, model: str, bends: tuple[float, ...], attributes: bool, more: st
         ("perspective", (0.0,) * 6, (120, 160)),
     ],
 )
-def test_pictures_with_xmp_files(tmp_path: Path, model: str, bends: tuple[float, ...], size: tuple[int, int]) -> None:
+def test_images_with_xmp_files(tmp_path: Path, model: str, bends: tuple[float, ...], size: tuple[int, int]) -> None:
     for c in range(4):
         (tmp_path / f"IMG_{c}.xmp").write_text(xmp(c, model, bends, attributes=c % 2 == 0))
         Image.fromarray(blobs.draw(project(c, bends, *size), 0.5, *size)).save(tmp_path / f"IMG_{c}.png")

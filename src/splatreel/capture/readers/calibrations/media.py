@@ -28,7 +28,7 @@ WORD = re.compile(r"\d+|[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 """Part of a name: a number, or a word of which several may follow each other, as in camA."""
 SERIAL = re.compile(r"\d{4,}$")
 """Serial number of a camera, as in take_Miqus_1_26580."""
-KINDS = ("videos", "folders of videos", "folders of pictures", "pictures")
+KINDS = ("videos", "folders of videos", "folders of images", "pictures")
 """Kinds of media, the preferred first."""
 SHOWN = 6
 """Maximum number of names in a message."""
@@ -165,8 +165,8 @@ def _folders(path: Path, depth: int) -> Iterator[Path]:
 def _unpaired(path: Path, names: list[str], origin: Path, groups: list[_Group]) -> CaptureError:
     if not groups:
         return CaptureError(
-            f"{path}: holds no videos or pictures of the cameras {_listed(names)} in {origin.name}. Copy a video of each, named as its "
-            f"camera, beside {origin.name} or into videos/, or its pictures into images/CAMERA/."
+            f"{path}: holds no videos or images of the cameras {_listed(names)} in {origin.name}. Copy a video of each, named as its "
+            f"camera, beside {origin.name} or into videos/, or its images into images/CAMERA/."
         )
     best = max(groups, key=lambda group: (len(_near(names, group)), -group.rank(path), len(group.files)))
     absent = [name for name in names if name not in _near(names, best)] or names

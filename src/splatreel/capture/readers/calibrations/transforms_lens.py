@@ -31,7 +31,7 @@ def transforms_lens(whose: str, values: dict[str, Any]) -> tuple[tuple[int, int]
     if other or model not in (*PERSPECTIVE, FISHEYE):
         raise CaptureError(
             f"{whose}: has the lens {other[0] if other else model}, which is not read. Read are perspective and {FISHEYE}: undistort "
-            f"the pictures first."
+            f"the images first."
         )
     with naming(whose):
         size = image_size([_number(values, "w"), _number(values, "h")]) if "w" in values and "h" in values else None

@@ -1,4 +1,4 @@
-"""Moments of pictures, from the numbers in their names: numbers of frames, or times."""
+"""Moments of images, from the numbers in their names: numbers of frames, or times."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ DENSE = 0.5
 """Share of the numbers up to the highest from which on digits behind a point are a number of their own, not decimals."""
 
 Keys = dict[str, list[tuple[int, ...]]]
-"""Keys of the pictures by camera. Pictures of the same moment have the same key, and keys are in order of time."""
+"""Keys of the images by camera. Images of the same moment have the same key, and keys are in order of time."""
 
 
 def moments(path: str, names: Mapping[str, list[str]], notes: list[str]) -> Keys | None:
-    """Return the moments of pictures by camera, or None if names have no numbers that can be compared.
+    """Return the moments of images by camera, or None if names have no numbers that can be compared.
 
     Args:
         path: Folder of the capture, for messages.
-        names: Names of each camera's pictures, without extension.
+        names: Names of each camera's images, without extension.
         notes: Sentences about choices, which are added to.
 
     Raises:
@@ -44,10 +44,10 @@ def moments(path: str, names: Mapping[str, list[str]], notes: list[str]) -> Keys
 
 
 def _varying(numbers: Mapping[str, list[list[str]]]) -> dict[str, list[int]] | None:
-    """Return by camera the places of the numbers that differ between its pictures; None where names cannot be compared so.
+    """Return by camera the places of the numbers that differ between its images; None where names cannot be compared so.
 
     Args:
-        numbers: By camera, the numbers in the name of each picture.
+        numbers: By camera, the numbers in the name of each image.
     """
     if any(len({len(row) for row in rows}) > 1 for rows in numbers.values()):
         return None
@@ -118,11 +118,11 @@ def _merged(path: str, times: Mapping[str, list[int]], notes: list[str]) -> Keys
     merged = {name: [(first[time],) for time in found] for name, found in times.items()}
     if spread > SPREAD * step or any(len(set(found)) < len(found) for found in merged.values()):
         raise CaptureError(
-            f"{path}: the numbers of pictures are {step:g} apart and differ by up to {spread} between cameras, so that it is not "
-            f"clear which pictures belong together. Give pictures of the same moment the same number."
+            f"{path}: the numbers of images are {step:g} apart and differ by up to {spread} between cameras, so that it is not "
+            f"clear which images belong together. Give images of the same moment the same number."
         )
     if spread:
         notes.append(
-            f"numbers of pictures of the same moment differ by up to {spread} between cameras, where pictures are {step:g} apart"
+            f"numbers of images of the same moment differ by up to {spread} between cameras, where images are {step:g} apart"
         )
     return merged

@@ -1,10 +1,10 @@
-"""Pictures whose names hold times, or several numbers."""
+"""Images whose names hold times, or several numbers."""
 
 import numpy as np
 import pytest
 
 from splatreel.base.errors import CaptureError
-from splatreel.capture.picture_times import Keys, moments
+from splatreel.capture.image_times import Keys, moments
 
 RNG = np.random.default_rng(0)
 
@@ -16,7 +16,7 @@ def of(names: list[list[str]], notes: list[str] | None = None) -> Keys:
 
 
 def is_in_step(keys: Keys) -> bool:
-    """Return whether pictures with the same index, and no others, have the same key, in ascending order."""
+    """Return whether images with the same index, and no others, have the same key, in ascending order."""
     first, *others = keys.values()
     return sorted(set(first)) == first and all(first == other for other in others)
 
@@ -40,7 +40,7 @@ def test_times_between_moments_are_not_merged(shift: float) -> None:
 
 def test_times_that_run_together_are_refused() -> None:
     names = [[f"{100 * step + 20 * at}" for step in range(20)] for at in range(4)]
-    with pytest.raises(CaptureError, match="not clear which pictures belong together"):
+    with pytest.raises(CaptureError, match="not clear which images belong together"):
         of(names)
 
 

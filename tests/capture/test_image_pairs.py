@@ -1,18 +1,18 @@
-"""Pictures of different cameras are paired by the numbers in their names."""
+"""Images of different cameras are paired by the numbers in their names."""
 
 from pathlib import Path
 
 import pytest
 
 from splatreel.base.errors import CaptureError
-from splatreel.capture.picture_pairs import pair_pictures
+from splatreel.capture.image_pairs import pair_images
 
 Names = dict[str, list[str]]
 
 
 def paired(names: Names) -> tuple[dict[str, list[str | None]], list[str]]:
     files = {camera: [Path(camera) / name for name in found] for camera, found in names.items()}
-    pairs = pair_pictures(Path("scene"), files)
+    pairs = pair_images(Path("scene"), files)
     return {camera: [file and file.name for file in found] for camera, found in pairs.files.items()}, pairs.notes
 
 
@@ -29,7 +29,7 @@ def numbers(*chosen: int, prefix: str = "", digits: int = 0) -> list[str]:
         [f"shot12_{number}_left.png" for number in range(12)],
     ],
 )
-def test_numbers_pair_pictures_named_in_different_ways(other: list[str]) -> None:
+def test_numbers_pair_images_named_in_different_ways(other: list[str]) -> None:
     found, notes = paired({"a": numbers(*range(12)), "b": other[::-1], "c": numbers(*range(12))})
     assert found["a"] == numbers(*range(12))
     assert found["b"] == other
@@ -54,10 +54,10 @@ def test_steps_that_most_cameras_lack_at_the_ends_are_not_used() -> None:
 def test_number_that_no_camera_has_is_named() -> None:
     names = numbers(0, 10, 20, 50, 60)
     _, notes = paired({"a": names, "b": names, "c": names})
-    assert notes == ["no camera has pictures between 20 and 50: the video jumps there"]
+    assert notes == ["no camera has images between 20 and 50: the video jumps there"]
 
 
-def test_stray_picture_is_skipped_and_named() -> None:
+def test_stray_image_is_skipped_and_named() -> None:
     found, notes = paired(
         {"a": [*numbers(0, 1, 2, 3), "preview.png"], "b": numbers(0, 1, 2, 3), "c": numbers(0, 1, 2, 3)}
     )
@@ -65,7 +65,7 @@ def test_stray_picture_is_skipped_and_named() -> None:
     assert "preview.png" in notes[0]
 
 
-def test_one_picture_each_needs_no_number() -> None:
+def test_one_image_each_needs_no_number() -> None:
     found, notes = paired({"a": ["cam3.png"], "b": ["cam7.png"], "c": ["x.png"]})
     assert (found, notes) == ({"a": ["cam3.png"], "b": ["cam7.png"], "c": ["x.png"]}, [])
 
@@ -82,10 +82,10 @@ def test_numbers_without_anything_in_common_are_paired_in_order() -> None:
         ({"a": numbers(1, 2), "b": numbers(11, 12), "c": numbers(21, 22, 23)}, "a has 2, .* c has 3"),
         ({"a": ["1.png", "01.png"], "b": numbers(1, 2)}, "1.png and 01.png are of the same time step"),
         ({"a": ["1.jpg", "1.png", "2.png"], "b": numbers(1, 2)}, "1.jpg and 1.png are of the same time step"),
-        ({"a": ["0.png", "mask0.png", "1.png", "mask1.png"], "b": numbers(0, 1)}, "pictures of several kinds"),
+        ({"a": ["0.png", "mask0.png", "1.png", "mask1.png"], "b": numbers(0, 1)}, "images of several kinds"),
     ],
 )
-def test_ambiguous_pictures_are_refused(names: Names, message: str) -> None:
+def test_ambiguous_images_are_refused(names: Names, message: str) -> None:
     with pytest.raises(CaptureError, match=message):
         paired(names)
 

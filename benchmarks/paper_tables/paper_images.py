@@ -9,10 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from paper_tables.paper_bench import FULL, INDEPENDENT, PER_FRAME, STREAMING, VIDEO, PaperBench
-from paper_tables.paper_comparisons import name_of
-from paper_tables.paper_tables import TABLE_9, TABLE_10, write_first_frame
-from paper_tables.picture_crops import (
+from paper_tables.image_crops import (
     Crop,
     Render,
     Weight,
@@ -24,8 +21,11 @@ from paper_tables.picture_crops import (
     strip,
     truth_of,
 )
+from paper_tables.paper_bench import FULL, INDEPENDENT, PER_FRAME, STREAMING, VIDEO, PaperBench
+from paper_tables.paper_comparisons import name_of
+from paper_tables.paper_tables import TABLE_9, TABLE_10, write_first_frame
 from splatreel.config import EncodeConfig
-from splatreel.evaluation.pictures import layers_overlay, write_png
+from splatreel.evaluation.comparison_images import layers_overlay, write_png
 from splatreel.evaluation.report import write_text
 from splatreel.play.timeline import open_reel
 from splatreel.run.device import pick_device
@@ -36,8 +36,8 @@ PROGRESSIVE = (FULL, "w/o Prg.")
 
 
 @dataclass(frozen=True)
-class PaperPicture:
-    """A figure of the paper that is a picture.
+class PaperImage:
+    """A figure of the paper that is an image.
 
     Attributes:
         title: Content.
@@ -64,8 +64,8 @@ class Row:
 
 
 def write_figure(bench: PaperBench, number: str) -> str:
-    """Draw a figure, write OUT/NUMBER.png and .md, and return the Markdown text. The picture has a row for each caption."""
-    figure = PICTURES[number]
+    """Draw a figure, write OUT/NUMBER.png and .md, and return the Markdown text. The image has a row for each caption."""
+    figure = IMAGES[number]
     rows = [row for name in bench.captures for row in figure.draw(bench, name)]
     lines = [f"Figure {number.removeprefix('figure')}, {figure.title}. Held-out cameras.", ""]
     if rows:
@@ -144,17 +144,15 @@ def _row(bench: PaperBench, name: str, crop: Crop, renders: Mapping[str, Render]
     return Row(f"{name}, {crop.camera}, frame {crop.frame}, at ({crop.left}, {crop.top}), {why}", crops)
 
 
-PICTURES: dict[str, PaperPicture] = {
-    "figure7": PaperPicture(
-        "fast motion", METHODS_SHOWN, compared(METHODS_SHOWN, fast, "largest error of fast motion")
-    ),
-    "figure8": PaperPicture(
+IMAGES: dict[str, PaperImage] = {
+    "figure7": PaperImage("fast motion", METHODS_SHOWN, compared(METHODS_SHOWN, fast, "largest error of fast motion")),
+    "figure8": PaperImage(
         "newly appeared objects", METHODS_SHOWN, compared(METHODS_SHOWN, new, "largest error of new content")
     ),
-    "figure9": PaperPicture(
+    "figure9": PaperImage(
         "progressive frame sampling", PROGRESSIVE, compared(PROGRESSIVE, fast, "largest error of fast motion")
     ),
-    "figure11": PaperPicture("compression", (FULL,), compressed),
-    "figure12": PaperPicture("a failure, with its layers", (FULL,), failures),
+    "figure11": PaperImage("compression", (FULL,), compressed),
+    "figure12": PaperImage("a failure, with its layers", (FULL,), failures),
 }
-"""Pictures by the value of --table."""
+"""Images by the value of --table."""

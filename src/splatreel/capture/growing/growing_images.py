@@ -21,7 +21,7 @@ END_MARKS = {".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9", ".png": b"IEND\xaeB`\x82
 """Last bytes of a complete image."""
 
 
-class GrowingPictures:
+class GrowingImages:
     """Images of all cameras, numbered consecutively from the same number. They start together.
 
     An image counts when it and all earlier ones are complete. An image that was not written although later ones were is
@@ -40,8 +40,8 @@ class GrowingPictures:
         if len(starts) > 1:
             late = max(self._names, key=lambda name: self._names[name].start)
             raise CaptureError(
-                f"{path}: the pictures of {late} begin at {self._names[late].file(0).name}, others' at number {min(starts)}. All "
-                f"cameras' pictures count from the same number on, one by one."
+                f"{path}: the images of {late} begin at {self._names[late].file(0).name}, others' at number {min(starts)}. All "
+                f"cameras' images count from the same number on, one by one."
             )
         self._images = CameraImages({name: names.file(0) for name, names in self._names.items()}, LOCAL, upright)
         self._counts = dict.fromkeys(self._names, 0)
@@ -84,7 +84,7 @@ class GrowingPictures:
 
     def _look(self, following: int) -> None:
         for name in self._names:
-            while is_complete_picture(self.waiting_for(name)) or self._skip_lost(name, following):
+            while is_complete_image(self.waiting_for(name)) or self._skip_lost(name, following):
                 self._counts[name] += 1
 
     def _skip_lost(self, name: str, following: int) -> bool:
@@ -93,17 +93,17 @@ class GrowingPictures:
         if names.file(count).exists():
             return False
         later = next((n for n in range(count + 1, count + LOOKED) if names.file(n).exists()), None)
-        if later is None or not is_complete_picture(names.file(later + following)):
+        if later is None or not is_complete_image(names.file(later + following)):
             return False
         self._lost[name].add(count)
         return True
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
-        for index, picture in enumerate(out, first):
+        for index, image in enumerate(out, first):
             while index in self._lost[name]:  # the image before stands in
                 index -= 1
-            self._images.read(picture, name, self._names[name].file(index))
+            self._images.read(image, name, self._names[name].file(index))
 
     def missing(self, first: int, count: int, name: str) -> np.ndarray:
         """Return [count] bool, the images that were lost."""
@@ -125,7 +125,7 @@ class GrowingPictures:
         """Do nothing, because no files stay open."""
 
 
-def is_complete_picture(file: Path) -> bool:
+def is_complete_image(file: Path) -> bool:
     """Return whether an image exists and is complete."""
     if not file.is_file():
         return False  # reading a pipe would block

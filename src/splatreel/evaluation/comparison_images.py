@@ -1,4 +1,4 @@
-"""Pictures of an evaluation: truth, render and error of chosen frames, and the layers of moving and static points."""
+"""Images of an evaluation: truth, render and error of chosen frames, and the layers of moving and static points."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ def chosen_frames(psnr: Mapping[int, float]) -> dict[str, int]:
     return {"worst": worst, "median": next(frame for frame, value in psnr.items() if value == middle)}
 
 
-def picture_file(folder: Path, kind: str, camera: str) -> Path:
-    """Return the path of a picture of a camera; kind is worst, median or layers."""
+def image_file(folder: Path, kind: str, camera: str) -> Path:
+    """Return the path of an image of a camera; kind is worst, median or layers."""
     return folder / kind / f"{camera.replace('/', '_')}.png"
 
 
-def write_pictures(
+def write_images(
     folder: Path,
     timeline: Timeline,
     capture: Capture,
@@ -43,7 +43,7 @@ def write_pictures(
     """Write truth, render and error of the worst and the median frame of each camera, and the layers of the worst frame.
 
     Args:
-        folder: Folder of the pictures.
+        folder: Folder of the images.
         timeline: The reel.
         capture: The capture.
         psnr: PSNR by camera and frame.
@@ -54,9 +54,9 @@ def write_pictures(
             truth = capture.read(frame, 1, [name])[0, 0].astype(np.float32) / 255
             moment = timeline.at(frame / timeline.fps)
             render = np.clip(timeline.render(moment, view), 0, 1)
-            write_png(picture_file(folder, kind, name), comparison(truth, render))
+            write_png(image_file(folder, kind, name), comparison(truth, render))
             if kind == "worst":
-                write_png(picture_file(folder, "layers", name), layers_overlay(timeline, moment, view, render))
+                write_png(image_file(folder, "layers", name), layers_overlay(timeline, moment, view, render))
 
 
 def layers_overlay(timeline: Timeline, moment: Moment, view: Camera, render: np.ndarray) -> np.ndarray:

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from paper_tables.image_crops import LABEL, SIDE
 from paper_tables.paper_bench import Measured
 from paper_tables.paper_run import write_table
-from paper_tables.picture_crops import LABEL, SIDE
 from tests.benchmarks.paper_tables.test_paper_results import MadeUpBench
 from tests.evaluation import scenes
 from tests.evaluation.test_report import report
@@ -25,12 +25,12 @@ class RunBench(MadeUpBench):
 @pytest.mark.parametrize(("number", "columns"), [("figure7", 6), ("figure8", 6), ("figure9", 3), ("figure12", 3)])
 def test_figures_have_a_row_for_each_capture(number: str, columns: int, tmp_path: Path) -> None:
     text = write_table(RunBench(tmp_path), number, 1)
-    picture = np.asarray(Image.open(tmp_path / f"{number}.png"))
-    assert picture.shape == (2 * (LABEL + SIDE), columns * SIDE, 3)
+    image = np.asarray(Image.open(tmp_path / f"{number}.png"))
+    assert image.shape == (2 * (LABEL + SIDE), columns * SIDE, 3)
     assert f"]({number}.png)" in text
     assert text.count("\n- ") == 2
     assert "- a, cam0" in text
-    truth, ours = (picture[LABEL : LABEL + SIDE, k * SIDE : (k + 1) * SIDE].astype(float) for k in (0, 1))
+    truth, ours = (image[LABEL : LABEL + SIDE, k * SIDE : (k + 1) * SIDE].astype(float) for k in (0, 1))
     assert np.abs(truth - ours).mean() < 12  # the reel shows the scene
 
 

@@ -3,7 +3,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from paper_tables.picture_crops import LABEL, SIDE, Crop, anywhere, fast, find_crop, new, strip, truth_of
+from paper_tables.image_crops import LABEL, SIDE, Crop, anywhere, fast, find_crop, new, strip, truth_of
 from splatreel.capture.base import Capture
 from splatreel.scene.camera import Camera
 from tests.evaluation import scenes

@@ -3,12 +3,12 @@ from pathlib import Path
 import numpy as np
 from PIL import Image
 
-from splatreel.evaluation.pictures import (
+from splatreel.evaluation.comparison_images import (
     chosen_frames,
     comparison,
+    image_file,
     layers_overlay,
-    picture_file,
-    write_pictures,
+    write_images,
     write_png,
 )
 from splatreel.play.timeline import open_reel
@@ -43,14 +43,14 @@ def test_overlay_is_blue_where_points_move(tmp_path: Path) -> None:
     assert 0 < blueness.sum() < all_blue.sum()
 
 
-def test_pictures_of_each_camera_are_written(tmp_path: Path) -> None:
+def test_images_of_each_camera_are_written(tmp_path: Path) -> None:
     timeline = open_reel(scenes.write_reel(tmp_path / "reel"))
     psnr = {"cam00": {0: 30.0, 1: 20.0, 2: 31.0}, "cam03": {0: 30.0}}
     capture = scenes.capture(tmp_path)
-    write_pictures(tmp_path / "pictures", timeline, capture, psnr)
+    write_images(tmp_path / "pictures", timeline, capture, psnr)
     for kind, width in (("worst", 3), ("median", 3), ("layers", 1)):
         for name in psnr:
-            picture = Image.open(picture_file(tmp_path / "pictures", kind, name))
-            assert picture.size == (width * scenes.WIDTH, scenes.HEIGHT)
-    worst = np.asarray(Image.open(picture_file(tmp_path / "pictures", "worst", "cam00")))
+            image = Image.open(image_file(tmp_path / "pictures", kind, name))
+            assert image.size == (width * scenes.WIDTH, scenes.HEIGHT)
+    worst = np.asarray(Image.open(image_file(tmp_path / "pictures", "worst", "cam00")))
     np.testing.assert_array_equal(worst[:, : scenes.WIDTH], capture.read(1, 1, ["cam00"])[0, 0])

@@ -1,6 +1,6 @@
-"""Draw the README's picture: a held-out camera of the built-in capture at a few times, rendered from the decoded reel.
+"""Draw the README's image: a held-out camera of the built-in capture at a few times, rendered from the decoded reel.
 
-python benchmarks/picture.py out/demo/reel
+python benchmarks/readme_image.py out/demo/reel
 """
 
 from pathlib import Path
