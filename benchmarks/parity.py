@@ -11,8 +11,8 @@ from splatreel.evaluation.bench.microbenchmarks import cloud, front_camera
 from splatreel.evaluation.bench.step_timings import NEAR, UNIT
 from splatreel.evaluation.bench.timing import median_ms
 from splatreel.kernels import splat
-from splatreel.method.train.points import TrainablePoints, default_rates
 from splatreel.method.train.render import StaticCache, View, deformed, draw
+from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.play.renderers import renderer
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians

@@ -36,12 +36,12 @@ from splatreel.formats.ply import read_ply, write_ply
 from splatreel.method.train.single_frame import reconstruct_single_frame
 from splatreel.play.renderers import draw_on_cpu
 from splatreel.play.timeline import open_reel
-from splatreel.run.device import pick_device
+from splatreel.run.device_choice import pick_device
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.sequence.edits import first_points
 from splatreel.sequence.frames import Frames
-from splatreel.sequence.opening import open_frames
+from splatreel.sequence.recognition import open_frames
 from splatreel.sequence.reel import header_of, write_reel
 from splatreel.sequence.viewpoints import read_cameras
 

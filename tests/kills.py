@@ -113,8 +113,8 @@ class Moments:
     def watch(self) -> None:
         """Let everything count from now on."""
         from splatreel.base.display import Lines
-        from splatreel.method.train.group import GroupTrainer
-        from splatreel.method.train.keyframe import KeyframeTrainer
+        from splatreel.method.train.group_trainer import GroupTrainer
+        from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 
         sys.addaudithook(self._hear)
         self._around(os, "fsync")

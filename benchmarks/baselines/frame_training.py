@@ -12,10 +12,10 @@ from baselines.shared_start import SharedStart
 from splatreel.base.progress import Silent
 from splatreel.config import KeyframeConfig
 from splatreel.method.train.density import GROWTH_GRADIENT, GradientMeter, KeyframeDensity, select_growth
-from splatreel.method.train.keyframe import LAMBDA_DSSIM, KeyframeTrainer
+from splatreel.method.train.keyframe_trainer import LAMBDA_DSSIM, KeyframeTrainer
 from splatreel.method.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC
-from splatreel.method.train.points import TrainablePoints, children, default_rates
 from splatreel.method.train.render import deformed, draw
+from splatreel.method.train.trainable_points import TrainablePoints, children, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians
 

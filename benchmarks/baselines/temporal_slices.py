@@ -14,7 +14,7 @@ from baselines.frame_methods import group_ranges, write_groups
 from baselines.part_by_part import Frames
 from baselines.shared_start import SharedStart
 from splatreel.kernels import splat
-from splatreel.method.deform.adam import Adam, step
+from splatreel.method.deform.knot_adam import Adam, step
 from splatreel.method.train.density import (
     CULL_OPACITY,
     GROWTH_GRADIENT,
@@ -24,10 +24,10 @@ from splatreel.method.train.density import (
     select_growth,
     too_large,
 )
-from splatreel.method.train.keyframe import LAMBDA_DSSIM
+from splatreel.method.train.keyframe_trainer import LAMBDA_DSSIM
 from splatreel.method.train.losses import GROWTH
-from splatreel.method.train.points import TrainablePoints, default_rates
 from splatreel.method.train.render import View, activate, draw, relative_distances, splats
+from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians
 

@@ -28,7 +28,7 @@ from splatreel.config import EncodeConfig
 from splatreel.evaluation.comparison_images import layers_overlay, write_png
 from splatreel.evaluation.report import write_text
 from splatreel.play.timeline import open_reel
-from splatreel.run.device import pick_device
+from splatreel.run.device_choice import pick_device
 from splatreel.run.output.reencode import reencode
 
 METHODS_SHOWN = (FULL, PER_FRAME, STREAMING, VIDEO, INDEPENDENT)

@@ -20,7 +20,7 @@ from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
 if TYPE_CHECKING:
-    from splatreel.method.train.group import GroupTrainer
+    from splatreel.method.train.group_trainer import GroupTrainer
 
 __all__ = ["group_trainer", "reconstruct_frame"]
 
@@ -56,7 +56,7 @@ def reconstruct_frame(
     array = image_array(np.asarray(images)[None], cameras, "The frame")[0]
     with needing_packages():
         from splatreel.method.train.single_frame import reconstruct_single_frame
-        from splatreel.run.device import pick_device
+        from splatreel.run.device_choice import pick_device
 
         gaussians, _ = reconstruct_single_frame(
             *(list(cameras), array, preset(config) if isinstance(config, str) else config),
@@ -115,10 +115,10 @@ def group_trainer(
         from splatreel.method.cameras.color_gains import CameraGains
         from splatreel.method.init.layout import viewing_distance
         from splatreel.method.tracking.tracking import GroupStart
-        from splatreel.method.train.group import GroupTrainer
+        from splatreel.method.train.group_trainer import GroupTrainer
         from splatreel.method.train.render import View
         from splatreel.method.train.training_images import TrainingImages
-        from splatreel.run.device import pick_device
+        from splatreel.run.device_choice import pick_device
         from splatreel.scene.static_points import StaticPoints
 
         settings = (preset(config) if isinstance(config, str) else config).for_video(len(array))

@@ -9,8 +9,8 @@ import pytest
 
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Progress, Silent
-from splatreel.method.train.group import GroupTrainer
-from splatreel.method.train.keyframe import KeyframeTrainer
+from splatreel.method.train.group_trainer import GroupTrainer
+from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 from tests.method.captures import WallCapture
 from tests.method.small import small
 

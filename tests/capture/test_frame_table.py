@@ -7,10 +7,10 @@ import pytest
 
 from splatreel.base.errors import CaptureError
 from splatreel.capture import video as video_module
+from splatreel.capture.capture_sound import Track, choose
 from splatreel.capture.files import LOCAL, RemoteCaptureFiles, open_media
 from splatreel.capture.frame_table import ARRAYS, FrameTable, load_tables, pack_tables, scan
 from splatreel.capture.opening import CaptureSource, open_capture
-from splatreel.capture.soundtrack import Track, choose
 from splatreel.capture.video import VideoFile
 from splatreel.storage.addresses import open_folder
 from splatreel.storage.folder import LocalFolder
@@ -127,7 +127,7 @@ def test_ranged_file_prefetches_sequential_reads(tmp_path: Path) -> None:
 
 
 def test_long_track_is_judged_by_parts(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from splatreel.capture import soundtrack as sound_module
+    from splatreel.capture import capture_sound as sound_module
     from tests.capture.films import HEARD, film
 
     beat = np.sin(2 * np.pi * 440 * np.arange(30 * HEARD) / HEARD) * (np.arange(30 * HEARD) // HEARD / 30)

@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from splatreel.capture.capture_sound import choose
 from splatreel.capture.follower import Follower, open_growing
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.opening import open_capture
-from splatreel.capture.soundtrack import choose
 from tests.capture.growing.recorder import KINDS, RATE, Recorder, marks
 
 FRAMES = 14

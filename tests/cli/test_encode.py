@@ -9,7 +9,7 @@ import pytest
 
 from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from splatreel.run.pipeline import reconstruct
 from splatreel.run.run_lock import lock_reel
 from tests.method.captures import WallCapture

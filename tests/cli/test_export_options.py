@@ -10,7 +10,7 @@ import pytest
 
 from splatreel.cli.main import main
 from splatreel.formats.ply import read_columns, read_ply
-from splatreel.formats.programs import PROGRAMS, FrameKind, ProgramName
+from splatreel.formats.reader_limits import PROGRAMS, FrameKind, ProgramName
 from splatreel.formats.registry import FRAME_FORMATS, is_antialiased, read_splats
 from splatreel.formats.remarks import Remarks
 from splatreel.play.gaussian_export import GaussianExport

@@ -13,7 +13,7 @@ import pytest
 from splatreel.base.errors import ReelError
 from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from splatreel.formats.ply import write_ply
 from splatreel.formats.ply_table import read_comments
 from splatreel.sequence.reel import SequenceEncoder

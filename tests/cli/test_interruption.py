@@ -15,7 +15,7 @@ from splatreel.cli import main as cli
 from splatreel.cli.failure import Terminated, termination
 from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from tests.capture import folders
 from tests.method.captures import WallCapture
 

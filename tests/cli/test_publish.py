@@ -13,7 +13,7 @@ from splatreel import config
 from splatreel.cli.main import main
 from splatreel.codec import background_publication
 from splatreel.codec.publication import AT_ONCE
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from splatreel.storage import addresses, retrying
 from splatreel.storage.addresses import open_folder
 from splatreel.storage.remote_folder import RemoteFolder

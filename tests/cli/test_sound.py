@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from splatreel.capture.builtin.synthetic import make_capture
-from splatreel.capture.soundtrack import RATE, read_sound
+from splatreel.capture.capture_sound import RATE, read_sound
 from splatreel.cli.main import main
 from tests import flashes
 

@@ -12,7 +12,7 @@ import pytest
 
 from splatreel.cli.main import main
 from splatreel.codec.publication import HOUR, Publication
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from splatreel.storage.folder import LocalFolder
 from tests.codec.reels import write_reel
 from tests.files import contents

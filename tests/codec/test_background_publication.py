@@ -6,7 +6,7 @@ import pytest
 from splatreel.base.errors import StorageError
 from splatreel.codec.background_publication import LAST_TRIES, BackgroundPublication
 from splatreel.codec.publication import Publication
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from splatreel.storage.folder import LocalFolder
 from tests.buckets import BreakingFolder
 from tests.codec.reels import new_group, new_writer, points

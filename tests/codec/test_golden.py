@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from tests import golden, golden_long
 from tests.files import contents
 

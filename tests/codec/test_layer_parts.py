@@ -15,7 +15,7 @@ from splatreel.codec.group_file import decode_layer_to_edit, decode_parts, encod
 from splatreel.codec.layer_parts import FIRST, part_sizes, split_layer
 from splatreel.codec.predictive.precision import SHAPE
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from splatreel.config import EncodeConfig
 from splatreel.edit.clip_writer import write_clip
 from splatreel.edit.reel_clip import ReelClip

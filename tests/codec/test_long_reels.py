@@ -10,12 +10,12 @@ import pytest
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import ReelError, StorageError
 from splatreel.codec import writer as writer_module
-from splatreel.codec.edit import edit_reel
+from splatreel.codec.description import edit_reel
 from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.group_file import decode_group
-from splatreel.codec.info import reel_info
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.reel_sizes import reel_info
+from splatreel.codec.verification import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from tests.codec.reels import QUICK, add_chapter_group, new_group, new_writer, points, write_chapters

@@ -15,7 +15,7 @@ from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.manifest import Manifest, parse_manifest
 from splatreel.codec.manifest_pages import MAX_PAGE_BYTES, PAGE, make_page
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from tests.codec.reels import edit_manifest, write_chapters
 from tests.golden import GOLDEN
 

@@ -20,7 +20,7 @@ from splatreel.codec.presentation import (
     check_text,
 )
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from tests.codec.reels import new_group, new_writer, points, write_reel
 from tests.golden import GOLDEN
 

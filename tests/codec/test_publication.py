@@ -9,7 +9,7 @@ import pytest
 from splatreel.base.errors import ReelError, StorageError
 from splatreel.codec.publication import HOUR, RECORD, Publication, file_entries, is_published_name, published_name
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from splatreel.storage.addresses import open_folder
 from splatreel.storage.folder import LocalFolder
 from tests.buckets import BreakingFolder

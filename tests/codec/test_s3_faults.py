@@ -9,7 +9,7 @@ import pytest
 
 from splatreel.base.errors import ReelError, StorageError
 from splatreel.codec.publication import Publication
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from splatreel.storage.addresses import open_folder
 from splatreel.storage.retrying import RetryingFolder
 from tests.buckets import CREDENTIALS, Bucket, by_tags_first

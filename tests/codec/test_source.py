@@ -19,7 +19,7 @@ import pytest
 from splatreel.base.errors import ReelError
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.source import _SameHost, open_source
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from tests.golden import GOLDEN
 from tests.golden_long import LONG, WINDOW
 

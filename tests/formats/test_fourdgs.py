@@ -9,7 +9,7 @@ import pytest
 
 from splatreel.base.errors import GaussiansError
 from splatreel.scene.gaussians import C0
-from splatreel.sequence.opening import open_frames
+from splatreel.sequence.recognition import open_frames
 
 fourdgs = pytest.importorskip("fourdgs")
 N = 12

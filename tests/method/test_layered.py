@@ -9,7 +9,7 @@ from splatreel.kernels import splat
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.group import GroupTrainer
+from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.render import View, draw
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.static_points import StaticPoints

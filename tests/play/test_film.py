@@ -7,7 +7,7 @@ import av
 import numpy as np
 import pytest
 
-from splatreel.capture.soundtrack import RATE, read_sound
+from splatreel.capture.capture_sound import RATE, read_sound
 from splatreel.kernels.image import render_image
 from splatreel.play.camera_path import CameraPath, Keyframe
 from splatreel.play.film import film_along_path, film_through_cameras, sound_start, write_film

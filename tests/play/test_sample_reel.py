@@ -6,7 +6,7 @@ import pytest
 
 from splatreel.base.errors import ReelError
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from splatreel.play import sample_reel
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from splatreel.base.errors import ReelError
-from splatreel.codec.edit import edit_reel
+from splatreel.codec.description import edit_reel
 from splatreel.codec.manifest import parse_manifest
 from splatreel.play import standalone
 from splatreel.play.standalone import write_standalone

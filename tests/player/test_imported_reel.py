@@ -16,7 +16,7 @@ from splatreel.config import EncodeConfig
 from splatreel.play.server import serve
 from splatreel.play.timeline import open_reel
 from splatreel.scene.gaussians import Gaussians
-from splatreel.sequence.opening import open_frames
+from splatreel.sequence.recognition import open_frames
 from splatreel.sequence.reel import header_of, write_reel
 from tests.player.pages import open_player
 from tests.player.test_browser import picture, psnr

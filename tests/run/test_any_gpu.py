@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from splatreel.base.progress import Silent
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from splatreel.method.train import gpu_program
 from splatreel.run.pipeline import reconstruct
 from tests.gpu.software import software_adapter

@@ -11,7 +11,7 @@ import pytest
 from splatreel.base.errors import ReconstructionError
 from splatreel.evaluation.report import Report
 from splatreel.run.checkpoint import load_arrays, save_arrays
-from splatreel.run.output.soundtrack import load_soundtrack
+from splatreel.run.output.sound_output import load_soundtrack
 from splatreel.run.run_record import check_record
 from splatreel.run.store import Store
 

@@ -10,17 +10,17 @@ import torch
 
 from splatreel.base.errors import GaussiansError
 from splatreel.base.progress import Silent
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from splatreel.config import EncodeConfig
 from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.kernels import splat
 from splatreel.kernels.image import render_image
 from splatreel.method.deform.hashgrid import HashGrid
-from splatreel.method.train.group import GroupTrainer
-from splatreel.method.train.keyframe import KeyframeTrainer
-from splatreel.method.train.points import TrainablePoints, default_rates
+from splatreel.method.train.group_trainer import GroupTrainer
+from splatreel.method.train.keyframe_trainer import KeyframeTrainer
+from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.run import checkpoint
-from splatreel.run.device import pick_device
+from splatreel.run.device_choice import pick_device
 from splatreel.run.output.reencode import reencode
 from splatreel.run.pipeline import Result, reconstruct
 from tests.method.captures import WallCapture, blots

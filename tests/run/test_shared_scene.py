@@ -7,7 +7,7 @@ import pytest
 
 from splatreel.base.progress import Silent
 from splatreel.capture.base import Capture
-from splatreel.method.train.keyframe import KeyframeResult
+from splatreel.method.train.keyframe_trainer import KeyframeResult
 from splatreel.run.jobs import ChapteredRun, chapter_job, scene_job
 from splatreel.run.pipeline import plan_run
 from splatreel.run.step_checkpoints import CHAPTER

@@ -11,7 +11,7 @@ from splatreel.method.cameras.exposure import Exposure
 from splatreel.method.cameras.rig import Poses
 from splatreel.method.layering.labels import Layers, RelitPoints
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.keyframe import KeyframeResult
+from splatreel.method.train.keyframe_trainer import KeyframeResult
 from splatreel.run.checkpoint import FIELDS
 from splatreel.run.step_checkpoints import (
     CHAPTER,

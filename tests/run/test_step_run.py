@@ -7,7 +7,7 @@ import torch
 
 from splatreel.config import Config
 from splatreel.method.cameras.rig import Poses, Rig
-from splatreel.method.train.keyframe import KeyframeResult
+from splatreel.method.train.keyframe_trainer import KeyframeResult
 from splatreel.run.job import Job, Plan
 from splatreel.run.step_checkpoints import POSES, restored_rig
 from splatreel.run.step_run import StepRun

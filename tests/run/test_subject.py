@@ -14,7 +14,7 @@ from splatreel.config import Config, EncodeConfig
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import open_reel
-from splatreel.run.device import pick_device
+from splatreel.run.device_choice import pick_device
 from splatreel.run.output.reencode import reencode
 from splatreel.run.pipeline import reconstruct
 from splatreel.scene.gaussians import C0, Gaussians

@@ -6,7 +6,7 @@ import pytest
 
 from splatreel.base.errors import GaussiansError
 from splatreel.scene.gaussians import C0
-from splatreel.sequence.opening import open_frames
+from splatreel.sequence.recognition import open_frames
 
 
 def arrays(frames: int = 3, count: int = 5) -> dict[str, Any]:

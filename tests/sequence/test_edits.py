@@ -9,7 +9,7 @@ import pytest
 from splatreel.base.errors import GaussiansError
 from splatreel.scene.gaussians import Gaussians
 from splatreel.sequence.edits import Edit, EditedFrames, distant_origin, first_points
-from splatreel.sequence.opening import open_frames
+from splatreel.sequence.recognition import open_frames
 from tests.sequence.films import cameras, frame, write_film
 
 ZERO = np.zeros(3)

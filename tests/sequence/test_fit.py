@@ -16,7 +16,7 @@ from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.reel_source import ReelSource
 from splatreel.sequence.fit import FilmCapture, fit_config, fit_reel, steadied
 from splatreel.sequence.frames import Frames
-from splatreel.sequence.opening import open_frames
+from splatreel.sequence.recognition import open_frames
 from splatreel.sequence.reel import header_of
 from splatreel.sequence.viewpoints import dome
 from tests.sequence.films import cameras, frame, write_film

@@ -8,7 +8,7 @@ import torch
 
 from splatreel.base.errors import GaussiansError
 from splatreel.base.progress import Silent
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import COARSENESS, EncodeConfig
 from splatreel.formats.remarks import Remarks
@@ -16,7 +16,7 @@ from splatreel.play.timeline import open_reel
 from splatreel.scene.gaussians import Gaussians
 from splatreel.sequence import reel as module
 from splatreel.sequence.comparison import Comparison
-from splatreel.sequence.opening import open_frames
+from splatreel.sequence.recognition import open_frames
 from splatreel.sequence.reel import SequenceEncoder, header_of, write_reel
 from tests.sequence.films import BALL, WALL, cameras, scene, write_film
 from tests.sequence.films import frame as film_frame

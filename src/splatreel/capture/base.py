@@ -15,11 +15,11 @@ import numpy as np
 
 from splatreel.base import threads
 from splatreel.base.errors import CaptureError
+from splatreel.capture.capture_sound import Track
 from splatreel.capture.files import LOCAL, Files
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.pose_checks import validate_poses
-from splatreel.capture.soundtrack import Track
 from splatreel.scene.camera import Camera
 from splatreel.scene.reel_source import ReelSource
 

@@ -12,12 +12,12 @@ import numpy as np
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import MIN_CAMERAS, Request
 from splatreel.capture.camera_images import CameraImages
+from splatreel.capture.capture_sound import Track
 from splatreel.capture.files import list_folder
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.gaps import describe_gaps, nearest
 from splatreel.capture.own_frames import OwnFrames
 from splatreel.capture.sidecar import SIDECAR, Sidecar
-from splatreel.capture.soundtrack import Track
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".webp", ".tif", ".tiff", ".bmp")
 FRAME_FIRST = re.compile(r"(?:frame|image|img|f)?[-_]?\d+[-_. ]+(?P<camera>\D.*)", re.IGNORECASE)

@@ -11,8 +11,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from splatreel.capture.base import Capture, Color, read_cameras
+from splatreel.capture.capture_sound import Track
 from splatreel.capture.frame_table import FrameTable
-from splatreel.capture.soundtrack import Track
 from splatreel.capture.srgb import over_color
 from splatreel.scene.reel_source import ReelSource
 

@@ -10,6 +10,7 @@ import numpy as np
 from splatreel.base import threads
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Request
+from splatreel.capture.capture_sound import Track
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.gaps import OUT_OF_STEP, describe_gaps, used_steps
 from splatreel.capture.growing.growing_sound import read_packets
@@ -18,7 +19,6 @@ from splatreel.capture.growing.growth import Growth, is_recorded
 from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, segment_files
 from splatreel.capture.own_frames import OwnFrames
 from splatreel.capture.sidecar import SIDECAR, Sidecar
-from splatreel.capture.soundtrack import Track
 from splatreel.capture.video import VideoFile
 from splatreel.capture.video_color import video_conversions
 

@@ -203,7 +203,7 @@ def reconstruct(
     from splatreel.base.display import console
     from splatreel.evaluation.bench.provenance import append, label
     from splatreel.evaluation.bench.speed import bench_reconstruct
-    from splatreel.run.device import pick_device
+    from splatreel.run.device_choice import pick_device
 
     source = request()
     made, progress = label(source, pick_device(device).type), console()

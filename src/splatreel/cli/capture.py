@@ -55,8 +55,8 @@ def capture_check(
     import numpy as np
 
     from splatreel.base.display import console
+    from splatreel.capture.capture_sound import choose
     from splatreel.capture.opening import open_capture
-    from splatreel.capture.soundtrack import choose
 
     chosen = {
         "frames": parse_frames(frames),
@@ -175,7 +175,7 @@ def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bo
     """Measure how cameras cover the scene. `images`: [C, H, W, 3] uint8 of the first frame. `quick` leaves out the trial."""
     from splatreel.base.display import console
     from splatreel.method.coverage.coverage import cover
-    from splatreel.run.device import pick_device
+    from splatreel.run.device_choice import pick_device
 
     device = None if quick else pick_device("auto")
     with closing(console()) as progress:

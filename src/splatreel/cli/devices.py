@@ -14,7 +14,7 @@ def devices(measure: bool = True) -> None:
     from splatreel.gpu import adapters as gpus
     from splatreel.gpu.device import SharedGpu
     from splatreel.run import gpu_speed
-    from splatreel.run.device import pick_device
+    from splatreel.run.device_choice import pick_device
     from splatreel.run.machine_speed import describe_processor
 
     say(f"CPU   {describe_processor()}")

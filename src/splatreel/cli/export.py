@@ -12,7 +12,7 @@ from splatreel.base.atomic import sweep
 from splatreel.base.errors import UsageError
 from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_frames, reel_folder
 from splatreel.cli.printing import counted, say
-from splatreel.formats.programs import FrameKind, Program, ProgramName
+from splatreel.formats.reader_limits import FrameKind, Program, ProgramName
 
 if TYPE_CHECKING:
     import numpy as np
@@ -146,7 +146,7 @@ def _kind(out: Path, format: FrameKind | None) -> str | None:
 
 
 def _program(name: ProgramName | None) -> Program | None:
-    from splatreel.formats.programs import PROGRAMS
+    from splatreel.formats.reader_limits import PROGRAMS
 
     return None if name is None else PROGRAMS[name]
 

@@ -116,7 +116,7 @@ def import_frames(
     from splatreel.base.display import console
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.sequence.edits import edited
-    from splatreel.sequence.opening import open_frames
+    from splatreel.sequence.recognition import open_frames
 
     film, edit = edited(open_frames(frames, gaps, fps, length, memory_limit(max_memory)), edit)
     header, limits = _describe(film, edit, cameras, up, fps, antialiased)
@@ -178,7 +178,7 @@ def _write(
 ) -> tuple[Comparison, bool]:
     """Write the points of a sequence to a new reel. Return the comparison, and whether the reel was complete already."""
     from splatreel.codec.writer import ReelWriter
-    from splatreel.run.device import pick_device
+    from splatreel.run.device_choice import pick_device
     from splatreel.sequence.reel import write_reel
 
     with new_reel(out) as made:

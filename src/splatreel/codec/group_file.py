@@ -10,7 +10,7 @@ from splatreel.base.errors import ReelError
 from splatreel.codec import quantize
 from splatreel.codec.budget import check_offset_count, check_offsets
 from splatreel.codec.container import FileHeader, pack_file, unpack_file
-from splatreel.codec.light import decode_light, encode_light
+from splatreel.codec.light_section import decode_light, encode_light
 from splatreel.codec.paper import offsets as paper_offsets
 from splatreel.codec.paper.gaussians import decode_gaussians, encode_gaussians
 from splatreel.codec.predictive.offsets import decode_offsets, encode_offsets

@@ -11,7 +11,7 @@ from splatreel.config.encode import EncodeConfig
 from splatreel.config.group import GroupConfig
 from splatreel.config.keyframe import KeyframeConfig
 from splatreel.config.layering import LayeringConfig
-from splatreel.config.values import Range, check
+from splatreel.config.setting_values import Range, check
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Annotated, Any, Literal
 
-from splatreel.config.values import Bits, Crf, Range, check
+from splatreel.config.setting_values import Bits, Crf, Range, check
 
 Rate = Literal["high", "medium", "low"]
 COARSENESS: dict[Rate, float] = {"high": 0.3, "medium": 0.65, "low": 2.5}

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from splatreel.base.errors import UsageError
-from splatreel.config.values import Count, Range, Share, Weight, check
+from splatreel.config.setting_values import Count, Range, Share, Weight, check
 
 Deformation = Literal["trajectory", "hashgrid"]
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Annotated
 
-from splatreel.config.values import Count, Range, Share, Weight, check
+from splatreel.config.setting_values import Count, Range, Share, Weight, check
 
 FEWEST_ITERATIONS, MOST_ITERATIONS = 1000, 4000
 """Range of the iterations of a first keyframe that the number of frames decides."""

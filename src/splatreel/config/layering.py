@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from splatreel.config.values import Count, Range, Share, Weight, check
+from splatreel.config.setting_values import Count, Range, Share, Weight, check
 
 PAPER_WIDTH = 1352
 """Image width in pixels that the thresholds of flow and gradients refer to, as in the paper."""

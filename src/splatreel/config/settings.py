@@ -15,7 +15,7 @@ from typing import Any, TypeVar, cast, get_type_hints
 
 from splatreel.base.errors import UsageError
 from splatreel.config.config import Config
-from splatreel.config.values import Kind, kinds
+from splatreel.config.setting_values import Kind, kinds
 
 T = TypeVar("T")
 NEAREST = 3

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.base.errors import UsageError
-from splatreel.capture.soundtrack import channels, read_sound
+from splatreel.capture.capture_sound import channels, read_sound
 from splatreel.codec.fragments import RATE
 from splatreel.codec.opus_sound import encode_sound, write_sound
 from splatreel.codec.writer import ReelWriter

@@ -14,10 +14,13 @@ from splatreel.base.untrusted import read_json
 from splatreel.edit.changed_clip import ChangedClip
 from splatreel.edit.clip import Clip
 from splatreel.edit.clip_sound import replace_sound
+from splatreel.edit.color_balance import Lit, gain_of_exposure, gain_of_white
 from splatreel.edit.floor import floor_height
 from splatreel.edit.joining import Joined
-from splatreel.edit.light import Lit, gain_of_exposure, gain_of_white
+from splatreel.edit.operation_values import parse_axis, parse_color, parse_range
+from splatreel.edit.placement import Moved, Similarity
 from splatreel.edit.reel_clip import ReelClip
+from splatreel.edit.retiming import Cut, Retimed, Reversed
 from splatreel.edit.selection import (
     Erased,
     InVolume,
@@ -27,9 +30,6 @@ from splatreel.edit.selection import (
     Selection,
     SmallEnough,
 )
-from splatreel.edit.similarity import Moved, Similarity
-from splatreel.edit.timing import Cut, Retimed, Reversed
-from splatreel.edit.values import parse_axis, parse_color, parse_range
 from splatreel.edit.visibility import SeenByCameras
 from splatreel.scene.turning import turn_between
 from splatreel.scene.volume_text import fail, parse_number, parse_numbers, parse_volume

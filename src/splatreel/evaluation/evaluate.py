@@ -14,9 +14,9 @@ from splatreel.base.errors import UsageError
 from splatreel.base.process import peak_memory_bytes
 from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
-from splatreel.codec.info import ReelInfo, reel_info
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
+from splatreel.codec.reel_sizes import ReelInfo, reel_info
 from splatreel.evaluation.comparison_images import chosen_frames, comparison, write_images, write_png
 from splatreel.evaluation.flicker import Flicker, border_frames
 from splatreel.evaluation.metrics import psnr

@@ -27,8 +27,8 @@ from splatreel.method.encode.compression import Coding, compress_group, compress
 from splatreel.method.layering.labels import Layers, find_layers
 from splatreel.method.tracking.tracking import GroupStart, VelocityPrior, track
 from splatreel.method.train.chapter_keyframe import start_chapter
-from splatreel.method.train.keyframe import KeyframeResult
-from splatreel.method.train.training import KeyframeWatch, refine_keyframe, train_first_keyframe, train_group
+from splatreel.method.train.keyframe_trainer import KeyframeResult
+from splatreel.method.train.stages import KeyframeWatch, refine_keyframe, train_first_keyframe, train_group
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.scene.static_points import StaticPoints

@@ -16,7 +16,7 @@ import numpy as np
 from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.method.cameras.group_input import ENOUGH_SIDE
-from splatreel.method.train.keyframe import GAINS_EVERY
+from splatreel.method.train.keyframe_trainer import GAINS_EVERY
 from splatreel.method.train.training_images import size_ends
 from splatreel.scene.camera import Camera
 

@@ -13,8 +13,8 @@ from splatreel.base.progress import Silent
 from splatreel.config import KeyframeConfig
 from splatreel.gpu.device import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
-from splatreel.method.train.keyframe import KeyframeTrainer
-from splatreel.method.train.points import TrainablePoints, default_rates
+from splatreel.method.train.keyframe_trainer import KeyframeTrainer
+from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.run.machine_speed import LARGE, SMALL, MachineSpeed, Probe, measure_speed, probe_scene
 

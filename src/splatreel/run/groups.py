@@ -12,8 +12,8 @@ from splatreel.method.algorithm import Handover, hand_over, reconstruct_group
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.init.layout import Layout
 from splatreel.method.init.visual_hull import hull_of_few
-from splatreel.method.train.group import GroupResult
-from splatreel.run.device import check_room
+from splatreel.method.train.group_trainer import GroupResult
+from splatreel.run.device_choice import check_room
 from splatreel.run.job import Job
 from splatreel.run.output.group_output import Output
 from splatreel.run.output.keyframe_preview import KeyframePreview

@@ -29,7 +29,7 @@ from splatreel.run.job import Job, Plan
 from splatreel.run.job_log import LoggedProgress, logged
 from splatreel.run.output.group_output import ChapterOutput, ignore_group
 from splatreel.run.output.group_writer import GroupWriter, PresentationHook, open_writer
-from splatreel.run.output.soundtrack import select_soundtrack
+from splatreel.run.output.sound_output import select_soundtrack
 from splatreel.run.plan import chapter_plan, scene_plan, sequence_plan
 from splatreel.run.run_lock import RunLock
 from splatreel.run.run_record import run_record

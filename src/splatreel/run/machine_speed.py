@@ -17,8 +17,8 @@ import torch
 
 from splatreel.base import threads
 from splatreel.kernels import splat
-from splatreel.method.train.points import TrainablePoints, default_rates
 from splatreel.method.train.render import View, deformed, draw
+from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 

@@ -15,7 +15,7 @@ from splatreel.method.init.visual_hull import VisualHull
 from splatreel.method.train.single_frame import Subject, lay_out
 from splatreel.run.job import Job
 from splatreel.run.output.group_writer import header_of, open_writer
-from splatreel.run.output.soundtrack import Soundtrack, save_soundtrack
+from splatreel.run.output.sound_output import Soundtrack, save_soundtrack
 from splatreel.run.requirements import check_images
 from splatreel.run.run_lock import RunLock
 from splatreel.run.step_checkpoints import POSES

@@ -16,10 +16,10 @@ from splatreel.method.images.clean_plates import CleanPlates, clean_plates
 from splatreel.method.init.initial_points import initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure
 from splatreel.method.layering.lift import shares
-from splatreel.method.train.keyframe import KeyframeResult
-from splatreel.method.train.training import train_first_keyframe
+from splatreel.method.train.keyframe_trainer import KeyframeResult
+from splatreel.method.train.stages import train_first_keyframe
 from splatreel.run.job import Job
-from splatreel.run.output.soundtrack import Soundtrack
+from splatreel.run.output.sound_output import Soundtrack
 from splatreel.run.preparation import check_cameras, check_region_holds, report_coverage, save_header
 from splatreel.run.run_lock import RunLock
 from splatreel.run.step_checkpoints import restored_rig

@@ -12,7 +12,7 @@ from splatreel.method.cameras.exposure import Exposure, at_next_keyframe
 from splatreel.method.cameras.rig import Poses, Rig
 from splatreel.method.layering.labels import Layers, RelitPoints
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.keyframe import KeyframeResult
+from splatreel.method.train.keyframe_trainer import KeyframeResult
 from splatreel.run.checkpoint import Arrays, pack, present, unpack
 from splatreel.run.store import GroupStore
 

@@ -9,7 +9,7 @@ from baselines.shared_start import SharedStart
 from baselines.temporal_slices import SpaceTimePoints, TemporalSlices, train_slices
 from splatreel.evaluation.metrics import psnr
 from splatreel.kernels.image import render_image
-from splatreel.method.train.points import default_rates
+from splatreel.method.train.trainable_points import default_rates
 from splatreel.scene.gaussians import Gaussians
 from tests.benchmarks.baselines.starts import write_start
 from tests.evaluation import scenes

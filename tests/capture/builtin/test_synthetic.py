@@ -12,8 +12,8 @@ from splatreel.capture.builtin import synthetic, toyroom
 from splatreel.capture.builtin.raytracer import trace_cover, trace_frame, trace_static
 from splatreel.capture.builtin.synthetic import make_cameras, make_capture
 from splatreel.capture.builtin.toysound import render_sound
+from splatreel.capture.capture_sound import RATE, read_sound
 from splatreel.capture.opening import open_capture
-from splatreel.capture.soundtrack import RATE, read_sound
 from splatreel.scene.camera import Camera
 
 SIZE: dict[str, Any] = {"width": 64, "height": 48, "frames": 3}

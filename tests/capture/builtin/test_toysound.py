@@ -10,8 +10,8 @@ from splatreel.calibration.synchronization.sync import synchronize
 from splatreel.capture.builtin import toysound
 from splatreel.capture.builtin.synthetic import make_cameras, make_capture
 from splatreel.capture.builtin.toyroom import BALL_RADIUS, BALL_REACH, ball, impacts
+from splatreel.capture.capture_sound import RATE, choose, read_sound
 from splatreel.capture.opening import open_capture
-from splatreel.capture.soundtrack import RATE, choose, read_sound
 
 SECONDS = 2.0
 

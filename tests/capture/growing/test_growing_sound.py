@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 
 from splatreel.base.errors import CaptureError
+from splatreel.capture.capture_sound import GAP
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.follower import open_growing
 from splatreel.capture.growing.growing_sound import choose_growing_track
 from splatreel.capture.growing.growing_videos import GrowingVideos
 from splatreel.capture.growing.growth import Growth
-from splatreel.capture.soundtrack import GAP
 from tests.capture.growing.recorder import RATE, Recorder
 
 FPS = 10

@@ -13,7 +13,7 @@ from splatreel.method.cameras.time_offsets import CERTAIN, MOST_FRAMES, TimeOffs
 from splatreel.method.deform.hashgrid import HashGrid
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.group import GroupTrainer
+from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians

@@ -3,7 +3,7 @@
 import torch
 
 from splatreel.method.train.density import GradientMeter, select_growth
-from splatreel.method.train.points import TrainablePoints, children, default_rates, rotate
+from splatreel.method.train.trainable_points import TrainablePoints, children, default_rates, rotate
 from tests.method.scenes import random_gaussians
 
 

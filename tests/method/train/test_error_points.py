@@ -9,9 +9,9 @@ from splatreel.base.progress import Silent
 from splatreel.kernels.image import render_image
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.train.error_points import OPACITY, SIZE, _choose, points_at_errors
-from splatreel.method.train.keyframe import KeyframeTrainer
-from splatreel.method.train.points import TrainablePoints, default_rates
+from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 from splatreel.method.train.render import View, deformed, draw
+from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0, Gaussians
 from tests.method.captures import blots

@@ -16,15 +16,15 @@ from splatreel.gpu.device import SharedGpu
 from splatreel.kernels.image import render_image
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.cameras.time_offsets import TimeOffsets
-from splatreel.method.deform.adam import Adam
+from splatreel.method.deform.knot_adam import Adam
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train import gpu_program
 from splatreel.method.train.average import Average
-from splatreel.method.train.group import GroupTrainer
-from splatreel.method.train.keyframe import KeyframeTrainer
+from splatreel.method.train.group_trainer import GroupTrainer
+from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 from splatreel.method.train.losses import CHAPTER_KEYFRAME, KEYFRAME, Loss, photometric
-from splatreel.method.train.points import TrainablePoints, default_rates
 from splatreel.method.train.render import View
+from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints

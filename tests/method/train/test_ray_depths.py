@@ -9,9 +9,9 @@ import torch
 
 from splatreel.method.train import ray_depths
 from splatreel.method.train.error_points import points_at_errors
-from splatreel.method.train.points import to_params
 from splatreel.method.train.ray_depths import RayDepths
 from splatreel.method.train.render import View, deformed, draw
+from splatreel.method.train.trainable_points import to_params
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.camera import Camera
 from tests.method.captures import blots

@@ -10,8 +10,8 @@ import torch
 from splatreel.evaluation.bench.microbenchmarks import front_camera
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.train import regularizers
-from splatreel.method.train.points import rotate
 from splatreel.method.train.render import Splats, View, splats
+from splatreel.method.train.trainable_points import rotate
 from splatreel.scene.camera import Camera
 
 

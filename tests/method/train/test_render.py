@@ -7,8 +7,8 @@ import pytest
 import torch
 
 from splatreel.method.init.layout import measure
-from splatreel.method.train.points import TrainablePoints, default_rates
 from splatreel.method.train.render import Splats, StaticCache, View, contributions, draw, splats
+from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import halved
 from splatreel.scene.clearance import Clearance
 from splatreel.scene.gaussians import Gaussians

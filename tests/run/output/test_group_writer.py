@@ -11,7 +11,7 @@ from splatreel.base.progress import Silent
 from splatreel.codec import layer_parts
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from splatreel.config import EncodeConfig
 from splatreel.method.encode import importance
 from splatreel.run.output import group_writer

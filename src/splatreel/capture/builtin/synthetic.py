@@ -27,8 +27,8 @@ from splatreel.base.untrusted import read_json
 from splatreel.capture.builtin import toyroom
 from splatreel.capture.builtin.raytracer import trace_frame, trace_static
 from splatreel.capture.builtin.toysound import render_sound
+from splatreel.capture.capture_sound import RATE
 from splatreel.capture.sidecar import SIDECAR, SIDECAR_BYTES
-from splatreel.capture.soundtrack import RATE
 from splatreel.scene.camera import Camera, facing
 
 VERSION = 4

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatreel.capture.builtin.toyroom import impacts
-from splatreel.capture.soundtrack import RATE
+from splatreel.capture.capture_sound import RATE
 
 SPEED = 343.0
 """Speed of sound, meters per second."""

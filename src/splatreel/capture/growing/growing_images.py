@@ -9,11 +9,11 @@ from PIL import Image, UnidentifiedImageError
 
 from splatreel.base.errors import CaptureError
 from splatreel.capture.camera_images import CameraImages
+from splatreel.capture.capture_sound import Track
 from splatreel.capture.files import LOCAL
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.growing.segmented_video import Numbered, numbered
 from splatreel.capture.sidecar import SIDECAR, Sidecar
-from splatreel.capture.soundtrack import Track
 
 LOOKED, FOLLOWING = 60, 5
 """Numbers after a missing image at which the next one is searched, and images that must follow before it counts as lost."""

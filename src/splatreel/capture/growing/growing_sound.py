@@ -11,7 +11,7 @@ import numpy as np
 from av.error import FFmpegError
 
 from splatreel.base.errors import CaptureError
-from splatreel.capture.soundtrack import GAP, RATE, Track, channels, choose
+from splatreel.capture.capture_sound import GAP, RATE, Track, channels, choose
 
 Packets = Iterator[tuple[float, av.Packet]]
 """Packets of one sound track, possibly from several files, each with the seconds by which its time exceeds the camera's."""

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from splatreel.base.errors import CaptureError
+from splatreel.capture.capture_sound import Track
 from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.gaps import OUT_OF_STEP
 from splatreel.capture.growing.growing_sound import Packets, read_packets
@@ -16,7 +17,6 @@ from splatreel.capture.growing.growing_video import GrowingVideo
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, segment_files
 from splatreel.capture.sidecar import Sidecar
-from splatreel.capture.soundtrack import Track
 from splatreel.capture.video_color import VideoColor, video_conversions
 
 

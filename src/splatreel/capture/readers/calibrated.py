@@ -21,6 +21,7 @@ from splatreel.capture.files import list_folder
 from splatreel.capture.image_sequences import ImageSequences
 from splatreel.capture.lens import Lens, common_size, undistorted_camera
 from splatreel.capture.readers.calibrations.actorshq import is_actorshq, read_actorshq
+from splatreel.capture.readers.calibrations.calibrated_rig import Rig, RigCamera
 from splatreel.capture.readers.calibrations.immersive import is_immersive, read_immersive
 from splatreel.capture.readers.calibrations.media import Media, find_media
 from splatreel.capture.readers.calibrations.metashape import is_metashape, read_metashape
@@ -28,7 +29,6 @@ from splatreel.capture.readers.calibrations.opencv_cameras import is_camera, is_
 from splatreel.capture.readers.calibrations.panoptic_studio import is_panoptic_studio, read_panoptic_studio
 from splatreel.capture.readers.calibrations.qualisys import is_qualisys, read_qualisys
 from splatreel.capture.readers.calibrations.realitycapture import read_realitycapture, xmp_folders
-from splatreel.capture.readers.calibrations.rig import Rig, RigCamera
 from splatreel.capture.readers.calibrations.toml_cameras import is_toml, read_toml
 from splatreel.capture.readers.calibrations.zju_mocap import is_zju_mocap, read_zju_mocap
 from splatreel.capture.sidecar import read_sidecar

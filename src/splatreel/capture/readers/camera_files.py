@@ -7,7 +7,7 @@ from pathlib import Path
 from splatreel.base.errors import CaptureError
 from splatreel.capture.lens import undistorted_camera
 from splatreel.capture.readers.calibrated import read_rig
-from splatreel.capture.readers.calibrations.rig import Rig, RigCamera
+from splatreel.capture.readers.calibrations.calibrated_rig import Rig, RigCamera
 from splatreel.capture.readers.transforms import META, TRAIN, read_transforms
 from splatreel.scene.camera import Camera
 

@@ -26,8 +26,8 @@ from splatreel.capture.base import Request
 from splatreel.capture.files import natural_key
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
 from splatreel.capture.readers.calibrated import CalibratedCapture
+from splatreel.capture.readers.calibrations.calibrated_rig import Rig, RigCamera, naming, pose
 from splatreel.capture.readers.calibrations.media import Media, find_media
-from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, naming, pose
 from splatreel.capture.readers.calibrations.transforms_lens import transforms_lens
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.video import VIDEO_SUFFIXES

@@ -36,7 +36,7 @@ from splatreel.method.init.layout import Layout
 from splatreel.method.train.single_frame import reconstruct_single_frame
 from splatreel.play.timeline import Timeline, open_reel
 from splatreel.run import checkpoint
-from splatreel.run.device import pick_device
+from splatreel.run.device_choice import pick_device
 from splatreel.run.requirements import check_capture
 from splatreel.run.run_record import differences
 from splatreel.scene.camera import Camera

@@ -21,9 +21,9 @@ from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.density import MEASURE_EVERY
-from splatreel.method.train.group import GroupTrainer
+from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.render import draw
-from splatreel.method.train.training import group_trainer
+from splatreel.method.train.stages import group_trainer
 from splatreel.run.machine_speed import on_one_thread
 from splatreel.run.pipeline import Result, reconstruct
 from splatreel.run.step_checkpoints import restored_rig

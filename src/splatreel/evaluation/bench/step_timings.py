@@ -9,8 +9,8 @@ import torch
 
 from splatreel.base import threads
 from splatreel.evaluation.bench.timing import Timing, medians_ms, ratio
-from splatreel.method.train.points import TrainablePoints, default_rates
 from splatreel.method.train.render import StaticCache, View, deformed, draw, moving_tiles
+from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.run.machine_speed import on_one_thread
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians

@@ -6,7 +6,7 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import adam
-from splatreel.method.deform.adam import Adam, Restore
+from splatreel.method.deform.knot_adam import Adam, Restore
 
 
 class CameraGains:

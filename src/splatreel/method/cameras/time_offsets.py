@@ -8,7 +8,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.method.deform.adam import Restore
+from splatreel.method.deform.knot_adam import Restore
 from splatreel.method.deform.protocol import Deformation
 
 RATE = 0.03

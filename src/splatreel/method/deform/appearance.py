@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import adam, motion, splat
-from splatreel.method.deform.adam import KnotAdam, Restore
+from splatreel.method.deform.knot_adam import KnotAdam, Restore
 from splatreel.method.deform.spline import Spline
 
 FRAMES_PER_KNOT = 5.0

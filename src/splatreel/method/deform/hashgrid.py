@@ -14,7 +14,7 @@ import torch
 from torch import Tensor, nn
 
 from splatreel.kernels import motion, splat
-from splatreel.method.deform.adam import Restore
+from splatreel.method.deform.knot_adam import Restore
 from splatreel.method.deform.protocol import movable, movable_with
 from splatreel.method.deform.spline import Spline
 

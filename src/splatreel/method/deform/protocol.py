@@ -7,7 +7,7 @@ from typing import Protocol
 import torch
 from torch import Tensor
 
-from splatreel.method.deform.adam import Restore
+from splatreel.method.deform.knot_adam import Restore
 
 
 class Deformation(Protocol):

@@ -13,7 +13,7 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import adam, motion, splat
-from splatreel.method.deform.adam import KnotAdam, Restore, merge_snapshots
+from splatreel.method.deform.knot_adam import KnotAdam, Restore, merge_snapshots
 from splatreel.method.deform.protocol import movable, movable_with
 from splatreel.method.deform.spline import Spline
 

@@ -11,7 +11,7 @@ from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.images.change import changed_pixels
 from splatreel.method.images.flow import make_flow
 from splatreel.method.layering.lift import DYNAMIC, lift, shares
-from splatreel.method.layering.light import changes_of_light
+from splatreel.method.layering.light_changes import changes_of_light
 from splatreel.method.layering.masks import make_segmenter, motion_masks
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import Clearance

@@ -12,10 +12,10 @@ from splatreel.method.images.temporal_mean import temporal_mean
 from splatreel.method.init.initial_points import InitialPoints, initial_points
 from splatreel.method.layering.lift import shares
 from splatreel.method.tracking.new_points import error_masks
-from splatreel.method.train.keyframe import KeyframeResult, KeyframeTrainer, starting_points
+from splatreel.method.train.keyframe_trainer import KeyframeResult, KeyframeTrainer, starting_points
 from splatreel.method.train.losses import CHAPTER_KEYFRAME
 from splatreel.method.train.single_frame import train_frame
-from splatreel.method.train.training import known_gains
+from splatreel.method.train.stages import known_gains
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.projection import inside, project
 from splatreel.scene.static_points import StaticPoints

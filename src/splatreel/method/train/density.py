@@ -14,8 +14,8 @@ from splatreel.kernels import splat
 from splatreel.method.layering.lift import NEIGHBORS
 from splatreel.method.train.losses import GROWTH
 from splatreel.method.train.moving import MovingPoints
-from splatreel.method.train.points import TrainablePoints, children
 from splatreel.method.train.render import Comparable, StaticCache, View, contributions, relative_distances
+from splatreel.method.train.trainable_points import TrainablePoints, children
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.volumes import Volume
 

@@ -13,15 +13,15 @@ from splatreel.gpu import uniforms
 from splatreel.gpu.device import Gpu, Recording
 from splatreel.gpu.drawing import Buffers
 from splatreel.method.cameras.color_gains import CameraGains
-from splatreel.method.deform.adam import KnotAdam
 from splatreel.method.deform.appearance import LAMBDA, RATES
+from splatreel.method.deform.knot_adam import KnotAdam
 from splatreel.method.deform.spline import Spline
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.train.density import GroupDensity
 from splatreel.method.train.gpu_program import GpuProgram, adam_row
+from splatreel.method.train.gpu_programs import Draw, Outcome
 from splatreel.method.train.losses import GROUP
 from splatreel.method.train.moving import MovingPoints
-from splatreel.method.train.programs import Draw, Outcome
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.training_images import TrainingImages
 

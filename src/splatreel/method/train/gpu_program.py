@@ -15,10 +15,10 @@ from splatreel.gpu.device import Gpu, Recording
 from splatreel.gpu.drawing import Buffers, Drawing
 from splatreel.gpu.image_pool import ImagePool
 from splatreel.gpu.static_scene import StaticScene
-from splatreel.method.deform.adam import DECAYS, Adam
-from splatreel.method.train.points import NAMES, TrainablePoints
-from splatreel.method.train.programs import Outcome
+from splatreel.method.deform.knot_adam import DECAYS, Adam
+from splatreel.method.train.gpu_programs import Outcome
 from splatreel.method.train.render import StaticCache
+from splatreel.method.train.trainable_points import NAMES, TrainablePoints
 from splatreel.method.train.training_images import TrainingImages
 
 MOST_DRAWS = 64

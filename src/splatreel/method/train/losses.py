@@ -17,9 +17,9 @@ from torch import Tensor
 
 from splatreel.config import GroupConfig, KeyframeConfig
 from splatreel.method.train.moving import Changes, MovingPoints
-from splatreel.method.train.points import TrainablePoints
 from splatreel.method.train.regularizers import Depths, Neighbors, arap, roughness, spread, temporal
 from splatreel.method.train.render import Comparable, Splats, View
+from splatreel.method.train.trainable_points import TrainablePoints
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,7 +10,7 @@ from torch import Tensor
 from splatreel.base.errors import GaussiansError, GpuError, ReconstructionError
 from splatreel.base.progress import Progress
 from splatreel.gpu.device import SharedGpu
-from splatreel.method.deform.adam import Restore
+from splatreel.method.deform.knot_adam import Restore
 
 KEEP_EVERY = 250
 """Iterations between two saved states. Saving one takes a fraction of an iteration."""

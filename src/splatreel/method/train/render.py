@@ -10,7 +10,7 @@ from torch import Tensor
 
 from splatreel.kernels import splat
 from splatreel.method.init.layout import Layout
-from splatreel.method.train.points import NAMES, to_params
+from splatreel.method.train.trainable_points import NAMES, to_params
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 

@@ -13,7 +13,7 @@ from splatreel.gpu.device import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.init.initial_points import InitialPoints, initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure
-from splatreel.method.train.keyframe import KeyframeTrainer, starting_points
+from splatreel.method.train.keyframe_trainer import KeyframeTrainer, starting_points
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.camera import Camera

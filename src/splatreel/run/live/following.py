@@ -24,7 +24,7 @@ from splatreel.method.cameras.rig import Rig
 from splatreel.method.encode.compression import CompressedGroup, CompressedLayer
 from splatreel.method.encode.importance import group_importance, weigh
 from splatreel.method.init.layout import Layout
-from splatreel.run.device import largest_buffer, pick_device, pick_gpu
+from splatreel.run.device_choice import largest_buffer, pick_device, pick_gpu
 from splatreel.run.groups import restore_group, run_group
 from splatreel.run.job import Job
 from splatreel.run.live.lateness import Lateness, WhenLate

@@ -22,7 +22,7 @@ from splatreel.codec.opus_sound import SEGMENT_SECONDS, TYPE, SoundEncoder
 from splatreel.codec.presentation import Sound, SoundSegment
 from splatreel.codec.writer import ReelWriter
 from splatreel.run import checkpoint
-from splatreel.run.output.soundtrack import camera_position, parse_soundtrack_choice
+from splatreel.run.output.sound_output import camera_position, parse_soundtrack_choice
 
 SELECTION_SECONDS = 10.0
 """Maximum seconds of sound by which a camera is selected."""

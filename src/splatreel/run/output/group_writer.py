@@ -20,7 +20,7 @@ from splatreel.config import Config, EncodeConfig
 from splatreel.method.encode.importance import Importance, group_importance
 from splatreel.method.init.layout import Layout
 from splatreel.run.output.region import Region, kept_layer
-from splatreel.run.output.soundtrack import write_soundtrack
+from splatreel.run.output.sound_output import write_soundtrack
 from splatreel.run.store import Store, StoredGroup, StoredLayer
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians

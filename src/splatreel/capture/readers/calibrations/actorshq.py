@@ -17,7 +17,15 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from splatreel.base.errors import CaptureError
-from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, brown_lens, image_size, naming, pose, read_text
+from splatreel.capture.readers.calibrations.calibrated_rig import (
+    Rig,
+    RigCamera,
+    brown_lens,
+    image_size,
+    naming,
+    pose,
+    read_text,
+)
 
 COLUMNS = ("name", "w", "h", "rx", "ry", "rz", "tx", "ty", "tz", "fx", "fy", "px", "py")
 

@@ -18,7 +18,7 @@ from scipy.spatial.transform import Rotation
 
 from splatreel.base.errors import CaptureError
 from splatreel.base.untrusted import numbers, read_json
-from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, image_size, naming, pose
+from splatreel.capture.readers.calibrations.calibrated_rig import Rig, RigCamera, image_size, naming, pose
 from splatreel.capture.readers.colmap_model import import_pycolmap
 
 KEYS = (b'"orientation"', b'"position"', b'"principal_point"', b'"radial_distortion"')

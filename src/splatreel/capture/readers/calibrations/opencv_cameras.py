@@ -18,8 +18,8 @@ from typing import Any
 import numpy as np
 
 from splatreel.base.errors import CaptureError
+from splatreel.capture.readers.calibrations.calibrated_rig import Rig, RigCamera, image_size, naming, opencv_lens, pose
 from splatreel.capture.readers.calibrations.opencv_storage import OpenCVStorage
-from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, image_size, naming, opencv_lens, pose
 
 SUFFIXES = (".yml", ".yaml", ".xml")
 MATRIX = ("camera_matrix", "Camera_Matrix", "cameraMatrix", "intrinsic_matrix", "K", "M", "mtx")

@@ -15,7 +15,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatreel.base.errors import CaptureError
-from splatreel.capture.readers.calibrations.rig import naming, read_text, read_xml
+from splatreel.capture.readers.calibrations.calibrated_rig import naming, read_text, read_xml
 
 MATRIX = re.compile(
     r"^([\w.-]+):\s*!!opencv-(?:nd-)?matrix\s+(rows:\s*\d+\s+cols:\s*\d+|sizes:\s*\[[^\[\]]*\])\s+dt:\s*\S+\s+data:\s*"

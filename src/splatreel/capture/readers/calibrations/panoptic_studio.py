@@ -14,7 +14,7 @@ from pathlib import Path
 
 from splatreel.base.errors import CaptureError
 from splatreel.base.untrusted import read_json
-from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, image_size, naming, opencv_lens, pose
+from splatreel.capture.readers.calibrations.calibrated_rig import Rig, RigCamera, image_size, naming, opencv_lens, pose
 
 
 def is_panoptic_studio(file: Path, head: bytes) -> bool:

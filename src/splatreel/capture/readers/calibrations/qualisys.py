@@ -17,7 +17,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from splatreel.base.errors import CaptureError
-from splatreel.capture.readers.calibrations.rig import (
+from splatreel.capture.readers.calibrations.calibrated_rig import (
     OPENCV_CENTER,
     Rig,
     RigCamera,

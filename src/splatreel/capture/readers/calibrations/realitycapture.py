@@ -16,7 +16,15 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from splatreel.base.errors import CaptureError
-from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, brown_lens, floats, naming, pose, read_xml
+from splatreel.capture.readers.calibrations.calibrated_rig import (
+    Rig,
+    RigCamera,
+    brown_lens,
+    floats,
+    naming,
+    pose,
+    read_xml,
+)
 
 FILM = 36.0
 """Width of the film in millimeters to which focal lengths refer."""

@@ -17,7 +17,15 @@ from pathlib import Path
 from typing import Any
 
 from splatreel.base.errors import CaptureError
-from splatreel.capture.readers.calibrations.rig import Rig, RigCamera, image_size, naming, opencv_lens, pose, read_text
+from splatreel.capture.readers.calibrations.calibrated_rig import (
+    Rig,
+    RigCamera,
+    image_size,
+    naming,
+    opencv_lens,
+    pose,
+    read_text,
+)
 
 KEYS = (rb"(?m)^\s*matrix\s*=", rb"(?m)^\s*translation\s*=", rb"(?m)^\s*size\s*=")
 

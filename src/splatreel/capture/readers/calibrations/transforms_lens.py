@@ -8,7 +8,7 @@ from typing import Any
 
 from splatreel.base.errors import CaptureError
 from splatreel.base.untrusted import is_number
-from splatreel.capture.readers.calibrations.rig import brown_lens, image_size, naming
+from splatreel.capture.readers.calibrations.calibrated_rig import brown_lens, image_size, naming
 from splatreel.capture.readers.colmap_model import import_pycolmap
 
 PERSPECTIVE = ("", "PERSPECTIVE", "PINHOLE", "SIMPLE_PINHOLE", "RADIAL", "SIMPLE_RADIAL", "OPENCV")

@@ -18,7 +18,14 @@ import numpy as np
 
 from splatreel.base.errors import CaptureError
 from splatreel.base.untrusted import load_arrays, read_file
-from splatreel.capture.readers.calibrations.rig import CALIBRATION_BYTES, Rig, RigCamera, naming, opencv_lens, pose
+from splatreel.capture.readers.calibrations.calibrated_rig import (
+    CALIBRATION_BYTES,
+    Rig,
+    RigCamera,
+    naming,
+    opencv_lens,
+    pose,
+)
 
 NAME = "annots.npy"
 MILLIMETERS = 1000.0

@@ -15,19 +15,19 @@ from splatreel.config import Config
 from splatreel.gpu.device import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.cameras.time_offsets import LearnedOffsets, TimeOffsets, slope
-from splatreel.method.deform.adam import Restore, merge_snapshots
+from splatreel.method.deform.knot_adam import Restore, merge_snapshots
 from splatreel.method.layering.lift import NEIGHBORS
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.density import GroupDensity
+from splatreel.method.train.frame_sampling import FrameSchedule
 from splatreel.method.train.gpu_group import GpuGroupProgram, unsupported_group
 from splatreel.method.train.gpu_program import MOST_DRAWS
+from splatreel.method.train.gpu_programs import Draw
 from splatreel.method.train.losses import GROUP, GroupStep, backward, choose_rank, choose_span
 from splatreel.method.train.moving import Changes, MovingPoints
-from splatreel.method.train.programs import Draw
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import StaticCache, draw, moving_tiles
-from splatreel.method.train.schedule import FrameSchedule
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.method.train.training_psnr import training_psnr
 from splatreel.scene.gaussians import Gaussians

@@ -8,8 +8,8 @@ import pytest
 
 from splatreel.codec.header import ReelHeader
 from splatreel.edit.operations import apply_operations
+from splatreel.edit.placement import Similarity
 from splatreel.edit.reel_clip import ReelClip
-from splatreel.edit.similarity import Similarity
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import facing
 from splatreel.scene.gaussians import Gaussians

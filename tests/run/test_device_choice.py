@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from splatreel.base.errors import MissingDependencyError, ReconstructionError, UsageError
-from splatreel.run.device import check_room, pick_device
+from splatreel.run.device_choice import check_room, pick_device
 
 
 @pytest.fixture

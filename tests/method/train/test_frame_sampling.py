@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from splatreel.method.train.schedule import FrameSchedule
+from splatreel.method.train.frame_sampling import FrameSchedule
 
 
 def test_frontier_moves_from_first_to_last_frame():

@@ -9,7 +9,7 @@ import pytest
 
 from splatreel.base.errors import GaussiansError
 from splatreel.formats.ply import write_ply
-from splatreel.sequence.opening import open_frames
+from splatreel.sequence.recognition import open_frames
 from tests.sequence.films import frame, scene, write_film
 
 

@@ -17,17 +17,17 @@ from splatreel.config import KeyframeConfig
 from splatreel.gpu.device import SharedGpu
 from splatreel.kernels import splat
 from splatreel.method.cameras.color_gains import CameraGains
-from splatreel.method.deform.adam import Restore, merge_snapshots
+from splatreel.method.deform.knot_adam import Restore, merge_snapshots
 from splatreel.method.train.average import Average
 from splatreel.method.train.density import KeyframeDensity
 from splatreel.method.train.error_points import ADDED_AT, ADDED_SHARE, points_at_errors
 from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram, unsupported_keyframe
 from splatreel.method.train.gpu_program import MOST_DRAWS
+from splatreel.method.train.gpu_programs import KeyframeDraw
 from splatreel.method.train.losses import GROWTH, KEYFRAME, LAMBDA_DSSIM, KeyframeStep, Loss, backward, psnr
-from splatreel.method.train.points import NAMES, TrainablePoints, default_rates
-from splatreel.method.train.programs import KeyframeDraw
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.render import Comparable, Splats, StaticCache, View, deformed, draw, moving_tiles
+from splatreel.method.train.trainable_points import NAMES, TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.volumes import Volume

@@ -2,7 +2,7 @@
 
 import torch
 
-from splatreel.method.train.points import NAMES, TrainablePoints, default_rates, to_gaussians, to_params
+from splatreel.method.train.trainable_points import NAMES, TrainablePoints, default_rates, to_gaussians, to_params
 from tests.method.scenes import random_gaussians
 
 

@@ -16,12 +16,12 @@ from splatreel.method.cameras.time_offsets import TimeOffsets
 from splatreel.method.images.temporal_mean import temporal_mean
 from splatreel.method.layering.labels import convertible
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.group import GroupResult, GroupTrainer
-from splatreel.method.train.keyframe import KeyframeResult, KeyframeTrainer
+from splatreel.method.train.group_trainer import GroupResult, GroupTrainer
+from splatreel.method.train.keyframe_trainer import KeyframeResult, KeyframeTrainer
 from splatreel.method.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC
-from splatreel.method.train.points import TrainablePoints, default_rates
 from splatreel.method.train.render import View
 from splatreel.method.train.single_frame import first_keyframe_trainer, train_frame
+from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints

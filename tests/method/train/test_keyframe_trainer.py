@@ -11,10 +11,10 @@ from splatreel.kernels.image import render_image
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.init.layout import Layout
 from splatreel.method.train.average import AVERAGE_EVERY, Average
-from splatreel.method.train.keyframe import KeyframeTrainer, _with_gain, starting_points
-from splatreel.method.train.points import TrainablePoints, default_rates
+from splatreel.method.train.keyframe_trainer import KeyframeTrainer, _with_gain, starting_points
 from splatreel.method.train.regularizers import Depths, spread
 from splatreel.method.train.render import View, deformed, draw
+from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians

@@ -8,8 +8,8 @@ import pytest
 
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Request
+from splatreel.capture.capture_sound import RATE, Track, choose, read_sound
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.soundtrack import RATE, Track, choose, read_sound
 from splatreel.capture.videos import Videos
 from tests.capture.films import HEARD, film
 

@@ -9,14 +9,14 @@ import torch
 
 from splatreel.base.errors import CaptureError, ReconstructionError
 from splatreel.base.progress import Silent
-from splatreel.capture.soundtrack import Track
+from splatreel.capture.capture_sound import Track
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.verify import verify_reel
+from splatreel.codec.verification import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.play.timeline import open_reel
 from splatreel.run.output.reencode import reencode
-from splatreel.run.output.soundtrack import load_soundtrack, save_soundtrack, select_soundtrack
+from splatreel.run.output.sound_output import load_soundtrack, save_soundtrack, select_soundtrack
 from splatreel.run.pipeline import reconstruct
 from tests import flashes
 from tests.capture.films import film

@@ -10,7 +10,7 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import splat
-from splatreel.method.deform.adam import Adam, Restore, merge_snapshots, step
+from splatreel.method.deform.knot_adam import Adam, Restore, merge_snapshots, step
 from splatreel.scene.gaussians import Gaussians
 
 NAMES = ("means", "quats", "log_scales", "logit_opacities", "sh_base", "sh_rest")

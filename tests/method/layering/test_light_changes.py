@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from splatreel.kernels.image import render_image
-from splatreel.method.layering import light as module
+from splatreel.method.layering import light_changes as module
 from splatreel.method.layering.labels import RelitPoints
-from splatreel.method.layering.light import MIN_AGREEING_SHARE, MIN_CHANGE, changes_of_light
+from splatreel.method.layering.light_changes import MIN_AGREEING_SHARE, MIN_CHANGE, changes_of_light
 from splatreel.scene.gaussians import Gaussians
 from tests.method.captures import blots
 from tests.method.scenes import ring

@@ -14,7 +14,7 @@ from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.hashgrid import HashGrid
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.group import GroupResult, GroupTrainer
+from splatreel.method.train.group_trainer import GroupResult, GroupTrainer
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians

@@ -11,7 +11,7 @@ import numpy as np
 from splatreel.base.progress import Progress
 from splatreel.base.untrusted import numbers
 from splatreel.capture.base import Capture
-from splatreel.capture.soundtrack import choose
+from splatreel.capture.capture_sound import choose
 from splatreel.codec.opus_sound import EncodedSound, encode_sound, write_sound
 from splatreel.codec.presentation import Vec3
 from splatreel.codec.writer import ReelWriter

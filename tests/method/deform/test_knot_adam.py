@@ -5,7 +5,7 @@ import pytest
 import torch
 
 from splatreel.kernels import adam as kernel
-from splatreel.method.deform.adam import Adam, KnotAdam
+from splatreel.method.deform.knot_adam import Adam, KnotAdam
 
 RATE, EPS = 0.02, 1e-15
 
