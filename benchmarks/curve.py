@@ -95,7 +95,8 @@ class Curve:
     def __post_init__(self) -> None:
         self.camera = held_out_views(self.run.capture)[0]
         self._truths: dict[int, Tensor] = {}
-        self._start, self._measuring = time.monotonic(), 0.0
+        self._start = time.monotonic()
+        self._measuring = 0.0
         self.estimate = Estimate(self.seconds)
 
     def seconds(self) -> float:
@@ -140,14 +141,14 @@ class Curve:
         view, near = self._view(images), images.near
         seen = deformed(trainer.points.params, None, None, view, near)
         if trainer.static is not None and len(trainer.static):
-            seen = Splats.join(seen, resting(to_params(trainer.static, self.run.device), view, near))
+            seen = Splats.join(seen, static_splats(to_params(trainer.static, self.run.device), view, near))
         return psnr(draw(seen, view).image, self._truth(self.run.groups[self.group].first))
 
     def look_at_group(self, trainer: GroupTrainer) -> float:
         """Return the mean PSNR of the held-out camera over the first, middle and last own frame of the group, dB."""
         view, near, span = self._view(trainer.images), trainer.images.near, self.run.groups[self.group]
         alive = torch.nonzero(trainer.static.alive)[:, 0]
-        still = resting({name: value[alive] for name, value in trainer.static.params.items()}, view, near)
+        still = static_splats({name: value[alive] for name, value in trainer.static.params.items()}, view, near)
         values = []
         for frame in sorted({0, span.own // 2, span.own - 1}):
             seen = Splats.join(trainer.points.at(frame, view, near), still)
@@ -173,7 +174,7 @@ class Curve:
             raise OutOfTime
 
 
-def resting(params: dict[str, Tensor], view: View, near: float) -> Splats:
+def static_splats(params: dict[str, Tensor], view: View, near: float) -> Splats:
     """Return the static points that a view sees.
 
     Args:

@@ -39,7 +39,8 @@ class Show:
     """Videos in MPEG-TS that are written frame by frame, playing a capture forward and backward."""
 
     def __init__(self, folder: Path, capture: Capture, poses: Path, fps: int, cameras: int) -> None:
-        self.folder, self.fps = folder, fps
+        self.folder = folder
+        self.fps = fps
         folder.mkdir(parents=True)
         chosen = np.linspace(0, len(capture.cameras) - 1, cameras).round().astype(int)
         np.save(folder / poses.name, np.load(poses)[chosen])

@@ -59,8 +59,10 @@ class Scale:
     def __init__(self, values: Sequence[float], begin: float, length: float) -> None:
         low, high = math.log10(min(values)), math.log10(max(values))
         free = max(EMPTY * (high - low), 0.02)
-        self.low, self.high = low - free, high + free
-        self._begin, self._length = begin, length
+        self.low = low - free
+        self.high = high + free
+        self._begin = begin
+        self._length = length
 
     def place(self, value: float) -> float:
         return self._begin + self._length * (math.log10(value) - self.low) / (self.high - self.low)

@@ -21,7 +21,8 @@ class Resident:
     def __init__(self, with_children: bool = False) -> None:
         self.samples: list[tuple[float, int]] = []
         """(seconds since the epoch, bytes)"""
-        self._with_children, self._ended = with_children, threading.Event()
+        self._with_children = with_children
+        self._ended = threading.Event()
         self._thread = threading.Thread(target=self._watch, daemon=True)
 
     def __enter__(self) -> Self:

@@ -45,12 +45,16 @@ class FirstGroup:
 
     def __init__(self, run: Path, capture: Capture, cameras: list[str], moments: int) -> None:
         reader = ReelReader(run / "reel")
-        self.store, self.manifest, self.render = Store(run / "work"), reader.manifest, Timeline(reader).render
-        self.capture, self.work = capture, self.store.group(0)
+        self.store = Store(run / "work")
+        self.manifest = reader.manifest
+        self.render = Timeline(reader).render
+        self.capture = capture
+        self.work = self.store.group(0)
         layer = self.work.layer()
         if layer is None:
             raise SystemExit(f"{run}: its first group has no static points.")
-        self.stored, self.layer = self.work.group(), layer
+        self.stored = self.work.group()
+        self.layer = layer
         self.frames = np.linspace(0, self.stored.group.frames - 1, moments).round().astype(int).tolist()
         self.views = [camera for camera in capture.cameras if camera.name in cameras]
         names = [view.name for view in self.views]

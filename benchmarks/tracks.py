@@ -33,7 +33,7 @@ from splatreel.scene.gaussians import Gaussians
 FILMS = {"cove": cove, "dominoes": dominoes, "juggle": juggle, "kitchen": kitchen, "studio": studio, "yard": yard}
 SPACING, OFF = 1.6, 3.0
 """Pixels between two points at their median depth, and from a solid, from which on a point is no longer on it."""
-RESTS = 1.0
+STATIC_PIXELS = 1.0
 """Pixels; a solid that goes less far is left out."""
 LOOKS = (8, 16, 24, 34)
 """Frames of which the share is told by itself."""
@@ -84,7 +84,7 @@ def followed(film: Film, capture: Capture) -> dict:
 
 
 def _seen(film: Film, camera: Camera) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return points of a camera's first frame: [M, 3] on moving solids, [S, 3] on resting ones, and the depths [M] of the first."""
+    """Return points of a camera's first frame: [M, 3] on moving solids, [S, 3] on static ones, and the depths [M] of the first."""
     scene = film.moving(0.0)
     cover, depth = trace_cover(
         camera, trace_static(camera, film.still, film.light), scene, np.ones(len(scene.solids), bool)
@@ -114,7 +114,7 @@ def _on(film: Film, places: np.ndarray, pixel: float) -> np.ndarray:
     for solid in range(len(first)):
         chosen = there & (owner == solid)
         way = np.stack([_carried(scenes[0], scene, solid, places[0, chosen]) for scene in scenes])
-        if chosen.any() and np.abs(way - way[:1]).max() > RESTS * pixel:
+        if chosen.any() and np.abs(way - way[:1]).max() > STATIC_PIXELS * pixel:
             off = [_distance(scene, solid, now) for scene, now in zip(scenes, places[:, chosen], strict=True)]
             columns.append(np.stack(off) < OFF * pixel)
     return np.concatenate(columns, axis=1)

@@ -32,7 +32,10 @@ class Budget:
     """
 
     def __init__(self, seconds: float, frames: int, pace: float, spent: list[Spent]) -> None:
-        self.seconds, self.frames, self.pace, self.spent = seconds, frames, pace, list(spent)
+        self.seconds = seconds
+        self.frames = frames
+        self.pace = pace
+        self.spent = list(spent)
 
     @property
     def left(self) -> float:

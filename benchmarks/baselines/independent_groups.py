@@ -22,7 +22,8 @@ class Stretch(Capture):
     """Some consecutive frames of a capture, as a capture of their own. The caller closes the source."""
 
     def __init__(self, source: Capture, span: GroupSpan) -> None:
-        self.source, self.span = source, span
+        self.source = source
+        self.span = span
         super().__init__(
             source.path,
             source.cameras,

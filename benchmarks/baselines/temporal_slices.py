@@ -61,7 +61,8 @@ class SpaceTimePoints:
             rates: Learning rates of the attributes in space.
             device: Device that trains.
         """
-        self.space, self.unit = TrainablePoints.from_gaussians(points, rates, device), unit
+        self.space = TrainablePoints.from_gaussians(points, rates, device)
+        self.unit = unit
         count = len(points)
         start = {"centers": torch.full((count, 1), 0.5), "log_durations": torch.zeros(count, 1)}
         start["velocities"] = torch.zeros(count, 3)

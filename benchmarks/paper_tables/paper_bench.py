@@ -102,8 +102,12 @@ class PaperBench:
         for capture in captures.values():
             if not capture.held_out:
                 raise UsageError(f"{capture.path}: no camera is held out. Name some: --hold-out NAME,NAME.")
-        self.captures, self.config, self.out = dict(captures), config, out
-        self.device, self.progress, self.minutes = device, progress, minutes
+        self.captures = dict(captures)
+        self.config = config
+        self.out = out
+        self.device = device
+        self.progress = progress
+        self.minutes = minutes
         self._measured: dict[Path, Measured] = {}
 
     def settings(self, variant: str) -> Config:

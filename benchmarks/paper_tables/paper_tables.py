@@ -151,13 +151,13 @@ def _markdown(title: str, header: list[str], rows: list[list[str]]) -> str:
 def group_without_layers(undecoded: UncompressedReel, index: int) -> Group:
     """Return a group with all points visible in it. Static points become dynamic points without motion."""
     group, (static, _) = undecoded.group(index), undecoded.static(index)
-    resting = static[group.alive]
-    frames, still = group.frames, len(resting)
+    living = static[group.alive]
+    frames, still = group.frames, len(living)
     rest = np.zeros((frames, still, 4), np.float32)
     rest[..., 0] = 1
     dx = np.concatenate([group.dx, np.zeros((frames, still, 3), np.float32)], 1)
     dq = np.concatenate([group.dq, rest], 1)
-    points = Gaussians.concatenate([group.dynamic, resting])
+    points = Gaussians.concatenate([group.dynamic, living])
     shade = group.shade
     if shade is not None:
         shade = np.concatenate([shade, np.zeros((frames, still, 4), np.float32)], 1)

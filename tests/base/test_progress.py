@@ -168,6 +168,6 @@ def test_estimates_are_rounded_to_what_is_known() -> None:
 def test_format_numbers_known_answers() -> None:
     assert format_numbers({"points": 40_000, "psnr": 29.1267}) == "40,000 points, 29.1 dB"
     assert format_numbers({"moving": 3100, "appeared": 5305}) == "3,100 moving points, 5,305 of them new"
-    found = format_numbers({"moving": 412, "resting": 3000, "lit": 591})
-    assert found == "412 moving points, 3,000 resting points, 591 resting points in changing light"
+    found = format_numbers({"moving": 412, "static": 3000, "lit": 591})
+    assert found == "412 moving points, 3,000 static points, 591 static points in changing light"
     assert format_numbers({"rate": 2.5}) == "rate 2.5"

@@ -36,9 +36,9 @@ def test_overlay_is_blue_where_points_move(tmp_path: Path) -> None:
     moment, view = timeline.at(0), scenes.cameras()[2]
     gray = np.full((scenes.HEIGHT, scenes.WIDTH, 3), 0.5, np.float32)
     blueness = np.ptp(layers_overlay(timeline, moment, view, gray).astype(int), axis=-1)
-    object.__setattr__(moment, "rests", np.ones(len(moment), bool))
+    object.__setattr__(moment, "is_static", np.ones(len(moment), bool))
     assert not np.ptp(layers_overlay(timeline, moment, view, gray).astype(int), axis=-1).any()
-    object.__setattr__(moment, "rests", np.zeros(len(moment), bool))
+    object.__setattr__(moment, "is_static", np.zeros(len(moment), bool))
     all_blue = np.ptp(layers_overlay(timeline, moment, view, gray).astype(int), axis=-1)
     assert 0 < blueness.sum() < all_blue.sum()
 

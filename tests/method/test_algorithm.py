@@ -99,11 +99,11 @@ def test_group_without_dynamic_points_trains_no_keyframe() -> None:
 
 def test_retired_static_points_become_new_ones() -> None:
     rng = np.random.default_rng(0)
-    trained, settled, decoded = (points(rng, count) for count in (3, 2, 3))
+    trained, new_static, decoded = (points(rng, count) for count in (3, 2, 3))
     none = Gaussians.empty(0)
-    layers = Layers(np.array([True, False, True]), settled, none, RelitPoints(none, np.zeros((1, 0))))
+    layers = Layers(np.array([True, False, True]), new_static, none, RelitPoints(none, np.zeros((1, 0))))
     renewed, static = renew_static(layers, StaticPoints(decoded, np.ones(3, bool)), trained)
-    np.testing.assert_array_equal(renewed.settled.means, np.concatenate([trained.means[[0, 2]], settled.means]))
+    np.testing.assert_array_equal(renewed.new_static.means, np.concatenate([trained.means[[0, 2]], new_static.means]))
     assert len(static.alive) == len(static.points) == 0
     kept, static = renew_static(layers, StaticPoints(decoded, np.ones(3, bool)), None)
     assert kept is layers

@@ -32,8 +32,8 @@ def trainer(seed: int, speed: float) -> GroupTrainer:
     gains = CameraGains(len(CAMERAS), CPU)
     gains.load(torch.from_numpy(rng.uniform(0.9, 1.1, (len(CAMERAS), 3)).astype(np.float32)))
     config = plain({"group.length": FRAMES, "group.overlap": 0, "group.iterations_per_frame": 10})
-    resting = StaticPoints(static, np.ones(len(static), bool))
-    return GroupTrainer(frames, GroupStart(thing, tracks), resting, config, gains=gains, seed=seed)
+    static_points = StaticPoints(static, np.ones(len(static), bool))
+    return GroupTrainer(frames, GroupStart(thing, tracks), static_points, config, gains=gains, seed=seed)
 
 
 def gradients(group: GroupTrainer, frame: int, camera: int, layered: bool) -> tuple[float, list[Tensor], Tensor | None]:

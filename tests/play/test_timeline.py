@@ -44,8 +44,8 @@ def test_timeline_shows_first_frame(reel):
 def test_moment_is_an_immutable_dataclass(reel):
     moment = open_reel(reel).at(FIRST / FPS)
     halved = replace(moment, opacities=moment.opacities / 2)
-    np.testing.assert_array_equal(halved.rests, moment.rests)
-    np.testing.assert_array_equal(moment[moment.rests].means, moment.means[moment.rests])
+    np.testing.assert_array_equal(halved.is_static, moment.is_static)
+    np.testing.assert_array_equal(moment[moment.is_static].means, moment.means[moment.is_static])
     with pytest.raises(FrozenInstanceError):
         moment.light = np.zeros(3)  # pyright: ignore[reportAttributeAccessIssue]
 
@@ -82,15 +82,15 @@ def test_clearance_hides_static_points_near_camera(reel, tmp_path, frame):
     before = open_reel(reel)
     camera, shown = before.manifest.camera, before.at(frame / FPS)
     depths = shown.means @ camera.viewmat[2, :3] + camera.viewmat[2, 3]
-    limit = float(np.sort(depths[shown.rests])[len(shown) // 4 :][:2].mean())  # between two points
+    limit = float(np.sort(depths[shown.is_static])[len(shown) // 4 :][:2].mean())  # between two points
     focus = camera.center + 2 * limit * camera.viewmat[2, :3]
     edit_manifest(
         tmp_path / "reel", lambda manifest: manifest.update(clearance={"focus": focus.tolist(), "share": 0.5})
     )
     after = open_reel(tmp_path / "reel")
     assert after.manifest.clearance.depth(camera) == pytest.approx(limit, rel=1e-5)
-    kept = ~shown.rests | (depths > limit)
-    assert 0.2 < kept[shown.rests].mean() < 0.8
+    kept = ~shown.is_static | (depths > limit)
+    assert 0.2 < kept[shown.is_static].mean() < 0.8
     moment = after.at(frame / FPS)
     np.testing.assert_array_equal(moment.means, shown.means)
     np.testing.assert_array_equal(after.render(moment, camera), before.render(shown[kept], camera))
@@ -112,7 +112,7 @@ def test_timeline_overlap_fades_points(reel, frame, weight):
     stays, dies = reader.layer(0)[np.arange(6) != 2], reader.layer(0)[2:3]
     expected = Gaussians.concatenate([stays, dies, old, reader.layer(1), new])
     weights = np.repeat([1, 1 - weight, 1 - weight, weight, weight], [5, 1, 5, 4, 7])
-    np.testing.assert_array_equal(shown.rests, np.repeat([True, True, False, True, False], [5, 1, 5, 4, 7]))
+    np.testing.assert_array_equal(shown.is_static, np.repeat([True, True, False, True, False], [5, 1, 5, 4, 7]))
     np.testing.assert_array_equal(shown.means, expected.means)
     np.testing.assert_allclose(shown.opacities, 1 - (1 - expected.opacities) ** weights, atol=2e-4)
 

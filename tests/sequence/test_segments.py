@@ -25,7 +25,7 @@ def test_same_points_form_one_segment_each() -> None:
     assert builder.cut(30) == 8
     segments = builder.first(8)
     assert (segments.rows == np.arange(WALL + BALL)).all()
-    assert segments.rests.tolist() == WALL * [True] + BALL * [False]
+    assert segments.unchanged.tolist() == WALL * [True] + BALL * [False]
     assert segments.numbers.tolist() == list(range(WALL + BALL))
 
 
@@ -41,9 +41,9 @@ def test_shape_change_starts_a_new_segment() -> None:
     assert (segments.rows[3:, :5] < 0).all()
     assert segments.numbers[-5:].tolist() == list(range(5))
     assert (segments.rows[3:, -5:] == np.arange(5)).all()
-    assert not segments.rests[:5].any()
-    assert not segments.rests[-5:].any()
-    assert segments.rests[5:WALL].all()
+    assert not segments.unchanged[:5].any()
+    assert not segments.unchanged[-5:].any()
+    assert segments.unchanged[5:WALL].all()
 
 
 def test_slow_shape_changes_accumulate() -> None:
@@ -60,7 +60,7 @@ def test_new_points_in_every_frame_give_one_frame_groups() -> None:
     frames = [unlike(frame(number)[: 400 + number], rng) for number in range(6)]
     builder = built(frames)
     assert builder.cut(30) == 1
-    assert not builder.first(1).rests.any()
+    assert not builder.first(1).unchanged.any()
 
 
 def test_group_ends_where_points_are_exchanged() -> None:

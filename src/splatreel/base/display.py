@@ -26,17 +26,21 @@ class Lines:
         self._interval = interval
         self._clock = clock
         self._estimate = Estimate(clock)
-        self._name, self._ended = "", True
+        self._name = ""
+        self._ended = True
         self._numbers: dict[str, float] = {}
         self._last = clock()
-        self._lock, self._closed = threading.RLock(), threading.Event()
+        self._lock = threading.RLock()
+        self._closed = threading.Event()
         self._watch: threading.Thread | None = None
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
         """Start a stage. A stage before it that has not reported its end has ended now."""
         with self._lock:
             self._end()
-            self._name, self._ended, self._numbers = name, False, {}
+            self._name = name
+            self._ended = False
+            self._numbers = {}
             self._estimate.stage(total, span)
             self._last = self._clock()
         if self._watch is None:

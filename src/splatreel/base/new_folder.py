@@ -76,7 +76,8 @@ class _CheckedProgress:
     """Progress display that calls a function whenever steps are done."""
 
     def __init__(self, progress: Progress, check: Callable[[], None]) -> None:
-        self._progress, self._check = progress, check
+        self._progress = progress
+        self._check = check
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
         """Show the beginning of a stage."""

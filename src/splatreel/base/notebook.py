@@ -27,16 +27,20 @@ class NotebookBars:
 
     def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
         self._display: Callable[..., Any] = importlib.import_module("IPython.display").display
-        self._clock, self._drawn = clock, 0.0
+        self._clock = clock
+        self._drawn = 0.0
         self._estimate = Estimate(clock)
-        self._name, self._numbers = "", ""
+        self._name = ""
+        self._numbers = ""
         self._bar: Any = None
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
         """Start a stage."""
         self.close()
         self._estimate.stage(total, span)
-        self._name, self._numbers, self._drawn = name, "", self._clock()
+        self._name = name
+        self._numbers = ""
+        self._drawn = self._clock()
         self._bar = self._display(self._bundle(), raw=True, display_id=True)
 
     def update(self, done: int, **numbers: float) -> None:

@@ -17,8 +17,8 @@ PHRASES = {
     "loss": "training error {:.3f}",
     "points": "{:,} points",
     "moving": "{:,} moving points",
-    "resting": "{:,} resting points",
-    "lit": "{:,} resting points in changing light",
+    "static": "{:,} static points",
+    "lit": "{:,} static points in changing light",
     "appeared": "{:,} of them new",
     "published": "{:,} groups in the reel",
 }
@@ -70,7 +70,8 @@ class Cancellable:
     """
 
     def __init__(self, progress: Progress, cancel: threading.Event) -> None:
-        self._progress, self._cancel = progress, cancel
+        self._progress = progress
+        self._cancel = cancel
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
         """Start a stage."""
@@ -114,7 +115,9 @@ class PartOf:
     """
 
     def __init__(self, progress: Progress, begin: float, end: float) -> None:
-        self._progress, self._begin, self._end = progress, begin, end
+        self._progress = progress
+        self._begin = begin
+        self._end = end
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
         """Start a stage."""
@@ -145,7 +148,8 @@ class Estimate:
         self._clock = clock
         self._first: float | None = None  # share of the job that was finished before this process started
         self._job_seconds = 0.0  # of earlier stages that have a span
-        self.total, self.done = 0, 0
+        self.total = 0
+        self.done = 0
         self.span: Span | None = None
         self._stage_start = clock()
 
@@ -153,7 +157,9 @@ class Estimate:
         """Start a stage."""
         if self.span is not None:
             self._job_seconds += self.stage_seconds
-        self.total, self.done, self.span = total, 0, span
+        self.total = total
+        self.done = 0
+        self.span = span
         self._stage_start = self._clock()
         if span is not None and self._first is None:
             self._first = span[0]

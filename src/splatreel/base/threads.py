@@ -136,7 +136,9 @@ class _Job:
     """Ranges that threads claim one after another."""
 
     def __init__(self, function: Callable[..., Any], cuts: list[int], arguments: tuple[Any, ...]) -> None:
-        self.function, self.cuts, self.arguments = function, cuts, arguments
+        self.function = function
+        self.cuts = cuts
+        self.arguments = arguments
         self.places = itertools.count()  # `next` is atomic under the GIL
         self.done: SimpleQueue[BaseException | None] = SimpleQueue()
 

@@ -195,7 +195,8 @@ class ArrayRows:
     """
 
     def __init__(self, path: Path, name: str, kind: Kind) -> None:
-        self._subject, self._kind = f"{path}: {name}", kind
+        self._subject = f"{path}: {name}"
+        self._kind = kind
         with naming_damage(str(path), kind, _NO_ARRAYS):
             self._archive = zipfile.ZipFile(path)
             if f"{name}.npy" not in self._archive.namelist():

@@ -50,9 +50,13 @@ class MomentSolver:
         photos: Sequence[Path] = (),
         matcher: Matcher | None = None,
     ) -> None:
-        self.colmap, self.folder, self.progress, self.matcher = colmap, folder, progress, matcher
+        self.colmap = colmap
+        self.folder = folder
+        self.progress = progress
+        self.matcher = matcher
         self.lenses = colmap.CameraMode.SINGLE if same_lens else colmap.CameraMode.PER_IMAGE
-        self.images, self.known = folder / "images", folder / "photos.db"
+        self.images = folder / "images"
+        self.known = folder / "photos.db"
         self.databases: list[Path] = []
         self.images.mkdir(parents=True)
         self.photos = write_photos(list(photos), self.images, progress) if photos else []

@@ -136,8 +136,11 @@ class Capture(ABC):
         limit: int | None = None,
         notes: Sequence[str] = (),
     ) -> None:
-        self.notes, self.left_out = list(notes), tuple[str, ...]()
-        self.path, self.growing, self.limit = Path(path), growing, limit
+        self.notes = list(notes)
+        self.left_out = tuple[str, ...]()
+        self.path = Path(path)
+        self.growing = growing
+        self.limit = limit
         self.origin = self.path if origin is None else origin
         self.name = self.path.resolve().name
         self.cameras = cameras

@@ -25,7 +25,8 @@ class CameraImages:
     """
 
     def __init__(self, first: dict[str, Path], files: Files, upright: bool) -> None:
-        self._first, self._files = first, files
+        self._first = first
+        self._files = files
         self._upright = dict.fromkeys(first, upright)
 
     @cached_property

@@ -45,7 +45,9 @@ class Follower:
     def __init__(self, capture: Capture, growth: Growth, notify: Notify) -> None:
         if not isinstance(capture, FileCapture) or not isinstance(capture.source, GrowingSource):
             raise CaptureError(f"{capture.path}: is not being written. Leave out --follow.")
-        self.capture, self.growth, self._notify = capture, growth, notify
+        self.capture = capture
+        self.growth = growth
+        self._notify = notify
         self._source: GrowingSource = capture.source
         self._changed = Condition()
         self._total: int | None = None

@@ -73,7 +73,8 @@ class MaskFiles:
     """
 
     def __init__(self, folder: str | Path, capture: FileCapture, names: Sequence[str] | None = None) -> None:
-        self.folder, self._capture = Path(folder), capture
+        self.folder = Path(folder)
+        self._capture = capture
         source = capture.source
         if capture.growing or not isinstance(source, CountedSource):
             raise CaptureError(

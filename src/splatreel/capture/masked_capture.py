@@ -51,7 +51,8 @@ class MaskedCapture(Capture):
     """
 
     def __init__(self, capture: Capture, masks: Masks, background: Color | None = None) -> None:
-        self._capture, self._masks = capture, masks
+        self._capture = capture
+        self._masks = masks
         colors = cycle(PALETTE if background is None else (background,))
         self._backgrounds = {camera.name: color for camera, color in zip(capture.cameras, colors, strict=False)}
         super().__init__(

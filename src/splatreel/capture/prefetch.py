@@ -38,7 +38,10 @@ class FramePrefetcher:
         ahead: bool = True,
         shared: int = 0,
     ) -> None:
-        self.capture, self.cameras, self.ahead, self.shared = capture, cameras, ahead, shared
+        self.capture = capture
+        self.cameras = cameras
+        self.ahead = ahead
+        self.shared = shared
         self._stretches = iter(stretches)
         self._pool = ThreadPoolExecutor(1, thread_name_prefix="decode")
         self._left = Event()

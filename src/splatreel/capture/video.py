@@ -61,7 +61,8 @@ class IndexOnly:
 
     def __init__(self, file: BinaryIO) -> None:
         self.name = file.name
-        self._file, self._at = file, 0
+        self._file = file
+        self._at = 0
         self._size = file.seek(0, io.SEEK_END)
         self._begins, self._ends = self._payload()
 
@@ -162,7 +163,8 @@ class VideoFile:
         transfer: str | None = None,
         partial: bool = False,
     ) -> None:
-        self.path, self._files = path, files
+        self.path = path
+        self._files = files
         self._container: InputContainer | None = None
         self._stream: Any = None
         self._decoder: Iterator[tuple[int, av.VideoFrame]] | None = None
@@ -171,7 +173,10 @@ class VideoFile:
         self.table = table = self._scan() if table is None or table.size != self._size() else table
         self._orientation = Orientation(table.turns, table.mirrored)
         self.width, self.height = self._orientation.size(table.width, table.height)
-        self.frames, self.fps, self.start, self.times = table.frames, table.fps, table.start, table.times
+        self.frames = table.frames
+        self.fps = table.fps
+        self.start = table.start
+        self.times = table.times
         if table.whole < table.expected and not (partial and table.frames):
             advice = f"choose frames that are whole (--frames 0:{table.frames}), " if table.frames else ""
             raise CaptureError(f"{self.truncation}. Copy the file again, {advice}or leave the camera out.")

@@ -49,7 +49,10 @@ class Videos:
     """
 
     def __init__(self, path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> None:
-        self._path, self._where, self._request, self._transfer = path, request.files, request, sidecar.transfer
+        self._path = path
+        self._where = request.files
+        self._request = request
+        self._transfer = sidecar.transfer
         self.notes: list[str] = []
         self._files = dict(zip(files, threads.map_parallel(self._opened, files.values()), strict=True))
         unknown = [name for name in (*sidecar.starts, *sidecar.rates) if name not in self._files]
@@ -145,7 +148,8 @@ class Videos:
         first, end = used_steps(exists)
         if recorded:
             first, end = 0, min(ends, default=0)
-        self._first_step, self.frames = first, end - first
+        self._first_step = first
+        self.frames = end - first
         self._numbers = {name: found[first:end] for name, found in numbers.items()}
         self._lacks = {name: ~found[first:end] for name, found in exists.items()}
         self._ends = {name: end - first for name, end in zip(clocks, ends, strict=True)}

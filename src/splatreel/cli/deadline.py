@@ -60,7 +60,9 @@ class _Watch(threading.Thread):
     def __init__(self, read: int, say: Callable[[int], tuple[str, int]]) -> None:
         """Remember the pipe and the message."""
         super().__init__(name="splatreel deadline", daemon=True)
-        self.read, self.say, self.ended = read, say, threading.Event()
+        self.read = read
+        self.say = say
+        self.ended = threading.Event()
 
     def run(self) -> None:
         """Wait for a signal, then exit after the grace period. Leave signals to the main thread, which can hold them."""

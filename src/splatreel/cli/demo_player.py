@@ -32,13 +32,15 @@ class DemoPlayer:
         from splatreel.play.served_files import RunFiles, ServedFiles
         from splatreel.play.server import Server
 
-        self._progress, self._estimate = progress, Estimate()
+        self._progress = progress
+        self._estimate = Estimate()
         self._own = RunFiles(out)
         self._page = DemoPage(self._own)
         pages = {NAME: self._page, **run_report(out / "reel", always=True)}
         self.server = Server(self._own, port=port, pages=pages, reels={"sample": ServedFiles(SAMPLE)})
         self.page = f"{self.server.url}{NAME}"
-        self._name, self._told = "", self._own.shows
+        self._name = ""
+        self._told = self._own.shows
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
         """Start a stage."""

@@ -32,9 +32,13 @@ class BackgroundPublication:
     def __init__(
         self, publication: Publication, report: Callable[[str], None], pauses: tuple[float, ...] = PAUSES
     ) -> None:
-        self._publication, self._report, self._pauses = publication, report, pauses
+        self._publication = publication
+        self._report = report
+        self._pauses = pauses
         self._condition = threading.Condition()
-        self._changed, self._ending, self._stopped = True, False, False
+        self._changed = True
+        self._ending = False
+        self._stopped = False
         self._published: Published | None = None
         self.failure: SplatreelError | None = None
         self._bug: BaseException | None = None
@@ -93,7 +97,8 @@ class BackgroundPublication:
         while not self._stopped:
             ending, self._changed = self._ending, False
             try:
-                self._published, self.failure = self._publication.update(), None
+                self._published = self._publication.update()
+                self.failure = None
                 break
             except SplatreelError as error:
                 self.failure = error

@@ -80,7 +80,8 @@ class SoundEncoder:
         self.channels = channels
         self.begin = max(first * _SEGMENT * PACKET - RATE, 0)
         self.samples = self.begin
-        self._context, self._next = context, first
+        self._context = context
+        self._next = first
         self._delay = int.from_bytes((context.extradata or bytes(12))[10:12], "little")
         # A decoder outputs samples `delay` samples late. Silence before them shifts them to the start of the second packet. The first
         # packet is dropped, so that packet k decodes to the samples from k * PACKET on.

@@ -91,10 +91,12 @@ class Publication:
     def __init__(
         self, reel: Path, folder: Folder, keep: float = KEPT, clock: Callable[[], float] | None = None
     ) -> None:
-        self.reel, self.folder = reel, folder
+        self.reel = reel
+        self.folder = folder
         self.sent = 0
         self._lock = threading.Lock()
-        self._keep, self._clock = keep, clock or steady_clock()
+        self._keep = keep
+        self._clock = clock or steady_clock()
         self._there: dict[str, int] | None = None
         self._manifest_there: bytes | None = None
         self._left: dict[str, float] | None = None

@@ -196,7 +196,8 @@ class _SameHost(urllib.request.HTTPRedirectHandler):
     """Handler that follows redirects within the requested host only, and never from HTTPS to HTTP."""
 
     def __init__(self, scheme: str, host: str) -> None:
-        self.scheme, self.host = scheme, host
+        self.scheme = scheme
+        self.host = host
 
     def redirect_request(self, req, fp, code, msg, headers, newurl):
         if self.scheme == "https" and urlsplit(newurl).scheme != "https":

@@ -43,7 +43,7 @@ class LayeringConfig:
     """Share of a static point's visible area that must lie where images of the group change for the point to be converted. 0 converts
     anywhere, as the paper does."""
     relighting: bool = True
-    """Put resting points whose light changes into the group, so that their colors can follow."""
+    """Put static points whose light changes into the group, so that their colors can follow."""
 
     def __post_init__(self) -> None:
         """Check the values."""

@@ -24,12 +24,14 @@ class FileSound:
     """Samples of a sound file from `start` seconds on; a negative start is silence first."""
 
     def __init__(self, file: Path, start: float) -> None:
-        self.file, self.start = file, start
+        self.file = file
+        self.start = start
         self.channels = channels(file)
         if not self.channels:
             raise UsageError(f"sound={file}: has no sound. Name another file, or none.")
         self._blocks: Iterator[np.ndarray] = iter(())
-        self._next, self._rest = -1, np.zeros((0, self.channels), np.float32)
+        self._next = -1
+        self._rest = np.zeros((0, self.channels), np.float32)
 
     def read(self, start: float, seconds: float) -> np.ndarray:
         """Return samples [n, channels] of a range. Ranges that follow each other are read once from the file."""

@@ -72,7 +72,8 @@ class _ClipWriter:
 
     def __init__(self, clip: Clip, place: Path) -> None:
         outline = clip.outline
-        self.clip, self.outline = clip, outline
+        self.clip = clip
+        self.outline = outline
         rates: tuple[Rate, ...] = tuple(rate for rate in COARSENESS if rate in outline.renditions)
         self.writer = ReelWriter(place, outline.header, config=EncodeConfig(renditions=rates))
         self.renditions: list[str | None] = list(rates) if len(rates) > 1 else [None]

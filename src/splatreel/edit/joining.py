@@ -25,7 +25,8 @@ class Joined(ChangedClip):
         _check(a, b)
         super().__init__(first)
         self._second = second
-        self._groups, self._layers = len(a.groups), len(a.layers)
+        self._groups = len(a.groups)
+        self._layers = len(a.layers)
         frames, groups = a.frames, len(a.groups)
         ending = [LayerSpan(x.born, groups if x.until is None else min(x.until, groups)) for x in a.layers]
         later = [LayerSpan(x.born + groups, None if x.until is None else x.until + groups) for x in b.layers]

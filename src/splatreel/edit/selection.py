@@ -144,7 +144,8 @@ class Erased(ChangedClip):
 
     def __init__(self, clip: Clip, volume: Volume, frames: tuple[int, int]) -> None:
         super().__init__(clip)
-        self._volume, self._frames = volume, frames
+        self._volume = volume
+        self._frames = frames
         self._inside: dict[int, np.ndarray] = {}
 
     def change_layer(self, index: int, layer: ClipLayer) -> ClipLayer:

@@ -62,9 +62,9 @@ def write_images(
 def layers_overlay(timeline: Timeline, moment: Moment, view: Camera, render: np.ndarray) -> np.ndarray:
     """Return the layers of a moment, uint8 [H, W, 3]: moving points in blue, static ones in gray as bright as the render."""
     manifest = timeline.manifest
-    sh = np.where(moment.rests[:, None, None], -0.5, 0.5) / C0 * np.ones((1, 1, 3))  # a color is 0.5 + C0 * sh
+    sh = np.where(moment.is_static[:, None, None], -0.5, 0.5) / C0 * np.ones((1, 1, 3))  # a color is 0.5 + C0 * sh
     labels = Gaussians(moment.means, moment.quats, moment.scales, moment.opacities, sh)
-    drawn = labels[~(moment.rests & manifest.clearance.hides(moment.means, view))]
+    drawn = labels[~(moment.is_static & manifest.clearance.hides(moment.means, view))]
     image = draw_on_cpu(drawn, view, manifest.near, manifest.antialias, (0.0, 0.0, 0.0))
     moving = np.clip(image, 0, 1).mean(-1, keepdims=True)
     gray = render.mean(-1, keepdims=True)

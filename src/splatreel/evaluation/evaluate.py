@@ -132,7 +132,9 @@ class Scores:
     """
 
     def __init__(self, timeline: Timeline, capture: Capture, views: Sequence[Camera], borders: set[int]) -> None:
-        self.timeline, self.capture, self.views = timeline, capture, views
+        self.timeline = timeline
+        self.capture = capture
+        self.views = views
         self.medians = median_images(capture, [view.name for view in views])
         self.whole: dict[tuple[int, str], Quality] = {}
         self.moving: dict[tuple[int, str], Quality] = {}

@@ -50,7 +50,8 @@ class EventWriter:
     """
 
     def __init__(self, out: Path, report: ReportWriter) -> None:
-        self._out, self._report = out, report
+        self._out = out
+        self._report = report
         self._events: _EventFile | None = None
         self._written: set[tuple[str, int]] = set()
 

@@ -23,7 +23,10 @@ class UncompressedReel:
         reader = ReelReader(reel)
         self.store = Store(work)
         self.manifest: Manifest = reader.manifest
-        self.fps, self.frames, self.duration, self.name = reader.fps, reader.frames, reader.duration, str(work)
+        self.fps = reader.fps
+        self.frames = reader.frames
+        self.duration = reader.duration
+        self.name = str(work)
 
     def group(self, index: int) -> Group:
         """Return a group as trained."""

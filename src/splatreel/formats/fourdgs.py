@@ -51,7 +51,8 @@ class FourdgsScene:
     antialias = False
 
     def __init__(self, path: Path, fps: float | None, budget: MemoryBudget = UNRAISED) -> None:
-        self.path, self.size = path, path.stat().st_size
+        self.path = path
+        self.size = path.stat().st_size
         self.remarks = Remarks()
         self.fps: float | None = fps or FPS
         self._scene = _read(path, budget)

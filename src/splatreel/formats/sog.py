@@ -257,7 +257,8 @@ def _read_meta(package: _Package) -> dict[str, Any]:
 
 class _Sog:
     def __init__(self, package: _Package, budget: MemoryBudget) -> None:
-        self._package, self._budget = package, budget
+        self._package = package
+        self._budget = budget
         self._meta = _read_meta(package)
         self._count = self._meta["count"]
         if not isinstance(self._count, int) or not 0 <= self._count <= MOST_POINTS:

@@ -225,7 +225,8 @@ class SharedGpu:
 
     def fail(self, error: GpuError) -> None:
         """Stop using the GPU."""
-        self.failure, self._gpu = str(error), None
+        self.failure = str(error)
+        self._gpu = None
 
 
 class Recording:

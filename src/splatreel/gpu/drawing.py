@@ -38,7 +38,9 @@ class Drawing:
         """Create a drawing without points."""
         self.gpu = gpu
         self.count: int = 0
-        self.columns, self.capacity, self.size = 14, 0, (0, 0)
+        self.columns = 14
+        self.capacity = 0
+        self.size = (0, 0)
         self._static_capacity = -1
         self.buffers: Buffers = {"draw": gpu.uniform(new_draw()), "status": gpu.zeros(8)}
         self._lengths: dict[int, Any] = {}

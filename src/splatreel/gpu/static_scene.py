@@ -31,8 +31,10 @@ class StaticScene:
             gpu: Device.
             params: [columns, S] float32, as for `Drawing.set_points`.
         """
-        self._gpu, self._params = gpu, params
-        self.count, self.pairs = params.shape[1], 0
+        self._gpu = gpu
+        self._params = params
+        self.count = params.shape[1]
+        self.pairs = 0
         self._views: dict[int, Buffers] = {}
         self._shown: Any = None
         self.chosen: Any = gpu.zeros(4 * self.count)

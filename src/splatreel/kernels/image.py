@@ -55,7 +55,10 @@ class Backdrop:
         antialias: bool = False,
     ) -> None:
         """Draw the Gaussians. Arguments and errors are those of `render_image`."""
-        self.camera, self.near, self.background, self.antialias = camera, near, background, antialias
+        self.camera = camera
+        self.near = near
+        self.background = background
+        self.antialias = antialias
         bins, colors = _binned(gaussians, camera, near, gaussians.sh_degree, antialias)
         self._frozen = rasterize.Frozen(bins, colors, *rasterize.forward(bins, colors))
 

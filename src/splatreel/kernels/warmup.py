@@ -80,7 +80,8 @@ class BackgroundWarmup:
             names: Names of the kernels, in the order of their use.
             processes: Number of processes.
         """
-        self._progress, self._names = progress, names
+        self._progress = progress
+        self._names = names
         self._done: set[str] = set()
         self._changed = threading.Condition()
         self._noted = -NOTE_EVERY

@@ -73,8 +73,8 @@ def reconstruct_group(
     layers = run("layering", find_layers, data, keyframe.points, static, config.layering)
     layers, static = renew_static(layers, static, start.retired)
     tracks = GroupStart(Gaussians.concatenate([layers.dynamic, layers.relit.points]))
-    if len(layers.settled):
-        layer = run("layer", compress_layer, data, layers.settled, tracks.dynamic, static.living, coding)
+    if len(layers.new_static):
+        layer = run("layer", compress_layer, data, layers.new_static, tracks.dynamic, static.living, coding)
         static = static.with_layer(layer.decoded)
 
     # Section 4.2: motion. In the paper the points start at rest, here on tracks of optical flow.
@@ -145,8 +145,8 @@ def renew_static(layers: Layers, static: StaticPoints, retired: Gaussians | None
     """
     if retired is None:
         return layers, static.with_alive(layers.alive)
-    settled = Gaussians.concatenate([retired[layers.alive], layers.settled])
-    return replace(layers, settled=settled), StaticPoints(static.points[:0], np.zeros(0, bool))
+    new_static = Gaussians.concatenate([retired[layers.alive], layers.new_static])
+    return replace(layers, new_static=new_static), StaticPoints(static.points[:0], np.zeros(0, bool))
 
 
 def track_points(

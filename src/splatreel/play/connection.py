@@ -159,7 +159,8 @@ class Connection(H11Protocol):
 
     def end_response(self) -> None:
         """Wait for the next request. If it has arrived already, it is the last one, since pipelined requests delay other peers."""
-        self._answering, self._ahead = False, 0
+        self._answering = False
+        self._ahead = 0
         if self.is_last_response or self._channel.is_closing():
             self._channel.close()
             self._wait(STALL_SECONDS)

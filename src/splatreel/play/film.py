@@ -29,7 +29,8 @@ class Shots(Sequence[Shot]):
 
     def __init__(self, count: int, make: Callable[[int], Shot]) -> None:
         """Describe `count` frames. make: returns the frame of an index."""
-        self._count, self._make = count, make
+        self._count = count
+        self._make = make
 
     def __len__(self) -> int:
         return self._count

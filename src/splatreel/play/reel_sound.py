@@ -27,9 +27,12 @@ class ReelSound:
 
     def __init__(self, reel: ReelReader, sound: Sound) -> None:
         """Prepare to read the segments of `sound`. Nothing is read yet."""
-        self._reel, self._sound = reel, sound
+        self._reel = reel
+        self._sound = sound
         self._files: OrderedDict[str, bytes] = OrderedDict()
-        self.rate, self.channels, self.position = sound.rate, sound.channels, sound.position
+        self.rate = sound.rate
+        self.channels = sound.channels
+        self.position = sound.position
 
     @property
     def duration(self) -> float:
@@ -86,7 +89,10 @@ class FilmSound:
 
     def __init__(self, container: OutputContainer, sound: ReelSound, start: float) -> None:
         """Add the track to a container. start: time of the reel at which the film begins, in seconds."""
-        self._container, self._sound, self._start, self._done = container, sound, start, 0
+        self._container = container
+        self._sound = sound
+        self._start = start
+        self._done = 0
         self._layout = "mono" if sound.channels == 1 else "stereo"
         self._stream = container.add_stream("aac", rate=sound.rate, layout=self._layout)
         self._stream.bit_rate = _BITS_A_SECOND * sound.channels

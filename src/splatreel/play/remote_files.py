@@ -28,13 +28,15 @@ class RemoteFiles:
     def __init__(self, url: str) -> None:
         """Fetch the manifest. url: of the reel or of its manifest. Raises `ReelError` if there is no reel."""
         self._source = open_source(url)
-        self._looking, self._keeping = threading.Lock(), threading.Lock()
+        self._looking = threading.Lock()
+        self._keeping = threading.Lock()
         self._files: OrderedDict[str, bytes] = OrderedDict()
         self._pages: Known = {}
         self._data = self._source.read(MANIFEST, MAX_BYTES)
         self._manifest = self._parsed(self._data)
         self._entries = _entries(self._manifest)
-        self._looked, self._modified = time.monotonic(), time.time()
+        self._looked = time.monotonic()
+        self._modified = time.time()
 
     def open(self, name: str) -> OpenFile | None:
         """Fetch the file of this path within the reel. See `ReelFiles`."""
@@ -62,7 +64,9 @@ class RemoteFiles:
                 if data != self._data:
                     manifest = self._parsed(data)
                     self._entries = self._merged_entries(manifest)
-                    self._data, self._manifest, self._modified = data, manifest, time.time()
+                    self._data = data
+                    self._manifest = manifest
+                    self._modified = time.time()
             except ReelError:
                 return
             finally:

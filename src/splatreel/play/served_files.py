@@ -96,11 +96,14 @@ class ServedFiles:
             seen = status.st_mtime_ns, status.st_size, status.st_ino
             if seen == self._seen:
                 return
-            self._names, self._presentation, self._modified = frozenset({MANIFEST}), EMPTY, status.st_mtime
+            self._names = frozenset({MANIFEST})
+            self._presentation = EMPTY
+            self._modified = status.st_mtime
             self._seen = seen
             if file.is_file() and status.st_size <= MAX_BYTES:
                 manifest = parse_manifest(file.read_bytes(), MANIFEST, open_source(self._reel).read, known=self._pages)
-                self._names, self._presentation = frozenset({MANIFEST, *manifest.uris}), manifest.presentation
+                self._names = frozenset({MANIFEST, *manifest.uris})
+                self._presentation = manifest.presentation
         except (OSError, ReelError):
             return
 

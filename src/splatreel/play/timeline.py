@@ -33,12 +33,12 @@ class Moment(Gaussians):
     """The Gaussians that a reel shows at a time.
 
     Attributes:
-        rests: [N] bool: which Gaussians are static.
+        is_static: [N] bool: which Gaussians are static.
         light: [3] factors by which all colors were multiplied.
         fade: In a cross-fade, the Gaussians of the old and of the new group alone, and the weight of the new one; otherwise None.
     """
 
-    rests: np.ndarray
+    is_static: np.ndarray
     light: np.ndarray
     fade: tuple[Moment, Moment, float] | None = None
 
@@ -57,14 +57,14 @@ class Moment(Gaussians):
         """
         sets = [points if light is None else points.brightened(light) for points, _ in parts]
         joined = Gaussians.concatenate([points for points in sets if len(points)] or sets[:1])
-        rests = np.repeat([static for _, static in parts], [len(points) for points in sets])
+        is_static = np.repeat([static for _, static in parts], [len(points) for points in sets])
         return Moment(
             means=joined.means,
             quats=joined.quats,
             scales=joined.scales,
             opacities=joined.opacities,
             sh=joined.sh,
-            rests=rests,
+            is_static=is_static,
             light=np.ones(3) if light is None else light,
             fade=fade,
         )
@@ -207,7 +207,7 @@ class Timeline:
         """Return the Gaussians to draw for a camera: without the static ones that its `Clearance` hides."""
         if not isinstance(gaussians, Moment) or not self.manifest.clearance.share:
             return gaussians
-        return gaussians[~(gaussians.rests & self.manifest.clearance.hides(gaussians.means, camera))]
+        return gaussians[~(gaussians.is_static & self.manifest.clearance.hides(gaussians.means, camera))]
 
     def background(self, gaussians: Gaussians) -> tuple[float, float, float]:
         """Return the background color, red, green and blue, scaled by the light of a moment."""
@@ -223,16 +223,16 @@ class Timeline:
         return share * share * (3 - 2 * share)
 
     def _fading(self, frame: float, weight: float, old: Group, new: Group, light: np.ndarray | None) -> Moment:
-        rested, rests = (self.reel.static(group.index)[0] for group in (old, new))
+        old_static, new_static = (self.reel.static(group.index)[0] for group in (old, new))
         living = set(self.manifest.living_layers(new.index))
         shared = [index for index in self.manifest.living_layers(old.index) if index in living]
         in_old, in_new = (self._points_of(shared, group.index) for group in (old, new))
         leaves, comes = old.alive.copy(), new.alive.copy()
         leaves[in_old] &= ~new.alive[in_new]
         comes[in_new] &= ~old.alive[in_old]
-        both = (rests[new.alive & ~comes], True)
-        leaving = [(rested[leaves], True), (old.at(frame - old.first_frame), False)]
-        coming = [(rests[comes], True), (new.at(frame - new.first_frame), False)]
+        both = (new_static[new.alive & ~comes], True)
+        leaving = [(old_static[leaves], True), (old.at(frame - old.first_frame), False)]
+        coming = [(new_static[comes], True), (new.at(frame - new.first_frame), False)]
         before, after = Moment.join([both, *leaving], light), Moment.join([both, *coming], light)
         faded = [
             (points.faded(share), static)

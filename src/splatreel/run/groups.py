@@ -17,7 +17,7 @@ from splatreel.run.device_choice import check_room
 from splatreel.run.job import Job
 from splatreel.run.output.group_output import Output
 from splatreel.run.output.keyframe_preview import KeyframePreview
-from splatreel.run.step_checkpoints import OFFSETS, restored_rig
+from splatreel.run.step_checkpoints import TIME_OFFSETS, restored_rig
 from splatreel.run.step_run import StepRun
 from splatreel.scene.spans import GroupSpan
 from splatreel.scene.volumes import Volume
@@ -106,7 +106,7 @@ def run_group(
 
     def save_offsets(found: GroupResult) -> None:
         if found.time_offsets is not None:
-            OFFSETS.save(store, found.time_offsets.values)
+            TIME_OFFSETS.save(store, found.time_offsets.values)
 
     run = StepRun(job, store, span, {"layer": output.add_layer, "motion": save_offsets, "encode": output.add_group})
     after = reconstruct_group(data, before, config, output.coding, run, KeyframePreview(job.store))

@@ -46,7 +46,8 @@ class LoggedProgress:
 
     def __init__(self, progress: Progress, log: JobLog) -> None:
         """Remember the display and the log."""
-        self._progress, self._log = progress, log
+        self._progress = progress
+        self._log = log
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
         """Log and show the beginning of a stage."""

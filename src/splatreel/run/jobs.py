@@ -258,7 +258,8 @@ class ChapterReelWriter:
         """Open the reel, and skip the groups that it holds already."""
         if not has_scene(run):
             raise _scene_is_missing(run)
-        self.run, self.present = run, present
+        self.run = run
+        self.present = present
         self.writer: ReelWriter = open_writer(run.store, run.out / "reel", run.config.encode, resume=True)
         self._group_writer = GroupWriter(self.writer, run.store, run.device, encoded=True)
         self.written = self.writer.manifest.end_group

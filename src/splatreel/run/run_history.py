@@ -39,14 +39,18 @@ class RecordedProgress:
     def __init__(
         self, progress: Progress, work: Path, part: str, device: str, clock: Callable[[], float] | None = None
     ) -> None:
-        self._progress, self._clock, self._device = progress, clock or steady_clock(), device
+        self._progress = progress
+        self._clock = clock or steady_clock()
+        self._device = device
         self._path = work / LOGS / f"history{part and f'-{part}'}.jsonl"
-        self._total, self._next = 0, 0
+        self._total = 0
+        self._next = 0
         self._begun = False
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
         """Record and show the beginning of a stage."""
-        self._total, self._next = total, 0
+        self._total = total
+        self._next = 0
         self._write({"stage": name, "total": total})
         self._progress.stage(name, total, span)
 

@@ -40,9 +40,12 @@ class RunLock:
         writes: Iterable[tuple[Path, str]] | None = None,
     ) -> None:
         """Prepare the lock without taking it."""
-        self.out, self.reel, self.work = out, out / "reel", out / "work"
+        self.out = out
+        self.reel = out / "reel"
+        self.work = out / "work"
         self.record = record
-        self.part, self.writes = part, writes
+        self.part = part
+        self.writes = writes
         self._lock: int | None = None
 
     def __enter__(self) -> RunLock:

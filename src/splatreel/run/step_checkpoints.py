@@ -53,15 +53,15 @@ def _unpack_keyframe(arrays: Arrays) -> KeyframeResult:
 
 def _pack_layers(found: Layers) -> Arrays:
     arrays = {"alive": found.alive, "light": found.relit.light}
-    kinds = {"settled": found.settled, "dynamic": found.dynamic, "relit": found.relit.points}
+    kinds = {"settled": found.new_static, "dynamic": found.dynamic, "relit": found.relit.points}
     for kind, points in kinds.items():
         arrays |= pack(points, f"{kind}_")
     return arrays
 
 
 def _unpack_layers(arrays: Arrays) -> Layers:
-    settled, dynamic, relit = (unpack(arrays, f"{kind}_") for kind in ("settled", "dynamic", "relit"))
-    return Layers(arrays["alive"], settled, dynamic, RelitPoints(relit, arrays["light"]))
+    new_static, dynamic, relit = (unpack(arrays, f"{kind}_") for kind in ("settled", "dynamic", "relit"))
+    return Layers(arrays["alive"], new_static, dynamic, RelitPoints(relit, arrays["light"]))
 
 
 def _pack_tracks(found: GroupStart) -> Arrays:
@@ -88,7 +88,7 @@ CHAPTER = StepCheckpoint[KeyframeResult]("chapter", _pack_keyframe, _unpack_keyf
 """First keyframe of a chapter."""
 LAYERS = StepCheckpoint[Layers]("layering", _pack_layers, _unpack_layers)
 TRACKS = StepCheckpoint[GroupStart]("tracking", _pack_tracks, _unpack_tracks)
-OFFSETS = StepCheckpoint[np.ndarray]("delays", lambda found: {"delays": found}, lambda arrays: arrays["delays"])
+TIME_OFFSETS = StepCheckpoint[np.ndarray]("delays", lambda found: {"delays": found}, lambda arrays: arrays["delays"])
 """Time offsets [C] of the cameras at the end of a group."""
 
 
@@ -100,7 +100,7 @@ def restored_rig(rig: Rig, store: GroupStore, own: int) -> Rig:
         store: Checkpoints of the group.
         own: Number of frames of the group without the overlap.
     """
-    poses, exposure, offsets = POSES.load(store), EXPOSURE.load(store), OFFSETS.load(store)
+    poses, exposure, offsets = POSES.load(store), EXPOSURE.load(store), TIME_OFFSETS.load(store)
     keyframe = KEYFRAME.load(store) or CHAPTER.load(store)
     rig = rig if poses is None else rig.with_poses(poses)  # comes first, because it may leave cameras out
     rig = rig if exposure is None else at_next_keyframe(rig, exposure, own)

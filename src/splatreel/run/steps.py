@@ -65,7 +65,7 @@ def _iterations(config: Config, frames: int) -> int:
 
 def _layer_numbers(found: Layers, *_: object) -> dict[str, float]:
     lit = {"lit": len(found.relit)} if len(found.relit) else {}
-    return {"moving": len(found.dynamic), "resting": len(found.settled) + int(found.alive.sum()), **lit}
+    return {"moving": len(found.dynamic), "static": len(found.new_static) + int(found.alive.sum()), **lit}
 
 
 def _track_numbers(found: GroupStart, data: object, layers: Layers, *_: object) -> dict[str, float]:

@@ -27,7 +27,8 @@ class Agreement:
     """
 
     def __init__(self, cameras: list[Camera], near: float = 0.0) -> None:
-        self.cameras, self.near = cameras, max(near, 1e-6)
+        self.cameras = cameras
+        self.near = max(near, 1e-6)
         low, self.size = _cube(cameras)
         steps = (np.arange(CELLS, dtype=np.float32) + 0.5) * self.size
         places = np.stack(np.meshgrid(steps, steps, steps, indexing="ij"), -1).reshape(-1, 3) + low

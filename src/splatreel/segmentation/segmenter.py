@@ -51,7 +51,8 @@ class SubjectModel:
     """
 
     def __init__(self, cameras: Sequence[Camera], backgrounds: Sequence[Background], near: float = 0.0) -> None:
-        self.cameras, self.backgrounds = list(cameras), list(backgrounds)
+        self.cameras = list(cameras)
+        self.backgrounds = list(backgrounds)
         self.colors = [ColorModel() for _ in cameras]
         self.agreement = Agreement(self.cameras, near)
         self.never_uncovered = [0.0] * len(self.cameras)

@@ -41,7 +41,8 @@ class Dynamic3DGS:
     antialias = False
 
     def __init__(self, path: Path, budget: MemoryBudget = UNRAISED) -> None:
-        self.path, self.size = path, path.stat().st_size
+        self.path = path
+        self.size = path.stat().st_size
         self.fps: float | None = None
         self.remarks = Remarks()
         self._rows = {name: ArrayRows(path, name, GaussiansError) for name in SHAPES}

@@ -44,8 +44,12 @@ class EditedFrames:
     """Sequence with an edit applied to every frame."""
 
     def __init__(self, frames: Frames, edit: Edit) -> None:
-        self.path, self.size, self.fps, self.remarks = frames.path, frames.size, frames.fps, frames.remarks
-        self._frames, self._edit = frames, edit
+        self.path = frames.path
+        self.size = frames.size
+        self.fps = frames.fps
+        self.remarks = frames.remarks
+        self._frames = frames
+        self._edit = edit
 
     @property
     def antialias(self) -> bool:

@@ -15,9 +15,9 @@ from splatreel.sequence.viewpoints import visible_positions
 SHELL = 16.0
 """Ratio of the distances of the farthest and the nearest point of a layer of far points."""
 STEADY = 1e-3
-"""A far point rests if it moves by less than this share of its distance."""
+"""A far point is static if it moves by less than this share of its distance."""
 STEADY_COLOR = 0.02
-"""Maximum change of color and opacity of a far point that rests."""
+"""Maximum change of color and opacity of a static far point."""
 
 
 @dataclass(frozen=True)

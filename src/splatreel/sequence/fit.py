@@ -56,7 +56,9 @@ class FilmCapture(Capture):
     """
 
     def __init__(self, film: Frames, cameras: list[Camera], header: ReelHeader) -> None:
-        self._film, self._near, self._antialias = film, header.near, header.antialias
+        self._film = film
+        self._near = header.near
+        self._antialias = header.antialias
         points = first_points(film)
         seen = points[points.opacities >= SHOWS]
         super().__init__(

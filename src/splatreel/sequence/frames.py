@@ -68,7 +68,9 @@ class FileFrames:
     def __init__(
         self, path: Path, files: Sequence[Path], fps: float | None = None, budget: MemoryBudget = UNRAISED
     ) -> None:
-        self.path, self.files, self.fps = path, files, fps
+        self.path = path
+        self.files = files
+        self.fps = fps
         self.remarks = Remarks()
         self.size = sum(size_of(file) for file in dict.fromkeys(files))
         self._budget = budget
@@ -112,7 +114,8 @@ class ZipFrames:
     """Sequence of files in a zip archive. A frame is unpacked into a temporary folder while it is read."""
 
     def __init__(self, path: Path, gaps: Gaps = "refuse", budget: MemoryBudget = UNRAISED) -> None:
-        self.path, self.size = path, path.stat().st_size
+        self.path = path
+        self.size = path.stat().st_size
         self.remarks = Remarks()
         with naming_damage(str(path), GaussiansError, "not a zip archive, or damaged"):
             self._archive = zipfile.ZipFile(path)

@@ -10,7 +10,7 @@ from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
 from splatreel.sequence.far_points import Reach
-from splatreel.sequence.segments import Segments, rests
+from splatreel.sequence.segments import Segments, is_unchanged
 
 FEWEST = 100
 """Minimum number of points of a layer. Fewer points are not worth a file and are stored as dynamic."""
@@ -33,7 +33,7 @@ class StaticLayers:
     def split(self, frames: Sequence[Gaussians], segments: Segments) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Split the segments of a stretch into static and dynamic ones.
 
-        A resting point is static if it is static already, or if enough points become static together. A point far
+        An unchanged point is static if it is static already, or if enough points become static together. A point far
         beyond the others is static if it hardly moves for its distance.
 
         Args:
@@ -44,18 +44,18 @@ class StaticLayers:
             alive [S] bool: the static points that the stretch shows; the segments [B] that become static now; the
             dynamic segments [M].
         """
-        resting = np.flatnonzero(segments.rests | self._steady(frames, segments))
-        points = frames[0][segments.rows[0, resting]]
-        row = self._rows(segments.numbers)[resting]
+        unchanged = np.flatnonzero(segments.unchanged | self._steady(frames, segments))
+        points = frames[0][segments.rows[0, unchanged]]
+        row = self._rows(segments.numbers)[unchanged]
         known = row >= 0
         before = self.points[row[known]]
-        known[known] = rests(before, points[known]) | self.reach.steady(before, points[known])
+        known[known] = is_unchanged(before, points[known]) | self.reach.steady(before, points[known])
         alive = np.zeros(len(self.points), bool)
         alive[row[known]] = True
-        born, far = resting[~known], self.reach.shells(points[~known]) > 0
+        born, far = unchanged[~known], self.reach.shells(points[~known]) > 0
         if (~far).sum() < FEWEST:
             born = born[far]
-        static = np.concatenate([resting[known], born])
+        static = np.concatenate([unchanged[known], born])
         return alive, born, np.setdiff1d(np.arange(len(segments.numbers)), static)
 
     def add(self, points: Gaussians, numbers: np.ndarray) -> None:

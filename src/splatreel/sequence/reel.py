@@ -98,7 +98,8 @@ class SequenceEncoder:
     """Writer of the frames of a sequence into a reel. `device` draws the images that measure importance."""
 
     def __init__(self, writer: ReelWriter, device: torch.device) -> None:
-        self.writer, self.device = writer, device
+        self.writer = writer
+        self.device = device
         self._moving: int | None = None
 
     def write(self, frames: Frames, progress: Progress) -> None:

@@ -12,10 +12,10 @@ from splatreel.sequence.identity import log_scales
 
 SCALE = 0.1
 """Maximum difference of a scale's logarithm from the segment's first frame."""
-REST = 0.05
+MAX_SH_CHANGE = 0.05
 """Maximum difference of a view-dependent color coefficient from the segment's first frame."""
-RESTING_PLACE, RESTING_TURN, RESTING_COLOR = 0.03, 0.01, 0.004
-"""Thresholds of rest: share of the point's mean scale; sine of half the angle; color or opacity, 0..1."""
+MAX_SHIFT, MAX_TURN, MAX_COLOR_CHANGE = 0.03, 0.01, 0.004
+"""Maximum changes of a static point: share of the point's mean scale; sine of half the angle; color or opacity, 0..1."""
 MANY = 1.5
 """Maximum segments per point of an average frame in a group. With more segments, shorter groups are smaller."""
 
@@ -28,12 +28,12 @@ class Segments:
         rows: Row of each segment's point in each frame, [T, S] int64; -1 where absent. The frames of a segment are
             consecutive.
         numbers: Number of each point, [S], see `Identities`.
-        rests: Segments present in all frames without any change, [S] bool.
+        unchanged: Segments present in all frames without any change, [S] bool.
     """
 
     rows: np.ndarray
     numbers: np.ndarray
-    rests: np.ndarray
+    unchanged: np.ndarray
 
 
 class SegmentBuilder:
@@ -44,7 +44,7 @@ class SegmentBuilder:
         self.opened: list[int] = []
         self._rows: list[np.ndarray] = []
         self._numbers = np.zeros(0, np.int64)
-        self._rested = np.zeros(0, np.int64)
+        self._unchanged_frames = np.zeros(0, np.int64)
         self._reference: Gaussians | None = None
 
     def add(self, points: Gaussians, numbers: np.ndarray) -> None:
@@ -58,14 +58,16 @@ class SegmentBuilder:
             fits = _keeps_shape(self._reference[some], points[mine])
             mine, some = mine[fits], some[fits]
             segment[mine] = some
-            still = rests(self._reference[some], points[mine]) & (self._rested[some] == len(self.frames))
-            self._rested[some] += still
+            still = is_unchanged(self._reference[some], points[mine]) & (
+                self._unchanged_frames[some] == len(self.frames)
+            )
+            self._unchanged_frames[some] += still
         new = np.flatnonzero(segment < 0)
         begin = len(self._numbers)
         segment[new] = np.arange(begin, begin + len(new))
         self._numbers = np.concatenate([self._numbers, numbers[new]])
-        # A segment that starts later never rests for the whole stretch.
-        self._rested = np.concatenate([self._rested, np.full(len(new), 0 if self.frames else 1)])
+        # A segment that starts later is never unchanged for the whole stretch.
+        self._unchanged_frames = np.concatenate([self._unchanged_frames, np.full(len(new), 0 if self.frames else 1)])
         if self._reference is None:
             self._reference = points
         elif len(new):
@@ -92,8 +94,8 @@ class SegmentBuilder:
         rows = np.full((length, count), -1)
         for frame, some in enumerate(self._rows[:length]):
             rows[frame, : min(len(some), count)] = some[:count]
-        rests = (self._rested[:count] >= length) & (length > 1)
-        return Segments(rows, self._numbers[:count], rests)
+        unchanged = (self._unchanged_frames[:count] >= length) & (length > 1)
+        return Segments(rows, self._numbers[:count], unchanged)
 
 
 def stretch(frames: Sequence[tuple[Gaussians, np.ndarray]]) -> SegmentBuilder:
@@ -108,14 +110,14 @@ def _keeps_shape(reference: Gaussians, points: Gaussians) -> np.ndarray:
     """Return where the values that a group stores once are visually equal, [N] bool."""
     scales = np.abs(log_scales(points) - log_scales(reference)).max(1) <= SCALE
     rest = np.abs(points.sh[:, 1:] - reference.sh[:, 1:]).max((1, 2), initial=0.0)
-    return scales & (rest <= REST)
+    return scales & (rest <= MAX_SH_CHANGE)
 
 
-def rests(reference: Gaussians, points: Gaussians) -> np.ndarray:
+def is_unchanged(reference: Gaussians, points: Gaussians) -> np.ndarray:
     """Return where points neither move, rotate, nor change color or opacity visibly, [N] bool."""
     size = np.exp(log_scales(reference).mean(1))
-    place = np.linalg.norm(points.means - reference.means, axis=1) <= RESTING_PLACE * size
+    place = np.linalg.norm(points.means - reference.means, axis=1) <= MAX_SHIFT * size
     cosine = np.abs((points.quats * reference.quats).sum(1))
-    turn = 1 - np.minimum(cosine, 1) ** 2 <= RESTING_TURN**2
-    color = np.abs(points.sh[:, 0] - reference.sh[:, 0]).max(1, initial=0.0) <= RESTING_COLOR
-    return place & turn & color & (np.abs(points.opacities - reference.opacities) <= RESTING_COLOR)
+    turn = 1 - np.minimum(cosine, 1) ** 2 <= MAX_TURN**2
+    color = np.abs(points.sh[:, 0] - reference.sh[:, 0]).max(1, initial=0.0) <= MAX_COLOR_CHANGE
+    return place & turn & color & (np.abs(points.opacities - reference.opacities) <= MAX_COLOR_CHANGE)

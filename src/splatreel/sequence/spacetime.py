@@ -47,7 +47,8 @@ class SpacetimeGaussians:
     antialias = False
 
     def __init__(self, path: Path, length: int | None, budget: MemoryBudget = UNRAISED) -> None:
-        self.path, self.size = path, path.stat().st_size
+        self.path = path
+        self.size = path.stat().st_size
         self.fps: float | None = None
         self.remarks = Remarks()
         columns = _columns(path, budget)

@@ -31,10 +31,13 @@ class RangedFile(io.RawIOBase):
         self.name = folder.address(file)
         self.fetched = 0
         """Bytes fetched so far."""
-        self._folder, self._file, self._size = folder, file, size
+        self._folder = folder
+        self._file = file
+        self._size = size
         self._at = 0
         self._blocks: OrderedDict[int, bytes] = OrderedDict()
-        self._expected, self._count = -1, 1
+        self._expected = -1
+        self._count = 1
 
     def readable(self) -> bool:
         """Return True."""

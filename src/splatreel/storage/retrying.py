@@ -31,7 +31,9 @@ class RetryingFolder:
     def __init__(
         self, folder: Folder, report: Callable[[str], None] = ignore_message, pauses: tuple[float, ...] = PAUSES
     ) -> None:
-        self._folder, self._report, self._pauses = folder, report, pauses
+        self._folder = folder
+        self._report = report
+        self._pauses = pauses
 
     def address(self, name: str) -> str:
         """Return the name of a file for messages."""

@@ -20,21 +20,21 @@ def test_separate_sorts_points_by_labels():
     light[1, [1, 3, 4]] = -0.5
     layers = separate(StaticPoints(static, alive), dynamic, moves, light)
     assert layers.alive.tolist() == [False, False, False, True, True, False]
-    assert len(layers.settled) == 0
+    assert len(layers.new_static) == 0
     np.testing.assert_array_equal(layers.dynamic.means, np.concatenate([dynamic.means[[0, 2, 3]], static.means[[2]]]))
     np.testing.assert_array_equal(layers.relit.points.means, np.stack([dynamic.means[1], static.means[0]]))
     np.testing.assert_array_equal(layers.relit.light, np.array([[0, 0], [-0.5, -0.5], [0, 0]], np.float32))
-    settled = separate(StaticPoints(static, alive), dynamic, moves, 0 * light)
-    np.testing.assert_array_equal(settled.settled.means, dynamic.means[[1]])
-    assert settled.alive.tolist() == [True, False, False, True, True, False]
+    separated = separate(StaticPoints(static, alive), dynamic, moves, 0 * light)
+    np.testing.assert_array_equal(separated.new_static.means, dynamic.means[[1]])
+    assert separated.alive.tolist() == [True, False, False, True, True, False]
 
 
 def test_nothing_moves_and_everything_moves():
     static, dynamic = StaticPoints(random_gaussians(3), np.ones(3, bool)), random_gaussians(2, seed=1)
     still = separate(static, dynamic, np.zeros(5, bool), np.zeros((4, 5)))
-    assert (len(still.dynamic), len(still.settled), still.alive.sum()) == (0, 2, 3)
+    assert (len(still.dynamic), len(still.new_static), still.alive.sum()) == (0, 2, 3)
     moving = separate(static, dynamic, np.ones(5, bool), np.zeros((4, 5)))
-    assert (len(moving.dynamic), len(moving.settled), moving.alive.sum()) == (5, 0, 0)
+    assert (len(moving.dynamic), len(moving.new_static), moving.alive.sum()) == (5, 0, 0)
 
 
 def test_without_layering_everything_moves():
@@ -43,7 +43,7 @@ def test_without_layering_everything_moves():
     data = group_input(np.zeros((2, 3, 48, 64, 3), np.uint8), cameras, near=0.1)
     for config, moving in ((LayeringConfig(enabled=False), 5), (LayeringConfig(), 0)):
         layers = find_layers(data, dynamic, static, config)
-        assert (len(layers.dynamic), len(layers.settled) + int(layers.alive.sum())) == (moving, 5 - moving)
+        assert (len(layers.dynamic), len(layers.new_static) + int(layers.alive.sum())) == (moving, 5 - moving)
 
 
 def test_near_cameras_finds_points_that_clearance_would_hide():

@@ -117,7 +117,7 @@ def test_rested_points_are_tracked_from_start_only() -> None:
     """Points rest until frame 2. Backward they stay in place, whatever the flow."""
     truth = paths(PATCH, 6, turn=0.04)
     tracker = Tracker(WALL, CAMERAS, TrueFlow(truth).frames(), TrueFlow(truth), NEAR)
-    track = PointTracks(at(PATCH, truth[2]), 2, rested=True)
+    track = PointTracks(at(PATCH, truth[2]), 2, static_before=True)
     assert track.first == 0
     for frame in range(2, 5):
         tracker.step([track], frame)

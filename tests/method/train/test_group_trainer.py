@@ -67,8 +67,8 @@ def trainer(
     may_move=None,
 ):
     gains = CameraGains(len(CAMERAS), CPU, enabled=False)
-    resting = StaticPoints(static, np.ones(len(static), bool))
-    return GroupTrainer(filmed, GroupStart(dynamic, tracks), resting, config, gains=gains, may_move=may_move)
+    static_points = StaticPoints(static, np.ones(len(static), bool))
+    return GroupTrainer(filmed, GroupStart(dynamic, tracks), static_points, config, gains=gains, may_move=may_move)
 
 
 def with_group(config: Config, **changes) -> Config:

@@ -161,7 +161,9 @@ class _Search:
     """Search for the clocks of all videos, from the clearest alignment on."""
 
     def __init__(self, path: Path, files: dict[str, Path], progress: Progress) -> None:
-        self.path, self.files, self.progress = path, files, progress
+        self.path = path
+        self.files = files
+        self.progress = progress
         self.evidence: dict[str, SyncEvidence] = {}
         self.notes: list[str] = []
         self._searched: set[str] = set()  # videos whose sound was searched in parts

@@ -208,7 +208,8 @@ class VideoWriter:
         options = QUALITY | {"g": str(2 * fps), "flags": "+bitexact"}
         options["x264-params"] = "mbtree=0"  # mbtree makes the bytes depend on load
         self._stream.codec_context.options = options
-        self._sound, self._track = sound, None
+        self._sound = sound
+        self._track = None
         if sound is not None:
             self._track = self._container.add_stream("flac", rate=RATE, layout="mono")
             self._track.codec_context.options = {"flags": "+bitexact", "compression_level": "12"}

@@ -35,7 +35,9 @@ class Tail:
 
     def __init__(self, path: Path, growth: Growth, left: Event) -> None:
         self.name = str(path)
-        self._path, self._growth, self._left = path, growth, left
+        self._path = path
+        self._growth = growth
+        self._left = left
         self._file: BinaryIO | None = None
 
     def read(self, count: int) -> bytes:
@@ -91,7 +93,9 @@ class GrowingVideo:
     """
 
     def __init__(self, path: Path, growth: Growth, transfer: str | None = None) -> None:
-        self.path, self._growth, self._left = path, growth, Event()
+        self.path = path
+        self._growth = growth
+        self._left = Event()
         self._pts: list[int] = []
         self._keys: list[int] = []
         self._final: int | None = -(1 << 63)  # no frame before this time is missing; None: all frames are known
@@ -113,7 +117,8 @@ class GrowingVideo:
         self._thread.start()
         self._wait(1)
         self.fps = float(said) if said else self._counted_rate()
-        self.color, self._orientation = VideoColor("yuv420p"), STORED
+        self.color = VideoColor("yuv420p")
+        self._orientation = STORED
         try:
             self._inspect(transfer)
         except CaptureError:
@@ -228,7 +233,8 @@ class GrowingVideo:
         """Find size, orientation and color in the first image."""
         if (first := self._first_frame()) is not None:
             frame, color = first
-            self._stored, self._orientation = (frame.width, frame.height), frame_orientation(frame, str(self.path))
+            self._stored = (frame.width, frame.height)
+            self._orientation = frame_orientation(frame, str(self.path))
             self.color = color.interpreted(self.path, transfer)
 
     def _first_frame(self) -> tuple[av.VideoFrame, VideoColor] | None:
@@ -273,7 +279,8 @@ class GrowingVideo:
             yield number, frame
 
     def _drop_decoder(self) -> None:
-        self._decoder, self._next = None, 0
+        self._decoder = None
+        self._next = 0
 
     @contextmanager
     def _guard(self) -> Iterator[None]:

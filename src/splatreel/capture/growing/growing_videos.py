@@ -94,7 +94,8 @@ class GrowingVideos:
             raise
         rates = [camera.fps for camera in self._cameras.values() if camera.fps]
         self.fps = sidecar.fps or round(float(np.median(rates)) if rates else 30.0, 3)
-        self._starts, self._speeds = sidecar.starts, sidecar.rates
+        self._starts = sidecar.starts
+        self._speeds = sidecar.rates
         self.notes: list[str] = []
 
     def __getitem__(self, name: str) -> GrowingCamera:

@@ -28,7 +28,9 @@ class Growth:
     """
 
     def __init__(self, folder: Path, timeout: float, clock: Callable[[], float] = time.monotonic) -> None:
-        self.folder, self.timeout, self.clock = folder, timeout, clock
+        self.folder = folder
+        self.timeout = timeout
+        self.clock = clock
         self._grown = clock()
         self._stop = threading.Event()
         self._why: str | None = None

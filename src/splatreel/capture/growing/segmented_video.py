@@ -135,9 +135,13 @@ class SegmentedVideo:
         tables: Mapping[Path, FrameTable] | None = None,
         transfer: str | None = None,
     ) -> None:
-        self.path, self._names, self._growth, self._transfer = folder, names, growth, transfer
+        self.path = folder
+        self._names = names
+        self._growth = growth
+        self._transfer = transfer
         self.is_complete = bool(names.chosen)
-        self._files, self._known = files, tables or {}
+        self._files = files
+        self._known = tables or {}
         self.tables: dict[Path, FrameTable] = {}
         self.segments: list[Segment] = []
         self.failure: str | None = None
@@ -151,7 +155,10 @@ class SegmentedVideo:
         if not self.segments:
             raise CaptureError(f"{self.waiting_for}: is not complete. Record again or leave the camera out.")
         first = self._video(self.segments[0].file)
-        self.width, self.height, self.fps, self.color = first.width, first.height, first.fps, first.color
+        self.width = first.width
+        self.height = first.height
+        self.fps = first.fps
+        self.color = first.color
 
     def update(self) -> None:
         """Check for completed files."""

@@ -86,7 +86,8 @@ class _Numbers:
     """File written by OpenCV. Raises `CaptureError` for other files."""
 
     def __init__(self, file: Path) -> None:
-        self.file, self._storage = file, OpenCVStorage(file)
+        self.file = file
+        self._storage = OpenCVStorage(file)
         if not self._storage.known:
             raise CaptureError(f"{file}: is no YAML file of OpenCV's. Export the cameras again.")
 

@@ -79,7 +79,9 @@ class Sweep:
     def __init__(
         self, run: Path, capture: Capture, frames: Sequence[int], progress: Progress, record: Path | None = None
     ) -> None:
-        self.run, self.progress, self.record = run, progress, record
+        self.run = run
+        self.progress = progress
+        self.record = record
         reader = ReelReader(run / "reel")
         check_same_capture(reader.manifest, capture, str(run))
         self.views = choose_cameras(capture, reader.manifest, None)

@@ -31,7 +31,10 @@ class ReportWriter:
     def __init__(
         self, out: Path, present: PresentationHook, progress: Progress, clock: Callable[[], float] = time.monotonic
     ) -> None:
-        self._out, self._present, self._progress, self._clock = out, present, progress, clock
+        self._out = out
+        self._present = present
+        self._progress = progress
+        self._clock = clock
         self._next = 0.0
         self._failed = False
 

@@ -24,7 +24,8 @@ class ServedReport:
     """
 
     def __init__(self, out: Path, reel: Path) -> None:
-        self._out, self._reel = out, reel
+        self._out = out
+        self._reel = reel
         self._lock = threading.Lock()
         self._seen: list[tuple[str, int, int]] | None = None
         self._text = ""
@@ -44,7 +45,8 @@ class ServedReport:
             seen = self._state()
             if seen != self._seen:
                 page = report_page(RunFacts.read(self._out, self._reel), "beside")
-                self._text, self._seen = refreshed(page, SECONDS), seen
+                self._text = refreshed(page, SECONDS)
+                self._seen = seen
             return self._text
 
     def _state(self) -> list[tuple[str, int, int]]:

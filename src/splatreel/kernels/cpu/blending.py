@@ -92,7 +92,9 @@ class _Rows:
     """Builder of the loop over a splat's rows of pixels. splat: LLVM floats x, y, a, b, c, log opacity."""
 
     def __init__(self, builder: Any, memory: Memory, planes: int, splat: Sequence[Any]) -> None:
-        self.builder, self.memory, self.planes = builder, memory, planes
+        self.builder = builder
+        self.memory = memory
+        self.planes = planes
         self.x, self.y, *self.shape = splat
 
     def each(self, first: Any, last: Any, work: Any) -> None:

@@ -56,7 +56,9 @@ class Row:
 
     def __init__(self, builder: Any, value: Any) -> None:
         """Wrap an LLVM vector."""
-        self.builder, self.value, self.width = builder, value, value.type.count
+        self.builder = builder
+        self.value = value
+        self.width = value.type.count
 
     def _other(self, other: Any) -> Any:
         if isinstance(other, Row):
@@ -150,7 +152,8 @@ class Memory:
 
     def __init__(self, context: Any, builder: Any, kind: Any, array: Any) -> None:
         """Wrap an array of numba type `kind`."""
-        self.builder, self.data = builder, context.make_array(kind)(context, builder, array).data
+        self.builder = builder
+        self.data = context.make_array(kind)(context, builder, array).data
         self.width = lanes(context)
 
     def load(self, start: Any, ahead: int) -> Row:

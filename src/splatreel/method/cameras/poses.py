@@ -156,8 +156,10 @@ class _PoseCheck:
 
     def __init__(self, cameras: list[Camera], frames: np.ndarray) -> None:
         """Detect and match the features."""
-        self.cameras, self.pairs = list(cameras), neighbor_pairs(cameras, NEIGHBORS)
-        self.apart, self.chance = separation(cameras), MATCH_PIXELS / (SEARCH_WIDTHS[0] * cameras[0].width)
+        self.cameras = list(cameras)
+        self.pairs = neighbor_pairs(cameras, NEIGHBORS)
+        self.apart = separation(cameras)
+        self.chance = MATCH_PIXELS / (SEARCH_WIDTHS[0] * cameras[0].width)
         forwards = np.stack([camera.forward for camera in cameras])
         self.narrow = forwards @ forwards.T > np.cos(np.radians(WIDE))
         self.features = [threads.map_parallel(detect, images) for images in frames]

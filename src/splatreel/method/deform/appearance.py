@@ -45,7 +45,8 @@ class Appearance:
         """
         bends = {frame for cut in cuts for frame in (cut - 1, cut)}
         self.spline = Spline(frames, bends, FRAMES_PER_KNOT)
-        self.rates, self.weights = torch.tensor(RATES, device=device), torch.tensor(LAMBDA, device=device)
+        self.rates = torch.tensor(RATES, device=device)
+        self.weights = torch.tensor(LAMBDA, device=device)
         controls = torch.zeros(self.spline.knots, count, 4, device=device)
         if start is not None:
             controls[..., :3] = self.spline.fit(start) / self.rates[:3]

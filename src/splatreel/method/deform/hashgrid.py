@@ -146,7 +146,8 @@ class HashGrid(nn.Module):
             self.load_state_dict(values)
             self.optimizer.load_state_dict(copy.deepcopy(moments))
             self.optimizer.zero_grad(set_to_none=True)
-            self.moves, self.tracks = moves, tracks
+            self.moves = moves
+            self.tracks = tracks
 
         return restore
 

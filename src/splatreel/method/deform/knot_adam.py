@@ -39,7 +39,9 @@ class Adam:
         """Copy a tensor and start its moments at zero."""
         self.tensor = tensor.detach().clone().contiguous().requires_grad_(True)
         self.mean, self.square = (torch.zeros_like(tensor, requires_grad=False) for _ in range(2))
-        self.rate, self.eps, self.steps = rate, eps, 0
+        self.rate = rate
+        self.eps = eps
+        self.steps = 0
         self._trained = kernel.Trained(self.tensor.detach(), self.mean, self.square)
 
     def snapshot(self) -> Restore:
@@ -73,7 +75,8 @@ class Adam:
     def rewrite(self, of_tensor: Callable[[Tensor], Tensor], of_moment: Callable[[Tensor], Tensor]) -> None:
         """Replace the tensor and its moments by functions of them."""
         self.tensor = of_tensor(self.tensor.detach()).contiguous().requires_grad_(True)
-        self.mean, self.square = of_moment(self.mean).contiguous(), of_moment(self.square).contiguous()
+        self.mean = of_moment(self.mean).contiguous()
+        self.square = of_moment(self.square).contiguous()
         self._trained = kernel.Trained(self.tensor.detach(), self.mean, self.square)
 
 

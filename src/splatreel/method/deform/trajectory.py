@@ -151,7 +151,9 @@ class Trajectory:
 
         def restore() -> None:
             levels()
-            self.skin, self.moves, self.reached = skin, moves, reached
+            self.skin = skin
+            self.moves = moves
+            self.reached = reached
             self.evaluations.clear()
 
         return restore

@@ -42,9 +42,9 @@ def group_importance(
     times = np.linspace(0, group.frames - 1, min(GROUP_MOMENTS, group.frames))
     moments = (Gaussians.concatenate([group.at(time), static[group.alive]]) for time in times)
     found = weigh(moments, list(reel.cameras), reel.near, device, reel.antialias, GROUP_VIEWS)
-    resting = np.zeros((len(static), 3), np.float32)
-    resting[group.alive] = found[len(group.dynamic) :]
-    return found[: len(group.dynamic)], resting
+    of_static = np.zeros((len(static), 3), np.float32)
+    of_static[group.alive] = found[len(group.dynamic) :]
+    return found[: len(group.dynamic)], of_static
 
 
 def weigh(

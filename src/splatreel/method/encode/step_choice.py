@@ -159,7 +159,7 @@ def encode_group_by_slope(
     """
     subject = _Group(data, group, static.points[group.alive], importance)
     moving = LAYER_GROUPS * MOVING_BYTES * len(group.dynamic)
-    share = moving / max(moving + len(subject.resting), 1.0)
+    share = moving / max(moving + len(subject.static), 1.0)
     steps = _choose(encoder, data, subject, trial, share)
     return encoder.group(group, importance, steps), steps
 
@@ -193,7 +193,7 @@ class _Layer:
 class _Group:
     data: GroupInput
     group: Group
-    resting: Gaussians
+    static: Gaussians
     importance: np.ndarray | None
 
     def encode(self, config: EncodeConfig, steps: Steps) -> Encoded:
@@ -210,7 +210,7 @@ class _Group:
     def _show(self, at: Callable[[float], Gaussians]) -> Iterable[Shown]:
         frames = np.linspace(0, self.group.frames - 1, GROUP_MOMENTS).round().astype(int).tolist()
         for number, frame in enumerate(frames):
-            seen = Gaussians.concatenate([at(float(frame)), self.resting])
+            seen = Gaussians.concatenate([at(float(frame)), self.static])
             for view in _views(self.data, frame, number, GROUP_VIEWS):
                 yield frame, view, seen
 

@@ -16,8 +16,8 @@ from splatreel.base.paged_arrays import release_pages
 BLOCKS = 40
 """Blocks along the longer side of an image, whose means are compared. Means have little noise, and motion affects few blocks."""
 BLOCK_TOLERANCE = 0.02
-"""Maximum difference between resting blocks, as a logarithm of a ratio."""
-MIN_RESTING_SHARE = 0.15
+"""Maximum difference between static blocks, as a logarithm of a ratio."""
+MIN_STATIC_SHARE = 0.15
 """Minimum share of such blocks. Frames with fewer give no estimate."""
 MIN_GRAY, MAX_GRAY = 16, 250
 """Minimum gray level of a block's mean, and gray level from which on a pixel is overexposed. Ratios outside are unreliable."""
@@ -111,7 +111,7 @@ def _common_ratio(ratios: np.ndarray) -> np.ndarray:
     gray = ratios.mean(1)
     ordered = np.sort(gray)
     counts = np.searchsorted(ordered, ordered + BLOCK_TOLERANCE, "right") - np.arange(len(ordered))
-    if len(ordered) == 0 or counts.max() < MIN_RESTING_SHARE * len(ratios):
+    if len(ordered) == 0 or counts.max() < MIN_STATIC_SHARE * len(ratios):
         return np.full(4, np.nan)
     low = ordered[counts.argmax()]
     middle = np.median(ratios[(gray >= low) & (gray <= low + BLOCK_TOLERANCE)], 0)

@@ -47,7 +47,8 @@ class VisualHull:
     """
 
     def __init__(self, cameras: list[Camera], masks: np.ndarray, near: float = 0.0) -> None:
-        self.cameras, self.near = cameras, near
+        self.cameras = cameras
+        self.near = near
         size = 2 * max(1, round(MARGIN * masks.shape[2])) + 1
         kernel = np.ones((size, size), np.uint8)
         self._masks = [cv2.dilate((mask >= DARKEST).astype(np.uint8), kernel) > 0 for mask in masks]

@@ -10,7 +10,7 @@ from splatreel.config import LayeringConfig
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.images.change import changed_pixels
 from splatreel.method.images.flow import make_flow
-from splatreel.method.layering.lift import DYNAMIC, lift, shares
+from splatreel.method.layering.lift import DYNAMIC_LABEL, lift, shares
 from splatreel.method.layering.light_changes import changes_of_light
 from splatreel.method.layering.masks import make_segmenter, motion_masks
 from splatreel.scene.camera import Camera
@@ -22,7 +22,7 @@ from splatreel.scene.static_points import StaticPoints
 
 @dataclass(frozen=True)
 class RelitPoints:
-    """Resting points and the change of their light.
+    """Points without motion, and the change of their light.
 
     Attributes:
         points: M points at the keyframe.
@@ -62,13 +62,13 @@ class Layers:
 
     Attributes:
         alive: [S] bool, static points that stay static.
-        settled: Dynamic points that become static.
+        new_static: Dynamic points that become static.
         dynamic: Points that move during the group.
-        relit: Points that rest while their light changes. They are neither static nor dynamic.
+        relit: Points without motion whose light changes. They belong to the group, but are not tracked.
     """
 
     alive: np.ndarray
-    settled: Gaussians
+    new_static: Gaussians
     dynamic: Gaussians
     relit: RelitPoints
 
@@ -111,7 +111,7 @@ def label_points(data: GroupInput, points: Gaussians, config: LayeringConfig) ->
     if not masks.any():
         return np.zeros(len(points), bool)
     labels = lift(points, data.cameras, masks, data.near, config, data.device)
-    return labels > DYNAMIC
+    return labels > DYNAMIC_LABEL
 
 
 def near_cameras(points: np.ndarray, cameras: list[Camera], clearance: Clearance) -> np.ndarray:
@@ -159,8 +159,8 @@ def separate(static: StaticPoints, dynamic: Gaussians, moves: np.ndarray, light:
     """
     points = Gaussians.concatenate([dynamic, static.living])
     relit = ~moves & light.any(0)
-    rests = ~moves & ~relit
-    settled, stays = rests[: len(dynamic)], rests[len(dynamic) :]
+    unmoved = ~moves & ~relit
+    new_static, stays = unmoved[: len(dynamic)], unmoved[len(dynamic) :]
     return Layers(
-        static.without(~stays).alive, dynamic[settled], points[moves], RelitPoints(points[relit], light[:, relit])
+        static.without(~stays).alive, dynamic[new_static], points[moves], RelitPoints(points[relit], light[:, relit])
     )

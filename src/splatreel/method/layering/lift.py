@@ -38,7 +38,7 @@ ITERATIONS = 400
 """Iterations of the paper's lifting, one view each: twenty per view for twenty cameras. Fewer leave labels between 0 and 1."""
 NEIGHBORS = 8
 """Number of neighbors whose labels count too; the paper's value (section 5.1)."""
-DYNAMIC = 0.5
+DYNAMIC_LABEL = 0.5
 """Labels above this value are dynamic: the middle of 0 (static) and 1. A lower value makes more points dynamic, which costs
 bytes."""
 
@@ -67,7 +67,7 @@ def lift(
     config: LayeringConfig,
     device: torch.device | str = "cpu",
 ) -> np.ndarray:
-    """Return a motion label per point, [N] float32 in 0..1. A label above `DYNAMIC` is dynamic; points that no camera sees get 0.
+    """Return a motion label per point, [N] float32 in 0..1. A label above `DYNAMIC_LABEL` is dynamic; points that no camera sees get 0.
 
     Args:
         points: N points.

@@ -1,4 +1,4 @@
-"""Changes of light on resting content, such as shadows and lamps (beyond the paper).
+"""Changes of light on static content, such as shadows and lamps (beyond the paper).
 
 Flow sees a shadow move, or nothing at all; in truth the content changes color and stays in place. All views that see a point
 see it darken by the same factor. Of a body that passes in front of it, each view shows another part.
@@ -43,7 +43,7 @@ MAX_CHANGED_SHARE = 0.2
 def changes_of_light(
     points: Gaussians, cameras: list[Camera], frames: np.ndarray, near: float, device: torch.device | str = "cpu"
 ) -> np.ndarray:
-    """Return the logarithm [T, N] float32 of the brightness of resting points, relative to the keyframe; 0 for no change.
+    """Return the logarithm [T, N] float32 of the brightness of static points, relative to the keyframe; 0 for no change.
 
     Points are 0 in all frames if the views disagree, or if they change like most of an image.
 

@@ -76,5 +76,5 @@ def _displacement(points: np.ndarray, size: float, views: tuple) -> np.ndarray:
         tried = best + step * grid
         best = tried[translation.color_differences(points, tried, *views).argmin()]
         grid, step = grid[np.abs(grid).max(1) <= 1], step / 2
-    resting, moved = translation.color_differences(points, np.stack([none, best]), *views)
-    return best if moved < MAX_RESIDUAL * resting else none
+    unmoved, moved = translation.color_differences(points, np.stack([none, best]), *views)
+    return best if moved < MAX_RESIDUAL * unmoved else none

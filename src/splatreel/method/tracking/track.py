@@ -34,7 +34,7 @@ class PointTracks:
     """
 
     def __init__(
-        self, points: Gaussians, start: int, motion: np.ndarray | None = None, *, rested: bool = False
+        self, points: Gaussians, start: int, motion: np.ndarray | None = None, *, static_before: bool = False
     ) -> None:
         """Start tracks.
 
@@ -42,14 +42,15 @@ class PointTracks:
             points: The points at frame `start`.
             start: Frame at which the points are in place.
             motion: [N, 3] approximate motion at `start`, world units per frame; None if unknown.
-            rested: The points had the same positions at all earlier frames.
+            static_before: The points had the same positions at all earlier frames.
         """
-        self.points, self.start = points, start
+        self.points = points
+        self.start = start
         self.tensors = SplatTensors.of(points)
         self.neighbors = _neighbors(self.tensors[0])
         moves = torch.zeros_like(self.tensors[0]) if motion is None else torch.from_numpy(motion)
         self._later, self._earlier = ([(self.tensors[0], way * moves)] for way in (1, -1))
-        self._earlier += [(self.tensors[0], moves)] * (start if rested else 0)
+        self._earlier += [(self.tensors[0], moves)] * (start if static_before else 0)
         self.patches: RigidPatches | None = None  # from the first step on
 
     def last(self, later: bool) -> tuple[Tensor, Tensor]:
@@ -93,8 +94,12 @@ class Tracker:
             flow: Optical flow.
             near: Near plane, world units.
         """
-        self.cameras, self.frames, self.flow, self.near = cameras, frames, flow, near
-        self.poses, self.lenses = np.stack([c.viewmat for c in cameras]), np.stack([c.K for c in cameras])
+        self.cameras = cameras
+        self.frames = frames
+        self.flow = flow
+        self.near = near
+        self.poses = np.stack([c.viewmat for c in cameras])
+        self.lenses = np.stack([c.K for c in cameras])
         # Half the size is enough for occlusion.
         self.half_cameras = [camera.resized((camera.width + 1) // 2, (camera.height + 1) // 2) for camera in cameras]
         self.set_occluders(static)

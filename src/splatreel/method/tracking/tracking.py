@@ -71,7 +71,7 @@ def track(
     Args:
         data: Training views of the group.
         dynamic: Dynamic points at the keyframe.
-        relit: Resting points whose light changes. They are not tracked.
+        relit: Static points whose light changes. They are not tracked.
         static: Static points.
         velocities: [N, 3] approximate motion of the dynamic points at the keyframe, world units per frame; None if unknown.
         config: Layering settings.
@@ -100,7 +100,7 @@ def track(
                 budget -= departed.sum()
                 tracks.append(detector.track_departed(departed, frame))
     tracker.track_back(tracks)
-    return _group_start(tracks, relit, ~detector.resting)
+    return _group_start(tracks, relit, ~detector.remaining)
 
 
 def _group_start(tracks: list[PointTracks], relit: RelitPoints, departed: np.ndarray) -> GroupStart:
@@ -120,8 +120,8 @@ class ChangeDetector:
     """Comparison of the training views with the tracked scene.
 
     Attributes:
-        resting: [A] bool, living static points that have not departed.
-        backdrops: One drawing of the resting points per camera.
+        remaining: [A] bool, living static points that have not departed.
+        backdrops: One drawing of the remaining static points per camera.
         keyframe_errors: [C, H, W] bool, pixels that are wrong at the keyframe already, such as mirrors. They indicate no change.
     """
 
@@ -135,11 +135,14 @@ class ChangeDetector:
             data: Training views, of the tracker's size.
             dynamic: Dynamic points at the keyframe.
             static: A living static points.
-            relit: Resting points whose light changes.
+            relit: Static points whose light changes.
         """
-        self.tracker, self.data, self.static, self.relit = tracker, data, static, relit
-        self.resting = np.ones(len(static), bool)
-        self.backdrops = self._draw_backdrops(self.resting)
+        self.tracker = tracker
+        self.data = data
+        self.static = static
+        self.relit = relit
+        self.remaining = np.ones(len(static), bool)
+        self.backdrops = self._draw_backdrops(self.remaining)
         self.keyframe_errors = self._compare(self.backdrops, dynamic, 0).error
 
     def error_masks(self, tracks: list[PointTracks], frame: int, ignored: np.ndarray | None = None) -> ErrorMasks:
@@ -148,9 +151,9 @@ class ChangeDetector:
         Args:
             tracks: All tracks. Their last frame is `frame`.
             frame: Frame to compare.
-            ignored: [A] bool, static points that are not drawn; None draws all resting points.
+            ignored: [A] bool, static points that are not drawn; None draws all remaining static points.
         """
-        backdrops = self.backdrops if ignored is None else self._draw_backdrops(self.resting & ~ignored)
+        backdrops = self.backdrops if ignored is None else self._draw_backdrops(self.remaining & ~ignored)
         found = self._compare(backdrops, _points_at_last_frame(tracks), frame)
         return ErrorMasks(found.error & ~self.keyframe_errors, found.uncertain & ~self.keyframe_errors)
 
@@ -182,7 +185,7 @@ class ChangeDetector:
     def find_departed(self, tracks: list[PointTracks], frame: int, masks: ErrorMasks) -> np.ndarray:
         """Return [A] bool, the static points whose pixels are nearly all wrong at a frame.
 
-        Motion masks at the keyframe miss content that rests for most of the group and then departs suddenly.
+        Motion masks at the keyframe miss content that is static for most of the group and then departs suddenly.
 
         Args:
             tracks: All tracks. Their last frame is `frame`.
@@ -194,26 +197,28 @@ class ChangeDetector:
         for number in range(MAX_PASSES):
             if number:
                 masks = self.error_masks(tracks, frame, departed)
-            resting = self.resting & ~departed
-            everything = Gaussians.concatenate([self.static[resting], self.relit.at(frame), moving])
+            remaining = self.remaining & ~departed
+            everything = Gaussians.concatenate([self.static[remaining], self.relit.at(frame), moving])
             half_size = masks.error[:, ::2, ::2]  # half the resolution is enough for shares
-            found = shares(everything, tracker.half_cameras, half_size, tracker.near)[: resting.sum()] > DEPARTED_SHARE
+            found = (
+                shares(everything, tracker.half_cameras, half_size, tracker.near)[: remaining.sum()] > DEPARTED_SHARE
+            )
             if found.sum() < MIN_DEPARTED:
                 break
-            departed[resting] = found
+            departed[remaining] = found
         return departed
 
     def track_departed(self, departed: np.ndarray, frame: int) -> PointTracks:
         """Move static points to a new track, and track them from the last check up to a frame.
 
         Args:
-            departed: [A] bool, static points that rested until the last check.
+            departed: [A] bool, static points that had not departed at the last check.
             frame: Frame of this check.
         """
-        self.resting &= ~departed
-        self.backdrops = self._draw_backdrops(self.resting)
-        self.tracker.set_occluders(Gaussians.concatenate([self.static[self.resting], self.relit.points]))
-        track = PointTracks(self.static[departed], frame - CHECK_EVERY, rested=True)
+        self.remaining &= ~departed
+        self.backdrops = self._draw_backdrops(self.remaining)
+        self.tracker.set_occluders(Gaussians.concatenate([self.static[self.remaining], self.relit.points]))
+        track = PointTracks(self.static[departed], frame - CHECK_EVERY, static_before=True)
         for before in range(frame - CHECK_EVERY, frame):
             self.tracker.step([track], before)
         return track

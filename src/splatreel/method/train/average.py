@@ -43,14 +43,16 @@ class Average:
             return
         now = [tensor.detach() for tensor in tensors]
         if [mean.shape for mean in self._means] != [tensor.shape for tensor in now]:
-            self._means, self._count = [tensor.clone() for tensor in now], 0
+            self._means = [tensor.clone() for tensor in now]
+            self._count = 0
         self._count += 1
         for mean, tensor in zip(self._means, now, strict=True):
             mean.lerp_(tensor, 1 / self._count)
 
     def restart(self) -> None:
         """Forget all samples."""
-        self._means, self._count = [], 0
+        self._means = []
+        self._count = 0
 
     def next_weight(self, done: int) -> float:
         """Count the values after an iteration. Return their weight in the mean; 0 if they are no sample."""

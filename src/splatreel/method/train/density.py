@@ -114,7 +114,10 @@ class KeyframeDensity:
             seed: Seed of the positions of split points.
             region: Volume in which points are densified; None is everywhere.
         """
-        self.points, self.config, self.max_points, self.region = points, config, max_points, region
+        self.points = points
+        self.config = config
+        self.max_points = max_points
+        self.region = region
         self.hull: Volume | None = None
         """Volume outside of which points are removed; None is everywhere."""
         self.generator = torch.Generator().manual_seed(seed)
@@ -259,8 +262,13 @@ class GroupDensity:
             region: Volume in which points are cloned; None is everywhere.
         """
         self.region = region
-        self.points, self.static, self.convertible, self.config, self.rng = points, static, convertible, config, rng
-        self.every, self.iterations = config.layering.adapt_every, iterations
+        self.points = points
+        self.static = static
+        self.convertible = convertible
+        self.config = config
+        self.rng = rng
+        self.every = config.layering.adapt_every
+        self.iterations = iterations
         self.faint_at = {round(share * iterations) for share in FAINT_AT} if config.group.faint_share else set()
         self.budget = max(LEAST_BUDGET, len(points) // 2)
         self.restart()

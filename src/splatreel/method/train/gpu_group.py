@@ -64,8 +64,11 @@ class GpuGroupProgram(GpuProgram):
             learns_time: Slopes of the time offsets are measured.
         """
         super().__init__(gpu, points.canonical, density.static, images)
-        self._moving, self._density, self._config = points, density, config
-        self._gains, self.learns_time = gains, learns_time
+        self._moving = points
+        self._density = density
+        self._config = config
+        self._gains = gains
+        self.learns_time = learns_time
         self._motion: Buffers = {}
         self._knots: dict[str, tuple[KnotAdam, Buffers]] = {}
         self.neighbors: Neighbors | None = None

@@ -71,7 +71,10 @@ class GpuKeyframeProgram(GpuProgram):
             gains: Color gains, trained too.
         """
         super().__init__(gpu, points, static, images)
-        self._density, self._config, self._losses, self._gains = density, config, losses, gains
+        self._density = density
+        self._config = config
+        self._losses = losses
+        self._gains = gains
         self._shared: Buffers = {}
 
     def upload(self) -> None:

@@ -46,7 +46,10 @@ class GpuProgram:
             static: Static points; None if there are none.
             images: Images.
         """
-        self.gpu, self.images, self._points, self._static = gpu, images, points, static
+        self.gpu = gpu
+        self.images = images
+        self._points = points
+        self._static = static
         self.drawing = Drawing(gpu)
         self._results = gpu.zeros(16 * MOST_DRAWS)
         self._scene: StaticScene | None = None

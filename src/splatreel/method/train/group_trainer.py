@@ -131,7 +131,8 @@ class GroupTrainer:
             gpu: GPU that runs the iterations; None runs them on the device of the images, with torch.
         """
         device, group = images.pixels.device, config.group
-        self.config, self.gains = config, gains
+        self.config = config
+        self.gains = gains
         self.iterations = group.iterations_per_frame * images.count
         sizes = images.sizes(self.iterations, group.coarse_share, config.training_megapixels)
         self.images = sizes[0][1]

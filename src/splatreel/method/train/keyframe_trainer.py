@@ -120,7 +120,11 @@ class KeyframeTrainer:
             region: Volume in which points are densified; None is everywhere.
             gpu: GPU that runs the iterations; None runs them on the device of the points, with torch.
         """
-        self.points, self.gains, self.config, self.static, self.losses = points, gains, config, static, losses
+        self.points = points
+        self.gains = gains
+        self.config = config
+        self.static = static
+        self.losses = losses
         self.density = KeyframeDensity(points, config, max_points, seed, region)
         self.rng = np.random.default_rng(seed)
         self.done = 0

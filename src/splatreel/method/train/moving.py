@@ -56,7 +56,9 @@ class MovingPoints:
 
     def __init__(self, canonical: TrainablePoints, deformation: Deformation, appearance: Appearance | None) -> None:
         """Combine the three parts, see the attributes."""
-        self.canonical, self.deformation, self.appearance = canonical, deformation, appearance
+        self.canonical = canonical
+        self.deformation = deformation
+        self.appearance = appearance
 
     @staticmethod
     def of(start: GroupStart, images: TrainingImages, config: GroupConfig, seed: int) -> MovingPoints:

@@ -81,7 +81,8 @@ class RayDepths:
         Args:
             images: Training images of a keyframe.
         """
-        self.views, self.near = images.views, images.near
+        self.views = images.views
+        self.near = images.near
         self.poses = [view.viewmat.cpu().numpy().astype(np.float64) for view in self.views]
         self.intrinsics = [view.K.cpu().numpy().astype(np.float64) for view in self.views]
         self.grays = [

@@ -49,14 +49,16 @@ class Recovery:
     def __init__(self) -> None:
         """Start without a saved state, at pace 1."""
         self.pace = 1.0
-        self._attempts, self._failed = 0, 0
+        self._attempts = 0
+        self._failed = 0
         self._done = 0
         self._restore: Restore | None = None
 
     def save_state(self, done: int, training: Training) -> None:
         """Save the state after `done` iterations."""
         training.check()
-        self._done, self._restore = done, training.snapshot()
+        self._done = done
+        self._restore = training.snapshot()
 
     def release_state(self) -> None:
         """Release the saved state. It refers to the training, and the training to this object, so both would stay in memory."""
@@ -125,7 +127,8 @@ class Recovery:
                 f"Training ends in NaN or infinity, even at {self.pace:g} times its learning rates: {error}. Look for a camera with "
                 "a wrong image or pose (splatreel capture check), and leave it out. Finished groups are kept."
             ) from error
-        self._attempts, self._failed = self._attempts + 1, failed
+        self._attempts = self._attempts + 1
+        self._failed = failed
         self.pace = SLOWDOWN**self._attempts
         progress.note(
             f"NaN or infinity at iteration {failed:,} ({str(error).rstrip('.')}): training continues from iteration "

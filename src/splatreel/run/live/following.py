@@ -144,8 +144,12 @@ class _LiveRun:
         self.gpu, note = pick_gpu(device, largest_buffer(*size, config.keyframe.max_points))
         if note:
             progress.note(note)
-        self.follower, self.config, self.live = follower, config, live
-        self.device, self.progress, self.store = pick_device(device), progress, store
+        self.follower = follower
+        self.config = config
+        self.live = live
+        self.device = pick_device(device)
+        self.progress = progress
+        self.store = store
         fps = follower.capture.fps
         self.window = Window(store, None if live.keep is None else max(round(live.keep * fps), 1))
         self.lateness = Lateness(config, live.when_late, config.group.length / fps, progress)
@@ -342,8 +346,11 @@ class LiveSpans:
             skip: Skip groups if a later one is complete already. Group 0 and the groups after the end of the capture are never
                 skipped.
         """
-        self.follower, self.length, self.overlap = follower, length, overlap
-        self._next, self._skip = first, skip
+        self.follower = follower
+        self.length = length
+        self.overlap = overlap
+        self._next = first
+        self._skip = skip
 
     def __iter__(self) -> Iterator[GroupSpan]:
         """Yield groups as their frames arrive."""

@@ -28,7 +28,10 @@ class Lateness:
 
     def __init__(self, config: Config, when_late: WhenLate, length: float, progress: Progress) -> None:
         """Start caught up."""
-        self.config, self.when_late, self.length, self._progress = config, when_late, length, progress
+        self.config = config
+        self.when_late = when_late
+        self.length = length
+        self._progress = progress
         self.late = False
         self._draft = drafted(config)
 

@@ -50,7 +50,9 @@ class LiveSoundtrack:
             wanted: auto, none, or the name of a camera.
             progress: Receives a note about the choice.
         """
-        self.folder, self.follower, self.progress = work / "sound", follower, progress
+        self.folder = work / "sound"
+        self.follower = follower
+        self.progress = progress
         capture = follower.capture
         source = capture.source if isinstance(capture, FileCapture) else None
         self._source = source if isinstance(source, GrowingVideos) else None

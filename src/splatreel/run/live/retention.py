@@ -67,7 +67,8 @@ class Window:
 
     def __init__(self, store: Store, frames: int | None) -> None:
         """Create a window, see the attributes."""
-        self.store, self.frames = store, frames
+        self.store = store
+        self.frames = frames
         self._rigs: deque[tuple[int, Rig]] = deque()
 
     def record_rig(self, group: int, rig: Rig) -> None:

@@ -36,7 +36,8 @@ class Driver:
         self, run: ChapteredRun, progress: Progress, present: PresentationHook, workers: int, url: str | None = None
     ) -> None:
         """Write the groups that are finished already."""
-        self.run, self.progress = run, progress
+        self.run = run
+        self.progress = progress
         self.status = RunStatus(run, url)
         self._attempts = [0] * len(run.chapters)
         self.failed: dict[int, str] = {}

@@ -29,7 +29,8 @@ class Exchange:
 
     def __init__(self, url: str, out: Path, tell: Callable[[str], None] = ignore_message) -> None:
         """Remember both folders."""
-        self._shared, self._work = SharedFolder(f"{url.rstrip('/')}/work", tell), out / "work"
+        self._shared = SharedFolder(f"{url.rstrip('/')}/work", tell)
+        self._work = out / "work"
 
     def fetch_scene(self) -> None:
         """Fetch all files that do not belong to one group, except logs."""

@@ -142,7 +142,9 @@ class WorkerPool:
 
     def __init__(self, spec: RunSpec, places: list[str | None], threads: int, need: int) -> None:
         """Start no process yet."""
-        self._spec, self._threads, self._need = pickle.dumps(spec), threads, need
+        self._spec = pickle.dumps(spec)
+        self._threads = threads
+        self._need = need
         self._places = deque(places)
         self._most = len(places)
         self._workers: list[Worker] = []

@@ -127,7 +127,11 @@ class _Cluster:
         options: ClusterOptions,
     ) -> None:
         """Wait for nodes, and start the mailbox."""
-        self.ray, self.run, self.exchange, self.progress, self.url = ray, run, exchange, progress, url
+        self.ray = ray
+        self.run = run
+        self.exchange = exchange
+        self.progress = progress
+        self.url = url
         self.options = options
         need = needed_memory(run.capture, run.config)
         self.plan = wait_for_nodes(ray, len(run.chapters), spec.device, need, options, progress.note)

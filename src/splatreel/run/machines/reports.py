@@ -94,13 +94,17 @@ class Reporter:
         self, chapter: int, send: Callable[[Report], None], clock: Callable[[], float] = time.monotonic
     ) -> None:
         """Start at the beginning of the chapter."""
-        self._chapter, self._send, self._clock = chapter, send, clock
-        self._total, self._span = 1, (0.0, 0.0)
+        self._chapter = chapter
+        self._send = send
+        self._clock = clock
+        self._total = 1
+        self._span = (0.0, 0.0)
         self._last = clock() - INTERVAL
 
     def stage(self, name: str, total: int, span: Span | None = None) -> None:
         """Begin a stage."""
-        self._total, self._span = max(total, 1), span or (self._span[1], self._span[1])
+        self._total = max(total, 1)
+        self._span = span or (self._span[1], self._span[1])
         self._reached(0.0)
 
     def update(self, done: int, **numbers: float) -> None:

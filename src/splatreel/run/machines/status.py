@@ -53,7 +53,8 @@ class RunStatus:
 
     def __init__(self, run: ChapteredRun, url: str | None = None) -> None:
         """Read the status of all chapters."""
-        self._run, self._last = run, -INTERVAL
+        self._run = run
+        self._last = -INTERVAL
         self._elsewhere = None if url is None else open_folder(url)
         self.state = "running"
         self.published = 0

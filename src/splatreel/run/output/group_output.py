@@ -27,7 +27,9 @@ class Output(ABC):
 
     def __init__(self, store: Store, header: ReelHeader, encoder: ReelEncoder) -> None:
         """Create an output, see the attributes."""
-        self.store, self.header, self.encoder = store, header, encoder
+        self.store = store
+        self.header = header
+        self.encoder = encoder
 
     @cached_property
     def coding(self) -> Coding:
@@ -76,7 +78,9 @@ class ReelOutput(Output):
     def __init__(self, writer: ReelWriter, group_writer: GroupWriter, present: PresentationHook) -> None:
         """Create an output, see the attributes."""
         super().__init__(group_writer.store, writer.manifest, writer.encoder)
-        self.writer, self.group_writer, self.present = writer, group_writer, present
+        self.writer = writer
+        self.group_writer = group_writer
+        self.present = present
 
     def restore(self, index: int, last: bool) -> None:
         """See `Output`."""

@@ -79,7 +79,9 @@ class GroupWriter:
         encoded: bool = False,
     ) -> None:
         """Create a writer, see the attributes. No group is written or skipped yet."""
-        self.writer, self.store, self.device = writer, store, device
+        self.writer = writer
+        self.store = store
+        self.device = device
         self.measured = {} if measured is None else measured
         self._firsts = store.chapter_firsts()
         self._shared = self._order = np.zeros(0, np.int64)
@@ -131,12 +133,12 @@ class GroupWriter:
     def _prepare(self, index: int) -> PreparedGroup:
         stored = self.store.group(index).group()
         born = self._layers_born_at(index)
-        moving, resting = self._importance(stored, [layer for _, layer in born])
+        moving, of_static = self._importance(stored, [layer for _, layer in born])
         layers = []
         for shared, layer in born:
             known = layer.importance
-            if known is None and resting is not None:
-                known = resting[self._count : self._count + len(layer.trained)]
+            if known is None and of_static is not None:
+                known = of_static[self._count : self._count + len(layer.trained)]
             kept = self._region.of_layer(layer)
             order = np.zeros(0, np.int64)
             if kept.any():
@@ -154,7 +156,9 @@ class GroupWriter:
         """Return the layers born at a group, each with a flag: shared by all chapters."""
         own, shared = self.store.group(index).layer(), None
         if self._firsts is not None and index in self._firsts:
-            self._order, self._count = self._shared, self._shared_count  # the previous chapter's layers retire here
+            # the previous chapter's layers retire here
+            self._order = self._shared
+            self._count = self._shared_count
             shared = self.store.scene.layer() if index == 0 else None
         return [(s, layer) for s, layer in ((True, shared), (False, own)) if layer is not None and len(layer.trained)]
 
@@ -163,7 +167,8 @@ class GroupWriter:
         self._order = np.concatenate([self._order, self._count + order])
         self._count += count
         if shared:
-            self._shared, self._shared_count = self._order, self._count
+            self._shared = self._order
+            self._shared_count = self._count
 
     def _prepare_layer(self, index: int, first_frame: int, layer: StoredLayer, shared: bool) -> PreparedLayer:
         until = None if shared or self._firsts is None else min((f for f in self._firsts if f > index), default=None)

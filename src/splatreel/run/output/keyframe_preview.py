@@ -27,7 +27,8 @@ class KeyframePreview:
             store: Checkpoints of the run in OUT/work.
             clock: Time in seconds.
         """
-        self._store, self._clock = store, clock
+        self._store = store
+        self._clock = clock
         self._due: float | None = None
         self.written: Path | None = None
         """Folder of the last preview; None if none was due yet."""
