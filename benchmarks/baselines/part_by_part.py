@@ -141,7 +141,7 @@ def _train_all(
     points = frames.load(parts[done - 1][-1] if done else 0)
     progress.stage("training frames", len(parts))
     for number, part in enumerate(parts[done:], done + 1):
-        images, iterations = [start.images(frame) for frame in part], budget.iterations()
+        images, iterations = [start.training_images(frame) for frame in part], budget.iterations()
         begun = clock()
         trained = method.train(start, points, images, iterations, part[0])
         budget.spend(clock() - begun, iterations)

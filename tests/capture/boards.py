@@ -53,7 +53,7 @@ class FilmedBoard:
         places = lens.cam_from_img(np.stack([x.ravel(), y.ravel()], 1))
         return np.column_stack([places, np.ones(len(places))]).reshape(*x.shape, 3)
 
-    def make_image(
+    def image(
         self,
         name: str,
         board: Board,
@@ -139,7 +139,7 @@ class FilmedBoard:
         for name in self.lenses:
             without = (hidden or {}).get(name, set())
             blank = np.full((HEIGHT, WIDTH, 3), 110, np.uint8)
-            images = [blank if t in without else self.make_image(name, board, pose) for t, pose in enumerate(poses)]
+            images = [blank if t in without else self.image(name, board, pose) for t, pose in enumerate(poses)]
             folders.write_video(folder / f"{name}.mp4", images)
         return folder
 

@@ -19,7 +19,7 @@ def write(folder: Path, poses: Callable[[list[Camera]], list[np.ndarray]]) -> Pa
     """Write a corner of a room as Panoptic captures are, with other poses than its images were taken from."""
     views = corner.arc(COUNT)
     names = list(range(1, COUNT + 1))
-    for name, image in zip(names, corner.images(views), strict=True):
+    for name, image in zip(names, corner.make_images(views), strict=True):
         (folder / "ims" / str(name)).mkdir(parents=True)
         Image.fromarray(image).save(folder / "ims" / str(name) / "000000.png")
     meta = {

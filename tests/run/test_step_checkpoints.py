@@ -18,7 +18,7 @@ from splatreel.run.step_checkpoints import (
     EXPOSURE,
     KEYFRAME,
     LAYERS,
-    OFFSETS,
+    TIME_OFFSETS,
     POSES,
     TRACKS,
     StepCheckpoint,
@@ -38,7 +38,7 @@ CASES: dict[str, tuple[StepCheckpoint[Any], Any, list[str]]] = {
     "chapter": (CHAPTER, KeyframeResult(POINTS, ARRAY[0], ALIVE), [*FIELDS, "gains", "alive"]),
     "layering": (LAYERS, Layers(ALIVE, POINTS, POINTS, RelitPoints(POINTS, ARRAY[0])), ["alive", "light", *KINDS]),
     "tracking": (TRACKS, GroupStart(POINTS, ARRAY, ARRAY, ALIVE), [*FIELDS, "tracks", "shades", "left"]),
-    "delays": (OFFSETS, ARRAY[0, :, 0], ["delays"]),
+    "delays": (TIME_OFFSETS, ARRAY[0, :, 0], ["delays"]),
 }
 
 

@@ -64,7 +64,7 @@ def test_interrupted_call_continues_to_the_same_masks(scene: Path, masks: Path, 
     (folder / RECORD).write_text(json.dumps(record | {"complete": False}))
     for name in ("1/000003.png", "2/000006.png", "5/000006.png"):
         (folder / name).unlink()
-    assert make(scene, folder).make_images == 3
+    assert make(scene, folder).images == 3
     assert make_images(folder) == make_images(masks)
 
 
@@ -72,7 +72,7 @@ def test_masks_corrected_by_hand_stay(scene: Path, masks: Path, tmp_path: Path) 
     folder = copied(masks, tmp_path / "masks")
     Image.new("L", (scenes.WIDTH, scenes.HEIGHT), 255).save(folder / "1" / "000000.png")
     corrected = make_images(folder)
-    assert make(scene, folder).make_images == 0
+    assert make(scene, folder).images == 0
     assert make_images(folder) == corrected
 
 

@@ -44,7 +44,7 @@ class Features:
 class Matcher(Protocol):
     """Finds, describes and matches features of images."""
 
-    def describe(self, photo: np.ndarray) -> Features:
+    def describe(self, image: np.ndarray) -> Features:
         """Return the features of an image [H, W, 3] uint8."""
         ...
 
@@ -56,16 +56,16 @@ class Matcher(Protocol):
 class LighterGlueMatcher:
     """XFeat features, matched by LighterGlue. The weights are loaded at the first use."""
 
-    def describe(self, photo: np.ndarray) -> Features:
+    def describe(self, image: np.ndarray) -> Features:
         """Return the features of an image [H, W, 3] uint8."""
         import torch
 
-        height, width = photo.shape[:2]
+        height, width = image.shape[:2]
         scale = LONGER_SIDE / max(width, height)
         sides = [max(round(side * scale / MULTIPLE), 1) * MULTIPLE for side in (height, width)]
-        resized = np.array(Image.fromarray(photo).resize((sides[1], sides[0]), Image.Resampling.BICUBIC))
-        image = torch.from_numpy(resized).permute(2, 0, 1)[None].float() / 255
-        found = self._extractor.detectAndCompute(image, top_k=MOST)[0]
+        resized = np.array(Image.fromarray(image).resize((sides[1], sides[0]), Image.Resampling.BICUBIC))
+        pixels = torch.from_numpy(resized).permute(2, 0, 1)[None].float() / 255
+        found = self._extractor.detectAndCompute(pixels, top_k=MOST)[0]
         points = (found["keypoints"].cpu().numpy() + 0.5) * [width / sides[1], height / sides[0]]
         return Features(points.astype(np.float32), found["descriptors"].cpu().numpy(), (width, height))
 

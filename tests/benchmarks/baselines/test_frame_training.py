@@ -30,30 +30,30 @@ def error(points: Gaussians, start: SharedStart, camera: str = "cam00") -> float
 
 
 def test_moved_points_follow(start: SharedStart) -> None:
-    moved, _ = frame_training.move_points(start, start.keyframe, start.images(1), 40, 1)
+    moved, _ = frame_training.move_points(start, start.keyframe, start.training_images(1), 40, 1)
     assert error(moved, start) > error(start.keyframe, start) + 2
     assert (moved.means - start.keyframe.means).mean(0) == pytest.approx(SHIFT, abs=0.03)
     assert (moved.scales == start.keyframe.scales).all()
 
 
 def test_training_in_place_keeps_points_and_sizes(start: SharedStart) -> None:
-    trained = frame_training.train_in_place(start, start.keyframe, start.images(1), 30, 1)
+    trained = frame_training.train_in_place(start, start.keyframe, start.training_images(1), 30, 1)
     assert len(trained) == len(start.keyframe)
     np.testing.assert_allclose(trained.scales, start.keyframe.scales, rtol=1e-5)
     assert error(trained, start) > error(start.keyframe, start) + 1
 
 
 def test_free_training_follows(start: SharedStart) -> None:
-    trained = frame_training.train_freely(start, start.keyframe, start.images(1), 30, 1)
+    trained = frame_training.train_freely(start, start.keyframe, start.training_images(1), 30, 1)
     assert error(trained, start) > error(start.keyframe, start) + 1
 
 
 def test_points_are_added_where_they_lack(start: SharedStart) -> None:
     truth = scenes.truth(0)
     half = truth[::2]
-    _, meter = frame_training.move_points(start, half, start.images(1), 4, 1)
-    added = frame_training.add_points(start, half, meter, start.images(1), 30, 1)
+    _, meter = frame_training.move_points(start, half, start.training_images(1), 4, 1)
+    added = frame_training.add_points(start, half, meter, start.training_images(1), 30, 1)
     assert 0 < len(added) <= 0.02 * len(half) + 1
     both = Gaussians.concatenate([half, added])
     assert sum(error(both, start, name) - error(half, start, name) for name in start.rig.names) > 0
-    assert len(frame_training.add_points(start, half, meter, start.images(1), 2, 1)) == 0
+    assert len(frame_training.add_points(start, half, meter, start.training_images(1), 2, 1)) == 0

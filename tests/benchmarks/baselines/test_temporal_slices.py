@@ -82,7 +82,7 @@ def test_parts_are_the_groups(start: SharedStart) -> None:
 
 @pytest.mark.slow
 def test_training_follows_the_moving_points(start: SharedStart, tmp_path: Path) -> None:
-    images = [start.images(frame) for frame in range(5)]
+    images = [start.training_images(frame) for frame in range(5)]
     trained = train_slices(start, start.keyframe, images, 300, 0)
     resting, followed = (
         [_error(points, start, frame) for frame, points in enumerate(each)]

@@ -1,4 +1,4 @@
-"""Time offsets in a scene like that of `test_group` whose cameras are out of step."""
+"""Time offsets in a scene like that of `test_group_trainer` whose cameras are out of step."""
 
 from typing import Literal
 

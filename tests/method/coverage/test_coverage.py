@@ -34,7 +34,7 @@ def few_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_good_coverage_is_reported() -> None:
     cameras = corner.arc(5)
-    found = cover(cameras, corner.images(cameras), device=CPU, progress=Silent())
+    found = cover(cameras, corner.make_images(cameras), device=CPU, progress=Silent())
     assert found.trial is not None
     assert found.trial.camera == "cam2", "the middle one is left out"
     assert found.trial.holds
@@ -62,7 +62,7 @@ def test_cameras_that_have_nothing_in_common_are_told_that_new_views_will_be_unu
 
 def test_no_trial_without_a_device() -> None:
     cameras = corner.arc(3)
-    found = cover(cameras, corner.images(cameras), device=None, progress=Silent())
+    found = cover(cameras, corner.make_images(cameras), device=None, progress=Silent())
     assert found.trial is None
     assert len(found.sentences()) == 2
 

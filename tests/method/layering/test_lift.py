@@ -6,7 +6,7 @@ import pytest
 from splatreel.base.errors import ReconstructionError
 from splatreel.config import LayeringConfig
 from splatreel.method.layering import lift as lifting
-from splatreel.method.layering.lift import DYNAMIC, lift, shares
+from splatreel.method.layering.lift import DYNAMIC_LABEL, lift, shares
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -60,7 +60,7 @@ def test_lift_labels_follow_masks(config: LayeringConfig) -> None:
     assert labels.max() <= 1
     visible = (np.abs(points.means[:, 0]) < 1.5) & (np.abs(points.means[:, 1]) < 1.2) & (points.means[:, 2] > 0)
     sure = visible & (np.abs(points.means[:, 0] - 0.5) > 0.3)
-    assert ((labels > DYNAMIC) == moving)[sure].mean() > 0.98
+    assert ((labels > DYNAMIC_LABEL) == moving)[sure].mean() > 0.98
 
 
 @pytest.mark.parametrize("config", [VOTE, OPTIMISE], ids=["vote", "optimize"])
@@ -71,7 +71,7 @@ def test_nothing_moves_and_everything_moves(config: LayeringConfig) -> None:
     assert (nothing == 0).all()
     everything = lift(points, cameras(), np.ones((3, 48, 64), bool), NEAR, config)
     seen = (np.abs(points.means[:, 0]) < 1.5) & (np.abs(points.means[:, 1]) < 1.2) & (points.means[:, 2] > 0)
-    assert (everything[seen] > DYNAMIC).all()
+    assert (everything[seen] > DYNAMIC_LABEL).all()
     assert everything[-1] == 0, "a point that no camera sees is static"
 
 

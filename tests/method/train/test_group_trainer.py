@@ -88,7 +88,7 @@ def quality(filmed: TrainingImages, result: GroupResult, static: Gaussians = WAL
     """Return the PSNR over all frames and cameras, drawn as by a viewer."""
     squares = []
     group = Group(0, 0, result.dynamic, result.dx, result.dq, result.alive, result.shade)
-    for frame, images in enumerate(filmed.images.numpy()):
+    for frame, images in enumerate(filmed.pixels.numpy()):
         scene = Gaussians.concatenate([static[result.alive], group.at(frame)])
         squares += [
             np.square(np.clip(render_image(scene, camera, near=NEAR), 0, 1) - image / 255).mean()
@@ -284,7 +284,7 @@ def test_group_with_one_dynamic_and_no_static_point() -> None:
 
 def test_group_applies_gains_without_changing_them(filmed: TrainingImages) -> None:
     """A camera that records at half brightness does not change the scene."""
-    dim = replace(filmed, images=(filmed.images * torch.tensor([1, 1, 0.5, 1])[:, None, None, None]).round().byte())
+    dim = replace(filmed, pixels=(filmed.pixels * torch.tensor([1, 1, 0.5, 1])[:, None, None, None]).round().byte())
     gains = CameraGains(len(CAMERAS), CPU)
     gains.load(torch.tensor([[1.0] * 3, [1.0] * 3, [0.5] * 3, [1.0] * 3]))
     kept = gains.values.detach().clone()

@@ -139,21 +139,21 @@ def test_prune_drops_faint_and_huge_points_but_never_all() -> None:
 def test_unknown_pixels_do_not_affect_training() -> None:
     """A white person stands in the image of one camera only."""
     seen = make_images()
-    images, unknown = seen.images.clone(), torch.zeros(seen.images.shape[1:4], dtype=torch.bool)
+    images, unknown = seen.pixels.clone(), torch.zeros(seen.pixels.shape[1:4], dtype=torch.bool)
     images[0, 1, 8:24, 12:36] = 255
     unknown[1, 8:24, 12:36] = True
     found = {}
     for name, mask in (("masked", unknown), ("believed", None)):
         points = TrainablePoints.from_gaussians(SCENE, default_rates(UNIT, 4.0), CPU)
         trainer = KeyframeTrainer(points, gains(), replace(CONFIG, rate_scale=4.0), max_points=len(SCENE))
-        trainer.train(replace(seen, images=images, unknown=mask), 100, 100, Silent())
+        trainer.train(replace(seen, pixels=images, unknown=mask), 100, 100, Silent())
         found[name] = psnr(trainer.points.gaussians(), CAMERAS[1])
     assert found["masked"] > found["believed"] + 2
 
 
 def test_halved_marks_pixel_unknown_if_any_of_four_is() -> None:
     seen = make_images()
-    unknown = torch.zeros(seen.images.shape[1:4], dtype=torch.bool)
+    unknown = torch.zeros(seen.pixels.shape[1:4], dtype=torch.bool)
     unknown[0, 5, 8] = True
     small = replace(seen, unknown=unknown).halved().unknown
     assert small is not None

@@ -17,8 +17,8 @@ from splatreel.method.train import recovery
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 from splatreel.method.train.moving import CANONICAL_RATES
 from splatreel.method.train.recovery import ATTEMPTS, Recovery
-from tests.method.train import test_group as groups
-from tests.method.train import test_keyframe as keyframes
+from tests.method.train import test_group_trainer as groups
+from tests.method.train import test_keyframe_trainer as keyframes
 
 LOSSES = {name: getattr(splat, name) for name in ("photometric_loss", "layered_loss")}
 TOTAL = 120

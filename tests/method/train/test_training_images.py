@@ -17,7 +17,7 @@ def make_images(width: int, height: int) -> TrainingImages:
 
 def sizes(width: int, height: int, coarse: float, afforded: float) -> list[tuple[int, int]]:
     """Return the iteration of 1000 at which each size ends, and its width."""
-    return [(end, shown.images.shape[3]) for end, shown in make_images(width, height).sizes(1000, coarse, afforded)]
+    return [(end, shown.pixels.shape[3]) for end, shown in make_images(width, height).sizes(1000, coarse, afforded)]
 
 
 def test_sizes_of_small_images_end_at_full_size():
@@ -39,6 +39,6 @@ def test_sizes_without_limit_use_full_size():
 @pytest.mark.parametrize("width", [101, 100])
 def test_halved_views_project_to_half_pixels(width: int):
     shown = make_images(width, 80).halved()
-    assert shown.images.shape[2:4] == (40, 50)
-    assert (shown.images == 100).all()
+    assert shown.pixels.shape[2:4] == (40, 50)
+    assert (shown.pixels == 100).all()
     assert (shown.views[0].width, shown.views[0].height) == (50, 40)
