@@ -1,10 +1,12 @@
 """Common parts of density control."""
 
+import numpy as np
 import torch
 
+from splatreel.kernels.image import render_image
 from splatreel.method.train.density import GradientMeter, select_growth
-from splatreel.method.train.trainable_points import TrainablePoints, children, default_rates, rotate
-from tests.method.scenes import random_gaussians
+from splatreel.method.train.trainable_points import TrainablePoints, children, default_rates, halves, rotate
+from tests.method.scenes import random_gaussians, ring
 
 
 def test_gradient_meter_averages_over_views_that_see_a_point():
@@ -51,6 +53,39 @@ def test_children_follow_parent_gaussian():
     torch.testing.assert_close(offsets.std(0), torch.tensor([0.5, 0.05, 0.005]), rtol=0.1, atol=0)
     for name in ("quats", "logit_opacities", "sh_base", "sh_rest"):
         assert torch.equal(rows[name], points.params[name].detach().repeat(2, *[1] * (rows[name].ndim - 1)))
+
+
+def test_halves_are_side_by_side_on_the_longest_axis():
+    gaussians = random_gaussians(200)
+    points = TrainablePoints.from_gaussians(gaussians, default_rates(1.0), torch.device("cpu"))
+    every = torch.ones(200, dtype=torch.bool)
+    rows, scales = halves(points, every), points.scales.detach()
+    torch.testing.assert_close((rows["means"][:200] + rows["means"][200:]) / 2, points.means.detach())
+    turned_back = points.rows(every)["quats"] * torch.tensor([1.0, -1, -1, -1])
+    longest = torch.nn.functional.one_hot(scales.argmax(1), 3) * scales
+    offsets = rotate(turned_back, rows["means"][:200] - points.means.detach())
+    torch.testing.assert_close(offsets, 0.5 * longest, rtol=1e-4, atol=1e-6)
+    shrunk = torch.where(longest > 0, 0.5, 0.85)
+    torch.testing.assert_close(rows["log_scales"].exp(), (scales * shrunk).repeat(2, 1))
+    torch.testing.assert_close(torch.sigmoid(rows["logit_opacities"]), 0.6 * points.opacities.detach().repeat(2))
+    for name in ("quats", "sh_base", "sh_rest"):
+        assert torch.equal(rows[name], points.params[name].detach().repeat(2, *[1] * (rows[name].ndim - 1)))
+
+
+def test_halves_draw_nearly_what_the_point_draws():
+    """The image of a large point changes less by its split into halves than by a split into random children."""
+    camera = ring(1, width=64, height=48)[0]
+    gaussians = random_gaussians(1)
+    gaussians.means[:], gaussians.scales[:], gaussians.opacities[:] = 0, (0.6, 0.2, 0.2), 0.8
+    points = TrainablePoints.from_gaussians(gaussians, default_rates(1.0), torch.device("cpu"))
+    every, before = torch.ones(1, dtype=torch.bool), render_image(gaussians, camera)
+
+    def change(rows: dict[str, torch.Tensor]) -> float:
+        after = TrainablePoints(rows, default_rates(1.0)).gaussians()
+        return float(np.abs(render_image(after, camera) - before).mean())
+
+    random = [change(children(points, every, torch.Generator().manual_seed(seed))) for seed in range(5)]
+    assert change(halves(points, every)) < 0.8 * min(random)
 
 
 def test_rotate_turns_x_to_y_about_z():

@@ -54,7 +54,7 @@ def spoil(monkeypatch: pytest.MonkeyPatch, bad: Callable[[int], bool], value: fl
 def test_keyframe_recovers_last_good_state(monkeypatch: pytest.MonkeyPatch, value: float) -> None:
     def train(notes: Notes) -> KeyframeTrainer:
         trainer = KeyframeTrainer(keyframes.rough_start(), keyframes.gains(), keyframes.CONFIG, max_points=3000)
-        trainer.train(keyframes.images(), TOTAL, TOTAL, notes)
+        trainer.train(keyframes.make_images(), TOTAL, TOTAL, notes)
         return trainer
 
     smooth = train(Notes()).points.gaussians()
@@ -152,7 +152,7 @@ def test_recovery_gives_up_after_max_attempts(monkeypatch: pytest.MonkeyPatch) -
         Notes(),
     )
     with pytest.raises(ReconstructionError, match=r"even at 0.0625 times its learning rates: .* is nan.*capture check"):
-        trainer.train(keyframes.images(), TOTAL, TOTAL, notes)
+        trainer.train(keyframes.make_images(), TOTAL, TOTAL, notes)
     assert len(notes.notes) == ATTEMPTS
 
 
@@ -189,7 +189,7 @@ def test_trainer_is_freed_without_garbage_collection() -> None:
     group = groups.trainer(groups.frames(), groups.config(iterations=2))
     gc.disable()
     try:
-        keyframe.train(keyframes.images(), 5, 5, Silent())
+        keyframe.train(keyframes.make_images(), 5, 5, Silent())
         group.train(Silent())
         left = [weakref.ref(keyframe), weakref.ref(group)]
         del keyframe, group

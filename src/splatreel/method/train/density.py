@@ -15,7 +15,7 @@ from splatreel.method.layering.lift import NEIGHBORS
 from splatreel.method.train.losses import GROWTH
 from splatreel.method.train.moving import MovingPoints
 from splatreel.method.train.render import Comparable, StaticCache, View, contributions, relative_distances
-from splatreel.method.train.trainable_points import TrainablePoints, children
+from splatreel.method.train.trainable_points import TrainablePoints, children, halves
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.volumes import Volume
 
@@ -157,24 +157,25 @@ class KeyframeDensity:
         if not self.is_due(done, share, averaged):
             return
         if share <= GROWTH:
-            self.densify(images.unit, share, ABSOLUTE_GRADIENT if absolute else GROWTH_GRADIENT)
+            self.densify(images.unit, share, absolute)
         else:
             self.prune(images.unit, share)
         self.restart(images)
 
-    def densify(self, unit: float, share: float, threshold: float) -> None:
-        """Clone small points with gradients above a threshold, split large ones, and prune."""
+    def densify(self, unit: float, share: float, absolute: bool) -> None:
+        """Clone small points with large gradients, split large ones, and prune. See `update` for the arguments."""
         points = self.points
         points.check()
         if self.region is not None:
             self.meter.sum *= inside(self.region, points.means)
-        grow = select_growth(self.meter, threshold, self.room)
+        grow = select_growth(self.meter, ABSOLUTE_GRADIENT if absolute else GROWTH_GRADIENT, self.room)
         dropped = self._dropped(unit, share)
         large = points.scales.detach().amax(1) > SPLIT_FROM * unit
         split, clone = grow & large & ~dropped, grow & ~large & ~dropped
-        clones, halves = points.rows(clone), children(points, split, self.generator)
+        parts = halves(points, split) if absolute else children(points, split, self.generator)
+        clones = points.rows(clone)
         points.keep(~(dropped | split))
-        points.append({name: torch.cat([clones[name], halves[name]]) for name in clones})
+        points.append({name: torch.cat([clones[name], parts[name]]) for name in clones})
 
     @property
     def room(self) -> int:

@@ -191,6 +191,28 @@ def children(points: TrainablePoints, split: Tensor, generator: torch.Generator)
     return twice
 
 
+LONG_AXIS_OFFSET, LONG_AXIS_SCALE, OTHER_SCALE, HALF_OPACITY = 0.5, 0.5, 0.85, 0.6
+"""Halves of a point: their distance from its center and their size along its longest axis, and their size along the others, in its
+standard deviations; and their opacity, as a share of its opacity."""
+
+
+def halves(points: TrainablePoints, split: Tensor) -> dict[str, Tensor]:
+    """Return two halves of every split point, side by side on its longest axis. They draw nearly what the point draws.
+
+    Source: Deng et al. 2025, "Improving Densification in 3D Gaussian Splatting for High-Fidelity Rendering", long-axis split.
+    """
+    rows = points.rows(split)
+    axis = torch.nn.functional.one_hot(rows["log_scales"].argmax(1), 3).to(rows["means"].dtype)
+    offset = LONG_AXIS_OFFSET * axis * rows["log_scales"].exp()
+    offset = rotate(torch.nn.functional.normalize(rows["quats"], dim=-1), offset)
+    twice = {name: torch.cat([value, value]) for name, value in rows.items()}
+    twice["means"] = torch.cat([rows["means"] + offset, rows["means"] - offset])
+    smaller = axis * math.log(LONG_AXIS_SCALE) + (1 - axis) * math.log(OTHER_SCALE)
+    twice["log_scales"] = twice["log_scales"] + smaller.repeat(2, 1)
+    twice["logit_opacities"] = torch.logit(HALF_OPACITY * torch.sigmoid(twice["logit_opacities"]))
+    return twice
+
+
 def rotate(quats: Tensor, vectors: Tensor) -> Tensor:
     """Rotate vectors [N, 3] by unit quaternions [N, 4]."""
     w, xyz = quats[:, :1], quats[:, 1:]
