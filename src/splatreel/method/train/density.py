@@ -24,8 +24,10 @@ CULL_OPACITY = 0.05
 GROWTH_GRADIENT = 2e-4
 """Mean screen-space gradient above which points are densified, in normalized device units; the value of 3DGS."""
 ABSOLUTE_GRADIENT = 6e-4
-"""Threshold of the absolute gradient, where it is measured. Gradients of a large splat over fine detail cancel each other in the
-signed sum, but not in this one (AbsGS)."""
+"""Threshold of the absolute gradient, where it is measured, for images up to `FINE_WIDTH`. Gradients of a large splat over fine
+detail cancel each other in the signed sum, but not in this one (AbsGS)."""
+FINE_WIDTH = 320
+"""Width, pixels, above which images show more detail, and the threshold of the absolute gradient falls with its square root."""
 LARGEST_SCALE = 0.5
 """Largest scale of a point, in typical viewing distances, multiplied by `relative_distances`."""
 
@@ -157,18 +159,20 @@ class KeyframeDensity:
         if not self.is_due(done, share, averaged):
             return
         if share <= GROWTH:
-            self.densify(images.unit, share, absolute)
+            self.densify(images, share, absolute)
         else:
             self.prune(images.unit, share)
         self.restart(images)
 
-    def densify(self, unit: float, share: float, absolute: bool) -> None:
+    def densify(self, images: TrainingImages, share: float, absolute: bool) -> None:
         """Clone small points with large gradients, split large ones, and prune. See `update` for the arguments."""
+        unit, width = images.unit, images.views[0].width
+        threshold = ABSOLUTE_GRADIENT * min(1.0, (FINE_WIDTH / width) ** 0.5) if absolute else GROWTH_GRADIENT
         points = self.points
         points.check()
         if self.region is not None:
             self.meter.sum *= inside(self.region, points.means)
-        grow = select_growth(self.meter, ABSOLUTE_GRADIENT if absolute else GROWTH_GRADIENT, self.room)
+        grow = select_growth(self.meter, threshold, self.room)
         dropped = self._dropped(unit, share)
         large = points.scales.detach().amax(1) > SPLIT_FROM * unit
         split, clone = grow & large & ~dropped, grow & ~large & ~dropped
