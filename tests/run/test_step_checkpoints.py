@@ -18,8 +18,8 @@ from splatreel.run.step_checkpoints import (
     EXPOSURE,
     KEYFRAME,
     LAYERS,
-    TIME_OFFSETS,
     POSES,
+    TIME_OFFSETS,
     TRACKS,
     StepCheckpoint,
 )

@@ -1,12 +1,16 @@
 """Common parts of density control."""
 
 import numpy as np
+import pytest
 import torch
 
 from splatreel.kernels.image import render_image
-from splatreel.method.train.density import GradientMeter, select_growth
+from splatreel.method.train.density import GradientMeter, KeyframeDensity, select_growth
+from splatreel.method.train.render import View
 from splatreel.method.train.trainable_points import TrainablePoints, children, default_rates, halves, rotate
+from splatreel.method.train.training_images import TrainingImages
 from tests.method.scenes import random_gaussians, ring
+from tests.method.small import plain
 
 
 def test_gradient_meter_averages_over_views_that_see_a_point():
@@ -91,3 +95,19 @@ def test_halves_draw_nearly_what_the_point_draws():
 def test_rotate_turns_x_to_y_about_z():
     quarter = torch.tensor([[0.5**0.5, 0, 0, 0.5**0.5]])
     torch.testing.assert_close(rotate(quarter, torch.tensor([[1.0, 0, 0]])), torch.tensor([[0.0, 1, 0]]))
+
+
+@pytest.mark.parametrize(
+    ("width", "absolute", "grown"), [(160, True, 0), (320, True, 0), (1280, True, 5), (1280, False, 20)]
+)
+def test_large_images_are_densified_at_smaller_absolute_gradients(width: int, absolute: bool, grown: int) -> None:
+    """Five of twenty points have a gradient below the threshold of a small image, but above that of a large one."""
+    points = TrainablePoints.from_gaussians(random_gaussians(20), default_rates(1.0), torch.device("cpu"))
+    view = View.of(ring(1, width=width, height=width // 2)[0], torch.device("cpu"))
+    images = TrainingImages(torch.zeros(1, 1, width // 2, width, 3, dtype=torch.uint8), [view], 0.1, 4.0)
+    density = KeyframeDensity(points, plain({}).keyframe, 1000, seed=0)
+    density.restart(images)
+    density.meter.sum[:], density.meter.seen[:] = 2.5e-4, 1
+    density.meter.sum[:5] = 5e-4
+    density.densify(images, 0.1, absolute)
+    assert len(points) == 20 + grown
