@@ -16,9 +16,10 @@ import torch
 from torch import Tensor
 
 from splatreel.config import GroupConfig, KeyframeConfig
+from splatreel.kernels.projected import Splats
 from splatreel.method.train.moving import Changes, MovingPoints
 from splatreel.method.train.regularizers import Depths, Neighbors, arap, roughness, spread, temporal
-from splatreel.method.train.render import Comparable, Splats, View
+from splatreel.method.train.render import Comparable, View
 from splatreel.method.train.trainable_points import TrainablePoints
 
 

@@ -9,12 +9,13 @@ import torch
 from torch import Tensor
 
 from splatreel.config import GroupConfig
+from splatreel.kernels.projected import Splats
 from splatreel.method.deform.appearance import Appearance, detect_cuts
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots
 from splatreel.method.deform.models import make_deformation
 from splatreel.method.deform.protocol import Deformation
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.render import Splats, View, deformed
+from splatreel.method.train.render import View, deformed
 from splatreel.method.train.trainable_points import TrainablePoints
 from splatreel.method.train.training_images import TrainingImages
 
