@@ -46,7 +46,7 @@ class Changes:
     shade: Tensor | None
 
 
-class MovingPoints:
+class DynamicPoints:
     """Dynamic points in three parts, whose rows are added and removed together.
 
     Attributes:
@@ -62,7 +62,7 @@ class MovingPoints:
         self.appearance = appearance
 
     @staticmethod
-    def of(start: GroupStart, images: TrainingImages, config: GroupConfig, seed: int) -> MovingPoints:
+    def of(start: GroupStart, images: TrainingImages, config: GroupConfig, seed: int) -> DynamicPoints:
         """Create the points from which a group's training starts, on the device of its images."""
         device = images.pixels.device
         rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * images.unit}
@@ -72,9 +72,9 @@ class MovingPoints:
         means = canonical.means.detach()
         deformation = make_deformation(config.deformation, means, images.count, images.unit, seed, tracks, fixed)
         if not config.appearance:
-            return MovingPoints(canonical, deformation, None)
+            return DynamicPoints(canonical, deformation, None)
         cuts = detect_cuts(images.pixels)
-        return MovingPoints(canonical, deformation, Appearance(images.count, len(canonical), device, shades, cuts))
+        return DynamicPoints(canonical, deformation, Appearance(images.count, len(canonical), device, shades, cuts))
 
     def __len__(self) -> int:
         """Return the number of points."""
