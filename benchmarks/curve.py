@@ -19,10 +19,11 @@ from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.evaluation.bench.oracle import held_out_views
 from splatreel.evaluation.evaluate import evaluate
+from splatreel.kernels.projected import Splats
 from splatreel.method.train.group_trainer import GroupResult, GroupTrainer
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 from splatreel.method.train.losses import psnr
-from splatreel.method.train.render import Splats, View, activate, deformed, draw, splats
+from splatreel.method.train.render import View, activate, deformed, draw, splats
 from splatreel.method.train.trainable_points import to_params
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.run.jobs import ChapteredRun

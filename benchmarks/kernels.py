@@ -17,6 +17,7 @@ from record import record
 from splatreel.base import threads
 from splatreel.evaluation.bench.timing import median_ms
 from splatreel.kernels import splat, twin
+from splatreel.kernels.projected import Projection
 
 SCENES = ((20_000, 320, 240), (20_000, 640, 480), (100_000, 640, 480))
 SMALL = (500, 64, 48)  # all the twin can hold: it meets every pixel with every splat
@@ -46,26 +47,24 @@ def measure(kernels, n: int, width: int, height: int, repeats: int, device: str 
     target = torch.rand(height, width, 3, generator=torch.Generator().manual_seed(0)).to(device)
     viewmat = torch.eye(4, device=device)
 
-    def project() -> tuple[Tensor, ...]:
+    def project() -> Projection:
         return kernels.project(means, quats, scales, viewmat, K, width, height)
 
     def color() -> Tensor:
         return (kernels.spherical_harmonics(3, means, sh) + 0.5).clamp_min(0)
 
-    projected, colored = [t.detach() for t in project()], color().detach()
+    projected, colored = Projection(*[t.detach() for t in project()]), color().detach()
 
     def rasterize() -> Tensor:
-        means2d, conics, depths, radii = projected
-        return kernels.rasterize(means2d, conics, colored, opacities, depths, radii, width, height)[0]
+        return kernels.rasterize(projected.colored(colored, opacities), width, height)[0]
 
     image = rasterize().detach().requires_grad_()
-    for tensor in (*projected[:2], colored):
+    for tensor in (projected.means2d, projected.conics, colored):
         tensor.requires_grad_()
 
     def step() -> None:
-        means2d, conics, depths, radii = project()
-        arguments = (means2d, conics, color(), opacities, depths, radii, width, height)
-        kernels.photometric_loss(kernels.rasterize(*arguments)[0], target).backward()
+        image, _ = kernels.rasterize(project().colored(color(), opacities), width, height)
+        kernels.photometric_loss(image, target).backward()
         for leaf in leaves:
             leaf.grad = None
 

@@ -27,6 +27,7 @@ const parts = {
     ]),
   ),
   "open-files": "packages/element/src/files/open-files.ts",
+  panels: "packages/element/src/ui/panels.ts",
   "path-panel": "packages/element/src/ui/path-panel.ts",
   "edit-panel": "packages/element/src/ui/edit-panel.ts",
   screenshot: "packages/element/src/ui/screenshot.ts",

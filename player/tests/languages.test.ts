@@ -32,6 +32,7 @@ function texts(): Set<string> {
       )
       .map((file) => `ui/${file}`),
     "element/element.ts",
+    "base/words.ts",
   ];
   const found = new Set<string>();
   const add = (text: string): void => void (!OTHERS.test(text) && found.add(text));

@@ -9,6 +9,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 SOURCE = ROOT / "src" / "splatreel"
 GLOSSARY = ROOT / "docs" / "glossary.md"
+ALLOWED = {"snapshot": "state of training in memory, to which training returns after an error"}
+"""Synonyms that identifiers may contain, with their other meaning."""
 PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 
 
@@ -33,6 +35,24 @@ def synonyms_in(text: str) -> list[str]:
             if match := re.search(pattern, plain, re.IGNORECASE):
                 found.append(f"{match[0]!r}: write {term!r}")
     return found
+
+
+def identifiers(source: str) -> set[str]:
+    """Return the names that Python code defines or uses."""
+    fields = [
+        getattr(node, field, None) for node in ast.walk(ast.parse(source)) for field in ("name", "arg", "id", "attr")
+    ]
+    return {field for field in fields if isinstance(field, str)}
+
+
+def synonyms_in_identifiers(names: set[str]) -> list[str]:
+    texts = {name: " ".join(re.findall(r"[A-Z]+(?![a-z])|[A-Z]?[a-z]+", name)).lower() for name in names}
+    found = []
+    for term, _, _, synonyms in glossary_rows():
+        for synonym in set(synonyms.lower().replace("-", " ").split(", ")) - ALLOWED.keys():
+            pattern = re.compile(rf"\b{re.escape(synonym)}(s|es)?\b")
+            found += [f"{name}: write {term!r}" for name, text in texts.items() if pattern.search(text)]
+    return sorted(found)
 
 
 def test_glossary_has_complete_unique_rows() -> None:
@@ -62,3 +82,17 @@ def test_documentation_uses_no_synonyms(page: Path) -> None:
 def test_synonyms_are_found_across_lines_but_not_in_code() -> None:
     assert synonyms_in("Each key\nframes is stored.") == ["'key frames': write 'keyframe'"]
     assert synonyms_in("The option `new view` and\n\n    key frame\n") == []
+
+
+def test_identifiers_use_no_synonyms() -> None:
+    found = []
+    for path in SOURCE.rglob("*.py"):
+        names = identifiers(path.read_text(encoding="utf-8")) | {path.stem}
+        found += [f"{path.relative_to(SOURCE)}: {fault}" for fault in synonyms_in_identifiers(names)]
+    assert not found, "\n".join(found)
+
+
+def test_synonyms_are_found_in_identifiers() -> None:
+    names = identifiers("class RestingPoints: ...\ndef key_frame(is_frame, episode_2): keyframe.snapshot")
+    found = ["RestingPoints: write 'static point'", "episode_2: write 'chapter'", "key_frame: write 'keyframe'"]
+    assert synonyms_in_identifiers(names) == found

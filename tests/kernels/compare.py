@@ -6,6 +6,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from splatreel.kernels.projected import Splats
+
 Outputs = Tensor | tuple[Tensor, ...]
 
 
@@ -36,16 +38,17 @@ def assert_close(a: Tensor, b: Tensor, tolerance: float, what: str) -> None:
         assert error <= tolerance * max(float(b.detach().abs().max()), 1e-6), f"{what}: off by {error}"
 
 
-def splats(n: int, channels: int, width: int, height: int, seed: int = 0) -> list[Tensor]:
-    """Return means2d, conics, colors, opacities, depths and radii. Some are off the image, at equal depth, or culled."""
+def splats(n: int, channels: int, width: int, height: int, seed: int = 0) -> Splats:
+    """Return splats. Some are off the image, at equal depth, or culled."""
     rng = np.random.default_rng(seed)
     means2d = rng.uniform(-6, 6, (n, 2)) + rng.uniform(0, 1, (n, 2)) * [width, height]
     half = rng.normal(0, 2.5, (n, 2, 2))
     conics = np.linalg.inv(half @ half.transpose(0, 2, 1) + 0.3 * np.eye(2))[:, [0, 0, 1], [0, 1, 1]]
     depths = np.round(rng.uniform(1, 5, n), 1)
     radii = (rng.uniform(size=n) > 0.1).astype(np.int32)
-    arrays = [means2d, conics, rng.uniform(0, 1, (n, channels)), rng.uniform(0, 1, n), depths]
-    return [*(torch.from_numpy(array.astype(np.float32)) for array in arrays), torch.from_numpy(radii)]
+    arrays = means2d, conics, rng.uniform(0, 1, (n, channels)), rng.uniform(0, 1, n), depths
+    means2d, conics, colors, opacities, depths = (torch.from_numpy(array.astype(np.float32)) for array in arrays)
+    return Splats(means2d, conics, colors, opacities, depths, torch.from_numpy(radii))
 
 
 def gaussians(n: int, bands: int = 16, seed: int = 0) -> list[Tensor]:

@@ -11,6 +11,7 @@ import torch
 from splatreel.base.errors import MissingDependencyError
 from splatreel.kernels import cuda_backend as cuda
 from splatreel.kernels import splat, twin
+from splatreel.kernels.projected import Splats
 from tests.kernels.compare import camera, gaussians, splats
 
 needs_cuda = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device: the gsplat path was not tested")
@@ -28,8 +29,8 @@ def test_missing_gsplat_error_names_the_extra(monkeypatch):
 def test_rasterize_parity(channels):
     pytest.importorskip("gsplat")
     inputs = splats(150, channels, 40, 30)
-    inputs[5] *= 64  # gsplat bins by radius
-    compare(lambda *a: splat.rasterize(*a, 40, 30), lambda *a: twin.rasterize(*a, 40, 30), inputs, 4)
+    inputs.radii.mul_(64)  # gsplat bins by radius
+    compare(lambda *a: splat.rasterize(Splats(*a), 40, 30), lambda *a: twin.rasterize(Splats(*a), 40, 30), inputs, 4)
 
 
 @pytest.mark.cuda

@@ -1,8 +1,5 @@
 """Drawing moving splats among frozen splats gives the image and the gradients of drawing everything."""
 
-# pyright: reportCallIssue=false
-# Pyright assumes that an unpacked list fills all remaining positional arguments.
-
 import numpy as np
 import pytest
 import torch
@@ -10,6 +7,7 @@ import torch
 from splatreel.base.errors import GaussiansError
 from splatreel.kernels import cuda_backend as cuda
 from splatreel.kernels import splat, twin
+from splatreel.kernels.projected import Splats
 
 WIDTH, HEIGHT = 100, 70
 
@@ -25,15 +23,15 @@ def splats(count, seed, spread=None):
     colors = torch.rand(count, 3, generator=generator)
     opacities = torch.rand(count, generator=generator)
     depths = torch.rand(count, generator=generator) + 1
-    return [means, conics, colors, opacities, depths, torch.full((count,), 24, dtype=torch.int32)]
+    return Splats(means, conics, colors, opacities, depths, torch.full((count,), 24, dtype=torch.int32))
 
 
 def whole(moving, static):
-    return splat.rasterize(*[torch.cat(pair) for pair in zip(moving, static, strict=True)], WIDTH, HEIGHT)
+    return splat.rasterize(Splats.join(moving, static), WIDTH, HEIGHT)
 
 
 def among(moving, static):
-    return splat.rasterize_among(*moving, splat.freeze(*static, WIDTH, HEIGHT))[:2]
+    return splat.rasterize_among(moving, splat.freeze(static, WIDTH, HEIGHT))[:2]
 
 
 def oracle(moving, static):
@@ -45,7 +43,7 @@ def masked(moving, static):
 
     class TwinAsGsplat(cuda.CudaBackend):
         def rasterize(self, splats, width, height, absolute=None, tiles=None):
-            image, alpha = twin.rasterize(*splats, width, height)
+            image, alpha = twin.rasterize(splats, width, height)
             if tiles is None:
                 return image, alpha
             drawn = torch.from_numpy(np.kron(tiles.numpy(), np.ones((16, 16), bool))[:HEIGHT, :WIDTH])
@@ -56,7 +54,7 @@ def masked(moving, static):
 
 
 def differentiated(draw, moving, static, target):
-    leaves = [value.clone().requires_grad_(value.is_floating_point()) for value in moving]
+    leaves = Splats(*[value.clone().requires_grad_(value.is_floating_point()) for value in moving])
     image, alpha = draw(leaves, static)
     (splat.photometric_loss(image, target) + alpha.mean()).backward()
     return [image.detach(), alpha.detach(), *[leaf.grad for leaf in leaves[:4]]]
@@ -66,9 +64,9 @@ def differentiated(draw, moving, static, target):
 @pytest.mark.parametrize("seed", range(5))
 def test_rasterize_among_equals_drawing_everything(seed, faint):
     static, moving = splats(400, seed), splats(30, seed + 100, ((30.0, 40.0), 0.3))
-    static[4][:20] = moving[4][:20]  # at equal depth, moving splats are in front
+    static.depths[:20] = moving.depths[:20]  # at equal depth, moving splats are in front
     if not faint:
-        static[3][:], moving[3][:] = 0.97, 0.9  # pixels fill up
+        static.opacities[:], moving.opacities[:] = 0.97, 0.9  # pixels fill up
     target = torch.rand(HEIGHT, WIDTH, 3, generator=torch.Generator().manual_seed(seed))
     expected = differentiated(whole, moving, static, target)
     for draw in (among, oracle, masked) if faint else (among,):  # the twin rounds differently where pixels fill up
@@ -78,8 +76,8 @@ def test_rasterize_among_equals_drawing_everything(seed, faint):
 
 def test_rasterize_among_draws_only_touched_tiles():
     static, moving = splats(400, 0), splats(30, 100, ((30.0, 40.0), 0.3))
-    frozen = splat.freeze(*static, WIDTH, HEIGHT)
-    image, alpha, tiles = splat.rasterize_among(*moving, frozen)
+    frozen = splat.freeze(static, WIDTH, HEIGHT)
+    image, alpha, tiles = splat.rasterize_among(moving, frozen)
     assert tiles.shape == (5, 7)
     assert 0.1 < tiles.float().mean() < 0.9
     kept = ~torch.from_numpy(np.kron(tiles.numpy(), np.ones((16, 16), bool))[:HEIGHT, :WIDTH])
@@ -87,14 +85,14 @@ def test_rasterize_among_draws_only_touched_tiles():
     assert torch.equal(alpha[kept], frozen.alpha[kept])
     expected, _ = whole(moving, static)
     assert (frozen.image - expected).abs().max() > 0.1
-    _, alone = splat.rasterize(*moving, WIDTH, HEIGHT)
+    _, alone = splat.rasterize(moving, WIDTH, HEIGHT)
     assert not alone[kept].any()
 
 
 def test_rasterize_among_without_splats_keeps_frozen_image():
     static, nothing = splats(50, 0), splats(0, 1)
-    frozen = splat.freeze(*static, WIDTH, HEIGHT)
-    image, alpha, tiles = splat.rasterize_among(*nothing, frozen)
+    frozen = splat.freeze(static, WIDTH, HEIGHT)
+    image, alpha, tiles = splat.rasterize_among(nothing, frozen)
     assert not tiles.any()
     assert torch.equal(image, frozen.image)
     assert torch.equal(alpha, frozen.alpha)
@@ -108,12 +106,12 @@ def test_rasterize_among_without_frozen_splats_equals_rasterize():
 
 def test_freeze_rejects_nan():
     static, moving = splats(5, 0), splats(5, 1)
-    frozen = splat.freeze(*static, WIDTH, HEIGHT)
-    moving[0][2, 1] = float("nan")
+    frozen = splat.freeze(static, WIDTH, HEIGHT)
+    moving.means2d[2, 1] = float("nan")
     with pytest.raises(GaussiansError, match="means2d holds 1 value"):
-        splat.rasterize_among(*moving, frozen)
+        splat.rasterize_among(moving, frozen)
     with pytest.raises(GaussiansError, match="means2d"):
-        splat.freeze(*moving, WIDTH, HEIGHT)
+        splat.freeze(moving, WIDTH, HEIGHT)
 
 
 def test_tile_spans_cover_square_of_radius():

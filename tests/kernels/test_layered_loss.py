@@ -1,13 +1,11 @@
 """The layered loss equals the loss of the whole image up to a constant, and restores the frozen image."""
 
-# pyright: reportCallIssue=false
-# Pyright assumes that an unpacked list fills all remaining positional arguments.
-
 import pytest
 import torch
 
 from splatreel.base.errors import GaussiansError
 from splatreel.kernels import splat
+from splatreel.kernels.projected import Splats
 from tests.kernels.test_freeze import HEIGHT, WIDTH, splats
 
 GAIN, BACKGROUND = torch.tensor([0.9, 1.0, 1.1]), torch.tensor([0.1, 0.2, 0.3])
@@ -16,12 +14,12 @@ GAIN, BACKGROUND = torch.tensor([0.9, 1.0, 1.1]), torch.tensor([0.1, 0.2, 0.3])
 def scene(seed):
     generator = torch.Generator().manual_seed(seed)
     target = (torch.rand(HEIGHT, WIDTH, 3, generator=generator) * 255).to(torch.uint8)
-    frozen = splat.freeze(*splats(400, seed), WIDTH, HEIGHT)
+    frozen = splat.freeze(splats(400, seed), WIDTH, HEIGHT)
     return splats(30, seed + 100, ((30.0, 40.0), 0.3)), frozen, target
 
 
 def leaves(moving):
-    return [value.clone().requires_grad_(value.is_floating_point()) for value in moving]
+    return Splats(*[value.clone().requires_grad_(value.is_floating_point()) for value in moving])
 
 
 def gradients(points):
@@ -30,7 +28,7 @@ def gradients(points):
 
 def whole(moving, frozen, target):
     """Return the loss of the whole image."""
-    image, _, _ = splat.rasterize_among(*moving, frozen)
+    image, _, _ = splat.rasterize_among(moving, frozen)
     return splat.photometric_loss(image + BACKGROUND, target, 0.2, GAIN)
 
 
@@ -44,7 +42,7 @@ def test_layered_gradients_equal_those_of_whole_image(seed):
     moving, frozen, target = scene(seed)
     expected, found = leaves(moving), leaves(moving)
     (2 * whole(expected, frozen, target)).backward()
-    (2 * splat.layered_loss(*found, frozen, target, 0.2, GAIN, BACKGROUND)).backward()
+    (2 * splat.layered_loss(found, frozen, target, 0.2, GAIN, BACKGROUND)).backward()
     for a, b in zip(gradients(found), gradients(expected), strict=True):
         assert_close(a, b)
 
@@ -55,11 +53,11 @@ def test_layered_gradients_of_frozen_splats_where_requested(seed):
     static, before = splats(400, seed), frozen.image.clone()
     asked = torch.rand(400, generator=torch.Generator().manual_seed(seed)) < 0.05
     where = torch.cat([torch.ones(30, dtype=torch.bool), asked])
-    everything = [torch.cat(pair) for pair in zip(moving, static, strict=True)]
+    everything = Splats.join(moving, static)
     expected, found = leaves(everything), leaves(everything)
-    image, _ = splat.rasterize(*expected, WIDTH, HEIGHT)
+    image, _ = splat.rasterize(expected, WIDTH, HEIGHT)
     splat.photometric_loss(image + BACKGROUND, target, 0.2, GAIN).backward()
-    splat.layered_loss(*found, frozen, target, 0.2, GAIN, BACKGROUND, where).backward()
+    splat.layered_loss(found, frozen, target, 0.2, GAIN, BACKGROUND, where).backward()
     for a, b in zip(gradients(found), gradients(expected), strict=True):
         assert_close(a[where], b[where])
     assert torch.equal(frozen.image, before)
@@ -67,15 +65,15 @@ def test_layered_gradients_of_frozen_splats_where_requested(seed):
 
 def test_remove_draws_remaining_frozen_splats():
     static = splats(400, 0)
-    frozen, rows = splat.freeze(*static, WIDTH, HEIGHT), torch.arange(400)
+    frozen, rows = splat.freeze(static, WIDTH, HEIGHT), torch.arange(400)
     for gone in (rows[::7], rows[3:40:2]):
         frozen = splat.remove(frozen, gone)
         rows = rows[~torch.isin(rows, gone)]
-        others = splat.freeze(*[value[rows] for value in static], WIDTH, HEIGHT)
+        others = splat.freeze(static.rows(rows), WIDTH, HEIGHT)
         torch.testing.assert_close(frozen.image, others.image, rtol=0, atol=1e-6)
         torch.testing.assert_close(frozen.alpha, others.alpha, rtol=0, atol=1e-6)
         moving, _, target = scene(0)
-        found = [splat.layered_loss(*moving, held, target) for held in (frozen, others)]
+        found = [splat.layered_loss(moving, held, target) for held in (frozen, others)]
         assert float(found[0]) == pytest.approx(float(found[1]), abs=1e-6)
     assert len(rows) < 340
 
@@ -84,8 +82,8 @@ def test_layered_loss_differs_from_whole_image_by_constant():
     moving, frozen, target = scene(0)
     apart = []
     for brighter in (0.0, 0.1, 0.2):
-        moving[2] = moving[2] + brighter
-        apart.append(whole(moving, frozen, target) - splat.layered_loss(*moving, frozen, target, 0.2, GAIN, BACKGROUND))
+        moving = moving._replace(colors=moving.colors + brighter)
+        apart.append(whole(moving, frozen, target) - splat.layered_loss(moving, frozen, target, 0.2, GAIN, BACKGROUND))
     assert float(apart[0]) > 0
     torch.testing.assert_close(torch.stack(apart), apart[0].expand(3), rtol=0, atol=1e-6)
 
@@ -93,17 +91,17 @@ def test_layered_loss_differs_from_whole_image_by_constant():
 def test_layered_loss_restores_frozen_image():
     moving, frozen, target = scene(1)
     before = frozen.image.clone(), frozen.alpha.clone()
-    splat.layered_loss(*moving, frozen, target)
+    splat.layered_loss(moving, frozen, target)
     assert torch.equal(frozen.image, before[0])
     assert torch.equal(frozen.alpha, before[1])
-    moving[2][3, 1] = torch.nan
+    moving.colors[3, 1] = torch.nan
     with pytest.raises(GaussiansError, match="colors"):
-        splat.layered_loss(*moving, frozen, target)
+        splat.layered_loss(moving, frozen, target)
     assert torch.equal(frozen.image, before[0])
 
 
 def test_layered_loss_accepts_no_splats():
     moving, frozen, target = scene(2)
-    nothing = leaves([value[:0] for value in moving])
-    splat.layered_loss(*nothing, frozen, target).backward()
+    nothing = leaves(Splats(*[value[:0] for value in moving]))
+    splat.layered_loss(nothing, frozen, target).backward()
     assert all(gradient.shape[0] == 0 for gradient in gradients(nothing))

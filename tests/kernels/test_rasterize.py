@@ -18,14 +18,15 @@ from splatreel.base import threads
 from splatreel.base.errors import GaussiansError
 from splatreel.kernels import splat, twin
 from splatreel.kernels.cpu import binning
+from splatreel.kernels.projected import Splats
 from tests.kernels.compare import assert_parity, splats
 
 
 def parity(inputs, width, height, tolerance=3e-5):
     *values, depths, radii = inputs
     assert_parity(
-        lambda *a: splat.rasterize(*a, depths, radii, width, height),
-        lambda *a: twin.rasterize(*a, depths, radii, width, height),
+        lambda *a: splat.rasterize(Splats(*a, depths, radii), width, height),
+        lambda *a: twin.rasterize(Splats(*a, depths, radii), width, height),
         values,
         tolerance,
     )
@@ -41,8 +42,8 @@ def test_rasterize_equals_twin(channels, width, height):
 def test_rasterize_equals_twin_for_full_pixels(opacity):
     """Alphas exceed the clamp at 0.999, and pixels are full long before the last splat."""
     inputs = splats(300, 3, 40, 30)
-    inputs[3] = torch.full_like(inputs[3], opacity)
-    alpha = splat.rasterize(*inputs, 40, 30)[1]
+    inputs.opacities.fill_(opacity)
+    alpha = splat.rasterize(inputs, 40, 30)[1]
     assert (alpha > 0.99).float().mean() > 0.5
     parity(inputs, 40, 30, 1e-4)
 
@@ -63,12 +64,12 @@ def test_absolute_gradient_is_a_sum_over_tiles():
     for top in range(0, height, size):
         for left in range(0, width, size):
             mean = means2d.clone().requires_grad_()
-            image, _ = splat.rasterize(mean, *others, width, height)
+            image, _ = splat.rasterize(Splats(mean, *others), width, height)
             part = slice(top, top + size), slice(left, left + size)
             (image * slopes)[part].sum().backward()
             expected += mean.grad.abs()
     mean, absolute = means2d.clone().requires_grad_(), torch.zeros_like(means2d, requires_grad=True)
-    image, _ = splat.rasterize(mean, *others, width, height, absolute)
+    image, _ = splat.rasterize(Splats(mean, *others), width, height, absolute)
     (image * slopes).sum().backward()
     torch.testing.assert_close(absolute.grad, expected, rtol=2e-4, atol=2e-4)
     assert (absolute.grad >= mean.grad.abs() - 1e-3).all()
@@ -78,7 +79,7 @@ def test_absolute_gradient_is_a_sum_over_tiles():
 def test_single_splat_has_gaussian_alpha():
     """At its center, the alpha of a splat is its opacity; one sigma away it is exp(-1/2) times as much."""
     one = [torch.tensor(v) for v in ([[8.5, 8.5]], [[1 / 4, 0, 1 / 4]], [[0.5, 1, 0.25]], [0.8], [1.0])]
-    image, alpha = splat.rasterize(*one, torch.ones(1, dtype=torch.int32), 20, 20)
+    image, alpha = splat.rasterize(Splats(*one, torch.ones(1, dtype=torch.int32)), 20, 20)
     torch.testing.assert_close(alpha[8, 8], torch.tensor(0.8))
     torch.testing.assert_close(alpha[8, 10], torch.tensor(0.8 * float(np.exp(-0.5))))
     torch.testing.assert_close(image[8, 8], 0.8 * torch.tensor([0.5, 1, 0.25]))
@@ -93,7 +94,7 @@ def test_nearer_splat_is_drawn_in_front():
         torch.tensor([0.9, 0.9]),
     ]
     for depths, front in (([1.0, 2], 0), ([2.0, 1], 1)):
-        image, _ = splat.rasterize(*two, torch.tensor(depths), torch.ones(2, dtype=torch.int32), 16, 16)
+        image, _ = splat.rasterize(Splats(*two, torch.tensor(depths), torch.ones(2, dtype=torch.int32)), 16, 16)
         torch.testing.assert_close(image[8, 8, front], torch.tensor(0.9))
         torch.testing.assert_close(image[8, 8, 1 - front], torch.tensor(0.09))
 
@@ -101,15 +102,15 @@ def test_nearer_splat_is_drawn_in_front():
 @pytest.mark.parametrize("n", [0, 4])
 def test_rasterize_without_visible_splats_is_black(n):
     inputs = splats(n, 3, 20, 20)
-    inputs[5] = torch.zeros(n, dtype=torch.int32)
-    inputs[2].requires_grad_()
-    image, alpha = splat.rasterize(*inputs, 20, 20)
+    inputs.radii.zero_()
+    colors = inputs.colors.requires_grad_()
+    image, alpha = splat.rasterize(inputs, 20, 20)
     assert not image.any()
     assert not alpha.any()
     image.sum().backward()
-    assert inputs[2].grad is not None
-    assert inputs[2].grad.shape == (n, 3)
-    assert not inputs[2].grad.any()
+    assert colors.grad is not None
+    assert colors.grad.shape == (n, 3)
+    assert not colors.grad.any()
 
 
 @pytest.mark.parametrize("index", [0, 1, 2, 3])
@@ -117,7 +118,7 @@ def test_rasterize_rejects_nan(index):
     inputs = splats(5, 3, 20, 20)
     inputs[index][(1,) * inputs[index].ndim] = float("nan")
     with pytest.raises(GaussiansError, match="NaN"):
-        splat.rasterize(*inputs, 20, 20)
+        splat.rasterize(inputs, 20, 20)
 
 
 @settings(max_examples=25, deadline=None)
@@ -125,8 +126,8 @@ def test_rasterize_rejects_nan(index):
 def test_random_scene_equals_twin(seed, n, width, height):
     """Alpha is in 0..1. The image equals the twin's, except for rare pixels where rounding crosses the cut at 1/255."""
     inputs = splats(n, 3, width, height, seed)
-    image, alpha = splat.rasterize(*inputs, width, height)
-    expected, expected_alpha = twin.rasterize(*inputs, width, height)
+    image, alpha = splat.rasterize(inputs, width, height)
+    expected, expected_alpha = twin.rasterize(inputs, width, height)
     assert float(alpha.min()) >= 0
     assert float(alpha.max()) <= 1
     error = torch.cat([(image - expected).abs().view(-1), (alpha - expected_alpha).abs().view(-1)])
@@ -139,7 +140,7 @@ def test_rasterize_bits_do_not_depend_on_threads():
 
     def run():
         leaves = [t.clone().requires_grad_() for t in inputs[:4]]
-        image, alpha = splat.rasterize(*leaves, *inputs[4:], 100, 70)
+        image, alpha = splat.rasterize(Splats(*leaves, *inputs[4:]), 100, 70)
         (image.square().sum() + alpha.sum()).backward()
         return [image, alpha, *(leaf.grad for leaf in leaves)]
 
@@ -155,8 +156,8 @@ def test_concurrent_renders_are_independent():
     a, b = splats(100, 3, 40, 30, 1), splats(200, 3, 40, 30, 2)
 
     def gradient(inputs, between) -> Any:
-        means2d = inputs[0].clone().requires_grad_()
-        image, _ = splat.rasterize(means2d, *inputs[1:], 40, 30)
+        means2d = inputs.means2d.clone().requires_grad_()
+        image, _ = splat.rasterize(inputs._replace(means2d=means2d), 40, 30)
         between()
         image.square().sum().backward()
         return means2d.grad
@@ -167,7 +168,8 @@ def test_concurrent_renders_are_independent():
 
 def test_in_place_change_of_saved_tensor_raises():
     inputs = splats(20, 3, 20, 20)
-    image, _ = splat.rasterize(inputs[0].requires_grad_(), *inputs[1:], 20, 20)
+    inputs.means2d.requires_grad_()
+    image, _ = splat.rasterize(inputs, 20, 20)
     image *= 2
     with pytest.raises(RuntimeError, match="modified by an inplace operation"):
         image.sum().backward()

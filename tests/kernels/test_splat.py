@@ -21,11 +21,11 @@ W, H = 45, 33
 
 
 def twin_render(means, quats, scales, opacities, sh, viewmat, K):
-    means2d, conics, depths, radii = twin.project(means, quats, scales, viewmat, K, W, H)
+    projection = twin.project(means, quats, scales, viewmat, K, W, H)
     pose = torch.as_tensor(viewmat, dtype=means.dtype)
     directions = means + pose[:3, :3].T @ pose[:3, 3]
     colors = (twin.spherical_harmonics(round(sh.shape[1] ** 0.5) - 1, directions, sh) + 0.5).clamp_min(0)
-    return twin.rasterize(means2d, conics, colors, opacities, depths, radii, W, H)
+    return twin.rasterize(projection.colored(colors, opacities), W, H)
 
 
 @pytest.mark.parametrize("bands", [1, 16])
@@ -112,8 +112,8 @@ def test_antialiased_gradients_equal_finite_differences():
     points[2].requires_grad_()
 
     def opacities(scales):
-        _, conics, _, _ = twin.project(points[0], points[1], scales, viewmat, K, W, H, antialias=True)
-        return splat.antialiased(points[3], conics)
+        projection = twin.project(points[0], points[1], scales, viewmat, K, W, H, antialias=True)
+        return splat.antialiased(points[3], projection.conics)
 
     assert torch.autograd.gradcheck(opacities, (points[2],), eps=1e-7, atol=1e-4)
 

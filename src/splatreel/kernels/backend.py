@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -12,23 +11,11 @@ from torch import Tensor
 
 from splatreel.kernels import twin
 from splatreel.kernels.cpu.project import kept_area
+from splatreel.kernels.projected import FrozenSplats, Projection, Splats
 from splatreel.kernels.twin import Missed, Skin, Step
 
 Pinhole = tuple[Tensor, Tensor, int, int]
 """viewmat [4, 4], K [3, 3], width, height."""
-Splats = tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]
-"""means2d [N, 2], conics [N, 3], colors [N, C], opacities [N], depths [N], radii [N] int32."""
-
-
-class FrozenSplats(NamedTuple):
-    """Splats that do not change, drawn once for one view. `freeze` makes them; `rasterize_among` draws other splats among them.
-
-    image: [H, W, 3]. alpha: [H, W]. held: what the backend needs to draw other splats among them.
-    """
-
-    image: Tensor
-    alpha: Tensor
-    held: Any
 
 
 class Backend(ABC):
@@ -50,8 +37,8 @@ class Backend(ABC):
         height: int,
         near: float,
         antialias: bool,
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Return means2d, conics, depths and radii."""
+    ) -> Projection:
+        """Return projected Gaussians."""
 
     @abstractmethod
     def spherical_harmonics(self, degree: int, directions: Tensor, coefficients: Tensor) -> Tensor:
@@ -63,14 +50,11 @@ class Backend(ABC):
     ) -> tuple[Tensor, Tensor]:
         """Return image and alpha. absolute: see `splat.rasterize`."""
 
-    def gather(
-        self, means2d: Tensor, conics: Tensor, opacities: Tensor, depths: Tensor, radii: Tensor, images: Tensor
-    ) -> Tensor:
+    def gather(self, projection: Projection, opacities: Tensor, images: Tensor) -> Tensor:
         """Return the sums of images over the pixels of splats."""
-        colors = images.new_zeros(len(means2d), images.shape[2], requires_grad=True)
-        splats = means2d, conics, colors, opacities, depths, radii
+        colors = images.new_zeros(len(opacities), images.shape[2], requires_grad=True)
         with torch.enable_grad():
-            drawn = self.rasterize(splats, images.shape[1], images.shape[0])[0]
+            drawn = self.rasterize(projection.colored(colors, opacities), images.shape[1], images.shape[0])[0]
         return torch.autograd.grad(drawn, colors, images)[0]
 
     @abstractmethod
@@ -106,9 +90,10 @@ class Backend(ABC):
         if offsets is not None:
             means, quats = means + offsets[0], twin.turn(quats, offsets[1])
         opacities = logits.sigmoid()
-        means2d, conics, depths, radii = self.project(means, quats, log_scales.exp(), *pinhole, near, antialias)
-        colors = self.view_colors(means, center, base, rest)
-        return means2d, conics, colors, antialiased(opacities, conics) if antialias else opacities, depths, radii
+        projection = self.project(means, quats, log_scales.exp(), *pinhole, near, antialias)
+        if antialias:
+            opacities = antialiased(opacities, projection.conics)
+        return projection.colored(self.view_colors(means, center, base, rest), opacities)
 
     def photometric_loss(
         self, image: Tensor, target: Tensor, lambda_dssim: float, gain: Tensor | None, tiles: Tensor | None

@@ -11,9 +11,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.kernels.backend import Backend, FrozenSplats, Pinhole, Splats
+from splatreel.kernels.backend import Backend, Pinhole
 from splatreel.kernels.cpu import adam, autograd, motion, project
 from splatreel.kernels.cpu.project import BLUR, FINE_BLUR
+from splatreel.kernels.projected import FrozenSplats, Projection, Splats
 from splatreel.kernels.twin import Missed, Skin, Step
 
 
@@ -31,8 +32,9 @@ class CpuBackend(Backend):
         height: int,
         near: float,
         antialias: bool,
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        return autograd.Project.apply(means, quats, scales, _view(viewmat, K, width, height, near, antialias))
+    ) -> Projection:
+        view = _view(viewmat, K, width, height, near, antialias)
+        return Projection(*autograd.Project.apply(means, quats, scales, view))
 
     def spherical_harmonics(self, degree: int, directions: Tensor, coefficients: Tensor) -> Tensor:
         return autograd.SphericalHarmonics.apply(degree, directions, coefficients)
@@ -51,20 +53,18 @@ class CpuBackend(Backend):
         antialias: bool,
     ) -> Splats:
         view = _view(*pinhole, near, antialias)
-        return autograd.Deformed.apply(view, center, *(offsets or (None, None)), shade, *points)
+        return Splats(*autograd.Deformed.apply(view, center, *(offsets or (None, None)), shade, *points))
 
     def rasterize(
         self, splats: Splats, width: int, height: int, absolute: Tensor | None = None
     ) -> tuple[Tensor, Tensor]:
         return autograd.Rasterize.apply(*splats, width, height, absolute)
 
-    def gather(
-        self, means2d: Tensor, conics: Tensor, opacities: Tensor, depths: Tensor, radii: Tensor, images: Tensor
-    ) -> Tensor:
-        return autograd.gather(means2d, conics, opacities, depths, radii, images)
+    def gather(self, projection: Projection, opacities: Tensor, images: Tensor) -> Tensor:
+        return autograd.gather(projection, opacities, images)
 
     def freeze(self, splats: Splats, width: int, height: int) -> FrozenSplats:
-        held = autograd.freeze(*splats, width, height)
+        held = autograd.freeze(splats, width, height)
         return FrozenSplats(torch.from_numpy(held.image), torch.from_numpy(held.alpha), held)
 
     def remove(self, frozen: FrozenSplats, gone: Tensor) -> FrozenSplats:

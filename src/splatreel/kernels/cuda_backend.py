@@ -12,8 +12,9 @@ from torch import Tensor
 
 from splatreel.base.command_line import install_command
 from splatreel.base.errors import MissingDependencyError
-from splatreel.kernels.backend import Backend, FrozenSplats, Splats
+from splatreel.kernels.backend import Backend
 from splatreel.kernels.cpu.project import BLUR, FINE_BLUR
+from splatreel.kernels.projected import FrozenSplats, Projection, Splats
 
 TILE = 16
 
@@ -50,8 +51,8 @@ class CudaBackend(Backend):
         height: int,
         near: float,
         antialias: bool,
-    ) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-        """Return means2d, conics, depths and radii. Rows of culled Gaussians, which gsplat leaves unset, are set to zero."""
+    ) -> Projection:
+        """Return projected Gaussians. Rows of culled Gaussians, which gsplat leaves unset, are set to zero."""
         pose = torch.as_tensor(viewmat, dtype=torch.float32, device=means.device)[None]
         lens = torch.as_tensor(K, dtype=torch.float32, device=means.device)[None]
         blur = FINE_BLUR if antialias else BLUR
@@ -63,7 +64,7 @@ class CudaBackend(Backend):
         zero = torch.zeros((), device=means.device)
         means2d = torch.where(seen[:, None], means2d[0], zero)
         conics = torch.where(seen[:, None], conics[0], zero)
-        return means2d, conics, torch.where(seen, depths[0], zero), radii
+        return Projection(means2d, conics, torch.where(seen, depths[0], zero), radii)
 
     def spherical_harmonics(self, degree: int, directions: Tensor, coefficients: Tensor) -> Tensor:
         return _gsplat().spherical_harmonics(degree, directions, coefficients)
@@ -89,26 +90,22 @@ class CudaBackend(Backend):
         return image[0], alpha[0, ..., 0]
 
     def freeze(self, splats: Splats, width: int, height: int) -> FrozenSplats:
-        means2d, conics, colors, opacities, depths, radii = splats
-        kept = means2d.detach(), conics.detach(), colors.detach(), opacities.detach(), depths, radii
+        kept = Splats(*[tensor.detach() for tensor in splats])
         image, alpha = self.rasterize(kept, width, height)
-        return FrozenSplats(image, alpha, Held(kept, tile_spans(means2d, radii, width, height)))
+        return FrozenSplats(image, alpha, Held(kept, tile_spans(kept.means2d, kept.radii, width, height)))
 
     def remove(self, frozen: FrozenSplats, gone: Tensor) -> FrozenSplats:
         """Return frozen splats with the same rows. The removed splats have an opacity of 0."""
-        means2d, conics, colors, opacities, depths, radii = frozen.held.splats
+        splats: Splats = frozen.held.splats
         height, width = frozen.alpha.shape
-        return self.freeze((means2d, conics, colors, opacities.index_fill(0, gone, 0.0), depths, radii), width, height)
+        return self.freeze(splats._replace(opacities=splats.opacities.index_fill(0, gone, 0.0)), width, height)
 
     def rasterize_among(self, splats: Splats, frozen: FrozenSplats) -> tuple[Tensor, Tensor, Tensor]:
         """Draw the tiles that the given splats touch, together with the frozen splats that touch these tiles."""
         height, width = frozen.alpha.shape
-        tiles = touched_tiles(tile_spans(splats[0], splats[-1], width, height), width, height)
-        near = touching(frozen.held.spans, tiles)
-        m, c, k, o, d, r = (
-            torch.cat([some, all_[near]]) for some, all_ in zip(splats, frozen.held.splats, strict=True)
-        )
-        image, alpha = self.rasterize((m, c, k, o, d, r), width, height, tiles=tiles)
+        tiles = touched_tiles(tile_spans(splats.means2d, splats.radii, width, height), width, height)
+        drawn_again = Splats.join(splats, frozen.held.splats.rows(touching(frozen.held.spans, tiles)))
+        image, alpha = self.rasterize(drawn_again, width, height, tiles=tiles)
         drawn = tiles.repeat_interleave(TILE, 0).repeat_interleave(TILE, 1)[:height, :width]
         return torch.where(drawn[..., None], image, frozen.image), torch.where(drawn, alpha, frozen.alpha), tiles
 

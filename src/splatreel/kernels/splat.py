@@ -18,23 +18,11 @@ from torch import Tensor
 
 from splatreel.base.errors import GaussiansError
 from splatreel.kernels import neighbors
-from splatreel.kernels.backend import FrozenSplats, Pinhole, Splats, antialiased
+from splatreel.kernels.backend import Pinhole, antialiased
 from splatreel.kernels.backends import backend_of
+from splatreel.kernels.projected import FrozenSplats, Projection, Splats
 
-__all__ = ["FrozenSplats", "antialiased"]
-
-
-class Projection(NamedTuple):
-    """Gaussians projected to an image. Rows of culled Gaussians are zero.
-
-    means2d: [N, 2] pixels. conics: [N, 3], xx, xy, yy of the inverse 2D covariance. depths: [N] along the camera's z.
-    radii: [N] int32, the longer half side of the box where alpha may reach 1/255, pixels; 0 for culled Gaussians.
-    """
-
-    means2d: Tensor
-    conics: Tensor
-    depths: Tensor
-    radii: Tensor
+__all__ = ["antialiased"]
 
 
 class Rendered(NamedTuple):
@@ -77,7 +65,7 @@ def project(
         GaussiansError: A value is NaN or infinite.
     """
     _check_finite(means=means, quats=quats, scales=scales)
-    return Projection(*backend_of(means).project(means, quats, scales, viewmat, K, width, height, near, antialias))
+    return backend_of(means).project(means, quats, scales, viewmat, K, width, height, near, antialias)
 
 
 def spherical_harmonics(degree: int, directions: Tensor, coefficients: Tensor) -> Tensor:
@@ -119,7 +107,7 @@ def deformed(
     near: float,
     antialias: bool = False,
 ) -> Splats:
-    """Deform points, project them and compute their colors: means2d, conics, colors, opacities, depths and radii for `rasterize`.
+    """Deform points, project them and compute their colors.
 
     Args:
         points: means [N, 3], quats [N, 4], log_scales [N, 3], logit_opacities [N], sh_base [N, 1, 3] and sh_rest [N, K - 1, 3].
@@ -141,28 +129,11 @@ def deformed(
     return backend_of(means).deform(points, offsets, shade, pinhole, center, near, antialias)
 
 
-def rasterize(
-    means2d: Tensor,
-    conics: Tensor,
-    colors: Tensor,
-    opacities: Tensor,
-    depths: Tensor,
-    radii: Tensor,
-    width: int,
-    height: int,
-    absolute: Tensor | None = None,
-) -> tuple[Tensor, Tensor]:
+def rasterize(splats: Splats, width: int, height: int, absolute: Tensor | None = None) -> tuple[Tensor, Tensor]:
     """Blend projected Gaussians front to back over black. Return the image [H, W, C] and alpha [H, W].
 
-    Gradients go to means2d, conics, colors and opacities.
-
     Args:
-        means2d: [N, 2], as `project` returns it.
-        conics: [N, 3], as `project` returns it.
-        colors: [N, C] with any number of channels.
-        opacities: [N], 0..1.
-        depths: [N], as `project` returns it.
-        radii: [N], as `project` returns it.
+        splats: N splats.
         width: Pixels.
         height: Pixels.
         absolute: [N, 2] zeros. Their gradient is the sum of the absolute gradients of `means2d`: over tiles of 16 x 16 pixels and
@@ -173,23 +144,18 @@ def rasterize(
 
     Source: Ye et al. 2024, "AbsGS: Recovering fine details for 3D Gaussian Splatting", for `absolute`.
     """
-    _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
-    return backend_of(means2d).rasterize((means2d, conics, colors, opacities, depths, radii), width, height, absolute)
+    _check_splats(splats)
+    return backend_of(splats.means2d).rasterize(splats, width, height, absolute)
 
 
-def freeze(
-    means2d: Tensor,
-    conics: Tensor,
-    colors: Tensor,
-    opacities: Tensor,
-    depths: Tensor,
-    radii: Tensor,
-    width: int,
-    height: int,
-) -> FrozenSplats:
-    """Draw splats that will not change, for `rasterize_among`. The arguments are those of `rasterize`, with colors [M, 3]."""
-    _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
-    return backend_of(means2d).freeze((means2d, conics, colors, opacities, depths, radii), width, height)
+def freeze(splats: Splats, width: int, height: int) -> FrozenSplats:
+    """Draw splats that will not change, with colors [M, 3], for `rasterize_among`.
+
+    Raises:
+        GaussiansError: A value is NaN or infinite.
+    """
+    _check_splats(splats)
+    return backend_of(splats.means2d).freeze(splats, width, height)
 
 
 def remove(frozen: FrozenSplats, gone: Tensor) -> FrozenSplats:
@@ -197,31 +163,18 @@ def remove(frozen: FrozenSplats, gone: Tensor) -> FrozenSplats:
 
     Args:
         frozen: The splats.
-        gone: [K] int64, rows of the arguments of `freeze`, no matter what was removed before.
+        gone: [K] int64, rows of the splats that `freeze` drew, no matter what was removed before.
     """
     return backend_of(frozen.image).remove(frozen, gone)
 
 
-def rasterize_among(
-    means2d: Tensor,
-    conics: Tensor,
-    colors: Tensor,
-    opacities: Tensor,
-    depths: Tensor,
-    radii: Tensor,
-    frozen: FrozenSplats,
-) -> tuple[Tensor, Tensor, Tensor]:
+def rasterize_among(splats: Splats, frozen: FrozenSplats) -> tuple[Tensor, Tensor, Tensor]:
     """Blend projected Gaussians with frozen splats, in the order of all their depths. Only tiles that they touch are drawn again.
 
-    The image and the gradients to means2d, conics, colors and opacities equal those of `rasterize` of all splats together.
+    The image and the gradients equal those of `rasterize` of all splats together.
 
     Args:
-        means2d: [N, 2], as for `rasterize`.
-        conics: [N, 3].
-        colors: [N, 3].
-        opacities: [N].
-        depths: [N].
-        radii: [N].
+        splats: N splats with colors [N, 3].
         frozen: What `freeze` returned.
 
     Returns:
@@ -230,8 +183,8 @@ def rasterize_among(
     Raises:
         GaussiansError: A value is NaN or infinite.
     """
-    _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
-    return backend_of(means2d).rasterize_among((means2d, conics, colors, opacities, depths, radii), frozen)
+    _check_splats(splats)
+    return backend_of(splats.means2d).rasterize_among(splats, frozen)
 
 
 def render(
@@ -272,11 +225,10 @@ def render(
     pose = torch.as_tensor(viewmat, dtype=torch.float32, device=means.device)
     center = -pose[:3, :3].T @ pose[:3, 3]
     colors = (spherical_harmonics(bands, means - center, sh) + 0.5).clamp_min(0)
-    means2d, conics, depths, radii = projection
     if antialias:
-        opacities = antialiased(opacities, conics)
-    image, alpha = rasterize(means2d, conics, colors, opacities, depths, radii, width, height)
-    return Rendered(image, alpha, means2d, radii)
+        opacities = antialiased(opacities, projection.conics)
+    image, alpha = rasterize(projection.colored(colors, opacities), width, height)
+    return Rendered(image, alpha, projection.means2d, projection.radii)
 
 
 def photometric_loss(
@@ -310,12 +262,7 @@ def photometric_loss(
 
 
 def layered_loss(
-    means2d: Tensor,
-    conics: Tensor,
-    colors: Tensor,
-    opacities: Tensor,
-    depths: Tensor,
-    radii: Tensor,
+    splats: Splats,
     frozen: FrozenSplats,
     target: Tensor,
     lambda_dssim: float = 0.2,
@@ -329,12 +276,7 @@ def layered_loss(
     frozen splats at once.
 
     Args:
-        means2d: [N, 2], as for `rasterize`.
-        conics: [N, 3].
-        colors: [N, 3].
-        opacities: [N].
-        depths: [N].
-        radii: [N].
+        splats: N splats with colors [N, 3].
         frozen: What `freeze` returned.
         target: [H, W, 3], float 0..1 or uint8; gets no gradient.
         lambda_dssim: Weight of the SSIM term.
@@ -346,9 +288,8 @@ def layered_loss(
     Raises:
         GaussiansError: A value is NaN or infinite.
     """
-    _check_finite(means2d=means2d, conics=conics, colors=colors, opacities=opacities)
-    splats = means2d, conics, colors, opacities, depths, radii
-    return backend_of(means2d).layered_loss(splats, frozen, target, lambda_dssim, gain, background, where)
+    _check_splats(splats)
+    return backend_of(splats.means2d).layered_loss(splats, frozen, target, lambda_dssim, gain, background, where)
 
 
 def nearest_neighbors(points: Tensor, k: int, queries: Tensor | None = None) -> tuple[Tensor, Tensor]:
@@ -366,6 +307,11 @@ def nearest_neighbors(points: Tensor, k: int, queries: Tensor | None = None) -> 
     if not 1 <= k <= available:
         raise GaussiansError(f"nearest_neighbors: asked for {k} neighbors where there are {available}.")
     return neighbors.nearest_neighbors(points, k, queries)
+
+
+def _check_splats(splats: Splats) -> None:
+    """Check everything that gets gradients, as `_check_finite` does."""
+    _check_finite(means2d=splats.means2d, conics=splats.conics, colors=splats.colors, opacities=splats.opacities)
 
 
 def _check_finite(**tensors: Tensor) -> None:

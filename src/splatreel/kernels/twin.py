@@ -22,6 +22,7 @@ from torch import Tensor
 from splatreel.kernels.cpu import harmonics
 from splatreel.kernels.cpu.hashgrid import PRIME_Y, PRIME_Z, is_dense
 from splatreel.kernels.cpu.similarity import SSIM_C1, SSIM_C2, WINDOW
+from splatreel.kernels.projected import Projection, Splats
 
 Skin = tuple[Tensor, Tensor]
 """index [N, K] int64 and share [N, K]: the nodes that each point moves with, and their weights. Neither gets a gradient."""
@@ -37,8 +38,8 @@ def project(
     height: int,
     near: float = 0.01,
     antialias: bool = False,
-) -> tuple[Tensor, Tensor, Tensor, Tensor]:
-    """Twin of `splat.project`. Return means2d, conics, depths and radii."""
+) -> Projection:
+    """Twin of `splat.project`."""
     pose, lens = (torch.as_tensor(m, dtype=means.dtype, device=means.device) for m in (viewmat, K))
     fx, fy, cx, cy = lens[0, 0], lens[1, 1], lens[0, 2], lens[1, 2]
     X, Y, Z = (means @ pose[:3, :3].T + pose[:3, 3]).unbind(-1)
@@ -64,7 +65,7 @@ def project(
     inside = ((means2d + extent > 0) & (means2d - extent < size)).all(-1)
     seen = in_front & inside & (determinant > 0)
     radii = torch.where(seen, extent.amax(-1), zero).int()
-    return means2d * seen[:, None], conics * seen[:, None], Z * seen, radii
+    return Projection(means2d * seen[:, None], conics * seen[:, None], Z * seen, radii)
 
 
 def _rotation(quats: Tensor) -> Tensor:
@@ -106,7 +107,7 @@ def deformed(
     center: Tensor,
     near: float,
     antialias: bool = False,
-) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
+) -> Splats:
     """Twin of `splat.deformed`."""
     means, quats, log_scales, logits, base, rest = points
     if shade is not None:
@@ -118,20 +119,12 @@ def deformed(
     if antialias:
         xx, xy, yy = conics.unbind(1)
         opacities = opacities * (1 - 0.1 * (xx + yy) + 0.01 * (xx * yy - xy * xy)).clamp_min(1e-6).sqrt()
-    return means2d, conics, view_colors(means, center, base, rest), opacities, depths.detach(), radii
+    return Splats(means2d, conics, view_colors(means, center, base, rest), opacities, depths.detach(), radii)
 
 
-def rasterize(
-    means2d: Tensor,
-    conics: Tensor,
-    colors: Tensor,
-    opacities: Tensor,
-    depths: Tensor,
-    radii: Tensor,
-    width: int,
-    height: int,
-) -> tuple[Tensor, Tensor]:
+def rasterize(splats: Splats, width: int, height: int) -> tuple[Tensor, Tensor]:
     """Twin of `splat.rasterize`. Every pixel blends every Gaussian, in arrays [H * W, N]."""
+    means2d, conics, colors, opacities, depths, radii = splats
     order = torch.argsort(depths.detach(), stable=True)
     order = order[radii[order] > 0]
     ys, xs = torch.meshgrid(
@@ -151,12 +144,9 @@ def rasterize(
     return image.view(height, width, -1), (1 - transmittance[:, -1]).view(height, width)
 
 
-def rasterize_among(
-    moving: Sequence[Tensor], frozen: Sequence[Tensor], width: int, height: int
-) -> tuple[Tensor, Tensor]:
-    """Twin of `splat.rasterize_among`: draw all splats together. moving, frozen: the first six arguments of `rasterize`."""
-    m, c, k, o, d, r = (torch.cat([some, others.detach()]) for some, others in zip(moving, frozen, strict=True))
-    return rasterize(m, c, k, o, d, r, width, height)
+def rasterize_among(splats: Splats, frozen: Splats, width: int, height: int) -> tuple[Tensor, Tensor]:
+    """Twin of `splat.rasterize_among`: draw all splats together."""
+    return rasterize(Splats.join(splats, Splats(*[tensor.detach() for tensor in frozen])), width, height)
 
 
 def photometric_loss(

@@ -8,8 +8,8 @@ import torch
 
 from splatreel.config import GroupConfig, KeyframeConfig
 from splatreel.method.tracking.tracking import GroupStart
+from splatreel.method.train.dynamic_points import DynamicPoints
 from splatreel.method.train.losses import GROUP, KEYFRAME, KEYFRAME_BEFORE_STATIC, GroupStep, Loss, backward
-from splatreel.method.train.moving import MovingPoints
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import View, draw
 from splatreel.method.train.training_images import TrainingImages
@@ -22,7 +22,7 @@ def group_step(iteration: int, share: float = 0.5, frames: int = 4, seed: int = 
     """Return a step of a group with a few points and an empty background."""
     views = [View.of(camera, CPU) for camera in ring(1, width=32, height=32)]
     images = TrainingImages(torch.zeros(frames, 1, 32, 32, 3, dtype=torch.uint8), views, 0.1, 4.0)
-    points = MovingPoints.of(GroupStart(random_gaussians(20, seed)), images, GroupConfig(), seed)
+    points = DynamicPoints.of(GroupStart(random_gaussians(20, seed)), images, GroupConfig(), seed)
     changes = points.changes(0.0)
     drawing = draw(points.splats(changes, views[0], 0.1), views[0])
     return GroupStep(

@@ -14,8 +14,8 @@ from splatreel.base.errors import ReconstructionError
 from splatreel.base.progress import Silent
 from splatreel.kernels import splat
 from splatreel.method.train import recovery
+from splatreel.method.train.dynamic_points import CANONICAL_RATES
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
-from splatreel.method.train.moving import CANONICAL_RATES
 from splatreel.method.train.recovery import ATTEMPTS, Recovery
 from tests.method.train import test_group_trainer as groups
 from tests.method.train import test_keyframe_trainer as keyframes

@@ -1,6 +1,5 @@
 """Regularizers of motion and of surfaces."""
 
-import dataclasses
 from typing import Any, cast
 
 import numpy as np
@@ -8,9 +7,10 @@ import pytest
 import torch
 
 from splatreel.evaluation.bench.microbenchmarks import front_camera
+from splatreel.kernels.projected import Splats
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.train import regularizers
-from splatreel.method.train.render import Splats, View, splats
+from splatreel.method.train.render import View, splats
 from splatreel.method.train.trainable_points import rotate
 from splatreel.scene.camera import Camera
 
@@ -191,7 +191,7 @@ def test_roughness_fades_plate_in_front_of_plain_wall() -> None:
     near[len(opacities) // 2 + 8 : len(opacities) // 2 + 14] = (
         True  # a few in the middle of a row, at half the distance
     )
-    lifted = dataclasses.replace(points, depths=torch.where(near, points.depths / 2, points.depths))
+    lifted = points._replace(depths=torch.where(near, points.depths / 2, points.depths))
     regularizers.roughness(
         regularizers.Depths.of(lifted, view, 0.1), torch.zeros(32, 48, 3, dtype=torch.uint8), 30.0
     ).backward()

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 import torch
 
+from splatreel.kernels.projected import Splats
 from splatreel.method.init.layout import measure
-from splatreel.method.train.render import Splats, StaticCache, View, contributions, draw, splats
+from splatreel.method.train.render import StaticCache, View, contributions, draw, splats
 from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import halved
 from splatreel.scene.clearance import Clearance

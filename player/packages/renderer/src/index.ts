@@ -39,3 +39,4 @@ export { loadPart, playerAddress } from "./files/bundle";
 export { waitUntil } from "./base/wait-until";
 export { intrinsicsOf, isSameView, type View, viewOfModel } from "./base/view";
 export { finite } from "./base/finite";
+export { propertiesOf } from "./base/delegation";

@@ -18,6 +18,7 @@ from torch.autograd import Function
 from torch.autograd.function import once_differentiable
 
 from splatreel.kernels.cpu import binning, deform, harmonics, hashgrid, layered, motion, project, rasterize, similarity
+from splatreel.kernels.projected import Projection, Splats
 
 CHUNK = 3
 """Channels that the rasterizer blends in one pass. Other counts are padded and take several passes."""
@@ -198,16 +199,18 @@ class LayeredLoss(Function):
         return *gradients, *[None] * 8
 
 
-def gather(means2d, conics, opacities, depths, radii, images: Tensor) -> Tensor:
+def gather(projection: Projection, opacities: Tensor, images: Tensor) -> Tensor:
     """Return the sums of images over the pixels of splats, see `gather.gather`. It has no gradient."""
     height, width = images.shape[:2]
+    means2d, conics, depths, radii = projection
     bins = _bins(means2d, conics, opacities, depths, radii, width, height)
     return torch.from_numpy(rasterize.gather(bins, _array(images)))
 
 
-def freeze(means2d, conics, colors, opacities, depths, radii, width: int, height: int) -> rasterize.Frozen:
-    """Sort splats with colors [M, 3] into tiles and draw them once. The arguments are those of `splat.rasterize`."""
-    bins, values = _bins(means2d, conics, opacities, depths, radii, width, height), _arrays(colors)[0]
+def freeze(splats: Splats, width: int, height: int) -> rasterize.Frozen:
+    """Sort splats with colors [M, 3] into tiles and draw them once."""
+    means2d, conics, colors, opacities, depths, radii = splats
+    bins, values = _bins(means2d, conics, opacities, depths, radii, width, height), _array(colors)
     return rasterize.Frozen(bins, values, *rasterize.forward(bins, values))
 
 

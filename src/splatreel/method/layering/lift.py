@@ -12,6 +12,7 @@ from splatreel.base.errors import ReconstructionError
 from splatreel.config import LayeringConfig
 from splatreel.kernels import splat
 from splatreel.kernels.gather import gather
+from splatreel.kernels.projected import Projection
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -122,8 +123,7 @@ def gather_images(splats: SplatTensors, camera: Camera, images: Tensor, near: fl
         images: [H, W, K].
         near: Near plane, world units.
     """
-    means2d, conics, depths, radii = _project(splats, camera, near)
-    return gather(means2d, conics, splats.opacities, depths, radii, images)
+    return gather(_project(splats, camera, near), splats.opacities, images)
 
 
 def _contributions(splats: SplatTensors, cameras: list[Camera], masks: Tensor, near: float) -> _Contributions:
@@ -135,13 +135,12 @@ def _contributions(splats: SplatTensors, cameras: list[Camera], masks: Tensor, n
 
 def _draw(splats: SplatTensors, colors: Tensor, camera: Camera, near: float) -> Tensor:
     """Blend colors [N, C] to an image [H, W, C]. Only the colors get gradients."""
-    means2d, conics, depths, radii = _project(splats, camera, near)
-    size = camera.width, camera.height
-    return splat.rasterize(means2d, conics, colors, splats.opacities, depths, radii, *size)[0]
+    seen = _project(splats, camera, near).colored(colors, splats.opacities)
+    return splat.rasterize(seen, camera.width, camera.height)[0]
 
 
 @torch.no_grad()
-def _project(splats: SplatTensors, camera: Camera, near: float) -> tuple[Tensor, Tensor, Tensor, Tensor]:
+def _project(splats: SplatTensors, camera: Camera, near: float) -> Projection:
     view = camera.viewmat, camera.K, camera.width, camera.height
     return splat.project(splats.means, splats.quats, splats.scales, *view, near)
 

@@ -202,7 +202,7 @@ def _depth_and_flow(points: SplatTensors, motion: Tensor | None, camera: Camera,
     if motion is not None:
         after = splat.project(means + motion, quats, scales, *view, near)
         values[:, 1:] = torch.where((after.radii > 0)[:, None], after.means2d - p.means2d, 0)
-    sums, alpha = splat.rasterize(p.means2d, p.conics, values, opacities, p.depths, p.radii, *view[2:])
+    sums, alpha = splat.rasterize(p.colored(values, opacities), *view[2:])
     mean, shown = sums / alpha.clamp_min(0.5)[..., None], alpha > 0.5
     return torch.where(shown, mean[..., 0], torch.inf), torch.where(shown[..., None], mean[..., 1:], 0)
 

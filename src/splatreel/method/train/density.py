@@ -12,8 +12,8 @@ from splatreel.config import Config, KeyframeConfig
 from splatreel.config.layering import PAPER_WIDTH
 from splatreel.kernels import splat
 from splatreel.method.layering.lift import NEIGHBORS
+from splatreel.method.train.dynamic_points import DynamicPoints
 from splatreel.method.train.losses import GROWTH
-from splatreel.method.train.moving import MovingPoints
 from splatreel.method.train.render import Comparable, StaticCache, View, contributions, relative_distances
 from splatreel.method.train.trainable_points import TrainablePoints, children, halves
 from splatreel.method.train.training_images import TrainingImages
@@ -247,7 +247,7 @@ class GroupDensity:
 
     def __init__(
         self,
-        points: MovingPoints,
+        points: DynamicPoints,
         static: StaticCache,
         convertible: Tensor,
         config: Config,

@@ -13,9 +13,10 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from splatreel.kernels.projected import Splats
 from splatreel.method.train.ray_depths import RayDepths
 from splatreel.method.train.regularizers import Depths
-from splatreel.method.train.render import Splats, View
+from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0
 

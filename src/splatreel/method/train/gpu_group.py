@@ -18,10 +18,10 @@ from splatreel.method.deform.knot_adam import KnotAdam
 from splatreel.method.deform.spline import Spline
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.train.density import GroupDensity
+from splatreel.method.train.dynamic_points import DynamicPoints
 from splatreel.method.train.gpu_program import GpuProgram, adam_row
 from splatreel.method.train.gpu_programs import Draw, Outcome
 from splatreel.method.train.losses import GROUP
-from splatreel.method.train.moving import MovingPoints
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.training_images import TrainingImages
 
@@ -29,7 +29,7 @@ KINDS = {"motion": "0u", "nodes": "1u", "appearance": "2u"}
 """Constants of the kernel `adam_knots`."""
 
 
-def unsupported_group(points: MovingPoints) -> str | None:
+def unsupported_group(points: DynamicPoints) -> str | None:
     """Return why the GPU cannot train the motion of a group; None if it can."""
     model = points.deformation
     if not isinstance(model, Trajectory):
@@ -45,7 +45,7 @@ class GpuGroupProgram(GpuProgram):
     def __init__(
         self,
         gpu: Gpu,
-        points: MovingPoints,
+        points: DynamicPoints,
         density: GroupDensity,
         images: TrainingImages,
         config: GroupConfig,

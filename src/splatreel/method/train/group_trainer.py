@@ -19,12 +19,12 @@ from splatreel.method.deform.knot_adam import Restore, merge_snapshots
 from splatreel.method.layering.lift import NEIGHBORS
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.density import GroupDensity
+from splatreel.method.train.dynamic_points import Changes, DynamicPoints
 from splatreel.method.train.frame_sampling import FrameSchedule
 from splatreel.method.train.gpu_group import GpuGroupProgram, unsupported_group
 from splatreel.method.train.gpu_program import MOST_DRAWS
 from splatreel.method.train.gpu_programs import Draw
 from splatreel.method.train.losses import GROUP, GroupStep, backward, choose_rank, choose_span
-from splatreel.method.train.moving import Changes, MovingPoints
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import StaticCache, draw, moving_tiles
@@ -69,7 +69,7 @@ class GroupResult:
 
 
 @torch.no_grad()
-def group_result(points: MovingPoints, frames: int, alive: Tensor, offsets: LearnedOffsets | None) -> GroupResult:
+def group_result(points: DynamicPoints, frames: int, alive: Tensor, offsets: LearnedOffsets | None) -> GroupResult:
     """Collect a group's points and their changes at every frame as arrays.
 
     Args:
@@ -138,7 +138,7 @@ class GroupTrainer:
         self.images = sizes[0][1]
         self.larger_images = [(end, larger) for (end, _), (_, larger) in pairwise(sizes)]
         self.time_offsets = time_offsets or TimeOffsets(len(images.views), enabled=False)
-        self.points = MovingPoints.of(start, self.images, group, seed)
+        self.points = DynamicPoints.of(start, self.images, group, seed)
         self.static = StaticCache(static.points, self.images.views, images.near, device)
         self.static.set_alive(torch.from_numpy(static.alive).to(device))
         available = np.ones((images.count, len(images.views)), bool) if missing is None else ~missing

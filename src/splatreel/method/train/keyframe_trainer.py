@@ -16,6 +16,7 @@ from splatreel.base.progress import Progress
 from splatreel.config import KeyframeConfig
 from splatreel.gpu.device import SharedGpu
 from splatreel.kernels import splat
+from splatreel.kernels.projected import Splats
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots
 from splatreel.method.train.average import Average
@@ -26,7 +27,7 @@ from splatreel.method.train.gpu_program import MOST_DRAWS
 from splatreel.method.train.gpu_programs import KeyframeDraw
 from splatreel.method.train.losses import GROWTH, KEYFRAME, LAMBDA_DSSIM, KeyframeStep, Loss, backward, psnr
 from splatreel.method.train.recovery import Recovery
-from splatreel.method.train.render import Comparable, Splats, StaticCache, View, deformed, draw, moving_tiles
+from splatreel.method.train.render import Comparable, StaticCache, View, deformed, draw, moving_tiles
 from splatreel.method.train.trainable_points import NAMES, TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0, Gaussians

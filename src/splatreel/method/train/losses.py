@@ -16,9 +16,10 @@ import torch
 from torch import Tensor
 
 from splatreel.config import GroupConfig, KeyframeConfig
-from splatreel.method.train.moving import Changes, MovingPoints
+from splatreel.kernels.projected import Splats
+from splatreel.method.train.dynamic_points import Changes, DynamicPoints
 from splatreel.method.train.regularizers import Depths, Neighbors, arap, roughness, spread, temporal
-from splatreel.method.train.render import Comparable, Splats, View
+from splatreel.method.train.render import Comparable, View
 from splatreel.method.train.trainable_points import TrainablePoints
 
 
@@ -86,7 +87,7 @@ class GroupStep(Step):
         rng: Source of random choices.
     """
 
-    points: MovingPoints
+    points: DynamicPoints
     changes: Changes
     neighbors: Neighbors | None
     frame: int

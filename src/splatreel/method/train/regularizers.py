@@ -11,8 +11,9 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import motion, splat
+from splatreel.kernels.projected import Splats
 from splatreel.method.deform.protocol import Deformation
-from splatreel.method.train.render import Splats, View
+from splatreel.method.train.render import View
 
 MIN_ALPHA = 1e-3
 """Alpha below which a pixel shows nothing."""
@@ -103,9 +104,7 @@ class Depths:
         depth = (points.depths.detach().clamp_min(near) / near).log()
         powers = torch.stack([depth, depth.square(), depth**3], 1)
         size = view.width, view.height
-        sums, alpha = splat.rasterize(
-            points.means2d, points.conics, powers, points.opacities, points.depths, points.radii, *size
-        )
+        sums, alpha = splat.rasterize(points._replace(colors=powers), *size)
         return Depths(sums / alpha.clamp_min(MIN_ALPHA)[..., None], alpha)
 
 

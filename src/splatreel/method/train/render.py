@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import splat
+from splatreel.kernels.projected import FrozenSplats, Splats
 from splatreel.method.init.layout import Layout
 from splatreel.method.train.trainable_points import NAMES, to_params
 from splatreel.scene.camera import Camera
@@ -69,46 +70,6 @@ class View:
 
 
 @dataclass(frozen=True)
-class Splats:
-    """Projected points of one view, ready to be rasterized. The fields are those of `splat.rasterize`."""
-
-    means2d: Tensor
-    conics: Tensor
-    colors: Tensor
-    opacities: Tensor
-    depths: Tensor
-    radii: Tensor
-
-    @property
-    def tensors(self) -> tuple[Tensor, Tensor, Tensor, Tensor, Tensor, Tensor]:
-        """All fields, in the order of `splat.rasterize`."""
-        return self.means2d, self.conics, self.colors, self.opacities, self.depths, self.radii
-
-    def rows(self, index: Tensor) -> Splats:
-        """Return the rows of an index [M] int64."""
-        return Splats(*[tensor.index_select(0, index) for tensor in self.tensors])
-
-    def relative_to(self, background: Tensor | None) -> Splats:
-        """Return the splats with colors relative to a background color [3].
-
-        `draw` adds the background to the blended image. This blends it behind everything without using alpha: sum w c + (1 -
-        sum w) b = sum w (c - b) + b.
-        """
-        return self if background is None else replace(self, colors=self.colors - background)
-
-    def with_gain(self, factor: Tensor, background: Tensor | None) -> Splats:
-        """Return the splats with colors multiplied by a factor [3]. They stay relative to the background [3], which keeps its color."""
-        if background is None:
-            return replace(self, colors=self.colors * factor)
-        return replace(self, colors=(self.colors + background) * factor - background)
-
-    @staticmethod
-    def join(a: Splats, b: Splats) -> Splats:
-        """Concatenate two sets of splats."""
-        return Splats(*[torch.cat(pair) for pair in zip(a.tensors, b.tensors, strict=True)])
-
-
-@dataclass(frozen=True)
 class StaticView:
     """Static points that one view sees.
 
@@ -121,7 +82,7 @@ class StaticView:
 
     splats: Splats
     index: Tensor
-    frozen: splat.FrozenSplats
+    frozen: FrozenSplats
     rows: Tensor
 
     def keep(self, kept: Tensor) -> StaticView:
@@ -216,8 +177,8 @@ class MovingTiles:
 
     def loss(self, target: Tensor, lambda_dssim: float, gain: Tensor | None) -> Tensor:
         """Return the photometric loss, up to a constant for the tiles that are not drawn. The gain gets no gradient."""
-        splats, frozen = self.splats.tensors, self.static.frozen
-        return splat.layered_loss(*splats, frozen, target, lambda_dssim, gain, self.background, self.where)
+        frozen = self.static.frozen
+        return splat.layered_loss(self.splats, frozen, target, lambda_dssim, gain, self.background, self.where)
 
 
 def relative_distances(means: Tensor, views: list[View], unit: float, reach: float) -> Tensor:
@@ -260,8 +221,7 @@ def splats(
     colors = splat.view_colors(means, view.center, *sh)
     if view.antialias:
         opacities = splat.antialiased(opacities, projected.conics)
-    seen = Splats(projected.means2d, projected.conics, colors, opacities, projected.depths, projected.radii)
-    return seen.relative_to(view.background)
+    return projected.colored(colors, opacities).relative_to(view.background)
 
 
 def deformed(
@@ -278,7 +238,7 @@ def deformed(
     """
     pinhole = view.viewmat, view.K, view.width, view.height
     points = [params[name] for name in NAMES]
-    seen = Splats(*splat.deformed(points, offsets, shade, pinhole, view.center, near, view.antialias))
+    seen = splat.deformed(points, offsets, shade, pinhole, view.center, near, view.antialias)
     return seen.relative_to(view.background)
 
 
@@ -329,7 +289,7 @@ class StaticCache:
             projected = splats(*points, view, max(self.near, view.clear))
             seen = torch.nonzero(projected.radii > 0)[:, 0]
             shown, rows = projected.rows(seen), torch.arange(len(seen), device=seen.device)
-            frozen = splat.freeze(*shown.tensors, view.width, view.height)
+            frozen = splat.freeze(shown, view.width, view.height)
             self._views[camera] = StaticView(shown, index[seen], frozen, rows)
         return self._views[camera]
 
@@ -360,10 +320,10 @@ def draw(moving: Splats, view: View, static: StaticView | None = None, layered: 
     if parts.means2d.requires_grad:
         parts.means2d.retain_grad()
     if static is not None and layered:
-        image, alpha, tiles = splat.rasterize_among(*parts.tensors, static.frozen)
+        image, alpha, tiles = splat.rasterize_among(parts, static.frozen)
         return Drawing(_add_background(view.background, image), alpha, parts.means2d, count, tiles=tiles)
     absolute = torch.zeros_like(parts.means2d, requires_grad=parts.means2d.requires_grad) if static is None else None
-    image, alpha = splat.rasterize(*parts.tensors, view.width, view.height, absolute)
+    image, alpha = splat.rasterize(parts, view.width, view.height, absolute)
     index = None if static is None else static.index
     return Drawing(_add_background(view.background, image), alpha, parts.means2d, count, index, absolute)
 
@@ -394,7 +354,7 @@ def _add_background(background: Tensor | None, image: Tensor) -> Tensor:
 def contributions(moving: Splats, view: View, static: StaticView) -> Tensor:
     """Return the pixels that every moving point fills in a view, [N]: the sum of its blending weights."""
     marks = torch.zeros_like(moving.colors, requires_grad=True)
-    marked = replace(moving, means2d=moving.means2d.detach().requires_grad_(), colors=marks)
+    marked = moving._replace(means2d=moving.means2d.detach().requires_grad_(), colors=marks)
     draw(marked, replace(view, background=None), static).image[..., 0].sum().backward()
     assert marks.grad is not None
     return marks.grad[:, 0]

@@ -7,8 +7,8 @@ import torch
 from torch import Tensor
 
 from splatreel.method.cameras.time_offsets import TimeOffsets
+from splatreel.method.train.dynamic_points import DynamicPoints
 from splatreel.method.train.losses import psnr
-from splatreel.method.train.moving import MovingPoints
 from splatreel.method.train.render import StaticCache, draw
 from splatreel.method.train.training_images import TrainingImages
 
@@ -18,7 +18,7 @@ SAMPLES = 12
 
 @torch.no_grad()
 def training_psnr(
-    points: MovingPoints,
+    points: DynamicPoints,
     static: StaticCache,
     images: TrainingImages,
     gains: Tensor,

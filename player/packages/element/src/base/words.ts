@@ -11,6 +11,9 @@ export function wordsOf(table: Record<string, string>): Words {
   return (english, ...values) => (table[english] ?? english).replace(/\{(\d)\}/g, (_, i) => String(values[i]));
 }
 
+/** English message if a part of the player cannot be loaded. */
+export const LACKING = "This part of the player cannot be loaded";
+
 /** Return the direction in which a language of the player is written. */
 export function directionOf(language: string): "ltr" | "rtl" {
   return language === "ar" ? "rtl" : "ltr";

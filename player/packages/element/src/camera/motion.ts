@@ -10,6 +10,12 @@ export interface Motion {
   zoom: number;
 }
 
+/** Rotation about the pivot while nobody moves the camera: radians per second, after seconds of rest. */
+export interface Spin {
+  speed: number;
+  delay: number;
+}
+
 /** No motion. */
 export const STILL: Motion = { yaw: 0, pitch: 0, right: 0, down: 0, forward: 0, zoom: 0 };
 /** Names of the velocities. */

@@ -1,42 +1,38 @@
 /** Interactive camera that orbits a pivot, with inertia and soft limits. It starts exactly at a camera of the reel. */
-import { add, type Camera, dot, eyeOf, length, type Manifest, normalize, scale, subtract, type Vec3, viewmatOf } from "@splatreel/decoder/internal";
+import {
+  add,
+  type Camera,
+  dot,
+  eyeOf,
+  length,
+  type Manifest,
+  normalize,
+  scale,
+  subtract,
+  type Vec3,
+  viewmatOf,
+} from "@splatreel/decoder/internal";
 import { axesOf } from "../base/quaternion";
 import type { View } from "@splatreel/renderer";
 import { CameraPath } from "./camera-path";
 import type { CameraDriver, Sight } from "./driver";
+import { Framing } from "./framing";
+import { Glide } from "./glide";
 import { Horizon, type Gaze } from "./horizon";
 import { Limits } from "./limits";
-import { AXES, STILL, type Motion } from "./motion";
+import { AXES, STILL, type Motion, type Spin } from "./motion";
+import type { OrbitBounds } from "./orbit-declaration";
 import { turnOf, viewmatOfState, type CameraState } from "./pose";
 
 /** Rate at which a flick decays and a key accelerates, per second. */
 const FRICTION = 6;
 /** Rate at which the camera returns to its limits and a tilt decays, per second. */
 const PULL = 5;
-/** Maximum crop of the image to fill a wider screen, and a narrower one, where no camera shows what is above and below the image. */
-const CROP = 1.4;
-const NARROW_CROP = 4;
-/** On a screen that crops more than `CROP`, the offset of the focus, in half widths, above which the first view is centered on it. */
-const ASIDE = 0.2;
-/** Duration of a transition between poses, in seconds. */
-const GLIDE = 0.5;
-
-/** Bounds of orbits that a page declares. */
-export interface OrbitBounds {
-  gaze(gaze: Gaze): Gaze;
-  distance(distance: number): number;
-}
-
-/** Rotation about the pivot while nobody moves the camera: radians per second, after seconds of rest. */
-export interface Spin {
-  speed: number;
-  delay: number;
-}
 
 /** The camera that people steer. */
 export class OrbitCamera {
   private readonly horizon: Horizon;
-  private readonly home: Camera;
+  private readonly framing: Framing;
   /** Near plane, in world units. */
   readonly near: number;
   private readonly limits: Limits;
@@ -55,7 +51,7 @@ export class OrbitCamera {
   /** True during a drag, while the limits do not pull. */
   private held = false;
   private velocity: Motion = { ...STILL };
-  private glide: { from: Sight; to: Sight; at: number } | null = null;
+  private glide: Glide | null = null;
   private followed: { path: CameraPath; at: number; cut: boolean } | null = null;
   private flythrough: CameraPath | null = null;
   /** True if people moved the camera to its present pose. */
@@ -73,12 +69,16 @@ export class OrbitCamera {
   private rested = 0;
 
   /** screen: size of the canvas, in CSS pixels. calm: disable inertia and transitions, for people who prefer reduced motion. */
-  constructor(manifest: Manifest, screen?: { clientWidth: number; clientHeight: number }, private readonly calm = false) {
+  constructor(
+    manifest: Manifest,
+    screen?: { clientWidth: number; clientHeight: number },
+    private readonly calm = false,
+  ) {
     const { up, camera, cameras, near } = manifest;
     this.horizon = new Horizon(normalize(up));
-    this.home = camera;
     // Nearer than the near plane of training, since people walk up to objects.
     this.near = 0.4 * near;
+    this.framing = new Framing(camera, this.near);
     this.limits = new Limits(manifest);
     this.start = this.stateOf(camera);
     this.poses = cameras.map((item) => this.level(this.stateOf(item)));
@@ -113,7 +113,10 @@ export class OrbitCamera {
 
   /** True while the view is the reel's own. */
   get atOwnView(): boolean {
-    const { ownState: { eye, turn }, state } = this;
+    const {
+      ownState: { eye, turn },
+      state,
+    } = this;
     return length(subtract(state.eye, eye)) === 0 && turn.every((value, i) => Math.abs(state.turn[i] - value) < 1e-6);
   }
 
@@ -131,12 +134,14 @@ export class OrbitCamera {
 
   /** Center the first view on the focus if a narrow screen crops much of the image. */
   private fit(width: number, height: number): void {
-    const { viewmat: m, fx } = this.view(width, height);
-    const { focus } = this.limits;
-    const [x, z] = [0, 8].map((i) => m[i] * focus[0] + m[i + 1] * focus[1] + m[i + 2] * focus[2] + m[i + 3]);
-    const { horizon, gaze, home } = this;
-    if (home.width * height <= CROP * home.height * width || z <= 0 || Math.abs((fx * x) / z) < (ASIDE * width) / 2) return;
-    this.center = ((home.K[0] * x) / z + home.K[2]) / home.width;
+    const {
+      horizon,
+      gaze,
+      limits: { focus },
+    } = this;
+    const center = this.framing.centerOf(this.viewmat, focus, width, height);
+    if (center === null) return;
+    this.center = center;
     const turn = horizon.turnOf({ ...gaze, heading: horizon.toward(gaze, subtract(focus, this.eye)).heading });
     this.state = this.start = { ...this.start, turn };
   }
@@ -173,7 +178,8 @@ export class OrbitCamera {
 
   /** Fly through the cameras of the capture, or stop. */
   fly(on: boolean): void {
-    this.flythrough = on && this.poses.length > 1 ? CameraPath.through(this.viewmat, this.poses.map(viewmatOfState)) : null;
+    this.flythrough =
+      on && this.poses.length > 1 ? CameraPath.through(this.viewmat, this.poses.map(viewmatOfState)) : null;
     this.follow(this.flythrough, 0, this.calm);
   }
 
@@ -243,10 +249,10 @@ export class OrbitCamera {
 
   /** Advance all motion. Returns true while the camera moves. */
   step(seconds: number): boolean {
-    const driven = this.driver?.step({ eye: this.eye, gaze: this.gaze, distance: this.distance }, this.thrust, seconds);
+    const driven = this.driver?.step(this.sight, this.thrust, seconds);
     if (driven) return this.drive(driven);
     if (this.followed) return this.stepAlong(this.followed, seconds);
-    if (this.glide) return this.stepGlide(seconds);
+    if (this.glide) return this.stepGlide(this.glide, seconds);
     if (this.driver) return false;
     const { velocity, thrust } = this;
     const gain = this.calm ? 1 : 1 - Math.exp(-FRICTION * seconds);
@@ -263,10 +269,19 @@ export class OrbitCamera {
     return this.stepSpin(seconds) || this.stepBack(seconds) || upright || moving;
   }
 
-  private drive({ eye, gaze, distance }: Sight): boolean {
+  private drive(sight: Sight): boolean {
     this.touch();
-    [this.eye, this.gaze, this.distance] = [eye, gaze, distance];
+    this.sight = sight;
     return true;
+  }
+
+  private get sight(): Sight {
+    const { eye, gaze, distance } = this;
+    return { eye, gaze, distance };
+  }
+
+  private set sight({ eye, gaze, distance }: Sight) {
+    [this.eye, this.gaze, this.distance] = [eye, gaze, distance];
   }
 
   /** Rotate after a rest, to and fro between bounds. */
@@ -277,7 +292,11 @@ export class OrbitCamera {
     const allowed = this.bounds ? this.bounds.gaze(next) : next;
     const eye = subtract(this.pivot, scale(this.horizon.forwardOf(allowed), distance));
     const beyond = length(subtract(this.limits.eye(eye), eye)) > 1e-3 * this.limits.extent;
-    if (allowed !== next || (beyond && length(subtract(this.limits.eye(this.eye), this.eye)) <= 1e-3 * this.limits.extent)) spin.speed = -spin.speed;
+    if (
+      allowed !== next ||
+      (beyond && length(subtract(this.limits.eye(this.eye), this.eye)) <= 1e-3 * this.limits.extent)
+    )
+      spin.speed = -spin.speed;
     else this.turn(next);
     this.moved = true; // the horizon becomes level, and the limits hold
     return true;
@@ -285,21 +304,7 @@ export class OrbitCamera {
 
   /** Return the view for an image of width x height pixels, with the field of view of the reel's camera. */
   view(width: number, height: number): View {
-    const { K, width: w, height: h } = this.home;
-    const whole = Math.min(width / w, height / h);
-    const filled = Math.max(width / w, height / h);
-    const fill = Math.min(filled, (width * h < height * w ? NARROW_CROP : CROP) * whole);
-    const zoom = this.fieldOfView === null ? fill : height / 2 / Math.tan(this.fieldOfView / 2) / K[4];
-    return {
-      viewmat: this.viewmat,
-      fx: K[0] * zoom,
-      fy: K[4] * zoom,
-      cx: width / 2 + (K[2] - w / 2) * zoom,
-      cy: height / 2 + (K[5] - h / 2) * zoom,
-      width,
-      height,
-      near: this.near,
-    };
+    return this.framing.view(this.viewmat, width, height, this.fieldOfView);
   }
 
   /** Axes of the camera: x right, y down, z forward. */
@@ -322,7 +327,7 @@ export class OrbitCamera {
   }
 
   private place({ eye, turn, distance }: CameraState): void {
-    [this.eye, this.gaze, this.distance] = [eye, this.horizon.gazeOf(turn), distance];
+    this.sight = { eye, gaze: this.horizon.gazeOf(turn), distance };
   }
 
   private level(state: CameraState): CameraState {
@@ -339,19 +344,12 @@ export class OrbitCamera {
 
   private glideTo(to: CameraState): void {
     this.follow(null);
-    const { eye, gaze, distance } = this;
-    this.glide = { from: { eye, gaze, distance }, to: { ...to, gaze: this.horizon.gazeOf(to.turn) }, at: this.calm ? 1 : 0 };
+    this.glide = new Glide(this.horizon, this.sight, { ...to, gaze: this.horizon.gazeOf(to.turn) }, this.calm);
   }
 
-  private stepGlide(seconds: number): boolean {
-    const glide = this.glide!;
-    glide.at = Math.min(glide.at + seconds / GLIDE, 1);
-    const { from, to } = glide;
-    const t = glide.at * glide.at * (3 - 2 * glide.at);
-    this.eye = add(scale(from.eye, 1 - t), scale(to.eye, t));
-    this.gaze = t < 1 ? this.horizon.between(from.gaze, to.gaze, t) : to.gaze;
-    this.distance = from.distance * (1 - t) + to.distance * t;
-    if (t === 1) this.glide = null;
+  private stepGlide(glide: Glide, seconds: number): boolean {
+    this.sight = glide.step(seconds);
+    if (glide.over) this.glide = null;
     return true;
   }
 

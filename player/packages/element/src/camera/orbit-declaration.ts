@@ -16,7 +16,6 @@ import {
   type Vec3,
 } from "@splatreel/decoder/internal";
 import { Horizon, type Gaze } from "./horizon";
-import type { OrbitBounds } from "./orbit-camera";
 import type { CameraState } from "./pose";
 
 /** An attribute that cannot be used. The message names the value and the remedy. */
@@ -24,6 +23,12 @@ export class DeclarationError extends Error {}
 
 /** Steepest inclinations, so that a level horizon exists. */
 const STEEPEST: [number, number] = [0.1, Math.PI - 0.1];
+
+/** Bounds of orbits that a page declares. */
+export interface OrbitBounds {
+  gaze(gaze: Gaze): Gaze;
+  distance(distance: number): number;
+}
 
 /** An orbit: azimuth and inclination in radians, and distance, each null for "auto". */
 export interface Orbit {

@@ -1,5 +1,5 @@
 /** The custom element <splat-reel src="…/manifest.json" poster autoplay loop muted controls>, modeled on <video>. */
-import { ENGLISH } from "../base/words";
+import { ENGLISH, LACKING } from "../base/words";
 import { parsePath, type PathFile } from "../camera/camera-path";
 import { linkTo, startOf } from "../camera/link";
 import type { Pose } from "../camera/pose";
@@ -10,7 +10,7 @@ import { checkedViewmat } from "../player/checked-arguments";
 import { PathPlayer } from "../player/path-player";
 import { Player } from "../player/player";
 import type { Stats } from "../player/stats";
-import { Controls, LACKING } from "../ui/controls";
+import { Controls } from "../ui/controls";
 import { CooperativeGestures } from "../ui/cooperative-gestures";
 import { FirstPrompt } from "../ui/first-prompt";
 import { HostStates } from "../ui/host-states";

@@ -1,12 +1,17 @@
 /** The part of <splat-reel> that follows HTMLMediaElement: attributes and states. */
 import { PLAIN, plainWords } from "@splatreel/decoder/internal";
+import { propertiesOf } from "@splatreel/renderer";
 import type { Player } from "../player/player";
 
 /** HTMLElement, or an empty class where there is no page: servers that render pages import the player as well. */
 const BaseElement = globalThis.HTMLElement ?? (class {} as typeof HTMLElement);
 
 /** Base class with the properties of HTMLMediaElement. */
-export abstract class MediaElement extends BaseElement {
+export abstract class MediaElement extends propertiesOf<Player>("player")(
+  BaseElement,
+  ["paused", "ended", "seeking", "live", "renditions", "progress"],
+  ["currentTime", "playbackRate", "section", "volume", "muted"],
+) {
   /** Values of `networkState`, as in HTMLMediaElement. */
   static readonly NETWORK_EMPTY = 0;
   static readonly NETWORK_IDLE = 1;
@@ -75,15 +80,6 @@ export abstract class MediaElement extends BaseElement {
     this.toggleAttribute("controls", on);
   }
 
-  /** Present time, in seconds. */
-  get currentTime(): number {
-    return this.player.currentTime;
-  }
-
-  set currentTime(seconds: number) {
-    this.player.currentTime = seconds;
-  }
-
   /** Seek, like `currentTime`. */
   fastSeek(seconds: number): void {
     this.currentTime = seconds;
@@ -94,57 +90,6 @@ export abstract class MediaElement extends BaseElement {
     return this.player.manifest ? this.player.duration : NaN;
   }
 
-  get paused(): boolean {
-    return this.player.paused;
-  }
-
-  get ended(): boolean {
-    return this.player.ended;
-  }
-
-  get seeking(): boolean {
-    return this.player.seeking;
-  }
-
-  /** True while groups are still being added to the reel. */
-  get live(): boolean {
-    return this.player.live;
-  }
-
-  get playbackRate(): number {
-    return this.player.playbackRate;
-  }
-
-  set playbackRate(rate: number) {
-    this.player.playbackRate = rate;
-  }
-
-  /** Part of the reel that repeats, [start, end] in seconds; null for none. */
-  get section(): readonly [number, number] | null {
-    return this.player.section;
-  }
-
-  set section(section: readonly [number, number] | null) {
-    this.player.section = section;
-  }
-
-  /** Volume, 0 to 1. */
-  get volume(): number {
-    return this.player.soundtrack.volume;
-  }
-
-  set volume(volume: number) {
-    this.player.soundtrack.volume = volume;
-  }
-
-  get muted(): boolean {
-    return this.player.soundtrack.muted;
-  }
-
-  set muted(muted: boolean) {
-    this.player.soundtrack.muted = muted;
-  }
-
   /** The attribute `muted`: start muted. */
   get defaultMuted(): boolean {
     return this.hasAttribute("muted");
@@ -152,11 +97,6 @@ export abstract class MediaElement extends BaseElement {
 
   set defaultMuted(on: boolean) {
     this.toggleAttribute("muted", on);
-  }
-
-  /** Names of the renditions, best first; empty if there is only one. */
-  get renditions(): string[] {
-    return this.player.renditions;
   }
 
   /** Name of the chosen rendition, or "auto" to adapt. */
@@ -198,11 +138,6 @@ export abstract class MediaElement extends BaseElement {
     if (!player.hasSource) return MediaElement.NETWORK_EMPTY;
     if (player.error && !player.manifest) return MediaElement.NETWORK_NO_SOURCE;
     return player.busy ? MediaElement.NETWORK_LOADING : MediaElement.NETWORK_IDLE;
-  }
-
-  /** Received part of the bytes that playback waits for, 0 to 1. */
-  get progress(): number {
-    return this.player.progress;
   }
 
   /** The error; null if there is none. `code` is that of a MediaError: 2 network, 3 decoding, 4 the reel cannot be opened. */

@@ -1,7 +1,6 @@
 /** The player: its methods, state and events, for the element and the controls. */
-import { finite, type Picture, PlayerCore, type Session, type View, waitUntil } from "@splatreel/renderer";
+import { finite, type Picture, PlayerCore, propertiesOf, type View, waitUntil } from "@splatreel/renderer";
 import { ENGLISH, type Words } from "../base/words";
-import type { OrbitCamera } from "../camera/orbit-camera";
 import type { Pose, Start } from "../camera/pose";
 import type { LocalFiles, Reel } from "@splatreel/decoder/internal";
 import { checkedPose } from "./checked-arguments";
@@ -19,7 +18,13 @@ import type { TextTracks } from "./text-tracks";
  * notallowed (the browser requires an interaction before sound), drawn, pathchange (the camera path changed, began or ended),
  * trackchange (captions or chapters arrived, or others are shown), sectionchange (another part repeats).
  */
-export class Player extends PlayerCore {
+export class Player extends propertiesOf<Lifecycle>("lifecycle")(PlayerCore, [
+  "hasSource",
+  "prefetchedPoster",
+  "session",
+  "camera",
+  "error",
+]) {
   /** Texts for people, in the language of the element. */
   words: Words = ENGLISH;
   /** Language of the texts. */
@@ -121,40 +126,6 @@ export class Player extends PlayerCore {
     if (!this.paused) this.soundtrack.ask();
   }
 
-  /** True if a reel was given. */
-  get hasSource(): boolean {
-    return this.lifecycle.hasSource;
-  }
-
-  /** Address of the poster that the page requested early; "" if there is none for this reel. */
-  get prefetchedPoster(): string {
-    return this.lifecycle.prefetchedPoster;
-  }
-
-  /** Session of the open reel; null if there is none, or while the player rests. */
-  get session(): Session | null {
-    return this.lifecycle.session;
-  }
-
-  /** Interactive camera; null until the manifest arrives. */
-  get camera(): OrbitCamera | null {
-    return this.lifecycle.camera;
-  }
-
-  get error(): Error | null {
-    return this.lifecycle.error;
-  }
-
-  /** Start of the reel, in seconds. A live reel may have dropped what was before. */
-  get earliest(): number {
-    return this.clock.earliest;
-  }
-
-  /** End of the reel, in seconds; of a live reel, the end so far. */
-  get duration(): number {
-    return this.clock.duration;
-  }
-
   protected get startSeconds(): number {
     return this.lifecycle.startSeconds;
   }
@@ -171,15 +142,6 @@ export class Player extends PlayerCore {
   set section(section: readonly [number, number] | null) {
     this.clock.section = section && [finite(section[0], "section[0]"), finite(section[1], "section[1]")];
     this.emit("sectionchange");
-  }
-
-  get playbackRate(): number {
-    return this.clock.rate;
-  }
-
-  set playbackRate(rate: number) {
-    this.clock.rate = finite(rate, "playbackRate");
-    this.emit("ratechange");
   }
 
   /** The rendition on screen. */

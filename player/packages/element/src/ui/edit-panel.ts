@@ -7,6 +7,7 @@ import { copyText } from "./copy-text";
 import type { Player } from "../player/player";
 import { EditDrawing } from "./edit-drawing";
 import styles from "./edit-panel.css";
+import fields from "./fields.css";
 import { foldByHeader } from "./fold";
 import { CLOSE } from "./icons";
 import { elementOf } from "./markup";
@@ -74,6 +75,7 @@ export class EditPanel {
     this.box = elementOf(MARKUP, player.words);
     this.box.dir = directionOf(player.language);
     this.drawing = new EditDrawing(player.words, (face, by) => this.drag(face, by));
+    adoptStyles(root, fields);
     adoptStyles(root, panelStyles);
     adoptStyles(root, styles);
     foldByHeader(this.box);

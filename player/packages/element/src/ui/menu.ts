@@ -3,6 +3,7 @@ import type { Player } from "../player/player";
 import type { Quality } from "@splatreel/renderer";
 import { BACK, ON } from "./icons";
 import { elementOf } from "./markup";
+import fields from "./fields.css";
 import styles from "./menu.css";
 import { adoptStyles } from "./styles";
 
@@ -81,6 +82,7 @@ export class Menu {
     actions: MenuActions,
     private readonly state: () => MenuState,
   ) {
+    adoptStyles(root, fields);
     adoptStyles(root, styles);
     this.box = elementOf(
       `<div class="sheet menu" role="group" aria-label="Settings" hidden>${MARKUP}</div>`,

@@ -9,6 +9,7 @@ import { directionOf } from "../base/words";
 import { foldByHeader } from "./fold";
 import { elementOf } from "./markup";
 import { PathDrawing } from "./path-drawing";
+import fields from "./fields.css";
 import styles from "./path-panel.css";
 import { adoptStyles } from "./styles";
 
@@ -64,6 +65,7 @@ export class PathPanel {
     private readonly closed: () => void,
   ) {
     const { signal } = this.life;
+    adoptStyles(root, fields);
     adoptStyles(root, styles);
     this.box = elementOf(MARKUP, host.player.words);
     this.box.dir = directionOf(host.player.language);

@@ -3,6 +3,7 @@ import { encode } from "uqr";
 import type { Words } from "../base/words";
 import { copyText } from "./copy-text";
 import { elementOf } from "./markup";
+import fields from "./fields.css";
 import styles from "./share.css";
 import { adoptStyles } from "./styles";
 
@@ -37,6 +38,7 @@ const MARKUP = `<div class="share">
 
 /** Return the content of the dialog. root: of the dialog. say: shows whether a copy succeeded. */
 export function shareOf(root: ShadowRoot, shared: Shared, t: Words, say: (words: string) => void): HTMLElement {
+  adoptStyles(root, fields);
   adoptStyles(root, styles);
   const box = elementOf(MARKUP, t);
   const area = (name: string): HTMLTextAreaElement => box.querySelector<HTMLTextAreaElement>(`[name=${name}]`)!;

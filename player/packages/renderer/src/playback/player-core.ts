@@ -1,5 +1,6 @@
 /** What all players of a reel share: its clock, sound and playback, and their properties. */
-import type { Manifest, Stream } from "@splatreel/decoder/internal";
+import type { Stream } from "@splatreel/decoder/internal";
+import { propertiesOf } from "../base/delegation";
 import { finite } from "../base/finite";
 import type { View } from "../base/view";
 import { waitUntil } from "../base/wait-until";
@@ -12,7 +13,14 @@ import { Resolution } from "./resolution";
 import type { Session } from "./session";
 
 /** Player of one reel at a time. Subclasses open the reel and provide the camera. */
-export abstract class PlayerCore extends EventTarget implements PlaybackHost {
+export abstract class PlayerCore
+  extends propertiesOf<Soundtrack>("soundtrack")(
+    propertiesOf<Clock>("clock")(EventTarget, ["manifest", "live", "earliest", "duration", "ended"], ["loop"]),
+    [],
+    ["volume", "muted"],
+  )
+  implements PlaybackHost
+{
   readonly clock = new Clock();
   readonly resolution = new Resolution();
   /** Played ranges. */
@@ -48,14 +56,6 @@ export abstract class PlayerCore extends EventTarget implements PlaybackHost {
     return this.session?.stream ?? null;
   }
 
-  get manifest(): Manifest | null {
-    return this.clock.manifest;
-  }
-
-  get live(): boolean {
-    return this.clock.live;
-  }
-
   get currentTime(): number {
     return this.manifest ? this.clock.seconds : this.startSeconds;
   }
@@ -66,20 +66,17 @@ export abstract class PlayerCore extends EventTarget implements PlaybackHost {
     else this.startSeconds = Math.max(time, 0);
   }
 
-  get loop(): boolean {
-    return this.clock.loop;
+  get playbackRate(): number {
+    return this.clock.rate;
   }
 
-  set loop(loop: boolean) {
-    this.clock.loop = loop;
+  set playbackRate(rate: number) {
+    this.clock.rate = finite(rate, "playbackRate");
+    this.emit("ratechange");
   }
 
   get paused(): boolean {
     return !this.clock.playing;
-  }
-
-  get ended(): boolean {
-    return this.clock.ended;
   }
 
   get seeking(): boolean {

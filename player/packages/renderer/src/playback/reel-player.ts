@@ -105,6 +105,25 @@ export class ReelPlayer extends PlayerCore {
     this.stage?.invalidate();
   }
 
+  /** True if the direction and distance of the sound follow the camera, for reels whose sound has a position. */
+  get positional(): boolean {
+    return this.soundtrack.spatial.on;
+  }
+
+  set positional(on: boolean) {
+    this.soundtrack.spatial.on = on;
+  }
+
+  /** Number of points drawn. */
+  get points(): number {
+    return this.stage?.points ?? 0;
+  }
+
+  /** Color behind the points, sRGB, 0 to 1; null before the manifest arrives. The scene's background is drawn instead. */
+  get background(): [number, number, number] | null {
+    return this.manifest?.background ?? null;
+  }
+
   private fail(error: unknown): void {
     if (this.error) return;
     this.session?.abandon();

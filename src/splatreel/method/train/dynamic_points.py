@@ -9,12 +9,13 @@ import torch
 from torch import Tensor
 
 from splatreel.config import GroupConfig
+from splatreel.kernels.projected import Splats
 from splatreel.method.deform.appearance import Appearance, detect_cuts
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots
 from splatreel.method.deform.models import make_deformation
 from splatreel.method.deform.protocol import Deformation
 from splatreel.method.tracking.tracking import GroupStart
-from splatreel.method.train.render import Splats, View, deformed
+from splatreel.method.train.render import View, deformed
 from splatreel.method.train.trainable_points import TrainablePoints
 from splatreel.method.train.training_images import TrainingImages
 
@@ -45,7 +46,7 @@ class Changes:
     shade: Tensor | None
 
 
-class MovingPoints:
+class DynamicPoints:
     """Dynamic points in three parts, whose rows are added and removed together.
 
     Attributes:
@@ -61,7 +62,7 @@ class MovingPoints:
         self.appearance = appearance
 
     @staticmethod
-    def of(start: GroupStart, images: TrainingImages, config: GroupConfig, seed: int) -> MovingPoints:
+    def of(start: GroupStart, images: TrainingImages, config: GroupConfig, seed: int) -> DynamicPoints:
         """Create the points from which a group's training starts, on the device of its images."""
         device = images.pixels.device
         rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * images.unit}
@@ -71,9 +72,9 @@ class MovingPoints:
         means = canonical.means.detach()
         deformation = make_deformation(config.deformation, means, images.count, images.unit, seed, tracks, fixed)
         if not config.appearance:
-            return MovingPoints(canonical, deformation, None)
+            return DynamicPoints(canonical, deformation, None)
         cuts = detect_cuts(images.pixels)
-        return MovingPoints(canonical, deformation, Appearance(images.count, len(canonical), device, shades, cuts))
+        return DynamicPoints(canonical, deformation, Appearance(images.count, len(canonical), device, shades, cuts))
 
     def __len__(self) -> int:
         """Return the number of points."""
