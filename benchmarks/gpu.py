@@ -35,7 +35,7 @@ from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed
 from splatreel.gpu.adapters import adapters, choose_adapter
-from splatreel.gpu.device import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels import splat
 from splatreel.run.gpu_speed import iteration_ms
 from splatreel.run.machine_speed import LARGE, SMALL, Probe

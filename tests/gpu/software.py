@@ -5,7 +5,8 @@ from functools import cache
 import pytest
 
 from splatreel.gpu.adapters import Adapter, adapters, choose_adapter
-from splatreel.gpu.device import Gpu, SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
+from splatreel.gpu.wgpu_device import WgpuGpu
 
 
 @cache
@@ -17,8 +18,8 @@ def software_adapter() -> Adapter:
 
 
 @cache
-def software_gpu(group: int = 64, subgroups: bool = True) -> Gpu:
-    return Gpu(software_adapter(), group=group, subgroups=subgroups)
+def software_gpu(group: int = 64, subgroups: bool = True) -> WgpuGpu:
+    return WgpuGpu(software_adapter(), group=group, subgroups=subgroups)
 
 
 class SoftwareGpu(SharedGpu):

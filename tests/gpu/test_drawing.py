@@ -6,6 +6,7 @@ import pytest
 from splatreel.base.errors import GpuError
 from splatreel.gpu import uniforms
 from splatreel.gpu.device import Gpu
+from splatreel.gpu.wgpu_device import WgpuGpu
 from splatreel.gpu.drawing import Drawing
 from splatreel.kernels.cpu import binning, deform, project, rasterize, similarity
 from tests.gpu.software import software_adapter, software_gpu
@@ -58,7 +59,7 @@ class Case:
         draw["counts"] = count, arrays[5].shape[1], 0, drawing.capacity
         draw["numbers"][0] |= uniforms.WHOLE
         draw["loss"][:2] = (1 - LAMBDA) / (3 * width * height), LAMBDA / (3 * width * height)
-        gpu.queue.write_buffer(drawing.buffers["draw"], 0, draw.tobytes())
+        gpu.write(drawing.buffers["draw"], draw)
         self.target = np.random.default_rng(1).integers(0, 256, (height, width, 4)).astype(np.uint8)
         self.target[..., 3] = 0
         self.buffers = drawing.alone() | {"targets": gpu.upload(self.target), "gains": gpu.upload(GAIN)}
@@ -188,7 +189,7 @@ def test_more_pairs_than_fit_are_reported() -> None:
     draw = uniforms.new_draw()
     draw["counts"][3] = 5
     offset = uniforms.DRAW.fields["counts"][1] + 12
-    case.gpu.queue.write_buffer(case.drawing.buffers["draw"], offset, np.array([5], np.uint32).tobytes())
+    case.gpu.write(case.drawing.buffers["draw"], np.array([5], np.uint32), offset)
     case.run()
     assert case.drawing.needed_pairs() == pytest.approx(needed, rel=0.01)
     case.drawing.grow(needed)
@@ -216,7 +217,7 @@ def test_values_that_are_not_finite_are_found(array: int, value: float) -> None:
 @pytest.mark.slow
 def test_the_smallest_limits_of_webgpu_are_enough() -> None:
     """An adapter that grants no more than every WebGPU device has."""
-    gpu = Gpu(software_adapter(), group=256, subgroups=False, limits=SMALLEST)
+    gpu = WgpuGpu(software_adapter(), group=256, subgroups=False, limits=SMALLEST)
     assert {name: gpu.device.limits[name] for name in SMALLEST} == SMALLEST
     case = Case(gpu, points(200), 40, 24)
     case.run()
@@ -231,7 +232,7 @@ def test_uniforms_have_the_layout_of_the_kernels() -> None:
 @group(0) @binding(0) var<uniform> draw: Draw;
 @group(0) @binding(1) var<storage, read_write> found: array<vec4f>;
 @compute @workgroup_size(1) fn main() { found[0] = draw.adam[9]; found[1] = draw.weights[7]; found[2] = draw.meters; }"""
-    from splatreel.gpu.device import read_shader
+    from splatreel.gpu.kernel_source import read_shader
 
     gpu = software_gpu()
     module = gpu.device.create_shader_module(code=f"const GROUP = 64u;\n{read_shader('common')}\n{source}")
@@ -246,5 +247,5 @@ def test_uniforms_have_the_layout_of_the_kernels() -> None:
     computing.set_bind_group(0, gpu.device.create_bind_group(layout=pipeline.get_bind_group_layout(0), entries=entries))
     computing.dispatch_workgroups(1)
     computing.end()
-    gpu.queue.submit([encoder.finish()])
+    gpu.device.queue.submit([encoder.finish()])
     np.testing.assert_array_equal(gpu.read(buffers[1], np.float32, (12,)), np.arange(1, 13))

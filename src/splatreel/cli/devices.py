@@ -12,7 +12,7 @@ def devices(measure: bool = True) -> None:
         measure: Time training iterations, about two seconds for each device. Software adapters are not timed.
     """
     from splatreel.gpu import adapters as gpus
-    from splatreel.gpu.device import SharedGpu
+    from splatreel.gpu.shared_gpu import SharedGpu
     from splatreel.run import gpu_speed
     from splatreel.run.device_choice import pick_device
     from splatreel.run.machine_speed import describe_processor

@@ -10,7 +10,7 @@ import torch
 from splatreel.base.command_line import install_command
 from splatreel.base.errors import MissingDependencyError, ReconstructionError, UsageError
 from splatreel.gpu.adapters import adapters, choose_adapter, require_adapter
-from splatreel.gpu.device import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 
 IMAGES_SHARE = 0.6
 """Largest share of the GPU's free memory that images may take. Training needs the rest."""

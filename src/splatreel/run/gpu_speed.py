@@ -11,7 +11,7 @@ import torch
 from splatreel.base.errors import GpuError
 from splatreel.base.progress import Silent
 from splatreel.config import KeyframeConfig
-from splatreel.gpu.device import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 from splatreel.method.train.trainable_points import TrainablePoints, default_rates
