@@ -11,10 +11,8 @@ from pathlib import Path
 import pytest
 
 from splatreel.gpu.adapters import CUDA, Adapter
-from splatreel.gpu.cuda_device import CudaGpu
 from splatreel.gpu.cuda_devices import CudaDevice, describe_device
 from splatreel.gpu.cuda_libraries import Driver
-from splatreel.gpu.shared_gpu import SharedGpu
 
 SOURCES = Path(__file__).with_name("emulator")
 
@@ -42,16 +40,3 @@ def emulated_device() -> CudaDevice:
 def emulated_adapter() -> Adapter:
     device = emulated_device()
     return Adapter(device.name, CUDA, "DiscreteGPU", device.limits, True, device)
-
-
-@cache
-def emulated_gpu(group: int = 64, subgroups: bool = True) -> CudaGpu:
-    return CudaGpu(emulated_adapter(), group, subgroups)
-
-
-class EmulatedGpu(SharedGpu):
-    """The emulated GPU, opened once for all tests of a process."""
-
-    def __init__(self) -> None:
-        super().__init__(emulated_adapter())
-        self._gpu = emulated_gpu()

@@ -1,5 +1,7 @@
 """Kernels of the GPU against those of the CPU: pairs, order, image, loss and gradients."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -9,7 +11,7 @@ from splatreel.gpu.device import Gpu
 from splatreel.gpu.wgpu_device import WgpuGpu
 from splatreel.gpu.drawing import Drawing
 from splatreel.kernels.cpu import binning, deform, project, rasterize, similarity
-from tests.gpu.software import software_adapter, software_gpu
+from tests.gpu.devices import DEVICES, software_adapter, software_gpu
 
 NEAR, LAMBDA = 0.01, 0.2
 GAIN = np.array([0.9, 1.0, 1.1], np.float32)
@@ -135,9 +137,10 @@ SLOW = pytest.mark.slow  # kernels are compiled anew for each size
 
 @pytest.mark.parametrize("group", [64, pytest.param(128, marks=SLOW), pytest.param(256, marks=SLOW)])
 @pytest.mark.parametrize("subgroups", [True, pytest.param(False, marks=SLOW)], ids=["subgroups", "shared memory"])
-def test_kernels_are_those_of_the_cpu(group: int, subgroups: bool) -> None:
+@pytest.mark.parametrize("device", DEVICES)
+def test_kernels_are_those_of_the_cpu(device: Callable[..., Gpu], group: int, subgroups: bool) -> None:
     """A ragged image size, with workgroups and subgroups of several sizes."""
-    case = Case(software_gpu(group, subgroups), points(600), 53, 37)
+    case = Case(device(group, subgroups), points(600), 53, 37)
     case.run()
     case.check()
 
@@ -145,17 +148,21 @@ def test_kernels_are_those_of_the_cpu(group: int, subgroups: bool) -> None:
 @pytest.mark.parametrize(
     ("count", "width", "height", "bands"), [(0, 16, 16, 15), (1, 7, 5, 0), (2, 17, 33, 3), (65, 80, 16, 8)]
 )
-def test_few_points_and_odd_images(count: int, width: int, height: int, bands: int) -> None:
-    case = Case(software_gpu(), points(count, 2, bands, 0.3), width, height, antialias=False)
+@pytest.mark.parametrize("device", DEVICES)
+def test_few_points_and_odd_images(
+    device: Callable[..., Gpu], count: int, width: int, height: int, bands: int
+) -> None:
+    case = Case(device(), points(count, 2, bands, 0.3), width, height, antialias=False)
     case.run()
     case.check()
 
 
-def test_a_tile_with_more_pairs_than_shared_memory_holds_is_sorted() -> None:
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_tile_with_more_pairs_than_shared_memory_holds_is_sorted(device: Callable[..., Gpu]) -> None:
     """All points are in one tile."""
     arrays = points(3000, 3, 0, 0.01)
     arrays[0][:, 2] = np.random.default_rng(5).permutation(np.linspace(1, 6, 3000)).astype(np.float32)
-    case = Case(software_gpu(), arrays, 16, 16)
+    case = Case(device(), arrays, 16, 16)
     case.run()
     assert int(case.read("first", np.uint32, 3001)[-1]) > 1024
     case.check()
@@ -171,9 +178,10 @@ def test_many_points() -> None:
 
 
 @pytest.mark.parametrize("length", [1, 255, 257, 70_001])
-def test_sums_of_any_length(length: int) -> None:
+@pytest.mark.parametrize("device", DEVICES)
+def test_sums_of_any_length(device: Callable[..., Gpu], length: int) -> None:
     """Sums over one workgroup, over several, and over more blocks than a workgroup has threads."""
-    gpu = software_gpu()
+    gpu = device()
     drawing, values = Drawing(gpu), np.random.default_rng(length).integers(0, 9, length).astype(np.uint32)
     buffer, recording = gpu.upload(values), gpu.record()
     drawing.record_scan(recording, buffer, length)
@@ -182,8 +190,9 @@ def test_sums_of_any_length(length: int) -> None:
     np.testing.assert_array_equal(found, np.cumsum(values) - values)
 
 
-def test_more_pairs_than_fit_are_reported() -> None:
-    case = Case(software_gpu(), points(300, 6, 0, 0.2), 48, 32)
+@pytest.mark.parametrize("device", DEVICES)
+def test_more_pairs_than_fit_are_reported(device: Callable[..., Gpu]) -> None:
+    case = Case(device(), points(300, 6, 0, 0.2), 48, 32)
     needed = binning_pairs(case)
     case.drawing.capacity = 5
     draw = uniforms.new_draw()
@@ -206,10 +215,11 @@ def binning_pairs(case: Case) -> int:
 @pytest.mark.parametrize(
     ("array", "value"), [(0, np.nan), (1, np.inf), (2, np.nan), (3, np.nan), (4, -np.inf), (5, np.nan)]
 )
-def test_values_that_are_not_finite_are_found(array: int, value: float) -> None:
+@pytest.mark.parametrize("device", DEVICES)
+def test_values_that_are_not_finite_are_found(device: Callable[..., Gpu], array: int, value: float) -> None:
     arrays = points(40)
     arrays[array].reshape(-1)[5] = value
-    case = Case(software_gpu(), arrays, 24, 24)
+    case = Case(device(), arrays, 24, 24)
     case.run()
     assert case.read("status", np.uint32, 2)[1] == 1
 

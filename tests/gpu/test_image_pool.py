@@ -5,7 +5,7 @@ import pytest
 
 from splatreel.base.errors import GpuError
 from splatreel.gpu.image_pool import ImagePool
-from tests.gpu.software import software_gpu
+from tests.gpu.devices import software_gpu
 
 WIDTH, HEIGHT = 8, 4
 

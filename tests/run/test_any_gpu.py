@@ -8,7 +8,7 @@ from splatreel.base.progress import Silent
 from splatreel.codec.verification import verify_reel
 from splatreel.method.train import gpu_program
 from splatreel.run.pipeline import reconstruct
-from tests.gpu.software import software_adapter
+from tests.gpu.devices import software_adapter
 from tests.method.captures import WallCapture
 from tests.method.small import small
 from tests.run.test_gpu import quality

@@ -52,6 +52,11 @@ class Adapter:
         return self.kind == "CPU"
 
     @property
+    def route(self) -> str:
+        """Return how training reaches the adapter, for the user."""
+        return f"{CUDA} and NVRTC" if self.interface == CUDA else self.interface
+
+    @property
     def missing(self) -> str | None:
         """Return why training cannot use the adapter; None if it can."""
         if self.interface == "OpenGL":
@@ -124,8 +129,7 @@ def choose_adapter(found: Sequence[Adapter], software: bool = False) -> tuple[Ad
     eligible = [adapter for adapter in usable if software or not adapter.is_software]
     if not eligible:
         return None, f"{usable[0].name} is a software adapter, which is slower than our CPU kernels."
-    compiled = " and NVRTC" if eligible[0].interface == CUDA else ""
-    return eligible[0], f"{eligible[0].name} through {eligible[0].interface}{compiled}."
+    return eligible[0], f"{eligible[0].name} through {eligible[0].route}."
 
 
 def require_adapter() -> Adapter:

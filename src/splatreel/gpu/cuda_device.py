@@ -71,7 +71,7 @@ class CudaGpu(Gpu):
             subgroups: Use operations of warps; None uses them.
 
         Raises:
-            GpuError: The driver refuses, or NVRTC cannot be loaded.
+            GpuError: The driver refuses, NVRTC cannot be loaded, or a test of the device fails.
         """
         super().__init__(adapter, group, subgroups, adapter.limits["max-storage-buffer-binding-size"])
         handle: CudaDevice = adapter.handle
@@ -80,6 +80,23 @@ class CudaGpu(Gpu):
         self._compiler = Compiler(handle.compiler)
         self._prelude = read_shader("prelude.cu")
         self._context = self._driver.pointer("cuDevicePrimaryCtxRetain", handle.number)
+        self._check_sums()
+
+    def _check_sums(self) -> None:
+        """Run a small kernel whose results are known, so that a device that computes nonsense is not used.
+
+        Raises:
+            GpuError: The results are wrong.
+        """
+        values = np.arange(4 * self.group, dtype=np.uint32)
+        buffers = {"values": self.upload(values), "sums": self.zeros(4)}
+        buffers["length"] = self.uniform(np.array([len(values), 1, 0, 0], np.uint32))
+        recording = self.record()
+        recording.run_each(self.kernel("scan_blocks"), self.group, buffers)
+        recording.submit()
+        if not np.array_equal(self.read(buffers["values"], np.uint32, values.shape), np.cumsum(values) - values):
+            raise GpuError(f"{self.adapter.name}: a test of its sums failed.")
+        self.forget_buffers()
 
     def call(self, name: str, *arguments: Any) -> None:
         """Call a function of the driver on this device.
