@@ -14,6 +14,7 @@ SHADERS = Path("src/splatreel/gpu/shaders")
 KERNELS = [path.stem for path in sorted(SHADERS.glob("*.wgsl")) if "fn main" in path.read_text()]
 OPEN = {"forward": "DEPTHS", "backward": "DEPTHS", "gather": "DEPTHS", "adam_knots": "KIND"}
 VALUES = {"DEPTHS": ("false", "true"), "KIND": ("0u", "1u", "2u")}
+CHANNELS = {"FIRST": "1u", "END": "2u"}
 
 
 def translated(text: str) -> str:
@@ -81,7 +82,8 @@ def sources(group: int, subgroups: bool) -> dict[str, str]:
     for name in KERNELS:
         label = OPEN.get(name)
         for value in VALUES[label] if label else ("",):
-            source = complete_source(name, group, subgroups, **({label: value} if label else {}))
+            constants = CHANNELS | ({label: value} if label else {})
+            source = complete_source(name, group, subgroups, **constants)
             found[f"{name} {value}"] = read_shader("prelude.cu") + translate(source)
     return found
 

@@ -169,6 +169,22 @@ def test_a_tile_with_more_pairs_than_shared_memory_holds_is_sorted(device: Calla
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_images_whose_maps_exceed_a_buffer(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Limits between the bytes of the image and those of the maps of all channels: the channels follow one another."""
+    rng, gpu = np.random.default_rng(seed), software_gpu()
+    width, height = (int(size) for size in rng.integers(100, 130, 2))
+    monkeypatch.setattr(gpu, "largest", int(rng.integers(16, 36) * width * height))
+    case = Case(gpu, points(100, seed, 0), width, height)
+    case.run()
+    case.check()
+    assert case.drawing.buffers["maps"].size < 13 * width * height
+    monkeypatch.setattr(gpu, "largest", 15 * width * height)
+    with pytest.raises(GpuError, match=f"image of {width}x{height} pixels takes 0 MB, and a buffer may have 0 MB"):
+        Case(gpu, points(100, seed, 0), width, height)
+
+
+@pytest.mark.slow
 def test_many_points() -> None:
     arrays = points(200_000, 4, 0, 1.5)
     arrays[2] -= 1.5

@@ -85,7 +85,7 @@ def largest_buffer(width: int, height: int, points: int) -> int:
         height: Height of the images, pixels.
         points: Maximum number of points of the first keyframe.
     """
-    return max(36 * width * height, 4 * 59 * points)
+    return max(16 * width * height, 4 * 59 * points)
 
 
 def check_room(needed: int, free: int, width: int) -> None:
