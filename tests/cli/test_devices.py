@@ -19,7 +19,9 @@ def adapter(name: str, kind: str = "DiscreteGPU", interface: str = "Vulkan", **l
 def headless(name: str, missing: str | None) -> Adapter:
     """Return an adapter of NVIDIA's driver, without Vulkan."""
     driver: Any = None
-    return Adapter(name, "CUDA", "DiscreteGPU", LEAST, True, CudaDevice(name, 0, 90, False, LEAST, driver, None, missing))
+    return Adapter(
+        name, "CUDA", "DiscreteGPU", LEAST, True, CudaDevice(name, 0, 90, False, LEAST, driver, None, missing)
+    )
 
 
 @pytest.mark.parametrize(
@@ -63,6 +65,8 @@ def test_without_the_package_the_cpu_is_used(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(module, "is_installed", lambda: False)
-    monkeypatch.setattr(module, "adapters", lambda: [])
+    monkeypatch.setattr(module, "adapters", list)
     assert main(["devices", "--no-measure"]) == 0
-    assert "uses the CPU. The package wgpu is not installed, and NVIDIA's driver was not found." in capsys.readouterr().out
+    assert (
+        "uses the CPU. The package wgpu is not installed, and NVIDIA's driver was not found." in capsys.readouterr().out
+    )

@@ -69,11 +69,11 @@ def test_missing_memory_and_a_lost_device_are_errors(library: ctypes.CDLL) -> No
     with pytest.raises(GpuError, match="the images takes 5,000 MB, and a buffer may have 4,295 MB"):
         gpu.zeros(5_000_000_000, "the images")
     library.emulatorSetFreeBytes(1 << 20)
-    with pytest.raises(GpuError, match="emulated GPU: no room for the images of 2 MB: .*out of memory"):
+    with pytest.raises(GpuError, match=r"emulated GPU: no room for the images of 2 MB: .*out of memory"):
         gpu.zeros(2_000_000, "the images")
     buffer = gpu.zeros(64)
     library.emulatorFail(b"unspecified launch failure")
-    with pytest.raises(GpuError, match="emulated GPU: the device was lost: .*unspecified launch failure"):
+    with pytest.raises(GpuError, match=r"emulated GPU: the device was lost: .*unspecified launch failure"):
         gpu.read(buffer, np.uint32, (1,))
     with pytest.raises(GpuError, match="the device was lost"):
         gpu.write(buffer, np.zeros(1, np.uint32))

@@ -8,8 +8,8 @@ import pytest
 from splatreel.base.errors import GpuError
 from splatreel.gpu import uniforms
 from splatreel.gpu.device import Gpu
-from splatreel.gpu.wgpu_device import WgpuGpu
 from splatreel.gpu.drawing import Drawing
+from splatreel.gpu.wgpu_device import WgpuGpu
 from splatreel.kernels.cpu import binning, deform, project, rasterize, similarity
 from tests.gpu.devices import DEVICES, software_adapter, software_gpu
 
@@ -149,9 +149,7 @@ def test_kernels_are_those_of_the_cpu(device: Callable[..., Gpu], group: int, su
     ("count", "width", "height", "bands"), [(0, 16, 16, 15), (1, 7, 5, 0), (2, 17, 33, 3), (65, 80, 16, 8)]
 )
 @pytest.mark.parametrize("device", DEVICES)
-def test_few_points_and_odd_images(
-    device: Callable[..., Gpu], count: int, width: int, height: int, bands: int
-) -> None:
+def test_few_points_and_odd_images(device: Callable[..., Gpu], count: int, width: int, height: int, bands: int) -> None:
     case = Case(device(), points(count, 2, bands, 0.3), width, height, antialias=False)
     case.run()
     case.check()
@@ -220,6 +218,16 @@ def test_more_pairs_than_fit_are_reported(device: Callable[..., Gpu]) -> None:
     case.drawing.grow(needed)
     assert case.drawing.capacity >= needed
     assert case.drawing.needed_pairs() == 0
+
+
+def test_pairs_fill_a_buffer_where_there_is_no_room_to_spare(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawing = Drawing(software_gpu())
+    monkeypatch.setattr(drawing.gpu, "largest", 36 * 10_000 + 64)
+    drawing.fit_pairs(9000)
+    assert drawing.capacity == 10_000
+    drawing.fit_pairs(10_000)
+    with pytest.raises(GpuError, match="the gradients of the pairs takes"):
+        drawing.fit_pairs(10_100)
 
 
 def binning_pairs(case: Case) -> int:

@@ -21,7 +21,8 @@ from splatreel.gpu.cuda_source import ENTRY, translate
 from splatreel.gpu.device import Gpu, Kernel, Recording
 from splatreel.gpu.kernel_source import read_shader
 
-Arguments = tuple[Any, ...]
+Call = tuple[Any, ...]
+"""Name of a function of the driver, and its arguments."""
 
 
 class CudaBuffer:
@@ -98,15 +99,16 @@ class CudaGpu(Gpu):
             raise GpuError(f"{self.adapter.name}: a test of its sums failed.")
         self.forget_buffers()
 
-    def call(self, name: str, *arguments: Any) -> None:
-        """Call a function of the driver on this device.
+    def call(self, *calls: Call) -> None:
+        """Call functions of the driver on this device, one after another.
 
         Raises:
-            GpuError: The function reports an error.
+            GpuError: A function reports an error.
         """
         try:
             self._driver.call("cuCtxSetCurrent", self._context)  # which belongs to a thread
-            self._driver.call(name, *arguments)
+            for name, *arguments in calls:
+                self._driver.call(name, *arguments)
         except GpuError as error:
             raise GpuError(f"{self.adapter.name}: the device was lost: {error}") from error
 
@@ -115,7 +117,7 @@ class CudaGpu(Gpu):
             buffer = CudaBuffer(self._driver, self._context, size)
         except GpuError as error:
             raise GpuError(f"{self.adapter.name}: no room for {label} of {size / 1e6:,.0f} MB: {error}") from error
-        self.call("cuMemsetD8_v2", buffer.address, 0, size)
+        self.call(("cuMemsetD8_v2", buffer.address, 0, size))
         return buffer
 
     def uniform(self, array: np.ndarray) -> CudaUniform:
@@ -130,13 +132,13 @@ class CudaGpu(Gpu):
         if isinstance(buffer, CudaUniform):
             ctypes.memmove(ctypes.addressof(buffer.data) + offset, data.ctypes.data, data.nbytes)
         else:
-            self.call("cuMemcpyHtoD_v2", buffer.address.value + offset, data.ctypes.data, data.nbytes)
+            self.call(("cuMemcpyHtoD_v2", buffer.address.value + offset, data.ctypes.data, data.nbytes))
 
     def read(self, buffer: CudaBuffer, dtype: Any, shape: Sequence[int]) -> np.ndarray:
         """See `Gpu`."""
         found = np.zeros(shape, dtype)
         if found.nbytes:
-            self.call("cuMemcpyDtoH_v2", found.ctypes.data, buffer.address.value, found.nbytes)
+            self.call(("cuMemcpyDtoH_v2", found.ctypes.data, buffer.address.value, found.nbytes))
         return found
 
     def _compile(self, name: str, source: str) -> int:
@@ -167,7 +169,7 @@ class CudaRecording(Recording):
         """Start an empty list."""
         super().__init__(gpu)
         self._gpu = gpu
-        self._calls: list[tuple[str, Arguments]] = []
+        self._calls: list[Call] = []
         self._kept: list[Any] = []
 
     def run(self, kernel: Kernel, groups: tuple[int, int, int], buffers: Mapping[str, Any]) -> None:
@@ -176,18 +178,17 @@ class CudaRecording(Recording):
             bound = self._gpu.bind(kernel, buffers)
             self._kept.append(buffers)  # until they are submitted
             threads = self._group, 1, 1
-            self._calls.append(("cuLaunchKernel", (kernel.program, *groups, *threads, 0, None, bound, None)))
+            self._calls.append(("cuLaunchKernel", kernel.program, *groups, *threads, 0, None, bound, None))
 
     def clear(self, buffer: CudaBuffer, offset: int, nbytes: int) -> None:
         """See `Recording`."""
         if nbytes:
             self._kept.append(buffer)
-            self._calls.append(("cuMemsetD8Async", (buffer.address.value + offset, 0, nbytes, None)))
+            self._calls.append(("cuMemsetD8Async", buffer.address.value + offset, 0, nbytes, None))
 
     def submit(self) -> None:
         """See `Recording`. A launch copies the values of uniforms."""
-        for name, arguments in self._calls:
-            self._gpu.call(name, *arguments)
+        self._gpu.call(*self._calls)
         self._calls.clear()
         self._kept.clear()
 

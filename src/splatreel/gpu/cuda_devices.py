@@ -47,7 +47,9 @@ def cuda_devices() -> list[CudaDevice]:
     """Return the devices of NVIDIA's driver; none without the driver."""
     try:
         driver = Driver()
-        return [describe_device(driver, number, find_compilers()) for number in range(driver.integer("cuDeviceGetCount"))]
+        return [
+            describe_device(driver, number, find_compilers()) for number in range(driver.integer("cuDeviceGetCount"))
+        ]
     except GpuError:
         return []
 

@@ -127,7 +127,9 @@ class Compiler:
         """
         known = [each for each in self.supported if each <= capability]
         if not known:
-            raise GpuError(f"NVRTC compiles for compute capability {self.supported[0]} and newer, the device has {capability}.")
+            raise GpuError(
+                f"NVRTC compiles for compute capability {self.supported[0]} and newer, the device has {capability}."
+            )
         exact = known[-1] == capability
         options = [f"--gpu-architecture={'sm' if exact else 'compute'}_{known[-1]}".encode(), b"--std=c++17"]
         program = c_void_p()

@@ -27,8 +27,21 @@ _TOKEN = re.compile(
 _SWIZZLE = re.compile(r"[xyzw]{2,4}")
 _SCALARS = {"f32": "float", "u32": "unsigned", "i32": "int"}
 _PRECEDENCE = {
-    **{"||": 1, "&&": 2, "|": 3, "&": 4, "==": 5, "!=": 5, "<": 6, ">": 6, "<=": 6, ">=": 6},
-    **{"+": 7, "-": 7, "*": 8, "/": 8, "%": 8},
+    "||": 1,
+    "&&": 2,
+    "|": 3,
+    "&": 4,
+    "==": 5,
+    "!=": 5,
+    "<": 6,
+    ">": 6,
+    "<=": 6,
+    ">=": 6,
+    "+": 7,
+    "-": 7,
+    "*": 8,
+    "/": 8,
+    "%": 8,
 }
 _ASSIGNMENTS = ("=", "+=", "-=", "*=", "/=", "%=")
 _BUILTINS = {
@@ -39,10 +52,9 @@ _BUILTINS = {
     "subgroup_id": "threadIdx.x / warpSize",
     "num_subgroups": "(blockDim.x + warpSize - 1u) / warpSize",
 }
-_RESERVED = frozenset(
-    "asm auto char class delete double enum explicit extern float friend goto inline int long mutable namespace new operator private "
-    "protected public register short signed sizeof static template this throw try typedef typename union unsigned using virtual "
-    "volatile".split()
+_RESERVED = re.compile(
+    "asm|auto|char|class|delete|double|enum|explicit|extern|float|friend|goto|inline|int|long|mutable|namespace|new|operator|private"
+    "|protected|public|register|short|signed|sizeof|static|template|this|throw|try|typedef|typename|union|unsigned|using|virtual|volatile"
 )
 """Words of C++ that WGSL allows as names."""
 _FOLDED: dict[str, Callable[[float, float], float]] = {
@@ -153,7 +165,7 @@ class _Translator:
 
     def _name(self) -> str:
         name = self._take()
-        if name in _RESERVED:
+        if _RESERVED.fullmatch(name):
             raise GpuError(f"A kernel cannot be translated to CUDA: {name} is a word of C++.")
         return name
 

@@ -97,7 +97,10 @@ class Drawing:
             return
         self.gpu.forget_buffers()
         if pairs > self.capacity:
-            self.capacity = max(int(SPARE * pairs), FEWEST_PAIRS)
+            room = (self.gpu.largest - 64) // (
+                4 * PARTS
+            ) - slots  # of the largest buffer, which is rounded up to 64 bytes
+            self.capacity = max(min(max(int(SPARE * pairs), FEWEST_PAIRS), room), pairs)
         self._static_capacity = max(static_pairs, self._static_capacity)
         zeros, buffers = self.gpu.zeros, self.buffers
         buffers["keys"] = zeros(8 * self.capacity, "the pairs of splats and tiles")
