@@ -33,7 +33,7 @@ def make_image(camera: int, cameras: int, offset: float, dims: bool, smooth: boo
 class WallCapture(Capture):
     """speed: world units a frame of the cluster; dims: each second frame is half as bright, so that everything changes.
 
-    drift: logarithm by which each camera's exposure goes up and down, by itself. smooth: few large blots, which are easy to reconstruct.
+    drift: logarithm by which each camera's exposure goes up and down, by itself. smooth: few large blots, easy to reconstruct.
     """
 
     def __init__(
