@@ -41,12 +41,13 @@ def nvidia_gpu(group: int = 64, subgroups: bool = True) -> CudaGpu:
     return CudaGpu(adapter, group, subgroups)
 
 
-DEVICES = [
-    pytest.param(software_gpu, id="wgpu"),
-    pytest.param(emulated_gpu, id="emulated NVIDIA GPU", marks=pytest.mark.slow),  # g++ compiles the kernels
-    pytest.param(nvidia_gpu, id="NVRTC"),
-]
+REAL = [pytest.param(software_gpu, id="wgpu"), pytest.param(nvidia_gpu, id="NVRTC")]
 """Functions that open a GPU. Arguments: threads of a workgroup; use subgroups."""
+DEVICES = [
+    *REAL,
+    pytest.param(emulated_gpu, id="emulated NVIDIA GPU", marks=pytest.mark.slow),  # g++ compiles the kernels
+]
+"""The same, and the emulated GPU."""
 
 
 class OpenedGpu(SharedGpu):

@@ -29,7 +29,7 @@ from splatreel.method.train.trainable_points import TrainablePoints, default_rat
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
-from tests.gpu.devices import DEVICES, OpenedGpu
+from tests.gpu.devices import DEVICES, REAL, OpenedGpu
 from tests.method.scenes import ring
 
 CPU, NEAR, UNIT, FRAMES = torch.device("cpu"), 0.1, 4.0, 5
@@ -340,7 +340,7 @@ def test_what_the_kernels_do_not_compute_is_trained_on_the_cpu() -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("opened", DEVICES)
+@pytest.mark.parametrize("opened", REAL)
 def test_a_keyframe_trains_as_well_as_on_the_cpu(opened: Callable[[], Gpu]) -> None:
     """Densification, errors, surfaces, the running mean and the color gains, to the end."""
     shown, quality = make_images(1, background=False), []
@@ -352,7 +352,7 @@ def test_a_keyframe_trains_as_well_as_on_the_cpu(opened: Callable[[], Gpu]) -> N
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("opened", DEVICES)
+@pytest.mark.parametrize("opened", REAL)
 def test_a_group_trains_as_well_as_on_the_cpu(opened: Callable[[], Gpu]) -> None:
     """Density control converts, clones and prunes; images change their size; time offsets are learned."""
     results = [group_trainer(gpu) for gpu in (OpenedGpu(opened()), None)]
