@@ -47,7 +47,7 @@ def test_buffers_are_zero_hold_what_is_written_and_are_freed(library: ctypes.CDL
 
 
 def test_work_runs_when_it_is_submitted_in_order() -> None:
-    """As in WebGPU, what is written before `submit` is seen by all work of the list."""
+    """All work of a list sees what is written before `submit`, as in WebGPU."""
     gpu = emulated_gpu()
     values, length = gpu.upload(np.ones(256, np.uint32)), gpu.uniform(np.zeros(4, np.uint32))
     buffers = {"values": values, "sums": gpu.zeros(4), "length": length}
