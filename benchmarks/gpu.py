@@ -1,4 +1,4 @@
-"""Test and measure Splatreel on a machine with a GPU, within a time limit: through CUDA and through wgpu, side by side.
+"""Test and measure Splatreel on a machine with a GPU, within a time limit: through gsplat, wgpu and NVRTC, side by side.
 
 python benchmarks/gpu.py --minutes 8 --basketball FOLDER
 
@@ -34,14 +34,16 @@ from splatreel.base.process import keep_freed_memory
 from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
 from splatreel.config.settings import changed
-from splatreel.gpu.adapters import adapters, choose_adapter
-from splatreel.gpu.device import SharedGpu
+from splatreel.gpu.adapters import CUDA, adapters, choose_adapter
+from splatreel.gpu.cuda_libraries import find_compilers
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels import splat
 from splatreel.run.gpu_speed import iteration_ms
 from splatreel.run.machine_speed import LARGE, SMALL, Probe
 
 FAR_OFF = 0.02
 """Relative difference between the devices from which on an iteration is wrong, and not only rounded otherwise."""
+NO_GPU = "not run: there is no GPU for wgpu or NVRTC"
 Found = dict[str, Any]
 
 
@@ -88,6 +90,8 @@ class Bench:
         """Append a record. A step with numbers that are not finite, which JSON cannot hold, is recorded as failed."""
         label: Found = {"device": self.device, "torch": torch.__version__, "cuda": torch.version.cuda}
         label |= {name: version(name) for name in ("gsplat", "wgpu") if find_spec(name) is not None}
+        if found_compilers := find_compilers():
+            label["nvrtc"] = found_compilers[0].name
         try:
             record(f"gpu {name}", label | found, self.note, self.results)
         except ValueError as error:
@@ -109,7 +113,7 @@ def main(
     basketball: folder of the Panoptic capture; without it, that is left out.
     steps: some of them, with commas: adapters, compile, tests, parity, wgpu-tests, iterations, kernels, drawing, basketball-standard,
     basketball-wgpu-standard, basketball-paper, film (which needs no GPU), kitchen-standard, kitchen-paper; all by default, and those of
-    wgpu where CUDA is missing.
+    wgpu, which use NVRTC where there is no Vulkan, where CUDA or gsplat is missing.
     standin: try the script without a GPU, on tiny sizes; it needs --results, a file other than that of real measurements.
     """
     names = steps.split(",") if steps else list(STEPS)
@@ -124,8 +128,8 @@ def main(
         if why is not None:
             adapter, reason = choose_adapter(adapters())
             if steps or adapter is None:
-                fail(1, f"{why}\nThrough wgpu: {reason}")
-            print(f"{why}\nOnly the steps of wgpu run: {reason}")
+                fail(1, f"{why}\nThrough wgpu or NVRTC: {reason}")
+            print(f"{why}\nOnly the steps of wgpu and NVRTC run: {reason}")
             names = [name for name in names if name in WITHOUT_CUDA and name != "film"]
             bench = replace(bench, device=adapter.name)
         elif set(names) - set(WITHOUT_CUDA):
@@ -249,7 +253,7 @@ def parity(bench: Bench, found: Found, share: float) -> None:
 
 
 def list_adapters(bench: Bench, found: Found, share: float) -> None:
-    """List the adapters of wgpu, and which one training would use."""
+    """List the adapters of wgpu and NVRTC, and which one training would use."""
     every = adapters()
     found["adapters"] = [
         {"name": each.name, "interface": each.interface, "kind": each.kind, "missing": each.missing} for each in every
@@ -258,11 +262,12 @@ def list_adapters(bench: Bench, found: Found, share: float) -> None:
 
 
 def wgpu_tests(bench: Bench, found: Found, share: float) -> None:
-    """Compare the kernels of wgpu with the CPU's, on the first adapter."""
+    """Compare the kernels with the CPU's, on the first adapter of wgpu and on the first one of NVRTC."""
     if bench.standin or choose_adapter(adapters())[0] is None:
-        found["tests"] = "not run: there is no GPU for wgpu"
+        found["tests"] = NO_GPU
         return
-    command = [sys.executable, "-m", "pytest", "-q", "tests/gpu", "tests/method/train/test_gpu_programs.py"]
+    command = [sys.executable, "-m", "pytest", "-q", "-k", "not emulated"]
+    command += ["tests/gpu", "tests/method/train/test_gpu_programs.py"]
     ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=max(bench.left(), 1))
     lines = ran.stdout.strip().splitlines() or ["nothing was printed"]
     found["tests"] = lines[-1].strip("= ")
@@ -271,18 +276,20 @@ def wgpu_tests(bench: Bench, found: Found, share: float) -> None:
 
 
 def iteration_times(bench: Bench, found: Found, share: float) -> None:
-    """Measure the milliseconds of a keyframe's iteration: on the CPU, with CUDA and on each adapter of wgpu."""
+    """Measure the milliseconds of a keyframe's iteration: on the CPU, with gsplat, and on each adapter of wgpu and NVRTC."""
     rows = found["milliseconds"] = {}
     programs: list[tuple[str, SharedGpu | None, str]] = [("cpu", None, "cpu")]
     programs += [("cuda", None, "cuda")] if torch.cuda.is_available() and not bench.standin else []
     hardware = [each for each in adapters() if each.missing is None and not each.is_software]
-    programs += [(f"wgpu {each.name} {each.interface}", SharedGpu(each), "cpu") for each in hardware]
+    for each in hardware:
+        route = f"nvrtc {each.name}" if each.interface == CUDA else f"wgpu {each.name} {each.interface}"
+        programs.append((route, SharedGpu(each), "cpu"))
     for probe in bench.sizes.probes:
         for name, gpu, device in programs:
             row = f"{probe.points} {probe.width}x{probe.height}, {name}"
             rows[row] = round(iteration_ms(gpu, probe, 1.0, torch.device(device)), 3)
     if not hardware:
-        found["wgpu"] = "no GPU for wgpu"
+        found["wgpu"] = NO_GPU
 
 
 def kernel_times(bench: Bench, found: Found, share: float) -> None:
@@ -311,10 +318,10 @@ def basketball(bench: Bench, found: Found, share: float, quality: Quality) -> No
 
 
 def basketball_wgpu(bench: Bench, found: Found, share: float) -> None:
-    """Train the Panoptic capture through wgpu, if there is a GPU for it."""
+    """Train the Panoptic capture through wgpu, or NVRTC where there is no Vulkan, if there is a GPU for it."""
     assert bench.basketball is not None
     if bench.standin or choose_adapter(adapters())[0] is None:
-        found["wgpu"] = "no GPU for wgpu"
+        found["wgpu"] = NO_GPU
         return
     train(bench, found, share, bench.basketball, bench.sizes.basketball, "basketball-wgpu", "standard", "gpu")
 

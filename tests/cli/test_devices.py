@@ -1,10 +1,13 @@
 """`splatreel devices`: what there is, what training would use, and why."""
 
+from typing import Any
+
 import pytest
 
 from splatreel.cli.main import main
 from splatreel.gpu import adapters as module
 from splatreel.gpu.adapters import LEAST, Adapter
+from splatreel.gpu.cuda_devices import CudaDevice
 from splatreel.run import gpu_speed
 
 
@@ -13,10 +16,20 @@ def adapter(name: str, kind: str = "DiscreteGPU", interface: str = "Vulkan", **l
     return Adapter(name, interface, kind, LEAST | names, True, None)
 
 
+def headless(name: str, missing: str | None) -> Adapter:
+    """Return an adapter of NVIDIA's driver, without Vulkan."""
+    driver: Any = None
+    return Adapter(
+        name, "CUDA", "DiscreteGPU", LEAST, True, CudaDevice(name, 0, 90, False, LEAST, driver, None, missing)
+    )
+
+
 @pytest.mark.parametrize(
     ("found", "expected"),
     [
-        ([], "uses the CPU. No graphics driver was found (Vulkan, Metal or Direct3D 12)."),
+        ([], "uses the CPU. No driver was found (Vulkan, Metal, Direct3D 12 or NVIDIA's)."),
+        ([adapter("H100", interface="CUDA")], "uses H100 through CUDA and NVRTC."),
+        ([headless("H100", "NVRTC is not installed")], "uses the CPU. H100 cannot be used: NVRTC is not installed."),
         ([adapter("llvmpipe", "CPU")], "uses the CPU. llvmpipe is a software adapter"),
         ([adapter("Radeon")], "uses Radeon through Vulkan."),
         ([adapter("Radeon"), adapter("llvmpipe", "CPU")], "uses Radeon through Vulkan."),
@@ -52,5 +65,8 @@ def test_without_the_package_the_cpu_is_used(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(module, "is_installed", lambda: False)
+    monkeypatch.setattr(module, "adapters", list)
     assert main(["devices", "--no-measure"]) == 0
-    assert "uses the CPU. The package wgpu is not installed." in capsys.readouterr().out
+    assert (
+        "uses the CPU. The package wgpu is not installed, and NVIDIA's driver was not found." in capsys.readouterr().out
+    )

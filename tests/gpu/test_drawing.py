@@ -1,5 +1,7 @@
 """Kernels of the GPU against those of the CPU: pairs, order, image, loss and gradients."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -7,8 +9,9 @@ from splatreel.base.errors import GpuError
 from splatreel.gpu import uniforms
 from splatreel.gpu.device import Gpu
 from splatreel.gpu.drawing import Drawing
+from splatreel.gpu.wgpu_device import WgpuGpu
 from splatreel.kernels.cpu import binning, deform, project, rasterize, similarity
-from tests.gpu.software import software_adapter, software_gpu
+from tests.gpu.devices import DEVICES, software_adapter, software_gpu
 
 NEAR, LAMBDA = 0.01, 0.2
 GAIN = np.array([0.9, 1.0, 1.1], np.float32)
@@ -58,7 +61,7 @@ class Case:
         draw["counts"] = count, arrays[5].shape[1], 0, drawing.capacity
         draw["numbers"][0] |= uniforms.WHOLE
         draw["loss"][:2] = (1 - LAMBDA) / (3 * width * height), LAMBDA / (3 * width * height)
-        gpu.queue.write_buffer(drawing.buffers["draw"], 0, draw.tobytes())
+        gpu.write(drawing.buffers["draw"], draw)
         self.target = np.random.default_rng(1).integers(0, 256, (height, width, 4)).astype(np.uint8)
         self.target[..., 3] = 0
         self.buffers = drawing.alone() | {"targets": gpu.upload(self.target), "gains": gpu.upload(GAIN)}
@@ -134,9 +137,10 @@ SLOW = pytest.mark.slow  # kernels are compiled anew for each size
 
 @pytest.mark.parametrize("group", [64, pytest.param(128, marks=SLOW), pytest.param(256, marks=SLOW)])
 @pytest.mark.parametrize("subgroups", [True, pytest.param(False, marks=SLOW)], ids=["subgroups", "shared memory"])
-def test_kernels_are_those_of_the_cpu(group: int, subgroups: bool) -> None:
+@pytest.mark.parametrize("device", DEVICES)
+def test_kernels_are_those_of_the_cpu(device: Callable[..., Gpu], group: int, subgroups: bool) -> None:
     """A ragged image size, with workgroups and subgroups of several sizes."""
-    case = Case(software_gpu(group, subgroups), points(600), 53, 37)
+    case = Case(device(group, subgroups), points(600), 53, 37)
     case.run()
     case.check()
 
@@ -144,20 +148,38 @@ def test_kernels_are_those_of_the_cpu(group: int, subgroups: bool) -> None:
 @pytest.mark.parametrize(
     ("count", "width", "height", "bands"), [(0, 16, 16, 15), (1, 7, 5, 0), (2, 17, 33, 3), (65, 80, 16, 8)]
 )
-def test_few_points_and_odd_images(count: int, width: int, height: int, bands: int) -> None:
-    case = Case(software_gpu(), points(count, 2, bands, 0.3), width, height, antialias=False)
+@pytest.mark.parametrize("device", DEVICES)
+def test_few_points_and_odd_images(device: Callable[..., Gpu], count: int, width: int, height: int, bands: int) -> None:
+    case = Case(device(), points(count, 2, bands, 0.3), width, height, antialias=False)
     case.run()
     case.check()
 
 
-def test_a_tile_with_more_pairs_than_shared_memory_holds_is_sorted() -> None:
+@pytest.mark.parametrize("device", DEVICES)
+def test_a_tile_with_more_pairs_than_shared_memory_holds_is_sorted(device: Callable[..., Gpu]) -> None:
     """All points are in one tile."""
     arrays = points(3000, 3, 0, 0.01)
     arrays[0][:, 2] = np.random.default_rng(5).permutation(np.linspace(1, 6, 3000)).astype(np.float32)
-    case = Case(software_gpu(), arrays, 16, 16)
+    case = Case(device(), arrays, 16, 16)
     case.run()
     assert int(case.read("first", np.uint32, 3001)[-1]) > 1024
     case.check()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_images_whose_maps_exceed_a_buffer(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Limits between the bytes of the image and those of the maps of all channels: the channels follow one another."""
+    rng, gpu = np.random.default_rng(seed), software_gpu()
+    width, height = (int(size) for size in rng.integers(100, 130, 2))
+    monkeypatch.setattr(gpu, "largest", int(rng.integers(16, 36) * width * height))
+    case = Case(gpu, points(100, seed, 0), width, height)
+    case.run()
+    case.check()
+    assert case.drawing.buffers["maps"].size < 13 * width * height
+    monkeypatch.setattr(gpu, "largest", 15 * width * height)
+    with pytest.raises(GpuError, match=f"image of {width}x{height} pixels takes 0 MB, and a buffer may have 0 MB"):
+        Case(gpu, points(100, seed, 0), width, height)
 
 
 @pytest.mark.slow
@@ -170,9 +192,10 @@ def test_many_points() -> None:
 
 
 @pytest.mark.parametrize("length", [1, 255, 257, 70_001])
-def test_sums_of_any_length(length: int) -> None:
+@pytest.mark.parametrize("device", DEVICES)
+def test_sums_of_any_length(device: Callable[..., Gpu], length: int) -> None:
     """Sums over one workgroup, over several, and over more blocks than a workgroup has threads."""
-    gpu = software_gpu()
+    gpu = device()
     drawing, values = Drawing(gpu), np.random.default_rng(length).integers(0, 9, length).astype(np.uint32)
     buffer, recording = gpu.upload(values), gpu.record()
     drawing.record_scan(recording, buffer, length)
@@ -181,19 +204,30 @@ def test_sums_of_any_length(length: int) -> None:
     np.testing.assert_array_equal(found, np.cumsum(values) - values)
 
 
-def test_more_pairs_than_fit_are_reported() -> None:
-    case = Case(software_gpu(), points(300, 6, 0, 0.2), 48, 32)
+@pytest.mark.parametrize("device", DEVICES)
+def test_more_pairs_than_fit_are_reported(device: Callable[..., Gpu]) -> None:
+    case = Case(device(), points(300, 6, 0, 0.2), 48, 32)
     needed = binning_pairs(case)
     case.drawing.capacity = 5
     draw = uniforms.new_draw()
     draw["counts"][3] = 5
     offset = uniforms.DRAW.fields["counts"][1] + 12
-    case.gpu.queue.write_buffer(case.drawing.buffers["draw"], offset, np.array([5], np.uint32).tobytes())
+    case.gpu.write(case.drawing.buffers["draw"], np.array([5], np.uint32), offset)
     case.run()
     assert case.drawing.needed_pairs() == pytest.approx(needed, rel=0.01)
     case.drawing.grow(needed)
     assert case.drawing.capacity >= needed
     assert case.drawing.needed_pairs() == 0
+
+
+def test_pairs_fill_a_buffer_where_there_is_no_room_to_spare(monkeypatch: pytest.MonkeyPatch) -> None:
+    drawing = Drawing(software_gpu())
+    monkeypatch.setattr(drawing.gpu, "largest", 36 * 10_000 + 64)
+    drawing.fit_pairs(9000)
+    assert drawing.capacity == 10_000
+    drawing.fit_pairs(10_000)
+    with pytest.raises(GpuError, match="the gradients of the pairs takes"):
+        drawing.fit_pairs(10_100)
 
 
 def binning_pairs(case: Case) -> int:
@@ -205,10 +239,11 @@ def binning_pairs(case: Case) -> int:
 @pytest.mark.parametrize(
     ("array", "value"), [(0, np.nan), (1, np.inf), (2, np.nan), (3, np.nan), (4, -np.inf), (5, np.nan)]
 )
-def test_values_that_are_not_finite_are_found(array: int, value: float) -> None:
+@pytest.mark.parametrize("device", DEVICES)
+def test_values_that_are_not_finite_are_found(device: Callable[..., Gpu], array: int, value: float) -> None:
     arrays = points(40)
     arrays[array].reshape(-1)[5] = value
-    case = Case(software_gpu(), arrays, 24, 24)
+    case = Case(device(), arrays, 24, 24)
     case.run()
     assert case.read("status", np.uint32, 2)[1] == 1
 
@@ -216,7 +251,7 @@ def test_values_that_are_not_finite_are_found(array: int, value: float) -> None:
 @pytest.mark.slow
 def test_the_smallest_limits_of_webgpu_are_enough() -> None:
     """An adapter that grants no more than every WebGPU device has."""
-    gpu = Gpu(software_adapter(), group=256, subgroups=False, limits=SMALLEST)
+    gpu = WgpuGpu(software_adapter(), group=256, subgroups=False, limits=SMALLEST)
     assert {name: gpu.device.limits[name] for name in SMALLEST} == SMALLEST
     case = Case(gpu, points(200), 40, 24)
     case.run()
@@ -231,7 +266,7 @@ def test_uniforms_have_the_layout_of_the_kernels() -> None:
 @group(0) @binding(0) var<uniform> draw: Draw;
 @group(0) @binding(1) var<storage, read_write> found: array<vec4f>;
 @compute @workgroup_size(1) fn main() { found[0] = draw.adam[9]; found[1] = draw.weights[7]; found[2] = draw.meters; }"""
-    from splatreel.gpu.device import read_shader
+    from splatreel.gpu.kernel_source import read_shader
 
     gpu = software_gpu()
     module = gpu.device.create_shader_module(code=f"const GROUP = 64u;\n{read_shader('common')}\n{source}")
@@ -246,5 +281,5 @@ def test_uniforms_have_the_layout_of_the_kernels() -> None:
     computing.set_bind_group(0, gpu.device.create_bind_group(layout=pipeline.get_bind_group_layout(0), entries=entries))
     computing.dispatch_workgroups(1)
     computing.end()
-    gpu.queue.submit([encoder.finish()])
+    gpu.device.queue.submit([encoder.finish()])
     np.testing.assert_array_equal(gpu.read(buffers[1], np.float32, (12,)), np.arange(1, 13))

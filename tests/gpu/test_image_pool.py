@@ -5,7 +5,7 @@ import pytest
 
 from splatreel.base.errors import GpuError
 from splatreel.gpu.image_pool import ImagePool
-from tests.gpu.software import software_gpu
+from tests.gpu.devices import software_gpu
 
 WIDTH, HEIGHT = 8, 4
 
@@ -33,6 +33,18 @@ def test_the_image_that_was_not_used_for_the_longest_time_is_replaced() -> None:
     for frame in (0, 1, 2, 0, 3, 0, 1):
         assert content(pool, frame, loaded) == frame
     assert loaded == [0, 1, 2, 3, 1]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_images_are_spread_over_buffers_of_any_limit(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    gpu, rng, loaded = software_gpu(), np.random.default_rng(seed), list[int]()
+    monkeypatch.setattr(gpu, "largest", 64 * int(rng.integers(2, 30)))
+    pool = ImagePool(gpu, WIDTH, HEIGHT, 40)
+    frames = [int(frame) for frame in rng.integers(0, 40, 60)]
+    assert [content(pool, frame, loaded) for frame in frames] == frames
+    assert sorted(loaded) == sorted(set(frames)), "all images stay on the device"
+    assert all(buffer.size <= gpu.largest for buffer in pool._buffers)
+    assert len(pool._buffers) > 1
 
 
 def test_where_memory_is_short_fewer_images_stay(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,9 +22,9 @@ def blots(count: int, low: list[float], high: list[float], size: float, seed: in
 
 
 @cache
-def make_image(camera: int, cameras: int, offset: float, dims: bool) -> np.ndarray:
-    wall = blots(500, [-3, -2, 0.9], [3, 2, 1.0], 0.12, 0)
-    thing = blots(60, [-1.6, -0.6, -0.4], [-0.6, 0.6, 0.2], 0.09, 1)
+def make_image(camera: int, cameras: int, offset: float, dims: bool, smooth: bool) -> np.ndarray:
+    wall = blots(40 if smooth else 500, [-3, -2, 0.9], [3, 2, 1.0], 0.5 if smooth else 0.12, 0)
+    thing = blots(12 if smooth else 60, [-1.6, -0.6, -0.4], [-0.6, 0.6, 0.2], 0.3 if smooth else 0.09, 1)
     thing.means[:, 0] += offset
     image = render_image(Gaussians.concatenate([wall, thing]), ring(cameras, width=WIDTH, height=HEIGHT)[camera])
     return (np.clip(image * (0.5 if dims else 1.0), 0, 1) * 255).round().astype(np.uint8)
@@ -33,7 +33,7 @@ def make_image(camera: int, cameras: int, offset: float, dims: bool) -> np.ndarr
 class WallCapture(Capture):
     """speed: world units a frame of the cluster; dims: each second frame is half as bright, so that everything changes.
 
-    drift: logarithm by which each camera's exposure goes up and down, by itself.
+    drift: logarithm by which each camera's exposure goes up and down, by itself. smooth: few large blots, easy to reconstruct.
     """
 
     def __init__(
@@ -44,9 +44,10 @@ class WallCapture(Capture):
         speed: float = 0.3,
         dims: bool = False,
         drift: float = 0.0,
+        smooth: bool = False,
         **options: Any,
     ) -> None:
-        self.speed, self.dims, self.drift = speed, dims, drift
+        self.speed, self.dims, self.drift, self.smooth = speed, dims, drift, smooth
         views = ring(cameras, width=WIDTH, height=HEIGHT)
         super().__init__(Path("wall"), views, held_out=[], frame_range=(0, frames), **options)
 
@@ -55,7 +56,7 @@ class WallCapture(Capture):
             number = [camera.name for camera in self.cameras].index(name)
             for t in range(len(out)):
                 dims = self.dims and (first + t) % 2 == 1
-                shown = make_image(number, len(self.cameras), self.speed * (first + t), dims)
+                shown = make_image(number, len(self.cameras), self.speed * (first + t), dims, self.smooth)
                 out[t, c] = np.rint(shown * self.exposure(number, first + t)).clip(0, 255)
 
     def exposure(self, camera: int, frame: int) -> float:

@@ -8,12 +8,12 @@ from splatreel.base.progress import Silent
 from splatreel.codec.verification import verify_reel
 from splatreel.method.train import gpu_program
 from splatreel.run.pipeline import reconstruct
-from tests.gpu.software import software_adapter
+from tests.gpu.devices import software_adapter
 from tests.method.captures import WallCapture
 from tests.method.small import small
 from tests.run.test_gpu import quality
 
-CONFIG = small({"keyframe.first_iterations": 100, "group.iterations_per_frame": 12, "keyframe.refine_iterations": 20})
+CONFIG = small({"keyframe.first_iterations": 200, "group.iterations_per_frame": 20, "keyframe.refine_iterations": 20})
 
 
 class Notes(Silent):
@@ -36,14 +36,14 @@ def test_run_on_any_gpu_is_as_good_as_on_the_cpu(tmp_path: Path, monkeypatch: py
         return run_batch(self, count, *rest)  # type: ignore[arg-type]
 
     monkeypatch.setattr(gpu_program.GpuProgram, "run_batch", counted)
-    capture, progress = WallCapture(4), Notes()
+    capture, progress = WallCapture(4, speed=0.1, smooth=True), Notes()
     on_cpu = reconstruct(capture, tmp_path / "cpu", CONFIG, device="cpu")
     assert not batches
     on_gpu = reconstruct(capture, tmp_path / "gpu", CONFIG, device="gpu", progress=progress)
     assert (on_cpu.device, on_gpu.device) == ("cpu", "gpu")
     assert not [note for note in progress.notes if "CPU" in note], "nothing fell back"
-    assert batches.count("GpuKeyframeProgram") == 100 + 20
-    assert batches.count("GpuGroupProgram") == 12 * (3 + 2)
+    assert batches.count("GpuKeyframeProgram") == 200 + 20
+    assert batches.count("GpuGroupProgram") == 20 * (3 + 2)
     assert verify_reel(on_gpu.reel).groups == 2
-    # So few iterations are far from the end: another seed moves the CPU's result by 0.7 dB, and so does rounding.
-    assert quality(on_gpu, capture) > quality(on_cpu, capture) - 1
+    # On this easy scene another seed, or points that start 1e-6 apart, move the CPU's result by up to 0.13 dB.
+    assert quality(on_gpu, capture) == pytest.approx(quality(on_cpu, capture), abs=0.2)

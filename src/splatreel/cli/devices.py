@@ -11,8 +11,9 @@ def devices(measure: bool = True) -> None:
     Args:
         measure: Time training iterations, about two seconds for each device. Software adapters are not timed.
     """
+    from splatreel.base.errors import GpuError
     from splatreel.gpu import adapters as gpus
-    from splatreel.gpu.device import SharedGpu
+    from splatreel.gpu.shared_gpu import SharedGpu
     from splatreel.run import gpu_speed
     from splatreel.run.device_choice import pick_device
     from splatreel.run.machine_speed import describe_processor
@@ -27,12 +28,15 @@ def devices(measure: bool = True) -> None:
             adapter.limits[name] for name in ("max-storage-buffer-binding-size", "max-compute-workgroup-storage-size")
         )
         operations = "with" if adapter.subgroups else "without"
-        say(f"GPU   {adapter.name} ({kind}) through {adapter.interface}")
+        say(f"GPU   {adapter.name} ({kind}) through {adapter.route}")
         say(f"      buffers up to {buffer / 1e6:,.0f} MB, {shared / 1024:.0f} KB a workgroup, {operations} subgroups")
         if adapter.missing is not None:
             say(f"      cannot train: {adapter.missing}")
         elif measure and not adapter.is_software:
-            say(f"      {gpu_speed.iteration_ms(SharedGpu(adapter)):.1f} ms for a training iteration")
+            try:
+                say(f"      {gpu_speed.iteration_ms(SharedGpu(adapter)):.1f} ms for a training iteration")
+            except GpuError as error:
+                say(f"      training fails: {error}")
     chosen, why = gpus.choose_adapter(found)
     if pick_device("auto").type == "cuda":
         say("--device auto uses CUDA with gsplat.")

@@ -12,6 +12,10 @@ from functools import cache
 from typing import Any
 
 from splatreel.base.errors import UsageError
+from splatreel.gpu.cuda_devices import CudaDevice, cuda_devices
+
+CUDA = "CUDA"
+"""Interface of adapters that NVIDIA's driver and run-time compiler (NVRTC) reach without Vulkan."""
 
 LEAST = {
     "max-compute-invocations-per-workgroup": 64,
@@ -28,11 +32,11 @@ class Adapter:
 
     Attributes:
         name: Name of the device.
-        interface: Vulkan, Metal, D3D12 or OpenGL.
+        interface: Vulkan, Metal, D3D12, OpenGL or `CUDA`.
         kind: DiscreteGPU, IntegratedGPU, CPU or Unknown.
         limits: Limits by wgpu's names.
         subgroups: Subgroup operations are available.
-        handle: Adapter of wgpu.
+        handle: Adapter of wgpu, or a `CudaDevice`.
     """
 
     name: str
@@ -48,10 +52,17 @@ class Adapter:
         return self.kind == "CPU"
 
     @property
+    def route(self) -> str:
+        """Return how training reaches the adapter, for the user."""
+        return f"{CUDA} and NVRTC" if self.interface == CUDA else self.interface
+
+    @property
     def missing(self) -> str | None:
         """Return why training cannot use the adapter; None if it can."""
         if self.interface == "OpenGL":
             return "OpenGL lacks what training needs"
+        if isinstance(self.handle, CudaDevice) and self.handle.missing is not None:
+            return self.handle.missing
         for name, least in LEAST.items():
             if self.limits.get(name, 0) < least:
                 return f"{name} is {self.limits.get(name, 0):,}, training needs {least:,}"
@@ -63,14 +74,18 @@ def is_installed() -> bool:
     return importlib.util.find_spec("wgpu") is not None
 
 
-def adapters() -> tuple[Adapter, ...]:
-    """Return the adapters of this machine, the fastest kinds first; none without the package wgpu or its driver."""
-    return _found() if is_installed() else ()
-
-
 @cache
-def _found() -> tuple[Adapter, ...]:
-    """Look for adapters, once."""
+def adapters() -> tuple[Adapter, ...]:
+    """Look for the adapters of this machine, once, and return the fastest kinds first. Of one kind, those of wgpu are first."""
+    found = [*_wgpu_adapters(), *map(_cuda_adapter, cuda_devices())]
+    order = {"DiscreteGPU": 0, "IntegratedGPU": 1, "Unknown": 2, "CPU": 3}
+    return tuple(sorted(found, key=lambda adapter: (adapter.missing is not None, order.get(adapter.kind, 2))))
+
+
+def _wgpu_adapters() -> list[Adapter]:
+    """Return the adapters of wgpu; none without the package or its driver."""
+    if not is_installed():
+        return []
     if sys.platform == "linux" and not {"XDG_RUNTIME_DIR", "MESA_VK_DEVICE_SELECT"} & set(os.environ):
         os.environ.setdefault("NODEVICE_SELECT", "1")  # without a desktop, this layer of Mesa only prints errors
     try:
@@ -80,12 +95,9 @@ def _found() -> tuple[Adapter, ...]:
         # Looking for OpenGL prints warnings on machines without a screen, and training cannot use it.
         with contextlib.suppress(RuntimeError):  # the program that calls us has used wgpu before
             set_instance_extras(backends=("Vulkan", "Metal", "DX12"))
-        handles = wgpu.gpu.enumerate_adapters_sync()
+        return [_adapter(handle) for handle in wgpu.gpu.enumerate_adapters_sync()]
     except (ImportError, OSError, RuntimeError):  # no library for this system, or no driver
-        return ()
-    found = [_adapter(handle) for handle in handles]
-    order = {"DiscreteGPU": 0, "IntegratedGPU": 1, "Unknown": 2, "CPU": 3}
-    return tuple(sorted(found, key=lambda adapter: (adapter.missing is not None, order.get(adapter.kind, 2))))
+        return []
 
 
 def _adapter(handle: Any) -> Adapter:
@@ -95,6 +107,11 @@ def _adapter(handle: Any) -> Adapter:
     )
 
 
+def _cuda_adapter(device: CudaDevice) -> Adapter:
+    kind = "IntegratedGPU" if device.is_integrated else "DiscreteGPU"
+    return Adapter(device.name, CUDA, kind, device.limits, True, device)
+
+
 def choose_adapter(found: Sequence[Adapter], software: bool = False) -> tuple[Adapter | None, str]:
     """Return the adapter that training uses, if any, and a sentence that explains the choice.
 
@@ -102,17 +119,17 @@ def choose_adapter(found: Sequence[Adapter], software: bool = False) -> tuple[Ad
         found: Result of `adapters`.
         software: A software adapter is eligible, after all others.
     """
-    if not is_installed():
-        return None, "The package wgpu is not installed."
+    if not found and not is_installed():
+        return None, "The package wgpu is not installed, and NVIDIA's driver was not found."
     if not found:
-        return None, "No graphics driver was found (Vulkan, Metal or Direct3D 12)."
+        return None, "No driver was found (Vulkan, Metal, Direct3D 12 or NVIDIA's)."
     usable = [adapter for adapter in found if adapter.missing is None]
     if not usable:
         return None, f"{found[0].name} cannot be used: {found[0].missing}."
     eligible = [adapter for adapter in usable if software or not adapter.is_software]
     if not eligible:
         return None, f"{usable[0].name} is a software adapter, which is slower than our CPU kernels."
-    return eligible[0], f"{eligible[0].name} through {eligible[0].interface}."
+    return eligible[0], f"{eligible[0].name} through {eligible[0].route}."
 
 
 def require_adapter() -> Adapter:

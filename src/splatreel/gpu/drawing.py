@@ -14,6 +14,8 @@ Buffers = dict[str, Any]
 SPLAT_BYTES = 48
 PARTS = 9
 """Floats in the slot of a (splat, tile) pair."""
+BYTES_OF_MAPS = 12
+"""Bytes of the maps of SSIM for a pixel and a channel. Where those of three channels exceed a buffer, channels follow one another."""
 FEWEST_PAIRS = 4096
 """Pairs that fit at first. The buffers grow when needed."""
 SPARE = 1.3
@@ -41,6 +43,7 @@ class Drawing:
         self.columns = 14
         self.capacity = 0
         self.size = (0, 0)
+        self._channels = 3
         self._static_capacity = -1
         self.buffers: Buffers = {"draw": gpu.uniform(new_draw()), "status": gpu.zeros(8)}
         self._lengths: dict[int, Any] = {}
@@ -71,11 +74,12 @@ class Drawing:
             return
         gpu, buffers, pixels = self.gpu, self.buffers, width * height
         self.size, tiles = (width, height), -(-width // 16) * -(-height // 16)
+        self._channels = 3 if BYTES_OF_MAPS * 3 * pixels <= gpu.largest else 1
         gpu.forget_buffers()
         for name, nbytes in (
             ("image", 16 * pixels),
             ("d_image", 16 * pixels),
-            ("maps", 36 * pixels),
+            ("maps", BYTES_OF_MAPS * self._channels * pixels),
             ("sums", 20 * tiles),
             ("tiles", 16 * tiles),
             ("tile_offsets", 4 * (tiles + 1)),
@@ -93,7 +97,10 @@ class Drawing:
             return
         self.gpu.forget_buffers()
         if pairs > self.capacity:
-            self.capacity = max(int(SPARE * pairs), FEWEST_PAIRS)
+            room = (self.gpu.largest - 64) // (
+                4 * PARTS
+            ) - slots  # of the largest buffer, which is rounded up to 64 bytes
+            self.capacity = max(min(max(int(SPARE * pairs), FEWEST_PAIRS), room), pairs)
         self._static_capacity = max(static_pairs, self._static_capacity)
         zeros, buffers = self.gpu.zeros, self.buffers
         buffers["keys"] = zeros(8 * self.capacity, "the pairs of splats and tiles")
@@ -146,9 +153,11 @@ class Drawing:
         to.run(self.gpu.kernel("forward", **OPEN), (*self._tiles, 1), buffers)
 
     def record_loss(self, to: Recording, buffers: Buffers) -> None:
-        """Compute the photometric loss and its gradient to the image."""
-        to.run(self.gpu.kernel("similarity"), (*self._tiles, 1), buffers)
-        to.run(self.gpu.kernel("photometric"), (*self._tiles, 1), buffers)
+        """Compute the photometric loss and its gradient to the image: of all channels, or of one after the other."""
+        for first in range(0, 3, self._channels):
+            channels = {"FIRST": f"{first}u", "END": f"{first + self._channels}u"}
+            to.run(self.gpu.kernel("similarity", **channels), (*self._tiles, 1), buffers)
+            to.run(self.gpu.kernel("photometric", **channels), (*self._tiles, 1), buffers)
 
     def record_splat_gradients(self, to: Recording, buffers: Buffers) -> None:
         """Compute the gradients of the splats from those of the image."""

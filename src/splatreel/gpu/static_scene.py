@@ -105,7 +105,7 @@ class StaticScene:
         counting.submit()
         pairs = int(gpu.read(kept["static_first"], np.uint32, (s + 1,))[-1])
         block["counts"][3] = pairs
-        gpu.queue.write_buffer(uniform, 0, block.tobytes())
+        gpu.write(uniform, block)
         kept["static_pairs"] = gpu.zeros(16 * pairs, "the static pairs of a view")
         used |= {
             "static_pairs": drawing.buffers["empty"],

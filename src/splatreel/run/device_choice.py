@@ -10,7 +10,7 @@ import torch
 from splatreel.base.command_line import install_command
 from splatreel.base.errors import MissingDependencyError, ReconstructionError, UsageError
 from splatreel.gpu.adapters import adapters, choose_adapter, require_adapter
-from splatreel.gpu.device import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 
 IMAGES_SHARE = 0.6
 """Largest share of the GPU's free memory that images may take. Training needs the rest."""
@@ -24,7 +24,8 @@ def pick_device(name: str) -> torch.device:
     """Return the device of the tensors. With `pick_gpu`, the tensors are on the CPU, and the GPU runs whole iterations.
 
     Args:
-        name: cpu, cuda, gpu (through wgpu), or auto: CUDA if there is an NVIDIA GPU and gsplat is installed, else the CPU.
+        name: cpu, cuda (with gsplat), gpu (through wgpu or NVRTC), or auto: CUDA if there is an NVIDIA GPU and gsplat is installed,
+            else the CPU.
 
     Raises:
         UsageError: The device does not exist.
@@ -39,13 +40,14 @@ def pick_device(name: str) -> torch.device:
         raise UsageError("--device cuda: PyTorch finds no CUDA device. Use --device cpu, or install PyTorch for CUDA.")
     if name == "cuda" and not gsplat:
         raise MissingDependencyError(
-            f"--device cuda: gsplat is not installed. Run `{install_command('cuda')}`, or use --device cpu."
+            f"--device cuda: gsplat is not installed. Run `{install_command('cuda')}`, or use --device gpu, "
+            "which needs no compiler."
         )
     return torch.device("cuda" if name in ("auto", "cuda") and cuda and gsplat else "cpu")
 
 
 def pick_gpu(name: str, bytes_of_buffer: int = 0) -> tuple[SharedGpu | None, str]:
-    """Return the GPU that trains through wgpu, if any, and a note for the user: why a GPU of this machine is not used.
+    """Return the GPU that trains through wgpu or NVRTC, if any, and a note for the user: why a GPU of this machine is not used.
 
     Args:
         name: See `pick_device`. `auto` takes a GPU that CUDA does not take, but no software adapter.
@@ -83,7 +85,7 @@ def largest_buffer(width: int, height: int, points: int) -> int:
         height: Height of the images, pixels.
         points: Maximum number of points of the first keyframe.
     """
-    return max(36 * width * height, 4 * 59 * points)
+    return max(16 * width * height, 4 * 59 * points)
 
 
 def check_room(needed: int, free: int, width: int) -> None:

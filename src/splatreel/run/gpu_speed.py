@@ -1,4 +1,4 @@
-"""Time of a training iteration on a GPU through wgpu, and on the CPU for comparison."""
+"""Time of a training iteration on a GPU through wgpu or NVRTC, and on the CPU for comparison."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import torch
 from splatreel.base.errors import GpuError
 from splatreel.base.progress import Silent
 from splatreel.config import KeyframeConfig
-from splatreel.gpu.device import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 from splatreel.method.train.trainable_points import TrainablePoints, default_rates
@@ -31,7 +31,7 @@ def iteration_ms(
     """Return the milliseconds of a keyframe's training iteration, with all threads of the CPU or on a GPU.
 
     Args:
-        gpu: GPU that runs iterations through wgpu; None measures torch on `device`.
+        gpu: GPU that runs iterations; None measures torch on `device`.
         probe: Points and image size.
         seconds: Shortest time of the measurement.
         device: Device of the tensors.

@@ -12,7 +12,7 @@ import torch
 from splatreel.base.process import give_back_freed_memory
 from splatreel.base.progress import Progress, Span
 from splatreel.config import Config
-from splatreel.gpu.device import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.run.run_history import RecordedProgress
 from splatreel.run.steps import STEPS
 from splatreel.run.store import Store

@@ -12,7 +12,8 @@ from splatreel.base.errors import GaussiansError, GpuError
 from splatreel.base.progress import Silent
 from splatreel.config import Config, preset
 from splatreel.config.settings import changed
-from splatreel.gpu.device import SharedGpu
+from splatreel.gpu.device import Gpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels.image import render_image
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.cameras.time_offsets import TimeOffsets
@@ -28,7 +29,7 @@ from splatreel.method.train.trainable_points import TrainablePoints, default_rat
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.static_points import StaticPoints
-from tests.gpu.software import SoftwareGpu
+from tests.gpu.devices import DEVICES, REAL, OpenedGpu
 from tests.method.scenes import ring
 
 CPU, NEAR, UNIT, FRAMES = torch.device("cpu"), 0.1, 4.0, 5
@@ -142,10 +143,11 @@ def group_adams(trainer: GroupTrainer) -> dict[str, Adam]:
     return points.canonical.adams | {"nodes": nodes, "motion": motion, "appearance": points.appearance.adam}
 
 
-def test_an_iteration_of_a_group_is_that_of_the_cpu() -> None:
+@pytest.mark.parametrize("opened", DEVICES)
+def test_an_iteration_of_a_group_is_that_of_the_cpu(opened: Callable[[], Gpu]) -> None:
     """Offsets, projection, order among static points, loss, all gradients, rigidity, smoothness and Adam."""
     config = group_config(**{"group.coarse_share": 0.0, "group.progressive_share": 0.0})
-    trainers = [group_trainer(gpu, config) for gpu in (SoftwareGpu(), None)]
+    trainers = [group_trainer(gpu, config) for gpu in (OpenedGpu(opened()), None)]
     device, host = trainers
     for trainer in trainers:  # no value is so close to 0 that its sign is chance
         rng = np.random.default_rng(5)
@@ -194,10 +196,13 @@ def test_an_iteration_of_a_group_is_that_of_the_cpu() -> None:
     [(KEYFRAME, False, False), (KEYFRAME, False, True), (CHAPTER_KEYFRAME, True, False)],
     ids=["first", "with unknown pixels", "before static points"],
 )
-def test_an_iteration_of_a_keyframe_is_that_of_the_cpu(losses, static: bool, unknown: bool) -> None:
+@pytest.mark.parametrize("opened", DEVICES)
+def test_an_iteration_of_a_keyframe_is_that_of_the_cpu(
+    opened: Callable[[], Gpu], losses, static: bool, unknown: bool
+) -> None:
     """Losses of surfaces and opacity, color gains, absolute gradients and steps scaled by distance."""
     shown = make_images(1, unknown=unknown)
-    trainers = [keyframe_trainer(gpu, losses, WALL if static else None) for gpu in (SoftwareGpu(), None)]
+    trainers = [keyframe_trainer(gpu, losses, WALL if static else None) for gpu in (OpenedGpu(opened()), None)]
     caches = [trainer._static_cache(shown) for trainer in trainers]
     for trainer, cache in zip(trainers, caches, strict=True):
         trainer.density.restart(shown)
@@ -243,8 +248,11 @@ def _align(device: KeyframeTrainer, host: KeyframeTrainer) -> None:
     device.gains.load(host.gains.values)
 
 
-def test_a_batch_runs_again_where_its_pairs_did_not_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    trainer = group_trainer(SoftwareGpu())
+@pytest.mark.parametrize("opened", DEVICES)
+def test_a_batch_runs_again_where_its_pairs_did_not_fit(
+    opened: Callable[[], Gpu], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trainer = group_trainer(OpenedGpu(opened()))
     trainer._start_program(Silent())
     program = trainer.program
     assert program is not None
@@ -263,7 +271,7 @@ def test_a_batch_runs_again_where_its_pairs_did_not_fit(monkeypatch: pytest.Monk
 
 
 def test_nan_returns_to_the_last_good_state(monkeypatch: pytest.MonkeyPatch) -> None:
-    trainer = group_trainer(SoftwareGpu())
+    trainer = group_trainer(OpenedGpu())
     trainer._start_program(Silent())
     program = trainer.program
     assert program is not None
@@ -292,7 +300,7 @@ def fail_at(program: object, call: int) -> Callable[..., object]:
 
 
 def test_a_group_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    notes, gpu = Notes(), SoftwareGpu()
+    notes, gpu = Notes(), OpenedGpu()
     trainer = group_trainer(gpu)
     start = trainer._start_program
 
@@ -308,7 +316,7 @@ def test_a_group_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: pytes
 
 
 def test_a_keyframe_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    notes, trainer = Notes(), keyframe_trainer(SoftwareGpu())
+    notes, trainer = Notes(), keyframe_trainer(OpenedGpu())
     start = trainer._start_program
 
     def start_and_fail(*arguments: Any) -> None:
@@ -323,19 +331,20 @@ def test_a_keyframe_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: py
 
 def test_what_the_kernels_do_not_compute_is_trained_on_the_cpu() -> None:
     notes, other = Notes(), (Loss("photometric", photometric), Loss("again", photometric))
-    trainer = keyframe_trainer(SoftwareGpu(), other)
+    trainer = keyframe_trainer(OpenedGpu(), other)
     trainer.train(make_images(1), 3, 3, notes)
     assert notes.notes == ["this keyframe is trained on the CPU: its losses are not among those that the GPU computes"]
-    trainer = group_trainer(SoftwareGpu(), group_config(**{"group.tracks": False, "group.deformation": "hashgrid"}))
+    trainer = group_trainer(OpenedGpu(), group_config(**{"group.tracks": False, "group.deformation": "hashgrid"}))
     trainer._start_program(notes)
     assert notes.notes[-1] == "this group is trained on the CPU: the hash grid runs on the CPU or with CUDA"
 
 
 @pytest.mark.slow
-def test_a_keyframe_trains_as_well_as_on_the_cpu() -> None:
+@pytest.mark.parametrize("opened", REAL)
+def test_a_keyframe_trains_as_well_as_on_the_cpu(opened: Callable[[], Gpu]) -> None:
     """Densification, errors, surfaces, the running mean and the color gains, to the end."""
     shown, quality = make_images(1, background=False), []
-    for gpu in (SoftwareGpu(), None):
+    for gpu in (OpenedGpu(opened()), None):
         trainer = keyframe_trainer(gpu, KEYFRAME, None, **{"keyframe.densify_every": 20})
         trainer.train(shown, 120, 120, Silent())
         quality.append(trainer.psnr(shown))
@@ -343,9 +352,10 @@ def test_a_keyframe_trains_as_well_as_on_the_cpu() -> None:
 
 
 @pytest.mark.slow
-def test_a_group_trains_as_well_as_on_the_cpu() -> None:
+@pytest.mark.parametrize("opened", REAL)
+def test_a_group_trains_as_well_as_on_the_cpu(opened: Callable[[], Gpu]) -> None:
     """Density control converts, clones and prunes; images change their size; time offsets are learned."""
-    results = [group_trainer(gpu) for gpu in (SoftwareGpu(), None)]
+    results = [group_trainer(gpu) for gpu in (OpenedGpu(opened()), None)]
     for trainer in results:
         trainer.train(Silent())
     device, host = (trainer.psnr() for trainer in results)

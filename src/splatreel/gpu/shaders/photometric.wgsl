@@ -1,5 +1,6 @@
 // use: common, target, windows
-// Absolute differences of each changed tile, and the gradient of the whole photometric loss to its pixels and to the gain.
+// Absolute differences of the channels FIRST to END of each changed tile, and the gradient of the whole photometric loss to its pixels
+// and to the gain.
 @group(0) @binding(0) var<uniform> draw: Draw;
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;
 @group(0) @binding(2) var<storage, read> targets: array<u32>;
@@ -19,13 +20,13 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) lo
     }
     let camera = 3u * draw.numbers.y; let gain = vec3f(gains[camera], gains[camera + 1u], gains[camera + 2u]);
     var total = vec4f(0.0);  // absolute differences, gradient to the gain
-    for (var c = 0u; c < 3u; c++) {
+    for (var c = FIRST; c < END; c++) {
         for (var k = local; k < AREA; k += GROUP) {
             let x = i32(group.x * TILE + k % WIDE) - 5; let y = i32(group.y * TILE + k / WIDE) - 5;
             let inside = x >= 0 && y >= 0 && x < i32(draw.size.x) && y < i32(draw.size.y);
             for (var m = 0u; m < 3u; m++) {
                 planes[m][k] = 0.0;
-                if (inside) { planes[m][k] = maps[(3u * m + c) * pixels + u32(y) * draw.size.x + u32(x)]; }
+                if (inside) { planes[m][k] = maps[((END - FIRST) * m + c - FIRST) * pixels + u32(y) * draw.size.x + u32(x)]; }
             }
         }
         workgroupBarrier();
@@ -56,6 +57,9 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) lo
     if (local == 0u) {
         var sum = vec4f(0.0);
         for (var k = 0u; k < GROUP; k++) { sum += vec4f(across[k], planes[0][k]); }
-        for (var k = 0u; k < 4u; k++) { sums[5u * tile + 1u + k] = sum[k]; }
+        for (var k = 0u; k < 4u; k++) {
+            if (FIRST > 0u) { sum[k] += sums[5u * tile + 1u + k]; }
+            sums[5u * tile + 1u + k] = sum[k];
+        }
     }
 }

@@ -1,12 +1,12 @@
 // use: common, target, windows
-// SSIM of each compared tile, and its gradients to the blurred maps of x, x^2 + y^2 and x y.
+// SSIM of the channels FIRST to END of each compared tile, and its gradients to the blurred maps of x, x^2 + y^2 and x y.
 @group(0) @binding(0) var<uniform> draw: Draw;
 @group(0) @binding(1) var<storage, read> image: array<vec4f>;
 @group(0) @binding(2) var<storage, read> targets: array<u32>;
 @group(0) @binding(3) var<storage, read> gains: array<f32>;
 @group(0) @binding(4) var<storage, read> tiles: array<vec4u>;
 @group(0) @binding(5) var<storage, read> status: array<u32>;
-@group(0) @binding(6) var<storage, read_write> maps: array<f32>;  // [3 maps, 3 channels, pixels]
+@group(0) @binding(6) var<storage, read_write> maps: array<f32>;  // [3 maps, channels, pixels]
 @group(0) @binding(7) var<storage, read_write> sums: array<f32>;  // [tiles, 5]: SSIM, absolute differences, gradient to the gain
 var<workgroup> xs: array<f32, AREA>;
 var<workgroup> ys: array<f32, AREA>;
@@ -20,7 +20,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) lo
         return;
     }
     var total = 0.0;
-    for (var c = 0u; c < 3u; c++) {
+    for (var c = FIRST; c < END; c++) {
         for (var k = local; k < AREA; k += GROUP) {
             let x = i32(group.x * TILE + k % WIDE) - 5; let y = i32(group.y * TILE + k / WIDE) - 5;
             xs[k] = 0.0; ys[k] = 0.0;
@@ -49,10 +49,10 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) lo
             let scale = 1.0 / (c_ * d); let ssim = a * b * scale;
             let d_squares = -ssim * scale * c_; let d_product = 2.0 * a * scale;
             total += ssim;
-            let at = c * pixels + y * draw.size.x + x;
+            let at = (c - FIRST) * pixels + y * draw.size.x + x; let plane = (END - FIRST) * pixels;
             maps[at] = 2.0 * s.y * b * scale - 2.0 * s.x * (ssim * scale * d + d_squares) - s.y * d_product;
-            maps[at + 3u * pixels] = d_squares;
-            maps[at + 6u * pixels] = d_product;
+            maps[at + plane] = d_squares;
+            maps[at + 2u * plane] = d_product;
         }
         workgroupBarrier();
     }
@@ -61,6 +61,7 @@ fn main(@builtin(workgroup_id) group: vec3u, @builtin(local_invocation_index) lo
     if (local == 0u) {
         var sum = 0.0;
         for (var k = 0u; k < GROUP; k++) { sum += xs[k]; }
+        if (FIRST > 0u) { sum += sums[5u * tile]; }
         sums[5u * tile] = sum;
     }
 }

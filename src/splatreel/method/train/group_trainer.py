@@ -12,7 +12,7 @@ from torch import Tensor
 from splatreel.base.errors import GaussiansError, GpuError
 from splatreel.base.progress import Progress
 from splatreel.config import Config
-from splatreel.gpu.device import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.cameras.time_offsets import LearnedOffsets, TimeOffsets, slope
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots

@@ -14,7 +14,7 @@ from torch import Tensor
 from splatreel.base.errors import GaussiansError, GpuError
 from splatreel.base.progress import Progress
 from splatreel.config import KeyframeConfig
-from splatreel.gpu.device import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels import splat
 from splatreel.kernels.projected import Splats
 from splatreel.method.cameras.color_gains import CameraGains

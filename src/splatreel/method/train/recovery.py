@@ -9,7 +9,7 @@ from torch import Tensor
 
 from splatreel.base.errors import GaussiansError, GpuError, ReconstructionError
 from splatreel.base.progress import Progress
-from splatreel.gpu.device import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.deform.knot_adam import Restore
 
 KEEP_EVERY = 250

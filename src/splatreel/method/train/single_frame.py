@@ -9,7 +9,7 @@ import torch
 
 from splatreel.base.progress import Progress, Silent
 from splatreel.config import Config
-from splatreel.gpu.device import SharedGpu
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.init.initial_points import InitialPoints, initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure

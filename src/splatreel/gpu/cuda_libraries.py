@@ -1,0 +1,184 @@
+"""NVIDIA's driver and run-time compiler (NVRTC), called through ctypes. Neither the CUDA toolkit nor torch is needed."""
+
+from __future__ import annotations
+
+import contextlib
+import ctypes
+import importlib.util
+import re
+import sys
+from collections.abc import Iterator
+from ctypes import POINTER, byref, c_char_p, c_int, c_size_t, c_ubyte, c_uint, c_uint64, c_void_p
+from pathlib import Path
+from typing import Any
+
+from splatreel.base.errors import GpuError
+
+DRIVER = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
+"""File of the driver, which the system finds."""
+COMPILER = re.compile(r"libnvrtc\.so\.(\d+)|nvrtc64_(\d+)\d_\d\.dll")
+"""Names of the compiler's file, with its major version."""
+_DRIVER_CALLS: dict[str, tuple[Any, ...]] = {
+    "cuInit": (c_uint,),
+    "cuDriverGetVersion": (POINTER(c_int),),
+    "cuDeviceGetCount": (POINTER(c_int),),
+    "cuDeviceGet": (POINTER(c_int), c_int),
+    "cuDeviceGetName": (c_char_p, c_int, c_int),
+    "cuDeviceGetAttribute": (POINTER(c_int), c_int, c_int),
+    "cuDeviceTotalMem_v2": (POINTER(c_size_t), c_int),
+    "cuDevicePrimaryCtxRetain": (POINTER(c_void_p), c_int),
+    "cuCtxSetCurrent": (c_void_p,),
+    "cuModuleLoadData": (POINTER(c_void_p), c_char_p),
+    "cuModuleGetFunction": (POINTER(c_void_p), c_void_p, c_char_p),
+    "cuMemAlloc_v2": (POINTER(c_uint64), c_size_t),
+    "cuMemFree_v2": (c_uint64,),
+    "cuMemsetD8_v2": (c_uint64, c_ubyte, c_size_t),
+    "cuMemsetD8Async": (c_uint64, c_ubyte, c_size_t, c_void_p),
+    "cuMemcpyHtoD_v2": (c_uint64, c_void_p, c_size_t),
+    "cuMemcpyDtoH_v2": (c_void_p, c_uint64, c_size_t),
+    "cuLaunchKernel": (c_void_p, *7 * (c_uint,), c_void_p, c_void_p, c_void_p),
+    "cuGetErrorString": (c_int, POINTER(c_char_p)),
+}
+_COMPILER_CALLS: dict[str, tuple[Any, ...]] = {
+    "nvrtcCreateProgram": (POINTER(c_void_p), c_char_p, c_char_p, c_int, c_void_p, c_void_p),
+    "nvrtcDestroyProgram": (POINTER(c_void_p),),
+    "nvrtcCompileProgram": (c_void_p, c_int, POINTER(c_char_p)),
+    "nvrtcGetProgramLogSize": (c_void_p, POINTER(c_size_t)),
+    "nvrtcGetProgramLog": (c_void_p, c_char_p),
+    "nvrtcGetCUBINSize": (c_void_p, POINTER(c_size_t)),
+    "nvrtcGetCUBIN": (c_void_p, c_char_p),
+    "nvrtcGetPTXSize": (c_void_p, POINTER(c_size_t)),
+    "nvrtcGetPTX": (c_void_p, c_char_p),
+    "nvrtcGetNumSupportedArchs": (POINTER(c_int),),
+    "nvrtcGetSupportedArchs": (POINTER(c_int),),
+}
+
+
+class Driver:
+    """NVIDIA's driver."""
+
+    def __init__(self, file: str | Path = DRIVER) -> None:
+        """Load the driver.
+
+        Raises:
+            GpuError: There is none, or it finds no device.
+        """
+        self._library = _load(file, _DRIVER_CALLS)
+        self.call("cuInit", 0)
+
+    def call(self, name: str, *arguments: Any) -> None:
+        """Call a function of the driver.
+
+        Raises:
+            GpuError: The function reports an error, also one of earlier work on the device.
+        """
+        code = getattr(self._library, name)(*arguments)
+        if code:
+            text = c_char_p()
+            self._library.cuGetErrorString(code, byref(text))
+            raise GpuError(f"{name}: error {code}, {(text.value or b'unknown').decode()}")
+
+    def integer(self, name: str, *arguments: Any) -> int:
+        """Call a function whose first argument receives an integer, and return the integer."""
+        value = c_int()
+        self.call(name, byref(value), *arguments)
+        return value.value
+
+    def pointer(self, name: str, *arguments: Any) -> int:
+        """Call a function whose first argument receives a pointer, and return the address."""
+        value = c_void_p()
+        self.call(name, byref(value), *arguments)
+        return value.value or 0
+
+
+class Compiler:
+    """NVIDIA's run-time compiler.
+
+    Attributes:
+        supported: Compute capabilities that it compiles for, such as 90, in ascending order.
+    """
+
+    def __init__(self, file: Path) -> None:
+        """Load the compiler.
+
+        Raises:
+            GpuError: The file cannot be loaded.
+        """
+        self._library = _load(file, _COMPILER_CALLS)
+        count = c_int()
+        self._library.nvrtcGetNumSupportedArchs(byref(count))
+        found = (c_int * count.value)()
+        self._library.nvrtcGetSupportedArchs(found)
+        self.supported = sorted(found)
+
+    def compile(self, source: str, name: str, capability: int) -> bytes:
+        """Compile CUDA C++ to a module for the driver.
+
+        Args:
+            source: Source.
+            name: Name of the kernel, for errors.
+            capability: Compute capability of the device, such as 90.
+
+        Returns:
+            Machine code, or PTX where the compiler is older than the device.
+
+        Raises:
+            GpuError: The source has an error, or the device is too old for the compiler.
+        """
+        known = [each for each in self.supported if each <= capability]
+        if not known:
+            raise GpuError(
+                f"NVRTC compiles for compute capability {self.supported[0]} and newer, the device has {capability}."
+            )
+        exact = known[-1] == capability
+        options = [f"--gpu-architecture={'sm' if exact else 'compute'}_{known[-1]}".encode(), b"--std=c++17"]
+        program = c_void_p()
+        self._library.nvrtcCreateProgram(byref(program), source.encode(), f"{name}.cu".encode(), 0, None, None)
+        try:
+            if self._library.nvrtcCompileProgram(program, len(options), (c_char_p * len(options))(*options)):
+                log = self._result(program, "nvrtcGetProgramLog").decode(errors="replace")
+                raise GpuError(f"Kernel {name} does not compile: {log[:2000]}")
+            return self._result(program, "nvrtcGetCUBIN" if exact else "nvrtcGetPTX")
+        finally:
+            self._library.nvrtcDestroyProgram(byref(program))
+
+    def _result(self, program: c_void_p, name: str) -> bytes:
+        size = c_size_t()
+        getattr(self._library, f"{name}Size")(program, byref(size))
+        buffer = ctypes.create_string_buffer(size.value)
+        getattr(self._library, name)(program, buffer)
+        return buffer.raw
+
+
+def find_compilers() -> list[Path]:
+    """Return the compilers of the package nvidia-cuda-nvrtc, which torch for CUDA brings, or of torch itself; the newest first."""
+    found = [path for folder in _folders() for path in folder.rglob("*nvrtc*") if COMPILER.fullmatch(path.name)]
+    return sorted(found, key=lambda path: -compiler_version(path))
+
+
+def compiler_version(path: Path) -> int:
+    """Return the major version of CUDA that a compiler belongs to."""
+    match = COMPILER.fullmatch(path.name)
+    assert match is not None
+    return int(match[1] or match[2])
+
+
+def _folders() -> Iterator[Path]:
+    """Yield the folders that contain libraries of CUDA, without an import of their packages."""
+    with contextlib.suppress(ImportError, ValueError):
+        nvidia = importlib.util.find_spec("nvidia")
+        yield from map(Path, (nvidia and nvidia.submodule_search_locations) or ())
+        torch = importlib.util.find_spec("torch")
+        yield from (Path(place) / "lib" for place in (torch and torch.submodule_search_locations) or ())
+
+
+def _load(file: str | Path, calls: dict[str, tuple[Any, ...]]) -> Any:
+    """Load a library, and declare its functions."""
+    try:
+        library = ctypes.WinDLL(str(file)) if sys.platform == "win32" else ctypes.CDLL(str(file))
+        for name, types in calls.items():
+            getattr(library, name).argtypes = types
+            getattr(library, name).restype = c_int
+    except (OSError, AttributeError) as error:
+        raise GpuError(f"{file} cannot be loaded: {error}") from error
+    return library
