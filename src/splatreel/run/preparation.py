@@ -9,9 +9,10 @@ from splatreel.capture.base import Capture
 from splatreel.codec.writer import ReelWriter
 from splatreel.method.cameras.rig import Rig, check_first_poses
 from splatreel.method.coverage.coverage import Coverage, cover
+from splatreel.method.init.hull_surface import close_surface
 from splatreel.method.init.layout import Layout
 from splatreel.method.init.limits import limits
-from splatreel.method.init.visual_hull import VisualHull
+from splatreel.method.init.visual_hull import VisualHull, is_sparse, without_background
 from splatreel.method.train.single_frame import Subject, lay_out
 from splatreel.run.job import Job
 from splatreel.run.output.group_writer import header_of, open_writer
@@ -48,6 +49,8 @@ def prepare(job: Job, capture: Capture, middle: int, lock: RunLock) -> tuple[Rig
         known = capture.points, capture.point_colors, capture.near
         images, subject = first_images(capture, rig, frames[0])
         seeds, layout = lay_out(rig.cameras, images, job.config, *known, subject)
+        if subject is not None and is_sparse(rig.cameras):
+            seeds = close_surface(seeds, rig.cameras, images, subject.hull, layout.unit)
         check_region_holds(layout, rig, seeds.points)
         job.progress.update(1, points=len(seeds.points))
     lock.save_record()
@@ -69,7 +72,9 @@ def first_images(capture: Capture, rig: Rig, images: np.ndarray) -> tuple[np.nda
     if alpha is None:
         return images, None
     hull = VisualHull(rig.cameras, alpha[0], capture.near or 0.0)
-    return capture.read(0, 1, rig.names)[0], Subject(hull, capture.backgrounds)
+    shown = capture.read(0, 1, rig.names)[0]
+    shown = without_background(shown, alpha[0]) if is_sparse(rig.cameras) else shown
+    return shown, Subject(hull, capture.backgrounds)
 
 
 def check_region_holds(layout: Layout, rig: Rig, points: np.ndarray) -> None:

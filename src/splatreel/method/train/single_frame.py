@@ -14,6 +14,7 @@ from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.init.initial_points import InitialPoints, initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer, starting_points
+from splatreel.method.train.opposite_backgrounds import with_opposite
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.camera import Camera
@@ -135,6 +136,7 @@ def train_frame(
     config: Config,
     progress: Progress,
     unknown: np.ndarray | None = None,
+    alpha: np.ndarray | None = None,
 ) -> None:
     """Train on one frame, first at smaller sizes (`Images.sizes`).
 
@@ -148,6 +150,7 @@ def train_frame(
         config: Settings.
         progress: Receives the current iteration.
         unknown: [C, H, W] bool, pixels without a valid value; None if all are valid.
+        alpha: [C, H, W] uint8, opacity of a subject before few cameras; None for all others.
     """
     device = trainer.points.means.device
     views = [
@@ -156,6 +159,8 @@ def train_frame(
     ]
     mask = None if unknown is None else torch.from_numpy(unknown).to(device)
     training_images = TrainingImages(torch.from_numpy(images).to(device)[None], views, layout.near, layout.unit, mask)
+    if alpha is not None:
+        training_images = with_opposite(training_images, alpha[None])
     begin = 0
     for end, shown in training_images.sizes(iterations, coarse_share, config.training_megapixels):
         if end > begin:
