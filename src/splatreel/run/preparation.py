@@ -9,10 +9,8 @@ from splatreel.capture.base import Capture
 from splatreel.codec.writer import ReelWriter
 from splatreel.method.cameras.rig import Rig, check_first_poses
 from splatreel.method.coverage.coverage import Coverage, cover
-from splatreel.method.init.hull_surface import close_surface
 from splatreel.method.init.layout import Layout
 from splatreel.method.init.limits import limits
-from splatreel.method.init.visual_hull import VisualHull, is_sparse, without_background
 from splatreel.method.train.single_frame import Subject, lay_out
 from splatreel.run.job import Job
 from splatreel.run.output.group_writer import header_of, open_writer
@@ -49,8 +47,6 @@ def prepare(job: Job, capture: Capture, middle: int, lock: RunLock) -> tuple[Rig
         known = capture.points, capture.point_colors, capture.near
         images, subject = first_images(capture, rig, frames[0])
         seeds, layout = lay_out(rig.cameras, images, job.config, *known, subject)
-        if subject is not None and is_sparse(rig.cameras):
-            seeds = close_surface(seeds, rig.cameras, images, subject.hull, layout.unit)
         check_region_holds(layout, rig, seeds.points)
         job.progress.update(1, points=len(seeds.points))
     lock.save_record()
@@ -71,10 +67,7 @@ def first_images(capture: Capture, rig: Rig, images: np.ndarray) -> tuple[np.nda
     alpha = capture.alpha(0, 1, rig.names)
     if alpha is None:
         return images, None
-    hull = VisualHull(rig.cameras, alpha[0], capture.near or 0.0)
-    shown = capture.read(0, 1, rig.names)[0]
-    shown = without_background(shown, alpha[0]) if is_sparse(rig.cameras) else shown
-    return shown, Subject(hull, capture.backgrounds)
+    return capture.read(0, 1, rig.names)[0], Subject(alpha[0], capture.backgrounds)
 
 
 def check_region_holds(layout: Layout, rig: Rig, points: np.ndarray) -> None:
@@ -139,6 +132,8 @@ def report_coverage(job: Job, capture: Capture, rig: Rig, images: np.ndarray) ->
         images: Their images [C, H, W, 3] uint8 of the first frame.
     """
     known = {"points": capture.points, "point_colors": capture.point_colors, "near": capture.near}
+    alpha = capture.alpha(0, 1, rig.names)
+    known["alpha"] = None if alpha is None else alpha[0]
     found = cover(rig.cameras, images, **known, device=job.device, progress=job.progress)
     for sentence in found.sentences():
         job.progress.note(sentence)

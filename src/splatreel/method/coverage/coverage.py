@@ -56,6 +56,7 @@ class Coverage:
         trial: Result of the trial that left a camera out; None without a trial.
         twins: Pairs of names of cameras that have the same pose.
         pairs: Number of points in common of each two cameras, [C, C] int; None if a run's record gave the coverage.
+        subject: True if the trial is about a subject that masks show.
     """
 
     names: list[str]
@@ -65,6 +66,7 @@ class Coverage:
     trial: Trial | None = None
     twins: list[list[str]] = field(default_factory=list)
     pairs: np.ndarray | None = field(default=None, compare=False)
+    subject: bool = False
 
     @property
     def angle(self) -> float | None:
@@ -141,6 +143,7 @@ def cover(
     near: float | None = None,
     device: torch.device | None,
     progress: Progress,
+    alpha: np.ndarray | None = None,
 ) -> Coverage:
     """Measure how well cameras cover what they show at one moment.
 
@@ -152,6 +155,7 @@ def cover(
         near: Near plane of the capture, if it has one.
         device: Device of the trial; None makes no trial.
         progress: Display of the progress.
+        alpha: Opacity [C, H, W] uint8 of the subject at that moment; None for the whole scene.
     """
     small = [narrow_camera(camera, WIDTH) for camera in cameras]
     progress.stage("matching points that several cameras show", len(cameras))
@@ -162,7 +166,8 @@ def cover(
     focus = np.array(clearance_of(cameras, seen).focus) if len(seen) >= FEWEST_SHARED else focus_point(cameras)
     trial = None
     if device is not None:
-        trial = leave_one_out(cameras, shown, focus, points, point_colors, near, device, progress)
+        given = points, point_colors, near
+        trial = leave_one_out(cameras, shown, focus, *given, device, progress, alpha)
     distance = float(np.median([np.linalg.norm(camera.center - focus) for camera in cameras]))
     seen_by = _places(tracks, distance)
     return Coverage(
@@ -173,6 +178,7 @@ def cover(
         trial,
         _twins(cameras, distance),
         seen_by.T.astype(np.int64) @ seen_by,
+        alpha is not None,
     )
 
 
