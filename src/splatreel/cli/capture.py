@@ -91,13 +91,7 @@ def capture_check(
     _say_each(source.notes, said)
     images = np.concatenate(moments)
     coverage, verdict = _judge(source, names, images, alpha, quick, said) or (None, None)
-    given = {
-        "--masks": None if masks is None else str(masks),
-        "--width": width,
-        "--frames": frames,
-        "--hold-out": hold_out,
-        "--leave-out": leave_out,
-    }
+    given = {"--width": width, "--frames": frames, "--hold-out": hold_out, "--leave-out": leave_out, "--masks": masks}
     options = [part for name, value in given.items() if value is not None for part in option(name, value)]
     command = quoted(["splatreel", "reconstruct", capture, "--out", "OUT", *options])
     text = f"It can be read; nothing else was checked. Run\n  {command}" if verdict is None else verdict.text(command)
@@ -159,13 +153,13 @@ def _judge(
 
     training = [camera.name for camera in source.training_cameras]
     places = [names.index(name) for name in training]
-    shown, opacity = frames[:, places], None if alpha is None else alpha[places]
+    shown = frames[:, places]
     found = inspect_poses(source.training_cameras, shown)
     found.refuse(str(source.origin))
     _say_each([*found.repairs(training), *found.doubts(training)], said)
     kept = [number for number in range(len(training)) if number not in found.strangers]
     cameras = [found.corrected[n].camera if n in found.corrected else source.training_cameras[n] for n in kept]
-    coverage = _cover(source, cameras, shown[0, kept], None if opacity is None else opacity[kept], quick)
+    coverage = _cover(source, cameras, shown[0, kept], None if alpha is None else alpha[places][kept], quick)
     _say_each(coverage.sentences(), said)
     return coverage, judge_capture(coverage, [training[number] for number in found.doubtful])
 

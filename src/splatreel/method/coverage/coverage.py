@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -42,6 +43,27 @@ def rating(psnr: float) -> str:
         if psnr >= least:
             return word
     return "poor"
+
+
+GAIN_PER_HALVING = 1.2
+"""Decibels that a subject gains when the angle to the nearest camera is halved (docs/experiments/2026-11-27-few-cameras.md)."""
+
+
+def expected_gain(names: list[str], angles: Sequence[float] | np.ndarray) -> str:
+    """Return sentences that say how many cameras more would bring how much to a subject.
+
+    Args:
+        names: Names of the training cameras.
+        angles: Degrees from each camera to the nearest other one.
+    """
+    count, more = len(names), max(1, len(names) // 3)
+    gain = GAIN_PER_HALVING * float(np.log2((count + more) / count))
+    cameras = "One camera" if more == 1 else f"{more} cameras"
+    widest = ", ".join(names[place] for place in np.argsort(-np.array(angles), kind="stable")[:more])
+    return (
+        f"The cameras are {np.median(angles):.0f} degrees apart. {cameras} more in the largest gaps (beside {widest}) would bring about "
+        f"{gain:.1f} dB, and twice as many about {GAIN_PER_HALVING:.1f} dB."
+    )
 
 
 @dataclass(frozen=True)
@@ -97,16 +119,24 @@ class Coverage:
         if self.trial is None:
             return []
         trial = self.trial
-        tried = f"Quick trial without {trial.camera}, {trial.angle:.0f} degrees from the nearest other camera: {trial.psnr:.1f} dB"
+        views = "novel views of the subject" if self.subject else "novel views"
+        what = "Quick trial of the subject" if self.subject else "Quick trial"
+        tried = f"{what} without {trial.camera}, {trial.angle:.0f} degrees from the nearest other camera: {trial.psnr:.1f} dB"
         without = f"the nearest camera's image has {trial.nearest:.1f} dB there, one flat color {trial.flat:.1f} dB"
-        remedy = "Set the cameras closer together, or add some between them."
+        remedy = (
+            expected_gain(self.names, self.angles)
+            if self.subject
+            else "Set the cameras closer together, or add some between them."
+        )
         if not trial.holds:
             return [
-                f"{tried}, hardly better than no reconstruction ({without}): novel views more than {self.angle:.0f} degrees from "
+                f"{tried}, hardly better than no reconstruction ({without}): {views} more than {self.angle:.0f} degrees from "
                 f"a camera will not be usable. {remedy}"
             ]
         word = rating(trial.psnr)
-        found = f"{tried} ({without}). Expect novel views between the cameras to be {word}, about {trial.psnr:.0f} dB: {MARKS}."
+        found = (
+            f"{tried} ({without}). Expect {views} between the cameras to be {word}, about {trial.psnr:.0f} dB: {MARKS}."
+        )
         return [f"{found} {remedy}" if word == "poor" else found]
 
     def to_dict(self) -> dict[str, Any]:
@@ -260,7 +290,10 @@ def _expectation(coverage: Coverage) -> str:
         return "but no trial of novel views was made"
     if not trial.holds:
         near = f"but only views within {coverage.angle:.0f} degrees of a camera will be usable"
+        if coverage.subject:
+            return f"{near}. {expected_gain(coverage.names, coverage.angles)}"
         return f"{near}; a person alone holds further between the cameras (--masks auto)"
     word = rating(trial.psnr)
     but = "but" if word == "poor" else "and"
-    return f"{but} novel views between the cameras will be {word} (about {trial.psnr:.0f} dB)"
+    views = "novel views of the subject" if coverage.subject else "novel views"
+    return f"{but} {views} between the cameras will be {word} (about {trial.psnr:.0f} dB)"
