@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.ndimage import binary_dilation, binary_erosion
+from scipy.ndimage import binary_dilation, binary_erosion, binary_fill_holes
 from scipy.spatial import KDTree
 
 from splatreel.method.init.initial_points import SWEEP_WIDTH, InitialPoints
@@ -118,13 +118,13 @@ class _Surface:
 
 
 def _within(grid: _Grid, points: np.ndarray, hull: Volume) -> np.ndarray:
-    """Return the cells near points [P, 3] that are within the hull, bool of the grid's shape."""
+    """Return the cells near points [P, 3] that are within the hull, and those that they enclose, bool of the grid's shape."""
     near = np.zeros(grid.shape, bool)
     near[tuple(grid.cells(points).T)] = True
     cells = np.argwhere(binary_dilation(near, iterations=REACH))
     filled = np.zeros(grid.shape, bool)
     filled[tuple(cells[hull.contains(grid.centers(cells))].T)] = True
-    return filled
+    return binary_fill_holes(filled)
 
 
 def _colors(points: np.ndarray, cameras: list[Camera], images: np.ndarray, depth: float) -> _Surface:
