@@ -60,10 +60,9 @@ def expected_gain(names: list[str], angles: Sequence[float] | np.ndarray) -> str
     gain = GAIN_PER_HALVING * float(np.log2((count + more) / count))
     cameras = "One camera" if more == 1 else f"{more} cameras"
     widest = ", ".join(names[place] for place in np.argsort(-np.array(angles), kind="stable")[:more])
-    return (
-        f"The cameras are {np.median(angles):.0f} degrees apart. {cameras} more in the largest gaps (beside {widest}) would bring about "
-        f"{gain:.1f} dB, and twice as many about {GAIN_PER_HALVING:.1f} dB."
-    )
+    apart = f"The cameras are {np.median(angles):.0f} degrees apart."
+    best = f"and twice as many about {GAIN_PER_HALVING:.1f} dB"
+    return f"{apart} {cameras} more in the largest gaps (beside {widest}) would bring about {gain:.1f} dB, {best}."
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-from scipy.ndimage import binary_dilation, binary_erosion, binary_fill_holes
+from scipy.ndimage import binary_dilation
 from scipy.spatial import KDTree
 
 from splatreel.method.init.initial_points import SWEEP_WIDTH, InitialPoints
@@ -49,12 +49,13 @@ def close_surface(
     """
     points = first.points.astype(np.float64)
     grid = _Grid.around(points, CELL * unit / np.median([SWEEP_WIDTH / c.width * c.K[0, 0] for c in cameras]))
-    filled = _within(grid, points, hull)
+    filled, empty = _cells(grid, points, hull)
     for number in range(PASSES + 1):
-        cells = np.argwhere(filled & ~binary_erosion(filled))
+        cells = np.argwhere(filled & binary_dilation(empty))
         surface = _colors(grid.centers(cells), cameras, images, DEPTH * grid.size)
         if number < PASSES:
-            filled[tuple(cells[surface.differs].T)] = False
+            carved = tuple(cells[surface.differs].T)
+            filled[carved], empty[carved] = False, True
     surface = surface[~surface.differs]
     if not surface.seen.any():
         return first
@@ -117,14 +118,16 @@ class _Surface:
         )
 
 
-def _within(grid: _Grid, points: np.ndarray, hull: Volume) -> np.ndarray:
-    """Return the cells near points [P, 3] that are within the hull, and those that they enclose, bool of the grid's shape."""
+def _cells(grid: _Grid, points: np.ndarray, hull: Volume) -> tuple[np.ndarray, np.ndarray]:
+    """Return which cells near points [P, 3] are within the hull, and which are outside, bool of the grid's shape."""
     near = np.zeros(grid.shape, bool)
     near[tuple(grid.cells(points).T)] = True
     cells = np.argwhere(binary_dilation(near, iterations=REACH))
-    filled = np.zeros(grid.shape, bool)
-    filled[tuple(cells[hull.contains(grid.centers(cells))].T)] = True
-    return binary_fill_holes(filled)
+    within = hull.contains(grid.centers(cells))
+    filled, empty = np.zeros(grid.shape, bool), np.zeros(grid.shape, bool)
+    filled[tuple(cells[within].T)] = True
+    empty[tuple(cells[~within].T)] = True
+    return filled, empty
 
 
 def _colors(points: np.ndarray, cameras: list[Camera], images: np.ndarray, depth: float) -> _Surface:
