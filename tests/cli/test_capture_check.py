@@ -68,8 +68,3 @@ def test_unconfirmed_poses_fail_the_check(tmp_path: Path, capsys: pytest.Capture
     assert code == 1
     assert "It can be reconstructed" not in out
     assert "Do not reconstruct it as it is" in error
-
-
-def test_masks_are_for_the_page(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["capture", "check", str(tmp_path), "--masks", str(tmp_path)]) == 2
-    assert "--masks needs the page that shows them" in capsys.readouterr().err

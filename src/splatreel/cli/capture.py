@@ -50,7 +50,7 @@ def capture_check(
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
         quick: Leave out the trial that predicts the quality of novel views, which takes some seconds.
         page: HTML file to write, such as check.html: the verdict, the cameras in plan and elevation, and an image of each.
-        masks: Folder of masks, which the page shows.
+        masks: Folder of masks. The verdict is then about their subject, and the page shows them.
     """
     import numpy as np
 
@@ -63,8 +63,6 @@ def capture_check(
         "held_out": parse_held_out(hold_out),
         "leave_out": parse_left_out(leave_out),
     }
-    if masks is not None and page is None:
-        raise UsageError("--masks needs the page that shows them, such as --page check.html.")
     source = open_capture(capture, width=width, **chosen)
     progress = console()
     try:
@@ -92,8 +90,8 @@ def capture_check(
     said: list[str] = []
     _say_each(source.notes, said)
     images = np.concatenate(moments)
-    coverage, verdict = _judge(source, names, images, quick, said) or (None, None)
-    given = {"--width": width, "--frames": frames, "--hold-out": hold_out, "--leave-out": leave_out}
+    coverage, verdict = _judge(source, names, images, alpha, quick, said) or (None, None)
+    given = {"--width": width, "--frames": frames, "--hold-out": hold_out, "--leave-out": leave_out, "--masks": masks}
     options = [part for name, value in given.items() if value is not None for part in option(name, value)]
     command = quoted(["splatreel", "reconstruct", capture, "--out", "OUT", *options])
     text = f"It can be read; nothing else was checked. Run\n  {command}" if verdict is None else verdict.text(command)
@@ -124,7 +122,7 @@ def _masks_of(source: Capture, folder: Path) -> np.ndarray:
 
 
 def _judge(
-    source: Capture, names: list[str], frames: np.ndarray, quick: bool, said: list[str]
+    source: Capture, names: list[str], frames: np.ndarray, alpha: np.ndarray | None, quick: bool, said: list[str]
 ) -> tuple[Coverage, CaptureVerdict] | None:
     """Report doubts about a capture, and judge it; None where packages for that are not installed.
 
@@ -132,6 +130,7 @@ def _judge(
         source: The capture.
         names: Names of its cameras.
         frames: Images of two moments of these cameras.
+        alpha: Masks [C, H, W] uint8 of these cameras at the first frame; None judges the whole scene.
         quick: True leaves out the trial of novel views.
         said: Receives the sentences that are printed.
 
@@ -153,13 +152,14 @@ def _judge(
     from splatreel.method.coverage.coverage import judge_capture
 
     training = [camera.name for camera in source.training_cameras]
-    shown = frames[:, [names.index(name) for name in training]]
+    places = [names.index(name) for name in training]
+    shown = frames[:, places]
     found = inspect_poses(source.training_cameras, shown)
     found.refuse(str(source.origin))
     _say_each([*found.repairs(training), *found.doubts(training)], said)
     kept = [number for number in range(len(training)) if number not in found.strangers]
     cameras = [found.corrected[n].camera if n in found.corrected else source.training_cameras[n] for n in kept]
-    coverage = _cover(source, cameras, shown[0, kept], quick)
+    coverage = _cover(source, cameras, shown[0, kept], None if alpha is None else alpha[places][kept], quick)
     _say_each(coverage.sentences(), said)
     return coverage, judge_capture(coverage, [training[number] for number in found.doubtful])
 
@@ -171,8 +171,10 @@ def _say_each(sentences: Sequence[str], said: list[str]) -> None:
     said += sentences
 
 
-def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bool) -> Coverage:
-    """Measure how cameras cover the scene. `images`: [C, H, W, 3] uint8 of the first frame. `quick` leaves out the trial."""
+def _cover(
+    source: Capture, cameras: list[Camera], images: np.ndarray, alpha: np.ndarray | None, quick: bool
+) -> Coverage:
+    """Measure how cameras cover the scene, or a subject. Arguments: as `_judge`, images [C, H, W, 3] uint8."""
     from splatreel.base.display import console
     from splatreel.method.coverage.coverage import cover
     from splatreel.run.device_choice import pick_device
@@ -180,7 +182,7 @@ def _cover(source: Capture, cameras: list[Camera], images: np.ndarray, quick: bo
     device = None if quick else pick_device("auto")
     with closing(console()) as progress:
         known = {"points": source.points, "point_colors": source.point_colors, "near": source.near}
-        return cover(cameras, images, **known, device=device, progress=progress)
+        return cover(cameras, images, **known, device=device, progress=progress, alpha=alpha)
 
 
 def capture_calibrate(

@@ -37,7 +37,7 @@ def edit(
         reel: Folder of the reel, or its URL.
         operations: Operations, in order. Time: cut=A:B, join=REEL, reverse, fps=N. Points: crop=VOLUME, remove=VOLUME, min-cameras=N,
             min-opacity=X, max-size=X, max-distance=X, min-seconds=X. Place: rotate=AXIS,DEGREES, up=AXIS, scale=X, distance=A,B,METERS,
-            move=X,Y,Z, floor. Colors: exposure=STOPS, gain=R,G,B, white=COLOR, background=COLOR. Sound: sound=FILE.
+            move=X,Y,Z, floor, ground=CAPTURE. Colors: exposure=STOPS, gain=R,G,B, white=COLOR, background=COLOR. Sound: sound=FILE.
             docs/editing.md explains them.
         out: Folder of the new reel.
         list_: Edit list, a JSON file that the player saved. Its operations come before those of the command line.

@@ -137,7 +137,16 @@ def _memory(run: ChapteredRun, found: Estimate) -> list[str]:
 
 
 def _notes(run: ChapteredRun) -> list[str]:
+    notes = []
+    if run.capture.backgrounds:
+        from splatreel.method.coverage.coverage import expected_gain
+        from splatreel.scene.camera import angles_apart, focus_point
+
+        cameras = run.capture.training_cameras
+        angles = angles_apart(cameras, focus_point(cameras)).min(1)
+        gain = expected_gain([camera.name for camera in cameras], angles)
+        notes.append(f"Subject of the masks: {gain} `splatreel capture check --masks` predicts its quality by a trial.")
     if run.device_name == "cpu":
-        return []
+        return notes
     name = "" if run.gpu is None else f", {run.gpu.adapter.name}"
-    return [f"Training on a GPU{name}: the time is a guess from a few training steps."]
+    return [*notes, f"Training on a GPU{name}: the time is a guess from a few training steps."]

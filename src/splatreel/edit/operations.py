@@ -16,6 +16,7 @@ from splatreel.edit.clip import Clip
 from splatreel.edit.clip_sound import replace_sound
 from splatreel.edit.color_balance import Lit, gain_of_exposure, gain_of_white
 from splatreel.edit.floor import floor_height
+from splatreel.edit.ground import with_ground
 from splatreel.edit.joining import Joined
 from splatreel.edit.operation_values import parse_axis, parse_color, parse_range
 from splatreel.edit.placement import Moved, Similarity
@@ -197,6 +198,12 @@ def _floor(clip: Clip, value: str) -> Clip:
     )
 
 
+def _ground(clip: Clip, value: str) -> Clip:
+    if not value:
+        raise fail("ground", value, "Name the folder of the capture that the reel was made from")
+    return with_ground(clip, Path(value))
+
+
 def _exposure(clip: Clip, value: str) -> Clip:
     return Lit(clip, gain_of_exposure(parse_number("exposure", value, -8, 8)))
 
@@ -273,6 +280,7 @@ OPERATIONS = {
     "distance": Operation("distance=A,B,METERS", "scale so that the cameras A and B are so far apart", _distance),
     "move": Operation("move=X,Y,Z", "shift the scene", _move),
     "floor": Operation("floor", "shift the scene so that its floor has the height 0", _floor),
+    "ground": Operation("ground=CAPTURE", "add the floor under the subject, as the capture shows it", _ground),
     "exposure": Operation("exposure=STOPS", "brighten, or darken with a negative number", _exposure),
     "gain": Operation("gain=X or R,G,B", "multiply all colors", _gain),
     "white": Operation("white=#RRGGBB", "make this color gray", _white),

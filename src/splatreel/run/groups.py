@@ -11,7 +11,7 @@ from splatreel.codec.preview import remove_previews
 from splatreel.method.algorithm import Handover, hand_over, reconstruct_group
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.init.layout import Layout
-from splatreel.method.init.visual_hull import hull_of_few
+from splatreel.method.init.visual_hull import is_sparse
 from splatreel.method.train.group_trainer import GroupResult
 from splatreel.run.device_choice import check_room
 from splatreel.run.job import Job
@@ -20,7 +20,6 @@ from splatreel.run.output.keyframe_preview import KeyframePreview
 from splatreel.run.step_checkpoints import TIME_OFFSETS, restored_rig
 from splatreel.run.step_run import StepRun
 from splatreel.scene.spans import GroupSpan
-from splatreel.scene.volumes import Volume
 
 
 def reconstruct_groups(
@@ -51,9 +50,9 @@ def reconstruct_groups(
     with FramePrefetcher(capture, before.rig.names, [(span.first, span.count) for span in todo]) as stretches:
         for span, frames in zip(todo, stretches, strict=True):
             missing = capture.missing(span.first, span.count, before.rig.names)
-            alpha = capture.alpha(span.first, 1, before.rig.names)
-            hull = hull_of_few(before.rig.cameras, None if alpha is None else alpha[0], layout.near)
-            before = run_group(job, span, frames, before, layout, output, plates, missing, hull)
+            few = is_sparse(before.rig.cameras)
+            alpha = capture.alpha(span.first, span.count, before.rig.names) if few else None
+            before = run_group(job, span, frames, before, layout, output, plates, missing, alpha)
 
 
 def run_group(
@@ -65,7 +64,7 @@ def run_group(
     output: Output,
     plates: np.ndarray | None = None,
     missing: np.ndarray | None = None,
-    hull: Volume | None = None,
+    alpha: np.ndarray | None = None,
 ) -> Handover:
     """Reconstruct one group, with checkpoints, and write it.
 
@@ -78,7 +77,7 @@ def run_group(
         output: Destination of the finished layer and group.
         plates: Images [C, H, W, 3] uint8 of the shared scene, for a chapter.
         missing: [T, C] bool, images that the cameras lack; None if all exist.
-        hull: Volume that the keyframe's points must be in; None is everywhere.
+        alpha: [T, C, H, W] uint8, opacity of a subject before few cameras; None for all others.
 
     Returns:
         State for the next group.
@@ -101,7 +100,7 @@ def run_group(
         missing,
         plates,
         job.gpu,
-        hull,
+        alpha,
     )
 
     def save_offsets(found: GroupResult) -> None:

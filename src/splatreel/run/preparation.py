@@ -11,7 +11,6 @@ from splatreel.method.cameras.rig import Rig, check_first_poses
 from splatreel.method.coverage.coverage import Coverage, cover
 from splatreel.method.init.layout import Layout
 from splatreel.method.init.limits import limits
-from splatreel.method.init.visual_hull import VisualHull
 from splatreel.method.train.single_frame import Subject, lay_out
 from splatreel.run.job import Job
 from splatreel.run.output.group_writer import header_of, open_writer
@@ -68,8 +67,7 @@ def first_images(capture: Capture, rig: Rig, images: np.ndarray) -> tuple[np.nda
     alpha = capture.alpha(0, 1, rig.names)
     if alpha is None:
         return images, None
-    hull = VisualHull(rig.cameras, alpha[0], capture.near or 0.0)
-    return capture.read(0, 1, rig.names)[0], Subject(hull, capture.backgrounds)
+    return capture.read(0, 1, rig.names)[0], Subject(alpha[0], capture.backgrounds)
 
 
 def check_region_holds(layout: Layout, rig: Rig, points: np.ndarray) -> None:
@@ -134,6 +132,8 @@ def report_coverage(job: Job, capture: Capture, rig: Rig, images: np.ndarray) ->
         images: Their images [C, H, W, 3] uint8 of the first frame.
     """
     known = {"points": capture.points, "point_colors": capture.point_colors, "near": capture.near}
+    alpha = capture.alpha(0, 1, rig.names)
+    known["alpha"] = None if alpha is None else alpha[0]
     found = cover(rig.cameras, images, **known, device=job.device, progress=job.progress)
     for sentence in found.sentences():
         job.progress.note(sentence)

@@ -1,5 +1,7 @@
 """The verdict of `capture check`: poor views, equal poses and unconfirmed poses fail."""
 
+from dataclasses import replace
+
 import pytest
 
 from splatreel.method.coverage.coverage import SCALE, Coverage, judge_capture, rating
@@ -65,3 +67,15 @@ def test_faults_fail_the_verdict(found: Coverage, misfits: list[str], said: str)
 
 def test_good_trial_confirms_poses_of_plain_walls() -> None:
     assert judge_capture(coverage(shared=[0] * 5, psnr=31.0), []).faults == []
+
+
+def test_verdict_of_a_subject_says_what_more_cameras_bring() -> None:
+    found = replace(coverage(22.0), subject=True, angles=[30.0, 60.0, 30.0, 40.0, 50.0])
+    sentence = found.sentences()[-1]
+    assert "Quick trial of the subject without cam2" in sentence
+    assert "Expect novel views of the subject between the cameras to be poor, about 22 dB" in sentence
+    assert "40 degrees apart. One camera more in the largest gaps (beside cam1) would bring about 0.3 dB" in sentence
+    failed = judge_capture(replace(found, trial=replace(found.trial, psnr=15.0)), []).text("CMD")
+    assert "One camera more" in failed
+    assert "--masks auto" not in failed
+    assert Coverage.from_dict(found.to_dict()) == found

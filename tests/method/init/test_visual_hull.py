@@ -1,6 +1,6 @@
 import numpy as np
 
-from splatreel.method.init.visual_hull import VisualHull, hull_of_few
+from splatreel.method.init.visual_hull import VisualHull, is_sparse, without_background
 from tests.method.scenes import ring
 from tests.segmentation import scenes
 
@@ -36,11 +36,19 @@ def test_faint_edges_of_soft_masks_are_outside() -> None:
     assert not VisualHull(ring(5), masks).contains(np.array([[1.5, 0, 0]]))[0]
 
 
-def test_angle_between_cameras_decides_whether_points_must_stay_in_the_hull() -> None:
-    def hull(count: int) -> VisualHull | None:
-        masks = np.full((count, scenes.HEIGHT, scenes.WIDTH), 255, np.uint8)
-        return hull_of_few(scenes.ring(count), masks, 0.0)
+def test_angle_between_cameras_decides_whether_a_rig_is_sparse() -> None:
+    assert is_sparse(scenes.ring(6)), "60 degrees apart"
+    assert not is_sparse(scenes.ring(24)), "15 degrees apart"
+    assert not is_sparse(scenes.ring(1))
 
-    assert hull(6) is not None, "60 degrees apart"
-    assert hull(24) is None, "15 degrees apart"
-    assert hull_of_few(scenes.ring(6), None, 0.0) is None
+
+def test_pixels_outside_of_masks_take_the_nearest_color_inside() -> None:
+    images = np.full((2, 32, 48, 3), (0, 255, 255), np.uint8)
+    images[:, 12:20, 20:24] = 10
+    images[:, 12:20, 24:28] = 90
+    masks = masks_of_box(2)
+    masks[1] = 0
+    found = without_background(images, masks)
+    assert (found[0, :, :22] == 10).all()
+    assert (found[0, :, 26:] == 90).all()
+    assert (found[1] == images[1]).all(), "no pixel is inside"

@@ -14,10 +14,10 @@ from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels.image import Backdrop, render_image
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.init.layout import Layout
+from splatreel.method.init.visual_hull import VisualHull
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.spans import GroupSpan
-from splatreel.scene.volumes import Volume
 
 ENOUGH_SIDE = 768
 """Pixels of the longer side of images that are large enough to find out what moves."""
@@ -41,7 +41,7 @@ class GroupInput:
         plates: Images [C, H, W, 3] uint8 of the scene that all chapters share, which the exposures of a chapter are measured
             against; None outside of chapters.
         gpu: GPU that runs iterations of training; None runs them on `device`, with torch.
-        hull: Volume that the keyframe's points must be in, for a subject before few cameras; None is everywhere.
+        alpha: [T, C, H, W] uint8, opacity of a subject before few cameras; None for all others.
     """
 
     span: GroupSpan
@@ -55,12 +55,17 @@ class GroupInput:
     missing: np.ndarray | None = None
     plates: np.ndarray | None = None
     gpu: SharedGpu | None = None
-    hull: Volume | None = None
+    alpha: np.ndarray | None = None
 
     @property
     def cameras(self) -> list[Camera]:
         """Cameras [C] with the poses that they have in this group."""
         return self.rig.cameras
+
+    @property
+    def hull(self) -> VisualHull | None:
+        """Volume that the keyframe's points must be in; None is everywhere."""
+        return None if self.alpha is None else VisualHull(self.cameras, self.alpha[0], self.near)
 
     @property
     def gains(self) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -44,6 +45,26 @@ def rating(psnr: float) -> str:
     return "poor"
 
 
+GAIN_PER_HALVING = 1.2
+"""Decibels that a subject gains when the angle to the nearest camera is halved (docs/experiments/2026-11-27-few-cameras.md)."""
+
+
+def expected_gain(names: list[str], angles: Sequence[float] | np.ndarray) -> str:
+    """Return sentences that say how many cameras more would bring how much to a subject.
+
+    Args:
+        names: Names of the training cameras.
+        angles: Degrees from each camera to the nearest other one.
+    """
+    count, more = len(names), max(1, len(names) // 3)
+    gain = GAIN_PER_HALVING * float(np.log2((count + more) / count))
+    cameras = "One camera" if more == 1 else f"{more} cameras"
+    widest = ", ".join(names[place] for place in np.argsort(-np.array(angles), kind="stable")[:more])
+    apart = f"The cameras are {np.median(angles):.0f} degrees apart."
+    best = f"and twice as many about {GAIN_PER_HALVING:.1f} dB"
+    return f"{apart} {cameras} more in the largest gaps (beside {widest}) would bring about {gain:.1f} dB, {best}."
+
+
 @dataclass(frozen=True)
 class Coverage:
     """Coverage of the scene by the training cameras.
@@ -56,6 +77,7 @@ class Coverage:
         trial: Result of the trial that left a camera out; None without a trial.
         twins: Pairs of names of cameras that have the same pose.
         pairs: Number of points in common of each two cameras, [C, C] int; None if a run's record gave the coverage.
+        subject: True if the trial is about a subject that masks show.
     """
 
     names: list[str]
@@ -65,6 +87,7 @@ class Coverage:
     trial: Trial | None = None
     twins: list[list[str]] = field(default_factory=list)
     pairs: np.ndarray | None = field(default=None, compare=False)
+    subject: bool = False
 
     @property
     def angle(self) -> float | None:
@@ -95,16 +118,24 @@ class Coverage:
         if self.trial is None:
             return []
         trial = self.trial
-        tried = f"Quick trial without {trial.camera}, {trial.angle:.0f} degrees from the nearest other camera: {trial.psnr:.1f} dB"
+        views = "novel views of the subject" if self.subject else "novel views"
+        what = "Quick trial of the subject" if self.subject else "Quick trial"
+        tried = f"{what} without {trial.camera}, {trial.angle:.0f} degrees from the nearest other camera: {trial.psnr:.1f} dB"
         without = f"the nearest camera's image has {trial.nearest:.1f} dB there, one flat color {trial.flat:.1f} dB"
-        remedy = "Set the cameras closer together, or add some between them."
+        remedy = (
+            expected_gain(self.names, self.angles)
+            if self.subject
+            else "Set the cameras closer together, or add some between them."
+        )
         if not trial.holds:
             return [
-                f"{tried}, hardly better than no reconstruction ({without}): novel views more than {self.angle:.0f} degrees from "
+                f"{tried}, hardly better than no reconstruction ({without}): {views} more than {self.angle:.0f} degrees from "
                 f"a camera will not be usable. {remedy}"
             ]
         word = rating(trial.psnr)
-        found = f"{tried} ({without}). Expect novel views between the cameras to be {word}, about {trial.psnr:.0f} dB: {MARKS}."
+        found = (
+            f"{tried} ({without}). Expect {views} between the cameras to be {word}, about {trial.psnr:.0f} dB: {MARKS}."
+        )
         return [f"{found} {remedy}" if word == "poor" else found]
 
     def to_dict(self) -> dict[str, Any]:
@@ -141,6 +172,7 @@ def cover(
     near: float | None = None,
     device: torch.device | None,
     progress: Progress,
+    alpha: np.ndarray | None = None,
 ) -> Coverage:
     """Measure how well cameras cover what they show at one moment.
 
@@ -152,6 +184,7 @@ def cover(
         near: Near plane of the capture, if it has one.
         device: Device of the trial; None makes no trial.
         progress: Display of the progress.
+        alpha: Opacity [C, H, W] uint8 of the subject at that moment; None for the whole scene.
     """
     small = [narrow_camera(camera, WIDTH) for camera in cameras]
     progress.stage("matching points that several cameras show", len(cameras))
@@ -162,7 +195,8 @@ def cover(
     focus = np.array(clearance_of(cameras, seen).focus) if len(seen) >= FEWEST_SHARED else focus_point(cameras)
     trial = None
     if device is not None:
-        trial = leave_one_out(cameras, shown, focus, points, point_colors, near, device, progress)
+        given = points, point_colors, near
+        trial = leave_one_out(cameras, shown, focus, *given, device, progress, alpha)
     distance = float(np.median([np.linalg.norm(camera.center - focus) for camera in cameras]))
     seen_by = _places(tracks, distance)
     return Coverage(
@@ -173,6 +207,7 @@ def cover(
         trial,
         _twins(cameras, distance),
         seen_by.T.astype(np.int64) @ seen_by,
+        alpha is not None,
     )
 
 
@@ -254,7 +289,10 @@ def _expectation(coverage: Coverage) -> str:
         return "but no trial of novel views was made"
     if not trial.holds:
         near = f"but only views within {coverage.angle:.0f} degrees of a camera will be usable"
+        if coverage.subject:
+            return f"{near}. {expected_gain(coverage.names, coverage.angles)}"
         return f"{near}; a person alone holds further between the cameras (--masks auto)"
     word = rating(trial.psnr)
     but = "but" if word == "poor" else "and"
-    return f"{but} novel views between the cameras will be {word} (about {trial.psnr:.0f} dB)"
+    views = "novel views of the subject" if coverage.subject else "novel views"
+    return f"{but} {views} between the cameras will be {word} (about {trial.psnr:.0f} dB)"

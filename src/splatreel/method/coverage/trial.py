@@ -13,9 +13,11 @@ import numpy as np
 import torch
 
 from splatreel.base.progress import Progress
+from splatreel.capture.masked_capture import PALETTE
+from splatreel.capture.srgb import over_color
 from splatreel.config import preset
 from splatreel.kernels.image import render_image
-from splatreel.method.train.single_frame import reconstruct_single_frame
+from splatreel.method.train.single_frame import Subject, reconstruct_single_frame
 from splatreel.scene.camera import Camera, angles_apart, middle_camera
 
 TRIAL_WIDTH = 192
@@ -64,6 +66,7 @@ def leave_one_out(
     near: float | None,
     device: torch.device,
     progress: Progress,
+    alpha: np.ndarray | None = None,
 ) -> Trial:
     """Leave the middle camera out of a small reconstruction. It takes some seconds, whatever the size of the capture.
 
@@ -76,6 +79,7 @@ def leave_one_out(
         near: Near plane of the capture, if it has one.
         device: Device that trains.
         progress: Display of the progress.
+        alpha: [C, H, W] uint8, opacity of the subject; None tries the whole scene.
     """
     left, angles = middle_camera(cameras, focus), angles_apart(cameras, focus)
     others = np.argsort(angles[left], kind="stable")[: min(OTHERS, len(cameras) - 1)].tolist()
@@ -85,13 +89,20 @@ def leave_one_out(
     keyframe = replace(config.keyframe, first_iterations=ITERATIONS, max_points=POINTS, densify_every=50)
     config = replace(config, keyframe=keyframe)
     progress.stage(f"quick trial without {cameras[left].name} (predicts novel-view quality)", ITERATIONS)
+    masks = None if alpha is None else {c: resize_image(alpha[c], small[c]) for c in [left, *others]}
+    images, subject = (
+        (np.stack([shown[c] for c in others]), None)
+        if masks is None
+        else _subject(others, [small[c].name for c in others], shown, masks)
+    )
     gaussians, layout = reconstruct_single_frame(
         [small[c] for c in others],
-        np.stack([shown[c] for c in others]),
+        images,
         config,
         points=points,
         point_colors=colors,
         near=near,
+        subject=subject,
         device=device,
         progress=_StepsOnly(progress),
     )
@@ -99,14 +110,37 @@ def leave_one_out(
         gaussians, small[left], near=layout.near, antialias=config.antialias, background=layout.background
     )
     truth = shown[left].astype(np.float64) / 255
-    flat = np.broadcast_to(truth.mean((0, 1)), truth.shape)
+    within = np.ones(truth.shape[:2], bool) if masks is None else masks[left] > 0
+    if not within.any():  # the camera does not show the subject
+        within[:] = True
+    flat = np.broadcast_to(truth[within].mean(0), truth.shape)
     return Trial(
         cameras[left].name,
         round(float(angles[left].min()), 2),
-        _psnr(np.clip(drawn, 0, 1), truth),
-        _psnr(flat, truth),
-        _psnr(shown[others[0]].astype(np.float64) / 255, truth),
+        _psnr(np.clip(drawn, 0, 1)[within], truth[within]),
+        _psnr(flat[within], truth[within]),
+        _psnr(shown[others[0]].astype(np.float64)[within] / 255, truth[within]),
     )
+
+
+def _subject(
+    chosen: list[int], names: list[str], shown: dict[int, np.ndarray], masks: dict[int, np.ndarray]
+) -> tuple[np.ndarray, Subject]:
+    """Return the images of a subject over the colors of the palette, and the subject.
+
+    Args:
+        chosen: Numbers of the cameras.
+        names: Their names.
+        shown: Their images [H, W, 3] uint8.
+        masks: Their masks [H, W] uint8.
+    """
+    colors = [PALETTE[place % len(PALETTE)] for place in range(len(chosen))]
+    images = [
+        over_color(shown[c], masks[c], (255 * np.array(color)).astype(np.uint8))
+        for c, color in zip(chosen, colors, strict=True)
+    ]
+    alpha = np.stack([masks[c] for c in chosen])
+    return np.stack(images), Subject(alpha, dict(zip(names, colors, strict=True)))
 
 
 def narrow_camera(camera: Camera, width: int) -> Camera:
@@ -123,8 +157,8 @@ def resize_image(image: np.ndarray, camera: Camera) -> np.ndarray:
 
 
 def _psnr(image: np.ndarray, truth: np.ndarray) -> float:
-    """Return the PSNR in dB of an image [H, W, 3] 0..1, fitted to the exposure of the true image."""
-    gain = (image * truth).sum((0, 1)) / np.maximum((image * image).sum((0, 1)), 1e-9)
+    """Return the PSNR in dB of pixels [P, 3] 0..1, fitted to the exposure of the true image."""
+    gain = (image * truth).sum(0) / np.maximum((image * image).sum(0), 1e-9)
     error = np.square(image * np.clip(gain, *GAINS) - truth).mean()
     return round(min(float(-10 * np.log10(max(error, 1e-12))), BEST), 2)
 

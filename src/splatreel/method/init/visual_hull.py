@@ -15,26 +15,37 @@ MARGIN = 1 / 120
 DARKEST = 64
 """Gray level from which on a pixel of a mask belongs to the subject."""
 
+OPAQUE = 250
+"""Opacity from which on a pixel shows nothing of the background."""
 WIDE = 30.0
-"""Median angle between neighboring cameras, degrees, from which on points outside of the hull are removed while a keyframe
-trains (docs/experiments/2026-11-27-few-cameras.md). Between denser cameras other views contradict such points."""
+"""Median angle between neighboring cameras, degrees, from which on a rig is sparse (docs/experiments/2026-11-27-few-cameras.md).
+Between denser cameras other views contradict points that do not belong to the subject."""
 
 
-def hull_of_few(cameras: list[Camera], masks: np.ndarray | None, near: float) -> VisualHull | None:
-    """Return the hull that points must stay in while they are trained; None without masks and for dense rigs.
+def is_sparse(cameras: list[Camera]) -> bool:
+    """Return True if a subject before these training cameras needs more than their images: what surrounds it must stay empty.
 
     A point that a single camera sees, outside of that camera's mask, may have the color of its background. Nothing contradicts
     the point if it is beyond the borders of all other images.
-
-    Args:
-        cameras: C training cameras.
-        masks: [C, H, W] uint8 of the keyframe, or None.
-        near: Smallest depth of content, world units.
     """
-    if masks is None or len(cameras) < 2:
-        return None
-    angles = angles_apart(cameras, focus_point(cameras)).min(1)
-    return VisualHull(cameras, masks, near) if np.median(angles) >= WIDE else None
+    return len(cameras) > 1 and bool(np.median(angles_apart(cameras, focus_point(cameras)).min(1)) >= WIDE)
+
+
+def without_background(images: np.ndarray, alpha: np.ndarray) -> np.ndarray:
+    """Return images [C, H, W, 3] uint8 whose pixels outside of the masks [C, H, W] uint8 have the color of the nearest one inside.
+
+    The first points then have colors of the subject, never those of a background.
+    """
+    found = images.copy()
+    for image, opacity in zip(found, alpha, strict=True):
+        outside = (opacity < OPAQUE).astype(np.uint8)
+        if outside.all():
+            continue
+        _, labels = cv2.distanceTransformWithLabels(outside, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+        colors = np.zeros((labels.max() + 1, 3), np.uint8)
+        colors[labels[outside == 0]] = image[outside == 0]
+        image[:] = colors[labels]
+    return found
 
 
 class VisualHull:

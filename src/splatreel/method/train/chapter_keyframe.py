@@ -71,6 +71,7 @@ def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progre
         config,
         progress,
         data.unknown,
+        None if data.alpha is None else data.alpha[0],
     )
     return KeyframeResult(trainer.points.gaussians(), gains.values.cpu().numpy(), static.alive)
 

@@ -29,13 +29,15 @@ KINDS = {"motion": "0u", "nodes": "1u", "appearance": "2u"}
 """Constants of the kernel `adam_knots`."""
 
 
-def unsupported_group(points: DynamicPoints) -> str | None:
+def unsupported_group(points: DynamicPoints, images: TrainingImages) -> str | None:
     """Return why the GPU cannot train the motion of a group; None if it can."""
     model = points.deformation
     if not isinstance(model, Trajectory):
         return "the hash grid runs on the CPU or with CUDA"
     if model.reached < model.knots - 1:
         return "groups without tracks are trained on the CPU or with CUDA"
+    if images.opposite is not None:
+        return "subjects before few cameras are trained on the CPU or with CUDA"
     return None
 
 

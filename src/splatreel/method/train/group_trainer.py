@@ -139,7 +139,7 @@ class GroupTrainer:
         self.larger_images = [(end, larger) for (end, _), (_, larger) in pairwise(sizes)]
         self.time_offsets = time_offsets or TimeOffsets(len(images.views), enabled=False)
         self.points = DynamicPoints.of(start, self.images, group, seed)
-        self.static = StaticCache(static.points, self.images.views, images.near, device)
+        self.static = StaticCache(static.points, self.images.all_views, images.near, device)
         self.static.set_alive(torch.from_numpy(static.alive).to(device))
         available = np.ones((images.count, len(images.views)), bool) if missing is None else ~missing
         self.schedule = FrameSchedule(available, self.iterations, group.progressive_share, seed)
@@ -208,7 +208,7 @@ class GroupTrainer:
             return
         try:
             opened = self.gpu.open()
-            if why := unsupported_group(self.points):
+            if why := unsupported_group(self.points, self.images):
                 progress.note(f"this group is trained on the CPU: {why}")
             elif opened is not None:
                 settings = self.config.group, self.gains, self.time_offsets.enabled and self.images.count > 1
@@ -321,9 +321,10 @@ class GroupTrainer:
             changes.dx.retain_grad()
             changes.dq.retain_grad()
 
-        view = self.images.views[camera]
+        shown, place = self.images.of_iteration(iteration)
+        view, place = shown.views[camera], place + camera
         splats = self.points.splats(changes, view, self.images.near)
-        static, also = self.static.view(camera), self.density.measured_static(iteration)
+        static, also = self.static.view(place), self.density.measured_static(iteration)
         whole = self._shows(iteration)  # the reported loss covers the whole image
         drawing = draw(splats, view, static) if whole else moving_tiles(splats, view, static, also)
 
@@ -332,7 +333,7 @@ class GroupTrainer:
             share=share,
             view=view,
             drawing=drawing,
-            target=self.images.pixels[frame, camera],
+            target=shown.pixels[frame, camera],
             gain=self.gains.values[camera],
             lambda_dssim=self.config.group.lambda_dssim,
             unit=self.images.unit,
@@ -371,7 +372,7 @@ class GroupTrainer:
     def _use_images(self, images: TrainingImages) -> None:
         """Switch to images of another size."""
         self.images = images
-        self.static.set_views(images.views)
+        self.static.set_views(images.all_views)
         self.density.restart()
         self.find_neighbors()
         self._upload()

@@ -25,6 +25,7 @@ from splatreel.method.train.error_points import ADDED_AT, ADDED_SHARE, points_at
 from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram, unsupported_keyframe
 from splatreel.method.train.gpu_program import MOST_DRAWS
 from splatreel.method.train.gpu_programs import KeyframeDraw
+from splatreel.method.train.hidden_colors import bound_colors, spread_colors
 from splatreel.method.train.losses import GROWTH, KEYFRAME, LAMBDA_DSSIM, KeyframeStep, Loss, backward, psnr
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.render import Comparable, StaticCache, View, deformed, draw, moving_tiles
@@ -149,7 +150,7 @@ class KeyframeTrainer:
                     loss = self._iterate(images, static, total, average)
                 else:
                     loss = self._run_batch(images, total, end, average, self.program)
-                self._finish_iteration(images, total, average)
+                self._finish_iteration(images, static, total, average)
                 if self.done % SHOW_EVERY == 0 or self.done == end:
                     self.check()
                     progress.update(self.done, loss=float(loss), points=len(self.points))
@@ -166,6 +167,8 @@ class KeyframeTrainer:
         average.write_to(self.points.params.values())
         self.program = None
         self.density.prune(images.unit, self.done / total)
+        if images.opposite is not None:
+            spread_colors(self.points, images, static)
 
     def _iterate(self, images: TrainingImages, static: StaticCache | None, total: int, average: Average) -> Tensor:
         """Run one iteration with torch, and return its photometric loss []."""
@@ -177,11 +180,15 @@ class KeyframeTrainer:
         self.density.measure(self.done / total, drawing, images.views[camera])
         return loss
 
-    def _finish_iteration(self, images: TrainingImages, total: int, average: Average) -> None:
+    def _finish_iteration(
+        self, images: TrainingImages, static: StaticCache | None, total: int, average: Average
+    ) -> None:
         """Add, prune and average points after an iteration, if due."""
         share, averaged = self.done / total, average.has_begun(self.done)
         changes = self.density.is_due(self.done, share, averaged) or self._adds_at_errors(total)
         self.density.update(self.done, share, images, averaged, self._measures_absolute)
+        if images.opposite is not None and self.density.is_due(self.done, share, averaged):
+            spread_colors(self.points, images, static)
         if self._adds_at_errors(total):
             self._add_at_errors(images)
         if averaged and self.program is None:
@@ -301,15 +308,16 @@ class KeyframeTrainer:
         Returns:
             The photometric loss [], and the drawing with its gradients.
         """
-        view = images.views[camera]
+        shown, place = images.of_iteration(self.done)
+        view, place = shown.views[camera], place + camera
         splats = deformed(self.points.params, None, None, view, images.near)
         if static is None or self._compares_all(images, self.done):
             splats, gain = _with_gain(splats, view, self.gains.of(camera))
-            drawing = draw(splats, view, static.view(camera) if static else None)
-            target = images.target(camera, drawing.image, gain)
+            drawing = draw(splats, view, static.view(place) if static else None)
+            target = shown.target(camera, drawing.image, gain)
         else:
             splats, gain = _with_gain(splats, view, self.gains.values[camera])
-            drawing, target = moving_tiles(splats, view, static.view(camera)), images.pixels[0, camera]
+            drawing, target = moving_tiles(splats, view, static.view(place)), shown.pixels[0, camera]
         drawn = KeyframeStep(
             iteration=self.done,
             share=share,
@@ -325,6 +333,8 @@ class KeyframeTrainer:
         )
         losses = backward(self.losses, drawn, self.config)
         self.points.step(self.density.distances[:, None])
+        if images.opposite is not None:
+            bound_colors(self.points)
         self.gains.step()
         return losses["photometric"].detach(), drawing
 
@@ -356,7 +366,7 @@ class KeyframeTrainer:
     def _static_cache(self, images: TrainingImages) -> StaticCache | None:
         if self.static is None or len(self.static) == 0:
             return None
-        return StaticCache(self.static, images.views, images.near, self.points.means.device)
+        return StaticCache(self.static, images.all_views, images.near, self.points.means.device)
 
     def _compares_all(self, images: TrainingImages, iteration: int) -> bool:
         """Return whether an iteration compares the whole image."""

@@ -351,7 +351,7 @@ def _add_background(background: Tensor | None, image: Tensor) -> Tensor:
     return image if background is None else image + background
 
 
-def contributions(moving: Splats, view: View, static: StaticView) -> Tensor:
+def contributions(moving: Splats, view: View, static: StaticView | None) -> Tensor:
     """Return the pixels that every moving point fills in a view, [N]: the sum of its blending weights."""
     marks = torch.zeros_like(moving.colors, requires_grad=True)
     marked = moving._replace(means2d=moving.means2d.detach().requires_grad_(), colors=marks)

@@ -11,14 +11,16 @@ from splatreel.base.progress import Progress, Silent
 from splatreel.config import Config
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.cameras.color_gains import CameraGains
+from splatreel.method.init.hull_surface import close_surface
 from splatreel.method.init.initial_points import InitialPoints, initial_points, near_plane
 from splatreel.method.init.layout import Layout, border_color, measure
+from splatreel.method.init.visual_hull import VisualHull, is_sparse, without_background
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer, starting_points
+from splatreel.method.train.opposite_backgrounds import with_opposite
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.volumes import Volume
 
 LOW_PSNR = 20.0
 """PSNR of training images, dB, below which the user is warned. Noise and short training alone give more."""
@@ -29,11 +31,11 @@ class Subject:
     """The subject that masks show.
 
     Attributes:
-        hull: Space within the masks of the first frame.
+        alpha: [C, H, W] uint8, its opacity in the images of the first frame.
         backgrounds: Color behind the subject in the images of each camera, 0..1.
     """
 
-    hull: Volume
+    alpha: np.ndarray
     backgrounds: dict[str, tuple[float, float, float]]
 
 
@@ -45,6 +47,7 @@ def reconstruct_single_frame(
     points: np.ndarray | None = None,
     point_colors: np.ndarray | None = None,
     near: float | None = None,
+    subject: Subject | None = None,
     device: torch.device | None = None,
     progress: Progress | None = None,
 ) -> tuple[Gaussians, Layout]:
@@ -57,6 +60,7 @@ def reconstruct_single_frame(
         points: [P, 3] sparse points of this frame; None triangulates them.
         point_colors: [P, 3] 0..1, colors of `points`.
         near: Minimum distance of content from a camera, world units.
+        subject: What masks show, if there are any.
         device: Device to train on; the CPU by default.
         progress: Receives one step per iteration.
 
@@ -66,11 +70,15 @@ def reconstruct_single_frame(
     """
     config = config.for_video(1)
     keyframe = config.keyframe
-    seeds, layout = lay_out(cameras, images, config, points, point_colors, near)
+    seeds, layout = lay_out(cameras, images, config, points, point_colors, near, subject)
     gains = CameraGains(len(cameras), device or torch.device("cpu"), config.correct_colors)
     trainer = first_keyframe_trainer(seeds.points, seeds.colors, layout, cameras, gains, config)
     progress = progress or Silent()
-    train_frame(trainer, cameras, images, layout, keyframe.first_iterations, keyframe.coarse_share, config, progress)
+    alpha = subject.alpha if subject is not None and is_sparse(cameras) else None
+    if alpha is not None:
+        trainer.density.hull = VisualHull(cameras, alpha, layout.near)
+    iterations, coarse = keyframe.first_iterations, keyframe.coarse_share
+    train_frame(trainer, cameras, images, layout, iterations, coarse, config, progress, alpha=alpha)
     gaussians = trainer.points.gaussians()
     gaussians.check_finite("The static reconstruction")
     return gaussians, layout
@@ -89,10 +97,15 @@ def lay_out(
 
     `subject` is what masks show, if there are any. The other arguments and errors are those of `initial_points`.
     """
-    within = None if subject is None else subject.hull
-    seeds = initial_points(cameras, images, points, point_colors, near, config.seed, within)
-    layout = replace(measure(cameras, seeds.points, near_plane(cameras, seeds.points)), region=config.region)
+    hull, sparse = None, subject is not None and is_sparse(cameras)
+    shown = images
     if subject is not None:
+        hull = VisualHull(cameras, subject.alpha, near or 0.0)
+        shown = without_background(images, subject.alpha) if sparse else images
+    seeds = initial_points(cameras, shown, points, point_colors, near, config.seed, hull)
+    layout = replace(measure(cameras, seeds.points, near_plane(cameras, seeds.points)), region=config.region)
+    if subject is not None and hull is not None:
+        seeds = close_surface(seeds, cameras, shown, hull, layout.unit) if sparse else seeds
         return seeds, replace(layout, backgrounds=subject.backgrounds)
     return seeds, replace(layout, background=border_color(images)) if config.background else layout
 
@@ -135,6 +148,7 @@ def train_frame(
     config: Config,
     progress: Progress,
     unknown: np.ndarray | None = None,
+    alpha: np.ndarray | None = None,
 ) -> None:
     """Train on one frame, first at smaller sizes (`Images.sizes`).
 
@@ -148,6 +162,7 @@ def train_frame(
         config: Settings.
         progress: Receives the current iteration.
         unknown: [C, H, W] bool, pixels without a valid value; None if all are valid.
+        alpha: [C, H, W] uint8, opacity of a subject before few cameras; None for all others.
     """
     device = trainer.points.means.device
     views = [
@@ -156,6 +171,8 @@ def train_frame(
     ]
     mask = None if unknown is None else torch.from_numpy(unknown).to(device)
     training_images = TrainingImages(torch.from_numpy(images).to(device)[None], views, layout.near, layout.unit, mask)
+    if alpha is not None:
+        training_images = with_opposite(training_images, alpha[None])
     begin = 0
     for end, shown in training_images.sizes(iterations, coarse_share, config.training_megapixels):
         if end > begin:

@@ -19,6 +19,7 @@ from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.group_trainer import GroupResult, GroupTrainer
 from splatreel.method.train.keyframe_trainer import KeyframeResult, KeyframeTrainer
 from splatreel.method.train.losses import KEYFRAME, KEYFRAME_BEFORE_STATIC
+from splatreel.method.train.opposite_backgrounds import with_opposite
 from splatreel.method.train.render import View
 from splatreel.method.train.single_frame import first_keyframe_trainer, train_frame
 from splatreel.method.train.trainable_points import TrainablePoints, default_rates
@@ -117,8 +118,9 @@ def group_trainer(
     ]
     time_offsets = TimeOffsets(len(data.cameras), config.group.time_offsets)
     time_offsets.load(data.time_offsets)
+    shown = TrainingImages(images, views, data.near, data.unit, array=None if images.is_cuda else data.images)
     return GroupTrainer(
-        TrainingImages(images, views, data.near, data.unit, array=None if images.is_cuda else data.images),
+        shown if data.alpha is None else with_opposite(shown, data.alpha),
         start,
         static,
         config,
@@ -151,5 +153,6 @@ def _trained(
     images = temporal_mean(data.images) if config.keyframe.temporal_mean else data.images[0]
     unknown = data.unknown if unknown is None else unknown
     trainer.density.hull = data.hull
-    train_frame(trainer, data.cameras, images, data.layout, iterations, coarse, config, progress, unknown)
+    alpha = None if data.alpha is None else data.alpha[0]
+    train_frame(trainer, data.cameras, images, data.layout, iterations, coarse, config, progress, unknown, alpha)
     return KeyframeResult(trainer.points.gaussians(), trainer.gains.values.cpu().numpy())

@@ -25,6 +25,7 @@ class TrainingImages:
         unit: Typical viewing distance, world units.
         unknown: [C, H, W] bool, pixels of a keyframe without a valid value; None if all are valid.
         array: The array of `frame_array` that `pixels` is a view of, if there is one.
+        opposite: The same images over the opposite backgrounds, for a subject before few cameras; None for all others.
     """
 
     pixels: Tensor
@@ -33,11 +34,23 @@ class TrainingImages:
     unit: float
     unknown: Tensor | None = None
     array: np.ndarray | None = None
+    opposite: TrainingImages | None = None
 
     @property
     def count(self) -> int:
         """Number of frames, T."""
         return self.pixels.shape[0]
+
+    @property
+    def all_views(self) -> list[View]:
+        """The views, and those over the opposite backgrounds."""
+        return self.views if self.opposite is None else self.views + self.opposite.views
+
+    def of_iteration(self, iteration: int) -> tuple[TrainingImages, int]:
+        """Return the images over the backgrounds of an iteration, and the place of their first view in `all_views`."""
+        if self.opposite is None or iteration // len(self.views) % 2 == 0:
+            return self, 0
+        return self.opposite, len(self.views)
 
     def target(self, camera: int, drawn: Tensor, gain: Tensor | None) -> Tensor:
         """Return the target image [H, W, 3] uint8 of a keyframe's camera.
@@ -76,6 +89,8 @@ class TrainingImages:
         """Release the memory pages of images that are backed by a file. They are read again when needed."""
         if self.array is not None:
             release_pages(self.array)
+        if self.opposite is not None:
+            self.opposite.release_pages()
 
     def halved(self) -> TrainingImages:
         """Return the images at half size. Frames are converted one at a time, since a group's images as floats take much memory."""
@@ -93,7 +108,8 @@ class TrainingImages:
         if unknown is not None:  # unknown if any of the four pixels is
             unknown = torch.nn.functional.max_pool2d(unknown[:, None].float(), 2)[:, 0] > 0
         views = [view.halved() for view in self.views]
-        return replace(self, pixels=small, views=views, unknown=unknown, array=array)
+        opposite = None if self.opposite is None else self.opposite.halved()
+        return replace(self, pixels=small, views=views, unknown=unknown, array=array, opposite=opposite)
 
 
 def size_ends(megapixels: float, coarse_share: float, afforded: float) -> list[float]:

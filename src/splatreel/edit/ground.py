@@ -1,0 +1,234 @@
+"""Ground under a subject: the floor of the capture as static points, with the texture that most frames show.
+
+A subject alone floats. The floor is a plane under the feet, which all cameras see in the same colors. The median of a few frames
+shows it without people who move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from splatreel.base.errors import UsageError
+from splatreel.capture.base import Capture
+from splatreel.capture.opening import open_capture
+from splatreel.edit.changed_clip import ChangedClip
+from splatreel.edit.clip import Clip, ClipGroup, ClipLayer, LayerSpan, shown_points
+from splatreel.scene.camera import Camera
+from splatreel.scene.gaussians import C0, Gaussians
+from splatreel.scene.projection import inside, project
+from splatreel.scene.turning import turn_between
+
+MOMENTS = 15
+"""Number of frames whose median is the clean plate of a camera."""
+FEET = 0.01
+"""Share of the subject's points that may be below its feet: strays, and shadows in masks."""
+MARGIN = 0.6
+"""Width of the ground around the subject, in heights of the subject."""
+SOFT = 0.35
+"""Share of this width at the edge, over which the ground fades."""
+SEARCHED = 0.12
+"""Height above and below the feet in which the plane is searched, in heights of the subject."""
+FARTHER = 0.1
+"""Disagreement, 0..1, that counts as much as the whole searched height."""
+PIXELS = 1.5
+"""Distance of two points, pixels of a typical camera."""
+AROUND, HOLE = 24, 0.4
+"""Number of places that a place takes its color from if no camera shows it, and their largest distance, in heights of the subject."""
+MOST = 30_000
+"""Largest number of points; they are farther apart if there would be more."""
+
+
+class Grounded(ChangedClip):
+    """Clip with one more layer, which all groups show.
+
+    Args:
+        clip: The clip.
+        ground: Points of the layer.
+    """
+
+    def __init__(self, clip: Clip, ground: Gaussians) -> None:
+        outline = clip.outline
+        super().__init__(clip, replace(outline, layers=(*outline.layers, LayerSpan(0))))
+        self._place = len(outline.layers)
+        self._ground = ground
+
+    def layer_origin(self, index: int) -> tuple[Clip, int]:
+        """Return the clip that a layer comes from, and its index there."""
+        return (_Layer(self._clip, self._ground), 0) if index == self._place else (self._clip, index)
+
+    def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
+        """Return a group that shows the ground too."""
+        return replace(found, alive={**found.alive, self._place: np.ones(len(self._ground), bool)})
+
+
+@dataclass(frozen=True)
+class _Layer:
+    """Clip with the outline of another one, whose only layer is given."""
+
+    clip: Clip
+    points: Gaussians
+
+    @property
+    def outline(self):
+        return self.clip.outline
+
+    def layer(self, index: int) -> ClipLayer:
+        return ClipLayer(self.points, None)
+
+    def group(self, index: int, rendition: str | None = None) -> ClipGroup:
+        return self.clip.group(index, rendition)
+
+
+def with_ground(clip: Clip, path: Path) -> Clip:
+    """Return a clip of a subject with the ground of its capture.
+
+    Raises:
+        CaptureError: The capture cannot be used.
+        UsageError: It is not the capture of the clip, or its cameras do not see the ground.
+    """
+    header = clip.outline.header
+    cameras = list(header.cameras)
+    if not cameras:
+        raise UsageError(f"ground: {clip.outline.name} has no cameras. Edit the reel that it was made from.")
+    capture = open_capture(path, width=cameras[0].width, held_out=[])
+    try:
+        names = {camera.name for camera in capture.cameras}
+        if missing := [camera.name for camera in cameras if camera.name not in names]:
+            raise UsageError(
+                f"ground: {path} has no camera {missing[0]!r}, which {clip.outline.name} was made from. Name that reel's capture."
+            )
+        plates = _plates(capture, [camera.name for camera in cameras])
+    finally:
+        capture.close()
+    plane = _Plane.under(clip, header.up)
+    found = _best(plane, cameras, plates)
+    ground = _gaussians(found, cameras, plates, header.near)
+    if not len(ground):
+        raise UsageError(f"ground: no camera of {path} sees the floor under the subject. Leave ground out.")
+    return Grounded(clip, ground)
+
+
+def _plates(capture: Capture, names: list[str]) -> np.ndarray:
+    """Return the clean plates of cameras [C, H, W, 3] 0..1: the median of a few frames."""
+    moments = np.unique(np.linspace(0, capture.frames - 1, MOMENTS).round().astype(int))
+    frames = np.stack([capture.read(int(moment), 1, names)[0] for moment in moments])
+    return np.median(frames, 0).astype(np.float32) / 255
+
+
+@dataclass(frozen=True)
+class _Plane:
+    """Horizontal piece of a plane.
+
+    Attributes:
+        center: [3] under the middle of the subject, at its feet.
+        up: [3] unit.
+        right: [3] unit, in the plane.
+        size: [2] half of the width along `right`, and across it.
+        height: Height of the subject, world units.
+    """
+
+    center: np.ndarray
+    up: np.ndarray
+    right: np.ndarray
+    size: np.ndarray
+    height: float
+
+    @staticmethod
+    def under(clip: Clip, up: np.ndarray) -> _Plane:
+        """Return the plane at the feet of what a clip shows, as wide as its way."""
+        groups = clip.outline.groups
+        shown = [shown_points(clip, index, 0.0)[0] for index in range(len(groups))]
+        shown.append(shown_points(clip, len(groups) - 1, float(groups[-1].frames - 1))[0])
+        points = np.concatenate([some.means[some.opacities > 0.5] for some in shown]).astype(np.float64)
+        right = np.eye(3)[np.abs(up).argmin()]
+        right = right - (right @ up) * up
+        right /= np.linalg.norm(right)
+        axes = np.stack([right, np.cross(up, right), up])
+        low, high = np.quantile(points @ axes.T, [FEET, 1 - FEET], axis=0)
+        height = float(high[2] - low[2])
+        center = np.array([*(low + high)[:2] / 2, low[2]]) @ axes
+        return _Plane(center, up, right, (high - low)[:2] / 2 + MARGIN * height, height)
+
+    def raised(self, share: float) -> _Plane:
+        """Return the plane moved up, in heights of the subject."""
+        return replace(self, center=self.center + share * self.height * self.up)
+
+    def tilted(self, along: float, across: float) -> _Plane:
+        """Return the plane tilted by small angles, radians."""
+        up = self.up + along * self.right + across * np.cross(self.up, self.right)
+        up /= np.linalg.norm(up)
+        right = self.right - (self.right @ up) * up
+        return replace(self, up=up, right=right / np.linalg.norm(right))
+
+    def grid(self, step: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return places [P, 3] every `step` world units, and how far out each is [P], 1 at the border."""
+        counts = np.maximum(np.ceil(self.size / step).astype(int), 1)
+        a, b = (np.arange(-count, count + 1) * step for count in counts)
+        x, y = (values.ravel() for values in np.meshgrid(a, b, indexing="ij"))
+        out = np.sqrt((x / self.size[0]) ** 2 + (y / self.size[1]) ** 2)
+        kept = out < 1
+        places = self.center + x[kept, None] * self.right + y[kept, None] * np.cross(self.up, self.right)
+        return places, out[kept]
+
+
+def _colors(places: np.ndarray, cameras: list[Camera], plates: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the colors [C, P, 3] of places in each camera, and which cameras show a place, [C, P]."""
+    colors, seen = np.zeros((len(cameras), len(places), 3)), np.zeros((len(cameras), len(places)), bool)
+    for number, (camera, plate) in enumerate(zip(cameras, plates, strict=True)):
+        pixels, depth = project(camera, places)
+        seen[number] = inside(camera, pixels) & (depth > 0)
+        column, row = pixels[seen[number]].astype(np.int64).T
+        colors[number, seen[number]] = plate[row, column]
+    return colors, seen
+
+
+def _best(plane: _Plane, cameras: list[Camera], plates: np.ndarray) -> _Plane:
+    """Return the plane near the feet in which the cameras agree best: first its height, then its tilt, then both finer."""
+
+    def disagreement(candidate: _Plane) -> float:
+        colors, seen = _colors(candidate.grid(float(candidate.size.max()) / 40)[0], cameras, plates)
+        several = seen.sum(0) > 1
+        if not several.any():
+            return np.inf
+        known = np.where(seen[..., None], colors, np.nan)[:, several]
+        known = known - np.nanmedian(known, axis=(1, 2), keepdims=True)  # exposures differ
+        away = abs((candidate.center - plane.center) @ plane.up) / (SEARCHED * plane.height)
+        return float(np.median(np.nanstd(known, 0).mean(-1)) + FARTHER / 10 * away)
+
+    best = plane
+    for fine in (1.0, 0.3):
+        steps = fine * np.linspace(-1, 1, 13)
+        best = min((best.raised(SEARCHED * step) for step in steps), key=disagreement)
+        best = min((best.tilted(np.radians(4) * step, 0) for step in steps), key=disagreement)
+        best = min((best.tilted(0, np.radians(4) * step) for step in steps), key=disagreement)
+    return best
+
+
+def _gaussians(plane: _Plane, cameras: list[Camera], plates: np.ndarray, near: float) -> Gaussians:
+    """Return flat points with the median color of the cameras that show each place, fading at the border."""
+    pixel = np.median([project(camera, plane.center)[1] / camera.K[0, 0] for camera in cameras])
+    step = max(PIXELS * abs(float(pixel)), float(np.sqrt(np.pi * plane.size.prod() / MOST)), near * 1e-3)
+    places, out = plane.grid(step)
+    colors, seen = _colors(places, cameras, plates)
+    known = seen.any(0)
+    if not known.any():
+        return Gaussians.empty(0)
+    color = np.zeros_like(places)
+    color[known] = np.nanmedian(np.where(seen[..., None], colors, np.nan)[:, known], 0)
+    distance, nearest = KDTree(places[known]).query(places, k=min(AROUND, int(known.sum())))
+    distance, nearest = distance.reshape(len(places), -1), nearest.reshape(len(places), -1)
+    color[~known] = color[known][nearest[~known]].mean(1)
+    near_known = distance[:, 0] < HOLE * plane.height
+    places, out, color = places[near_known], out[near_known], color[near_known]
+    count = len(places)
+    fade = np.clip((1 - out) / SOFT, 0, 1)
+    scales = np.broadcast_to([0.6 * step, 0.6 * step, 0.05 * step], (count, 3))
+    quats = np.broadcast_to(turn_between(np.array([0.0, 0.0, 1.0]), plane.up), (count, 4))
+    opacities = 0.98 * fade**2 * (3 - 2 * fade)
+    shown = opacities > 0.02
+    points = Gaussians(places, quats, scales, opacities, ((color - 0.5) / C0)[:, None])
+    return points[shown]

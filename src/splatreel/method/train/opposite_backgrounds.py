@@ -1,0 +1,53 @@
+"""A subject over two opposite backgrounds, so that no point can pass for a background.
+
+Each camera has one color behind its subject. A point that only this camera sees, beside the subject, can take that color, and is
+then a halo in novel views. Over the color and its opposite in turn, only transparency is right.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from splatreel.base.paged_arrays import frame_array
+from splatreel.method.train.render import View
+from splatreel.method.train.training_images import TrainingImages
+
+
+def with_opposite(images: TrainingImages, alpha: np.ndarray) -> TrainingImages:
+    """Return training images of a subject together with the same images over the opposite backgrounds.
+
+    Args:
+        images: Images of a subject. Their views have the backgrounds.
+        alpha: [T, C, H, W] uint8, opacity of the subject.
+    """
+    pixels, views = images.pixels, [opposite_view(view) for view in images.views]
+    changes = [_change(view) for view in images.views]
+    array = None if pixels.is_cuda else frame_array(tuple(pixels.shape))
+    other = torch.empty_like(pixels) if array is None else torch.from_numpy(array)
+    for frame, opacity in enumerate(alpha):
+        for camera, change in enumerate(changes):
+            behind = 1 - torch.from_numpy(opacity[camera]).to(pixels.device) / 255
+            color = pixels[frame, camera] + behind[..., None] * change
+            other[frame, camera] = color.round().clamp(0, 255).to(torch.uint8)
+    return replace(images, opposite=replace(images, pixels=other, views=views, array=array))
+
+
+def opposite_view(view: View) -> View:
+    """Return a view with the opposite color behind all points."""
+    gain = torch.ones_like(view.center) if view.gain is None else view.gain
+    return replace(view, background=(1 - _behind(view)) / gain)
+
+
+def _behind(view: View) -> torch.Tensor:
+    """Return the color [3] behind the subject in the images of a view, 0..1."""
+    if view.background is None:
+        return torch.zeros_like(view.center)
+    return view.background if view.gain is None else view.background * view.gain
+
+
+def _change(view: View) -> torch.Tensor:
+    """Return the difference [3] of the opposite background and the background of a view, 0..255."""
+    return 255 * (1 - 2 * _behind(view))

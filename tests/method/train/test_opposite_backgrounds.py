@@ -1,0 +1,75 @@
+"""Tests of `method/train/opposite_backgrounds.py`."""
+
+from dataclasses import replace
+
+import numpy as np
+import torch
+
+from splatreel.config import KeyframeConfig
+from splatreel.method.train.keyframe_trainer import starting_points
+from splatreel.method.train.opposite_backgrounds import opposite_view, with_opposite
+from splatreel.method.train.render import View, deformed, draw
+from splatreel.method.train.training_images import TrainingImages
+from tests.method.scenes import ring
+
+CPU = torch.device("cpu")
+GAIN = torch.tensor([0.5, 1.0, 2.0])
+
+
+def subject_images() -> tuple[TrainingImages, np.ndarray]:
+    """Return images of a gray square before red, and its opacity."""
+    camera = ring(1, width=32, height=32)[0]
+    view = View.of(camera, CPU)
+    view = replace(view, background=torch.tensor([1.0, 0, 0]) / GAIN, gain=GAIN)
+    alpha = np.zeros((1, 1, 32, 32), np.uint8)
+    alpha[..., 8:24, 8:24] = 255
+    pixels = np.zeros((1, 1, 32, 32, 3), np.uint8)
+    pixels[..., 0] = 255
+    pixels[alpha == 255] = 100
+    return TrainingImages(torch.from_numpy(pixels), [view], 0.1, 4.0), alpha
+
+
+def test_only_the_background_changes_to_its_opposite() -> None:
+    images, alpha = subject_images()
+    both = with_opposite(images, alpha)
+    assert both.opposite is not None
+    assert both.opposite.pixels[0, 0, 0, 0].tolist() == [0, 255, 255]
+    assert both.opposite.pixels[0, 0, 16, 16].tolist() == [100, 100, 100]
+    assert both.pixels is images.pixels
+    background = both.opposite.views[0].background
+    assert background is not None
+    torch.testing.assert_close(background * GAIN, torch.tensor([0.0, 1, 1]))
+
+
+def test_view_before_black_has_white_as_its_opposite() -> None:
+    view = View.of(ring(1, width=32, height=32)[0], CPU)
+    assert opposite_view(view).background.tolist() == [1, 1, 1]
+
+
+def test_rounds_over_all_cameras_alternate_between_the_backgrounds() -> None:
+    images, alpha = subject_images()
+    both = with_opposite(images, alpha)
+    assert [both.of_iteration(k)[0] is both for k in range(4)] == [True, False, True, False]
+    assert [both.of_iteration(k)[1] for k in range(4)] == [0, 1, 0, 1]
+    assert images.of_iteration(1) == (images, 0)
+    assert both.halved().opposite.pixels.shape == (1, 1, 16, 16, 3)
+    assert len(both.all_views) == 2
+
+
+def test_point_of_the_color_of_the_background_is_wrong_before_its_opposite() -> None:
+    images, alpha = subject_images()
+    view = replace(images.views[0], gain=None, background=torch.tensor([1.0, 0, 0]))
+    both = with_opposite(replace(images, views=[view]), alpha)
+
+    def slope(iteration: int) -> float:
+        """Return the derivative of the loss by the opacity of a red point beside the subject."""
+        shown, _ = both.of_iteration(iteration)
+        points = starting_points(np.array([[1.4, 1.4, 0]]), np.array([[1.0, 0, 0]]), KeyframeConfig(), 4.0, CPU)
+        drawing = draw(deformed(points.params, None, None, shown.views[0], 0.1), shown.views[0])
+        drawing.loss(shown.pixels[0, 0], 0.0, None).backward()
+        grad = points.params["logit_opacities"].grad
+        assert grad is not None
+        return float(grad[0])
+
+    assert abs(slope(0)) < 1e-6, "nothing contradicts a red point before red"
+    assert slope(1) > 1e-4
