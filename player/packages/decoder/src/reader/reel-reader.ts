@@ -13,24 +13,26 @@ import { pointsAt, type GroupAt, type GroupData, type Points } from "./points";
 /** Milliseconds between checks for renditions to improve and failed downloads to repeat. */
 const HEARTBEAT = 500;
 
+/** Fields of the manifest that describe a reel. */
+const FIELDS = [
+  "live",
+  "fps",
+  "frames",
+  "shDegree",
+  "bounds",
+  "up",
+  "near",
+  "clearance",
+  "background",
+  "antialias",
+  "camera",
+  "cameras",
+  "renditions",
+  "presentation",
+] as const;
+
 /** The properties of a reel (docs/format.md). */
-export interface ReelInfo extends Pick<
-  Manifest,
-  | "live"
-  | "fps"
-  | "frames"
-  | "shDegree"
-  | "bounds"
-  | "up"
-  | "near"
-  | "clearance"
-  | "background"
-  | "antialias"
-  | "camera"
-  | "cameras"
-  | "renditions"
-  | "presentation"
-> {
+export interface ReelInfo extends Pick<Manifest, (typeof FIELDS)[number]> {
   /** First and last time, in seconds. A live reel grows, and may drop what was first. */
   start: number;
   end: number;
@@ -127,44 +129,13 @@ export class ReelReader {
 
   /** Properties of the reel, as known now. */
   get info(): ReelInfo {
-    const {
-      live,
-      fps,
-      frames,
-      shDegree,
-      bounds,
-      up,
-      near,
-      clearance,
-      background,
-      antialias,
-      camera,
-      cameras,
-      renditions,
-      presentation,
-      first,
-      groups,
-      pages,
-    } = this.reel.manifest;
-    const start = (groups[first] ?? pages[0]).firstFrame / fps;
-    return {
-      live,
-      fps,
-      frames,
-      shDegree,
-      bounds,
-      up,
-      near,
-      clearance,
-      background,
-      antialias,
-      camera,
-      cameras,
-      renditions,
-      presentation,
-      start,
-      end: frames / fps,
-    };
+    const { manifest } = this.reel;
+    const { first, groups, pages, frames, fps } = manifest;
+    const described = Object.fromEntries(FIELDS.map((name) => [name, manifest[name]])) as Pick<
+      Manifest,
+      (typeof FIELDS)[number]
+    >;
+    return { ...described, start: (groups[first] ?? pages[0]).firstFrame / fps, end: frames / fps };
   }
 
   /** Groups in order of time. Those of pages that were not needed yet are absent. */
