@@ -340,25 +340,30 @@ def test_what_the_kernels_do_not_compute_is_trained_on_the_cpu() -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize(("densifies", "apart"), [(False, 0.5), (True, 1.0)], ids=["the same points", "densification"])
 @pytest.mark.parametrize("opened", REAL)
-def test_a_keyframe_trains_as_well_as_on_the_cpu(opened: Callable[[], Gpu]) -> None:
-    """Densification, errors, surfaces, the running mean and the color gains, to the end."""
+def test_a_keyframe_trains_as_well_as_on_the_cpu(opened: Callable[[], Gpu], densifies: bool, apart: float) -> None:
+    """Densification, errors, surfaces, the running mean and the color gains, to the end.
+
+    Chance decides about the rest: on the CPU, points that start 1e-6 apart end up to 0.8 dB apart, without densification 0.3 dB.
+    """
+    changes = {"keyframe.densify_every": 20 if densifies else 10**6, "keyframe.detail": densifies}
     shown, quality = make_images(1, background=False), []
     for gpu in (OpenedGpu(opened()), None):
-        trainer = keyframe_trainer(gpu, KEYFRAME, None, **{"keyframe.densify_every": 20})
+        trainer = keyframe_trainer(gpu, KEYFRAME, None, **changes)
         trainer.train(shown, 120, 120, Silent())
         quality.append(trainer.psnr(shown))
-    assert quality[0] == pytest.approx(quality[1], abs=0.4)
+    assert quality[0] == pytest.approx(quality[1], abs=apart)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("opened", REAL)
 def test_a_group_trains_as_well_as_on_the_cpu(opened: Callable[[], Gpu]) -> None:
-    """Density control converts, clones and prunes; images change their size; time offsets are learned."""
+    """Density control converts, clones and prunes; images change their size; time offsets are learned. Measured: 23.357 and 23.358 dB."""
     results = [group_trainer(gpu) for gpu in (OpenedGpu(opened()), None)]
     for trainer in results:
         trainer.train(Silent())
     device, host = (trainer.psnr() for trainer in results)
-    assert device == pytest.approx(host, abs=0.3)
+    assert device == pytest.approx(host, abs=0.1)
     counts = [len(trainer.points) for trainer in results]
     assert abs(counts[0] - counts[1]) <= 0.1 * counts[1]
