@@ -92,7 +92,7 @@ class Coverage:
 
     @property
     def angle(self) -> float | None:
-        """Degrees from a camera within which novel views hold, where the trial failed; None where it did not fail, and for a subject."""
+        """Degrees from a camera within which novel views hold, where the trial of a whole scene failed; None for all others."""
         if self.trial is None or self.trial.holds or self.subject:
             return None
         return round(min(LEAST_DEGREES, self.trial.angle / 2), 2)
