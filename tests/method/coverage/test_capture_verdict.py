@@ -74,8 +74,11 @@ def test_verdict_of_a_subject_says_what_more_cameras_bring() -> None:
     sentence = found.sentences()[-1]
     assert "Quick trial of the subject without cam2" in sentence
     assert "Expect novel views of the subject between the cameras to be poor, about 22 dB" in sentence
-    assert "40 degrees apart. One camera more in the largest gaps (beside cam1) would bring about 0.3 dB" in sentence
-    failed = judge_capture(replace(found, trial=replace(found.trial, psnr=15.0)), []).text("CMD")
+    assert "40 degrees apart. One camera more in the largest gaps (beside cam1) would bring about 0.2 dB" in sentence
+    blurred = replace(found, trial=replace(found.trial, psnr=15.0))
+    assert blurred.angle is None, "the player does not limit views of a subject"
+    failed = judge_capture(blurred, []).text("CMD")
+    assert "the subject will be a blur between the cameras" in failed
     assert "One camera more" in failed
     assert "--masks auto" not in failed
     assert Coverage.from_dict(found.to_dict()) == found

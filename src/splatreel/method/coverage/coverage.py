@@ -45,8 +45,9 @@ def rating(psnr: float) -> str:
     return "poor"
 
 
-GAIN_PER_HALVING = 1.2
-"""Decibels that a subject gains when the angle to the nearest camera is halved (docs/experiments/2026-11-27-few-cameras.md)."""
+GAIN_OF_DOUBLING = 0.6
+"""Decibels, after a fit of colors, that a subject gains from twice as many cameras
+(docs/experiments/2026-11-27-subjects-of-few-cameras.md)."""
 
 
 def expected_gain(names: list[str], angles: Sequence[float] | np.ndarray) -> str:
@@ -57,11 +58,11 @@ def expected_gain(names: list[str], angles: Sequence[float] | np.ndarray) -> str
         angles: Degrees from each camera to the nearest other one.
     """
     count, more = len(names), max(1, len(names) // 3)
-    gain = GAIN_PER_HALVING * float(np.log2((count + more) / count))
+    gain = GAIN_OF_DOUBLING * float(np.log2((count + more) / count))
     cameras = "One camera" if more == 1 else f"{more} cameras"
     widest = ", ".join(names[place] for place in np.argsort(-np.array(angles), kind="stable")[:more])
     apart = f"The cameras are {np.median(angles):.0f} degrees apart."
-    best = f"and twice as many about {GAIN_PER_HALVING:.1f} dB"
+    best = f"and twice as many about {GAIN_OF_DOUBLING:.1f} dB"
     return f"{apart} {cameras} more in the largest gaps (beside {widest}) would bring about {gain:.1f} dB, {best}."
 
 
@@ -91,8 +92,8 @@ class Coverage:
 
     @property
     def angle(self) -> float | None:
-        """Degrees from a camera within which novel views hold, where the trial failed; None where it did not fail."""
-        if self.trial is None or self.trial.holds:
+        """Degrees from a camera within which novel views hold, where the trial of a whole scene failed; None for all others."""
+        if self.trial is None or self.trial.holds or self.subject:
             return None
         return round(min(LEAST_DEGREES, self.trial.angle / 2), 2)
 
@@ -127,6 +128,10 @@ class Coverage:
             if self.subject
             else "Set the cameras closer together, or add some between them."
         )
+        if not trial.holds and self.subject:
+            return [
+                f"{tried}, hardly better than no reconstruction ({without}): expect a blur between the cameras. {remedy}"
+            ]
         if not trial.holds:
             return [
                 f"{tried}, hardly better than no reconstruction ({without}): {views} more than {self.angle:.0f} degrees from "
@@ -287,10 +292,12 @@ def _expectation(coverage: Coverage) -> str:
     trial = coverage.trial
     if trial is None:
         return "but no trial of novel views was made"
+    if not trial.holds and coverage.subject:
+        return f"but the subject will be a blur between the cameras. {expected_gain(coverage.names, coverage.angles)}".removesuffix(
+            "."
+        )
     if not trial.holds:
         near = f"but only views within {coverage.angle:.0f} degrees of a camera will be usable"
-        if coverage.subject:
-            return f"{near}. {expected_gain(coverage.names, coverage.angles)}"
         return f"{near}; a person alone holds further between the cameras (--masks auto)"
     word = rating(trial.psnr)
     but = "but" if word == "poor" else "and"
