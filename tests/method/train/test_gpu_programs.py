@@ -359,7 +359,7 @@ def test_a_keyframe_trains_as_well_as_on_the_cpu(opened: Callable[[], Gpu], dens
 @pytest.mark.slow
 @pytest.mark.parametrize("opened", REAL)
 def test_a_group_trains_as_well_as_on_the_cpu(opened: Callable[[], Gpu]) -> None:
-    """Density control converts, clones and prunes; images change their size; time offsets are learned. Measured: 23.357 and 23.358 dB."""
+    """Density control converts, clones and prunes; images change size; time offsets are learned. Measured: 23.357 and 23.358 dB."""
     results = [group_trainer(gpu) for gpu in (OpenedGpu(opened()), None)]
     for trainer in results:
         trainer.train(Silent())
