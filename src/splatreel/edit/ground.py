@@ -65,22 +65,19 @@ class Grounded(ChangedClip):
         return replace(found, alive={**found.alive, self._place: np.ones(len(self._ground), bool)})
 
 
-@dataclass(frozen=True)
 class _Layer:
     """Clip with the outline of another one, whose only layer is given."""
 
-    clip: Clip
-    points: Gaussians
-
-    @property
-    def outline(self):
-        return self.clip.outline
+    def __init__(self, clip: Clip, points: Gaussians) -> None:
+        self.outline = clip.outline
+        self._clip = clip
+        self._points = points
 
     def layer(self, index: int) -> ClipLayer:
-        return ClipLayer(self.points, None)
+        return ClipLayer(self._points, None)
 
     def group(self, index: int, rendition: str | None = None) -> ClipGroup:
-        return self.clip.group(index, rendition)
+        return self._clip.group(index, rendition)
 
 
 def with_ground(clip: Clip, path: Path) -> Clip:

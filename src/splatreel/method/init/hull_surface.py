@@ -50,12 +50,16 @@ def close_surface(
     points = first.points.astype(np.float64)
     grid = _Grid.around(points, CELL * unit / np.median([SWEEP_WIDTH / c.width * c.K[0, 0] for c in cameras]))
     filled, empty = _cells(grid, points, hull)
-    for number in range(PASSES + 1):
+
+    def look() -> tuple[np.ndarray, _Surface]:
         cells = np.argwhere(filled & binary_dilation(empty))
-        surface = _colors(grid.centers(cells), cameras, images, DEPTH * grid.size)
-        if number < PASSES:
-            carved = tuple(cells[surface.differs].T)
-            filled[carved], empty[carved] = False, True
+        return cells, _colors(grid.centers(cells), cameras, images, DEPTH * grid.size)
+
+    for _ in range(PASSES):
+        cells, surface = look()
+        carved = tuple(cells[surface.differs].T)
+        filled[carved], empty[carved] = False, True
+    _, surface = look()
     surface = surface[~surface.differs]
     if not surface.seen.any():
         return first
@@ -63,7 +67,7 @@ def close_surface(
     if unseen.any():
         nearest = KDTree(surface.points[surface.seen]).query(surface.points[unseen])[1]
         colors[unseen] = colors[surface.seen][nearest]
-    kept = binary_dilation(filled)[tuple(grid.cells(points).T)]
+    kept = np.asarray(binary_dilation(filled), bool)[tuple(grid.cells(points).T)]
     return InitialPoints(
         np.concatenate([first.points[kept], surface.points]).astype(np.float32),
         np.concatenate([first.colors[kept], colors]).astype(np.float32),
