@@ -17,7 +17,7 @@ def test_steps_are_used_as_far_as_most_cameras_have_them() -> None:
 
 def test_gaps_are_described_in_stretches() -> None:
     missing = {"a": np.zeros(20, bool), "b": np.isin(np.arange(20), [3, 5, 6, 7, 10, 12, 14])}
-    assert describe_gaps(missing, range(100, 120), "pictures") == [
+    assert describe_gaps(missing, range(100, 120), "images") == [
         "b has no images 103, 105-107, 110, 112 and 1 more: left out of training for that camera only"
     ]
     assert describe_gaps({"a": np.zeros(3, bool)}, range(3), "frames") == []

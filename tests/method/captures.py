@@ -22,7 +22,7 @@ def blots(count: int, low: list[float], high: list[float], size: float, seed: in
 
 
 @cache
-def make_image(camera: int, cameras: int, offset: float, dims: bool, smooth: bool) -> np.ndarray:
+def make_image(camera: int, cameras: int, offset: float, dims: bool, smooth: bool = False) -> np.ndarray:
     wall = blots(40 if smooth else 500, [-3, -2, 0.9], [3, 2, 1.0], 0.5 if smooth else 0.12, 0)
     thing = blots(12 if smooth else 60, [-1.6, -0.6, -0.4], [-0.6, 0.6, 0.2], 0.3 if smooth else 0.09, 1)
     thing.means[:, 0] += offset

@@ -77,7 +77,7 @@ class ImageSequences:
             if not there.any():
                 raise CaptureError(f"{path}: camera {name} has no images. Add them, or leave the camera out.")
         lacks = {name: ~there for name, there in self._exists.items()}
-        self.notes += describe_gaps(lacks, range(self.frames) if labels is None else labels, "pictures")
+        self.notes += describe_gaps(lacks, range(self.frames) if labels is None else labels, "images")
         self._files = {name: _stand_ins(found, self._exists[name]) for name, found in files.items()}
         start = 0 if request.frames is None else min(request.frames[0], self.frames - 1)
         first = {name: found[start] for name, found in self._files.items()}

@@ -64,7 +64,7 @@ def test_rigid_patches_track_swinging_bar() -> None:
 def test_rigid_patches_colors_follow_light() -> None:
     truth = np.repeat(swing(2)[:1], 9, axis=0)
     light = [
-        eyes(truth[0])._replace(make_images=(make_images(truth[0]) * (1 - 0.01 * t)).astype(np.uint8)) for t in range(9)
+        eyes(truth[0])._replace(images=(make_images(truth[0]) * (1 - 0.01 * t)).astype(np.uint8)) for t in range(9)
     ]
     still, parts = np.zeros_like(truth[0]), RigidPatches(truth[0], light[0])
     first = parts.colors.copy()

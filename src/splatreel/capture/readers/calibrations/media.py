@@ -28,7 +28,7 @@ WORD = re.compile(r"\d+|[A-Z]+(?![a-z])|[A-Z]?[a-z]+")
 """Part of a name: a number, or a word of which several may follow each other, as in camA."""
 SERIAL = re.compile(r"\d{4,}$")
 """Serial number of a camera, as in take_Miqus_1_26580."""
-KINDS = ("videos", "folders of videos", "folders of images", "pictures")
+KINDS = ("videos", "folders of videos", "folders of images", "images")
 """Kinds of media, the preferred first."""
 SHOWN = 6
 """Maximum number of names in a message."""
