@@ -72,6 +72,11 @@ def test_place_that_no_camera_shows_takes_the_colors_around_it() -> None:
     assert np.allclose(points.base_colors, 0.3, atol=0.01)
 
 
+def test_plane_that_no_two_cameras_show_stays_at_the_feet() -> None:
+    rig = cameras()[:1]
+    assert _best(PLANE, rig, np.stack([checked_floor(rig[0])])) == PLANE
+
+
 def test_ground_is_one_more_layer_in_all_frames(tmp_path: Path) -> None:
     reel = write_reel(tmp_path / "reel")
     floor = random_gaussians(np.random.default_rng(1), 50, 0, (0, -5, 0))
@@ -85,14 +90,38 @@ def test_ground_is_one_more_layer_in_all_frames(tmp_path: Path) -> None:
     assert (all_points(open_reel(tmp_path / "cut"), 0.0).means[:, 1] < -3).sum() == 50
 
 
+class Filmed:
+    """Stand-in of a capture, which shows gray."""
+
+    def __init__(self, rig: list[Camera], width: int, height: int) -> None:
+        self.cameras, self.width, self.height, self.frames = rig, width, height, 2
+
+    def read(self, first: int, count: int, names: list[str]) -> np.ndarray:
+        return np.full((count, len(names), self.height, self.width, 3), 128, np.uint8)
+
+    def close(self) -> None: ...
+
+
 def test_capture_of_other_cameras_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Other:
-        cameras = cameras()
+    opened = []
 
-        def close(self) -> None: ...
+    def open_capture(path: str, **_: object) -> Filmed:
+        opened.append(path)
+        return filmed
 
-    monkeypatch.setattr(ground, "open_capture", lambda *_, **__: Other())
+    monkeypatch.setattr(ground, "open_capture", open_capture)
+    filmed, clip = Filmed(cameras(), 160, 120), ReelClip(write_reel(tmp_path / "reel"))
     with pytest.raises(UsageError, match="has no camera 'cam00'"):
-        apply_operations(ReelClip(write_reel(tmp_path / "reel")), [f"ground={tmp_path}"])
+        apply_operations(clip, ["ground=s3://bucket/capture"])
+    assert opened == ["s3://bucket/capture"], "an address stays an address"
+    rig = list(clip.outline.header.cameras)
+    filmed = Filmed(rig, rig[0].width, rig[0].height + 2)
+    with pytest.raises(UsageError, match=r"whose cameras have .* pixels. Name that reel's capture"):
+        apply_operations(clip, ["ground=film"])
+    filmed = Filmed(rig, rig[0].width, rig[0].height)
+    nothing = Gaussians.empty(0)
+    monkeypatch.setattr(ground, "shown_points", lambda *_: (nothing, None))
+    with pytest.raises(UsageError, match="shows nothing that could stand on a floor"):
+        apply_operations(clip, ["ground=film"])
     with pytest.raises(UsageError, match="Name the folder of the capture"):
         apply_operations(ReelClip(tmp_path / "reel"), ["ground="])

@@ -9,6 +9,7 @@ from splatreel.base.paged_arrays import SMALLEST
 from splatreel.config import Config, preset
 from splatreel.run import memory
 from splatreel.run.memory import check_memory, fitting_width, needed_memory
+from tests.method.scenes import ring
 
 MEASURED = {
     # width, height, training cameras, frames, bytes
@@ -33,7 +34,13 @@ MEASURED = {
 def filmed(width: int, height: int, cameras: int, frames: int) -> Any:
     """Return a stand-in of a capture."""
     return SimpleNamespace(
-        path="film", width=width, height=height, training_cameras=[None] * cameras, frames=frames, growing=False
+        path="film",
+        width=width,
+        height=height,
+        training_cameras=[None] * cameras,
+        frames=frames,
+        growing=False,
+        backgrounds={},
     )
 
 
@@ -65,6 +72,20 @@ def test_memory_grows_with_images_and_points_not_with_length() -> None:
     assert needed_memory(filmed(640, 360, 10, 30), config) < usual
     assert needed_memory(filmed(640, 360, 10, 3000), config) == usual
     assert needed_memory(filmed(640, 360, 10, 100), preset("paper")) > usual
+
+
+def test_subject_of_few_cameras_has_its_images_twice() -> None:
+    scene, config = filmed(1280, 720, 2, 100), Config()
+    scene.training_cameras = ring(2, width=1280, height=720)  # 60 degrees apart
+    subject = SimpleNamespace(**vars(scene) | {"backgrounds": {"cam0": (0, 0, 0)}})
+    group = 3 * 1280 * 720 * 2 * (config.group.length + config.group.overlap)
+    more = needed_memory(subject, config) - needed_memory(scene, config)
+    assert 1.2 * group < more < 2 * group
+    dense = filmed(1280, 720, 20, 100)
+    dense.training_cameras = ring(20, width=1280, height=720)
+    expected = needed_memory(dense, config)
+    dense.backgrounds = {"cam0": (0, 0, 0)}
+    assert needed_memory(dense, config) == expected, "images of dense cameras have one background"
 
 
 def test_refusal_names_a_width_that_fits(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -80,12 +80,16 @@ class _Layer:
         return self._clip.group(index, rendition)
 
 
-def with_ground(clip: Clip, path: Path) -> Clip:
+def with_ground(clip: Clip, path: str | Path) -> Clip:
     """Return a clip of a subject with the ground of its capture.
+
+    Args:
+        clip: The clip.
+        path: Folder or address of the capture.
 
     Raises:
         CaptureError: The capture cannot be used.
-        UsageError: It is not the capture of the clip, or its cameras do not see the ground.
+        UsageError: It is not the capture of the clip, or its cameras do not see the ground, or the clip shows nothing.
     """
     header = clip.outline.header
     cameras = list(header.cameras)
@@ -97,6 +101,11 @@ def with_ground(clip: Clip, path: Path) -> Clip:
         if missing := [camera.name for camera in cameras if camera.name not in names]:
             raise UsageError(
                 f"ground: {path} has no camera {missing[0]!r}, which {clip.outline.name} was made from. Name that reel's capture."
+            )
+        if (capture.width, capture.height) != (cameras[0].width, cameras[0].height):
+            raise UsageError(
+                f"ground: images of {path} are {capture.width} x {capture.height} at the width of {clip.outline.name}, whose "
+                f"cameras have {cameras[0].width} x {cameras[0].height} pixels. Name that reel's capture."
             )
         plates = _plates(capture, [camera.name for camera in cameras])
     finally:
@@ -141,6 +150,10 @@ class _Plane:
         shown = [shown_points(clip, index, 0.0)[0] for index in range(len(groups))]
         shown.append(shown_points(clip, len(groups) - 1, float(groups[-1].frames - 1))[0])
         points = np.concatenate([some.means[some.opacities > 0.5] for some in shown]).astype(np.float64)
+        if not len(points):
+            raise UsageError(
+                f"ground: {clip.outline.name} shows nothing that could stand on a floor. Leave ground out."
+            )
         right = np.eye(3)[np.abs(up).argmin()]
         right = right - (right @ up) * up
         right /= np.linalg.norm(right)
@@ -199,9 +212,10 @@ def _best(plane: _Plane, cameras: list[Camera], plates: np.ndarray) -> _Plane:
     best = plane
     for fine in (1.0, 0.3):
         steps = fine * np.linspace(-1, 1, 13)
-        best = min((best.raised(SEARCHED * step) for step in steps), key=disagreement)
-        best = min((best.tilted(np.radians(4) * step, 0) for step in steps), key=disagreement)
-        best = min((best.tilted(0, np.radians(4) * step) for step in steps), key=disagreement)
+        # The plane so far is the first of them. It stays where no two cameras show it, so that all disagree as much.
+        best = min((best, *(best.raised(SEARCHED * step) for step in steps)), key=disagreement)
+        best = min((best, *(best.tilted(np.radians(4) * step, 0) for step in steps)), key=disagreement)
+        best = min((best, *(best.tilted(0, np.radians(4) * step) for step in steps)), key=disagreement)
     return best
 
 

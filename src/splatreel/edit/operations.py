@@ -201,7 +201,7 @@ def _floor(clip: Clip, value: str) -> Clip:
 def _ground(clip: Clip, value: str) -> Clip:
     if not value:
         raise fail("ground", value, "Name the folder of the capture that the reel was made from")
-    return with_ground(clip, Path(value))
+    return with_ground(clip, value)
 
 
 def _exposure(clip: Clip, value: str) -> Clip:

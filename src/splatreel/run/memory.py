@@ -107,7 +107,17 @@ def _held(capture: Capture, config: Config) -> float:
     """Return the frames of a group and of the next group, half-size copies included, counted in full-size frames."""
     group, frames = config.group.length + config.group.overlap, _length(capture, config)
     first = min(group, frames)
-    return first * (1 + HALVED) + min(group, frames - first)
+    copies = 2 if _has_opposite_backgrounds(capture) else 1
+    return copies * first * (1 + HALVED) + min(group, frames - first)
+
+
+def _has_opposite_backgrounds(capture: Capture) -> bool:
+    """Return True if groups hold each image over two backgrounds (`method/train/opposite_backgrounds.py`)."""
+    if not capture.backgrounds:
+        return False
+    from splatreel.method.init.visual_hull import is_sparse  # needs OpenCV, which `capture check` does not require
+
+    return is_sparse(capture.training_cameras)
 
 
 def _length(capture: Capture, config: Config) -> int:

@@ -69,17 +69,24 @@ def test_good_trial_confirms_poses_of_plain_walls() -> None:
     assert judge_capture(coverage(shared=[0] * 5, psnr=31.0), []).faults == []
 
 
+def test_trial_of_a_subject_confirms_poses_of_cameras_that_share_no_points() -> None:
+    found = replace(coverage(shared=[0] * 5, psnr=21.0), subject=True)
+    assert judge_capture(found, []).faults == []
+    assert found.trial is not None
+    blurred = replace(found, trial=replace(found.trial, psnr=found.trial.flat + 1.5))
+    assert "do not confirm the poses" in judge_capture(blurred, []).text("CMD")
+
+
 def test_verdict_of_a_subject_says_what_more_cameras_bring() -> None:
     found = replace(coverage(22.0), subject=True, angles=[30.0, 60.0, 30.0, 40.0, 50.0])
     sentence = found.sentences()[-1]
     assert "Quick trial of the subject without cam2" in sentence
     assert "Expect novel views of the subject between the cameras to be poor, about 22 dB" in sentence
-    assert "40 degrees apart. One camera more in the largest gaps (beside cam1) would bring about 0.2 dB" in sentence
-    assert found.trial is not None
+    assert "40 degrees apart. One more camera in the largest gap (beside cam1) would bring about 0.2 dB" in sentence
     blurred = replace(found, trial=replace(found.trial, psnr=15.0))
     assert blurred.angle is None, "the player does not limit views of a subject"
     failed = judge_capture(blurred, []).text("CMD")
     assert "the subject will be a blur between the cameras" in failed
-    assert "One camera more" in failed
+    assert "One more camera" in failed
     assert "--masks auto" not in failed
     assert Coverage.from_dict(found.to_dict()) == found

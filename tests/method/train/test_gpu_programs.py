@@ -24,6 +24,7 @@ from splatreel.method.train.average import Average
 from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 from splatreel.method.train.losses import CHAPTER_KEYFRAME, KEYFRAME, Loss, photometric
+from splatreel.method.train.opposite_backgrounds import with_opposite
 from splatreel.method.train.render import View
 from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
@@ -102,14 +103,19 @@ def group_config(**changes: object) -> Config:
     return changed(preset("standard"), settings | changes)
 
 
-def group_trainer(gpu: SharedGpu | None, config: Config | None = None, static: Gaussians = WALL) -> GroupTrainer:
+def group_trainer(
+    gpu: SharedGpu | None,
+    config: Config | None = None,
+    static: Gaussians = WALL,
+    images: TrainingImages | None = None,
+) -> GroupTrainer:
     rng = np.random.default_rng(3)
     paths = np.stack([moved(THING, frame).means for frame in range(FRAMES)])
     tracks = (paths + rng.normal(0, 0.01, paths.shape)).astype(np.float32)
     offsets = TimeOffsets(len(CAMERAS))
     offsets.load(np.array([0.1, -0.2, 0.15, -0.05]))
     return GroupTrainer(
-        make_images(FRAMES),
+        images or make_images(FRAMES),
         GroupStart(THING, tracks),
         StaticPoints(static, np.ones(len(static), bool)),
         config or group_config(),
@@ -143,17 +149,22 @@ def group_adams(trainer: GroupTrainer) -> dict[str, Adam]:
     return points.canonical.adams | {"nodes": nodes, "motion": motion, "appearance": points.appearance.adam}
 
 
+def _scatter(trainer: GroupTrainer) -> None:
+    """Change the motion at random, so that no value is so close to 0 that its sign is chance."""
+    rng = np.random.default_rng(5)
+    for name in ("nodes", "motion", "appearance"):
+        values = group_adams(trainer)[name].tensor.detach()
+        values.add_(torch.from_numpy(rng.normal(0, 0.02, values.shape).astype(np.float32)))
+
+
 @pytest.mark.parametrize("opened", DEVICES)
 def test_an_iteration_of_a_group_is_that_of_the_cpu(opened: Callable[[], Gpu]) -> None:
     """Offsets, projection, order among static points, loss, all gradients, rigidity, smoothness and Adam."""
     config = group_config(**{"group.coarse_share": 0.0, "group.progressive_share": 0.0})
     trainers = [group_trainer(gpu, config) for gpu in (OpenedGpu(opened()), None)]
     device, host = trainers
-    for trainer in trainers:  # no value is so close to 0 that its sign is chance
-        rng = np.random.default_rng(5)
-        for name in ("nodes", "motion", "appearance"):
-            values = group_adams(trainer)[name].tensor.detach()
-            values.add_(torch.from_numpy(rng.normal(0, 0.02, values.shape).astype(np.float32)))
+    for trainer in trainers:
+        _scatter(trainer)
     device._start_program(Silent())
     assert device.program is not None
     for iteration, parts in ((0, "rigidity, gradients of static points"), (1, "smoothness"), (49, "the whole image")):
@@ -189,6 +200,33 @@ def test_an_iteration_of_a_group_is_that_of_the_cpu(opened: Callable[[], Gpu]) -
                 found[name].tensor.detach().copy_(adam.tensor)
                 found[name].mean.copy_(adam.mean)
                 found[name].square.copy_(adam.square)
+
+
+@pytest.mark.parametrize("opened", REAL)
+def test_a_subject_of_few_cameras_has_opposite_backgrounds_in_turn_as_on_the_cpu(opened: Callable[[], Gpu]) -> None:
+    config = group_config(**{"group.coarse_share": 0.0, "group.progressive_share": 0.0})
+    alpha = np.full((FRAMES, len(CAMERAS), 32, 48), 255, np.uint8)
+    alpha[..., :20] = 0
+    device, host = (
+        group_trainer(gpu, config, images=with_opposite(make_images(FRAMES), alpha))
+        for gpu in (OpenedGpu(opened()), None)
+    )
+    for trainer in (device, host):
+        _scatter(trainer)
+    device._start_program(Silent())
+    assert device.program is not None
+    losses = []
+    for iteration in (3, 4):  # the last over the first backgrounds, and the first over the opposite ones
+        for trainer in (device, host):
+            trainer.rng, trainer.schedule.rng = np.random.default_rng(0), np.random.default_rng(0)
+            trainer.schedule._round.clear()
+        device.program.neighbors = host.neighbors
+        losses.append(device.program.run([device._plan(iteration)])[0].loss)
+        device.program.download()
+        assert losses[-1] == pytest.approx(float(host.step(iteration)), rel=CLOSE)
+        for name, adam in group_adams(host).items():
+            assert difference(group_adams(device)[name], adam) < CLOSE, name
+    assert losses[0] != pytest.approx(losses[1], rel=0.01), "the backgrounds differ"
 
 
 @pytest.mark.parametrize(

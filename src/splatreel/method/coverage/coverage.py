@@ -33,6 +33,8 @@ TWIN_DEGREES, TWIN_SHARE = 0.01, 1e-4
 """Largest difference of two poses that are the same: degrees of rotation, and distance as a share of the scene's."""
 UNCONFIRMED = 5
 """Number of points shared with two others, below which a pose is unconfirmed where most cameras share enough."""
+SUBJECT_FITS = 2.0
+"""Decibels by which the trial of a subject beats an image without reconstruction if the poses fit."""
 NAMED = 6
 """Number of cameras that a sentence names."""
 
@@ -59,11 +61,11 @@ def expected_gain(names: list[str], angles: Sequence[float] | np.ndarray) -> str
     """
     count, more = len(names), max(1, len(names) // 3)
     gain = GAIN_OF_DOUBLING * float(np.log2((count + more) / count))
-    cameras = "One camera" if more == 1 else f"{more} cameras"
+    cameras, gaps = ("One more camera", "gap") if more == 1 else (f"{more} more cameras", "gaps")
     widest = ", ".join(names[place] for place in np.argsort(-np.array(angles), kind="stable")[:more])
     apart = f"The cameras are {np.median(angles):.0f} degrees apart."
-    best = f"and twice as many about {GAIN_OF_DOUBLING:.1f} dB"
-    return f"{apart} {cameras} more in the largest gaps (beside {widest}) would bring about {gain:.1f} dB, {best}."
+    best = f"and twice as many cameras about {GAIN_OF_DOUBLING:.1f} dB"
+    return f"{apart} {cameras} in the largest {gaps} (beside {widest}) would bring about {gain:.1f} dB, {best}."
 
 
 @dataclass(frozen=True)
@@ -285,7 +287,12 @@ def judge_capture(coverage: Coverage, misfits: list[str]) -> CaptureVerdict:
 def _trial_confirms_poses(coverage: Coverage) -> bool:
     """Return True if the trial alone shows that the poses fit the images."""
     trial = coverage.trial
-    return trial is not None and trial.holds and rating(trial.psnr) != "poor"
+    if trial is None or not trial.holds:
+        return False
+    # Cameras far apart share hardly any points, whatever their poses. Silhouettes that fit make a subject.
+    return (
+        trial.psnr > max(trial.flat, trial.nearest) + SUBJECT_FITS if coverage.subject else rating(trial.psnr) != "poor"
+    )
 
 
 def _expectation(coverage: Coverage) -> str:

@@ -25,6 +25,8 @@ TRIAL_WIDTH = 192
 OTHERS = 8
 """Number of cameras that are trained on: the nearest to the one that is left out, which show the same things."""
 ITERATIONS, POINTS = 400, 8000
+BEHIND = 0, 0, 0
+"""Color behind the subject where images are compared. Within soft edges the room would count as the subject's error."""
 MARGIN = 1.0
 """Decibels by which the reconstruction must be better than an image without any reconstruction."""
 BEST = 99.0
@@ -40,7 +42,8 @@ class Trial:
     Attributes:
         camera: Name of the camera that was left out.
         angle: Degrees between this camera and the nearest other one, seen from the focus.
-        psnr: PSNR in dB of its image as reconstructed from the others.
+        psnr: PSNR in dB of its image as reconstructed from the others. That of a subject is within its mask, over black, and without
+            a fit to the exposure, as `evaluate` measures it.
         flat: PSNR in dB of one flat color, the mean of the image.
         nearest: PSNR in dB of the nearest camera's image in its place.
     """
@@ -109,18 +112,14 @@ def leave_one_out(
     drawn = render_image(
         gaussians, small[left], near=layout.near, antialias=config.antialias, background=layout.background
     )
-    truth = shown[left].astype(np.float64) / 255
+    compared = {c: shown[c] if masks is None else over_color(shown[c], masks[c], BEHIND) for c in (left, others[0])}
+    truth, nearest = (compared[c].astype(np.float64) / 255 for c in (left, others[0]))
     within = np.ones(truth.shape[:2], bool) if masks is None else masks[left] > 0
     if not within.any():  # the camera does not show the subject
         within[:] = True
     flat = np.broadcast_to(truth[within].mean(0), truth.shape)
-    return Trial(
-        cameras[left].name,
-        round(float(angles[left].min()), 2),
-        _psnr(np.clip(drawn, 0, 1)[within], truth[within]),
-        _psnr(flat[within], truth[within]),
-        _psnr(shown[others[0]].astype(np.float64)[within] / 255, truth[within]),
-    )
+    found = (_psnr(image[within], truth[within], masks is None) for image in (np.clip(drawn, 0, 1), flat, nearest))
+    return Trial(cameras[left].name, round(float(angles[left].min()), 2), *found)
 
 
 def _subject(
@@ -156,10 +155,11 @@ def resize_image(image: np.ndarray, camera: Camera) -> np.ndarray:
     return image if image.shape[1::-1] == size else cv2.resize(image, size, interpolation=cv2.INTER_AREA)
 
 
-def _psnr(image: np.ndarray, truth: np.ndarray) -> float:
-    """Return the PSNR in dB of pixels [P, 3] 0..1, fitted to the exposure of the true image."""
-    gain = (image * truth).sum(0) / np.maximum((image * image).sum(0), 1e-9)
-    error = np.square(image * np.clip(gain, *GAINS) - truth).mean()
+def _psnr(image: np.ndarray, truth: np.ndarray, fitted: bool) -> float:
+    """Return the PSNR in dB of pixels [P, 3] 0..1. `fitted` fits them to the exposure of the true image first."""
+    if fitted:
+        image = image * np.clip((image * truth).sum(0) / np.maximum((image * image).sum(0), 1e-9), *GAINS)
+    error = np.square(image - truth).mean()
     return round(min(float(-10 * np.log10(max(error, 1e-12))), BEST), 2)
 
 

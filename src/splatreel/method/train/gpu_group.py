@@ -29,15 +29,13 @@ KINDS = {"motion": "0u", "nodes": "1u", "appearance": "2u"}
 """Constants of the kernel `adam_knots`."""
 
 
-def unsupported_group(points: DynamicPoints, images: TrainingImages) -> str | None:
+def unsupported_group(points: DynamicPoints) -> str | None:
     """Return why the GPU cannot train the motion of a group; None if it can."""
     model = points.deformation
     if not isinstance(model, Trajectory):
         return "the hash grid runs on the CPU or with CUDA"
     if model.reached < model.knots - 1:
         return "groups without tracks are trained on the CPU or with CUDA"
-    if images.opposite is not None:
-        return "subjects before few cameras are trained on the CPU or with CUDA"
     return None
 
 
@@ -150,9 +148,10 @@ class GpuGroupProgram(GpuProgram):
 
     def _prepare(self, draw: Draw, steps: list[int], knot_steps: dict[str, int]) -> tuple[np.ndarray, Buffers]:
         """Return the uniform block and the buffers of a draw. steps: numbers of the steps of Adam."""
-        block, unit = self.block(draw.camera), self.images.unit
-        static = self.static_buffers(block, draw.camera, draw.metered_static)
-        target = self.target(block, draw.frame, draw.camera)
+        place = self.images.of_iteration(draw.iteration)[1] + draw.camera
+        block, unit = self.block(place), self.images.unit
+        static = self.static_buffers(block, place, draw.metered_static)
+        target = self.target(block, draw.frame, place)
         self.set_loss(block, self._config.lambda_dssim)
         weights = {loss.name: loss.weight_at(draw, self._config) for loss in GROUP}
         pixels = self.drawing.size[0] * self.drawing.size[1]

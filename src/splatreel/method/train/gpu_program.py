@@ -64,7 +64,7 @@ class GpuProgram:
         width, height = images.views[0].width, images.views[0].height
         if self._pool is None or self.drawing.size != (width, height) or images is not self.images:
             self.images = images
-            self._pool = ImagePool(gpu, width, height, images.count * len(images.views))
+            self._pool = ImagePool(gpu, width, height, images.count * len(images.all_views))
             if self._scene is not None:
                 self._scene.forget_views()
         self.drawing.set_points(_columns([adam.tensor for adam in adams]))
@@ -112,17 +112,17 @@ class GpuProgram:
         found = self.gpu.read(self._scene.meter, np.float32, (2, self._scene.count))
         return torch.from_numpy(found[0].copy()), torch.from_numpy(found[1].copy())
 
-    def block(self, camera: int) -> np.ndarray:
-        """Return the uniform block of a view without what the kind of training adds."""
-        draw, view = uniforms.new_draw(), self.images.views[camera]
+    def block(self, place: int) -> np.ndarray:
+        """Return the uniform block of a view of `images.all_views`, without what the kind of training adds."""
+        draw, view, cameras = uniforms.new_draw(), self.images.all_views[place], len(self.images.views)
         pose, K = view.viewmat.numpy(), view.K.numpy()
         near = self.images.near
         uniforms.fill_view(draw, pose, K, view.width, view.height, near, view.antialias)
         if view.background is not None:
             draw["background"][:3] = view.background.numpy()
         draw["counts"] = self.drawing.count, (self.drawing.columns - 14) // 3, 0, self.drawing.capacity
-        draw["numbers"][1] = camera
-        draw["links"][3] = len(self.images.views)
+        draw["numbers"][1] = place % cameras
+        draw["links"][3] = cameras
         return draw
 
     def set_loss(self, draw: np.ndarray, lambda_dssim: float) -> None:
@@ -131,22 +131,24 @@ class GpuProgram:
         draw["loss"][:2] = (1 - lambda_dssim) / (3 * width * height), lambda_dssim / (3 * width * height)
         draw["meters"][2] = lambda_dssim
 
-    def static_buffers(self, draw: np.ndarray, camera: int, measured: bool) -> Buffers:
-        """Return the buffers of the static points of a view, and make room for their pairs."""
+    def static_buffers(self, draw: np.ndarray, place: int, measured: bool) -> Buffers:
+        """Return the buffers of the static points of a view of `images.all_views`, and make room for their pairs."""
         if self._scene is None or self._scene.count == 0:
             self.drawing.fit_pairs(0)
             return {}
-        view, still = self.images.views[camera], draw.copy()
+        view, still = self.images.all_views[place], draw.copy()
         still["center"][3] = max(self.images.near, view.clear)
-        found = self._scene.view(camera, still, self.drawing)
+        found = self._scene.view(place, still, self.drawing)
         self.drawing.fit_pairs(0, self._scene.pairs, measured)
         draw["counts"][2:] = self._scene.count, self.drawing.capacity
         return found | {"static_meter": self._scene.meter}
 
-    def target(self, draw: np.ndarray, frame: int, camera: int) -> Any:
-        """Return the buffer with a training image, and note its place in the block."""
+    def target(self, draw: np.ndarray, frame: int, place: int) -> Any:
+        """Return the buffer with the training image of a view of `images.all_views`, and note its place in the block."""
         assert self._pool is not None
-        images = self.images
+        camera = place % len(self.images.views)
+        images = self.images if place == camera else self.images.opposite
+        assert images is not None
 
         def load() -> np.ndarray:
             image = images.pixels[frame, camera].numpy()
@@ -155,7 +157,7 @@ class GpuProgram:
                 unknown[:] = 255 * images.unknown[camera].numpy()
             return np.dstack([image, unknown])
 
-        buffer, first = self._pool.get(frame, camera, load)
+        buffer, first = self._pool.get(frame, place, load)
         draw["numbers"][2] = first
         return buffer
 

@@ -208,7 +208,7 @@ class GroupTrainer:
             return
         try:
             opened = self.gpu.open()
-            if why := unsupported_group(self.points, self.images):
+            if why := unsupported_group(self.points):
                 progress.note(f"this group is trained on the CPU: {why}")
             elif opened is not None:
                 settings = self.config.group, self.gains, self.time_offsets.enabled and self.images.count > 1
