@@ -83,6 +83,7 @@ def test_verdict_of_a_subject_says_what_more_cameras_bring() -> None:
     assert "Quick trial of the subject without cam2" in sentence
     assert "Expect novel views of the subject between the cameras to be poor, about 22 dB" in sentence
     assert "40 degrees apart. One more camera in the largest gap (beside cam1) would bring about 0.2 dB" in sentence
+    assert found.trial is not None
     blurred = replace(found, trial=replace(found.trial, psnr=15.0))
     assert blurred.angle is None, "the player does not limit views of a subject"
     failed = judge_capture(blurred, []).text("CMD")
