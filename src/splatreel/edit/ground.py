@@ -16,7 +16,7 @@ from splatreel.base.errors import UsageError
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
 from splatreel.edit.changed_clip import ChangedClip
-from splatreel.edit.clip import Clip, ClipGroup, ClipLayer, LayerSpan, shown_points
+from splatreel.edit.clip import Clip, ClipGroup, ClipLayer, LayerSpan, Outline, shown_points
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.projection import inside, project
@@ -58,23 +58,22 @@ class Grounded(ChangedClip):
 
     def layer_origin(self, index: int) -> tuple[Clip, int]:
         """Return the clip that a layer comes from, and its index there."""
-        return (_Layer(self._clip, self._ground), 0) if index == self._place else (self._clip, index)
+        return (
+            (_Layer(self._clip, self._ground, self._clip.outline), 0) if index == self._place else (self._clip, index)
+        )
 
     def change_group(self, index: int, found: ClipGroup) -> ClipGroup:
         """Return a group that shows the ground too."""
         return replace(found, alive={**found.alive, self._place: np.ones(len(self._ground), bool)})
 
 
-@dataclass(frozen=True)
+@dataclass
 class _Layer:
     """Clip with the outline of another one, whose only layer is given."""
 
     clip: Clip
     points: Gaussians
-
-    @property
-    def outline(self):
-        return self.clip.outline
+    outline: Outline
 
     def layer(self, index: int) -> ClipLayer:
         return ClipLayer(self.points, None)
