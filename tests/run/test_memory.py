@@ -75,9 +75,10 @@ def test_memory_grows_with_images_and_points_not_with_length() -> None:
 
 
 def test_subject_of_few_cameras_has_its_images_twice() -> None:
-    scene, config = filmed(1280, 720, 2, 100), Config()
+    scene: Any = filmed(1280, 720, 2, 100)
+    config = Config()
     scene.training_cameras = ring(2, width=1280, height=720)  # 60 degrees apart
-    subject = SimpleNamespace(**vars(scene) | {"backgrounds": {"cam0": (0, 0, 0)}})
+    subject: Any = SimpleNamespace(**vars(scene) | {"backgrounds": {"cam0": (0, 0, 0)}})
     group = 3 * 1280 * 720 * 2 * (config.group.length + config.group.overlap)
     more = needed_memory(subject, config) - needed_memory(scene, config)
     assert 1.2 * group < more < 2 * group

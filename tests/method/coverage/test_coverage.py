@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ import torch
 
 from splatreel.base.errors import ReconstructionError
 from splatreel.base.progress import Silent
+from splatreel.capture.srgb import over_color
 from splatreel.codec.reader import ReelReader
 from splatreel.method.coverage import trial
 from splatreel.method.coverage.coverage import Coverage, cover
@@ -117,3 +119,25 @@ def test_failed_trial_limits_the_views_of_the_reel(tmp_path: Path, monkeypatch: 
         assert any("more than 7 degrees" in line for line in heard.lines) == tried
         assert (out / "work" / "coverage.json").exists() == tried
     assert angles[0] == 7 < angles[1]
+
+
+def test_room_behind_soft_edges_does_not_count_as_an_error_of_the_subject(monkeypatch: pytest.MonkeyPatch) -> None:
+    cameras = corner.arc(3)
+    rng = np.random.default_rng(0)
+    images = rng.integers(0, 256, (3, cameras[0].height, cameras[0].width, 3)).astype(np.uint8)
+    alpha = np.full(images.shape[:3], 100, np.uint8)  # soft everywhere
+    alpha[:, :4] = 0
+    small = trial.narrow_camera(cameras[1], trial.TRIAL_WIDTH)
+    truth, mask = trial.resize_image(images[1], small), trial.resize_image(alpha[1], small)
+    layout = SimpleNamespace(near=0.1, background=(0, 0, 0))
+    monkeypatch.setattr(trial, "reconstruct_single_frame", lambda *_, **__: (None, layout))
+    monkeypatch.setattr(trial, "middle_camera", lambda *_: 1)
+    brightness = 1.0
+    monkeypatch.setattr(trial, "render_image", lambda *_, **__: brightness * over_color(truth, mask, (0, 0, 0)) / 255)
+
+    def tried() -> Trial:
+        return trial.leave_one_out(cameras, images, np.zeros(3), None, None, None, CPU, Silent(), alpha)
+
+    assert tried().psnr == trial.BEST
+    brightness = 0.9
+    assert tried().psnr < 40, "evaluate does not fit the exposure either"

@@ -2,13 +2,12 @@
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
 
-from splatreel.base.errors import GaussiansError, GpuError
+from splatreel.base.errors import GaussiansError
 from splatreel.base.progress import Silent
 from splatreel.config import Config, preset
 from splatreel.config.settings import changed
@@ -23,7 +22,7 @@ from splatreel.method.train import gpu_program
 from splatreel.method.train.average import Average
 from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
-from splatreel.method.train.losses import CHAPTER_KEYFRAME, KEYFRAME, Loss, photometric
+from splatreel.method.train.losses import CHAPTER_KEYFRAME, KEYFRAME
 from splatreel.method.train.opposite_backgrounds import with_opposite
 from splatreel.method.train.render import View
 from splatreel.method.train.trainable_points import TrainablePoints, default_rates
@@ -322,86 +321,3 @@ def test_nan_returns_to_the_last_good_state(monkeypatch: pytest.MonkeyPatch) -> 
         trainer.points.canonical.adams["log_scales"].tensor[3, 1] = -2.0
     program.upload()
     assert np.isfinite(program.run([trainer._plan(1)])[0].loss)
-
-
-def fail_at(program: object, call: int) -> Callable[..., object]:
-    """Return a `run` that loses the device at a call."""
-    original, calls = program.run, []  # type: ignore[attr-defined]
-
-    def run(draws: object) -> object:
-        calls.append(draws)
-        if len(calls) == call:
-            raise GpuError("llvmpipe: the device was lost.")
-        return original(draws)
-
-    return run
-
-
-def test_a_group_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    notes, gpu = Notes(), OpenedGpu()
-    trainer = group_trainer(gpu)
-    start = trainer._start_program
-
-    def start_and_fail(progress: Silent) -> None:
-        start(progress)
-        monkeypatch.setattr(trainer.program, "run", fail_at(trainer.program, 3))
-
-    monkeypatch.setattr(trainer, "_start_program", start_and_fail)
-    result = trainer.train(notes)
-    assert np.isfinite(result.dx).all()
-    assert any("training continues on the CPU from iteration 0" in note for note in notes.notes)
-    assert gpu.open() is None, "later trainings of the process do not try again"
-
-
-def test_a_keyframe_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
-    notes, trainer = Notes(), keyframe_trainer(OpenedGpu())
-    start = trainer._start_program
-
-    def start_and_fail(*arguments: Any) -> None:
-        start(*arguments)
-        monkeypatch.setattr(trainer.program, "run", fail_at(trainer.program, 2))
-
-    monkeypatch.setattr(trainer, "_start_program", start_and_fail)
-    trainer.train(make_images(1), 40, 40, notes)
-    assert trainer.done == 40
-    assert any("training continues on the CPU" in note for note in notes.notes)
-
-
-def test_what_the_kernels_do_not_compute_is_trained_on_the_cpu() -> None:
-    notes, other = Notes(), (Loss("photometric", photometric), Loss("again", photometric))
-    trainer = keyframe_trainer(OpenedGpu(), other)
-    trainer.train(make_images(1), 3, 3, notes)
-    assert notes.notes == ["this keyframe is trained on the CPU: its losses are not among those that the GPU computes"]
-    trainer = group_trainer(OpenedGpu(), group_config(**{"group.tracks": False, "group.deformation": "hashgrid"}))
-    trainer._start_program(notes)
-    assert notes.notes[-1] == "this group is trained on the CPU: the hash grid runs on the CPU or with CUDA"
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("densifies", "apart"), [(False, 0.5), (True, 1.0)], ids=["the same points", "densification"])
-@pytest.mark.parametrize("opened", REAL)
-def test_a_keyframe_trains_as_well_as_on_the_cpu(opened: Callable[[], Gpu], densifies: bool, apart: float) -> None:
-    """Densification, errors, surfaces, the running mean and the color gains, to the end.
-
-    Chance decides about the rest: on the CPU, points that start 1e-6 apart end up to 0.8 dB apart, without densification 0.3 dB.
-    """
-    changes = {"keyframe.densify_every": 20 if densifies else 10**6, "keyframe.detail": densifies}
-    shown, quality = make_images(1, background=False), []
-    for gpu in (OpenedGpu(opened()), None):
-        trainer = keyframe_trainer(gpu, KEYFRAME, None, **changes)
-        trainer.train(shown, 120, 120, Silent())
-        quality.append(trainer.psnr(shown))
-    assert quality[0] == pytest.approx(quality[1], abs=apart)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("opened", REAL)
-def test_a_group_trains_as_well_as_on_the_cpu(opened: Callable[[], Gpu]) -> None:
-    """Density control converts, clones and prunes; images change size; time offsets are learned. Measured: 23.357 and 23.358 dB."""
-    results = [group_trainer(gpu) for gpu in (OpenedGpu(opened()), None)]
-    for trainer in results:
-        trainer.train(Silent())
-    device, host = (trainer.psnr() for trainer in results)
-    assert device == pytest.approx(host, abs=0.1)
-    counts = [len(trainer.points) for trainer in results]
-    assert abs(counts[0] - counts[1]) <= 0.1 * counts[1]
