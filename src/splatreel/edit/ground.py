@@ -13,7 +13,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from splatreel.base.errors import UsageError
-from splatreel.capture.base import Capture
+from splatreel.capture.median_images import median_images
 from splatreel.capture.opening import open_capture
 from splatreel.edit.changed_clip import ChangedClip
 from splatreel.edit.clip import Clip, ClipGroup, ClipLayer, LayerSpan, shown_points
@@ -107,7 +107,7 @@ def with_ground(clip: Clip, path: str | Path) -> Clip:
                 f"ground: images of {path} are {capture.width} x {capture.height} at the width of {clip.outline.name}, whose "
                 f"cameras have {cameras[0].width} x {cameras[0].height} pixels. Name that reel's capture."
             )
-        plates = _plates(capture, [camera.name for camera in cameras])
+        plates = np.stack(median_images(capture, [camera.name for camera in cameras], MOMENTS)).astype(np.float32) / 255
     finally:
         capture.close()
     plane = _Plane.under(clip, header.up)
@@ -116,13 +116,6 @@ def with_ground(clip: Clip, path: str | Path) -> Clip:
     if not len(ground):
         raise UsageError(f"ground: no camera of {path} sees the floor under the subject. Leave ground out.")
     return Grounded(clip, ground)
-
-
-def _plates(capture: Capture, names: list[str]) -> np.ndarray:
-    """Return the clean plates of cameras [C, H, W, 3] 0..1: the median of a few frames."""
-    moments = np.unique(np.linspace(0, capture.frames - 1, MOMENTS).round().astype(int))
-    frames = np.stack([capture.read(int(moment), 1, names)[0] for moment in moments])
-    return np.median(frames, 0).astype(np.float32) / 255
 
 
 @dataclass(frozen=True)

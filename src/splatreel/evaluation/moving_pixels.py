@@ -4,28 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatreel.capture.base import Capture
-
 THRESHOLD = 8 / 255
 """Mean absolute difference of the channels, 0..1, from the camera's median image, above which a pixel moves."""
-MOST_FRAMES = 20
-"""Maximum number of frames for the median."""
-
-
-def median_images(capture: Capture, names: list[str]) -> list[np.ndarray]:
-    """Return the median of each named camera over the capture's frames, uint8 [H, W, 3].
-
-    At most 20 evenly spread frames are used; of an even number the lower middle. One camera's frames are in memory at a
-    time.
-    """
-    times = np.linspace(0, capture.frames - 1, min(MOST_FRAMES, capture.frames)).round().astype(int)
-    middle = (len(times) - 1) // 2
-    images = []
-    for name in names:
-        stack = np.stack([capture.read(int(time), 1, [name])[0, 0] for time in times])
-        stack.partition(middle, axis=0)
-        images.append(stack[middle].copy())
-    return images
 
 
 def moving_pixels(truth: np.ndarray, median: np.ndarray) -> np.ndarray:

@@ -74,7 +74,8 @@ class CudaGpu(Gpu):
         Raises:
             GpuError: The driver refuses, NVRTC cannot be loaded, or a test of the device fails.
         """
-        super().__init__(adapter, group, subgroups, adapter.limits["max-storage-buffer-binding-size"])
+        super().__init__(adapter, group, subgroups)
+        self.largest = adapter.limits["max-storage-buffer-binding-size"]
         handle: CudaDevice = adapter.handle
         assert handle.compiler is not None
         self._driver, self._capability = handle.driver, handle.capability

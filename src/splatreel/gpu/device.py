@@ -31,22 +31,22 @@ class Gpu(ABC):
         adapter: The adapter.
         group: Threads of a workgroup.
         subgroups: Sums over a tile use subgroup operations.
-        largest: Largest number of bytes of one buffer.
+        largest: Largest number of bytes of one buffer. The subclass sets it.
     """
 
-    def __init__(self, adapter: Adapter, group: int | None, subgroups: bool | None, largest: int) -> None:
+    largest: int
+
+    def __init__(self, adapter: Adapter, group: int | None, subgroups: bool | None) -> None:
         """Note what an adapter can do.
 
         Args:
             adapter: Adapter.
             group: Threads of a workgroup: 64, 128 or 256; None chooses.
             subgroups: Use subgroup operations; None uses them if there are any.
-            largest: Largest number of bytes of one buffer.
         """
         self.adapter = adapter
         self.group = group or 64
         self.subgroups = adapter.subgroups if subgroups is None else subgroups and adapter.subgroups
-        self.largest = largest
         self._kernels: dict[tuple[Any, ...], Kernel] = {}
         self._bound: dict[tuple[Any, ...], tuple[Any, tuple[Any, ...]]] = {}
 

@@ -50,18 +50,17 @@ class WgpuGpu(Gpu):
         Raises:
             GpuError: The driver refuses.
         """
-        with_subgroups = adapter.subgroups if subgroups is None else subgroups and adapter.subgroups
+        super().__init__(adapter, group, subgroups)
         asked = {name: adapter.limits[name] for name in LIMITS if name in adapter.limits}
         try:
             self.device = adapter.handle.request_device_sync(
-                required_features=["subgroup"] if with_subgroups else [],
+                required_features=["subgroup"] if self.subgroups else [],
                 required_limits=asked if limits is None else dict(limits),
             )
         except ERRORS as error:
             raise GpuError(f"{adapter.name}: the driver opens no device: {error}") from error
         granted = self.device.limits
-        largest = int(min(granted["max-storage-buffer-binding-size"], granted["max-buffer-size"]))
-        super().__init__(adapter, group, subgroups, largest)
+        self.largest = int(min(granted["max-storage-buffer-binding-size"], granted["max-buffer-size"]))
 
     def _allocate(self, size: int, label: str) -> Any:
         usage = wgpu.BufferUsage.STORAGE | wgpu.BufferUsage.COPY_SRC | wgpu.BufferUsage.COPY_DST

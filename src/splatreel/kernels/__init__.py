@@ -1,5 +1,5 @@
 """All fast code, one public function per operation.
 
-`splat`, `gather`, `motion` and `adam` take tensors on any device. `image`, `carve`, `translation`, `rigid` and `sceneflow` take numpy
+`splat`, `motion` and `adam` take tensors on any device. `image`, `carve`, `translation`, `rigid` and `sceneflow` take numpy
 arrays.
 """

@@ -1,4 +1,4 @@
-"""The interface between the public functions of `splat`, `gather`, `motion` and `adam` and the kernels of one kind of device."""
+"""The interface between the public functions of `splat`, `motion` and `adam` and the kernels of one kind of device."""
 
 from __future__ import annotations
 

@@ -55,11 +55,13 @@ def close_surface(
         cells = np.argwhere(filled & binary_dilation(empty))
         return cells, _colors(grid.centers(cells), cameras, images, DEPTH * grid.size)
 
+    cells, surface = look()
     for _ in range(PASSES):
-        cells, surface = look()
+        if not surface.differs.any():
+            break
         carved = tuple(cells[surface.differs].T)
         filled[carved], empty[carved] = False, True
-    _, surface = look()
+        cells, surface = look()
     surface = surface[~surface.differs]
     if not surface.seen.any():
         return first

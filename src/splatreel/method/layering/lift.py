@@ -11,7 +11,6 @@ from torch import Tensor
 from splatreel.base.errors import ReconstructionError
 from splatreel.config import LayeringConfig
 from splatreel.kernels import splat
-from splatreel.kernels.gather import gather
 from splatreel.kernels.projected import Projection
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
@@ -123,7 +122,7 @@ def gather_images(splats: SplatTensors, camera: Camera, images: Tensor, near: fl
         images: [H, W, K].
         near: Near plane, world units.
     """
-    return gather(_project(splats, camera, near), splats.opacities, images)
+    return splat.gather(_project(splats, camera, near), splats.opacities, images)
 
 
 def _contributions(splats: SplatTensors, cameras: list[Camera], masks: Tensor, near: float) -> _Contributions:

@@ -150,7 +150,7 @@ def train_frame(
     unknown: np.ndarray | None = None,
     alpha: np.ndarray | None = None,
 ) -> None:
-    """Train on one frame, first at smaller sizes (`Images.sizes`).
+    """Train on one frame, first at smaller sizes (`TrainingImages.sizes`).
 
     Args:
         trainer: Trainer of the points.
