@@ -5,6 +5,7 @@ import torch. `splatreel.readers` has the parts of capture readers, and `splatre
 """
 
 import importlib
+import os
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -21,6 +22,10 @@ if TYPE_CHECKING:
     from splatreel.scene.gaussians import Gaussians
 
 __version__ = "0.1.0"
+
+# torch's threads otherwise spin while they wait for work, and take the processor cores that kernels need. OpenMP reads the variable
+# when torch is imported, so it must be set before.
+os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
 __all__ = [
     "Camera",

@@ -192,15 +192,17 @@ def test_bins_cover_the_ellipse_of_each_splat():
     conics[:40] = [[0.5, 0.49, 0.5], [0.02, 0, 3]] * 20  # long and thin
     bins = binning.bin_splats(means2d, conics, opacities, depths, radii, 70, 50)
     x, y = np.meshgrid(np.arange(80) + 0.5, np.arange(64) + 0.5)
-    rows = np.zeros((300, 5, 4, 16), bool)
+    rows = np.zeros((300, 10, 4, 16), bool)
     for tile in range(5 * 4):
         for pair in range(bins.offsets[tile], bins.offsets[tile + 1]):
-            rows[bins.ids[pair], tile % 5, tile // 5, bins.rows[pair] // 16 : bins.rows[pair] % 16 + 1] = True
+            for half, packed in enumerate(bins.rows[pair]):
+                strip = 2 * (tile % 5) + half
+                rows[bins.ids[pair], strip, tile // 5, packed // 16 : packed % 16 + 1] = True
     dx, dy = x - means2d[:, :1, None], y - means2d[:, 1:, None]
     a, b, c = (conics[:, k, None, None].astype(float) for k in range(3))
     shows = opacities[:, None, None] * np.exp(-0.5 * (a * dx * dx + c * dy * dy) - b * dx * dy) >= 1 / 255
     shows &= (x < 70) & (y < 50) & (radii > 0)[:, None, None]
-    expected = shows.reshape(300, 4, 16, 5, 16).any(-1).transpose(0, 3, 1, 2)
+    expected = shows.reshape(300, 4, 16, 10, 8).any(-1).transpose(0, 3, 1, 2)
     assert not (expected & ~rows).any()
     assert (rows & ~expected).sum() < 0.15 * expected.sum()
 

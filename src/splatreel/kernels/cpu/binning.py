@@ -1,8 +1,8 @@
 """Sorting of splats into 16 x 16 tiles, front to back.
 
-A splat ends at the ellipse where its alpha falls to 1/255. The ellipse is cut into strips, one per column of tiles. The rows of pixels
-that it covers within a strip determine the tiles that the splat touches, and the rows to draw in each tile. These rows hold a third
-fewer pixels than the bounding box of the ellipse.
+A splat ends at the ellipse where its alpha falls to 1/255. The ellipse is cut into strips, two per column of tiles. The rows of pixels
+that it covers within a strip determine the tiles that the splat touches, and the rows to draw in each half of a tile. These rows hold
+half as many pixels as the bounding box of the ellipse.
 """
 
 from __future__ import annotations
@@ -14,10 +14,14 @@ from functools import cached_property
 import numpy as np
 from numba import njit
 
-from splatreel.base.jit import B1, F1, F2, I1, I2, INT, U1, kernel, range_kernel
+from splatreel.base.jit import B1, F1, F2, I1, I2, INT, U2, kernel, range_kernel
 from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
 
 TILE = 16
+STRIP = TILE // 2
+"""Width of a strip, pixels: the floats in a register of AVX2."""
+NO_ROWS = 16 * (TILE - 1)
+"""Value of `Bins.rows` for no rows: the first is after the last, and a union with other rows changes nothing."""
 GRAIN = 4096
 """Smallest number of splats that is worth a thread."""
 MIN_ALPHA = F(1 / 255)
@@ -37,7 +41,7 @@ class Bins:
     log2 e, its diagonal also by 1/2, so that alpha = 2^(log2 opacity - (a x^2 + b x y + c y^2)).
     offsets: [tiles + 1] int32. The pairs of tile t are offsets[t] : offsets[t + 1], front to back.
     ids: [M] int32, the splat of each pair. slots: [M] int32, the slot for the gradient of each pair.
-    rows: [M] uint8, the first and last row of the tile that the splat covers, 16 first + last.
+    rows: [M, 2] uint8, the first and last row that the splat covers in the left and in the right half of the tile, 16 first + last.
     first: [N + 1] int32. The slots of splat i are first[i] : first[i + 1], so that its gradient is one contiguous sum.
     """
 
@@ -76,10 +80,10 @@ def bin_splats(
     inputs = means2d, conics, opacities, depths, radii
     _prepare.over(n, *inputs, width, height, splats, boxes, first[1:], grain=GRAIN)
     np.cumsum(first, out=first)
-    tiles, reaches = np.empty(first[-1], np.int32), np.empty(first[-1], np.uint8)
+    tiles, reaches = np.empty(first[-1], np.int32), np.empty((first[-1], 2), np.uint8)
     _cut.over(n, splats, boxes, first, tiles_x, tiles, reaches, grain=GRAIN)
     order = _depth_order(depths, first)
-    ids, slots, rows = np.empty(first[-1], np.int32), np.empty(first[-1], np.int32), np.empty(first[-1], np.uint8)
+    ids, slots, rows = np.empty(first[-1], np.int32), np.empty(first[-1], np.int32), np.empty_like(reaches)
     _fill(order, first, tiles, reaches, offsets, ids, slots, rows)
     return Bins(width, height, splats, offsets, ids, slots, rows, first)
 
@@ -137,17 +141,39 @@ def _prepare(begin, end, means2d, conics, opacities, depths, radii, width, heigh
         if left <= right and top <= bottom:
             boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3] = left, right, top, bottom
             for column in range(left // TILE, right // TILE + 1):
-                high, low = _strip(splats[i], boxes[i], column)
+                high, low = _union(_strips(splats[i], boxes[i], column))
                 counts[i] += low // TILE - high // TILE + 1 if low >= high else 0
 
 
 @njit(inline="always")
-def _strip(splat, box, column):
-    """Return the first and last row of pixels of the ellipse within a column of tiles; last < first if there are none."""
+def _strips(splat, box, column):
+    """Return the first and last row of pixels of the ellipse within the left and within the right strip of a column of tiles."""
+    high, low = _strip(splat, box, column * TILE)
+    other_high, other_low = _strip(splat, box, column * TILE + STRIP)
+    return high, low, other_high, other_low
+
+
+@njit(inline="always")
+def _union(strips):
+    """Return the first and last row of two strips; last < first if there are none."""
+    high, low, other_high, other_low = strips
+    return min(high, other_high), max(low, other_low)
+
+
+@njit(inline="always")
+def _strip(splat, box, start):
+    """Return the first and last row of pixels of the ellipse within a strip from column `start` on.
+
+    Without such rows, the first is below the box and the last above it.
+    """
+    if box[1] < start or box[0] >= start + STRIP:
+        return box[3] + 1, box[2] - 1
+    if box[0] >= start and box[1] < start + STRIP:
+        return box[2], box[3]
     y, a, b, c = splat[1], splat[2], splat[3], splat[4]
     reach, determinant = _reach(splat)
-    left = F(column * TILE) + HALF - ROOM - splat[0]
-    right = left + F(TILE - 1) + TWO * ROOM
+    left = F(start) + HALF - ROOM - splat[0]
+    right = left + F(STRIP - 1) + TWO * ROOM
     extent = math.sqrt(F(4) * a * reach / determinant)
     lean = b * extent / (TWO * a)  # the ellipse is highest at x = lean, lowest at -lean
     high = -extent if left <= lean <= right else F(1e9)
@@ -163,7 +189,14 @@ def _strip(splat, box, column):
     return first, last
 
 
-@range_kernel(F2, I2, I1, INT, I1, U1)
+@njit(inline="always")
+def _packed(high, low, top):
+    """Return the rows high..low of pixels as in `Bins.rows`, for a tile whose first row is `top`."""
+    first, last = max(high - top, 0), min(low - top, TILE - 1)
+    return first * TILE + last if first <= last else NO_ROWS
+
+
+@range_kernel(F2, I2, I1, INT, I1, U2)
 def _cut(begin, end, splats, boxes, first, tiles_x, tiles, rows):
     """Fill the tile of every (splat, tile) pair and the rows that the splat covers in it. Splat i has the pairs from first[i] on."""
     for i in range(begin, end):
@@ -171,10 +204,12 @@ def _cut(begin, end, splats, boxes, first, tiles_x, tiles, rows):
         if boxes[i, 1] < boxes[i, 0]:
             continue
         for column in range(boxes[i, 0] // TILE, boxes[i, 1] // TILE + 1):
-            high, low = _strip(splats[i], boxes[i], column)
+            strips = _strips(splats[i], boxes[i], column)
+            high, low = _union(strips)
             for row in range(high // TILE, low // TILE + 1 if low >= high else 0):
                 tiles[pair] = row * tiles_x + column
-                rows[pair] = max(high - row * TILE, 0) * TILE + min(low - row * TILE, TILE - 1)
+                rows[pair, 0] = _packed(strips[0], strips[1], row * TILE)
+                rows[pair, 1] = _packed(strips[2], strips[3], row * TILE)
                 pair += 1
 
 
@@ -217,7 +252,7 @@ def _depth_order(depths, first):
     return ids[:m]
 
 
-@kernel(I1, I1, I1, U1, I1, I1, I1, U1)
+@kernel(I1, I1, I1, U2, I1, I1, I1, U2)
 def _fill(order, first, tiles, reaches, offsets, ids, slots, rows):
     """Sort the pairs into tiles, front to back: fill offsets (zeros before), ids, slots and rows."""
     for pair in range(tiles.shape[0]):
@@ -230,4 +265,5 @@ def _fill(order, first, tiles, reaches, offsets, ids, slots, rows):
         for pair in range(first[i], first[i + 1]):
             position = cursors[tiles[pair]]
             cursors[tiles[pair]] = position + 1
-            ids[position], slots[position], rows[position] = i, pair, reaches[pair]
+            ids[position], slots[position] = i, pair
+            rows[position, 0], rows[position, 1] = reaches[pair, 0], reaches[pair, 1]

@@ -16,8 +16,8 @@ from llvmlite import ir
 from numba import njit, types
 from numba.core import cgutils
 
-from splatreel.base.jit import BOOL, F2, F3, I1, L1, U1, range_kernel
-from splatreel.kernels.cpu.binning import DEPTH, MIN_ALPHA, TILE
+from splatreel.base.jit import BOOL, F2, F3, I1, L1, U2, range_kernel
+from splatreel.kernels.cpu.binning import DEPTH, MIN_ALPHA, STRIP, TILE
 from splatreel.kernels.cpu.rows import Memory, Row, Sums, counted, prefetch, row_loop, spread, stack_floats
 from splatreel.kernels.cpu.scalars import HALF, ONE, ZERO, F, U
 
@@ -57,7 +57,7 @@ CHANNEL, GATHER_ROWS = 1, 1 + GATHERED
 FORWARD_FLOATS, BACKWARD_FLOATS = FORWARD_ROWS * TILE * TILE, BACKWARD_ROWS * TILE * TILE
 GATHER_FLOATS = GATHER_ROWS * TILE * TILE
 
-DRAWN = types.Tuple((F2, F2, I1, I1, U1))
+DRAWN = types.Tuple((F2, F2, I1, I1, U2))
 """Type of `rasterize.Drawn`."""
 
 
@@ -97,35 +97,51 @@ class _Rows:
         self.planes = planes
         self.x, self.y, *self.shape = splat
 
-    def each(self, first: Any, last: Any, work: Any) -> None:
-        """Build `work(start, transmittance, dx, dy, opacity)` for rows first..last, in parts that fill a register.
+    def each(self, rows: Sequence[Any], work: Any) -> None:
+        """Build `work(start, transmittance, dx, dy, opacity)` for all rows of pixels, in parts that fill a register.
 
         The loop skips parts without an open pixel.
+
+        Args:
+            rows: First and last row in the left half of the tile, and in the right half. A register that holds both uses their union.
+            work: Builder of the loop's body.
         """
+        if self.memory.width == STRIP:
+            self._part(0, *rows[:2], work)
+            self._part(STRIP, *rows[2:], work)
+        else:
+            first, last, other_first, other_last = rows
+            self._part(0, self._pick("<", first, other_first), self._pick(">", last, other_last), work)
+
+    def _pick(self, comparison: str, one: Any, other: Any) -> Any:
+        """Build the smaller or larger of two integers."""
+        return self.builder.select(self.builder.icmp_signed(comparison, one, other), one, other)
+
+    def _part(self, column: int, first: Any, last: Any, work: Any) -> None:
+        """Build the loop over rows first..last of the pixels from `column` on that fill a register."""
         builder, one = self.builder, ir.Constant(first.type, 1)
-        columns = range(0, TILE, self.memory.width)
-        across = [counted(builder, column, self.memory.width) - self.x for column in columns]
+        dx = counted(builder, column, self.memory.width) - self.x
         with cgutils.for_range_slice(builder, first, builder.add(last, one), one) as (row, _):
             dy = builder.fsub(builder.sitofp(row, ir.FloatType()), self.y, flags=("fast",))
-            row_start = builder.mul(row, ir.Constant(row.type, self.planes * TILE))
-            for column, dx in zip(columns, across, strict=True):
-                start = builder.add(row_start, ir.Constant(row.type, column))
-                transmittance = self.memory.load(start, TRANSMITTANCE * TILE)
-                with builder.if_then((transmittance > 0.0).any()):
-                    work(start, transmittance, dx, dy, _alpha(builder, dx, dy, self.shape))
+            start = builder.mul(row, ir.Constant(row.type, self.planes * TILE))
+            start = builder.add(start, ir.Constant(row.type, column))
+            transmittance = self.memory.load(start, TRANSMITTANCE * TILE)
+            with builder.if_then((transmittance > 0.0).any()):
+                work(start, transmittance, dx, dy, _alpha(builder, dx, dy, self.shape))
 
 
-@row_loop(integers=2, floats=9)
-def _blend(builder: Any, memory: Memory, first: Any, last: Any, *values: Any) -> None:
-    """Blend a splat into rows first..last of a tile. values: x, y, conic, log opacity and color."""
+@row_loop(integers=4, floats=9)
+def _blend(builder: Any, memory: Memory, *values: Any) -> None:
+    """Blend a splat into a tile. values: rows as in `_Rows.each`, x, y, conic, log opacity and color."""
+    rows, splat, color = values[:4], values[4:10], values[10:]
 
     def work(start: Any, transmittance: Row, dx: Row, dy: Any, opacity: Row) -> None:
         _, weight, behind = _weigh(opacity, transmittance)
         memory.store(start, TRANSMITTANCE * TILE, behind)
-        for channel, value in enumerate(values[6:]):
+        for channel, value in enumerate(color):
             memory.store(start, (RGB + channel) * TILE, memory.load(start, (RGB + channel) * TILE) + weight * value)
 
-    _Rows(builder, memory, FORWARD_ROWS, values[:6]).each(first, last, work)
+    _Rows(builder, memory, FORWARD_ROWS, splat).each(rows, work)
 
 
 def _value(memory: Memory, start: Any, color: Sequence[Any]) -> Row:
@@ -136,31 +152,33 @@ def _value(memory: Memory, start: Any, color: Sequence[Any]) -> Row:
     return value
 
 
-@row_loop(integers=2, floats=9)
-def _shade(builder: Any, memory: Memory, first: Any, last: Any, *values: Any) -> None:
-    """Account for a frozen splat in the backward pass: update transmittance and remainder. Arguments: see `_blend`."""
+@row_loop(integers=4, floats=9)
+def _shade(builder: Any, memory: Memory, *values: Any) -> None:
+    """Account for a frozen splat in the backward pass: update transmittance and remainder. values: see `_blend`."""
+    rows, splat, color = values[:4], values[4:10], values[10:]
 
     def work(start: Any, transmittance: Row, dx: Row, dy: Any, opacity: Row) -> None:
         _, weight, behind = _weigh(opacity, transmittance)
         memory.store(start, TRANSMITTANCE * TILE, behind)
-        memory.store(start, REST * TILE, memory.load(start, REST * TILE) - weight * _value(memory, start, values[6:]))
+        memory.store(start, REST * TILE, memory.load(start, REST * TILE) - weight * _value(memory, start, color))
 
-    _Rows(builder, memory, BACKWARD_ROWS, values[:6]).each(first, last, work)
+    _Rows(builder, memory, BACKWARD_ROWS, splat).each(rows, work)
 
 
-@row_loop(integers=2, floats=9, results=PARTS)
-def _gradient(builder: Any, memory: Memory, first: Any, last: Any, *values: Any) -> list[Any]:
+@row_loop(integers=4, floats=9, results=PARTS)
+def _gradient(builder: Any, memory: Memory, *values: Any) -> list[Any]:
     """Return six moments of d(log alpha) over the pixels of a splat, and the gradient to its color.
 
     The moments are those of 1, dx, dy, dx^2, dx dy and dy^2. The gradients to mean, conic and opacity follow from them.
-    Arguments: see `_blend`.
+    values: see `_blend`.
     """
+    rows, splat, color = values[:4], values[4:10], values[10:]
     sums = Sums(builder, PARTS, memory.width)
 
     def work(start: Any, transmittance: Row, dx: Row, dy: Any, opacity: Row) -> None:
         clamped, weight, behind = _weigh(opacity, transmittance)
         memory.store(start, TRANSMITTANCE * TILE, behind)
-        value = _value(memory, start, values[6:])
+        value = _value(memory, start, color)
         rest = memory.load(start, REST * TILE) - weight * value
         memory.store(start, REST * TILE, rest)
         d_clamped = transmittance * value - rest / (clamped * -1.0 + 1.0)
@@ -170,13 +188,14 @@ def _gradient(builder: Any, memory: Memory, first: Any, last: Any, *values: Any)
         colors = [weight * memory.load(start, (D_RGB + channel) * TILE) for channel in range(CHANNELS)]
         sums.add([moment, across, down, across * dx, down * dx, down * dy, *colors])
 
-    _Rows(builder, memory, BACKWARD_ROWS, values[:6]).each(first, last, work)
+    _Rows(builder, memory, BACKWARD_ROWS, splat).each(rows, work)
     return sums.totals()
 
 
-@row_loop(integers=2, floats=6, results=GATHERED)
-def _collect(builder: Any, memory: Memory, first: Any, last: Any, *splat: Any) -> list[Any]:
-    """Return the sums of images over the pixels of a splat, weighted by its share. splat: x, y, conic and log opacity."""
+@row_loop(integers=4, floats=6, results=GATHERED)
+def _collect(builder: Any, memory: Memory, *values: Any) -> list[Any]:
+    """Return the sums of images over the pixels of a splat, weighted by its share. values: see `_blend`, without a color."""
+    rows, splat = values[:4], values[4:]
     sums = Sums(builder, GATHERED, memory.width)
 
     def work(start: Any, transmittance: Row, dx: Row, dy: Any, opacity: Row) -> None:
@@ -184,7 +203,7 @@ def _collect(builder: Any, memory: Memory, first: Any, last: Any, *splat: Any) -
         memory.store(start, TRANSMITTANCE * TILE, behind)
         sums.add([weight * memory.load(start, (CHANNEL + channel) * TILE) for channel in range(GATHERED)])
 
-    _Rows(builder, memory, GATHER_ROWS, splat).each(first, last, work)
+    _Rows(builder, memory, GATHER_ROWS, splat).each(rows, work)
     return sums.totals()
 
 
@@ -209,8 +228,21 @@ def _extent(rows, start, end, some):
         return 0, TILE - 1
     first, last = TILE - 1, 0
     for k in range(start, end):
-        first, last = min(first, rows[k] // TILE), max(last, rows[k] % TILE)
+        for half in range(2):
+            first, last = min(first, rows[k, half] // TILE), max(last, rows[k, half] % TILE)
     return first, last
+
+
+@njit(inline="always")
+def _limits(rows, k, highest, lowest):
+    """Return the first and last row of pair k in the left half of its tile and in the right half, within highest..lowest."""
+    left, right = rows[k, 0], rows[k, 1]
+    return (
+        max(left // TILE, highest),
+        min(left % TILE, lowest),
+        max(right // TILE, highest),
+        min(right % TILE, lowest),
+    )
 
 
 @njit(inline="always")
@@ -280,16 +312,15 @@ def forward(first_task, last_task, tiles, moving, held, some, image, alpha):
         while k < end or h < h_end:
             if h < h_end and (k == end or h_splats[U(h_ids[h]), DEPTH] < splats[U(ids[k]), DEPTH]):
                 _fetch(h_splats, h_colors, h_ids, h, h_end)
-                i, reach = U(h_ids[h]), h_rows[h]
+                i, limits = U(h_ids[h]), _limits(h_rows, h, highest, lowest)
                 x, y, a, b, c, log_opacity, red, green, blue = _read(h_splats, h_colors, i, across, down)
                 h += 1
             else:
                 _fetch(splats, colors, ids, k, end)
-                i, reach = U(ids[k]), rows[k]
+                i, limits = U(ids[k]), _limits(rows, k, highest, lowest)
                 x, y, a, b, c, log_opacity, red, green, blue = _read(splats, colors, i, across, down)
                 k += 1
-            first, last = max(reach // TILE, highest), min(reach % TILE, lowest)
-            _blend(buffer, first, last, x, y, a, b, c, log_opacity, red, green, blue)
+            _blend(buffer, *limits, x, y, a, b, c, log_opacity, red, green, blue)
             if (k + h) % CHECK == 0 and _open(buffer, FORWARD_ROWS * TILE)[0] == ZERO:
                 break
         for r in range(highest, min(lowest + 1, alpha.shape[0] - top)):
@@ -324,16 +355,15 @@ def backward(first_task, last_task, tiles, moving, slots, held, some, image, alp
                 break
             if h < h_end and h_splats[U(h_ids[h]), DEPTH] < splats[U(ids[k]), DEPTH]:
                 _fetch(h_splats, h_colors, h_ids, h, h_end)
-                i, reach = U(h_ids[h]), h_rows[h]
+                i, limits = U(h_ids[h]), _limits(h_rows, h, highest, lowest)
                 x, y, a, b, c, log_opacity, red, green, blue = _read(h_splats, h_colors, i, across, down)
-                first, last = max(reach // TILE, highest), min(reach % TILE, lowest)
-                _shade(buffer, first, last, x, y, a, b, c, log_opacity, red, green, blue)
+                _shade(buffer, *limits, x, y, a, b, c, log_opacity, red, green, blue)
                 h += 1
                 continue
             _fetch(splats, colors, ids, k, end)
-            i, first, last = U(ids[k]), rows[k] // TILE, rows[k] % TILE
+            i, limits = U(ids[k]), _limits(rows, k, 0, TILE - 1)
             x, y, a, b, c, log_opacity, red, green, blue = _read(splats, colors, i, across, down)
-            found = _gradient(buffer, first, last, x, y, a, b, c, log_opacity, red, green, blue)
+            found = _gradient(buffer, *limits, x, y, a, b, c, log_opacity, red, green, blue)
             slot = slots[k]
             for part in range(PARTS):
                 pairs[slot, part] = found[part]
@@ -343,7 +373,7 @@ def backward(first_task, last_task, tiles, moving, slots, held, some, image, alp
                 pairs[slots[hidden], part] = ZERO
 
 
-@range_kernel(L1, F2, I1, I1, U1, I1, F3, F2)
+@range_kernel(L1, F2, I1, I1, U2, I1, F3, F2)
 def gather(first_task, last_task, tiles, splats, offsets, ids, rows, slots, images, pairs):
     """Write the weighted sums of images [H, W, 12] over each (splat, tile) pair into its slot of pairs [M, 12]."""
     height, width = images.shape[0], images.shape[1]
@@ -366,7 +396,7 @@ def gather(first_task, last_task, tiles, splats, offsets, ids, rows, slots, imag
             if k + AHEAD < end:
                 prefetch(splats, ids[k + AHEAD])
             x, y, a, b, c, log_opacity = _place(splats, U(ids[k]), across, down)
-            found = _collect(buffer, rows[k] // TILE, rows[k] % TILE, x, y, a, b, c, log_opacity)
+            found = _collect(buffer, *_limits(rows, k, 0, TILE - 1), x, y, a, b, c, log_opacity)
             for channel in range(GATHERED):
                 pairs[slots[k], channel] = found[channel]
             k += 1
