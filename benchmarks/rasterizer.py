@@ -55,17 +55,17 @@ def main(repeats: int = 9, note: str = "", save: Annotated[bool, tyro.conf.arg(n
 
 
 def measure(count: int, width: int, height: int, repeats: int) -> dict[str, float]:
-    """Return milliseconds of binning, and nanoseconds per splat and pixel of the forward and the backward pass."""
+    """Return milliseconds of binning, and nanoseconds per splat and tile that it touches of the forward and the backward pass."""
     means, conics, opacities, depths, radii, colors = splats(count, width, height)
     bins = binning.bin_splats(means, conics, opacities, depths, radii, width, height)
     image, alpha = rasterize.forward(bins, colors)
     d_image = np.random.default_rng(1).normal(size=image.shape).astype(np.float32)
     d_alpha = np.zeros_like(alpha)
-    pixels = 16 * int((bins.rows % 16).astype(int).sum() - (bins.rows // 16).astype(int).sum() + len(bins.rows))
+    pairs = len(bins.ids)
     parts = {
         "binning ms": (1e3, lambda: binning.bin_splats(means, conics, opacities, depths, radii, width, height)),
-        "forward": (1e9 / pixels, lambda: rasterize.forward(bins, colors)),
-        "backward": (1e9 / pixels, lambda: rasterize.backward(bins, colors, image, d_image, alpha, d_alpha)),
+        "forward": (1e9 / pairs, lambda: rasterize.forward(bins, colors)),
+        "backward": (1e9 / pairs, lambda: rasterize.backward(bins, colors, image, d_image, alpha, d_alpha)),
     }
     return {name: round(scale * least_seconds(work, repeats), 3) for name, (scale, work) in parts.items()}
 

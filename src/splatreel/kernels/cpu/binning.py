@@ -141,39 +141,22 @@ def _prepare(begin, end, means2d, conics, opacities, depths, radii, width, heigh
         if left <= right and top <= bottom:
             boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3] = left, right, top, bottom
             for column in range(left // TILE, right // TILE + 1):
-                high, low = _union(_strips(splats[i], boxes[i], column))
+                high, low = _strip(splats[i], boxes[i], column * TILE, TILE)
                 counts[i] += low // TILE - high // TILE + 1 if low >= high else 0
 
 
 @njit(inline="always")
-def _strips(splat, box, column):
-    """Return the first and last row of pixels of the ellipse within the left and within the right strip of a column of tiles."""
-    high, low = _strip(splat, box, column * TILE)
-    other_high, other_low = _strip(splat, box, column * TILE + STRIP)
-    return high, low, other_high, other_low
+def _strip(splat, box, start, width):
+    """Return the first and last row of pixels of the ellipse within a strip of columns; last < first if there are none.
 
-
-@njit(inline="always")
-def _union(strips):
-    """Return the first and last row of two strips; last < first if there are none."""
-    high, low, other_high, other_low = strips
-    return min(high, other_high), max(low, other_low)
-
-
-@njit(inline="always")
-def _strip(splat, box, start):
-    """Return the first and last row of pixels of the ellipse within a strip from column `start` on.
-
-    Without such rows, the first is below the box and the last above it.
+    box: see `_prepare`. start, width: first column and number of columns. The box must touch them.
     """
-    if box[1] < start or box[0] >= start + STRIP:
-        return box[3] + 1, box[2] - 1
-    if box[0] >= start and box[1] < start + STRIP:
+    if box[0] >= start and box[1] < start + width:
         return box[2], box[3]
     y, a, b, c = splat[1], splat[2], splat[3], splat[4]
     reach, determinant = _reach(splat)
     left = F(start) + HALF - ROOM - splat[0]
-    right = left + F(STRIP - 1) + TWO * ROOM
+    right = left + F(width - 1) + TWO * ROOM
     extent = math.sqrt(F(4) * a * reach / determinant)
     lean = b * extent / (TWO * a)  # the ellipse is highest at x = lean, lowest at -lean
     high = -extent if left <= lean <= right else F(1e9)
@@ -187,6 +170,22 @@ def _strip(splat, box, start):
     first = _floor(y + high - HALF - ROOM, box[2] - 1, box[3]) + 1
     last = _floor(y + low - HALF + ROOM, box[2] - 1, box[3])
     return first, last
+
+
+@njit(inline="always")
+def _halves(splat, box, start, high, low):
+    """Return the first and last row of the ellipse within the left and the right half of a column of tiles.
+
+    start: first column of pixels. high, low: rows in both halves together.
+    """
+    middle = start + STRIP
+    if box[1] < middle:
+        return high, low, low + 1, low
+    if box[0] >= middle:
+        return low + 1, low, high, low
+    left_high, left_low = _strip(splat, box, start, STRIP)
+    right_high, right_low = _strip(splat, box, middle, STRIP)
+    return left_high, left_low, right_high, right_low
 
 
 @njit(inline="always")
@@ -204,12 +203,12 @@ def _cut(begin, end, splats, boxes, first, tiles_x, tiles, rows):
         if boxes[i, 1] < boxes[i, 0]:
             continue
         for column in range(boxes[i, 0] // TILE, boxes[i, 1] // TILE + 1):
-            strips = _strips(splats[i], boxes[i], column)
-            high, low = _union(strips)
+            high, low = _strip(splats[i], boxes[i], column * TILE, TILE)
+            halves = _halves(splats[i], boxes[i], column * TILE, high, low)
             for row in range(high // TILE, low // TILE + 1 if low >= high else 0):
                 tiles[pair] = row * tiles_x + column
-                rows[pair, 0] = _packed(strips[0], strips[1], row * TILE)
-                rows[pair, 1] = _packed(strips[2], strips[3], row * TILE)
+                rows[pair, 0] = _packed(halves[0], halves[1], row * TILE)
+                rows[pair, 1] = _packed(halves[2], halves[3], row * TILE)
                 pair += 1
 
 
