@@ -5,8 +5,9 @@ import torch. `splatreel.readers` has the parts of capture readers, and `splatre
 """
 
 import importlib
-import os
 from typing import TYPE_CHECKING, Any
+
+from splatreel.base.process import quiet_threads
 
 if TYPE_CHECKING:
     from splatreel.api import evaluate, reconstruct, render
@@ -23,9 +24,7 @@ if TYPE_CHECKING:
 
 __version__ = "0.1.0"
 
-# torch's threads otherwise spin while they wait for work, and take the processor cores that kernels need. OpenMP reads the variable
-# when torch is imported, so it must be set before.
-os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
+quiet_threads()  # before anything imports torch
 
 __all__ = [
     "Camera",
