@@ -87,9 +87,35 @@ def initial_moves(
         The moves [Q, 3, 4] float32 and their costs [Q] float32; 0 for patches that were not judged.
     """
     moves, costs = np.empty((len(patches), 3, 4), np.float32), np.zeros(len(patches), np.float32)
-    given = here, last, there, patches, judged, STAY, *template, _space_for_pairs(patches)
+    stay = np.tile(STAY, (len(patches), 1, 1))
+    again = stay.copy()
+    again[judged] = rigid_fits(last, here, patches[judged])
+    candidates = rigid_fits(here, there, patches), stay, again
+    given = here, patches, judged, *candidates, *template, _space_for_pairs(patches)
     kernel.initial_moves.over(len(patches), *given, moves, costs, chunks=_chunks())
     return moves, costs
+
+
+def rigid_fits(start: np.ndarray, end: np.ndarray, patches: np.ndarray) -> np.ndarray:
+    """Return the move [Q, 3, 4] float32 of each patch that fits its points in `start` to those in `end` by least squares.
+
+    Args:
+        start: [N, 3] positions.
+        end: [N, 3] positions after the move.
+        patches: [Q, K] int64, the points of each patch.
+
+    Source:
+        Kabsch 1976.
+    """
+    a, b = (positions[patches].astype(np.float64) for positions in (start, end))
+    center_a, center_b = a.mean(1, keepdims=True), b.mean(1, keepdims=True)
+    U, _, Vt = np.linalg.svd((a - center_a).transpose(0, 2, 1) @ (b - center_b))
+    U[:, :, 2] *= np.sign(np.linalg.det(U) * np.linalg.det(Vt))[:, None]
+    R = (U @ Vt).transpose(0, 2, 1)
+    moves = np.empty((len(patches), 3, 4), np.float32)
+    moves[:, :, :3] = R
+    moves[:, :, 3] = center_b[:, 0] - (R @ center_a.transpose(0, 2, 1))[:, :, 0]
+    return moves
 
 
 def refine_moves(

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from splatreel.base import threads
-from splatreel.base.jit import F1, F2, I1, INT, L1, kernel, range_kernel
+from splatreel.base.jit import F1, F2, I1, range_kernel
 from splatreel.kernels.cpu import blending
 from splatreel.kernels.cpu.binning import LOG2_E, LOG_OPACITY, Bins, tiles_of
 from splatreel.kernels.cpu.blending import CHANNELS, GATHERED, PARTS
@@ -163,30 +163,16 @@ def _balanced(bins: Bins, frozen: Frozen | None, wanted: np.ndarray | None = Non
     chosen = np.ones(len(bins.counts), np.bool_) if frozen is None else bins.counts > 0
     if wanted is not None:
         chosen &= wanted
-    held = np.zeros_like(bins.offsets) if frozen is None else frozen.bins.offsets
-    return _deal(bins.offsets, held, np.flatnonzero(chosen), _chunks())
+    counts = bins.counts if frozen is None else bins.counts + frozen.bins.counts
+    tiles, hands = np.flatnonzero(chosen), _chunks()
+    fullest_first = tiles[np.argsort(-counts[tiles], kind="stable")]
+    return np.concatenate([fullest_first[hand::hands] for hand in range(hands)])
 
 
 def _chunks() -> int:
     """Return the number of parts that the tiles are divided into."""
     workers = threads.count()
     return workers * SHARES if workers > 1 else 1
-
-
-@kernel(I1, I1, L1, INT)
-def _deal(offsets, held, tiles, hands):
-    size = tiles.shape[0]
-    counts = np.empty(size, np.int64)
-    for k in range(size):
-        tile = tiles[k]
-        counts[k] = -(offsets[tile + 1] - offsets[tile] + held[tile + 1] - held[tile])
-    fullest_first = np.argsort(counts, kind="mergesort")
-    dealt, position = np.empty(size, np.int64), 0
-    for hand in range(hands):
-        for k in range(hand, size, hands):
-            dealt[position] = tiles[fullest_first[k]]
-            position += 1
-    return dealt
 
 
 @range_kernel(I1, F2, F2)

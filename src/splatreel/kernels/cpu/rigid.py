@@ -129,51 +129,25 @@ def color_differences(first, last, places, patches, stay, seen, colors, views, s
 
 
 @njit(**FAST)
-def _rigid(a, b, patch):
-    """Return the move that fits the points of a patch in a to those in b by least squares (Kabsch 1976)."""
-    n = len(patch)
-    center_a, center_b, H = np.zeros(3), np.zeros(3), np.zeros((3, 3))
-    for i in patch:
-        for k in range(3):
-            center_a[k] += a[i, k] / n
-            center_b[k] += b[i, k] / n
-    for i in patch:
-        for j in range(3):
-            for k in range(3):
-                H[j, k] += (a[i, j] - center_a[j]) * (b[i, k] - center_b[k])
-    U, _, Vt = np.linalg.svd(H)
-    flip = np.eye(3)
-    flip[2, 2] = np.sign(np.linalg.det(U) * np.linalg.det(Vt))
-    R = Vt.T @ flip @ U.T
-    move = np.empty((3, 4), np.float32)
-    for j in range(3):
-        move[j, 3] = center_b[j]
-        for k in range(3):
-            move[j, k] = R[j, k]
-            move[j, 3] -= R[j, k] * center_a[k]
-    return move
-
-
-@range_kernel(F2, F2, F2, L2, B1, F2, B2, F3, VIEWS, L3, F3, F1, allocates=True)
-def initial_moves(begin, end, here, last, there, patches, judged, stay, seen, colors, views, space, moves, costs):
-    """Kernel of `splatreel.kernels.rigid.initial_moves`. stay: the move that changes nothing."""
-    for t in range(begin, end):
-        moves[t] = _rigid(here, there, patches[t])
-        if judged[t]:
-            pairs = space[t, : _pairs(patches[t], seen, space[t])]
-            costs[t] = _difference(here, moves[t], pairs, colors, views)
-            for move in (stay, _rigid(last, here, patches[t])):
-                cost = _difference(here, move, pairs, colors, views)
-                if cost < costs[t]:
-                    costs[t] = cost
-                    moves[t] = move
-
-
-@njit(**FAST)
 def _copy(move, out):
     for j in range(3):
         for k in range(4):
             out[j, k] = move[j, k]
+
+
+@range_kernel(F2, L2, B1, F3, F3, F3, B2, F3, VIEWS, L3, F3, F1)
+def initial_moves(begin, end, here, patches, judged, flow, stay, again, seen, colors, views, space, moves, costs):
+    """Choose the cheapest of the moves of each judged patch; other patches take `flow`. flow, stay, again: [Q, 3, 4]."""
+    for t in range(begin, end):
+        _copy(flow[t], moves[t])
+        if judged[t]:
+            pairs = space[t, : _pairs(patches[t], seen, space[t])]
+            costs[t] = _difference(here, flow[t], pairs, colors, views)
+            for move in (stay[t], again[t]):
+                cost = _difference(here, move, pairs, colors, views)
+                if cost < costs[t]:
+                    costs[t] = cost
+                    _copy(move, moves[t])
 
 
 @njit(**FAST)

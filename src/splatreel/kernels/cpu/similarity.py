@@ -81,7 +81,7 @@ def loss_and_gradient(
     d_image = np.zeros(lines, np.float32) if zeros and tiles is not None else np.empty(lines, np.float32)
     similarity, differences = np.empty(len(compared), np.float32), np.empty(len(changed), np.float32)
     products = np.zeros((len(changed), COLUMNS), np.float32)
-    ssim_maps, gradient = (_ssim_maps_u8, _gradient_u8) if y.dtype == np.uint8 else (_ssim_maps_f32, _gradient_f32)
+    ssim_maps, gradient = (_ssim_maps_u8, _gradient_u8) if y.dtype == np.uint8 else _OF_FLOATS
     seen = (x, y, behind, gains, np.ones_like(gains), np.zeros_like(gains), scale)
     ssim_maps.over(len(compared), *seen, compared, maps, similarity)
     l1_weight, ssim_weight = (1 - lambda_dssim) / image.size, lambda_dssim / image.size
@@ -242,11 +242,18 @@ def _gradient(
                 d_image[top : top + rows, left + 3 * ROWS * tile : left + 3 * ROWS * (tile + 1)] = ZERO
 
 
+def _kernels(target: types.Array) -> tuple[Kernel, Kernel]:
+    """Return the kernels of the forward and the backward pass for one type of target."""
+    rests = (_ssim_maps, (L1, F3, F1)), (_gradient, (L1, B1, F3, FLOAT, FLOAT, F2, F1, F2))
+    return tuple(_kernel(function, target, *rest) for function, rest in rests)
+
+
 def _kernel(function: Callable[..., None], target: types.Array, *rest: types.Type) -> Kernel:
     """Return a kernel for one type of target."""
     name = f"{function.__name__.strip('_')}_{target.dtype}"
     return range_kernel(F2, target, F1, F1, F1, F1, FLOAT, *rest, allocates=True, name=name)(function)
 
 
-_ssim_maps_u8, _ssim_maps_f32 = (_kernel(_ssim_maps, target, L1, F3, F1) for target in (U2, F2))
-_gradient_u8, _gradient_f32 = (_kernel(_gradient, target, L1, B1, F3, FLOAT, FLOAT, F2, F1, F2) for target in (U2, F2))
+_ssim_maps_u8, _gradient_u8 = _kernels(U2)
+_OF_FLOATS = _kernels(F2)
+"""Not compiled ahead of time, since training images are bytes."""
