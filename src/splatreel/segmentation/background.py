@@ -64,21 +64,26 @@ def fit_background(samples: np.ndarray, certainty: np.ndarray | None = None) -> 
     film = samples.astype(np.float32)
     certainty = np.ones(film.shape[:3], np.float32) if certainty is None else certainty
     spread = _typical_noise(film)
-    scale = 1 / (BANDWIDTH * spread)
+    distances = np.arange(256, dtype=np.float32) / (BANDWIDTH * spread)
+    likeness = np.maximum(1 - distances * distances, 0)  # of each difference of gray levels
     best, image = np.full(film.shape[1:3], -1, np.float32), film[0].copy()
     for number in np.unique(np.linspace(0, len(film) - 1, CANDIDATES).round().astype(int)):
         density = np.zeros_like(best)
-        for sample, weight in zip(film, certainty, strict=True):
-            distance = np.abs(sample - film[number]).max(-1) * scale
-            density += weight * np.maximum(1 - distance * distance, 0)
+        for sample, weight in zip(samples, certainty, strict=True):
+            density += weight * cv2.LUT(largest_channel(cv2.absdiff(sample, samples[number])), likeness)
         density = cv2.GaussianBlur(density, (3, 3), 0)
         better = density > best
         best[better], image[better] = density[better], film[number][better]
     image, noise = _refined(film, certainty, image, BANDWIDTH * spread)
-    near = np.abs(film - image).max(-1) < BANDWIDTH * spread
+    near = largest_channel(np.abs(film - image)) < BANDWIDTH * spread
     known = near.sum(0) >= min(MIN_SAMPLES, 0.5 * len(film))
     contrast = cv2.morphologyEx(image.mean(-1), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
     return Background(image, np.hypot(noise, EDGE_NOISE * contrast), near.mean(0, dtype=np.float32), known)
+
+
+def largest_channel(images: np.ndarray) -> np.ndarray:
+    """Return the largest channel [..., H, W] of images [..., H, W, 3], several times as fast as `max(-1)`."""
+    return np.maximum(np.maximum(images[..., 0], images[..., 1]), images[..., 2])
 
 
 def _refined(film: np.ndarray, certainty: np.ndarray, image: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
@@ -88,7 +93,7 @@ def _refined(film: np.ndarray, certainty: np.ndarray, image: np.ndarray, reach: 
         mean, square, total = np.zeros_like(image), np.zeros_like(noise), np.full_like(noise, 1e-3)
         for sample, weight in zip(film, certainty, strict=True):
             difference = sample - image
-            near = weight * (np.abs(difference).max(-1) < reach)
+            near = weight * (largest_channel(np.abs(difference)) < reach)
             mean += near[..., None] * difference
             square += near * np.square(difference.mean(-1))
             total += near

@@ -5,7 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
-from splatreel.segmentation.background import Background
+from splatreel.segmentation.background import Background, largest_channel
 
 LIMIT = 3.0
 """Largest evidence of a pixel, as log odds."""
@@ -34,7 +34,7 @@ def subject_evidence(frame: np.ndarray, background: Background) -> np.ndarray:
     """
     seen = cv2.GaussianBlur(frame.astype(np.float32), (0, 0), BLUR)
     behind = cv2.GaussianBlur(background.lit(frame), (0, 0), BLUR)
-    difference = np.abs(seen - behind).max(-1) / np.hypot(background.noise, FLOOR)
+    difference = largest_channel(np.abs(seen - behind)) / np.hypot(background.noise, FLOOR)
     found = np.clip(difference / UNSURE - 1, -1, 1) * LIMIT
     shadow = _shadow_likeness(seen, behind, np.hypot(background.noise, HUE_FLOOR))
     found = np.where(found > SHADOW_ODDS, found + (SHADOW_ODDS - found) * shadow, found)
@@ -47,7 +47,7 @@ def _shadow_likeness(seen: np.ndarray, behind: np.ndarray, noise: np.ndarray) ->
     Within a shadow, the ratio to the background changes slowly. On cloth and at borders of bodies it changes quickly.
     """
     ratio = (seen * behind).sum(-1) / np.maximum((behind * behind).sum(-1), 1)
-    hue = np.abs(seen - ratio[..., None] * behind).max(-1) / noise
+    hue = largest_channel(np.abs(seen - ratio[..., None] * behind)) / noise
     likely = np.clip(2 - hue / UNSURE, 0, 1) * (ratio > DARKEST_SHADOW) * (ratio < 1)
     texture = cv2.morphologyEx(ratio, cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8)) * behind.mean(-1)
     texture = texture / np.hypot(noise, SHADOW_EDGE)

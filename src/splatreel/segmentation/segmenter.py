@@ -11,7 +11,7 @@ import numpy as np
 from splatreel.base import threads
 from splatreel.scene.camera import Camera
 from splatreel.segmentation.agreement import Agreement
-from splatreel.segmentation.background import Background, fit_background
+from splatreel.segmentation.background import Background, fit_background, largest_channel
 from splatreel.segmentation.colors import ColorModel
 from splatreel.segmentation.evidence import LIMIT, subject_evidence
 from splatreel.segmentation.smoothing import decide, without_specks
@@ -184,4 +184,4 @@ def _widened(mask: np.ndarray) -> np.ndarray:
 
 def _alike(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Return where two images show the same. Arrays: [C, H, W, 3] uint8; the result is [C, H, W] bool."""
-    return np.stack([cv2.absdiff(x, y).max(-1) < STEADY for x, y in zip(a, b, strict=True)])
+    return np.stack([largest_channel(cv2.absdiff(x, y)) < STEADY for x, y in zip(a, b, strict=True)])
