@@ -2,8 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
+
+Row = tuple[np.ndarray, np.ndarray, np.ndarray]
+Rows = tuple[Row, Row, Row]
+"""Rows of a 3 x 3 matrix, whose elements are images [H, W]."""
 
 RADIUS = 6
 """Radius of the neighborhood, in pixels of an image 320 wide."""
@@ -27,26 +33,41 @@ class GuidedFilter:
 
     def __init__(self, image: np.ndarray) -> None:
         self._radius = max(1, round(RADIUS * image.shape[1] / 320))
-        self._image = image.astype(np.float32) / 255
-        self._mean = self._box(self._image)
-        products = self._image[..., :, None] * self._image[..., None, :]
-        variance = self._box(products.reshape(*image.shape[:2], 9)).reshape(*image.shape[:2], 3, 3)
-        variance -= self._mean[..., :, None] * self._mean[..., None, :]
-        self._inverse = np.linalg.inv(variance + EDGE * np.eye(3, dtype=np.float32))
+        self._image = [np.float32(1 / 255) * image[..., k].astype(np.float32) for k in range(3)]
+        self._means = [self._box(channel) for channel in self._image]
+        pairs = [(j, k) for j in range(3) for k in range(j, 3)]
+        xx, xy, xz, yy, yz, zz = (
+            self._box(self._image[j] * self._image[k]) - self._means[j] * self._means[k] for j, k in pairs
+        )
+        self._inverse = _inverse(xx + EDGE, xy, xz, yy + EDGE, yz, zz + EDGE)
 
     def __call__(self, values: np.ndarray) -> np.ndarray:
         """Return filtered values [H, W] float32."""
         mean = self._box(values)
-        covariance = self._box(self._image * values[..., None]) - self._mean * mean[..., None]
-        slope = (self._inverse @ covariance[..., None])[..., 0]
-        offset = mean - (slope * self._mean).sum(-1)
-        return (self._box(slope) * self._image).sum(-1) + self._box(offset)
+        channels = list(zip(self._image, self._means, strict=True))
+        covariances = [self._box(channel * values) - center * mean for channel, center in channels]
+        slopes = [_weighted_sum(row, covariances) for row in self._inverse]
+        offset = mean - _weighted_sum(slopes, self._means)
+        return _weighted_sum([self._box(slope) for slope in slopes], self._image) + self._box(offset)
 
     def _box(self, values: np.ndarray) -> np.ndarray:
         size = 2 * self._radius + 1
-        if values.ndim == 2 or values.shape[2] <= 4:
-            return cv2.boxFilter(values, -1, (size, size))
-        return np.stack([cv2.boxFilter(values[..., k], -1, (size, size)) for k in range(values.shape[2])], -1)
+        return cv2.boxFilter(values, -1, (size, size))
+
+
+def _weighted_sum(weights: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> np.ndarray:
+    """Return the sum of three images, each times a weight per pixel."""
+    (a, b, c), (x, y, z) = weights, values
+    return a * x + b * y + c * z
+
+
+def _inverse(xx: np.ndarray, xy: np.ndarray, xz: np.ndarray, yy: np.ndarray, yz: np.ndarray, zz: np.ndarray) -> Rows:
+    """Return the rows of the inverse of a symmetric 3 x 3 matrix per pixel."""
+    a, b, c = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    d, e, f = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    scale = 1 / (xx * a + xy * b + xz * c)
+    a, b, c, d, e, f = (scale * cofactor for cofactor in (a, b, c, d, e, f))
+    return (a, b, c), (b, d, e), (c, e, f)
 
 
 def decide(image: np.ndarray, odds: np.ndarray) -> np.ndarray:
