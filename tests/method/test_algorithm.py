@@ -1,6 +1,7 @@
 """Steps of a group in the order of the paper's sections, for all kinds of groups and settings."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -50,10 +51,17 @@ class Watch:
     def finish(self, points: Gaussians) -> None: ...
 
 
-def reconstruct(config: Config, start: Handover | None = None, frames: int = FRAMES) -> tuple[Recorder, Handover]:
-    """Reconstruct the first frames of the wall. start: state before them; None for the first group of a video."""
+def reconstruct(
+    config: Config, start: Handover | None = None, frames: int = FRAMES, subject_only: bool = False
+) -> tuple[Recorder, Handover]:
+    """Reconstruct the first frames of the wall.
+
+    start: state before them; None for the first group of a video. subject_only: the images are those of a capture with masks.
+    """
     rig, images = Rig.of(CAPTURE.training_cameras), CAPTURE.read(0, frames, [camera.name for camera in CAPTURE.cameras])
     seeds, layout = lay_out(rig.cameras, images[0], config)
+    if subject_only:
+        layout = replace(layout, backgrounds={camera.name: (0.0, 0.0, 0.0) for camera in rig.cameras})
     start = start or Handover(rig, StaticPoints.none(1), seeds=(seeds.points, seeds.colors))
     header = header_of(rig.cameras, 30, config, layout, None)
     coding = Coding(ReelEncoder(config.encode, rig.cameras), header, None)
@@ -61,6 +69,13 @@ def reconstruct(config: Config, start: Handover | None = None, frames: int = FRA
     data = GroupInput(span, images, start.rig, None, layout, torch.device("cpu"), 0, config.antialias)
     run = Recorder()
     return run, reconstruct_group(data, start, config, coding, run, Watch())
+
+
+def test_exposures_are_not_measured_on_a_subject_alone() -> None:
+    """A subject that comes closer or turns is no change of exposure, and its surroundings are not in the images."""
+    run, after = reconstruct(small(), subject_only=True)
+    assert list(run.found) == ["poses", "first keyframe", *REST]
+    assert not np.any(after.rig.exposure)
 
 
 def test_steps_of_video_and_next_group_follow_the_sections_of_the_paper() -> None:

@@ -55,11 +55,12 @@ def reconstruct_group(
     """
     span, static, progress = data.span, start.static, run.progress
 
-    # Cameras: the paper assumes constant exposures and correct poses.
-    if config.even_exposure:
+    # Cameras: the paper assumes constant exposures and correct poses. A subject alone shows neither: it moves, and has few features.
+    subject_only = bool(data.layout.backgrounds)
+    if config.even_exposure and not subject_only:
         exposure = run("exposure", measure_exposures, data, start)
         data = run("even exposures", remove_exposures, data, exposure, progress)
-    if config.check_poses and not (data.layout.backgrounds and span.index):  # a subject alone has too few features
+    if config.check_poses and not (subject_only and span.index):
         data = replace(data, rig=data.rig.with_poses(run("poses", check_poses, data, progress)))
 
     # Section 4: the keyframe. Static points of earlier groups are frozen.
@@ -102,7 +103,7 @@ def measure_exposures(data: GroupInput, start: Handover) -> Exposure:
 def remove_exposures(data: GroupInput, exposure: Exposure, progress: Progress) -> GroupInput:
     """Even the images out in place. Return the group with its light, and with the exposures of the rig at the next keyframe."""
     report_exposure(data.rig, exposure, progress)
-    remove_exposure(data.images, exposure, keep_white=bool(data.layout.backgrounds))
+    remove_exposure(data.images, exposure)
     rig = at_next_keyframe(data.rig, exposure, data.span.own)
     return replace(data, rig=rig, light=exposure.light_factors)
 

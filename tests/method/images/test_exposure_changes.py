@@ -101,13 +101,3 @@ def test_exposures_ignore_local_light() -> None:
     darker = np.linspace(0, -0.04, 128)[:, None]  # darker to the right, where somebody blocks the light
     film *= np.exp(darker * np.linspace(0, 1, FRAMES)[:, None, None, None, None])
     assert all(np.all(change == 0) for change in exposures(np.rint(film).astype(np.uint8)))
-
-
-def test_white_and_black_stay_behind_masks_after_any_change() -> None:
-    film = np.zeros((1, 1, 8, 8, 3), np.uint8)
-    film[..., :4, :] = 255
-    film[0, 0, 0] = 100
-    even_out(film, np.full((1, 1, 3), 0.7), keep_white=True)
-    assert (film[0, 0, 1:, :4] == 255).all()
-    assert (film[0, 0, 1:, 4:] == 0).all()
-    assert (film[0, 0, 0] == round(100 * np.exp(-0.7))).all()

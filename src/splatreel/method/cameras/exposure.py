@@ -56,12 +56,12 @@ def report_exposure(rig: Rig, found: Exposure, progress: Progress) -> None:
         )
 
 
-def remove_exposure(frames: np.ndarray, exposure: Exposure, keep_white: bool = False) -> None:
+def remove_exposure(frames: np.ndarray, exposure: Exposure) -> None:
     """Give images [T, C, H, W, 3] uint8 the exposure and the light of the capture's first frame, in place.
 
-    A copy of a group would take much memory. `keep_white` keeps levels of 255.
+    A copy of a group would take much memory.
     """
-    even_out(frames, exposure.change + exposure.light[:, None], keep_white)
+    even_out(frames, exposure.change + exposure.light[:, None])
 
 
 def at_next_keyframe(rig: Rig, exposure: Exposure, own: int) -> Rig:

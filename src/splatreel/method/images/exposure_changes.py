@@ -60,20 +60,19 @@ def exposures(frames: np.ndarray, reference: np.ndarray | None = None) -> tuple[
     return (changes - light[:, None]).astype(np.float32), light.astype(np.float32)
 
 
-def even_out(frames: np.ndarray, change: np.ndarray, keep_white: bool = False) -> None:
+def even_out(frames: np.ndarray, change: np.ndarray) -> None:
     """Remove changes from frames, in place.
 
     Args:
         frames: [T, C, H, W, 3] uint8.
         change: [T, C, 3] logarithms.
-        keep_white: Keep levels of 255 even after large changes, such as those of a background behind masks.
     """
     levels = np.arange(256)[:, None]
     white = 1 - np.clip((255 - levels) / (255 - WHITE_FADE_FROM), 0, 1)
     for number, (t, c) in enumerate(np.argwhere(np.any(change != 0, 2))):
         if number % frames.shape[1] == 0:
             release_pages(frames)
-        kept = 1 if keep_white else np.interp(np.abs(change[t, c]).max(), WHITE_FADE_CHANGES, (1, 0))
+        kept = np.interp(np.abs(change[t, c]).max(), WHITE_FADE_CHANGES, (1, 0))
         fade = 1 - white * kept
         table = np.rint(levels * (1 + fade * np.expm1(-change[t, c]))).clip(0, 255).astype(np.uint8)
         frames[t, c] = cv2.LUT(frames[t, c], table[None])
