@@ -15,7 +15,7 @@ import tyro
 
 from record import record
 from splatreel.base import threads
-from splatreel.base.process import keep_freed_memory, peak_memory_bytes
+from splatreel.base.process import keep_freed_memory, peak_memory_bytes, quiet_threads
 from splatreel.capture.builtin.synthetic import make_capture
 from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
@@ -37,6 +37,7 @@ def main(cases: Literal[1, 2, 3] = 1, out: Path = Path("out/benchmark-estimate")
 
 def measure(case: Case, out: Path) -> dict:
     """Return the estimated and the measured figures. Estimates leave out the compilation of kernels."""
+    quiet_threads()
     threads.use(1)
     keep_freed_memory()
     from splatreel.base.display import console

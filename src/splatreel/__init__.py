@@ -7,8 +7,6 @@ import torch. `splatreel.readers` has the parts of capture readers, and `splatre
 import importlib
 from typing import TYPE_CHECKING, Any
 
-from splatreel.base.process import quiet_threads
-
 if TYPE_CHECKING:
     from splatreel.api import evaluate, reconstruct, render
     from splatreel.base.errors import CancelledError, SplatreelError
@@ -23,8 +21,6 @@ if TYPE_CHECKING:
     from splatreel.scene.gaussians import Gaussians
 
 __version__ = "0.1.0"
-
-quiet_threads()  # before anything imports torch
 
 __all__ = [
     "Camera",
@@ -66,9 +62,10 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name on first use."""
+    """Import a public name on first use. torch's threads then sleep while they wait, unless torch was imported before."""
     if name not in _HOMES:
         raise AttributeError(f"module 'splatreel' has no attribute {name!r}")
+    importlib.import_module("splatreel.base.process").quiet_threads()
     return getattr(importlib.import_module(_HOMES[name]), name)
 
 

@@ -30,8 +30,7 @@ def open_standard_streams() -> None:
 def quiet_threads() -> None:
     """Let torch's idle threads sleep, so that they do not take cores from the kernels' threads.
 
-    Torch's OpenMP runtime reads these variables when it loads, so `import splatreel` sets them, unless they are set already. They have
-    no effect if torch was imported before.
+    Torch's OpenMP runtime reads these variables when it loads. Call this function before importing torch.
     """
     os.environ.setdefault("GOMP_SPINCOUNT", "0")
     os.environ.setdefault("KMP_BLOCKTIME", "0")

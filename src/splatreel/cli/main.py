@@ -10,7 +10,7 @@ from tyro.extras import SubcommandApp
 
 from splatreel import __version__
 from splatreel.base.compile_cache import choose_compile_cache
-from splatreel.base.process import keep_freed_memory, open_standard_streams
+from splatreel.base.process import keep_freed_memory, open_standard_streams, quiet_threads
 from splatreel.base.progress import printable
 from splatreel.cli import bench
 from splatreel.cli.capture import (
@@ -76,6 +76,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     open_standard_streams()
     alone = arguments is None
     arguments = sys.argv[1:] if arguments is None else list(arguments)
+    quiet_threads()
     choose_compile_cache()
     keep_freed_memory()
     try:

@@ -81,7 +81,7 @@ def bin_splats(
     _prepare.over(n, *inputs, width, height, splats, boxes, first[1:], grain=GRAIN)
     np.cumsum(first, out=first)
     tiles, reaches = np.empty(first[-1], np.int32), np.empty((first[-1], 2), np.uint8)
-    _cut.over(n, splats, boxes, first, tiles_x, tiles, reaches, grain=GRAIN)
+    _cut.over(n, splats, boxes, first, width, tiles, reaches, grain=GRAIN)
     order = _depth_order(depths, first)
     ids, slots, rows = np.empty(first[-1], np.int32), np.empty(first[-1], np.int32), np.empty_like(reaches)
     _fill(order, first, tiles, reaches, offsets, ids, slots, rows)
@@ -141,17 +141,17 @@ def _prepare(begin, end, means2d, conics, opacities, depths, radii, width, heigh
         if left <= right and top <= bottom:
             boxes[i, 0], boxes[i, 1], boxes[i, 2], boxes[i, 3] = left, right, top, bottom
             for column in range(left // TILE, right // TILE + 1):
-                high, low = _strip(splats[i], boxes[i], column * TILE, TILE)
+                high, low = _strip(splats[i], boxes[i], column * TILE, TILE, width)
                 counts[i] += low // TILE - high // TILE + 1 if low >= high else 0
 
 
 @njit(inline="always")
-def _strip(splat, box, start, width):
+def _strip(splat, box, start, width, across):
     """Return the first and last row of pixels of the ellipse within a strip of columns; last < first if there are none.
 
-    box: see `_prepare`. start, width: first column and number of columns. The box must touch them.
+    box: see `_prepare`. start, width: first column and number of columns. The box must touch them. across: width of the image.
     """
-    if box[0] >= start and box[1] < start + width:
+    if max(start, 1) <= box[0] and box[1] < min(start + width, across - 1):  # the whole ellipse is in the strip
         return box[2], box[3]
     y, a, b, c = splat[1], splat[2], splat[3], splat[4]
     reach, determinant = _reach(splat)
@@ -173,18 +173,18 @@ def _strip(splat, box, start, width):
 
 
 @njit(inline="always")
-def _halves(splat, box, start, high, low):
+def _halves(splat, box, start, high, low, across):
     """Return the first and last row of the ellipse within the left and the right half of a column of tiles.
 
-    start: first column of pixels. high, low: rows in both halves together.
+    start: first column of pixels. high, low: rows in both halves together. across: width of the image.
     """
     middle = start + STRIP
     if box[1] < middle:
         return high, low, low + 1, low
     if box[0] >= middle:
         return low + 1, low, high, low
-    left_high, left_low = _strip(splat, box, start, STRIP)
-    right_high, right_low = _strip(splat, box, middle, STRIP)
+    left_high, left_low = _strip(splat, box, start, STRIP, across)
+    right_high, right_low = _strip(splat, box, middle, STRIP, across)
     return left_high, left_low, right_high, right_low
 
 
@@ -196,15 +196,16 @@ def _packed(high, low, top):
 
 
 @range_kernel(F2, I2, I1, INT, I1, U2)
-def _cut(begin, end, splats, boxes, first, tiles_x, tiles, rows):
+def _cut(begin, end, splats, boxes, first, width, tiles, rows):
     """Fill the tile of every (splat, tile) pair and the rows that the splat covers in it. Splat i has the pairs from first[i] on."""
+    tiles_x = (width + TILE - 1) // TILE
     for i in range(begin, end):
         pair = first[i]
         if boxes[i, 1] < boxes[i, 0]:
             continue
         for column in range(boxes[i, 0] // TILE, boxes[i, 1] // TILE + 1):
-            high, low = _strip(splats[i], boxes[i], column * TILE, TILE)
-            halves = _halves(splats[i], boxes[i], column * TILE, high, low)
+            high, low = _strip(splats[i], boxes[i], column * TILE, TILE, width)
+            halves = _halves(splats[i], boxes[i], column * TILE, high, low, width)
             for row in range(high // TILE, low // TILE + 1 if low >= high else 0):
                 tiles[pair] = row * tiles_x + column
                 rows[pair, 0] = _packed(halves[0], halves[1], row * TILE)

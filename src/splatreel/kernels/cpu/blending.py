@@ -236,13 +236,8 @@ def _extent(rows, start, end, some):
 @njit(inline="always")
 def _limits(rows, k, highest, lowest):
     """Return the first and last row of pair k in the left half of its tile and in the right half, within highest..lowest."""
-    left, right = rows[k, 0], rows[k, 1]
-    return (
-        max(left // TILE, highest),
-        min(left % TILE, lowest),
-        max(right // TILE, highest),
-        min(right % TILE, lowest),
-    )
+    first, last = max(rows[k, 0] // TILE, highest), min(rows[k, 0] % TILE, lowest)
+    return first, last, max(rows[k, 1] // TILE, highest), min(rows[k, 1] % TILE, lowest)
 
 
 @njit(inline="always")

@@ -14,7 +14,7 @@ from pathlib import Path
 from splatreel import __version__
 from splatreel.base import threads
 from splatreel.base.errors import InUseError, ReconstructionError
-from splatreel.base.process import keep_freed_memory
+from splatreel.base.process import keep_freed_memory, quiet_threads
 
 PATIENCE = 120.0
 """Seconds that a job waits for a lock. The lock of a job that was lost with its node may remain for a while."""
@@ -103,6 +103,7 @@ def _make_chapter(task: NodeTask, chapter: int, send: Callable[[object], None]) 
 
 
 def _run_guarded(task: NodeTask, action: Callable[[], None]) -> str | None:
+    quiet_threads()
     threads.use(min(task.threads, threads.available()))
     keep_freed_memory()
     from splatreel.run.machines.reports import describe_error

@@ -14,7 +14,7 @@ from contextlib import ExitStack
 from multiprocessing.connection import Connection, wait
 from typing import TYPE_CHECKING
 
-from splatreel.base.process import keep_freed_memory
+from splatreel.base.process import keep_freed_memory, quiet_threads
 from splatreel.base.threads import use
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ def serve_chapters(spec: bytes, threads: int, gpu: str | None, connection: Conne
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent gets the signal too, and decides
     if gpu is not None:
         os.environ["CUDA_VISIBLE_DEVICES"] = gpu
+    quiet_threads()
     use(threads)
     keep_freed_memory()
     try:
