@@ -106,11 +106,11 @@ class _Rows:
             rows: First and last row in the left half of the tile, and in the right half. A register that holds both uses their union.
             work: Builder of the loop's body.
         """
+        first, last, other_first, other_last = rows
         if self.memory.width == STRIP:
-            self._part(0, *rows[:2], work)
-            self._part(STRIP, *rows[2:], work)
+            self._part(0, first, last, work)
+            self._part(STRIP, other_first, other_last, work)
         else:
-            first, last, other_first, other_last = rows
             self._part(0, self._pick("<", first, other_first), self._pick(">", last, other_last), work)
 
     def _pick(self, comparison: str, one: Any, other: Any) -> Any:

@@ -244,8 +244,8 @@ def _gradient(
 
 def _kernels(target: types.Array) -> tuple[Kernel, Kernel]:
     """Return the kernels of the forward and the backward pass for one type of target."""
-    rests = (_ssim_maps, (L1, F3, F1)), (_gradient, (L1, B1, F3, FLOAT, FLOAT, F2, F1, F2))
-    return tuple(_kernel(function, target, *rest) for function, rest in rests)
+    maps, gradient = (L1, F3, F1), (L1, B1, F3, FLOAT, FLOAT, F2, F1, F2)
+    return _kernel(_ssim_maps, target, *maps), _kernel(_gradient, target, *gradient)
 
 
 def _kernel(function: Callable[..., None], target: types.Array, *rest: types.Type) -> Kernel:
