@@ -65,7 +65,9 @@ def __getattr__(name: str) -> Any:
     """Import a public name on first use. torch's threads then sleep while they wait, unless torch was imported before."""
     if name not in _HOMES:
         raise AttributeError(f"module 'splatreel' has no attribute {name!r}")
-    importlib.import_module("splatreel.base.process").quiet_threads()
+    from splatreel.base.process import quiet_threads
+
+    quiet_threads()
     return getattr(importlib.import_module(_HOMES[name]), name)
 
 

@@ -87,11 +87,9 @@ def initial_moves(
         The moves [Q, 3, 4] float32 and their costs [Q] float32; 0 for patches that were not judged.
     """
     moves, costs = np.empty((len(patches), 3, 4), np.float32), np.zeros(len(patches), np.float32)
-    stay = np.tile(STAY, (len(patches), 1, 1))
-    again = stay.copy()
+    flow, again = rigid_fits(here, there, patches), np.empty_like(moves)
     again[judged] = rigid_fits(last, here, patches[judged])
-    candidates = rigid_fits(here, there, patches), stay, again
-    given = here, patches, judged, *candidates, *template, _space_for_pairs(patches)
+    given = here, patches, judged, flow, STAY, again, *template, _space_for_pairs(patches)
     kernel.initial_moves.over(len(patches), *given, moves, costs, chunks=_chunks())
     return moves, costs
 

@@ -135,15 +135,15 @@ def _copy(move, out):
             out[j, k] = move[j, k]
 
 
-@range_kernel(F2, L2, B1, F3, F3, F3, B2, F3, VIEWS, L3, F3, F1)
+@range_kernel(F2, L2, B1, F3, F2, F3, B2, F3, VIEWS, L3, F3, F1)
 def initial_moves(begin, end, here, patches, judged, flow, stay, again, seen, colors, views, space, moves, costs):
-    """Choose the cheapest of the moves of each judged patch; other patches take `flow`. flow, stay, again: [Q, 3, 4]."""
+    """Choose the cheapest of the moves of each judged patch; other patches take `flow`. flow, again: [Q, 3, 4]. stay: [3, 4]."""
     for t in range(begin, end):
         _copy(flow[t], moves[t])
         if judged[t]:
             pairs = space[t, : _pairs(patches[t], seen, space[t])]
             costs[t] = _difference(here, flow[t], pairs, colors, views)
-            for move in (stay[t], again[t]):
+            for move in (stay, again[t]):
                 cost = _difference(here, move, pairs, colors, views)
                 if cost < costs[t]:
                     costs[t] = cost
