@@ -267,7 +267,7 @@ def wgpu_tests(bench: Bench, found: Found, share: float) -> None:
         found["tests"] = NO_GPU
         return
     command = [sys.executable, "-m", "pytest", "-q", "-k", "not emulated"]
-    command += ["tests/gpu", "tests/method/train/test_gpu_programs.py"]
+    command += ["tests/gpu", "tests/method/train/test_programs.py"]
     ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=max(bench.left(), 1))
     lines = ran.stdout.strip().splitlines() or ["nothing was printed"]
     found["tests"] = lines[-1].strip("= ")

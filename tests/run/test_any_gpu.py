@@ -46,5 +46,5 @@ def test_run_on_any_gpu_is_as_good_as_on_the_cpu(tmp_path: Path, monkeypatch: py
     assert batches.count("GpuGroupProgram") == 20 * (3 + 2)
     assert verify_reel(on_gpu.reel).groups == 2
     # Densification makes the result a matter of chance: six seeds of the CPU scatter by 0.19 dB (standard deviation). Trainings without
-    # this chance are compared within 0.1 dB, in tests/method/train/test_gpu_programs.py.
+    # this chance are compared within 0.1 dB, in tests/method/train/test_programs.py.
     assert quality(on_gpu, capture) > quality(on_cpu, capture) - 0.8

@@ -22,6 +22,7 @@ from splatreel.base.errors import UsageError
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 _limit: int | None = None
+_caller = threading.local()
 
 
 @functools.cache
@@ -36,8 +37,18 @@ def available() -> int:
 
 
 def count() -> int:
-    """Return the number of threads to use: the limit that `use` set, else all cores."""
-    return _limit or available()
+    """Return the number of threads to use: the limit that `use` set, else all cores; of these, the caller's share (`divided`)."""
+    return max(1, (_limit or available()) // getattr(_caller, "parts", 1))
+
+
+@contextmanager
+def divided(parts: int) -> Iterator[None]:
+    """Use one of `parts` shares of the threads inside a `with` block of the calling thread, while other threads use the others."""
+    _caller.parts = parts
+    try:
+        yield
+    finally:
+        _caller.parts = 1
 
 
 def chosen() -> int | None:

@@ -9,9 +9,10 @@ import pytest
 from splatreel.base.errors import GpuError
 from splatreel.base.progress import Silent
 from splatreel.gpu.device import Gpu
+from splatreel.method.train.gpu_group import GpuGroupProgram
 from splatreel.method.train.losses import KEYFRAME, Loss, photometric
 from tests.gpu.devices import REAL, OpenedGpu
-from tests.method.train.test_gpu_programs import Notes, group_config, group_trainer, keyframe_trainer, make_images
+from tests.method.train.test_programs import Notes, group_config, group_trainer, keyframe_trainer, make_images
 
 
 def fail_at(program: object, call: int) -> Callable[..., object]:
@@ -34,11 +35,13 @@ def test_a_group_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: pytes
 
     def start_and_fail(progress: Silent) -> None:
         start(progress)
-        monkeypatch.setattr(trainer.program, "run", fail_at(trainer.program, 3))
+        if isinstance(trainer.program, GpuGroupProgram):
+            monkeypatch.setattr(trainer.program, "run", fail_at(trainer.program, 3))
 
     monkeypatch.setattr(trainer, "_start_program", start_and_fail)
     result = trainer.train(notes)
     assert np.isfinite(result.dx).all()
+    assert trainer.program is None, "a finished training releases its program"
     assert any("training continues on the CPU from iteration 0" in note for note in notes.notes)
     assert gpu.open() is None, "later trainings of the process do not try again"
 

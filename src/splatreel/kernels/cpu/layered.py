@@ -27,6 +27,7 @@ def loss_and_gradient(
     gain: np.ndarray | None,
     background: np.ndarray | None,
     where: np.ndarray | None = None,
+    whole: bool = False,
 ) -> tuple[float, rasterize.Gradients]:
     """Return the loss of (image + background) * gain against the target, see `similarity.loss_and_gradient`, and its gradients.
 
@@ -43,12 +44,13 @@ def loss_and_gradient(
         background: [3]. None: 0.
         where: [N] bool. If given, `bins` has all splats of the view, the frozen ones too, and only tiles that a splat of `where`
             touches are drawn and compared.
+        whole: Whether the loss is that of the whole image. If not, it leaves out a constant, see `similarity.loss_and_gradient`.
     """
     tiles = bins.counts > 0 if where is None else tiles_of(bins, where)
     among = frozen if where is None else None
     with _put_back(frozen, np.flatnonzero(tiles)):
         rasterize.draw_over(bins, colors, frozen, among, tiles)
-        compared = tiles.reshape(-(-bins.height // TILE), -1)
+        compared = None if whole else tiles.reshape(-(-bins.height // TILE), -1)
         found = similarity.loss_and_gradient(
             frozen.image, target, lambda_dssim, gain, compared, background, zeros=False
         )

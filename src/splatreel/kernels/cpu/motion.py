@@ -11,8 +11,8 @@ import math
 import numpy as np
 from numba import njit
 
-from splatreel.base.jit import F1, F2, F3, FLOAT, L1, L2, kernel, range_kernel
-from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
+from splatreel.base.jit import D1, F1, F2, F3, FLOAT, L1, L2, kernel, range_kernel
+from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F, sign
 
 Skin = tuple[np.ndarray, np.ndarray]
 """index [N, K] int64 and share [N, K]: the nodes of each point and their weights."""
@@ -48,6 +48,13 @@ def offsets_gradient(
     d_points, sums = np.empty((len(d_dx), 7), np.float32), np.zeros((BANDS, nodes, 7), np.float32)
     _offsets_gradient.over(BANDS, d_dx, d_dq, *skin, F(unit), sums, d_points)
     return sums.sum(0), d_points
+
+
+def product_sum(controls: np.ndarray, weights: np.ndarray, slopes: np.ndarray) -> float:
+    """Return the sum over R rows of controls [K, R, 7], weighted by [K], times slopes [R, 7]: the change along the gradient."""
+    sums = np.empty(BANDS, np.float64)
+    _product_sum.over(BANDS, controls, weights, slopes, sums)
+    return float(sums.sum())
 
 
 def arap(
@@ -102,6 +109,20 @@ def _offsets_gradient(first, last, d_dx, d_dq, index, share, unit, sums, d_point
                 d_points[i, d] = slope
                 for k in range(index.shape[1]):
                     sums[band, index[i, k], d] += share[i, k] * slope
+
+
+@range_kernel(F3, F1, F2, D1)
+def _product_sum(first, last, controls, weights, slopes, sums):
+    n = slopes.shape[0]
+    for band in range(first, last):
+        total = 0.0
+        for k in range(controls.shape[0]):
+            part = ZERO
+            for i in range(band * n // BANDS, (band + 1) * n // BANDS):
+                for d in range(7):
+                    part += controls[k, i, d] * slopes[i, d]
+            total += weights[k] * part
+        sums[band] = total
 
 
 @njit(inline="always")
@@ -170,11 +191,6 @@ def _rotate_gradient(q, i, vx, vy, vz, gx, gy, gz):
     )
 
 
-@njit(inline="always")
-def _sign(value):
-    return ONE if value > ZERO else (-ONE if value < ZERO else ZERO)
-
-
 @range_kernel(F2, F2, F2, L1, F1, FLOAT, FLOAT, F1, F2, F2)
 def _pairs(first, last, means, dx, units, neighbor, weights, per_unit, share, losses, here, there):
     """Compute each pair's part of the mean loss, and the gradients to (dx, unit quaternion) of the point and of its neighbor."""
@@ -196,17 +212,17 @@ def _pairs(first, last, means, dx, units, neighbor, weights, per_unit, share, lo
         for c in range(4):
             turn += abs(units[i, c] - units[j, c])
         losses[i] = weight * turn + scale * (abs(sx) + abs(sy) + abs(sz) + abs(stretch))
-        gx, gy, gz = scale * _sign(sx), scale * _sign(sy), scale * _sign(sz)
-        pull = -scale * _sign(stretch) / length
+        gx, gy, gz = scale * sign(sx), scale * sign(sy), scale * sign(sz)
+        pull = -scale * sign(stretch) / length
         here[i, 0], here[i, 1], here[i, 2] = gx + pull * vx, gy + pull * vy, gz + pull * vz
         here[i, 3], here[i, 4], here[i, 5], here[i, 6] = _rotate_gradient(units, i, hx, hy, hz, -gx, -gy, -gz)
         there[i, 3], there[i, 4], there[i, 5], there[i, 6] = _rotate_gradient(units, j, hx, hy, hz, -gx, -gy, -gz)
         for c in range(3):
             there[i, c] = -here[i, c]
         for c in range(4):
-            sign = weight * _sign(units[i, c] - units[j, c])
-            here[i, 3 + c] += sign
-            there[i, 3 + c] -= sign
+            turned = weight * sign(units[i, c] - units[j, c])
+            here[i, 3 + c] += turned
+            there[i, 3 + c] -= turned
 
 
 @kernel(L1, F2, F2)

@@ -7,7 +7,7 @@ the spline has a knot at every frame.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -15,7 +15,7 @@ import torch
 from torch import Tensor
 
 from splatreel.kernels import adam, motion, splat
-from splatreel.method.deform.knot_adam import KnotAdam, Restore
+from splatreel.method.deform.knot_adam import KnotAdam, Moment, Restore
 from splatreel.method.deform.spline import Spline
 
 FRAMES_PER_KNOT = 5.0
@@ -79,10 +79,13 @@ class Appearance:
             if shade.grad is not None
         ]
         self.moments.clear()
+        adam.adam(self.follow(known, share, pace))
+
+    def follow(self, known: Sequence[Moment], share: float, pace: float) -> list[adam.Step]:
+        """Return the optimizer step for gradients at some moments, or nothing. share, pace: see `Deformation.step`."""
         self.adam.rate = pace * 0.05**share
         taken = self.adam.at(known)
-        if taken is not None:
-            adam.adam([taken])
+        return [] if taken is None else [taken]
 
     def snapshot(self) -> Restore:
         """Copy everything that training changes."""

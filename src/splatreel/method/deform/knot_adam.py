@@ -99,13 +99,13 @@ class KnotAdam(Adam):
 
     def current(self, first: int, last: int) -> Tensor:
         """Return the control values, without gradient, of which the knots first..last have taken all steps."""
-        missed = self._missed[first:last]
-        if missed.any():
-            lengths, epsilons = self._lengths[first:last], self._epsilons[first:last]
+        missed = self._missed[:, first:last]
+        if self._defers and missed[0].any():
+            numbers, lengths, epsilons = missed
             mean_epsilons = np.divide(epsilons, lengths, out=np.full_like(lengths, self.eps), where=lengths > 0)
-            columns = lengths, mean_epsilons, *(decay**missed for decay in DECAYS)
+            columns = lengths, mean_epsilons, *(decay**numbers for decay in DECAYS)
             kernel.catch_up(kernel.Missed(self._trained, first, *(column.astype(np.float32) for column in columns)))
-            missed[:] = lengths[:] = epsilons[:] = 0
+            missed[:] = 0
         return self._trained.parameter
 
     def snapshot(self) -> Restore:
@@ -140,7 +140,7 @@ class KnotAdam(Adam):
 
     def _restart_missed(self) -> None:
         """Start the record of each knot's missed steps: their number, sum of lengths, and sum of epsilons weighted by length."""
-        self._missed, self._lengths, self._epsilons = (np.zeros(len(self.mean)) for _ in range(3))
+        self._missed = np.zeros((3, len(self.mean)))
         large = self.mean.numel() >= DEFERRED_SIZE and len(self.mean) >= DEFERRED_KNOTS
         self._defers = large and self.mean.device.type == "cpu"  # starting operations takes longer on a GPU
 
@@ -148,15 +148,18 @@ class KnotAdam(Adam):
         """Restrict a step to the knots step.start..last with a gradient, and record that the others miss it."""
         if not self._defers:
             return step
-        rate, decay, square_decay, eps, number = step.moment
+        last = min(last, step.end)
         self.current(step.start, last)
-        others = np.r_[0 : step.start, min(last, step.end) : step.end]
-        self._missed[others] += 1
-        root = math.sqrt(1 - square_decay**number) / np.sqrt(square_decay) ** self._missed[others]
-        length = rate / (1 - decay**number) * decay ** self._missed[others] * root
-        self._lengths[others] += length
-        self._epsilons[others] += length * eps * root
-        return step._replace(begin=step.start, end=min(last, step.end))
+        rate, decay, square_decay, eps, number = step.moment
+        rate, correction = rate / (1 - decay**number), math.sqrt(1 - square_decay**number)
+        for others in (slice(step.start), slice(last, step.end)):
+            missed, lengths, epsilons = self._missed[:, others]
+            missed += 1
+            root = correction / square_decay ** (0.5 * missed)
+            length = rate * decay**missed * root
+            lengths += length
+            epsilons += length * (eps * root)
+        return step._replace(begin=step.start, end=last)
 
 
 def merge_snapshots(parts: Iterable[Restore]) -> Restore:

@@ -6,6 +6,7 @@ at once; the level of the points adds the remainder.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,6 +20,10 @@ from splatreel.method.deform.spline import Spline
 
 DIMENSIONS = 7
 """Components of an offset: dx, and dq less its identity."""
+
+
+Slopes = tuple[int, np.ndarray, tuple[Tensor, Tensor]]
+"""First knot of a moment, the weights [4] of its knots, and the gradients [M, 7] and [N, 7] to the splines of nodes and points."""
 
 
 @dataclass
@@ -137,12 +142,16 @@ class Trajectory:
         """See `Deformation`."""
         known = [(seen.knot, seen.weights, seen.slopes(self)) for seen in self.evaluations if seen.has_gradient]
         self.evaluations.clear()
+        adam.adam(self.follow(known, share, pace))
+
+    def follow(self, known: Sequence[Slopes], share: float, pace: float) -> list[adam.Step]:
+        """Return the optimizer steps for gradients at some moments. share, pace: see `Deformation.step`."""
         taken = []
         for level, (knots, rate) in enumerate(zip(self.adams, self.RATES, strict=True)):
             knots.rate = pace * rate * 0.05**share
             end = self.reached + 1  # later knots have not been trained, and stay zero
             taken.append(knots.at([(knot, weights, slopes[level]) for knot, weights, slopes in known], end))
-        adam.adam([step for step in taken if step is not None])
+        return [step for step in taken if step is not None]
 
     def snapshot(self) -> Restore:
         """See `Deformation`."""

@@ -20,23 +20,13 @@ from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.train.density import GroupDensity
 from splatreel.method.train.dynamic_points import DynamicPoints
 from splatreel.method.train.gpu_program import GpuProgram, adam_row
-from splatreel.method.train.gpu_programs import Draw, Outcome
 from splatreel.method.train.losses import GROUP
+from splatreel.method.train.programs import Draw, Outcome
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.training_images import TrainingImages
 
 KINDS = {"motion": "0u", "nodes": "1u", "appearance": "2u"}
 """Constants of the kernel `adam_knots`."""
-
-
-def unsupported_group(points: DynamicPoints) -> str | None:
-    """Return why the GPU cannot train the motion of a group; None if it can."""
-    model = points.deformation
-    if not isinstance(model, Trajectory):
-        return "the hash grid runs on the CPU or with CUDA"
-    if model.reached < model.knots - 1:
-        return "groups without tracks are trained on the CPU or with CUDA"
-    return None
 
 
 class GpuGroupProgram(GpuProgram):

@@ -14,7 +14,6 @@ from splatreel.gpu.drawing import Buffers
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.train.density import KeyframeDensity
 from splatreel.method.train.gpu_program import GpuProgram, adam_row
-from splatreel.method.train.gpu_programs import KeyframeDraw, Outcome
 from splatreel.method.train.losses import (
     CHAPTER_KEYFRAME,
     KEYFRAME,
@@ -23,6 +22,7 @@ from splatreel.method.train.losses import (
     KeyframeStep,
     Loss,
 )
+from splatreel.method.train.programs import KeyframeDraw, Outcome
 from splatreel.method.train.render import StaticCache
 from splatreel.method.train.trainable_points import TrainablePoints
 from splatreel.method.train.training_images import TrainingImages

@@ -16,13 +16,11 @@ from splatreel.gpu.drawing import Buffers, Drawing
 from splatreel.gpu.image_pool import ImagePool
 from splatreel.gpu.static_scene import StaticScene
 from splatreel.method.deform.knot_adam import DECAYS, Adam
-from splatreel.method.train.gpu_programs import Outcome
+from splatreel.method.train.programs import MOST_DRAWS, Outcome
 from splatreel.method.train.render import StaticCache
 from splatreel.method.train.trainable_points import NAMES, TrainablePoints
 from splatreel.method.train.training_images import TrainingImages
 
-MOST_DRAWS = 64
-"""Largest number of draws of a batch."""
 FIRST_PAIRS = 8
 """Pairs per point that fit at first."""
 Tensors = Callable[[Adam], tuple[Tensor, Tensor, Tensor]]

@@ -18,13 +18,13 @@ from splatreel.method.cameras.time_offsets import LearnedOffsets, TimeOffsets, s
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots
 from splatreel.method.layering.lift import NEIGHBORS
 from splatreel.method.tracking.tracking import GroupStart
+from splatreel.method.train.cpu_group import CpuGroupProgram
 from splatreel.method.train.density import GroupDensity
 from splatreel.method.train.dynamic_points import Changes, DynamicPoints
 from splatreel.method.train.frame_sampling import FrameSchedule
-from splatreel.method.train.gpu_group import GpuGroupProgram, unsupported_group
-from splatreel.method.train.gpu_program import MOST_DRAWS
-from splatreel.method.train.gpu_programs import Draw
+from splatreel.method.train.gpu_group import GpuGroupProgram
 from splatreel.method.train.losses import GROUP, GroupStep, backward, choose_rank, choose_span
+from splatreel.method.train.programs import MOST_DRAWS, Draw, unsupported_group
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import StaticCache, draw, moving_tiles
@@ -128,7 +128,7 @@ class GroupTrainer:
             seed: Seed of all random choices.
             missing: [T, C] bool, images that are not trained on; None trains on all.
             region: Volume in which points are cloned; None is everywhere.
-            gpu: GPU that runs the iterations; None runs them on the device of the images, with torch.
+            gpu: GPU that runs the iterations; None runs them on the device of the images.
         """
         device, group = images.pixels.device, config.group
         self.config = config
@@ -147,7 +147,7 @@ class GroupTrainer:
         movable = torch.from_numpy(static.alive if may_move is None else may_move).to(device)
         self.density = GroupDensity(self.points, self.static, movable, config, self.iterations, self.rng, region)
         self.gpu = gpu
-        self.program: GpuGroupProgram | None = None
+        self.program: GpuGroupProgram | CpuGroupProgram | None = None
         self.find_neighbors()
         self.recovery = Recovery()
 
@@ -176,7 +176,7 @@ class GroupTrainer:
         return self.result()
 
     def _iterate(self, iteration: int, progress: Progress) -> int:
-        """Run one iteration, or several on a GPU, and the actions that are due after it.
+        """Run one iteration, or several of a program, and the actions that are due after it.
 
         Returns:
             Number of finished iterations.
@@ -203,35 +203,38 @@ class GroupTrainer:
         return done
 
     def _start_program(self, progress: Progress) -> None:
-        """Use the GPU, if there is one that can train this group."""
-        if self.gpu is None:
-            return
+        """Choose what runs the iterations: the GPU if there is one, else the CPU, or torch where neither has a program."""
+        self.program, why = None, unsupported_group(self.points)
+        learns_time = self.time_offsets.enabled and self.images.count > 1
+        state = self.points, self.density, self.images, self.config.group, self.gains, learns_time
         try:
-            opened = self.gpu.open()
-            if why := unsupported_group(self.points):
+            opened = None if self.gpu is None else self.gpu.open()
+            if opened is not None and why is not None:
                 progress.note(f"this group is trained on the CPU: {why}")
             elif opened is not None:
-                settings = self.config.group, self.gains, self.time_offsets.enabled and self.images.count > 1
-                self.program = GpuGroupProgram(opened, self.points, self.density, self.images, *settings)
-                self._upload()
+                self.program = GpuGroupProgram(opened, *state)
+            elif why is None and not self.images.pixels.is_cuda:
+                self.program = CpuGroupProgram(*state)
+            self._upload()
         except GpuError as error:
             self._continue_without_gpu(error, progress)
 
     def _continue_without_gpu(self, error: GpuError, progress: Progress) -> int:
         """Return to the last good state, to continue on the CPU. Return the number of iterations that are done in it."""
         assert self.gpu is not None
-        self.program = None
-        return self.recovery.leave_gpu(self.gpu, error, progress)
+        done = self.recovery.leave_gpu(self.gpu, error, progress)
+        self._start_program(progress)
+        return done
 
     def _upload(self) -> None:
-        """Copy the state to the GPU, if one trains."""
+        """Give the state to the program, if there is one."""
         if self.program is not None:
             self.program.neighbors = self.neighbors
             self.program.images = self.images
             self.program.upload()
 
-    def _run_batch(self, first: int, program: GpuGroupProgram) -> tuple[Tensor, int]:
-        """Run iterations on the GPU until something is due, or until a draw depends on the results of these.
+    def _run_batch(self, first: int, program: GpuGroupProgram | CpuGroupProgram) -> tuple[Tensor, int]:
+        """Run iterations of the program until something is due, or until a draw depends on the results of these.
 
         Returns:
             Loss [] of the last iteration, and the number of finished iterations.
@@ -253,7 +256,7 @@ class GroupTrainer:
         return torch.tensor(outcomes[-1].loss), done
 
     def _stops(self, done: int) -> bool:
-        """Return whether a batch on the GPU ends after `done` iterations."""
+        """Return whether a batch of the program ends after `done` iterations."""
         shown = self._shows(done - 1) or done % GIVE_BACK_EVERY == 0
         return shown or self._needs_host(done) or self.schedule.waits_for_losses(done)
 
@@ -264,7 +267,7 @@ class GroupTrainer:
         return resizes or saves or self.density.is_due(done) or done == self.iterations
 
     def _plan(self, iteration: int) -> Draw:
-        """Decide what an iteration on the GPU draws and compares, with the random choices of `step`."""
+        """Decide what an iteration of the program draws and compares, with the random choices of `step`."""
         frame, camera = self.schedule.draw(iteration)
         share, whole = iteration / self.iterations, self._shows(iteration)
         step = Draw(

@@ -23,10 +23,9 @@ from splatreel.method.train.average import Average
 from splatreel.method.train.density import KeyframeDensity
 from splatreel.method.train.error_points import ADDED_AT, ADDED_SHARE, points_at_errors
 from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram, unsupported_keyframe
-from splatreel.method.train.gpu_program import MOST_DRAWS
-from splatreel.method.train.gpu_programs import KeyframeDraw
 from splatreel.method.train.hidden_colors import bound_colors, spread_colors
 from splatreel.method.train.losses import GROWTH, KEYFRAME, LAMBDA_DSSIM, KeyframeStep, Loss, backward, psnr
+from splatreel.method.train.programs import MOST_DRAWS, KeyframeDraw
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.render import Comparable, StaticCache, View, deformed, draw, moving_tiles
 from splatreel.method.train.trainable_points import NAMES, TrainablePoints, default_rates

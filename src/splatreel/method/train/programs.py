@@ -1,6 +1,6 @@
-"""Programs that run whole iterations of training on a GPU, and what varies between iterations.
+"""Programs that run whole iterations of training on a GPU or on the CPU, and what varies between iterations.
 
-With torch, on the CPU or CUDA, the trainers run their iterations themselves (`GroupTrainer.step`, `KeyframeTrainer.step`).
+Where no program can train, the trainers run their iterations with torch (`GroupTrainer.step`, `KeyframeTrainer.step`).
 """
 
 from __future__ import annotations
@@ -8,6 +8,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeVar
+
+from splatreel.method.deform.trajectory import Trajectory
+from splatreel.method.train.dynamic_points import DynamicPoints
+
+MOST_DRAWS = 64
+"""Largest number of draws of a batch."""
 
 
 @dataclass(frozen=True)
@@ -76,11 +82,21 @@ class Outcome(NamedTuple):
     slope: float
 
 
+def unsupported_group(points: DynamicPoints) -> str | None:
+    """Return why no program can train the motion of a group; None if one can."""
+    model = points.deformation
+    if not isinstance(model, Trajectory):
+        return "the hash grid runs on the CPU or with CUDA"
+    if model.reached < model.knots - 1:
+        return "groups without tracks are trained on the CPU or with CUDA"
+    return None
+
+
 D = TypeVar("D", contravariant=True)
 
 
 class Program(Protocol[D]):
-    """Iterations on a GPU. The state of the host is valid before `upload` and after `download`."""
+    """Iterations on a device. The state of the host is valid before `upload` and after `download`."""
 
     def upload(self) -> None:
         """Take over the state of the host, after its rows or the image size changed."""

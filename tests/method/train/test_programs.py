@@ -1,4 +1,4 @@
-"""Whole iterations on a (software) GPU against those on the CPU."""
+"""Whole iterations of programs, on a (software) GPU and on the CPU, against those of torch."""
 
 from collections.abc import Callable
 from dataclasses import replace
@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+from splatreel.base import threads
 from splatreel.base.errors import GaussiansError
 from splatreel.base.progress import Silent
 from splatreel.config import Config, preset
@@ -39,6 +40,10 @@ CLOSE = 1e-4
 SURFACES_CLOSE = 3e-3
 """The same with the losses of surfaces: variances are small differences of large numbers, signs of tiny bends are chance, and unknown
 pixels repeat a drawing that is rounded to 8 bits."""
+
+
+ON_CPU = pytest.param(None, id="CPU")
+"""The program of the CPU, which a trainer without a GPU starts."""
 
 
 class Notes(Silent):
@@ -156,11 +161,11 @@ def _scatter(trainer: GroupTrainer) -> None:
         values.add_(torch.from_numpy(rng.normal(0, 0.02, values.shape).astype(np.float32)))
 
 
-@pytest.mark.parametrize("opened", DEVICES)
-def test_an_iteration_of_a_group_is_that_of_the_cpu(opened: Callable[[], Gpu]) -> None:
+@pytest.mark.parametrize("opened", [ON_CPU, *DEVICES])
+def test_an_iteration_of_a_group_is_that_of_torch(opened: Callable[[], Gpu] | None) -> None:
     """Offsets, projection, order among static points, loss, all gradients, rigidity, smoothness and Adam."""
     config = group_config(**{"group.coarse_share": 0.0, "group.progressive_share": 0.0})
-    trainers = [group_trainer(gpu, config) for gpu in (OpenedGpu(opened()), None)]
+    trainers = [group_trainer(gpu, config) for gpu in (opened and OpenedGpu(opened()), None)]
     device, host = trainers
     for trainer in trainers:
         _scatter(trainer)
@@ -173,6 +178,7 @@ def test_an_iteration_of_a_group_is_that_of_the_cpu(opened: Callable[[], Gpu]) -
         draw = device._plan(iteration)
         draw = replace(draw, metered=True, metered_static=iteration == 0)
         device.program.neighbors = host.neighbors
+        device.density.restart()
         device.program.upload()
         outcome = device.program.run([draw])[0]
         device.program.give_meters()
@@ -201,14 +207,35 @@ def test_an_iteration_of_a_group_is_that_of_the_cpu(opened: Callable[[], Gpu]) -
                 found[name].square.copy_(adam.square)
 
 
-@pytest.mark.parametrize("opened", REAL)
-def test_a_subject_of_few_cameras_has_opposite_backgrounds_in_turn_as_on_the_cpu(opened: Callable[[], Gpu]) -> None:
+def test_draws_together_start_from_one_state_and_are_followed_in_turn() -> None:
+    """Two draws of different views, and two of one view, with one thread and with several."""
+    for cameras in ((0, 1), (2, 2)):
+        found = []
+        for limit in (1, 4):
+            trainer = group_trainer(None, group_config(**{"group.coarse_share": 0.0}))
+            _scatter(trainer)
+            trainer._start_program(Silent())
+            assert trainer.program is not None
+            draws = [replace(trainer._plan(40 + k), camera=camera) for k, camera in enumerate(cameras)]
+            alone = trainer.program._gradients(draws[1], trainer.program._prepare(draws[1])).outcome  # type: ignore[union-attr]
+            with threads.limited(limit):
+                outcomes = trainer.program.run(draws)
+            assert outcomes[1] == alone, "the second draw does not see the first one's step"
+            adams = group_adams(trainer)
+            assert {adam.steps for adam in adams.values()} == {2}
+            found.append({name: adam.tensor.detach().clone() for name, adam in adams.items()})
+        for name, tensor in found[0].items():
+            assert torch.equal(tensor, found[1][name]), (cameras, name)
+
+
+@pytest.mark.parametrize("opened", [ON_CPU, *REAL])
+def test_a_subject_of_few_cameras_has_opposite_backgrounds_in_turn(opened: Callable[[], Gpu] | None) -> None:
     config = group_config(**{"group.coarse_share": 0.0, "group.progressive_share": 0.0})
     alpha = np.full((FRAMES, len(CAMERAS), 32, 48), 255, np.uint8)
     alpha[..., :20] = 0
     device, host = (
         group_trainer(gpu, config, images=with_opposite(make_images(FRAMES), alpha))
-        for gpu in (OpenedGpu(opened()), None)
+        for gpu in (opened and OpenedGpu(opened()), None)
     )
     for trainer in (device, host):
         _scatter(trainer)
