@@ -31,14 +31,14 @@ def fail_at(program: object, call: int) -> Callable[..., object]:
 def test_a_group_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: pytest.MonkeyPatch) -> None:
     notes, gpu = Notes(), OpenedGpu()
     trainer = group_trainer(gpu)
-    start = trainer._start_program
+    start = trainer.start_program
 
     def start_and_fail(progress: Silent) -> None:
         start(progress)
         if isinstance(trainer.program, GpuGroupProgram):
             monkeypatch.setattr(trainer.program, "run", fail_at(trainer.program, 3))
 
-    monkeypatch.setattr(trainer, "_start_program", start_and_fail)
+    monkeypatch.setattr(trainer, "start_program", start_and_fail)
     result = trainer.train(notes)
     assert np.isfinite(result.dx).all()
     assert trainer.program is None, "a finished training releases its program"
@@ -66,7 +66,7 @@ def test_what_the_kernels_do_not_compute_is_trained_on_the_cpu() -> None:
     trainer.train(make_images(1), 3, 3, notes)
     assert notes.notes == ["this keyframe is trained on the CPU: its losses are not among those that the GPU computes"]
     trainer = group_trainer(OpenedGpu(), group_config(**{"group.tracks": False, "group.deformation": "hashgrid"}))
-    trainer._start_program(notes)
+    trainer.start_program(notes)
     assert notes.notes[-1] == "this group is trained on the CPU: the hash grid runs on the CPU or with CUDA"
 
 

@@ -169,13 +169,13 @@ def test_an_iteration_of_a_group_is_that_of_torch(opened: Callable[[], Gpu] | No
     device, host = trainers
     for trainer in trainers:
         _scatter(trainer)
-    device._start_program(Silent())
+    device.start_program(Silent())
     assert device.program is not None
     for iteration, parts in ((0, "rigidity, gradients of static points"), (1, "smoothness"), (49, "the whole image")):
         for trainer in trainers:
             trainer.rng, trainer.schedule.rng = np.random.default_rng(iteration), np.random.default_rng(iteration)
             trainer.schedule._round.clear()
-        draw = device._plan(iteration)
+        draw = device.plan(iteration)
         draw = replace(draw, metered=True, metered_static=iteration == 0)
         device.program.neighbors = host.neighbors
         device.density.restart()
@@ -214,9 +214,9 @@ def test_draws_together_start_from_one_state_and_are_followed_in_turn() -> None:
         for limit in (1, 4):
             trainer = group_trainer(None, group_config(**{"group.coarse_share": 0.0}))
             _scatter(trainer)
-            trainer._start_program(Silent())
+            trainer.start_program(Silent())
             assert trainer.program is not None
-            draws = [replace(trainer._plan(40 + k), camera=camera) for k, camera in enumerate(cameras)]
+            draws = [replace(trainer.plan(40 + k), camera=camera) for k, camera in enumerate(cameras)]
             alone = trainer.program._gradients(draws[1], trainer.program._prepare(draws[1])).outcome  # type: ignore[union-attr]
             with threads.limited(limit):
                 outcomes = trainer.program.run(draws)
@@ -239,7 +239,7 @@ def test_a_subject_of_few_cameras_has_opposite_backgrounds_in_turn(opened: Calla
     )
     for trainer in (device, host):
         _scatter(trainer)
-    device._start_program(Silent())
+    device.start_program(Silent())
     assert device.program is not None
     losses = []
     for iteration in (3, 4):  # the last over the first backgrounds, and the first over the opposite ones
@@ -247,7 +247,7 @@ def test_a_subject_of_few_cameras_has_opposite_backgrounds_in_turn(opened: Calla
             trainer.rng, trainer.schedule.rng = np.random.default_rng(0), np.random.default_rng(0)
             trainer.schedule._round.clear()
         device.program.neighbors = host.neighbors
-        losses.append(device.program.run([device._plan(iteration)])[0].loss)
+        losses.append(device.program.run([device.plan(iteration)])[0].loss)
         device.program.download()
         assert losses[-1] == pytest.approx(float(host.step(iteration)), rel=CLOSE)
         for name, adam in group_adams(host).items():
@@ -317,10 +317,10 @@ def test_a_batch_runs_again_where_its_pairs_did_not_fit(
     opened: Callable[[], Gpu], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     trainer = group_trainer(OpenedGpu(opened()))
-    trainer._start_program(Silent())
+    trainer.start_program(Silent())
     program = trainer.program
     assert program is not None
-    draws = [trainer._plan(iteration) for iteration in range(3)]
+    draws = [trainer.plan(iteration) for iteration in range(3)]
     before = {name: adam.tensor.detach().clone() for name, adam in group_adams(trainer).items()}
     expected = program.run(draws)
     for adam in group_adams(trainer).values():
@@ -336,15 +336,15 @@ def test_a_batch_runs_again_where_its_pairs_did_not_fit(
 
 def test_nan_returns_to_the_last_good_state(monkeypatch: pytest.MonkeyPatch) -> None:
     trainer = group_trainer(OpenedGpu())
-    trainer._start_program(Silent())
+    trainer.start_program(Silent())
     program = trainer.program
     assert program is not None
     with torch.no_grad():
         trainer.points.canonical.adams["log_scales"].tensor[3, 1] = torch.nan
     program.upload()
     with pytest.raises(GaussiansError, match="not finite"):
-        program.run([trainer._plan(0)])
+        program.run([trainer.plan(0)])
     with torch.no_grad():
         trainer.points.canonical.adams["log_scales"].tensor[3, 1] = -2.0
     program.upload()
-    assert np.isfinite(program.run([trainer._plan(1)])[0].loss)
+    assert np.isfinite(program.run([trainer.plan(1)])[0].loss)

@@ -136,17 +136,18 @@ def iteration_row(trainer: GroupTrainer, repeats: int) -> Timing:
     """Time an iteration of a group, as the median of batches.
 
     `undivided` is the slowdown if every tile is drawn and static points get gradients. `one_thread` is the slowdown on
-    one thread. `tiles` is the mean share of tiles drawn otherwise.
+    one thread, and `torch` that of iterations by torch. `tiles` is the mean share of tiles drawn otherwise.
     """
     middle = trainer.iterations // 2 // MEASURE_EVERY * MEASURE_EVERY
     # Both have the same regularizers.
     layered, whole = (_batch(trainer, at) for at in (middle + MEASURE_EVERY // 2, middle))
+    trainer.start_program(Silent())
     layered()  # warm up; the loop below draws the static points of every view
     for camera in range(len(trainer.images.views)):
         trainer.static.view(camera)
     works = [layered, whole]
     if trainer.images.pixels.device.type == "cpu":
-        works.append(lambda: on_one_thread(layered))
+        works += [lambda: on_one_thread(layered), _steps(trainer, middle + MEASURE_EVERY // 2)]
     times = medians_ms(works, repeats)
     row: Timing = {
         "what": "group iteration",
@@ -156,10 +157,28 @@ def iteration_row(trainer: GroupTrainer, repeats: int) -> Timing:
         "undivided": ratio(times[1], times[0]),
         "tiles": round(_tiles(trainer), 3),
     }
-    return row if len(times) < 3 else {**row, "threads": threads.count(), "one_thread": ratio(times[2], times[0])}
+    if len(times) < 4:
+        return row
+    one_thread, torch_steps = (ratio(time, times[0]) for time in times[2:])
+    return {**row, "threads": threads.count(), "one_thread": one_thread, "torch": torch_steps}
 
 
 def _batch(trainer: GroupTrainer, iteration: int) -> Callable[[], None]:
+    """Return a function that runs a batch of like iterations, by the trainer's program if it has one."""
+    steps = _steps(trainer, iteration)
+
+    def work() -> None:
+        if trainer.program is None:
+            steps()
+        else:
+            trainer.program.run([trainer.plan(iteration) for _ in range(BATCH)])
+
+    return work
+
+
+def _steps(trainer: GroupTrainer, iteration: int) -> Callable[[], None]:
+    """Return a function that runs a batch of like iterations by torch."""
+
     def work() -> None:
         for _ in range(BATCH):
             trainer.step(iteration)

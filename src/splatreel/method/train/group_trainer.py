@@ -158,14 +158,14 @@ class GroupTrainer:
             return self.result()
         done = 0
         self.recovery.save_state(done, self)
-        self._start_program(progress)
+        self.start_program(progress)
         while done < self.iterations:
             try:
                 done = self._iterate(done, progress)
             except GaussiansError as error:
                 done = self.recovery.restore(done + 1, error, progress)
                 if self.program is not None:
-                    self._start_program(progress)
+                    self.start_program(progress)
             except GpuError as error:
                 done = self._continue_without_gpu(error, progress)
         self.recovery.release_state()
@@ -202,7 +202,7 @@ class GroupTrainer:
             progress.update(done, loss=float(loss), moving=len(self.points))
         return done
 
-    def _start_program(self, progress: Progress) -> None:
+    def start_program(self, progress: Progress) -> None:
         """Choose what runs the iterations: the GPU if there is one, else the CPU, or torch where neither has a program."""
         self.program, why = None, unsupported_group(self.points)
         learns_time = self.time_offsets.enabled and self.images.count > 1
@@ -223,7 +223,7 @@ class GroupTrainer:
         """Return to the last good state, to continue on the CPU. Return the number of iterations that are done in it."""
         assert self.gpu is not None
         done = self.recovery.leave_gpu(self.gpu, error, progress)
-        self._start_program(progress)
+        self.start_program(progress)
         return done
 
     def _upload(self) -> None:
@@ -240,9 +240,9 @@ class GroupTrainer:
             Loss [] of the last iteration, and the number of finished iterations.
         """
         most = min(MOST_DRAWS, self.time_offsets.independent) if program.learns_time else MOST_DRAWS
-        draws = [self._plan(first)]
+        draws = [self.plan(first)]
         while len(draws) < most and not self._stops(first + len(draws)):
-            draws.append(self._plan(first + len(draws)))
+            draws.append(self.plan(first + len(draws)))
         outcomes = program.run(draws)
         for step, outcome in zip(draws, outcomes, strict=True):
             if program.learns_time:
@@ -266,7 +266,7 @@ class GroupTrainer:
         saves = done >= self.recovery.next_save
         return resizes or saves or self.density.is_due(done) or done == self.iterations
 
-    def _plan(self, iteration: int) -> Draw:
+    def plan(self, iteration: int) -> Draw:
         """Decide what an iteration of the program draws and compares, with the random choices of `step`."""
         frame, camera = self.schedule.draw(iteration)
         share, whole = iteration / self.iterations, self._shows(iteration)
