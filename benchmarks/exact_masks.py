@@ -30,7 +30,8 @@ def main(scene: Positional[Literal["builtin", "juggle"]], out: Positional[Path],
         cameras, still, light = synthetic.make_cameras(), toyroom.standing(0), toyroom.LIGHT
     else:
         film = juggle.film()
-        film.write(out / "capture", frames)
+        if not (out / "capture").exists():
+            film.write(out / "capture", frames)
         cameras, still, light = film.cameras, film.still, film.light
     for camera in cameras:
         seen = trace_static(camera, still, light)
