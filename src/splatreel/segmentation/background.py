@@ -35,12 +35,14 @@ class Background:
         noise: [H, W] float32, standard deviation, gray levels.
         share: [H, W] float32, share 0..1 of the samples that show the background.
         known: [H, W] bool, pixels whose background was seen.
+        floor: Standard deviation of small changes of light, gray levels. It adds to the noise.
     """
 
     image: np.ndarray
     noise: np.ndarray
     share: np.ndarray
     known: np.ndarray
+    floor: float = 5.0
 
     def lit(self, frame: np.ndarray) -> np.ndarray:
         """Return the background [H, W, 3] float32 in the light and exposure of a frame [H, W, 3] uint8."""

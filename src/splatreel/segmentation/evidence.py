@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 
@@ -11,8 +13,10 @@ LIMIT = 3.0
 """Largest evidence of a pixel, as log odds."""
 UNSURE = 3.0
 """Difference from the background, in standard deviations, at which a pixel is as likely of the subject as of the background."""
-FLOOR = 5.0
-"""Standard deviation of small changes of light, gray levels. It adds to the noise."""
+MIN_FLOOR, MAX_FLOOR = 2.0, 5.0
+"""Smallest and largest standard deviation of small changes of light, gray levels. It adds to the noise."""
+MEASURED = 6
+"""Number of samples in which changes of light are measured."""
 HUE_FLOOR = 2.0
 """The same for differences that are left after the brightness is fitted, gray levels."""
 DARKEST_SHADOW = 0.5
@@ -32,13 +36,39 @@ def subject_evidence(frame: np.ndarray, background: Background) -> np.ndarray:
         frame: [H, W, 3] uint8.
         background: Background of the camera.
     """
-    seen = cv2.GaussianBlur(frame.astype(np.float32), (0, 0), BLUR)
-    behind = cv2.GaussianBlur(background.lit(frame), (0, 0), BLUR)
-    difference = largest_channel(np.abs(seen - behind)) / np.hypot(background.noise, FLOOR)
+    seen, behind = _compared(frame, background)
+    difference = largest_channel(np.abs(seen - behind)) / np.hypot(background.noise, background.floor)
     found = np.clip(difference / UNSURE - 1, -1, 1) * LIMIT
     shadow = _shadow_likeness(seen, behind, np.hypot(background.noise, HUE_FLOOR))
     found = np.where(found > SHADOW_ODDS, found + (SHADOW_ODDS - found) * shadow, found)
     return np.where(background.known, found, 0).astype(np.float32)
+
+
+def difference(frame: np.ndarray, background: Background) -> np.ndarray:
+    """Return the difference [H, W] float32 of a frame [H, W, 3] uint8 from the background, gray levels.
+
+    It is infinite where the background is unknown.
+    """
+    seen, behind = _compared(frame, background)
+    return np.where(background.known, largest_channel(np.abs(seen - behind)), np.float32(np.inf))
+
+
+def with_floor(background: Background, samples: np.ndarray) -> Background:
+    """Return the background with the changes of light that samples [S, H, W, 3] uint8 show where nothing moves.
+
+    In a studio these changes are small, so that a shirt is told from a wall of almost the same color.
+    """
+    chosen = np.unique(np.linspace(0, len(samples) - 1, MEASURED).round().astype(int))
+    differences = np.stack([difference(samples[number], background) for number in chosen])
+    still = differences[differences < UNSURE * np.hypot(background.noise, MAX_FLOOR)]
+    deviation = np.percentile(still, 90) / 1.645 if still.size else MAX_FLOOR
+    return replace(background, floor=float(np.clip(deviation, MIN_FLOOR, MAX_FLOOR)))
+
+
+def _compared(frame: np.ndarray, background: Background) -> tuple[np.ndarray, np.ndarray]:
+    """Return a frame and the background in its light, [H, W, 3] float32 each, with less noise."""
+    seen = cv2.GaussianBlur(frame.astype(np.float32), (0, 0), BLUR)
+    return seen, cv2.GaussianBlur(background.lit(frame), (0, 0), BLUR)
 
 
 def _shadow_likeness(seen: np.ndarray, behind: np.ndarray, noise: np.ndarray) -> np.ndarray:

@@ -13,8 +13,8 @@ from splatreel.scene.camera import Camera
 from splatreel.segmentation.agreement import Agreement
 from splatreel.segmentation.background import Background, fit_background, largest_channel
 from splatreel.segmentation.colors import ColorModel
-from splatreel.segmentation.evidence import LIMIT, subject_evidence
-from splatreel.segmentation.smoothing import decide, without_specks
+from splatreel.segmentation.evidence import LIMIT, difference, subject_evidence, with_floor
+from splatreel.segmentation.smoothing import decide, without_halo, without_specks
 
 FULL_TRUST = 8
 """Number of other cameras from which on their agreement weighs as much as the image itself."""
@@ -130,7 +130,8 @@ class SubjectModel:
                 if 0 <= other < len(frames):
                     total += np.where(_alike(frames[t], frames[other]), found[other][0], found[t][0])
             for c, (decision, support) in enumerate(zip(total, found[t][1], strict=True)):
-                out[t, c] = without_specks(decision > 0, support)
+                mask = without_halo(decision > 0, difference(frames[t, c], self.backgrounds[c]))
+                out[t, c] = without_specks(mask, support)
         return out
 
 
@@ -153,8 +154,12 @@ def fit_subject(
         near: Smallest depth, world units.
         report: Called with the number of finished steps of `FIT_STEPS`.
     """
-    films = list(samples.swapaxes(0, 1)) if plates is None else list(plates)
-    model = SubjectModel(cameras, threads.map_parallel(fit_background, films), near)
+    films = list(samples.swapaxes(0, 1))
+    empty = films if plates is None else list(plates)
+    backgrounds = threads.map_parallel(
+        lambda job: with_floor(fit_background(job[0]), job[1]), zip(empty, films, strict=True)
+    )
+    model = SubjectModel(cameras, backgrounds, near)
     report(1)
     if plates is None:
         support = np.stack([model.evidence(images).support for images in samples], 1)  # [C, S, H, W]
@@ -172,7 +177,7 @@ def fit_subject(
 
 def _fit_again(film: np.ndarray, support: np.ndarray) -> tuple[Background, np.ndarray]:
     """Return a background by the support of the other cameras, and the pixels [H, W] bool that the subject always covers."""
-    background = fit_background(film, np.exp(-np.clip(support, 0, LIMIT)).astype(np.float32))
+    background = with_floor(fit_background(film, np.exp(-np.clip(support, 0, LIMIT)).astype(np.float32)), film)
     always = np.clip(support, -LIMIT, LIMIT).mean(0) > ALWAYS
     return background, always & (background.share > STILL)
 
