@@ -15,9 +15,7 @@ import torch
 from splatreel.base import threads
 from splatreel.base.errors import GaussiansError
 from splatreel.config import GroupConfig
-from splatreel.kernels import adam
-from splatreel.kernels.cpu import binning, deform, layered, project
-from splatreel.kernels.cpu.adam import add_signs
+from splatreel.kernels import adam, arrays
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.trajectory import Slopes
 from splatreel.method.train.cpu_motion import CpuMotion, Moment, array
@@ -38,7 +36,7 @@ class _Seen(NamedTuple):
     """A view of the training images as the kernels take it."""
 
     view: View
-    pinhole: project.Pinhole
+    pinhole: arrays.Pinhole
     center: np.ndarray
 
 
@@ -119,9 +117,9 @@ class CpuGroupProgram:
         place = self.images.of_iteration(draw.iteration)[1] + draw.camera
         if place not in self._views:
             view = self.images.all_views[place]
-            blur = project.FINE_BLUR if view.antialias else project.BLUR
+            blur = arrays.FINE_BLUR if view.antialias else arrays.BLUR
             lens = array(view.viewmat), array(view.K), view.width, view.height, self.images.near, blur
-            self._views[place] = _Seen(view, project.Pinhole(*lens), array(view.center))
+            self._views[place] = _Seen(view, arrays.Pinhole(*lens), array(view.center))
         self._density.static.view(place)
         self._motion.catch_up(draw)
         return place
@@ -135,10 +133,10 @@ class CpuGroupProgram:
         weights = {loss.name: loss.weight_at(draw, self._config) for loss in GROUP}
         view, pinhole, center = self._views[place]
         moment = self._motion.at(draw.moment)
-        points = deform.DeformedPoints(*self._canonical, moment.dx, moment.dq, moment.shade)
-        opacities, seen = deform.forward(points, center, pinhole)
+        points = arrays.DeformedPoints(*self._canonical, moment.dx, moment.dq, moment.shade)
+        opacities, seen = arrays.deform(points, center, pinhole)
         loss, screen, d_splats = self._compare(draw, place, seen, opacities)
-        *d_canonical, d_dq, d_shade = deform.backward(points, seen, center, pinhole, *d_splats)
+        *d_canonical, d_dq, d_shade = arrays.deform_gradient(points, seen, center, pinhole, *d_splats)
         self._price_bands(weights["view dependence"] / (view.width * view.height), points.rest, d_canonical[-1])
 
         d_dx = d_canonical[0]
@@ -153,7 +151,7 @@ class CpuGroupProgram:
         return _Gradients(d_canonical, splines, d_shade, screen, moment, Outcome(loss, slope))
 
     def _compare(
-        self, draw: Draw, place: int, seen: deform.ProjectedPoints, opacities: np.ndarray
+        self, draw: Draw, place: int, seen: arrays.ProjectedPoints, opacities: np.ndarray
     ) -> tuple[float, np.ndarray, list[np.ndarray]]:
         """Draw the points among the static ones and compare the image.
 
@@ -169,11 +167,11 @@ class CpuGroupProgram:
             measured = (self._density.convertible & self._density.static.alive)[static.index]
             where = np.concatenate([np.ones(n, bool), array(measured)])
         means2d, conics, colors, opaque, depths, radii = splats
-        bins = binning.bin_splats(means2d, conics, opaque, depths, radii, view.width, view.height)
+        bins = arrays.bin_splats(means2d, conics, opaque, depths, radii, view.width, view.height)
         shown = self.images.of_iteration(draw.iteration)[0]
         target, gain = array(shown.pixels[draw.frame, draw.camera]), array(self._gains.values[draw.camera])
         options = self._config.lambda_dssim, gain, background, where, draw.whole
-        loss, found = layered.loss_and_gradient(bins, colors, static.frozen.held, target, *options)
+        loss, found = arrays.loss_and_gradient(bins, colors, static.frozen.held, target, *options)
         if not math.isfinite(loss + float(sum(part.sum() for part in splats[:4]))):
             raise GaussiansError(f"the training error is {loss}, or a splat is not finite")
         gradients = found.means2d, found.conics, found.colors, found.opacities
@@ -184,7 +182,7 @@ class CpuGroupProgram:
         """Add the gradient of the L1 norm of the higher SH bands, see `losses.view_dependence`."""
         size = rest.shape[1] * rest.shape[2]
         if price and size:
-            add_signs(rest.reshape(-1, size), np.full(size, price, np.float32), d_rest.reshape(-1, size))
+            arrays.add_signs(rest.reshape(-1, size), np.full(size, price, np.float32), d_rest.reshape(-1, size))
 
     def _follow(self, draw: Draw, place: int, found: _Gradients) -> Outcome:
         """Take the optimizer steps of a draw, and give its gradients to density control."""

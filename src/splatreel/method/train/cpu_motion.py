@@ -8,9 +8,8 @@ import numpy as np
 import torch
 from torch import Tensor
 
+from splatreel.kernels import arrays
 from splatreel.kernels.adam import Step
-from splatreel.kernels.cpu import motion
-from splatreel.kernels.cpu.adam import add_signs
 from splatreel.method.deform.appearance import LAMBDA, RATES
 from splatreel.method.deform.trajectory import Slopes, Trajectory
 from splatreel.method.train.dynamic_points import DynamicPoints
@@ -68,20 +67,20 @@ class CpuMotion:
         if self._appearance is None:
             return Moment(time, dx, dq, FIXED)
         knot, weights = self._appearance.spline.at(time)
-        shade = motion.spline(array(self._appearance.adam.tensor)[knot : knot + 4], weights)
+        shade = arrays.spline(array(self._appearance.adam.tensor)[knot : knot + 4], weights)
         shade *= SHADE_RATES
         return Moment(time, dx, dq, shade)
 
     def slopes(self, d_dx: np.ndarray, d_dq: np.ndarray) -> tuple[Tensor, Tensor]:
         """Return the gradients [M, 7] and [N, 7] to the splines of nodes and points, from the gradients to dx and dq."""
-        nodes, points = motion.offsets_gradient(d_dx, d_dq, self._skin, len(self._model.nodes), self._model.unit)
+        nodes, points = arrays.offsets_gradient(d_dx, d_dq, self._skin, len(self._model.nodes), self._model.unit)
         points *= self._moves
         return torch.from_numpy(nodes), torch.from_numpy(points)
 
     def rigidity(self, moment: Moment, neighbors: Neighbors, rank: int, weight: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the gradients of `losses.rigidity` to dx and dq."""
         other, closeness = array(neighbors.index[rank]), np.float32(weight) * array(neighbors.closeness[rank])
-        return motion.arap(self._means, moment.dx, moment.dq, other, closeness, self._model.unit)[1:]
+        return arrays.arap(self._means, moment.dx, moment.dq, other, closeness, self._model.unit)[1:]
 
     def smoothness(self, span: tuple[int, int, float], weight: float) -> list[Slopes]:
         """Return the gradients of `losses.smoothness` at its three moments, which are multiples of one gradient."""
@@ -94,8 +93,8 @@ class CpuMotion:
             turned += np.float32(factor) * dq
         share = weight / len(self._means)
         d_dx, d_dq = np.zeros_like(bent), np.zeros_like(turned)
-        add_signs(bent, np.full(3, share / self._model.unit, np.float32), d_dx)
-        add_signs(turned, np.full(4, share, np.float32), d_dq)
+        arrays.add_signs(bent, np.full(3, share / self._model.unit, np.float32), d_dx)
+        arrays.add_signs(turned, np.full(4, share, np.float32), d_dq)
         slopes = self.slopes(d_dx, d_dq)
         knots = [(factor, *self._model.spline.at(time)) for factor, time in times]
         return [(knot, np.float32(factor) * weights, slopes) for factor, knot, weights in knots]
@@ -108,7 +107,7 @@ class CpuMotion:
         weights[last - first :] += late
         weights[:4] -= early
         levels = [array(level.tensor)[first : last + 4] for level in self._model.adams]
-        changes = (motion.product_sum(one, weights, array(slope)) for one, slope in zip(levels, slopes, strict=True))
+        changes = (arrays.product_sum(one, weights, array(slope)) for one, slope in zip(levels, slopes, strict=True))
         return sum(changes) / (after - before)
 
     def steps(self, draw: Draw, moment: Moment, known: list[Slopes], d_shade: np.ndarray) -> list[Step]:
@@ -122,7 +121,7 @@ class CpuMotion:
         """
         found = self._model.follow(known, draw.share, draw.pace)
         if self._appearance is not None:
-            add_signs(moment.shade, PRICES / np.float32(moment.shade.size), d_shade)
+            arrays.add_signs(moment.shade, PRICES / np.float32(moment.shade.size), d_shade)
             d_shade *= SHADE_RATES
             slopes = (*self._appearance.spline.at(draw.moment), torch.from_numpy(d_shade))
             found += self._appearance.follow([slopes], draw.share, draw.pace)
@@ -136,7 +135,7 @@ class CpuMotion:
         """Return dx [N, 3] and dq [N, 4] at a time."""
         knot, weights = self._model.spline.at(time)
         nodes, points = (array(level.tensor)[knot : knot + 4] for level in self._model.adams)
-        return motion.offsets(nodes, points, weights, self._skin, self._model.unit)
+        return arrays.offsets(nodes, points, weights, self._skin, self._model.unit)
 
     def _neighborhood(self, time: float) -> tuple[float, float]:
         """Return the times between which the motion is compared for `time_slope`."""
