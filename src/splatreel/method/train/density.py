@@ -23,7 +23,7 @@ CULL_OPACITY = 0.05
 """Opacity below which points are pruned (paper section 5.1). Fainter points hardly show, and cost bytes and time."""
 GROWTH_GRADIENT = 2e-4
 """Mean screen-space gradient above which points are densified, in normalized device units; the value of 3DGS."""
-ABSOLUTE_GRADIENT = 6e-4
+ABSOLUTE_GRADIENT = 4e-4
 """Threshold of the absolute gradient, where it is measured, for images up to `FINE_WIDTH`. Gradients of a large splat over fine
 detail cancel each other in the signed sum, but not in this one (AbsGS)."""
 FINE_WIDTH = 320

@@ -35,6 +35,11 @@ Draw = Callable[[int], tuple[Splats, Tensor]]
 """Function that returns the projected points of a camera and the image [H, W, 3] that the camera would take of them."""
 
 
+def adds_after(done: int, total: int) -> bool:
+    """Return whether points are added after `done` iterations of `total`."""
+    return done in [round(at * total) for at in ADDED_AT]
+
+
 @torch.no_grad()
 def points_at_errors(
     draw: Draw, images: TrainingImages, gains: Tensor, bands: int, count: int, rng: np.random.Generator

@@ -21,10 +21,11 @@ from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots
 from splatreel.method.train.average import Average
 from splatreel.method.train.density import KeyframeDensity
-from splatreel.method.train.error_points import ADDED_AT, ADDED_SHARE, points_at_errors
+from splatreel.method.train.error_points import ADDED_SHARE, adds_after, points_at_errors
 from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram, unsupported_keyframe
 from splatreel.method.train.hidden_colors import bound_colors, spread_colors
 from splatreel.method.train.losses import GROWTH, KEYFRAME, LAMBDA_DSSIM, KeyframeStep, Loss, backward, psnr
+from splatreel.method.train.opacity_resets import OpacityResets
 from splatreel.method.train.programs import MOST_DRAWS, KeyframeDraw
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.render import Comparable, StaticCache, View, deformed, draw, moving_tiles
@@ -184,12 +185,12 @@ class KeyframeTrainer:
     ) -> None:
         """Add, prune and average points after an iteration, if due."""
         share, averaged = self.done / total, average.has_begun(self.done)
-        changes = self.density.is_due(self.done, share, averaged) or self._adds_at_errors(total)
+        changes = self.density.is_due(self.done, share, averaged) or self._changes_detail(total)
         self.density.update(self.done, share, images, averaged, self._measures_absolute)
         if images.opposite is not None and self.density.is_due(self.done, share, averaged):
             spread_colors(self.points, images, static)
-        if self._adds_at_errors(total):
-            self._add_at_errors(images)
+        if self._changes_detail(total):
+            self._change_detail(images, total)
         if averaged and self.program is None:
             average.add(self.done, self.points.params.values())
         if changes and self.program is not None:
@@ -216,7 +217,7 @@ class KeyframeTrainer:
             elif opened is not None:
                 host = self.points, static, self.density, images, self.config, self.losses, self.gains
                 self.program = GpuKeyframeProgram(opened, *host)
-                self._upload()
+                self.program.upload()
         except GpuError as error:
             self._recover(error, progress)
 
@@ -227,11 +228,6 @@ class KeyframeTrainer:
         assert self.gpu is not None
         self.program = None
         return self.recovery.leave_gpu(self.gpu, error, progress)
-
-    def _upload(self) -> None:
-        """Copy the state to the GPU, if one trains."""
-        if self.program is not None:
-            self.program.upload()
 
     def _gaussians_now(self) -> Gaussians:
         """Return the points as they are now, from the device that trains."""
@@ -264,7 +260,7 @@ class KeyframeTrainer:
     def _needs_host(self, done: int, total: int, end: int, average: Average) -> bool:
         """Return whether the host needs the state after `done` iterations."""
         due = self.density.is_due(done, done / total, average.has_begun(done))
-        return due or self._adds_at_errors(total, done) or done >= self.recovery.next_save or done == end
+        return due or self._changes_detail(total, done) or done >= self.recovery.next_save or done == end
 
     def _plan(self, images: TrainingImages, iteration: int, total: int, average: Average) -> KeyframeDraw:
         """Decide what an iteration on the GPU draws and compares."""
@@ -350,17 +346,21 @@ class KeyframeTrainer:
         image = draw(splats, view).image
         return splats, image if factor is None else image * factor
 
-    def _adds_at_errors(self, total: int, done: int | None = None) -> bool:
-        """Return whether points are added at errors after `done` iterations of `total`; None asks about now."""
+    def _changes_detail(self, total: int, done: int | None = None) -> bool:
+        """Return whether `_change_detail` has work after `done` iterations of `total`; None asks about now."""
         done = self.done if done is None else done
-        return self.config.detail and self.static is None and done in [round(at * total) for at in ADDED_AT]
+        due = adds_after(done, total) or OpacityResets(total, len(self.gains.values)).is_due(done)
+        return due and self.config.detail and self.static is None
 
-    def _add_at_errors(self, images: TrainingImages) -> None:
-        """Add points where the images differ most from the drawings."""
-        count = max(min(self.density.room, round(ADDED_SHARE * len(self.points))), 0)
-        bands, gains = self.points.params["sh_rest"].shape[1], self.gains.values
-        draw_camera = partial(self._draw, images)
-        self.density.add(points_at_errors(draw_camera, images, gains, bands, count, self.rng), images)
+    def _change_detail(self, images: TrainingImages, total: int) -> None:
+        """Reset opacities, prune the points that did not recover, or add points where images differ most from the drawings."""
+        if OpacityResets(total, len(self.gains.values)).update(self.done, self.points):
+            self.density.restart(images)
+        if adds_after(self.done, total):
+            count = max(min(self.density.room, round(ADDED_SHARE * len(self.points))), 0)
+            bands, gains = self.points.params["sh_rest"].shape[1], self.gains.values
+            draw_camera = partial(self._draw, images)
+            self.density.add(points_at_errors(draw_camera, images, gains, bands, count, self.rng), images)
 
     def _static_cache(self, images: TrainingImages) -> StaticCache | None:
         if self.static is None or len(self.static) == 0:
