@@ -34,6 +34,8 @@ CHAPTER_SHARE = 0.5
 """Time of the first keyframe of a chapter, as a share of that of a video: it trains only points that the shared scene lacks."""
 HASHGRID = 3.0
 """Time of an iteration with the hash grid, as a multiple of one with splines."""
+WITHOUT_AUTOGRAD = 0.8
+"""Time of a group's iteration by `method/train/cpu_group.py`, as a share of one by torch: 0.73 on two cores, 0.85 on one."""
 LIFTING = 280.0
 """Time of the paper's optimization of labels, in iterations of a keyframe."""
 GRABCUT = 6.0
@@ -201,7 +203,10 @@ def _motion(work: Workload, frames: int, config: Config) -> float:
     group = config.group
     pixels = work.training_share(config, group.coarse_share)
     iteration = 0.03 * work.megapixels * pixels + 0.0031 * work.dynamic(config) + 0.0014
-    iteration *= HASHGRID if group.deformation == "hashgrid" else 1.0
+    if group.deformation == "hashgrid":
+        iteration *= HASHGRID
+    elif group.tracks:
+        iteration *= WITHOUT_AUTOGRAD
     views = 0.152 * work.cameras * math.sqrt(work.megapixels)
     return views + group.iterations_per_frame * frames * iteration
 
