@@ -75,7 +75,8 @@ class SubjectModel:
             KeyError: An array is missing.
         """
         fields = Background.__dataclass_fields__
-        backgrounds = [Background(*(arrays[f"{c}.{name}"] for name in fields)) for c in range(len(cameras))]
+        packed = [{name: arrays[f"{c}.{name}"] for name in fields} for c in range(len(cameras))]
+        backgrounds = [Background(**each | {"floor": float(each["floor"])}) for each in packed]
         model = cls(cameras, backgrounds, near)
         model.never_uncovered = arrays["never_uncovered"].tolist()
         model.moving_shares = arrays["moving_shares"].tolist()

@@ -21,6 +21,7 @@ from splatreel.method.deform.knot_adam import Adam
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train import gpu_program
 from splatreel.method.train.average import Average
+from splatreel.method.train.gpu_group import GpuGroupProgram
 from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 from splatreel.method.train.losses import CHAPTER_KEYFRAME, KEYFRAME
@@ -319,7 +320,7 @@ def test_a_batch_runs_again_where_its_pairs_did_not_fit(
     trainer = group_trainer(OpenedGpu(opened()))
     trainer.start_program(Silent())
     program = trainer.program
-    assert program is not None
+    assert isinstance(program, GpuGroupProgram)
     draws = [trainer.plan(iteration) for iteration in range(3)]
     before = {name: adam.tensor.detach().clone() for name, adam in group_adams(trainer).items()}
     expected = program.run(draws)

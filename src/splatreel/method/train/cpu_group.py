@@ -133,7 +133,7 @@ class CpuGroupProgram:
         weights = {loss.name: loss.weight_at(draw, self._config) for loss in GROUP}
         view, pinhole, center = self._views[place]
         moment = self._motion.at(draw.moment)
-        points = arrays.DeformedPoints(*self._canonical, moment.dx, moment.dq, moment.shade)
+        points = arrays.DeformedPoints._make([*self._canonical, moment.dx, moment.dq, moment.shade])
         opacities, seen = arrays.deform(points, center, pinhole)
         loss, screen, d_splats = self._compare(draw, place, seen, opacities)
         *d_canonical, d_dq, d_shade = arrays.deform_gradient(points, seen, center, pinhole, *d_splats)
