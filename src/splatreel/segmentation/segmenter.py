@@ -76,7 +76,7 @@ class SubjectModel:
         """
         fields = Background.__dataclass_fields__
         packed = [{name: arrays[f"{c}.{name}"] for name in fields} for c in range(len(cameras))]
-        backgrounds = [Background(**each | {"floor": float(each["floor"])}) for each in packed]
+        backgrounds = [Background(floor=float(each.pop("floor")), **each) for each in packed]
         model = cls(cameras, backgrounds, near)
         model.never_uncovered = arrays["never_uncovered"].tolist()
         model.moving_shares = arrays["moving_shares"].tolist()
