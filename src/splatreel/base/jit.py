@@ -56,7 +56,7 @@ def array(dtype: Any, dimensions: int) -> types.Array:
 
 
 F1, F2, F3, F4 = (array(np.float32, dimensions) for dimensions in (1, 2, 3, 4))
-D1, D2 = (array(np.float64, dimensions) for dimensions in (1, 2))
+D1 = array(np.float64, 1)
 I1, I2 = array(np.int32, 1), array(np.int32, 2)
 L1, L2, L3 = (array(np.int64, dimensions) for dimensions in (1, 2, 3))
 B1, B2, B3 = (array(np.bool_, dimensions) for dimensions in (1, 2, 3))

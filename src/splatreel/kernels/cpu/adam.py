@@ -47,19 +47,15 @@ def step(flats: Sequence[Flat]) -> None:
 
 def _step_some(flats: Sequence[Flat]) -> None:
     """Take up to `SLOTS` steps at once, so that small tensors are divided among threads too."""
-    places, starts, constants = (
-        np.zeros(SLOTS + 1, np.int64),
-        np.zeros(SLOTS, np.int64),
-        np.zeros((SLOTS, 5), np.float32),
-    )
+    places, starts = np.zeros(SLOTS + 1, np.int64), np.zeros(SLOTS, np.int64)
+    constants = np.zeros((SLOTS, 5), np.float32)
     for k, flat in enumerate(flats):
         places[k + 1] = -(-len(flat.parameter) // CHUNK)
         starts[k], constants[k] = flat.start, _constants(*flat.moment)
     np.cumsum(places, out=places)
-    parameters, means, squares, gradients, factors = zip(
-        *(flat[:5] for flat in [*flats, *[_UNUSED] * (SLOTS - len(flats))]), strict=True
-    )
-    _step.over(int(places[-1]), parameters, means, squares, gradients, factors, starts, constants, places, grain=GRAIN)
+    slots = [*flats, *[_UNUSED] * (SLOTS - len(flats))]
+    arrays = zip(*(flat[:5] for flat in slots), strict=True)
+    _step.over(int(places[-1]), *arrays, starts, constants, places, grain=GRAIN)
 
 
 def catch_up(arrays: Sequence[np.ndarray], columns: Sequence[np.ndarray]) -> None:

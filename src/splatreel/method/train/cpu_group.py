@@ -14,18 +14,13 @@ import torch
 
 from splatreel.base import threads
 from splatreel.base.errors import GaussiansError
-from splatreel.config import GroupConfig
 from splatreel.kernels import adam, arrays
-from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.trajectory import Slopes
 from splatreel.method.train.cpu_motion import CpuMotion, Moment, array
-from splatreel.method.train.density import GroupDensity
-from splatreel.method.train.dynamic_points import DynamicPoints
 from splatreel.method.train.losses import GROUP
-from splatreel.method.train.programs import Draw, Outcome
+from splatreel.method.train.programs import Draw, GroupState, Outcome
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import View
-from splatreel.method.train.training_images import TrainingImages
 
 TOGETHER = 2
 """Draws whose gradients are computed at the same time, from the same state. Optimizer steps follow in turn. It does not depend on the
@@ -60,16 +55,9 @@ class CpuGroupProgram:
         learns_time: Slopes of the time offsets are measured.
     """
 
-    def __init__(
-        self,
-        points: DynamicPoints,
-        density: GroupDensity,
-        images: TrainingImages,
-        config: GroupConfig,
-        gains: CameraGains,
-        learns_time: bool,
-    ) -> None:
-        """Prepare a program, see `GpuGroupProgram`."""
+    def __init__(self, state: GroupState) -> None:
+        """Prepare a program; `upload` follows."""
+        points, density, images, config, gains, learns_time = state
         self.images = images
         self.neighbors: Neighbors | None = None
         self.learns_time = learns_time

@@ -8,22 +8,17 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.config import GroupConfig
 from splatreel.gpu import uniforms
 from splatreel.gpu.device import Gpu, Recording
 from splatreel.gpu.drawing import Buffers
-from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.appearance import LAMBDA, RATES
 from splatreel.method.deform.knot_adam import KnotAdam
 from splatreel.method.deform.spline import Spline
 from splatreel.method.deform.trajectory import Trajectory
-from splatreel.method.train.density import GroupDensity
-from splatreel.method.train.dynamic_points import DynamicPoints
 from splatreel.method.train.gpu_program import GpuProgram, adam_row
 from splatreel.method.train.losses import GROUP
-from splatreel.method.train.programs import Draw, Outcome
+from splatreel.method.train.programs import Draw, GroupState, Outcome
 from splatreel.method.train.regularizers import Neighbors
-from splatreel.method.train.training_images import TrainingImages
 
 KINDS = {"motion": "0u", "nodes": "1u", "appearance": "2u"}
 """Constants of the kernel `adam_knots`."""
@@ -32,27 +27,9 @@ KINDS = {"motion": "0u", "nodes": "1u", "appearance": "2u"}
 class GpuGroupProgram(GpuProgram):
     """Program of a group, see `Program`. The losses are those of `losses.GROUP`, fused."""
 
-    def __init__(
-        self,
-        gpu: Gpu,
-        points: DynamicPoints,
-        density: GroupDensity,
-        images: TrainingImages,
-        config: GroupConfig,
-        gains: CameraGains,
-        learns_time: bool,
-    ) -> None:
-        """Prepare a program.
-
-        Args:
-            gpu: Device.
-            points: Points of the host.
-            density: Density control, which knows the static points.
-            images: Images.
-            config: Settings.
-            gains: Color gains, which stay fixed.
-            learns_time: Slopes of the time offsets are measured.
-        """
+    def __init__(self, gpu: Gpu, state: GroupState) -> None:
+        """Prepare a program; `upload` follows."""
+        points, density, images, config, gains, learns_time = state
         super().__init__(gpu, points.canonical, density.static, images)
         self._moving = points
         self._density = density

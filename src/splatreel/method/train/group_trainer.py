@@ -24,7 +24,7 @@ from splatreel.method.train.dynamic_points import Changes, DynamicPoints
 from splatreel.method.train.frame_sampling import FrameSchedule
 from splatreel.method.train.gpu_group import GpuGroupProgram
 from splatreel.method.train.losses import GROUP, GroupStep, backward, choose_rank, choose_span
-from splatreel.method.train.programs import MOST_DRAWS, Draw, unsupported_group
+from splatreel.method.train.programs import MOST_DRAWS, Draw, GroupState, unsupported_group
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import StaticCache, draw, moving_tiles
@@ -206,15 +206,15 @@ class GroupTrainer:
         """Choose what runs the iterations: the GPU if there is one, else the CPU, or torch where neither has a program."""
         self.program, why = None, unsupported_group(self.points)
         learns_time = self.time_offsets.enabled and self.images.count > 1
-        state = self.points, self.density, self.images, self.config.group, self.gains, learns_time
+        state = GroupState(self.points, self.density, self.images, self.config.group, self.gains, learns_time)
         try:
             opened = None if self.gpu is None else self.gpu.open()
             if opened is not None and why is not None:
                 progress.note(f"this group is trained on the CPU: {why}")
             elif opened is not None:
-                self.program = GpuGroupProgram(opened, *state)
+                self.program = GpuGroupProgram(opened, state)
             elif why is None and not self.images.pixels.is_cuda:
-                self.program = CpuGroupProgram(*state)
+                self.program = CpuGroupProgram(state)
             self._upload()
         except GpuError as error:
             self._continue_without_gpu(error, progress)

@@ -9,8 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeVar
 
+from splatreel.config import GroupConfig
+from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.trajectory import Trajectory
+from splatreel.method.train.density import GroupDensity
 from splatreel.method.train.dynamic_points import DynamicPoints
+from splatreel.method.train.training_images import TrainingImages
 
 MOST_DRAWS = 64
 """Largest number of draws of a batch."""
@@ -68,6 +72,26 @@ class KeyframeDraw:
     metered: bool
     average: float
     rates: tuple[float, ...]
+
+
+class GroupState(NamedTuple):
+    """Points and images that a program of a group trains, and its settings.
+
+    Attributes:
+        points: Points of the host.
+        density: Density control, which knows the static points.
+        images: Images.
+        config: Settings.
+        gains: Color gains, which stay fixed.
+        learns_time: Slopes of the time offsets are measured.
+    """
+
+    points: DynamicPoints
+    density: GroupDensity
+    images: TrainingImages
+    config: GroupConfig
+    gains: CameraGains
+    learns_time: bool
 
 
 class Outcome(NamedTuple):
