@@ -23,10 +23,11 @@ def main(scene: Positional[Literal["builtin", "juggle"]], out: Positional[Path],
     Args:
         scene: The built-in capture, of which the moving toys are the subject, or `juggle`, with both people.
         out: Output folder.
-        frames: Number of frames. The capture of the built-in scene always has 60.
+        frames: Number of frames of `juggle`. The film of the built-in scene always has 60.
     """
     if scene == "builtin":
-        synthetic.make_capture(out / "capture")
+        frames = 60
+        synthetic.make_capture(out / "capture", frames=frames)
         cameras, still, light = synthetic.make_cameras(), toyroom.standing(0), toyroom.LIGHT
     else:
         film = juggle.film()

@@ -218,7 +218,7 @@ def test_draws_together_start_from_one_state_and_are_followed_in_turn() -> None:
             trainer.start_program(Silent())
             assert trainer.program is not None
             draws = [replace(trainer.plan(40 + k), camera=camera) for k, camera in enumerate(cameras)]
-            alone = trainer.program._gradients(draws[1], trainer.program._prepare(draws[1])).outcome  # type: ignore[union-attr]
+            alone = trainer.program.gradients(draws[1], trainer.program.prepare(draws[1])).outcome  # type: ignore[union-attr]
             with threads.limited(limit):
                 outcomes = trainer.program.run(draws)
             assert outcomes[1] == alone, "the second draw does not see the first one's step"
@@ -261,13 +261,15 @@ def test_a_subject_of_few_cameras_has_opposite_backgrounds_in_turn(opened: Calla
     [(KEYFRAME, False, False), (KEYFRAME, False, True), (CHAPTER_KEYFRAME, True, False)],
     ids=["first", "with unknown pixels", "before static points"],
 )
-@pytest.mark.parametrize("opened", DEVICES)
-def test_an_iteration_of_a_keyframe_is_that_of_the_cpu(
-    opened: Callable[[], Gpu], losses, static: bool, unknown: bool
+@pytest.mark.parametrize("opened", [ON_CPU, *DEVICES])
+def test_an_iteration_of_a_keyframe_is_that_of_torch(
+    opened: Callable[[], Gpu] | None, losses, static: bool, unknown: bool
 ) -> None:
     """Losses of surfaces and opacity, color gains, absolute gradients and steps scaled by distance."""
     shown = make_images(1, unknown=unknown)
-    trainers = [keyframe_trainer(gpu, losses, WALL if static else None) for gpu in (OpenedGpu(opened()), None)]
+    trainers = [
+        keyframe_trainer(gpu, losses, WALL if static else None) for gpu in (opened and OpenedGpu(opened()), None)
+    ]
     caches = [trainer._static_cache(shown) for trainer in trainers]
     for trainer, cache in zip(trainers, caches, strict=True):
         trainer.density.restart(shown)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import torch
 from torch import Tensor
 
@@ -59,6 +61,10 @@ class CameraGains:
         self._seen.clear()
         if not known:
             return
+        self.follow(known)
+
+    def follow(self, known: Iterable[tuple[int, Tensor]]) -> None:
+        """Make one optimizer step. known: cameras, and the gradients [3] to their gains."""
         gradient = torch.zeros_like(self.values)
         for camera, slope in known:
             gradient[camera] += slope

@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import numpy as np
 import torch
 from torch import Tensor
-
-from splatreel.method.train.gpu_program import put_columns
 
 AVERAGE_EVERY = 4
 """Iterations between two samples of the mean. Neighboring iterations hardly differ."""
@@ -61,12 +58,10 @@ class Average:
         self._count += 1
         return 1 / self._count
 
-    @torch.no_grad()
-    def set_means(self, columns: np.ndarray, tensors: Iterable[Tensor]) -> None:
-        """Take over means that a GPU computed, [columns, N], for tensors [N, ...]; does nothing without samples."""
+    def set_means(self, means: list[Tensor]) -> None:
+        """Take over means that a program computed; does nothing without samples."""
         if self._count:
-            self._means = [torch.empty_like(tensor) for tensor in tensors]
-            put_columns(columns, self._means)
+            self._means = means
 
     @torch.no_grad()
     def write_to(self, tensors: Iterable[Tensor]) -> None:

@@ -1,38 +1,20 @@
-"""Iterations of a group on the CPU: a fixed order of kernels, without autograd.
-
-With autograd, torch and Python take a third of an iteration, on one core while the others wait.
-"""
+"""Iterations of a group on the CPU, without autograd."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import torch
 
-from splatreel.base import threads
-from splatreel.base.errors import GaussiansError
 from splatreel.kernels import adam, arrays
 from splatreel.method.deform.trajectory import Slopes
-from splatreel.method.train.cpu_motion import CpuMotion, Moment, array
+from splatreel.method.train.cpu_motion import CpuMotion, Moment
+from splatreel.method.train.cpu_program import CpuProgram, array, check_loss
 from splatreel.method.train.losses import GROUP
 from splatreel.method.train.programs import Draw, GroupState, Outcome
 from splatreel.method.train.regularizers import Neighbors
-from splatreel.method.train.render import View
-
-TOGETHER = 2
-"""Draws whose gradients are computed at the same time, from the same state. Optimizer steps follow in turn. It does not depend on the
-number of cores, so that results do not either."""
-
-
-class _Seen(NamedTuple):
-    """A view of the training images as the kernels take it."""
-
-    view: View
-    pinhole: arrays.Pinhole
-    center: np.ndarray
 
 
 class _Gradients(NamedTuple):
@@ -46,11 +28,10 @@ class _Gradients(NamedTuple):
     outcome: Outcome
 
 
-class CpuGroupProgram:
-    """Program of a group, see `Program`. The losses are those of `losses.GROUP`. The state is that of the host.
+class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
+    """Program of a group, see `Program`. The losses are those of `losses.GROUP`.
 
     Attributes:
-        images: Images in use.
         neighbors: Nearest neighbors; None for fewer than two points.
         learns_time: Slopes of the time offsets are measured.
     """
@@ -58,7 +39,7 @@ class CpuGroupProgram:
     def __init__(self, state: GroupState) -> None:
         """Prepare a program; `upload` follows."""
         points, density, images, config, gains, learns_time = state
-        self.images = images
+        super().__init__(images)
         self.neighbors: Neighbors | None = None
         self.learns_time = learns_time
         self._points = points
@@ -67,59 +48,22 @@ class CpuGroupProgram:
         self._gains = gains
 
     def upload(self) -> None:
-        """Refer to the arrays of the host."""
+        """See `Program`."""
+        super().upload()
         self._motion = CpuMotion(self._points, self.images.count, self.learns_time)
         self._canonical = [array(one.tensor) for one in self._points.canonical.adams.values()]
-        self._views: dict[int, _Seen] = {}
 
-    def run(self, draws: Sequence[Draw]) -> list[Outcome]:
-        """See `Program`."""
-        found: list[Outcome] = []
-        with torch.no_grad():
-            for k in range(0, len(draws), TOGETHER):
-                found += self._run_together(draws[k : k + TOGETHER])
-        return found
-
-    def give_meters(self) -> None:
-        """Do nothing: each draw gives its gradients."""
-
-    def download(self) -> None:
-        """Do nothing: the state is that of the host."""
-
-    def _run_together(self, draws: Sequence[Draw]) -> list[Outcome]:
-        """Run draws from one state, each on its share of the threads if they draw different views."""
-        places = [self._prepare(draw) for draw in draws]
-        found: list[_Gradients] = [None] * len(draws)  # type: ignore[list-item]
-
-        def compute(first: int, last: int) -> None:
-            with torch.no_grad(), threads.divided(len(draws)):
-                for k in range(first, last):
-                    found[k] = self._gradients(draws[k], places[k])
-
-        # Draws of one view use the same frozen splats, one after the other.
-        threads.run_ranges(compute, len(draws), (), chunks=len(set(places)))
-        return [self._follow(draw, place, one) for draw, place, one in zip(draws, places, found, strict=True)]
-
-    def _prepare(self, draw: Draw) -> int:
-        """Compute what draws share. Return the place of a draw's view in `images.all_views`."""
+    def prepare(self, draw: Draw) -> int:
+        """See `CpuProgram`."""
         place = self.images.of_iteration(draw.iteration)[1] + draw.camera
-        if place not in self._views:
-            view = self.images.all_views[place]
-            blur = arrays.FINE_BLUR if view.antialias else arrays.BLUR
-            lens = array(view.viewmat), array(view.K), view.width, view.height, self.images.near, blur
-            self._views[place] = _Seen(view, arrays.Pinhole(*lens), array(view.center))
         self._density.static.view(place)
         self._motion.catch_up(draw)
         return place
 
-    def _gradients(self, draw: Draw, place: int) -> _Gradients:
-        """Draw, compare, and compute all gradients. This only reads the state.
-
-        Raises:
-            GaussiansError: The loss or a splat is NaN or infinite.
-        """
+    def gradients(self, draw: Draw, place: int) -> _Gradients:
+        """See `CpuProgram`."""
         weights = {loss.name: loss.weight_at(draw, self._config) for loss in GROUP}
-        view, pinhole, center = self._views[place]
+        view, pinhole, center, _ = self.seen(place)
         moment = self._motion.at(draw.moment)
         points = arrays.DeformedPoints._make([*self._canonical, moment.dx, moment.dq, moment.shade])
         opacities, seen = arrays.deform(points, center, pinhole)
@@ -146,8 +90,8 @@ class CpuGroupProgram:
         Returns:
             The loss, the gradients [M, 2] to screen positions, and those to means2d, conics, colors and opacities of the moving points.
         """
-        view, static = self._views[place].view, self._density.static.view(place)
-        background = None if view.background is None else array(view.background)
+        view, _, _, background = self.seen(place)
+        static = self._density.static.view(place)
         colors = seen.colors if background is None else seen.colors - background
         splats, where, n = (seen.means2d, seen.conics, colors, opacities, seen.depths, seen.radii), None, len(opacities)
         if draw.metered_static:
@@ -159,9 +103,8 @@ class CpuGroupProgram:
         shown = self.images.of_iteration(draw.iteration)[0]
         target, gain = array(shown.pixels[draw.frame, draw.camera]), array(self._gains.values[draw.camera])
         options = self._config.lambda_dssim, gain, background, where, draw.whole
-        loss, found = arrays.loss_and_gradient(bins, colors, static.frozen.held, target, *options)
-        if not math.isfinite(loss + float(sum(part.sum() for part in splats[:4]))):
-            raise GaussiansError(f"the training error is {loss}, or a splat is not finite")
+        loss, found = arrays.layered_loss(bins, colors, static.frozen.held, target, *options)
+        check_loss(loss, splats[:4])
         gradients = found.means2d, found.conics, found.colors, found.opacities
         return loss, found.means2d, [part[:n] for part in gradients]
 
@@ -172,10 +115,10 @@ class CpuGroupProgram:
         if price and size:
             arrays.add_signs(rest.reshape(-1, size), np.full(size, price, np.float32), d_rest.reshape(-1, size))
 
-    def _follow(self, draw: Draw, place: int, found: _Gradients) -> Outcome:
-        """Take the optimizer steps of a draw, and give its gradients to density control."""
+    def follow(self, draw: Draw, place: int, found: _Gradients) -> Outcome:
+        """See `CpuProgram`."""
         if draw.metered:
-            view, screen = self._views[place].view, torch.from_numpy(found.screen)
+            view, screen = self.seen(place).view, torch.from_numpy(found.screen)
             moving, index = len(self._points), self._density.static.view(place).index
             self._density.moving_meter.add(screen[:moving], view.width, view.height)
             if draw.metered_static:

@@ -12,6 +12,7 @@ from splatreel.kernels import arrays
 from splatreel.kernels.adam import Step
 from splatreel.method.deform.appearance import LAMBDA, RATES
 from splatreel.method.deform.trajectory import Slopes, Trajectory
+from splatreel.method.train.cpu_program import array
 from splatreel.method.train.dynamic_points import DynamicPoints
 from splatreel.method.train.programs import Draw
 from splatreel.method.train.regularizers import Neighbors
@@ -140,8 +141,3 @@ class CpuMotion:
     def _neighborhood(self, time: float) -> tuple[float, float]:
         """Return the times between which the motion is compared for `time_slope`."""
         return max(time - 0.5, 0.0), min(time + 0.5, self._frames - 1.0)
-
-
-def array(tensor: Tensor) -> np.ndarray:
-    """Return an array that shares the memory of a tensor on the CPU."""
-    return tensor.detach().numpy()

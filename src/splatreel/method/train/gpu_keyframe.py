@@ -6,75 +6,27 @@ from collections.abc import Sequence
 
 import numpy as np
 import torch
+from torch import Tensor
 
-from splatreel.config import KeyframeConfig
 from splatreel.gpu import uniforms
 from splatreel.gpu.device import Gpu, Recording
 from splatreel.gpu.drawing import Buffers
-from splatreel.method.cameras.color_gains import CameraGains
-from splatreel.method.train.density import KeyframeDensity
-from splatreel.method.train.gpu_program import GpuProgram, adam_row
-from splatreel.method.train.losses import (
-    CHAPTER_KEYFRAME,
-    KEYFRAME,
-    KEYFRAME_BEFORE_STATIC,
-    LAMBDA_DSSIM,
-    KeyframeStep,
-    Loss,
-)
-from splatreel.method.train.programs import KeyframeDraw, Outcome
-from splatreel.method.train.render import StaticCache
-from splatreel.method.train.trainable_points import TrainablePoints
-from splatreel.method.train.training_images import TrainingImages
-
-LISTS = (KEYFRAME, CHAPTER_KEYFRAME, KEYFRAME_BEFORE_STATIC, KEYFRAME[:1])
-"""Lists of losses that the kernels compute."""
-
-
-def unsupported_keyframe(
-    losses: Sequence[Loss[KeyframeStep]], images: TrainingImages, static: StaticCache | None
-) -> str | None:
-    """Return why the GPU cannot train a keyframe; None if it can."""
-    if tuple(losses) not in LISTS:
-        return "its losses are not among those that the GPU computes"
-    if static is not None and len(losses) > len(CHAPTER_KEYFRAME):
-        return "losses of surfaces do not look at static points"
-    if any(view.gain is not None for view in images.views):
-        return "captures with masks are trained on the CPU or with CUDA"
-    return None
+from splatreel.method.train.gpu_program import GpuProgram, adam_row, put_columns
+from splatreel.method.train.losses import LAMBDA_DSSIM
+from splatreel.method.train.programs import KeyframeDraw, KeyframeState, Outcome
 
 
 class GpuKeyframeProgram(GpuProgram):
-    """Program of a keyframe, see `Program`. The losses are those of `LISTS`, fused."""
+    """Program of a keyframe, see `KeyframeProgram`. The losses are fused."""
 
-    def __init__(
-        self,
-        gpu: Gpu,
-        points: TrainablePoints,
-        static: StaticCache | None,
-        density: KeyframeDensity,
-        images: TrainingImages,
-        config: KeyframeConfig,
-        losses: Sequence[Loss[KeyframeStep]],
-        gains: CameraGains,
-    ) -> None:
-        """Prepare a program.
-
-        Args:
-            gpu: Device.
-            points: Points of the host.
-            static: Static points; None if there are none.
-            density: Density control.
-            images: Images.
-            config: Settings.
-            losses: One of `LISTS`.
-            gains: Color gains, trained too.
-        """
-        super().__init__(gpu, points, static, images)
-        self._density = density
-        self._config = config
-        self._losses = losses
-        self._gains = gains
+    def __init__(self, gpu: Gpu, state: KeyframeState) -> None:
+        """Prepare a program; `upload` follows."""
+        super().__init__(gpu, state.points, state.static, state.images)
+        self._state = state
+        self._density = state.density
+        self._config = state.config
+        self._losses = state.losses
+        self._gains = state.gains
         self._shared: Buffers = {}
 
     def upload(self) -> None:
@@ -124,9 +76,12 @@ class GpuKeyframeProgram(GpuProgram):
         for name, tensor in (("gains", self._gains.values), ("gain_means", adam.mean), ("gain_squares", adam.square)):
             tensor.copy_(torch.from_numpy(self.gpu.read(self._shared[name], np.float32, shape)))
 
-    def averages(self) -> np.ndarray:
-        """Return the running mean of the points' parameters, [columns, N]."""
-        return self.gpu.read(self._shared["averages"], np.float32, (self.drawing.columns, self.drawing.count))
+    def averages(self) -> list[Tensor]:
+        """See `KeyframeProgram`."""
+        means = [torch.empty_like(tensor, requires_grad=False) for tensor in self._points.params.values()]
+        shape = self.drawing.columns, self.drawing.count
+        put_columns(self.gpu.read(self._shared["averages"], np.float32, shape), means)
+        return means
 
     def _prepare(self, draw: KeyframeDraw, steps: list[int], learned: int) -> tuple[np.ndarray, Buffers]:
         """Return the uniform block and the buffers of a draw. steps, learned: numbers of the steps of Adam."""
@@ -145,7 +100,7 @@ class GpuKeyframeProgram(GpuProgram):
         for flag, on in (
             (uniforms.WHOLE, draw.whole),
             (uniforms.METERED, draw.metered),
-            (uniforms.ABSOLUTE, config.detail and self._static is None),
+            (uniforms.ABSOLUTE, self._state.measures_absolute),
             (uniforms.LEARNS_GAINS, draw.whole and self._gains.enabled),
         ):
             flags |= flag if on else 0

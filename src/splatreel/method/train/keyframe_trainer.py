@@ -20,13 +20,20 @@ from splatreel.kernels.projected import Splats
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots
 from splatreel.method.train.average import Average
+from splatreel.method.train.cpu_keyframe import CpuKeyframeProgram
 from splatreel.method.train.density import KeyframeDensity
 from splatreel.method.train.error_points import ADDED_SHARE, adds_after, points_at_errors
-from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram, unsupported_keyframe
+from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram
 from splatreel.method.train.hidden_colors import bound_colors, spread_colors
 from splatreel.method.train.losses import GROWTH, KEYFRAME, LAMBDA_DSSIM, KeyframeStep, Loss, backward, psnr
 from splatreel.method.train.opacity_resets import OpacityResets
-from splatreel.method.train.programs import MOST_DRAWS, KeyframeDraw
+from splatreel.method.train.programs import (
+    MOST_DRAWS,
+    KeyframeDraw,
+    KeyframeProgram,
+    KeyframeState,
+    unsupported_keyframe,
+)
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.render import Comparable, StaticCache, View, deformed, draw, moving_tiles
 from splatreel.method.train.trainable_points import NAMES, TrainablePoints, default_rates
@@ -34,8 +41,8 @@ from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.volumes import Volume
 
-SHOW_EVERY = 25
-"""Iterations between two progress updates."""
+SHOW_EVERY = 24
+"""Iterations between two progress updates. It is even, so that iterations run in pairs."""
 GAINS_EVERY = 4
 """Iterations between two comparisons of whole images in front of static points, which the color gains are learned from. Other
 iterations compare only tiles with moving points."""
@@ -120,7 +127,7 @@ class KeyframeTrainer:
             losses: List of losses.
             seed: Seed of all random choices.
             region: Volume in which points are densified; None is everywhere.
-            gpu: GPU that runs the iterations; None runs them on the device of the points, with torch.
+            gpu: GPU that runs the iterations; None runs them on the device of the points.
         """
         self.points = points
         self.gains = gains
@@ -131,7 +138,7 @@ class KeyframeTrainer:
         self.rng = np.random.default_rng(seed)
         self.done = 0
         self.gpu = gpu
-        self.program: GpuKeyframeProgram | None = None
+        self.program: KeyframeProgram | None = None
         self.recovery = Recovery()
         self.watch: Callable[[Callable[[], Gaussians]], None] | None = None
         """Called during training with a function that returns the points as they are now."""
@@ -161,8 +168,7 @@ class KeyframeTrainer:
                 self._anneal(self.done / total)
                 self.density.restart(images)
                 average = Average(self.config.average_share, total)
-                if self.program is not None:
-                    self._start_program(images, static, progress)
+                self._start_program(images, static, progress)
         self.recovery.release_state()
         average.write_to(self.points.params.values())
         self.program = None
@@ -207,19 +213,22 @@ class KeyframeTrainer:
         return self.config.detail and not self.static
 
     def _start_program(self, images: TrainingImages, static: StaticCache | None, progress: Progress) -> None:
-        """Use the GPU, if there is one that can train this keyframe."""
-        if self.gpu is None:
-            return
+        """Choose what runs the iterations: the GPU if there is one, else the CPU, or torch where neither has a program."""
+        state = KeyframeState(self.points, static, self.density, images, self.config, self.losses, self.gains)
+        self.program, why = None, unsupported_keyframe(state)
         try:
-            opened = self.gpu.open()
-            if why := unsupported_keyframe(self.losses, images, static):
+            opened = None if self.gpu is None else self.gpu.open()
+            if opened is not None and why is not None:
                 progress.note(f"this keyframe is trained on the CPU: {why}")
             elif opened is not None:
-                host = self.points, static, self.density, images, self.config, self.losses, self.gains
-                self.program = GpuKeyframeProgram(opened, *host)
+                self.program = GpuKeyframeProgram(opened, state)
+            elif why is None and not images.pixels.is_cuda:
+                self.program = CpuKeyframeProgram(state)
+            if self.program is not None:
                 self.program.upload()
         except GpuError as error:
             self._recover(error, progress)
+            self._start_program(images, static, progress)
 
     def _recover(self, error: GaussiansError | GpuError, progress: Progress) -> int:
         """Return to the last good state: at a lower pace, or without the GPU. Return the number of iterations done in it."""
@@ -236,9 +245,9 @@ class KeyframeTrainer:
         return self.points.gaussians()
 
     def _run_batch(
-        self, images: TrainingImages, total: int, end: int, average: Average, program: GpuKeyframeProgram
+        self, images: TrainingImages, total: int, end: int, average: Average, program: KeyframeProgram
     ) -> Tensor:
-        """Run iterations on the GPU until something is due, and return the loss [] of the last one."""
+        """Run iterations of the program until something is due, and return the loss [] of the last one."""
         draws = [self._plan(images, self.done, total, average)]
         while not self._stops(self.done + len(draws), total, end, average) and len(draws) < MOST_DRAWS:
             draws.append(self._plan(images, self.done + len(draws), total, average))
@@ -249,12 +258,12 @@ class KeyframeTrainer:
             program.give_meters()
             program.download()
             if self.done == end:
-                average.set_means(program.averages(), self.points.params.values())
+                average.set_means(program.averages())
         self.recovery.check_iteration(self.done, loss, self)
         return loss
 
     def _stops(self, done: int, total: int, end: int, average: Average) -> bool:
-        """Return whether a batch on the GPU ends after `done` iterations."""
+        """Return whether a batch of the program ends after `done` iterations."""
         return done % SHOW_EVERY == 0 or self._needs_host(done, total, end, average)
 
     def _needs_host(self, done: int, total: int, end: int, average: Average) -> bool:
@@ -263,7 +272,7 @@ class KeyframeTrainer:
         return due or self._changes_detail(total, done) or done >= self.recovery.next_save or done == end
 
     def _plan(self, images: TrainingImages, iteration: int, total: int, average: Average) -> KeyframeDraw:
-        """Decide what an iteration on the GPU draws and compares."""
+        """Decide what an iteration of the program draws and compares."""
         done, share = iteration + 1, iteration / total
         factors = self._rate_factors(share)
         return KeyframeDraw(

@@ -123,6 +123,8 @@ class Loss(Generic[S]):
         weight: Field of `KeyframeConfig` or `GroupConfig` with the weight, 0 to turn the loss off; None means 1.
         every: The loss runs in iterations first, first + every and so on, with `every` times its weight.
         first: See `every`.
+        block: Number of successive iterations that `every` and `first` count as one. A CPU runs two iterations at a time, and both
+            should take equally long.
         after: Share of training after which the loss runs.
         on_gradients: `cost` runs after the backward pass, adds to the gradients itself and returns None.
     """
@@ -132,12 +134,13 @@ class Loss(Generic[S]):
     weight: str | None = None
     every: int = 1
     first: int = 0
+    block: int = 1
     after: float = 0.0
     on_gradients: bool = False
 
     def weight_at(self, step: Moment, config: KeyframeConfig | GroupConfig) -> float:
         """Return the weight in a step; 0 if the loss does not run."""
-        if step.iteration % self.every != self.first or (self.after and step.share <= self.after):
+        if step.iteration // self.block % self.every != self.first or (self.after and step.share <= self.after):
             return 0.0
         return self.every * (1.0 if self.weight is None else getattr(config, self.weight))
 
@@ -231,8 +234,8 @@ SURFACES_FROM = 0.4
 KEYFRAME: tuple[Loss[KeyframeStep], ...] = (
     Loss("photometric", photometric),
     Loss("opacity", opacity, "lambda_opacity", after=GROWTH),
-    Loss("bent surfaces", bent_surfaces, "lambda_roughness", every=2, after=SURFACES_FROM),
-    Loss("before surfaces", before_surfaces, "lambda_spread", every=2, after=SURFACES_FROM),
+    Loss("bent surfaces", bent_surfaces, "lambda_roughness", every=2, block=2, after=SURFACES_FROM),
+    Loss("before surfaces", before_surfaces, "lambda_spread", every=2, block=2, after=SURFACES_FROM),
 )
 CHAPTER_KEYFRAME: tuple[Loss[KeyframeStep], ...] = (
     Loss("photometric", photometric),

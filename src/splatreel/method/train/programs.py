@@ -9,15 +9,22 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol, TypeVar
 
-from splatreel.config import GroupConfig
+from torch import Tensor
+
+from splatreel.config import GroupConfig, KeyframeConfig
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.trajectory import Trajectory
-from splatreel.method.train.density import GroupDensity
+from splatreel.method.train.density import GroupDensity, KeyframeDensity
 from splatreel.method.train.dynamic_points import DynamicPoints
+from splatreel.method.train.losses import CHAPTER_KEYFRAME, KEYFRAME, KEYFRAME_BEFORE_STATIC, KeyframeStep, Loss
+from splatreel.method.train.render import StaticCache
+from splatreel.method.train.trainable_points import TrainablePoints
 from splatreel.method.train.training_images import TrainingImages
 
 MOST_DRAWS = 64
 """Largest number of draws of a batch."""
+KEYFRAME_LOSSES = KEYFRAME, CHAPTER_KEYFRAME, KEYFRAME_BEFORE_STATIC, KEYFRAME[:1]
+"""Lists of losses that programs of keyframes compute."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +81,33 @@ class KeyframeDraw:
     rates: tuple[float, ...]
 
 
+class KeyframeState(NamedTuple):
+    """Points and images that a program of a keyframe trains, and its settings.
+
+    Attributes:
+        points: Points of the host.
+        static: Static points; None if there are none.
+        density: Density control.
+        images: Images.
+        config: Settings.
+        losses: One of `KEYFRAME_LOSSES`.
+        gains: Color gains, trained too.
+    """
+
+    points: TrainablePoints
+    static: StaticCache | None
+    density: KeyframeDensity
+    images: TrainingImages
+    config: KeyframeConfig
+    losses: Sequence[Loss[KeyframeStep]]
+    gains: CameraGains
+
+    @property
+    def measures_absolute(self) -> bool:
+        """True if density control measures absolute gradients."""
+        return self.config.detail and self.static is None
+
+
 class GroupState(NamedTuple):
     """Points and images that a program of a group trains, and its settings.
 
@@ -104,6 +138,17 @@ class Outcome(NamedTuple):
 
     loss: float
     slope: float
+
+
+def unsupported_keyframe(state: KeyframeState) -> str | None:
+    """Return why no program can train a keyframe; None if one can."""
+    if tuple(state.losses) not in KEYFRAME_LOSSES:
+        return "its losses are not among those of the programs"
+    if state.static is not None and len(state.losses) > len(CHAPTER_KEYFRAME):
+        return "losses of surfaces do not look at static points"
+    if any(view.gain is not None for view in state.images.views):
+        return "captures with masks are trained on the CPU or with CUDA"
+    return None
 
 
 def unsupported_group(points: DynamicPoints) -> str | None:
@@ -141,4 +186,12 @@ class Program(Protocol[D]):
 
     def download(self) -> None:
         """Copy the state to the host."""
+        ...
+
+
+class KeyframeProgram(Program[KeyframeDraw], Protocol):
+    """Iterations of a keyframe."""
+
+    def averages(self) -> list[Tensor]:
+        """Return the running means of the points' parameters since `upload`, see `KeyframeDraw.average`."""
         ...

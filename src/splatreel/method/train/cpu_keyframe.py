@@ -1,0 +1,166 @@
+"""Iterations of a keyframe on the CPU, without autograd."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from splatreel.kernels import adam, arrays
+from splatreel.method.train.cpu_program import CpuProgram, Seen, array, check_loss
+from splatreel.method.train.cpu_surfaces import depth_powers, surface_gradients
+from splatreel.method.train.losses import LAMBDA_DSSIM
+from splatreel.method.train.programs import KeyframeDraw, KeyframeState, Outcome
+from splatreel.method.train.render import StaticView
+
+FIXED = tuple(np.zeros((0, size), np.float32) for size in (3, 4, 4))
+"""Changes of points that do not move."""
+
+
+class _Compared(NamedTuple):
+    """A drawing's loss, its gradients to the splats, the gradient [3] to the color gain, and what density control measures, [N, 2].
+
+    gain is None for drawings of a part of the image.
+    """
+
+    loss: float
+    splats: list[np.ndarray]
+    gain: np.ndarray | None
+    screen: np.ndarray
+
+
+class _Gradients(NamedTuple):
+    """Result of a draw: its comparison, and the gradients to the points."""
+
+    compared: _Compared
+    points: Sequence[np.ndarray]
+
+
+class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
+    """Program of a keyframe, see `KeyframeProgram`."""
+
+    def __init__(self, state: KeyframeState) -> None:
+        """Prepare a program; `upload` follows."""
+        super().__init__(state.images)
+        self._state = state
+
+    def upload(self) -> None:
+        """See `Program`."""
+        super().upload()
+        self._tensors = list(self._state.points.params.values())
+        self._arrays = [array(tensor) for tensor in self._tensors]
+        self._averages = [torch.zeros_like(tensor, requires_grad=False) for tensor in self._tensors]
+
+    def averages(self) -> list[Tensor]:
+        """See `KeyframeProgram`."""
+        return self._averages
+
+    def prepare(self, draw: KeyframeDraw) -> int:
+        """See `CpuProgram`."""
+        if self._state.static is not None:
+            self._state.static.view(draw.camera)
+        return draw.camera
+
+    def gradients(self, draw: KeyframeDraw, place: int) -> _Gradients:
+        """See `CpuProgram`."""
+        camera, static = self.seen(place), self._state.static
+        points = arrays.DeformedPoints._make([*self._arrays, *FIXED])
+        opacities, seen = arrays.deform(points, camera.center, camera.pinhole)
+        colors = seen.colors if camera.background is None else seen.colors - camera.background
+        splats = seen.means2d, seen.conics, colors, opacities
+        size = camera.view.width, camera.view.height
+        bins = arrays.bin_splats(seen.means2d, seen.conics, opacities, seen.depths, seen.radii, *size)
+        if draw.whole:
+            behind = None if static is None else static.view(place)
+            compared = self._compare_all(draw, camera, bins, colors, seen, behind)
+        else:
+            assert static is not None
+            compared = self._compare_tiles(draw, camera, bins, colors, static.view(place))
+        check_loss(compared.loss, splats)
+        found = arrays.deform_gradient(points, seen, camera.center, camera.pinhole, *compared.splats)[:6]
+        weights = {loss.name: loss.weight_at(draw, self._state.config) for loss in self._state.losses}
+        if price := weights.get("opacity", 0.0) / (size[0] * size[1]):
+            found[3][:] += np.float32(price) * seen.opaque * (1 - seen.opaque)
+        return _Gradients(compared, found)
+
+    def _compare_all(
+        self,
+        draw: KeyframeDraw,
+        camera: Seen,
+        bins: arrays.Bins,
+        colors: np.ndarray,
+        seen: arrays.ProjectedPoints,
+        static: StaticView | None,
+    ) -> _Compared:
+        """Draw and compare the whole image."""
+        images, gains = self.images, self._state.gains
+        frozen = None if static is None else static.frozen.held
+        image, alpha = arrays.blend(bins, colors, frozen)
+        gain = array(gains.values[draw.camera]) if gains.enabled else None
+        target = array(images.pixels[0, draw.camera])
+        if images.unknown is not None:
+            shown = image if camera.background is None else image + camera.background
+            known = torch.from_numpy(shown), None if gain is None else torch.from_numpy(gain)
+            target = array(images.target(draw.camera, *known))
+        found = arrays.photometric_loss(image, target, LAMBDA_DSSIM, gain, None, camera.background)
+        to_splats = arrays.blend_gradient(
+            bins, colors, image, found.d_image, alpha, arrays.no_gradient(alpha.shape), frozen
+        )
+        splats = [to_splats.means2d, to_splats.conics, to_splats.colors, to_splats.opacities]
+        screen = to_splats.absolute if self._state.measures_absolute else splats[0]
+        self._add_surfaces(draw, bins, seen, target, alpha, splats)
+        return _Compared(found.loss, splats, found.d_gain if gains.enabled else None, screen)
+
+    def _compare_tiles(
+        self, draw: KeyframeDraw, camera: Seen, bins: arrays.Bins, colors: np.ndarray, static: StaticView
+    ) -> _Compared:
+        """Draw and compare the tiles that points touch, among static points."""
+        target, gain = array(self.images.pixels[0, draw.camera]), array(self._state.gains.values[draw.camera])
+        options = LAMBDA_DSSIM, gain, camera.background
+        loss, found = arrays.layered_loss(bins, colors, static.frozen.held, target, *options)
+        splats = [found.means2d, found.conics, found.colors, found.opacities]
+        return _Compared(loss, splats, None, found.means2d)
+
+    def _add_surfaces(
+        self,
+        draw: KeyframeDraw,
+        bins: arrays.Bins,
+        seen: arrays.ProjectedPoints,
+        target: np.ndarray,
+        alpha: np.ndarray,
+        splats: list[np.ndarray],
+    ) -> None:
+        """Add the gradients of the losses of surfaces, see `regularizers`, to those to means2d, conics and opacities."""
+        state, near = self._state, self.images.near
+        weights = {loss.name: loss.weight_at(draw, state.config) for loss in state.losses}
+        prices = weights.get("before surfaces", 0.0), weights.get("bent surfaces", 0.0)
+        if not any(prices):
+            return
+        powers = depth_powers(seen.depths, near)
+        sums, _ = arrays.blend(bins, powers)
+        d_sums, d_alpha = surface_gradients(sums, alpha, target, *prices, self.images.unit / near)
+        found = arrays.blend_gradient(bins, powers, sums, d_sums, alpha, d_alpha)
+        for into, part in ((0, found.means2d), (1, found.conics), (3, found.opacities)):
+            splats[into] = splats[into] + part
+
+    def follow(self, draw: KeyframeDraw, place: int, found: _Gradients) -> Outcome:
+        """See `CpuProgram`."""
+        points, density, view = self._state.points, self._state.density, self.seen(place).view
+        if draw.metered:
+            density.meter.add(torch.from_numpy(found.compared.screen), view.width, view.height)
+        steps = []
+        for one, rate, gradient in zip(points.adams.values(), draw.rates, found.points, strict=True):
+            one.rate = rate
+            steps.append(one.follow(torch.from_numpy(gradient), 0))
+        before = points.means.detach().clone()
+        adam.adam(steps)
+        points.means.copy_(torch.lerp(before, points.means, density.distances[:, None]))
+        if found.compared.gain is not None:
+            self._state.gains.follow([(draw.camera, torch.from_numpy(found.compared.gain))])
+        if draw.average:
+            for mean, tensor in zip(self._averages, self._tensors, strict=True):
+                mean.lerp_(tensor, draw.average)
+        return Outcome(found.compared.loss, 0.0)
