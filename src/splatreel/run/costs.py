@@ -35,7 +35,7 @@ CHAPTER_SHARE = 0.5
 HASHGRID = 3.0
 """Time of an iteration with the hash grid, as a multiple of one with splines."""
 WITHOUT_AUTOGRAD = 0.8
-"""Time of a group's iteration by `method/train/cpu_group.py`, as a share of one by torch: 0.73 on two cores, 0.85 on one."""
+"""Time of an iteration by `method/train/cpu_program.py`, as a share of one by torch: 0.71 to 0.73 on two cores, 0.83 to 0.85 on one."""
 LIFTING = 280.0
 """Time of the paper's optimization of labels, in iterations of a keyframe."""
 GRABCUT = 6.0
@@ -156,7 +156,7 @@ def _all_points(work: Workload, config: Config) -> float:
     """Return the seconds of all iterations over all points, many of which use smaller images."""
     keyframe = config.keyframe
     pixels = work.training_share(config, keyframe.coarse_share)
-    return keyframe.first_iterations * work.full_iteration(config, pixels)
+    return keyframe.first_iterations * WITHOUT_AUTOGRAD * work.full_iteration(config, pixels)
 
 
 def _first_keyframe(work: Workload, frames: int, config: Config) -> float:
@@ -171,7 +171,7 @@ def _keyframe(work: Workload, frames: int, config: Config) -> float:
     """Return the seconds of iterations over dynamic points, few of which compare whole images."""
     megapixels = work.megapixels * work.training_share(config, 0.0)
     iteration = 0.152 / GAINS_EVERY * megapixels + 0.0012 * work.dynamic(config)
-    return config.keyframe.refine_iterations * iteration + _temporal_mean(work, frames, config)
+    return config.keyframe.refine_iterations * WITHOUT_AUTOGRAD * iteration + _temporal_mean(work, frames, config)
 
 
 def _layering(work: Workload, frames: int, config: Config) -> float:

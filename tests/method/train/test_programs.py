@@ -21,6 +21,7 @@ from splatreel.method.deform.knot_adam import Adam
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train import gpu_program
 from splatreel.method.train.average import Average
+from splatreel.method.train.cpu_keyframe import CpuKeyframeProgram
 from splatreel.method.train.gpu_group import GpuGroupProgram
 from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
@@ -225,6 +226,28 @@ def test_draws_together_start_from_one_state_and_are_followed_in_turn() -> None:
             adams = group_adams(trainer)
             assert {adam.steps for adam in adams.values()} == {2}
             found.append({name: adam.tensor.detach().clone() for name, adam in adams.items()})
+        for name, tensor in found[0].items():
+            assert torch.equal(tensor, found[1][name]), (cameras, name)
+
+
+def test_draws_of_a_keyframe_start_from_one_state() -> None:
+    """Whole images, and parts of one view before static points, with one thread and with several."""
+    shown = make_images(1)
+    for static, cameras in ((None, (0, 1)), (WALL, (2, 2))):
+        found = []
+        for limit in (1, 4):
+            trainer = keyframe_trainer(None, CHAPTER_KEYFRAME, static)
+            trainer.density.restart(shown)
+            trainer._start_program(shown, trainer._static_cache(shown), Silent())
+            program = trainer.program
+            assert isinstance(program, CpuKeyframeProgram)
+            plans = [trainer._plan(shown, 41 + k, 100, Average(0.0, 100)) for k in range(2)]
+            draws = [replace(plan, camera=camera) for plan, camera in zip(plans, cameras, strict=True)]
+            alone = program.gradients(draws[1], program.prepare(draws[1])).compared.loss
+            with threads.limited(limit):
+                assert program.run(draws)[1].loss == alone, "the second draw does not see the first one's step"
+            assert {adam.steps for adam in trainer.points.adams.values()} == {2}
+            found.append({name: tensor.detach().clone() for name, tensor in trainer.points.params.items()})
         for name, tensor in found[0].items():
             assert torch.equal(tensor, found[1][name]), (cameras, name)
 
