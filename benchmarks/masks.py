@@ -64,7 +64,7 @@ def main(
     rows, compared = [], range(1, source.frames - 1, every)
     for t in compared:
         images = source.read(t - 1, 3, names)
-        found = model.masks(images)[1]
+        found = model.masks(images)[1] > 127
         for c, name in enumerate(names):
             file = sorted((masks / name).iterdir())[frames[0] + t]
             given = read_image(file, source.width, source.height, mask=True)[..., 1] > 127

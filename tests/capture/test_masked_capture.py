@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from splatreel.capture.masked_capture import PALETTE, MaskedCapture
+from splatreel.capture.masked_capture import DOUBTFUL, PALETTE, MaskedCapture
 from splatreel.capture.opening import open_capture
 from splatreel.scene.camera import Camera
 from splatreel.scene.reel_source import ReelSource
@@ -16,6 +16,9 @@ from tests.method.captures import WallCapture
 
 class Ramp:
     """Masks that are opaque on the left and transparent on the right."""
+
+    def __init__(self, have_doubts: bool = False) -> None:
+        self.have_doubts = have_doubts
 
     def read(self, first: int, count: int, name: str) -> np.ndarray:
         return np.tile(np.linspace(255, 0, 48).round().astype(np.uint8), (count, 32, 1))
@@ -28,6 +31,26 @@ class Ramp:
 
     def close(self) -> None:
         """Nothing is open."""
+
+
+def test_pixels_in_doubt_show_what_is_likely() -> None:
+    scene = WallCapture(1)
+    names = [camera.name for camera in scene.cameras]
+    capture, levels = MaskedCapture(scene, Ramp(have_doubts=True)), Ramp().read(0, 1, "")[0]
+    doubtful = (levels >= 64) & (levels < 192)
+    alpha = capture.alpha(0, 1, names)[0]
+    assert (alpha[:, doubtful] == DOUBTFUL).all()
+    assert np.array_equal(alpha[0][~doubtful], levels[~doubtful])
+    likely, unlikely = doubtful & (levels >= 128), doubtful & (levels < 128)
+    found, seen = capture.read(0, 1, names)[0], scene.read(0, 1, names)[0]
+    assert np.array_equal(found[:, likely], seen[:, likely])
+    for image, name in zip(found, names, strict=True):
+        assert (image[unlikely] == 255 * np.array(capture.backgrounds[name])).all()
+
+
+def test_opacities_of_soft_masks_are_never_in_doubt() -> None:
+    scene = WallCapture(1)
+    assert not (MaskedCapture(scene, Ramp()).alpha(0, 1, [scene.cameras[0].name]) == DOUBTFUL).any()
 
 
 def test_soft_masks_blend_the_image_with_the_color_of_its_camera() -> None:

@@ -34,6 +34,8 @@ CONFIG = small({"keyframe.first_iterations": 120, "keyframe.densify_every": 30, 
 class ClusterMasks:
     """Soft masks of the cluster of a `WallCapture`."""
 
+    have_doubts = False
+
     def __init__(self, darkness: int = 0) -> None:
         self.darkness = darkness
 

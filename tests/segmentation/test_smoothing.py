@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from splatreel.segmentation.smoothing import without_halo
+from splatreel.capture.mask_files import LIKELY, UNLIKELY
+from splatreel.segmentation.smoothing import with_doubts, without_halo
 
 
 def test_border_pixels_that_mostly_show_the_background_are_removed() -> None:
@@ -29,3 +30,18 @@ def test_mask_before_an_unknown_background_stays() -> None:
     difference = np.full(mask.shape, np.inf, np.float32)
     difference[:, 30:] = 20
     assert (without_halo(mask, difference) == mask).all()
+
+
+def test_pixels_that_the_image_and_other_views_judge_differently_are_in_doubt() -> None:
+    mask, own, support = (
+        np.zeros((40, 320), bool),
+        np.full((40, 320), -3, np.float32),
+        np.full((40, 320), -3, np.float32),
+    )
+    mask[10:30, 20:40] = True
+    own[10:30, 20:40] = 3
+    own[12, 25] = -3  # a shirt like the wall, which other views show
+    own[12, 45] = own[13, 45] = own[12, 60] = support[12, 45] = support[14, 45] = support[12, 60] = 0.5
+    expected = np.where(mask, np.uint8(255), np.uint8(0))
+    expected[12, 25], expected[12, 45] = LIKELY, UNLIKELY
+    assert np.array_equal(with_doubts(mask, own, support), expected)

@@ -266,7 +266,10 @@ class Capture(ABC):
         return {}
 
     def alpha(self, first: int, count: int, cameras: list[str]) -> np.ndarray | None:
-        """Return the opacity of the subject, [count, len(cameras), H, W] uint8; None for a capture of the whole scene."""
+        """Return the opacity of the subject, [count, len(cameras), H, W] uint8, `masked_capture.DOUBTFUL` where masks do not tell.
+
+        None for a capture of the whole scene.
+        """
         return None
 
     def close(self) -> None:  # noqa: B027 - most formats hold nothing open

@@ -28,6 +28,10 @@ MOST_COLOR = 48
 """Maximum difference between the channels of a mask. Compression changes gray by less."""
 MADE_MASKS = "masks"
 """Folder in the output folder of a run for the masks that `--masks auto` makes."""
+LIKELY, UNLIKELY = 160, 96
+"""Gray levels of pixels in masks of `capture masks` that may or may not show the subject: more likely, and less likely."""
+DOUBT = 64, 192
+"""Gray levels between which a pixel of these masks is in doubt. An image editor may have smoothed them."""
 RECORD = "splatreel-masks.json"
 """File in a folder of masks that `capture masks` made. Its masks belong to undistorted images. Masks of a video are named by the
 numbers of its frames, six digits from 000000 on."""
@@ -130,6 +134,11 @@ class MaskFiles:
         for masks in self._masks.values():
             if masks.video is not None:
                 masks.video.close()
+
+    @property
+    def have_doubts(self) -> bool:
+        """Whether gray is doubt (`DOUBT`) instead of opacity."""
+        return self._record is not None and self._record.get("doubts") is True
 
     @property
     def _is_undistorted(self) -> bool:

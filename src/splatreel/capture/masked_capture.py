@@ -13,6 +13,7 @@ import numpy as np
 from splatreel.capture.base import Capture, Color, read_cameras
 from splatreel.capture.capture_sound import Track
 from splatreel.capture.frame_table import FrameTable
+from splatreel.capture.mask_files import DOUBT
 from splatreel.capture.srgb import over_color
 from splatreel.scene.reel_source import ReelSource
 
@@ -21,8 +22,17 @@ PALETTE: tuple[Color, ...] = ((0, 0, 0), (1, 1, 1), (1, 0, 0), (0, 1, 1), (0, 1,
 255 carry no exposure, so that `motion.exposure` ignores them."""
 
 
+DOUBTFUL = 128
+"""Opacity of pixels that may or may not show the subject. Opacities of 128 in masks without doubts become 129."""
+
+
 class Masks(Protocol):
     """Masks of all cameras."""
+
+    @property
+    def have_doubts(self) -> bool:
+        """Whether gray is doubt (`mask_files.DOUBT`) instead of opacity."""
+        ...
 
     def read(self, first: int, count: int, name: str) -> np.ndarray:
         """Return the masks of a camera as the images are read, [count, H, W] uint8. `first` counts from the files' first step."""
@@ -87,8 +97,11 @@ class MaskedCapture(Capture):
         return self._backgrounds
 
     def alpha(self, first: int, count: int, cameras: list[str]) -> np.ndarray:
-        """Return the opacity of the subject, [count, len(cameras), H, W] uint8."""
-        return np.stack([self._masks.read(self.first_frame + first, count, name) for name in cameras], 1)
+        """Return the opacity of the subject, [count, len(cameras), H, W] uint8, `DOUBTFUL` where masks do not tell."""
+        levels = np.stack([self._masks.read(self.first_frame + first, count, name) for name in cameras], 1)
+        if self._masks.have_doubts:
+            return np.where(_in_doubt(levels), np.uint8(DOUBTFUL), levels)
+        return np.where(levels == DOUBTFUL, np.uint8(DOUBTFUL + 1), levels)
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         self._capture.read_into(out, first - self._capture.first_frame, cameras)
@@ -96,7 +109,10 @@ class MaskedCapture(Capture):
 
     def _compose(self, out: np.ndarray, first: int, name: str) -> None:
         color = np.rint(255 * np.array(self._backgrounds[name])).astype(np.uint8)
-        for image, alpha in zip(out, self._masks.read(first, len(out), name), strict=True):
+        levels = self._masks.read(first, len(out), name)
+        if self._masks.have_doubts:
+            levels = np.where(_in_doubt(levels), np.where(levels < DOUBTFUL, np.uint8(0), np.uint8(255)), levels)
+        for image, alpha in zip(out, levels, strict=True):
             if self._is_composed:
                 image += over_color(np.zeros_like(image), alpha, color)
             else:
@@ -134,3 +150,8 @@ class MaskedCapture(Capture):
         """Close open files."""
         self._masks.close()
         self._capture.close()
+
+
+def _in_doubt(levels: np.ndarray) -> np.ndarray:
+    """Return which pixels of masks with doubts are in doubt."""
+    return (levels >= DOUBT[0]) & (levels < DOUBT[1])

@@ -101,7 +101,8 @@ def write_masks(
             masks = model.masks(frames)[before : before + count]
             if segmenter is not None:
                 pairs = zip(masks, frames[before : before + count], strict=True)
-                masks = np.stack([segmenter.complete(mask, images) for mask, images in pairs])
+                completed = np.stack([segmenter.complete(mask > 127, images) for mask, images in pairs])
+                masks = np.where(completed, np.uint8(255), np.uint8(0))
             for moment, missing, shown in zip(files[first:], wanted[first:], masks, strict=False):
                 jobs = [(file, mask) for file, new, mask in zip(moment, missing, shown, strict=True) if new]
                 threads.map_parallel(lambda job: _save(*job), jobs)
@@ -135,7 +136,7 @@ def _claim(capture: FileCapture, folder: Path, clean_plate: Path | None) -> dict
     """
     described = capture.describe()
     facts = {name: described[name] for name in ("name", "frames", "size", "cameras", "fingerprint")}
-    made = {"version": VERSION, "undistorted": True, **facts, "clean_plate": clean_plate is not None}
+    made = {"version": VERSION, "undistorted": True, "doubts": True, **facts, "clean_plate": clean_plate is not None}
     record = read_mask_record(folder)
     if record is None:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -203,7 +204,7 @@ def _standing(names: list[str], model: SubjectModel) -> list[str]:
 
 def _save(file: Path, mask: np.ndarray) -> None:
     with replacing(file) as temporary:
-        Image.fromarray(np.where(mask, np.uint8(255), np.uint8(0))).save(temporary, "PNG")
+        Image.fromarray(mask).save(temporary, "PNG")
 
 
 def _share(file: Path) -> float:

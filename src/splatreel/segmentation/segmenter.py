@@ -14,7 +14,7 @@ from splatreel.segmentation.agreement import Agreement
 from splatreel.segmentation.background import Background, fit_background, largest_channel
 from splatreel.segmentation.colors import ColorModel
 from splatreel.segmentation.evidence import LIMIT, difference, subject_evidence, with_floor
-from splatreel.segmentation.smoothing import decide, without_halo, without_specks
+from splatreel.segmentation.smoothing import decide, with_doubts, without_halo, without_specks
 
 FULL_TRUST = 8
 """Number of other cameras from which on their agreement weighs as much as the image itself."""
@@ -122,9 +122,12 @@ class SubjectModel:
         return np.stack(threads.map_parallel(of_camera, range(len(images)))), found.support
 
     def masks(self, frames: np.ndarray) -> np.ndarray:
-        """Return the masks [T, C, H, W] bool of consecutive frames [T, C, H, W, 3] uint8."""
+        """Return the masks [T, C, H, W] uint8 of consecutive frames [T, C, H, W, 3] uint8.
+
+        White is the subject and black its surroundings. LIKELY and UNLIKELY are in doubt.
+        """
         found = [self.decisions(images) for images in frames]
-        out = np.empty(frames.shape[:4], bool)
+        out = np.empty(frames.shape[:4], np.uint8)
         for t in range(len(frames)):
             total = 2 * found[t][0]
             for other in (t - 1, t + 1):
@@ -132,7 +135,8 @@ class SubjectModel:
                     total += np.where(_alike(frames[t], frames[other]), found[other][0], found[t][0])
             for c, (decision, support) in enumerate(zip(total, found[t][1], strict=True)):
                 mask = without_halo(decision > 0, difference(frames[t, c], self.backgrounds[c]))
-                out[t, c] = without_specks(mask, support)
+                mask = without_specks(mask, support)
+                out[t, c] = with_doubts(mask, subject_evidence(frames[t, c], self.backgrounds[c]), support)
         return out
 
 

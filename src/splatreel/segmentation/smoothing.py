@@ -7,6 +7,8 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
+from splatreel.capture.mask_files import LIKELY, UNLIKELY
+
 Row = tuple[np.ndarray, np.ndarray, np.ndarray]
 Rows = tuple[Row, Row, Row]
 """Rows of a 3 x 3 matrix, whose elements are images [H, W]."""
@@ -19,6 +21,12 @@ COUPLING, ROUNDS = 6.0, 4
 """Weight of the neighborhood, as log odds, and the number of rounds in which decisions spread."""
 SPECK, HOLE = 0.0003, 0.002
 """Largest area of a speck and of a hole, as a share of the image."""
+NEARBY = 8.0
+"""Largest distance from the mask of a pixel outside that is in doubt, in pixels of an image 320 wide."""
+LIKE_BACKGROUND = -1.0
+"""Evidence of the image alone below which a pixel within the mask is in doubt: it looks like the background."""
+UNLIKE_BACKGROUND = -2.0
+"""Evidence of the image alone above which a pixel outside of the mask is in doubt, if other views see the subject there."""
 
 
 class GuidedFilter:
@@ -105,6 +113,33 @@ def without_specks(mask: np.ndarray, support: np.ndarray) -> np.ndarray:
         flipped[0] = False
         out ^= flipped[parts]
     return out
+
+
+def with_doubts(mask: np.ndarray, own: np.ndarray, support: np.ndarray) -> np.ndarray:
+    """Return a mask [H, W] bool as gray levels [H, W] uint8, with pixels in doubt.
+
+    A shirt may have the color of the wall behind it. The image alone cannot tell it from the wall then. Other views can.
+
+    Args:
+        mask: [H, W] bool.
+        own: [H, W] float32, log odds of the subject by this image alone.
+        support: [H, W] float32, log odds of the subject by other views.
+    """
+    reach = NEARBY * mask.shape[1] / 320
+    near = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5) <= reach
+    found = np.where(mask, np.uint8(255), np.uint8(0))
+    found[_broad(mask & (own < LIKE_BACKGROUND))] = LIKELY
+    unlikely = _broad(~mask & near & (support > 0) & (own > UNLIKE_BACKGROUND))
+    unlikely |= without_specks(mask | unlikely, support) & ~mask
+    found[unlikely] = UNLIKELY
+    return found
+
+
+def _broad(pixels: np.ndarray) -> np.ndarray:
+    """Return pixels [H, W] bool without thin parts, such as mixed pixels along borders: those near places three pixels wide."""
+    cross = cv2.getStructuringElement(cv2.MORPH_CROSS, (3, 3))
+    core = cv2.erode(pixels.astype(np.uint8), cross, borderValue=1)
+    return pixels & (cv2.dilate(core, cross, iterations=3) > 0)
 
 
 def without_halo(mask: np.ndarray, difference: np.ndarray) -> np.ndarray:

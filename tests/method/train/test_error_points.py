@@ -70,8 +70,8 @@ def test_gain_of_the_camera_is_taken_from_the_color() -> None:
 
 def test_unknown_pixels_and_small_budgets_add_nothing() -> None:
     shown = make_images(Gaussians.concatenate([WALL, DOT]))
-    unknown = torch.zeros(shown.pixels.shape[1:4], dtype=torch.bool)
-    unknown[:2] = True
+    unknown = torch.zeros(shown.pixels.shape[:4], dtype=torch.bool)
+    unknown[:, :2] = True
     known = TrainingImages(shown.pixels, shown.views, NEAR, UNIT, unknown)
     assert len(added(3, shown)["means"]) == 0, "fewer than one a camera"
     assert len(added(40, known)["means"]) <= len(added(40, shown)["means"])

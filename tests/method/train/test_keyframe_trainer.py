@@ -139,9 +139,9 @@ def test_prune_drops_faint_and_huge_points_but_never_all() -> None:
 def test_unknown_pixels_do_not_affect_training() -> None:
     """A white person stands in the image of one camera only."""
     seen = make_images()
-    images, unknown = seen.pixels.clone(), torch.zeros(seen.pixels.shape[1:4], dtype=torch.bool)
+    images, unknown = seen.pixels.clone(), torch.zeros(seen.pixels.shape[:4], dtype=torch.bool)
     images[0, 1, 8:24, 12:36] = 255
-    unknown[1, 8:24, 12:36] = True
+    unknown[0, 1, 8:24, 12:36] = True
     found = {}
     for name, mask in (("masked", unknown), ("believed", None)):
         points = TrainablePoints.from_gaussians(SCENE, default_rates(UNIT, 4.0), CPU)
@@ -153,7 +153,7 @@ def test_unknown_pixels_do_not_affect_training() -> None:
 
 def test_halved_marks_pixel_unknown_if_any_of_four_is() -> None:
     seen = make_images()
-    unknown = torch.zeros(seen.pixels.shape[1:4], dtype=torch.bool)
+    unknown = torch.zeros(seen.pixels.shape[:4], dtype=torch.bool)
     unknown[0, 5, 8] = True
     small = replace(seen, unknown=unknown).halved().unknown
     assert small is not None

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
+from splatreel.capture.masked_capture import DOUBTFUL
 from splatreel.config import KeyframeConfig
 from splatreel.method.train.keyframe_trainer import starting_points
 from splatreel.method.train.opposite_backgrounds import opposite_view, with_opposite
@@ -39,6 +40,21 @@ def test_only_the_background_changes_to_its_opposite() -> None:
     background = both.opposite.views[0].background
     assert background is not None
     torch.testing.assert_close(background * GAIN, torch.tensor([0.0, 1, 1]))
+
+
+def test_doubtful_pixels_become_unknown_together_with_those_that_are() -> None:
+    images, alpha = subject_images()
+    assert with_opposite(images, alpha).unknown is None
+    alpha[..., 3, 4] = DOUBTFUL
+    known = torch.zeros(alpha.shape, dtype=torch.bool)
+    known[..., 5, 6] = True
+    for before, count in ((None, 1), (known, 2)):
+        both = with_opposite(replace(images, unknown=before), alpha)
+        assert both.unknown is not None
+        assert both.opposite is not None
+        assert both.unknown[0, 0, 3, 4]
+        assert both.unknown.sum() == count
+        assert both.opposite.unknown is both.unknown
 
 
 def test_view_before_black_has_white_as_its_opposite() -> None:

@@ -87,8 +87,8 @@ def make_images(count: int, antialias: bool = True, background: bool = True, unk
         views = [replace(view, background=torch.tensor([0.2, 0.1, 0.3])) for view in views]
     mask = None
     if unknown:
-        mask = torch.zeros(len(CAMERAS), *pixels.shape[2:4], dtype=torch.bool)
-        mask[:, 3:9, 5:30] = True
+        mask = torch.zeros(pixels.shape[:4], dtype=torch.bool)
+        mask[..., 3:9, 5:30] = True
     return TrainingImages(pixels, views, NEAR, UNIT, mask)
 
 
@@ -163,11 +163,13 @@ def _scatter(trainer: GroupTrainer) -> None:
         values.add_(torch.from_numpy(rng.normal(0, 0.02, values.shape).astype(np.float32)))
 
 
+@pytest.mark.parametrize("unknown", [False, True], ids=["", "with unknown pixels"])
 @pytest.mark.parametrize("opened", [ON_CPU, *DEVICES])
-def test_an_iteration_of_a_group_is_that_of_torch(opened: Callable[[], Gpu] | None) -> None:
+def test_an_iteration_of_a_group_is_that_of_torch(opened: Callable[[], Gpu] | None, unknown: bool) -> None:
     """Offsets, projection, order among static points, loss, all gradients, rigidity, smoothness and Adam."""
     config = group_config(**{"group.coarse_share": 0.0, "group.progressive_share": 0.0})
-    trainers = [group_trainer(gpu, config) for gpu in (opened and OpenedGpu(opened()), None)]
+    shown = make_images(FRAMES, unknown=unknown)
+    trainers = [group_trainer(gpu, config, images=shown) for gpu in (opened and OpenedGpu(opened()), None)]
     device, host = trainers
     for trainer in trainers:
         _scatter(trainer)

@@ -45,7 +45,7 @@ WALL = blots(1500, [-4, -3, 0.6], [4, 3, 0.6], 0.1, 0)
 
 def search(cameras: int = len(CAMERAS), images: np.ndarray = IMAGES, unknown: np.ndarray | None = None) -> RayDepths:
     views = [View.of(camera, torch.device("cpu")) for camera in CAMERAS[:cameras]]
-    mask = None if unknown is None else torch.from_numpy(unknown)
+    mask = None if unknown is None else torch.from_numpy(unknown)[None]
     return RayDepths(TrainingImages(torch.from_numpy(images[:cameras])[None], views, 0.1, 4.0, mask))
 
 

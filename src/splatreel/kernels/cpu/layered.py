@@ -28,6 +28,7 @@ def loss_and_gradient(
     background: np.ndarray | None,
     where: np.ndarray | None = None,
     whole: bool = False,
+    unknown: np.ndarray | None = None,
 ) -> tuple[float, rasterize.Gradients]:
     """Return the loss of (image + background) * gain against the target, see `similarity.loss_and_gradient`, and its gradients.
 
@@ -45,12 +46,15 @@ def loss_and_gradient(
         where: [N] bool. If given, `bins` has all splats of the view, the frozen ones too, and only tiles that a splat of `where`
             touches are drawn and compared.
         whole: Whether the loss is that of the whole image. If not, it leaves out a constant, see `similarity.loss_and_gradient`.
+        unknown: [H, W] bool, pixels without a target, which cause no loss. The target is uint8 then.
     """
     tiles = bins.counts > 0 if where is None else tiles_of(bins, where)
     among = frozen if where is None else None
     with _put_back(frozen, np.flatnonzero(tiles)):
         rasterize.draw_over(bins, colors, frozen, among, tiles)
         compared = None if whole else tiles.reshape(-(-bins.height // TILE), -1)
+        if unknown is not None:
+            target = _with_drawing(target, unknown, frozen.image, gain, background)
         found = similarity.loss_and_gradient(
             frozen.image, target, lambda_dssim, gain, compared, background, zeros=False
         )
@@ -58,6 +62,18 @@ def loss_and_gradient(
         arguments = bins, colors, frozen.image, found.d_image, frozen.alpha, none, among
         gradients = rasterize.backward(*arguments, wanted=None if where is None else tiles)
     return found.loss, gradients
+
+
+def _with_drawing(
+    target: np.ndarray, unknown: np.ndarray, image: np.ndarray, gain: np.ndarray | None, background: np.ndarray | None
+) -> np.ndarray:
+    """Return a target [H, W, 3] uint8 whose unknown pixels [H, W] bool repeat the drawing."""
+    drawn = image[unknown]
+    drawn = drawn if background is None else drawn + background
+    drawn = drawn if gain is None else drawn * gain
+    found = target.copy()
+    found[unknown] = np.rint(255 * np.clip(drawn, 0, 1)).astype(np.uint8)
+    return found
 
 
 @contextmanager

@@ -102,7 +102,8 @@ class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
         bins = arrays.bin_splats(means2d, conics, opaque, depths, radii, view.width, view.height)
         shown = self.images.of_iteration(draw.iteration)[0]
         target, gain = array(shown.pixels[draw.frame, draw.camera]), array(self._gains.values[draw.camera])
-        options = self._config.lambda_dssim, gain, background, where, draw.whole
+        unknown = None if shown.unknown is None else array(shown.unknown[draw.frame, draw.camera])
+        options = self._config.lambda_dssim, gain, background, where, draw.whole, unknown
         loss, found = arrays.layered_loss(bins, colors, static.frozen.held, target, *options)
         check_loss(loss, splats[:4])
         gradients = found.means2d, found.conics, found.colors, found.opacities

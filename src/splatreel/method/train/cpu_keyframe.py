@@ -104,7 +104,7 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
         if images.unknown is not None:
             shown = image if camera.background is None else image + camera.background
             known = torch.from_numpy(shown), None if gain is None else torch.from_numpy(gain)
-            target = array(images.target(draw.camera, *known))
+            target = array(images.target(0, draw.camera, *known))
         found = arrays.photometric_loss(image, target, LAMBDA_DSSIM, gain, None, camera.background)
         to_splats = arrays.blend_gradient(
             bins, colors, image, found.d_image, alpha, arrays.no_gradient(alpha.shape), frozen

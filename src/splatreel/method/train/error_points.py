@@ -62,7 +62,7 @@ def points_at_errors(
     found, ray_depths = [], RayDepths(images)
     for camera, view in enumerate(images.views):
         splats, image = draw(camera)
-        target = images.target(camera, image, None).float() / 255
+        target = images.target(0, camera, image, None).float() / 255
         depths = Depths.of(splats, view, images.near)
         known = (depths.alpha > MIN_ALPHA).cpu().numpy()
         pixels = _choose(_errors(image.cpu().numpy(), target.cpu().numpy()) * known, count // len(images.views), rng)

@@ -152,7 +152,7 @@ class GpuProgram:
             image = images.pixels[frame, camera].numpy()
             unknown = np.zeros(image.shape[:2], np.uint8)
             if images.unknown is not None:
-                unknown[:] = 255 * images.unknown[camera].numpy()
+                unknown[:] = 255 * images.unknown[frame, camera].numpy()
             return np.dstack([image, unknown])
 
         buffer, first = self._pool.get(frame, place, load)

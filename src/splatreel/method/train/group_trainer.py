@@ -329,14 +329,18 @@ class GroupTrainer:
         splats = self.points.splats(changes, view, self.images.near)
         static, also = self.static.view(place), self.density.measured_static(iteration)
         whole = self._shows(iteration)  # the reported loss covers the whole image
-        drawing = draw(splats, view, static) if whole else moving_tiles(splats, view, static, also)
+        if whole or shown.unknown is not None:
+            drawing = draw(splats, view, static, also is None)
+            target = shown.target(frame, camera, drawing.image, self.gains.values[camera])
+        else:
+            drawing, target = moving_tiles(splats, view, static, also), shown.pixels[frame, camera]
 
         drawn = GroupStep(
             iteration=iteration,
             share=share,
             view=view,
             drawing=drawing,
-            target=shown.pixels[frame, camera],
+            target=target,
             gain=self.gains.values[camera],
             lambda_dssim=self.config.group.lambda_dssim,
             unit=self.images.unit,

@@ -318,7 +318,7 @@ class KeyframeTrainer:
         if static is None or self._compares_all(images, self.done):
             splats, gain = _with_gain(splats, view, self.gains.of(camera))
             drawing = draw(splats, view, static.view(place) if static else None)
-            target = shown.target(camera, drawing.image, gain)
+            target = shown.target(0, camera, drawing.image, gain)
         else:
             splats, gain = _with_gain(splats, view, self.gains.values[camera])
             drawing, target = moving_tiles(splats, view, static.view(place)), shown.pixels[0, camera]

@@ -89,7 +89,7 @@ class RayDepths:
             cv2.cvtColor(image.cpu().numpy(), cv2.COLOR_RGB2GRAY).astype(np.float32) / 255 for image in images.pixels[0]
         ]
         if images.unknown is not None:
-            for gray, unknown in zip(self.grays, images.unknown.cpu().numpy(), strict=True):
+            for gray, unknown in zip(self.grays, images.unknown[0].cpu().numpy(), strict=True):
                 gray[unknown] = np.nan
         centers = np.stack([view.center.cpu().numpy() for view in self.views])
         self.nearest = nearest_poses(centers, np.stack([pose[2, :3] for pose in self.poses]), NEIGHBORS)

@@ -169,7 +169,7 @@ def train_frame(
         View.of(camera, device, config.antialias, layout, gain)
         for camera, gain in zip(cameras, trainer.gains.values, strict=True)
     ]
-    mask = None if unknown is None else torch.from_numpy(unknown).to(device)
+    mask = None if unknown is None else torch.from_numpy(unknown[None]).to(device)
     training_images = TrainingImages(torch.from_numpy(images).to(device)[None], views, layout.near, layout.unit, mask)
     if alpha is not None:
         training_images = with_opposite(training_images, alpha[None])

@@ -23,7 +23,7 @@ class TrainingImages:
         views: C views.
         near: Near plane, world units.
         unit: Typical viewing distance, world units.
-        unknown: [C, H, W] bool, pixels of a keyframe without a valid value; None if all are valid.
+        unknown: [T, C, H, W] bool, pixels without a valid value; None if all are valid.
         array: The array of `frame_array` that `pixels` is a view of, if there is one.
         opposite: The same images over the opposite backgrounds, for a subject before few cameras; None for all others.
     """
@@ -52,22 +52,21 @@ class TrainingImages:
             return self, 0
         return self.opposite, len(self.views)
 
-    def target(self, camera: int, drawn: Tensor, gain: Tensor | None) -> Tensor:
-        """Return the target image [H, W, 3] uint8 of a keyframe's camera.
-
-        Unknown pixels repeat the drawing, so that they cause no loss.
+    def target(self, frame: int, camera: int, drawn: Tensor, gain: Tensor | None) -> Tensor:
+        """Return a target image [H, W, 3] uint8. Unknown pixels repeat the drawing, so that they cause no loss.
 
         Args:
+            frame: Number of the frame.
             camera: Number of the camera.
             drawn: [H, W, 3] current drawing, 0..1, before the color gain.
             gain: [3] color gain of the camera; None is 1.
         """
-        image = self.pixels[0, camera]
+        image = self.pixels[frame, camera]
         if self.unknown is None:
             return image
         shown = drawn.detach() if gain is None else drawn.detach() * gain.detach()
         as_shown = (shown.clamp(0, 1) * 255).round().to(torch.uint8)
-        return torch.where(self.unknown[camera][..., None], as_shown, image)
+        return torch.where(self.unknown[frame, camera][..., None], as_shown, image)
 
     def sizes(self, iterations: int, coarse_share: float, afforded: float) -> list[tuple[int, TrainingImages]]:
         """Return the resolutions that training uses, smallest first, each with the iteration at which its use ends.
@@ -106,7 +105,7 @@ class TrainingImages:
         threads.map_parallel(halve, range(count))
         unknown = self.unknown
         if unknown is not None:  # unknown if any of the four pixels is
-            unknown = torch.nn.functional.max_pool2d(unknown[:, None].float(), 2)[:, 0] > 0
+            unknown = torch.nn.functional.max_pool2d(unknown.float(), 2) > 0
         views = [view.halved() for view in self.views]
         opposite = None if self.opposite is None else self.opposite.halved()
         return replace(self, pixels=small, views=views, unknown=unknown, array=array, opposite=opposite)
