@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import math
 import shutil
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from itertools import count
@@ -198,14 +198,22 @@ class VideoWriter:
         fps: Frames per second.
         sound: Samples [n] float32 at `RATE` per second from the first frame on, stored losslessly (FLAC); None means no
             sound.
+        quality: Options of x264.
     """
 
-    def __init__(self, path: Path, camera: Camera, fps: int, sound: np.ndarray | None = None) -> None:
+    def __init__(
+        self,
+        path: Path,
+        camera: Camera,
+        fps: int,
+        sound: np.ndarray | None = None,
+        quality: Mapping[str, str] = QUALITY,
+    ) -> None:
         self._container = av.open(str(path), "w", options={"fflags": "+bitexact"})
         self._stream = self._container.add_stream("libx264", rate=Fraction(fps))
         self._stream.width, self._stream.height, self._stream.pix_fmt = camera.width, camera.height, "yuv444p"
         self._stream.codec_context.thread_count = 1
-        options = QUALITY | {"g": str(2 * fps), "flags": "+bitexact"}
+        options = dict(quality) | {"g": str(2 * fps), "flags": "+bitexact"}
         options["x264-params"] = "mbtree=0"  # mbtree makes the bytes depend on load
         self._stream.codec_context.options = options
         self._sound = sound
