@@ -33,15 +33,19 @@ def test_mask_before_an_unknown_background_stays() -> None:
 
 
 def test_pixels_that_the_image_and_other_views_judge_differently_are_in_doubt() -> None:
-    mask, own, support = (
-        np.zeros((40, 320), bool),
-        np.full((40, 320), -3, np.float32),
-        np.full((40, 320), -3, np.float32),
-    )
+    mask = np.zeros((40, 320), bool)
     mask[10:30, 20:40] = True
-    own[10:30, 20:40] = 3
-    own[12, 25] = -3  # a shirt like the wall, which other views show
-    own[12, 45] = own[13, 45] = own[12, 60] = support[12, 45] = support[14, 45] = support[12, 60] = 0.5
+    own = np.where(mask, np.float32(3), np.float32(-3))
+    support = np.full(mask.shape, -3, np.float32)
     expected = np.where(mask, np.uint8(255), np.uint8(0))
-    expected[12, 25], expected[12, 45] = LIKELY, UNLIKELY
+    own[12:16, 24:30] = -3  # a shirt like the wall, which other views show
+    expected[12:16, 24:30] = LIKELY
+    own[20:26, 40:46] = support[20:26, 40:46] = 0.5  # a shirt like the wall, whose image differs a little
+    expected[20:26, 40:46] = UNLIKELY
+    own[22, 43] = -3  # a pixel that shows the color of the wall
+    for mixed in (
+        (slice(10, 18), 40),
+        (slice(0, 2), slice(100, 110)),
+    ):  # a thin border, and a place that no body is near
+        own[mixed] = support[mixed] = 0.5
     assert np.array_equal(with_doubts(mask, own, support), expected)

@@ -137,7 +137,7 @@ class MaskFiles:
 
     @property
     def have_doubts(self) -> bool:
-        """Whether gray is doubt (`DOUBT`) instead of opacity."""
+        """True if gray is doubt (`DOUBT`) instead of opacity."""
         return self._record is not None and self._record.get("doubts") is True
 
     @property

@@ -31,7 +31,7 @@ class Masks(Protocol):
 
     @property
     def have_doubts(self) -> bool:
-        """Whether gray is doubt (`mask_files.DOUBT`) instead of opacity."""
+        """True if gray is doubt (`mask_files.DOUBT`) instead of opacity."""
         ...
 
     def read(self, first: int, count: int, name: str) -> np.ndarray:

@@ -27,13 +27,7 @@ from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram
 from splatreel.method.train.hidden_colors import bound_colors, spread_colors
 from splatreel.method.train.losses import GROWTH, KEYFRAME, LAMBDA_DSSIM, KeyframeStep, Loss, backward, psnr
 from splatreel.method.train.opacity_resets import OpacityResets
-from splatreel.method.train.programs import (
-    MOST_DRAWS,
-    KeyframeDraw,
-    KeyframeProgram,
-    KeyframeState,
-    unsupported_keyframe,
-)
+from splatreel.method.train.programs import MOST_DRAWS, KeyframeDraw, KeyframeProgram, KeyframeState
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.render import Comparable, StaticCache, View, deformed, draw, moving_tiles
 from splatreel.method.train.trainable_points import NAMES, TrainablePoints, default_rates
@@ -192,7 +186,7 @@ class KeyframeTrainer:
         """Add, prune and average points after an iteration, if due."""
         share, averaged = self.done / total, average.has_begun(self.done)
         changes = self.density.is_due(self.done, share, averaged) or self._changes_detail(total)
-        self.density.update(self.done, share, images, averaged, self._measures_absolute)
+        self.density.update(self.done, share, images, averaged, self.config.detail and static is None)
         if images.opposite is not None and self.density.is_due(self.done, share, averaged):
             spread_colors(self.points, images, static)
         if self._changes_detail(total):
@@ -207,15 +201,10 @@ class KeyframeTrainer:
         self._cameras = self._cameras or self.rng.permutation(len(images.views)).tolist()
         return self._cameras.pop()
 
-    @property
-    def _measures_absolute(self) -> bool:
-        """True if density control measures absolute gradients."""
-        return self.config.detail and not self.static
-
     def _start_program(self, images: TrainingImages, static: StaticCache | None, progress: Progress) -> None:
         """Choose what runs the iterations: the GPU if there is one, else the CPU, or torch where neither has a program."""
         state = KeyframeState(self.points, static, self.density, images, self.config, self.losses, self.gains)
-        self.program, why = None, unsupported_keyframe(state)
+        self.program, why = None, state.unsupported
         try:
             opened = None if self.gpu is None else self.gpu.open()
             if opened is not None and why is not None:

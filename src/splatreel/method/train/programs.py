@@ -107,6 +107,17 @@ class KeyframeState(NamedTuple):
         """True if density control measures absolute gradients."""
         return self.config.detail and self.static is None
 
+    @property
+    def unsupported(self) -> str | None:
+        """Reason why no program can train the keyframe; None if one can."""
+        if tuple(self.losses) not in KEYFRAME_LOSSES:
+            return "its losses are not among those of the programs"
+        if self.static is not None and len(self.losses) > len(CHAPTER_KEYFRAME):
+            return "losses of surfaces do not look at static points"
+        if any(view.gain is not None for view in self.images.views):
+            return "captures with masks are trained on the CPU or with CUDA"
+        return None
+
 
 class GroupState(NamedTuple):
     """Points and images that a program of a group trains, and its settings.
@@ -138,17 +149,6 @@ class Outcome(NamedTuple):
 
     loss: float
     slope: float
-
-
-def unsupported_keyframe(state: KeyframeState) -> str | None:
-    """Return why no program can train a keyframe; None if one can."""
-    if tuple(state.losses) not in KEYFRAME_LOSSES:
-        return "its losses are not among those of the programs"
-    if state.static is not None and len(state.losses) > len(CHAPTER_KEYFRAME):
-        return "losses of surfaces do not look at static points"
-    if any(view.gain is not None for view in state.images.views):
-        return "captures with masks are trained on the CPU or with CUDA"
-    return None
 
 
 def unsupported_group(points: DynamicPoints) -> str | None:
