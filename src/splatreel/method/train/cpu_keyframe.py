@@ -54,6 +54,10 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
         self._arrays = [array(tensor) for tensor in self._tensors]
         self._averages = [torch.zeros_like(tensor, requires_grad=False) for tensor in self._tensors]
 
+    def together(self, draw: KeyframeDraw) -> int:
+        """See `CpuProgram`. While points are added, each draw starts from the last one's state: pairs would add 4 % fewer points."""
+        return 1 if draw.metered else super().together(draw)
+
     def averages(self) -> list[Tensor]:
         """See `KeyframeProgram`."""
         return self._averages

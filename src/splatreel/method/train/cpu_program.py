@@ -58,9 +58,13 @@ class CpuProgram(ABC, Generic[D, G]):
         """See `Program`."""
         found: list[Outcome] = []
         with torch.no_grad():
-            for k in range(0, len(draws), TOGETHER):
-                found += self._run_together(draws[k : k + TOGETHER])
+            while (first := len(found)) < len(draws):
+                found += self._run_together(draws[first : first + self.together(draws[first])])
         return found
+
+    def together(self, draw: D) -> int:
+        """Return the number of draws, this one first, that start from the same state."""
+        return TOGETHER
 
     def give_meters(self) -> None:
         """Do nothing: each draw gives its gradients."""
