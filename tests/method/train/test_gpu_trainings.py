@@ -12,7 +12,7 @@ from splatreel.gpu.device import Gpu
 from splatreel.method.train.gpu_group import GpuGroupProgram
 from splatreel.method.train.losses import KEYFRAME, Loss, photometric
 from tests.gpu.devices import REAL, OpenedGpu
-from tests.method.train.test_programs import Notes, group_config, group_trainer, keyframe_trainer, make_images
+from tests.method.train.trainers import Notes, group_config, group_trainer, keyframe_trainer, make_images
 
 
 def fail_at(program: object, call: int) -> Callable[..., object]:

@@ -12,6 +12,7 @@ from torch import Tensor
 from splatreel.kernels import adam, arrays
 from splatreel.method.train.cpu_program import CpuProgram, Seen, array, check_loss
 from splatreel.method.train.cpu_surfaces import depth_powers, surface_gradients
+from splatreel.method.train.hidden_colors import bound_colors
 from splatreel.method.train.losses import LAMBDA_DSSIM
 from splatreel.method.train.programs import KeyframeDraw, KeyframeState, Outcome
 from splatreel.method.train.render import StaticView
@@ -64,31 +65,48 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
 
     def prepare(self, draw: KeyframeDraw) -> int:
         """See `CpuProgram`."""
+        place = self.images.of_iteration(draw.iteration)[1] + draw.camera
         if self._state.static is not None:
-            self._state.static.view(draw.camera)
-        return draw.camera
+            self._state.static.view(place)
+        return place
 
     def gradients(self, draw: KeyframeDraw, place: int) -> _Gradients:
         """See `CpuProgram`."""
         camera, static = self.seen(place), self._state.static
+        behind = None if static is None else static.view(place)
         points = arrays.DeformedPoints._make([*self._arrays, *FIXED])
         opacities, seen = arrays.deform(points, camera.center, camera.pinhole)
-        colors = seen.colors if camera.background is None else seen.colors - camera.background
+        tint, gain = self._gain(draw, camera)
+        colors = seen.colors if tint is None else seen.colors * tint
+        colors = colors if camera.background is None else colors - camera.background
         splats = seen.means2d, seen.conics, colors, opacities
         size = camera.view.width, camera.view.height
         bins = arrays.bin_splats(seen.means2d, seen.conics, opacities, seen.depths, seen.radii, *size)
-        if draw.whole:
-            behind = None if static is None else static.view(place)
-            compared = self._compare_all(draw, camera, bins, colors, seen, behind)
-        else:
-            assert static is not None
-            compared = self._compare_tiles(draw, camera, bins, colors, static.view(place))
+        compare = self._compare_all if draw.whole else self._compare_tiles
+        compared = compare(draw, camera, bins, colors, seen, behind, gain)
         check_loss(compared.loss, splats)
+        if tint is not None:
+            d_colors = compared.splats[2]
+            if compared.gain is not None:
+                compared = compared._replace(gain=(d_colors * seen.colors).sum(0) / gain)
+            compared.splats[2] = d_colors * tint
         found = arrays.deform_gradient(points, seen, camera.center, camera.pinhole, *compared.splats)[:6]
         weights = {loss.name: loss.weight_at(draw, self._state.config) for loss in self._state.losses}
         if price := weights.get("opacity", 0.0) / (size[0] * size[1]):
             found[3][:] += np.float32(price) * seen.opaque * (1 - seen.opaque)
         return _Gradients(compared, found)
+
+    def _gain(self, draw: KeyframeDraw, camera: Seen) -> tuple[np.ndarray | None, np.ndarray | None]:
+        """Return the factor [3] on the colors of the points, and that on the drawing. None is 1.
+
+        Their product is the color gain of the camera. If a background is known only together with a gain (`View.gain`), this part is on
+        the drawing, and the points carry the rest.
+        """
+        gains, given = self._state.gains, camera.view.gain
+        if draw.whole and not gains.enabled:
+            return None, None
+        gain = array(gains.values[draw.camera])
+        return (None, gain) if given is None else (gain / array(given), array(given))
 
     def _compare_all(
         self,
@@ -98,17 +116,17 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
         colors: np.ndarray,
         seen: arrays.ProjectedPoints,
         static: StaticView | None,
+        gain: np.ndarray | None,
     ) -> _Compared:
         """Draw and compare the whole image."""
-        images, gains = self.images, self._state.gains
+        shown = self.images.of_iteration(draw.iteration)[0]
         frozen = None if static is None else static.frozen.held
         image, alpha = arrays.blend(bins, colors, frozen)
-        gain = array(gains.values[draw.camera]) if gains.enabled else None
-        target = array(images.pixels[0, draw.camera])
-        if images.unknown is not None:
-            shown = image if camera.background is None else image + camera.background
-            known = torch.from_numpy(shown), None if gain is None else torch.from_numpy(gain)
-            target = array(images.target(0, draw.camera, *known))
+        target = array(shown.pixels[0, draw.camera])
+        if shown.unknown is not None:
+            drawn = image if camera.background is None else image + camera.background
+            known = torch.from_numpy(drawn), None if gain is None else torch.from_numpy(gain)
+            target = array(shown.target(0, draw.camera, *known))
         found = arrays.photometric_loss(image, target, LAMBDA_DSSIM, gain, None, camera.background)
         to_splats = arrays.blend_gradient(
             bins, colors, image, found.d_image, alpha, arrays.no_gradient(alpha.shape), frozen
@@ -116,13 +134,21 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
         splats = [to_splats.means2d, to_splats.conics, to_splats.colors, to_splats.opacities]
         screen = to_splats.absolute if self._state.measures_absolute else splats[0]
         self._add_surfaces(draw, bins, seen, target, alpha, splats)
-        return _Compared(found.loss, splats, found.d_gain if gains.enabled else None, screen)
+        return _Compared(found.loss, splats, found.d_gain if self._state.gains.enabled else None, screen)
 
     def _compare_tiles(
-        self, draw: KeyframeDraw, camera: Seen, bins: arrays.Bins, colors: np.ndarray, static: StaticView
+        self,
+        draw: KeyframeDraw,
+        camera: Seen,
+        bins: arrays.Bins,
+        colors: np.ndarray,
+        _: arrays.ProjectedPoints,
+        static: StaticView | None,
+        gain: np.ndarray | None,
     ) -> _Compared:
         """Draw and compare the tiles that points touch, among static points."""
-        target, gain = array(self.images.pixels[0, draw.camera]), array(self._state.gains.values[draw.camera])
+        assert static is not None
+        target = array(self.images.of_iteration(draw.iteration)[0].pixels[0, draw.camera])
         options = LAMBDA_DSSIM, gain, camera.background
         loss, found = arrays.layered_loss(bins, colors, static.frozen.held, target, *options)
         splats = [found.means2d, found.conics, found.colors, found.opacities]
@@ -162,6 +188,8 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
         before = points.means.detach().clone()
         adam.adam(steps)
         points.means.copy_(torch.lerp(before, points.means, density.distances[:, None]))
+        if self.images.opposite is not None:
+            bound_colors(points)
         if found.compared.gain is not None:
             self._state.gains.follow([(draw.camera, torch.from_numpy(found.compared.gain))])
         if draw.average:

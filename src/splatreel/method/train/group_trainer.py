@@ -330,7 +330,7 @@ class GroupTrainer:
         static, also = self.static.view(place), self.density.measured_static(iteration)
         whole = self._shows(iteration)  # the reported loss covers the whole image
         if whole or shown.unknown is not None:
-            drawing = draw(splats, view, static, also is None)
+            drawing = draw(splats, view, static, whole or also is None)
             target = shown.target(frame, camera, drawing.image, self.gains.values[camera])
         else:
             drawing, target = moving_tiles(splats, view, static, also), shown.pixels[frame, camera]

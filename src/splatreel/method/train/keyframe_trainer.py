@@ -204,14 +204,14 @@ class KeyframeTrainer:
     def _start_program(self, images: TrainingImages, static: StaticCache | None, progress: Progress) -> None:
         """Choose what runs the iterations: the GPU if there is one, else the CPU, or torch where neither has a program."""
         state = KeyframeState(self.points, static, self.density, images, self.config, self.losses, self.gains)
-        self.program, why = None, state.unsupported
+        self.program, why = None, state.unsupported_by_gpu
         try:
             opened = None if self.gpu is None else self.gpu.open()
             if opened is not None and why is not None:
                 progress.note(f"this keyframe is trained on the CPU: {why}")
-            elif opened is not None:
+            if opened is not None and why is None:
                 self.program = GpuKeyframeProgram(opened, state)
-            elif why is None and not images.pixels.is_cuda:
+            elif state.unsupported is None and not images.pixels.is_cuda:
                 self.program = CpuKeyframeProgram(state)
             if self.program is not None:
                 self.program.upload()

@@ -114,9 +114,14 @@ class KeyframeState(NamedTuple):
             return "its losses are not among those of the programs"
         if self.static is not None and len(self.losses) > len(CHAPTER_KEYFRAME):
             return "losses of surfaces do not look at static points"
+        return None
+
+    @property
+    def unsupported_by_gpu(self) -> str | None:
+        """Reason why the program of GPUs cannot train the keyframe; None if it can."""
         if any(view.gain is not None for view in self.images.views):
             return "captures with masks are trained on the CPU or with CUDA"
-        return None
+        return self.unsupported
 
 
 class GroupState(NamedTuple):
