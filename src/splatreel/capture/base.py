@@ -266,9 +266,9 @@ class Capture(ABC):
         return {}
 
     def alpha(self, first: int, count: int, cameras: list[str]) -> np.ndarray | None:
-        """Return the opacity of the subject, [count, len(cameras), H, W] uint8, `masked_capture.DOUBTFUL` where masks do not tell.
+        """Return the opacity of the subject, [count, len(cameras), H, W] uint8; None for a capture of the whole scene.
 
-        None for a capture of the whole scene.
+        Pixels of which masks do not tell have one of two values (`masked_capture.LIKELY`).
         """
         return None
 

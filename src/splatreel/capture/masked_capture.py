@@ -22,8 +22,9 @@ PALETTE: tuple[Color, ...] = ((0, 0, 0), (1, 1, 1), (1, 0, 0), (0, 1, 1), (0, 1,
 255 carry no exposure, so that `motion.exposure` ignores them."""
 
 
-DOUBTFUL = 128
-"""Opacity of pixels that may or may not show the subject. Opacities of 128 in masks without doubts become 129."""
+UNLIKELY, LIKELY = 127, 128
+"""Opacities of pixels that may or may not show the subject: less likely, and more likely. In masks without doubts, opacities of 127 and
+128 become 126 and 129."""
 
 
 class Masks(Protocol):
@@ -97,11 +98,13 @@ class MaskedCapture(Capture):
         return self._backgrounds
 
     def alpha(self, first: int, count: int, cameras: list[str]) -> np.ndarray:
-        """Return the opacity of the subject, [count, len(cameras), H, W] uint8, `DOUBTFUL` where masks do not tell."""
+        """Return the opacity of the subject, [count, len(cameras), H, W] uint8, `UNLIKELY` or `LIKELY` where masks do not tell."""
         levels = np.stack([self._masks.read(self.first_frame + first, count, name) for name in cameras], 1)
         if self._masks.have_doubts:
-            return np.where(_in_doubt(levels), np.uint8(DOUBTFUL), levels)
-        return np.where(levels == DOUBTFUL, np.uint8(DOUBTFUL + 1), levels)
+            return np.where(_in_doubt(levels), np.where(levels < LIKELY, np.uint8(UNLIKELY), np.uint8(LIKELY)), levels)
+        return np.where(
+            levels == UNLIKELY, np.uint8(UNLIKELY - 1), np.where(levels == LIKELY, np.uint8(LIKELY + 1), levels)
+        )
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         self._capture.read_into(out, first - self._capture.first_frame, cameras)
@@ -111,7 +114,7 @@ class MaskedCapture(Capture):
         color = np.rint(255 * np.array(self._backgrounds[name])).astype(np.uint8)
         levels = self._masks.read(first, len(out), name)
         if self._masks.have_doubts:
-            levels = np.where(_in_doubt(levels), np.where(levels < DOUBTFUL, np.uint8(0), np.uint8(255)), levels)
+            levels = np.where(_in_doubt(levels), np.where(levels < LIKELY, np.uint8(0), np.uint8(255)), levels)
         for image, alpha in zip(out, levels, strict=True):
             if self._is_composed:
                 image += over_color(np.zeros_like(image), alpha, color)
@@ -150,6 +153,11 @@ class MaskedCapture(Capture):
         """Close open files."""
         self._masks.close()
         self._capture.close()
+
+
+def is_doubtful(alpha: np.ndarray) -> np.ndarray:
+    """Return which opacities [...] uint8 are in doubt, [...] bool."""
+    return (alpha == UNLIKELY) | (alpha == LIKELY)
 
 
 def _in_doubt(levels: np.ndarray) -> np.ndarray:

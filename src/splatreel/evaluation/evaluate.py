@@ -14,7 +14,7 @@ from splatreel.base.errors import UsageError
 from splatreel.base.process import peak_memory_bytes
 from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
-from splatreel.capture.masked_capture import DOUBTFUL
+from splatreel.capture.masked_capture import is_doubtful
 from splatreel.capture.median_images import median_images
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
@@ -162,7 +162,7 @@ class Scores:
         for number, (view, truth, median, absent) in enumerate(
             zip(self.views, truths, self.medians, missing, strict=True)
         ):
-            within = None if alpha is None else (alpha[0, number] > 0) & (alpha[0, number] != DOUBTFUL)
+            within = None if alpha is None else (alpha[0, number] > 0) & ~is_doubtful(alpha[0, number])
             if absent or (within is not None and not within.any()):
                 continue
             begun = time.perf_counter()

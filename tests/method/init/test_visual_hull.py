@@ -1,5 +1,6 @@
 import numpy as np
 
+from splatreel.capture.masked_capture import LIKELY, UNLIKELY
 from splatreel.method.init.visual_hull import VisualHull, is_sparse, without_background
 from tests.method.scenes import ring
 from tests.segmentation import scenes
@@ -34,6 +35,16 @@ def test_faint_edges_of_soft_masks_are_outside() -> None:
     masks = masks_of_box(5)
     masks[masks == 0] = 30
     assert not VisualHull(ring(5), masks).contains(np.array([[1.5, 0, 0]]))[0]
+
+
+def test_places_are_inside_by_unlikely_pixels_of_one_camera_only() -> None:
+    masks, origin = masks_of_box(5), np.zeros((1, 3))
+    masks[2][masks[2] > 0] = UNLIKELY
+    assert VisualHull(ring(5), masks).contains(origin)[0]
+    masks[1][masks[1] > 0] = LIKELY
+    assert VisualHull(ring(5), masks).contains(origin)[0]
+    masks[4][masks[4] > 0] = UNLIKELY
+    assert not VisualHull(ring(5), masks).contains(origin)[0]
 
 
 def test_angle_between_cameras_decides_whether_a_rig_is_sparse() -> None:

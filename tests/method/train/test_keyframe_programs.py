@@ -9,7 +9,7 @@ import torch
 
 from splatreel.base import threads
 from splatreel.base.progress import Silent
-from splatreel.capture.masked_capture import DOUBTFUL
+from splatreel.capture.masked_capture import LIKELY
 from splatreel.gpu.device import Gpu
 from splatreel.method.train.average import Average
 from splatreel.method.train.cpu_keyframe import CpuKeyframeProgram
@@ -104,7 +104,7 @@ def test_an_iteration_of_a_keyframe_is_that_of_torch(
 def test_an_iteration_of_a_subject_is_that_of_torch(static: Gaussians | None) -> None:
     """Backgrounds that were divided by a known gain, opposite backgrounds, pixels in doubt, and bounded colors."""
     alpha = np.full((1, len(CAMERAS), 32, 48), 255, np.uint8)
-    alpha[..., :20], alpha[..., 20:24] = 0, DOUBTFUL
+    alpha[..., :20], alpha[..., 20:24] = 0, LIKELY
     images = make_images(1)
     views = [replace(view, gain=torch.tensor([0.9, 1.1, 1.0])) for view in images.views]
     shown = with_opposite(replace(images, views=views), alpha)

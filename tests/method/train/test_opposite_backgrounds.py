@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import torch
 
-from splatreel.capture.masked_capture import DOUBTFUL
+from splatreel.capture.masked_capture import LIKELY
 from splatreel.config import KeyframeConfig
 from splatreel.method.train.keyframe_trainer import starting_points
 from splatreel.method.train.opposite_backgrounds import opposite_view, with_opposite
@@ -45,7 +45,7 @@ def test_only_the_background_changes_to_its_opposite() -> None:
 def test_doubtful_pixels_become_unknown_together_with_those_that_are() -> None:
     images, alpha = subject_images()
     assert with_opposite(images, alpha).unknown is None
-    alpha[..., 3, 4] = DOUBTFUL
+    alpha[..., 3, 4] = LIKELY
     known = torch.zeros(alpha.shape, dtype=torch.bool)
     known[..., 5, 6] = True
     for before, count in ((None, 1), (known, 2)):

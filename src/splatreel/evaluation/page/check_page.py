@@ -10,7 +10,7 @@ import numpy as np
 from PIL import Image
 
 from splatreel.capture.base import Capture
-from splatreel.capture.masked_capture import DOUBTFUL
+from splatreel.capture.masked_capture import LIKELY
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.evaluation.page.html import html_list, html_page, html_table, jpeg_url, rig_drawings, section
 from splatreel.evaluation.page.rig_plan import RigPlan
@@ -155,7 +155,7 @@ def _mask_sheet(facts: CheckFacts) -> str:
     for camera, image, mask in zip(facts.capture.cameras, facts.images, facts.masks, strict=True):
         weight = DIMMED + (1 - DIMMED) * (mask[..., None] / 255)
         shown = Image.fromarray((image * weight).astype(np.uint8))
-        figures.append(_figure(shown, camera.name, "Mask", f"{camera.name}: {(mask > DOUBTFUL).mean():.1%}"))
+        figures.append(_figure(shown, camera.name, "Mask", f"{camera.name}: {(mask > LIKELY).mean():.1%}"))
     return f'<div class="strip">{"".join(figures)}</div>'
 
 

@@ -13,7 +13,7 @@ import numpy as np
 import torch
 
 from splatreel.base.progress import Progress
-from splatreel.capture.masked_capture import DOUBTFUL, PALETTE
+from splatreel.capture.masked_capture import PALETTE, is_doubtful
 from splatreel.capture.srgb import over_color
 from splatreel.config import preset
 from splatreel.kernels.image import render_image
@@ -114,7 +114,7 @@ def leave_one_out(
     )
     compared = {c: shown[c] if masks is None else over_color(shown[c], masks[c], BEHIND) for c in (left, others[0])}
     truth, nearest = (compared[c].astype(np.float64) / 255 for c in (left, others[0]))
-    within = np.ones(truth.shape[:2], bool) if masks is None else (masks[left] > 0) & (masks[left] != DOUBTFUL)
+    within = np.ones(truth.shape[:2], bool) if masks is None else (masks[left] > 0) & ~is_doubtful(masks[left])
     if not within.any():  # the camera does not show the subject
         within[:] = True
     flat = np.broadcast_to(truth[within].mean(0), truth.shape)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import cv2
 import numpy as np
 
+from splatreel.capture.masked_capture import UNLIKELY
 from splatreel.scene.camera import Camera, angles_apart, focus_point
 from splatreel.scene.volumes import in_image
 
@@ -51,6 +52,9 @@ def without_background(images: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 class VisualHull:
     """Places within the masks of the cameras that see them. Places that no camera sees are outside.
 
+    Pixels in doubt are within the masks, but only in one camera for each place if they are unlikely. Otherwise hardly any camera would
+    decide about the place.
+
     Args:
         cameras: C cameras.
         masks: [C, H, W] uint8.
@@ -62,17 +66,25 @@ class VisualHull:
         self.near = near
         size = 2 * max(1, round(MARGIN * masks.shape[2])) + 1
         kernel = np.ones((size, size), np.uint8)
-        self._masks = [cv2.dilate((mask >= DARKEST).astype(np.uint8), kernel) > 0 for mask in masks]
+        shown = [mask >= DARKEST for mask in masks]
+        likely = [inside & (mask != UNLIKELY) for inside, mask in zip(shown, masks, strict=True)]
+        self._masks = [
+            np.add(*[cv2.dilate(inside.astype(np.uint8), kernel) for inside in pair])
+            for pair in zip(shown, likely, strict=True)
+        ]
+        """[H, W] uint8 of each camera: 0 outside, 1 within by unlikely pixels, 2 within."""
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Return which points [..., 3] are inside, [...] bool."""
-        seen, within = np.zeros(points.shape[:-1], np.int64), np.zeros(points.shape[:-1], np.int64)
+        seen, within, unlikely = np.zeros((3, *points.shape[:-1]), np.int64)
         for camera, mask in zip(self.cameras, self._masks, strict=True):
             inside, pixels, _ = in_image(points, camera, self.near)
             column, row = np.where(inside[..., None], pixels, 0).astype(np.int64).reshape(-1, 2).T
             seen += inside
-            within += inside & mask[row, column].reshape(inside.shape)
-        return (seen > 0) & (within >= np.ceil(AGREEING * seen))
+            level = mask[row, column].reshape(inside.shape)
+            within += inside & (level > 0)
+            unlikely += inside & (level == 1)
+        return (seen > 0) & (within >= np.ceil(AGREEING * seen)) & (unlikely <= 1)
 
     def bounds(self) -> None:
         """Return None: the hull has no simple box."""

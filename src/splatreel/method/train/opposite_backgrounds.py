@@ -12,7 +12,7 @@ import numpy as np
 import torch
 
 from splatreel.base.paged_arrays import frame_array
-from splatreel.capture.masked_capture import DOUBTFUL
+from splatreel.capture.masked_capture import is_doubtful
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
 
@@ -22,9 +22,9 @@ def with_opposite(images: TrainingImages, alpha: np.ndarray) -> TrainingImages:
 
     Args:
         images: Images of a subject. Their views have the backgrounds.
-        alpha: [T, C, H, W] uint8, opacity of the subject. Pixels that are `DOUBTFUL` become unknown.
+        alpha: [T, C, H, W] uint8, opacity of the subject. Pixels in doubt become unknown.
     """
-    if (doubtful := alpha == DOUBTFUL).any():
+    if (doubtful := is_doubtful(alpha)).any():
         unknown = torch.from_numpy(doubtful).to(images.pixels.device)
         images = replace(images, unknown=unknown if images.unknown is None else unknown | images.unknown)
     pixels, views = images.pixels, [opposite_view(view) for view in images.views]
