@@ -11,6 +11,8 @@ from splatreel.scene.volumes import in_image
 
 AGREEING = 0.9
 """Share of the cameras that see a place, rounded up, whose masks must contain it. One bad mask among ten removes nothing."""
+MOST_DOUBTS = 0.3
+"""Largest share of the cameras that see a place that may show it by unlikely pixels. One camera always may."""
 MARGIN = 1 / 120
 """Width by which masks are dilated, as a share of the image width. Edges of masks are uncertain by a pixel or two."""
 DARKEST = 64
@@ -52,8 +54,8 @@ def without_background(images: np.ndarray, alpha: np.ndarray) -> np.ndarray:
 class VisualHull:
     """Places within the masks of the cameras that see them. Places that no camera sees are outside.
 
-    Pixels in doubt are within the masks, but only in one camera for each place if they are unlikely. Otherwise hardly any camera would
-    decide about the place.
+    Pixels in doubt are within the masks. But if they are unlikely, only in one camera for each place, or in `MOST_DOUBTS` of those that
+    see it. Otherwise hardly any camera would decide about the place.
 
     Args:
         cameras: C cameras.
@@ -84,7 +86,7 @@ class VisualHull:
             level = mask[row, column].reshape(inside.shape)
             within += inside & (level > 0)
             unlikely += inside & (level == 1)
-        return (seen > 0) & (within >= np.ceil(AGREEING * seen)) & (unlikely <= 1)
+        return (seen > 0) & (within >= np.ceil(AGREEING * seen)) & (unlikely <= np.maximum(MOST_DOUBTS * seen, 1))
 
     def bounds(self) -> None:
         """Return None: the hull has no simple box."""
