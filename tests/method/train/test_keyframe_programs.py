@@ -37,6 +37,7 @@ def test_draws_of_a_keyframe_start_from_one_state() -> None:
         found = []
         for limit in (1, 4):
             trainer = keyframe_trainer(None, CHAPTER_KEYFRAME, static)
+            trainer._cameras = []
             trainer.density.restart(shown)
             trainer._start_program(shown, trainer._static_cache(shown), Silent())
             program = trainer.program
