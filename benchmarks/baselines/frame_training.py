@@ -80,7 +80,7 @@ def move_points(
             camera = cameras.pop()
             view = shown.views[camera]
             drawing = draw(deformed(params, field.offsets(means), None, view, shown.near), view)
-            target = shown.target(camera, drawing.image, gains[camera])
+            target = shown.target(0, camera, drawing.image, gains[camera])
             drawing.loss(target, LAMBDA_DSSIM, gains[camera]).backward()
             grad = drawing.means2d.grad
             assert grad is not None

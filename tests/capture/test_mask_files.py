@@ -113,7 +113,8 @@ def test_masks_are_undistorted_as_the_images(tmp_path: Path) -> None:
     capture = masked(scene, tmp_path / "masks")
     alpha = capture.alpha(0, 1, ["02"])
     assert alpha is not None
-    np.testing.assert_array_equal(alpha[0, 0], capture.scene.read(0, 1, ["02"])[0, 0, ..., 0])
+    # Opacities of 127 and 128 are changed by one, since these values mean doubt.
+    np.testing.assert_allclose(alpha[0, 0], capture.scene.read(0, 1, ["02"])[0, 0, ..., 0].astype(int), atol=1)
 
 
 def test_opacity_of_a_image_is_its_mask(scene: Path, tmp_path: Path) -> None:

@@ -38,8 +38,9 @@ MEASURED = {
     "flame_steak 1345x1008": (1.35576, 20, 0.0, 0.94, 1, "standard", {}, 669.6),
 }
 """Of `benchmarks/results.jsonl` at the revision named, or measured when this was written; processor time without compiling."""
-FORMER_COST = {"layering": 3.4, "tracking": 2.0}
-"""Time of stages at those revisions, as a multiple of today's: optical flow ended at full size, and light took more passes."""
+FORMER_COST = {"layering": 3.4, "tracking": 2.0, "first keyframe": 1.25, "keyframe": 1.25}
+"""Time of stages at those revisions, as a multiple of today's: optical flow ended at full size, light took more passes, and keyframes
+were trained with autograd."""
 
 
 def total(work: Workload, frames: int, config: Config = Config()) -> float:  # noqa: B008 - it is frozen

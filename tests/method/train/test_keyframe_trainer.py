@@ -11,6 +11,7 @@ from splatreel.kernels.image import render_image
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.init.layout import Layout
 from splatreel.method.train.average import AVERAGE_EVERY, Average
+from splatreel.method.train.cpu_keyframe import CpuKeyframeProgram
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer, _with_gain, starting_points
 from splatreel.method.train.regularizers import Depths, spread
 from splatreel.method.train.render import View, deformed, draw
@@ -87,15 +88,15 @@ def test_keyframe_generalizes_to_held_out_view() -> None:
 def test_keyframe_averages_last_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
     points = TrainablePoints.from_gaussians(SCENE, default_rates(UNIT), CPU)
     trainer = KeyframeTrainer(points, gains(), replace(CONFIG, average_share=0.2), max_points=len(SCENE))
-    step, seen = trainer.step, []
+    follow, seen = CpuKeyframeProgram.follow, []
 
-    def watched(*arguments):
-        taken = step(*arguments)
-        if trainer.done + 1 > 80 and (trainer.done + 1) % AVERAGE_EVERY == 0:
+    def watched(program, draw, *arguments):
+        taken = follow(program, draw, *arguments)
+        if draw.iteration + 1 > 80 and (draw.iteration + 1) % AVERAGE_EVERY == 0:
             seen.append(trainer.points.gaussians().sh.copy())
         return taken
 
-    monkeypatch.setattr(trainer, "step", watched)
+    monkeypatch.setattr(CpuKeyframeProgram, "follow", watched)
     trainer.train(make_images(), 100, 100, Silent())
     assert len(seen) == 20 // AVERAGE_EVERY
     assert np.ptp(seen, axis=0).max() > 1e-3, "they differ"
@@ -154,10 +155,10 @@ def test_unknown_pixels_do_not_affect_training() -> None:
 def test_halved_marks_pixel_unknown_if_any_of_four_is() -> None:
     seen = make_images()
     unknown = torch.zeros(seen.pixels.shape[:4], dtype=torch.bool)
-    unknown[0, 5, 8] = True
+    unknown[0, 0, 5, 8] = True
     small = replace(seen, unknown=unknown).halved().unknown
     assert small is not None
-    assert torch.nonzero(small).tolist() == [[0, 2, 4]]
+    assert torch.nonzero(small).tolist() == [[0, 0, 2, 4]]
 
 
 def test_lambda_opacity_fades_hidden_points() -> None:
