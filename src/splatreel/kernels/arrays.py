@@ -8,9 +8,9 @@ from splatreel.kernels.cpu.deform import forward as deform
 from splatreel.kernels.cpu.layered import loss_and_gradient as layered_loss
 from splatreel.kernels.cpu.motion import arap, offsets, offsets_gradient, product_sum, spline
 from splatreel.kernels.cpu.project import BLUR, FINE_BLUR, Pinhole
-from splatreel.kernels.cpu.rasterize import Gradients, no_gradient
 from splatreel.kernels.cpu.rasterize import backward as blend_gradient
 from splatreel.kernels.cpu.rasterize import forward as blend
+from splatreel.kernels.cpu.rasterize import no_gradient
 from splatreel.kernels.cpu.similarity import loss_and_gradient as photometric_loss
 
 __all__ = [
@@ -18,7 +18,6 @@ __all__ = [
     "FINE_BLUR",
     "Bins",
     "DeformedPoints",
-    "Gradients",
     "Pinhole",
     "ProjectedPoints",
     "add_signs",

@@ -111,15 +111,15 @@ class SubjectModel:
 
             threads.map_parallel(learn, range(len(self.cameras)))
 
-    def decisions(self, images: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return decisions, from -1 to 1, and the support of other cameras, [C, H, W] float32 each, of a moment."""
+    def decisions(self, images: np.ndarray) -> tuple[np.ndarray, Evidence]:
+        """Return decisions, from -1 to 1, [C, H, W] float32, and their evidence, of a moment."""
         found = self.evidence(images)
 
         def of_camera(c: int) -> np.ndarray:
             colors = np.where(found.support[c] > -0.5, self.colors[c].evidence(images[c]), 0)
             return decide(images[c], found.odds[c] + colors)
 
-        return np.stack(threads.map_parallel(of_camera, range(len(images)))), found.support
+        return np.stack(threads.map_parallel(of_camera, range(len(images)))), found
 
     def masks(self, frames: np.ndarray) -> np.ndarray:
         """Return the masks [T, C, H, W] uint8 of consecutive frames [T, C, H, W, 3] uint8.
@@ -133,10 +133,11 @@ class SubjectModel:
             for other in (t - 1, t + 1):
                 if 0 <= other < len(frames):
                     total += np.where(_alike(frames[t], frames[other]), found[other][0], found[t][0])
-            for c, (decision, support) in enumerate(zip(total, found[t][1], strict=True)):
+            evidence = found[t][1]
+            for c, (decision, own, support) in enumerate(zip(total, evidence.own, evidence.support, strict=True)):
                 mask = without_halo(decision > 0, difference(frames[t, c], self.backgrounds[c]))
                 mask = without_specks(mask, support)
-                out[t, c] = with_doubts(mask, subject_evidence(frames[t, c], self.backgrounds[c]), support)
+                out[t, c] = with_doubts(mask, own, support)
         return out
 
 

@@ -91,8 +91,7 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
                 compared = compared._replace(gain=(d_colors * seen.colors).sum(0) / gain)
             compared.splats[2] = d_colors * tint
         found = arrays.deform_gradient(points, seen, camera.center, camera.pinhole, *compared.splats)[:6]
-        weights = {loss.name: loss.weight_at(draw, self._state.config) for loss in self._state.losses}
-        if price := weights.get("opacity", 0.0) / (size[0] * size[1]):
+        if price := self._weight(draw, "opacity") / (size[0] * size[1]):
             found[3][:] += np.float32(price) * seen.opaque * (1 - seen.opaque)
         return _Gradients(compared, found)
 
@@ -164,9 +163,7 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
         splats: list[np.ndarray],
     ) -> None:
         """Add the gradients of the losses of surfaces, see `regularizers`, to those to means2d, conics and opacities."""
-        state, near = self._state, self.images.near
-        weights = {loss.name: loss.weight_at(draw, state.config) for loss in state.losses}
-        prices = weights.get("before surfaces", 0.0), weights.get("bent surfaces", 0.0)
+        near, prices = self.images.near, [self._weight(draw, name) for name in ("before surfaces", "bent surfaces")]
         if not any(prices):
             return
         powers = depth_powers(seen.depths, near)
@@ -175,6 +172,10 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
         found = arrays.blend_gradient(bins, powers, sums, d_sums, alpha, d_alpha)
         for into, part in ((0, found.means2d), (1, found.conics), (3, found.opacities)):
             splats[into] = splats[into] + part
+
+    def _weight(self, draw: KeyframeDraw, name: str) -> float:
+        """Return the weight of a loss; 0 if it does not run."""
+        return sum(loss.weight_at(draw, self._state.config) for loss in self._state.losses if loss.name == name)
 
     def follow(self, draw: KeyframeDraw, place: int, found: _Gradients) -> Outcome:
         """See `CpuProgram`."""
