@@ -10,6 +10,7 @@ from splatreel.base.errors import GpuError
 from splatreel.base.progress import Silent
 from splatreel.gpu.device import Gpu
 from splatreel.method.train.gpu_group import GpuGroupProgram
+from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram
 from splatreel.method.train.losses import KEYFRAME, Loss, photometric
 from tests.gpu.devices import REAL, OpenedGpu
 from tests.method.train.trainers import Notes, group_config, group_trainer, keyframe_trainer, make_images
@@ -52,7 +53,8 @@ def test_a_keyframe_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: py
 
     def start_and_fail(*arguments: Any) -> None:
         start(*arguments)
-        monkeypatch.setattr(trainer.program, "run", fail_at(trainer.program, 2))
+        if isinstance(trainer.program, GpuKeyframeProgram):
+            monkeypatch.setattr(trainer.program, "run", fail_at(trainer.program, 2))
 
     monkeypatch.setattr(trainer, "_start_program", start_and_fail)
     trainer.train(make_images(1), 40, 40, notes)

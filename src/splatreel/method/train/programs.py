@@ -111,7 +111,7 @@ class KeyframeState(NamedTuple):
     def unsupported(self) -> str | None:
         """Reason why no program can train the keyframe; None if one can."""
         if tuple(self.losses) not in KEYFRAME_LOSSES:
-            return "its losses are not among those of the programs"
+            return "its losses are not among those that the GPU computes"
         if self.static is not None and len(self.losses) > len(CHAPTER_KEYFRAME):
             return "losses of surfaces do not look at static points"
         return None
