@@ -2,6 +2,7 @@
 
 python benchmarks/few_cameras.py CAPTURE MASKS --chosen 1,7,20,29,27,16 --compared 18,22,28,25 --width 320
 python benchmarks/few_cameras.py CAPTURE MASKS --compared 18,22,28,25          # ceiling: all cameras but the compared ones
+python benchmarks/few_cameras.py CAPTURE OWN --within MASKS ...                # trains on OWN, measures within MASKS
 """
 
 from pathlib import Path
@@ -32,6 +33,7 @@ def main(
     width: int = 320,
     frames: str = "0:6",
     quality: Quality = "draft",
+    within: Path | None = None,
     seed: int = 0,
     out: Path | None = None,
     note: str = "",
@@ -40,12 +42,13 @@ def main(
 
     Args:
         capture: The capture.
-        masks: Folder of masks of the chosen and the compared cameras.
+        masks: Folder of masks of the chosen cameras, and of the compared ones without --within.
         compared: Names of the cameras to compare with, as NAME,NAME. They are not trained on.
         chosen: Names of the cameras to train on; by default all with masks that are not compared.
         width: Width of the images in pixels.
         frames: Frames A to B - 1, as A:B.
         quality: Preset of settings.
+        within: Folder of masks of the compared cameras. Masks with doubts would leave out gray border pixels of other masks beside them.
         seed: Seed of all random numbers.
         out: Output folder.
         note: Note of the record.
@@ -69,7 +72,7 @@ def main(
     )
     reel = reconstruct(source, out, changed(preset(quality), {"seed": seed}), progress=console()).reel
     source.close()
-    whole, shown = open_reel_capture(reel, capture, width=width, masks=masks, names=others)
+    whole, shown = open_reel_capture(reel, capture, width=width, masks=within or masks, names=others)
     report = evaluate(reel, whole, cameras=others, frames=shown, out=out)
     whole.close()
     values = {

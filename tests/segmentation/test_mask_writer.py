@@ -1,5 +1,6 @@
 """Writing of masks: continuing, corrections by hand, and what is refused."""
 
+import io
 import json
 from pathlib import Path
 
@@ -81,6 +82,16 @@ def test_folder_of_other_frames_is_refused(scene: Path, masks: Path) -> None:
         make(scene, masks, frames=(0, 6))
 
 
+def test_backgrounds_of_chosen_frames_are_found_in_the_whole_video(scene: Path, masks: Path, tmp_path: Path) -> None:
+    """In two frames nobody leaves their place."""
+    make(scene, tmp_path / "masks", frames=(2, 4))
+    whole, some = make_images(masks), make_images(tmp_path / "masks")
+    assert len(some) == 2 * scenes.CAMERAS
+    for name, image in some.items():
+        pair = [np.asarray(Image.open(io.BytesIO(data))) > 127 for data in (whole[name], image)]
+        assert scenes.overlap(*pair) > 0.95, name
+
+
 def test_folder_with_other_files_is_refused(scene: Path, tmp_path: Path) -> None:
     (tmp_path / "notes.txt").write_text("mine")
     with pytest.raises(CaptureError, match="holds no masks of `capture masks`"):
@@ -89,7 +100,7 @@ def test_folder_with_other_files_is_refused(scene: Path, tmp_path: Path) -> None
 
 def test_body_that_never_moves_needs_a_clean_plate(tmp_path: Path) -> None:
     scene = scenes.write_capture(tmp_path / "scene", 4, at=(0.2, 0.1))
-    with pytest.raises(CaptureError, match=r"nothing moves in these frames.*--clean-plate FOLDER"):
+    with pytest.raises(CaptureError, match=r"nothing moves in this capture.*--clean-plate FOLDER"):
         make(scene, tmp_path / "masks")
     plates = tmp_path / "plates"
     plates.mkdir()

@@ -65,16 +65,18 @@ def test_decisions_follow_borders_of_the_image() -> None:
     assert not found[:, :17].any()
 
 
-def test_supported_holes_are_filled_and_specks_removed() -> None:
+def test_supported_holes_are_filled_and_stray_parts_removed() -> None:
     mask, support = np.zeros((100, 100), bool), np.full((100, 100), -1.0)
-    mask[20:60, 20:60] = support[20:60, 20:60] = True
+    mask[20:60, 20:60], support[20:60, 20:60] = True, 2
     mask[30:33, 30:33] = mask[50:53, 50:53] = False
     support[50:53, 50:53] = -1
     mask[90, 90] = True
+    mask[70:80, 70:80], support[70:80, 70:80] = True, 0.5  # a reflection, which other views neither see nor deny
     found = without_specks(mask, support)
     assert found[30:33, 30:33].all()
     assert not found[50:53, 50:53].any()
     assert not found[90, 90]
+    assert not found[70:80, 70:80].any()
 
 
 def test_colors_tell_the_subject_from_its_surroundings() -> None:

@@ -44,7 +44,7 @@ def capture_masks(
         clean_plate: Folder with an image, a folder of images or a video without the subject for each camera, filmed with the same
             settings. It is needed for people who never move; by default backgrounds are found in the capture itself.
         width: Largest width of the masks, in pixels.
-        frames: Frames A to B - 1, as A:B; by default all.
+        frames: Frames A to B - 1, as A:B; by default all. Backgrounds are found in the whole video either way.
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
         threads: Number of threads; by default one per core.
     """

@@ -31,9 +31,9 @@ STANDING = 0.0005
 """Share of an image that somebody who never moves must cover to be reported."""
 FAINTEST = 0.0005
 """Smallest share of the images that a subject covers, at least in one camera and moment."""
-VERSION = 2
+VERSION = 3
 NOTHING_MOVES = (
-    "nothing moves in these frames, so there is no subject to find. If somebody stands still, film the scene without them, and give "
+    "nothing moves in this capture, so there is no subject to find. If somebody stands still, film the scene without them, and give "
     "these images or videos with --clean-plate FOLDER."
 )
 NOTHING_DIFFERS = (
@@ -161,11 +161,12 @@ def _model(capture: FileCapture, folder: Path, clean_plate: Path | None, progres
     if (known := _kept_model(capture, folder / MODEL, near)) is not None:
         return known
     names = [camera.name for camera in capture.cameras]
-    moments = np.unique(np.linspace(0, capture.frames - 1, min(SAMPLES, capture.frames)).round().astype(int))
+    # Somebody who hardly moves within the frame range often leaves their place before or after it.
+    moments = sample_moments(capture.source.frames)
     progress.stage("sampling frames for the backgrounds", len(moments))
     samples = []
     for done, moment in enumerate(moments, 1):
-        samples.append(capture.read(int(moment), 1, names)[0])
+        samples.append(capture.read_any(moment, names))
         progress.update(done)
     plates = None if clean_plate is None else read_clean_plates(clean_plate, capture)
     progress.stage("finding the backgrounds", FIT_STEPS)
@@ -176,6 +177,11 @@ def _model(capture: FileCapture, folder: Path, clean_plate: Path | None, progres
     np.savez(data, **model.pack())  # type: ignore[arg-type]  # numpy's stub takes no **dict
     write_bytes(folder / MODEL, data.getvalue())
     return model
+
+
+def sample_moments(frames: int) -> list[int]:
+    """Return the time steps, spread over a video of `frames` time steps, from which backgrounds are learned."""
+    return np.unique(np.linspace(0, frames - 1, min(SAMPLES, frames)).round().astype(int)).tolist()
 
 
 def _kept_model(capture: FileCapture, file: Path, near: float) -> SubjectModel | None:

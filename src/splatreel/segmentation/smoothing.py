@@ -21,6 +21,9 @@ COUPLING, ROUNDS = 6.0, 4
 """Weight of the neighborhood, as log odds, and the number of rounds in which decisions spread."""
 SPECK, HOLE = 0.0003, 0.002
 """Largest area of a speck and of a hole, as a share of the image."""
+SUPPORTED, FIRM = 0.3, 1.0
+"""Smallest share of a part of the mask that other views must support, and log odds of that support. Reflections and changes of light have
+none."""
 NEARBY = 8.0
 """Largest distance from the mask of a pixel outside that is in doubt, in pixels of an image 320 wide."""
 LIKE_BACKGROUND = -1.0
@@ -94,7 +97,9 @@ def decide(image: np.ndarray, odds: np.ndarray) -> np.ndarray:
 
 
 def without_specks(mask: np.ndarray, support: np.ndarray) -> np.ndarray:
-    """Return a mask [H, W] bool with small holes filled where other views support the subject, and without specks.
+    """Return a mask [H, W] bool with small holes filled where other views support the subject, and without stray parts.
+
+    Stray parts are specks, and parts that no other view supports. What one camera alone shows has no known place anyway.
 
     Args:
         mask: [H, W] bool.
@@ -105,10 +110,12 @@ def without_specks(mask: np.ndarray, support: np.ndarray) -> np.ndarray:
         connectivity = 4 if inside is not mask else 8
         count, parts, stats, _ = cv2.connectedComponentsWithStats(inside.astype(np.uint8), connectivity=connectivity)
         parts = np.asarray(parts, np.int64)
-        supported = np.bincount(parts.ravel(), (support > 0).ravel(), count)
+        supported = np.bincount(parts.ravel(), (support > (FIRM if inside is mask else 0)).ravel(), count)
         area = stats[:, cv2.CC_STAT_AREA]
         flipped = area < largest * mask.size
-        if inside is not mask:
+        if inside is mask:
+            flipped |= supported < SUPPORTED * area
+        else:
             flipped &= supported > 0.7 * area
         flipped[0] = False
         out ^= flipped[parts]
