@@ -48,7 +48,7 @@ def main(
         width: Width of the images in pixels.
         frames: Frames A to B - 1, as A:B.
         quality: Preset of settings.
-        within: Folder of masks of the compared cameras. Masks with doubts would leave out gray border pixels of other masks beside them.
+        within: Folder of masks of the compared cameras. In a folder with doubts, gray pixels of their borders would not count.
         seed: Seed of all random numbers.
         out: Output folder.
         note: Note of the record.

@@ -22,8 +22,7 @@ COUPLING, ROUNDS = 6.0, 4
 SPECK, HOLE = 0.0003, 0.002
 """Largest area of a speck and of a hole, as a share of the image."""
 SUPPORTED, FIRM = 0.3, 1.0
-"""Smallest share of a part of the mask that other views must support, and log odds of that support. Reflections and changes of light have
-none."""
+"""Smallest share of a part of the mask that other views must support, and log odds of that support. Reflections have none."""
 NEARBY = 8.0
 """Largest distance from the mask of a pixel outside that is in doubt, in pixels of an image 320 wide."""
 LIKE_BACKGROUND = -1.0
