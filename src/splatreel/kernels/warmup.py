@@ -30,8 +30,7 @@ MODULES = (
     "kernels.cpu.sceneflow",
     "kernels.cpu.layered",
     "kernels.cpu.motion",
-    "kernels.cpu.carve",
-    "kernels.cpu.translation",
+    "kernels.cpu.photo_consistency",
     "kernels.cpu.hashgrid",
 )
 """Modules with kernels, in the order in which a reconstruction needs them."""

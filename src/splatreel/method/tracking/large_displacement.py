@@ -12,7 +12,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import KDTree
 
-from splatreel.kernels import translation
+from splatreel.kernels import photo_consistency
 from splatreel.scene.camera import Camera
 
 LINK_DISTANCE = 3.0
@@ -68,13 +68,13 @@ def _objects(points: np.ndarray, sizes: np.ndarray) -> list[np.ndarray]:
 
 
 def _displacement(points: np.ndarray, size: float, views: tuple) -> np.ndarray:
-    """Return the motion [3] of one object. views: the last arguments of `translation.color_differences`."""
+    """Return the motion [3] of one object. views: the last arguments of `photo_consistency.color_differences`."""
     grid = np.array(list(product(range(-STEPS, STEPS + 1), repeat=3)), np.float32)
     none = best = np.zeros(3, np.float32)
     step = REACH * size / STEPS
     for _ in range(ROUNDS + 1):
         tried = best + step * grid
-        best = tried[translation.color_differences(points, tried, *views).argmin()]
+        best = tried[photo_consistency.color_differences(points, tried, *views).argmin()]
         grid, step = grid[np.abs(grid).max(1) <= 1], step / 2
-    unmoved, moved = translation.color_differences(points, np.stack([none, best]), *views)
+    unmoved, moved = photo_consistency.color_differences(points, np.stack([none, best]), *views)
     return best if moved < MAX_RESIDUAL * unmoved else none

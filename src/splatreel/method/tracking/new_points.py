@@ -14,7 +14,7 @@ import cv2
 import numpy as np
 from scipy.spatial import KDTree
 
-from splatreel.kernels import carve
+from splatreel.kernels import photo_consistency
 from splatreel.scene.camera import Camera
 
 ERROR, UNCERTAIN = 0.08, 0.06
@@ -111,7 +111,7 @@ def find_new_points(
     min_cameras = max(3, MIN_CAMERAS * len(cameras))
     found = []
     for support in masks:
-        score = carve.disagreement(
+        score = photo_consistency.disagreement(
             places, own, poses, lenses, images, support, depths, near, min_cameras, MIN_AGREEMENT
         )
         best = score.argmin(1)

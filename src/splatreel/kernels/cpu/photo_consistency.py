@@ -1,0 +1,71 @@
+"""Photo-consistency of views at sample points, one task per ray, and under candidate translations, one task per translation."""
+
+from __future__ import annotations
+
+from splatreel.base.jit import B3, F1, F2, F3, FLOAT, U4, range_kernel
+from splatreel.kernels.cpu.scalars import ONE, ZERO, F
+
+HIDDEN = F(1.05)
+"""A point is hidden from a view if its depth is larger than this many times the known depth at its pixel."""
+
+
+@range_kernel(F3, F2, F3, F3, U4, B3, F3, FLOAT, FLOAT, FLOAT, F2)
+def disagreement(first, last, places, own, viewmats, Ks, images, wrong, depths, near, least, share, out):
+    """Kernel of `splatreel.kernels.photo_consistency.disagreement`."""
+    height, width = wrong.shape[1:]
+    for ray in range(first, last):
+        for d in range(places.shape[1]):
+            x, y, z = places[ray, d, 0], places[ray, d, 1], places[ray, d, 2]
+            inside = agree = difference = ZERO
+            for c in range(viewmats.shape[0]):
+                V, K = viewmats[c], Ks[c]
+                depth = V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3]
+                if depth <= near:
+                    continue
+                across = K[0, 0] * (V[0, 0] * x + V[0, 1] * y + V[0, 2] * z + V[0, 3]) / depth + K[0, 2]
+                down = K[1, 1] * (V[1, 0] * x + V[1, 1] * y + V[1, 2] * z + V[1, 3]) / depth + K[1, 2]
+                if not (-ONE < across < width and -ONE < down < height):
+                    continue
+                column, row = int(across), int(down)
+                if depth > HIDDEN * depths[c, row, column]:
+                    continue
+                inside += ONE
+                if wrong[c, row, column]:
+                    agree += ONE
+                    for k in range(3):
+                        difference += abs(F(images[c, row, column, k]) / F(255) - own[ray, k]) / F(3)
+            if agree >= least and agree >= share * inside:
+                out[ray, d] = difference / agree
+
+
+@range_kernel(F2, F2, F3, F3, U4, U4, F3, FLOAT, F1)
+def color_differences(first, last, points, motions, viewmats, Ks, here, there, depths, near, out):
+    """Kernel of `splatreel.kernels.photo_consistency.color_differences`."""
+    height, width = depths.shape[1:]
+    for m in range(first, last):
+        count = difference = ZERO
+        for p in range(points.shape[0]):
+            for c in range(viewmats.shape[0]):
+                V, K = viewmats[c], Ks[c]
+                x, y, z = points[p, 0], points[p, 1], points[p, 2]
+                row = column = 0
+                for moment in range(2):
+                    depth = V[2, 0] * x + V[2, 1] * y + V[2, 2] * z + V[2, 3]
+                    if depth <= near:
+                        break
+                    across = K[0, 0] * (V[0, 0] * x + V[0, 1] * y + V[0, 2] * z + V[0, 3]) / depth + K[0, 2]
+                    down = K[1, 1] * (V[1, 0] * x + V[1, 1] * y + V[1, 2] * z + V[1, 3]) / depth + K[1, 2]
+                    if not (ZERO <= across < width and ZERO <= down < height):
+                        break
+                    if moment == 0:
+                        row, column = int(down), int(across)
+                        if depth > HIDDEN * depths[c, row, column]:
+                            break
+                        x, y, z = x + motions[m, 0], y + motions[m, 1], z + motions[m, 2]
+                    else:
+                        count += ONE
+                        for k in range(3):
+                            a, b = F(here[c, row, column, k]), F(there[c, int(down), int(across), k])
+                            difference += abs(a - b) / F(3 * 255)
+        if count > ZERO:
+            out[m] = difference / count
