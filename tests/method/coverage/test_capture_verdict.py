@@ -77,6 +77,18 @@ def test_trial_of_a_subject_confirms_poses_of_cameras_that_share_no_points() -> 
     assert "do not confirm the poses" in judge_capture(blurred, []).text("CMD")
 
 
+def test_masks_that_fit_confirm_poses_where_the_trial_fails() -> None:
+    """Three of four cameras 70 degrees apart do not make a subject that the fourth recognizes, whatever their poses."""
+    found = replace(coverage(shared=[1] * 5, psnr=9.0), subject=True, mask_fits=[1.0, 0.95, 1.0, 0.99, 1.0])
+    assert judge_capture(found, []).faults == []
+    assert any("the poses are confirmed by the masks" in sentence for sentence in found.sentences())
+    assert Coverage.from_dict(found.to_dict()) == found
+    apart = replace(found, mask_fits=[1.0, 0.4, 0.8, 0.99, 1.0])
+    said = judge_capture(apart, []).text("CMD")
+    assert "half of the cameras have 1 point or fewer in common" in said
+    assert "Masks fit the others in part only: cam1 (40%), cam2 (80%)." in said
+
+
 def test_verdict_of_a_subject_says_what_more_cameras_bring() -> None:
     found = replace(coverage(22.0), subject=True, angles=[30.0, 60.0, 30.0, 40.0, 50.0])
     sentence = found.sentences()[-1]

@@ -11,6 +11,7 @@ import torch
 
 from splatreel.base.progress import Progress
 from splatreel.base.untrusted import is_number, numbers
+from splatreel.method.coverage.silhouettes import mask_fits
 from splatreel.method.coverage.trial import Trial, leave_one_out, narrow_camera, resize_image
 from splatreel.method.init.layout import clearance_of
 from splatreel.method.init.limits import LEAST_DEGREES
@@ -35,6 +36,8 @@ UNCONFIRMED = 5
 """Number of points shared with two others, below which a pose is unconfirmed where most cameras share enough."""
 SUBJECT_FITS = 2.0
 """Decibels by which the trial of a subject beats an image without reconstruction if the poses fit."""
+MASKS_FIT = 0.9
+"""Share of each camera's mask that the other masks must confirm if the poses fit."""
 NAMED = 6
 """Number of cameras that a sentence names."""
 
@@ -81,6 +84,7 @@ class Coverage:
         twins: Pairs of names of cameras that have the same pose.
         pairs: Number of points in common of each two cameras, [C, C] int; None if a run's record gave the coverage.
         subject: True if the trial is about a subject that masks show.
+        mask_fits: Share of each camera's mask that the other masks confirm, 0..1; None without masks, or where points tell enough.
     """
 
     names: list[str]
@@ -91,6 +95,12 @@ class Coverage:
     twins: list[list[str]] = field(default_factory=list)
     pairs: np.ndarray | None = field(default=None, compare=False)
     subject: bool = False
+    mask_fits: list[float] | None = None
+
+    @property
+    def masks_fit(self) -> bool:
+        """True if the masks of all cameras confirm each other's poses."""
+        return self.mask_fits is not None and min(self.mask_fits) >= MASKS_FIT
 
     @property
     def angle(self) -> float | None:
@@ -114,6 +124,8 @@ class Coverage:
             more = f" and {len(few) - NAMED} more" if len(few) > NAMED else ""
             sentences.append(f"hardly any points in common with two other cameras: {listed}{more}")
         sentences += [f"{one} and {other} have the same pose" for one, other in self.twins]
+        if self.masks_fit:
+            sentences.append("the poses are confirmed by the masks: those of all cameras fit each other")
         return sentences + self._trial_sentences()
 
     def _trial_sentences(self) -> list[str]:
@@ -167,6 +179,8 @@ class Coverage:
             raise TypeError("twins are not names")
         if trial is not None and not all(is_number(trial[name]) for name in ("angle", "psnr", "flat", "nearest")):
             raise TypeError("the trial holds a value that is not a number")
+        if (fits := plain.get("mask_fits")) is not None:
+            numbers(fits, len(names))
         return Coverage(**plain, trial=None if trial is None else Trial(**trial))
 
 
@@ -206,6 +220,9 @@ def cover(
         trial = leave_one_out(cameras, shown, focus, *given, device, progress, alpha)
     distance = float(np.median([np.linalg.norm(camera.center - focus) for camera in cameras]))
     seen_by = _places(tracks, distance)
+    fits = None
+    if alpha is not None and np.median(seen_by.sum(0)) < FEWEST_SHARED:
+        fits = mask_fits(cameras, alpha, focus, near or 0.0)
     return Coverage(
         [camera.name for camera in cameras],
         [round(float(angle), 2) for angle in angles_apart(cameras, focus).min(1)],
@@ -215,6 +232,7 @@ def cover(
         _twins(cameras, distance),
         seen_by.T.astype(np.int64) @ seen_by,
         alpha is not None,
+        fits,
     )
 
 
@@ -275,10 +293,16 @@ def judge_capture(coverage: Coverage, misfits: list[str]) -> CaptureVerdict:
             for name, count in zip(coverage.names, coverage.shared, strict=True)
             if count < UNCONFIRMED
         ]
-    elif not _trial_confirms_poses(coverage):
-        few = f"{typical:.0f} points or fewer" if typical >= 1 else "no points"
+    elif not (coverage.masks_fit or _trial_confirms_poses(coverage)):
+        few = f"{typical:.0f} point{'s' * (typical >= 1.5)} or fewer" if typical >= 1 else "no points"
+        apart = [
+            f"{name} ({fit:.0%})"
+            for name, fit in zip(coverage.names, coverage.mask_fits or [], strict=False)
+            if fit < MASKS_FIT
+        ]
+        masks = f" Masks fit the others in part only: {', '.join(apart)}." if apart else ""
         faults.append(
-            f"the images do not confirm the poses: half of the cameras have {few} in common with two others. "
+            f"the images do not confirm the poses: half of the cameras have {few} in common with two others.{masks} "
             f"The poses are wrong, or the cameras show too little in common: check the calibration, or add cameras in between"
         )
     return CaptureVerdict(faults, "" if faults else _expectation(coverage))
