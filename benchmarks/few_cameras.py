@@ -76,7 +76,7 @@ def main(
     report = evaluate(reel, whole, cameras=others, frames=shown, out=out)
     whole.close()
     values = {
-        "capture": capture.name,
+        "capture": capture.name if capture.name != "capture" else capture.parent.name,  # films are in FILM/capture
         "cameras": training,
         "quality": quality,
         "frames": report.frames,

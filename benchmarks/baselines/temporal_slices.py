@@ -216,7 +216,7 @@ def _learn(
     view: View = images.views[camera]
     params, rows = points.slice(moment)
     drawing = draw(splats(*activate(params), view, images.near), view)
-    drawing.loss(images.target(camera, drawing.image, gain), LAMBDA_DSSIM, gain).backward()
+    drawing.loss(images.target(0, camera, drawing.image, gain), LAMBDA_DSSIM, gain).backward()
     grad = drawing.means2d.grad
     assert grad is not None
     meter.add(grad, view.width, view.height, rows)
