@@ -12,11 +12,13 @@ from splatreel.scene.camera import Camera
 
 RAYS, STEPS = 400, 96
 """Number of pixels of each mask that are examined, and of places on the ray of each."""
+SMALLEST = 0.1
+"""Smallest size of a mask, as a share of the median. With a wrong pose, masks without weights keep only a small part that fits."""
 NEAREST, FARTHEST = 0.1, 1.9
 """Ends of the rays, as shares of the camera's distance from the focus."""
 
 
-def mask_fits(cameras: Sequence[Camera], masks: np.ndarray, focus: np.ndarray, near: float) -> list[float] | None:
+def mask_fits(cameras: Sequence[Camera], masks: np.ndarray, focus: np.ndarray, near: float) -> list[float]:
     """Return the share of each camera's mask, 0..1, whose pixels show a place within the hull of the other masks.
 
     With right poses it is 1 but for errors of the masks. One pose that is wrong by ten degrees has 0.4 to 0.8 in the worst camera.
@@ -28,14 +30,12 @@ def mask_fits(cameras: Sequence[Camera], masks: np.ndarray, focus: np.ndarray, n
         near: Smallest depth, world units.
 
     Returns:
-        C shares, 1 for an empty mask; None if fewer than three cameras see the subject.
+        C shares. A mask smaller than `SMALLEST` of the median confirms nothing and has 0.
     """
-    seeing = [c for c, mask in enumerate(masks) if (mask >= LIKELY).any()]
-    if len(seeing) < 3:
-        return None
-    found = [1.0] * len(cameras)
-    for c in seeing:
-        others = [other for other in seeing if other != c]
+    sizes = (masks >= LIKELY).sum((1, 2))
+    found = [0.0] * len(cameras)
+    for c in np.flatnonzero(sizes > SMALLEST * np.median(sizes)).tolist():
+        others = [other for other in range(len(cameras)) if other != c]
         hull = VisualHull([cameras[other] for other in others], masks[others], near)
         found[c] = float(hull.contains(_places(cameras[c], masks[c], focus, near)).any(1).mean())
     return found
