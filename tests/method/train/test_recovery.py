@@ -6,6 +6,7 @@ import weakref
 from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
+from typing import Any
 
 import numpy as np
 import pytest
@@ -47,7 +48,7 @@ def spoil(monkeypatch: pytest.MonkeyPatch, bad: Callable[[int], bool], value: fl
     def loss(name: str, *args: object) -> Tensor:
         return LOSSES[name](*args) * (value if bad(next(calls)) else 1.0)
 
-    def without_autograd(*args: object, **options: object) -> Gradient:
+    def without_autograd(*args: Any, **options: Any) -> Gradient:
         factor = value if bad(next(calls)) else 1.0
         found = LOSS_AND_GRADIENT(*args, **options)
         return replace(found, loss=found.loss * factor)

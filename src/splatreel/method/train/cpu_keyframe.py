@@ -163,12 +163,13 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
         splats: list[np.ndarray],
     ) -> None:
         """Add the gradients of the losses of surfaces, see `regularizers`, to those to means2d, conics and opacities."""
-        near, prices = self.images.near, [self._weight(draw, name) for name in ("before surfaces", "bent surfaces")]
-        if not any(prices):
+        near = self.images.near
+        before, bent = self._weight(draw, "before surfaces"), self._weight(draw, "bent surfaces")
+        if not (before or bent):
             return
         powers = depth_powers(seen.depths, near)
         sums, _ = arrays.blend(bins, powers)
-        d_sums, d_alpha = surface_gradients(sums, alpha, target, *prices, self.images.unit / near)
+        d_sums, d_alpha = surface_gradients(sums, alpha, target, before, bent, self.images.unit / near)
         found = arrays.blend_gradient(bins, powers, sums, d_sums, alpha, d_alpha)
         for into, part in ((0, found.means2d), (1, found.conics), (3, found.opacities)):
             splats[into] = splats[into] + part
