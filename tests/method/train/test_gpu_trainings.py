@@ -9,6 +9,7 @@ import pytest
 from splatreel.base.errors import GpuError
 from splatreel.base.progress import Silent
 from splatreel.gpu.device import Gpu
+from splatreel.method.train import cpu_program
 from splatreel.method.train.gpu_group import GpuGroupProgram
 from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram
 from splatreel.method.train.losses import KEYFRAME, Loss, photometric
@@ -75,11 +76,15 @@ def test_what_the_kernels_do_not_compute_is_trained_on_the_cpu() -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(("densifies", "apart"), [(False, 0.5), (True, 1.0)], ids=["the same points", "densification"])
 @pytest.mark.parametrize("opened", REAL)
-def test_a_keyframe_trains_as_well_as_on_the_cpu(opened: Callable[[], Gpu], densifies: bool, apart: float) -> None:
+def test_a_keyframe_trains_as_well_as_on_the_cpu(
+    opened: Callable[[], Gpu], densifies: bool, apart: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Densification, errors, surfaces, the running mean and the color gains, to the end.
 
+    The CPU draws one image at a time here, as the GPU does. In pairs, 120 iterations end 0.7 dB lower.
     Chance decides about the rest: on the CPU, points that start 1e-6 apart end up to 0.8 dB apart, without densification 0.3 dB.
     """
+    monkeypatch.setattr(cpu_program, "TOGETHER", 1)
     changes = {"keyframe.densify_every": 20 if densifies else 10**6, "keyframe.detail": densifies}
     shown, quality = make_images(1, background=False), []
     for gpu in (OpenedGpu(opened()), None):
