@@ -51,6 +51,11 @@ def test_demo_makes_a_reel_and_a_report_and_is_continued(
     assert {"poster", "thumbnails", "sound", "limits"} <= set(manifest)
     assert "Sound: camera cam" in said.err
     assert "splatreel serve" in said.out  # no terminal here: it ends by itself
+    named = [
+        line.split(": ")[1] for line in said.out.splitlines() if line.startswith(("Report: ", "Images ", "Reel: "))
+    ]
+    assert len(named) == 3
+    assert all(Path(path).exists() for path in named)
     assert "Your own reel is being made now" in said.out
     assert "Watch your own reel, first its keyframe, later moving: http://127.0.0.1:" in said.err
     assert said.err.count("training the first keyframe: ") == 1, "one line per stage"

@@ -69,7 +69,7 @@ def demo(
         finally:
             progress.close()
         say(report.to_markdown())
-        say(f"Report: {out / 'report.json'}\nImages beside the cameras' own: {out / 'images'}\nReel: {result.reel}")
+        say(f"Report: {out / 'report.json'}\nImages beside the cameras' own: {out / 'pictures'}\nReel: {result.reel}")
         if player is None or not sys.stdout.isatty():
             say(f"Play it with\n  {serving(result.reel)}")
         else:
