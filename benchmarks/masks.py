@@ -16,7 +16,7 @@ from tyro.conf import Positional
 from record import record
 from splatreel.capture.images import read_image
 from splatreel.capture.opening import open_capture
-from splatreel.segmentation.mask_writer import SAMPLES
+from splatreel.segmentation.mask_writer import sample_moments
 from splatreel.segmentation.segmenter import fit_subject
 
 BLOB = 0.0025
@@ -55,10 +55,8 @@ def main(
     )
     names = [camera.name for camera in source.cameras]
     begun = time.process_time()
-    moments = np.unique(np.linspace(0, source.frames - 1, SAMPLES).round().astype(int))
-    model = fit_subject(
-        source.cameras, np.stack([source.read(int(t), 1, names)[0] for t in moments]), near=source.near or 0
-    )
+    samples = np.stack([source.read(t, 1, names)[0] for t in sample_moments(source.frames)])
+    model = fit_subject(source.cameras, samples, near=source.near or 0)
     fitted = time.process_time()
     counts = {name: np.zeros(2) for name in names}
     rows, compared = [], range(1, source.frames - 1, every)

@@ -117,8 +117,7 @@ class Coverage:
             f"cameras are {least if least == most else f'{least} to {most}'} degrees from the nearest other one, seen from the middle "
             f"of the scene ({self.names[far]} is the farthest)",
             f"{self.points:,} {'point is' if self.points == 1 else 'points are'} seen by three or more cameras, and each camera "
-            f"sees {min(self.shared):,} to "
-            f"{max(self.shared):,} of them",
+            f"sees {min(self.shared):,} to {max(self.shared):,} of them",
         ]
         if few:
             listed = ", ".join(f"{self.names[c]} ({self.shared[c]})" for c in few[:NAMED])
