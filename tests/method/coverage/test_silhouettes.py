@@ -51,3 +51,8 @@ def test_masks_that_hardly_show_the_subject_confirm_nothing() -> None:
     assert mask_fits(CAMERAS, some, MIDDLE, 0.1)[2] == 0
     some[2] = 0
     assert mask_fits(CAMERAS, some, MIDDLE, 0.1)[2] == 0
+
+
+def test_two_masks_confirm_nothing() -> None:
+    assert mask_fits(CAMERAS[:2], MASKS[:2], MIDDLE, 0.1) == [0, 0]
+    assert mask_fits(CAMERAS[:3], MASKS[:3], MIDDLE, 0.1) == [1, 1, 1]

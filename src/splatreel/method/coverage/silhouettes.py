@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from splatreel.capture.base import MIN_CAMERAS
 from splatreel.capture.masked_capture import LIKELY
 from splatreel.method.init.visual_hull import VisualHull
 from splatreel.scene.camera import Camera
@@ -30,10 +31,13 @@ def mask_fits(cameras: Sequence[Camera], masks: np.ndarray, focus: np.ndarray, n
         near: Smallest depth, world units.
 
     Returns:
-        C shares. A mask smaller than `SMALLEST` of the median confirms nothing and has 0.
+        C shares. A mask smaller than `SMALLEST` of the median confirms nothing and has 0. So has each of fewer than three: two masks
+        fit for most poses.
     """
     sizes = (masks >= LIKELY).sum((1, 2))
     found = [0.0] * len(cameras)
+    if len(cameras) < MIN_CAMERAS:
+        return found
     for c in np.flatnonzero(sizes > SMALLEST * np.median(sizes)).tolist():
         others = [other for other in range(len(cameras)) if other != c]
         hull = VisualHull([cameras[other] for other in others], masks[others], near)
