@@ -104,7 +104,8 @@ models: $(MODELS)  ## install RAFT and SAM2, which come without weights; then th
 # LOCKED=1, as the workflows set it, installs only files whose hashes are in constraints.lock. torch is the exception: its CPU and CUDA
 # builds are different files of one version.
 LOCKED ?=
-PIP := $(BIN)/python -m pip install --quiet
+# Python compiles the modules that a program imports. pip would compile all of them, for 20 seconds.
+PIP := $(BIN)/python -m pip install --quiet --no-compile
 INSTALL := $(PIP) --constraint constraints.txt
 EDITABLE := $(INSTALL) --no-build-isolation $(if $(LOCKED),--no-deps )--editable
 HASHED := $(PIP) --no-deps --require-hashes --requirement constraints.lock
