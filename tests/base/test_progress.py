@@ -54,6 +54,20 @@ def test_estimate_covers_the_whole_job_with_spans() -> None:
     assert estimate.seconds_left() == pytest.approx(40)
 
 
+def test_estimate_of_a_whole_job_waits_for_enough_of_it() -> None:
+    clock = Clock()
+    estimate = Estimate(clock)
+    estimate.stage(10, (0.0, 0.2))
+    clock.now += 30  # most of it for kernels to compile
+    estimate.done = 2
+    assert estimate.seconds_left() is None
+    estimate.done = 3
+    assert estimate.seconds_left() == pytest.approx(30 * 0.94 / 0.06)
+    estimate.done = 2
+    clock.now += 30
+    assert estimate.seconds_left() == pytest.approx(60 * 0.96 / 0.04)
+
+
 def test_estimate_ignores_stages_without_span() -> None:
     clock = Clock()
     estimate = Estimate(clock)

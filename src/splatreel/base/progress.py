@@ -23,6 +23,8 @@ PHRASES = {
     "published": "{:,} groups in the reel",
 }
 """Display format of each reported number, in words for users."""
+ENOUGH_SHARE, ENOUGH_SECONDS = 0.05, 60.0
+"""Share of a whole job, or seconds, after which its first steps tell how long the others take. While kernels compile, they do not."""
 
 
 def printable(text: str) -> str:
@@ -179,11 +181,12 @@ class Estimate:
         return f"about {format_seconds(left)} left{'' if self.span is None else ' in all'}"
 
     def seconds_left(self) -> float | None:
-        """Return the estimated seconds left, or None before the first finished step."""
+        """Return the estimated seconds left, or None while too little is finished."""
         if self.span is not None and self._first is not None:
             now = self.span[0] + self.share * (self.span[1] - self.span[0])
-            done = now - self._first
-            return (self._job_seconds + self.stage_seconds) * (1 - now) / done if done > 0 else None
+            done, seconds = now - self._first, self._job_seconds + self.stage_seconds
+            enough = done >= ENOUGH_SHARE * (1 - self._first) or (done > 0 and seconds >= ENOUGH_SECONDS)
+            return seconds * (1 - now) / done if enough else None
         return self.stage_seconds * (1 - self.share) / self.share if self.share > 0 else None
 
 
