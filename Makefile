@@ -115,7 +115,9 @@ $(RECON): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
 	$(if $(LOCKED),$(HASHED) && $(INSTALL) torch)
 	$(BIN)/python -c 'import editables, hatchling' 2>/dev/null || $(INSTALL) editables hatchling
-	$(EDITABLE) '.[recon]'
+	$(EDITABLE) .
+	@# Kernels need only these packages, so that they compile while pip unpacks torch.
+	$(BIN)/splatreel warmup & $(EDITABLE) '.[recon]' && wait
 	touch $@
 
 $(SETUP): $(RECON)
