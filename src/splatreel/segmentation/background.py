@@ -77,10 +77,16 @@ def fit_background(samples: np.ndarray, certainty: np.ndarray | None = None) -> 
         better = density > best
         best[better], image[better] = density[better], film[number][better]
     image, noise = _refined(film, certainty, image, BANDWIDTH * spread)
-    near = largest_channel(np.abs(film - image)) < BANDWIDTH * spread
+    near = close_samples(film, image)
     known = near.sum(0) >= min(MIN_SAMPLES, 0.5 * len(film))
     contrast = cv2.morphologyEx(image.mean(-1), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
     return Background(image, np.hypot(noise, EDGE_NOISE * contrast), near.mean(0, dtype=np.float32), known)
+
+
+def close_samples(samples: np.ndarray, image: np.ndarray) -> np.ndarray:
+    """Return which samples [S, H, W, 3] show the colors of an image [H, W, 3], to within the camera's noise, [S, H, W] bool."""
+    film = samples.astype(np.float32, copy=False)
+    return largest_channel(np.abs(film - image)) < BANDWIDTH * _typical_noise(film)
 
 
 def largest_channel(images: np.ndarray) -> np.ndarray:

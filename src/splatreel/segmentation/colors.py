@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import cv2
 import numpy as np
 
@@ -24,6 +26,12 @@ class ColorModel:
 
     def __init__(self, counts: np.ndarray | None = None) -> None:
         self.counts = np.zeros((2, BINS, BINS, BINS), np.float32) if counts is None else counts
+
+    @classmethod
+    def merged(cls, models: Sequence[ColorModel]) -> ColorModel:
+        """Return the colors in all of several cameras, which count alike."""
+        totals = [np.maximum(model.counts.sum((1, 2, 3), keepdims=True), 1) for model in models]
+        return cls(np.sum([model.counts / total for model, total in zip(models, totals, strict=True)], axis=0))
 
     def add(self, image: np.ndarray, subject: np.ndarray, surroundings: np.ndarray) -> None:
         """Count the pixels of an image [H, W, 3] uint8 that certainly show the subject or its surroundings, [H, W] bool each."""

@@ -31,7 +31,7 @@ STANDING = 0.0005
 """Share of an image that somebody who never moves must cover to be reported."""
 FAINTEST = 0.0005
 """Smallest share of the images that a subject covers, at least in one camera and moment."""
-VERSION = 3
+VERSION = 4
 NOTHING_MOVES = (
     "nothing moves in this capture, so there is no subject to find. If somebody stands still, film the scene without them, and give "
     "these images or videos with --clean-plate FOLDER."

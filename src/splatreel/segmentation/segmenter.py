@@ -15,6 +15,7 @@ from splatreel.segmentation.background import Background, fit_background, larges
 from splatreel.segmentation.colors import ColorModel
 from splatreel.segmentation.evidence import LIMIT, difference, subject_evidence, with_floor
 from splatreel.segmentation.smoothing import decide, with_doubts, without_halo, without_specks
+from splatreel.segmentation.uncovering import uncover
 
 FULL_TRUST = 8
 """Number of other cameras from which on their agreement weighs as much as the image itself."""
@@ -27,7 +28,7 @@ ALWAYS, STILL = 2.8, 0.9
 never moves."""
 NEAR = 0.08
 """Distance from the subject within which its surroundings teach colors, as a share of the image width."""
-FIT_STEPS = 4
+FIT_STEPS = 5
 """Number of steps of `fit_subject`."""
 STEADY = 12.0
 """Difference of colors, gray levels, up to which a pixel of the next frame shows the same."""
@@ -96,7 +97,9 @@ class SubjectModel:
         return Evidence(own, support, odds.astype(np.float32))
 
     def learn_colors(self, samples: np.ndarray) -> None:
-        """Learn the colors of the subject and of its surroundings from samples [S, C, H, W, 3] uint8."""
+        """Learn the colors of the subject and of its surroundings anew from samples [S, C, H, W, 3] uint8."""
+        self.colors = [ColorModel() for _ in self.cameras]
+        self.moving_shares = [0.0] * len(self.cameras)
         for images in samples:
             found = self.evidence(images)
 
@@ -151,7 +154,7 @@ def fit_subject(
     """Learn the backgrounds and colors of a capture.
 
     First backgrounds are found in each camera alone. By these, the cameras agree on the places of the subject in all samples. Then
-    backgrounds are found again from the samples that do not show the subject.
+    backgrounds are found again from the samples that do not show the subject. Colors tell where it still covers them.
 
     Args:
         cameras: C cameras, at the size of the images.
@@ -167,16 +170,21 @@ def fit_subject(
     )
     model = SubjectModel(cameras, backgrounds, near)
     report(1)
+    chosen = samples[np.unique(np.linspace(0, len(samples) - 1, COLOR_SAMPLES).round().astype(int))]
     if plates is None:
         support = np.stack([model.evidence(images).support for images in samples], 1)  # [C, S, H, W]
         report(2)
-        jobs = list(zip(films, support, strict=True))
-        found = threads.map_parallel(lambda job: _fit_again(*job), jobs)
+        found = threads.map_parallel(lambda job: _fit_again(*job), zip(films, support, strict=True))
         model.backgrounds = [background.without(covered) for background, covered in found]
-        model.never_uncovered = [float(covered.mean()) for _, covered in found]
-    report(3)
-    chosen = np.unique(np.linspace(0, len(samples) - 1, COLOR_SAMPLES).round().astype(int))
-    model.learn_colors(samples[chosen])
+        report(3)
+        model.learn_colors(chosen)
+        colors = ColorModel.merged(model.colors)
+        uncovered = threads.map_parallel(lambda job: uncover(*job, colors), zip(model.backgrounds, films, strict=True))
+        model.backgrounds = [background for background, _ in uncovered]
+        pairs = zip(found, uncovered, strict=True)
+        model.never_uncovered = [float((covered & ~taken).mean()) for (_, covered), (_, taken) in pairs]
+    report(4)
+    model.learn_colors(chosen)
     report(FIT_STEPS)
     return model
 
