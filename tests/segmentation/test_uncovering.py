@@ -49,6 +49,12 @@ def test_somebody_who_stands_for_a_while_is_no_background() -> None:
     assert np.abs(found.image[PLACE] - scenes.backdrop(0)[PLACE]).max() < 6
 
 
+def test_color_of_two_samples_is_no_background() -> None:
+    samples = film(standing=18)
+    _, taken = uncover(fit_background(samples), samples, known_colors(SKIN))
+    assert not taken.any()
+
+
 def test_dark_doorway_is_no_pair_of_trousers() -> None:
     """The doorway has a color of the subject, and somebody in another color stands in it for a while."""
     dark, shirt = np.array([20, 20, 20]), np.array([150, 150, 150])
