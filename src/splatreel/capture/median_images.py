@@ -1,4 +1,4 @@
-"""Median images of static cameras, which show the scene without what moves."""
+"""Median images of static cameras, which show the scene without what moves, and the pixels that differ from them."""
 
 from __future__ import annotations
 
@@ -10,6 +10,8 @@ from splatreel.capture.base import Capture
 
 MOST_FRAMES = 20
 """Maximum number of frames for the median."""
+THRESHOLD = 8 / 255
+"""Mean absolute difference of the channels, 0..1, from the camera's median image, above which a pixel moves."""
 
 
 def median_images(capture: Capture, names: Sequence[str], most: int = MOST_FRAMES) -> list[np.ndarray]:
@@ -30,3 +32,8 @@ def median_images(capture: Capture, names: Sequence[str], most: int = MOST_FRAME
         stack.partition(middle, axis=0)
         images.append(stack[middle].copy())
     return images
+
+
+def moving_pixels(truth: np.ndarray, median: np.ndarray) -> np.ndarray:
+    """Return the pixels where an image, float32 [H, W, 3] 0..1, differs from its camera's median, uint8 [H, W, 3], as [H, W] bool."""
+    return np.abs(truth - median.astype(np.float32) / 255).mean(-1) > THRESHOLD

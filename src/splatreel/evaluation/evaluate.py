@@ -15,14 +15,13 @@ from splatreel.base.process import peak_memory_bytes
 from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
 from splatreel.capture.masked_capture import is_doubtful
-from splatreel.capture.median_images import median_images
+from splatreel.capture.median_images import median_images, moving_pixels
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.reel_sizes import ReelInfo, reel_info
 from splatreel.evaluation.comparison_images import chosen_frames, comparison, write_images, write_png
 from splatreel.evaluation.flicker import Flicker, border_frames
 from splatreel.evaluation.metrics import psnr
-from splatreel.evaluation.moving_pixels import moving_pixels
 from splatreel.evaluation.page.report_page import write_report_page
 from splatreel.evaluation.perceptual import Lpips, load_lpips
 from splatreel.evaluation.quality import ImageComparison, Quality

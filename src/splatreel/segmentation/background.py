@@ -61,7 +61,8 @@ def fit_background(samples: np.ndarray, certainty: np.ndarray | None = None) -> 
 
     Args:
         samples: [S, H, W, 3] uint8.
-        certainty: [S, H, W] float32, 0..1, how certain a sample shows the background; by default all are alike.
+        certainty: [S, H, W] float32, 0..1, how certain a sample shows the background; by default all are alike. Samples of 0 count for
+            nothing.
     """
     film = samples.astype(np.float32)
     certainty = np.ones(film.shape[:3], np.float32) if certainty is None else certainty
@@ -77,16 +78,10 @@ def fit_background(samples: np.ndarray, certainty: np.ndarray | None = None) -> 
         better = density > best
         best[better], image[better] = density[better], film[number][better]
     image, noise = _refined(film, certainty, image, BANDWIDTH * spread)
-    near = close_samples(film, image)
+    near = (largest_channel(np.abs(film - image)) < BANDWIDTH * spread) & (certainty > 0)
     known = near.sum(0) >= min(MIN_SAMPLES, 0.5 * len(film))
     contrast = cv2.morphologyEx(image.mean(-1), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
     return Background(image, np.hypot(noise, EDGE_NOISE * contrast), near.mean(0, dtype=np.float32), known)
-
-
-def close_samples(samples: np.ndarray, image: np.ndarray) -> np.ndarray:
-    """Return which samples [S, H, W, 3] show the colors of an image [H, W, 3], to within the camera's noise, [S, H, W] bool."""
-    film = samples.astype(np.float32, copy=False)
-    return largest_channel(np.abs(film - image)) < BANDWIDTH * _typical_noise(film)
 
 
 def largest_channel(images: np.ndarray) -> np.ndarray:

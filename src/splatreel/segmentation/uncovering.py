@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from splatreel.segmentation.background import MIN_SAMPLES, Background, close_samples, fit_background, largest_channel
+from splatreel.segmentation.background import MIN_SAMPLES, Background, fit_background, largest_channel
 from splatreel.segmentation.colors import ColorModel
 
 DIFFERENT = 15.0
@@ -37,17 +37,17 @@ def uncover(background: Background, samples: np.ndarray, colors: ColorModel) -> 
     """
     away = largest_channel(np.abs(samples.astype(np.float32) - background.image)) > DIFFERENT
     second = fit_background(samples, away.astype(np.float32))
-    shown = close_samples(samples, second.image) & away
+    often = second.share > (MIN_SAMPLES - 0.5) / len(samples)
     differs = largest_channel(np.abs(second.image - background.image)) > DIFFERENT
     first_odds, second_odds = (_mean_odds(colors, image) for image in (background.image, second.image))
-    taken = (shown.sum(0) >= MIN_SAMPLES) & differs & (first_odds > 0) & (first_odds - second_odds > MARGIN)
+    taken = often & differs & (first_odds > 0) & (first_odds - second_odds > MARGIN)
     taken = cv2.morphologyEx(taken.astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3), np.uint8)) > 0
     taken = _continuing(taken, background.image, second.image)
     found = replace(
         background,
         image=np.where(taken[..., None], second.image, background.image),
         noise=np.where(taken, second.noise, background.noise),
-        share=np.where(taken, shown.mean(0, dtype=np.float32), background.share),
+        share=np.where(taken, second.share, background.share),
         known=background.known | taken,
     )
     return found, taken

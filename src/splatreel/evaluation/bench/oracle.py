@@ -21,13 +21,12 @@ import torch
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
-from splatreel.capture.median_images import median_images
+from splatreel.capture.median_images import median_images, moving_pixels
 from splatreel.codec.group_file import decode_layer, encode_layer
 from splatreel.config import Config
 from splatreel.config.records import complete_settings
 from splatreel.evaluation.bench.oracle_report import OracleReport, Score, SingleFrame
 from splatreel.evaluation.evaluate import check_same_capture, check_unseen
-from splatreel.evaluation.moving_pixels import moving_pixels
 from splatreel.evaluation.perceptual import Lpips, load_lpips
 from splatreel.evaluation.quality import ImageComparison, Quality
 from splatreel.evaluation.report import write_text
