@@ -1,4 +1,4 @@
-"""A local S3-compatible server, buckets in it, and a folder with connection errors."""
+"""A local S3-compatible server, buckets in it, and addresses with connection errors."""
 
 from __future__ import annotations
 
@@ -8,12 +8,13 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from splatreel.base.errors import StorageError
-from splatreel.storage.folder import PLAIN, Folder, Headers
+from splatreel.storage.address import Address
+from splatreel.storage.transport import Headers, Transport
 
 CREDENTIALS = {"AWS_ACCESS_KEY_ID": "key", "AWS_SECRET_ACCESS_KEY": "secret", "AWS_DEFAULT_REGION": "us-east-1"}
 CORS = {
@@ -96,39 +97,43 @@ class Bucket:
         return self.client.head_object(Bucket=self.name, Key=key)["ResponseMetadata"]["HTTPHeaders"]
 
 
-class BreakingFolder:
-    """Folder that fails at given writes, counted from 0, and logs all writes.
+class BreakingLine:
+    """Transport that fails at given writes, counted from 0, and logs all writes.
 
     With `halves`, the connection fails after the file has arrived, before the response.
     """
 
-    def __init__(self, folder: Folder, breaks: set[int], halves: bool = False) -> None:
-        self.folder, self.breaks, self.halves = folder, breaks, halves
+    def __init__(self, transport: Transport, breaks: set[int], halves: bool = False) -> None:
+        self.transport, self.breaks, self.halves = transport, breaks, halves
         self.log: list[str] = []
         self.writes = 0
         self._lock = threading.Lock()
 
-    def address(self, name: str) -> str:
-        return self.folder.address(name)
+    def read(self, name: str, begin: int, end: int) -> bytes:
+        return self.transport.read(name, begin, end)
 
-    def read(self, name: str, most: int) -> bytes | None:
-        return self.folder.read(name, most)
-
-    def read_range(self, name: str, begin: int, end: int) -> bytes:
-        return self.folder.read_range(name, begin, end)
-
-    def write(self, name: str, data: bytes, headers: Headers = PLAIN) -> None:
+    def write(self, name: str, data: bytes, headers: Headers) -> None:
         with self._lock:
             number, self.writes = self.writes, self.writes + 1
         if number not in self.breaks or self.halves:
-            self.folder.write(name, data, headers)
+            self.transport.write(name, data, headers)
             self.log.append(name)
         if number in self.breaks:
-            raise StorageError(f"{self.address(name)}: could not be written (the line is cut).")
+            raise ConnectionError("the line is cut")
 
-    def sizes(self, prefix: str = "") -> dict[str, int]:
-        return self.folder.sizes(prefix)
+    def sizes(self, prefix: str) -> dict[str, int]:
+        return self.transport.sizes(prefix)
 
     def remove(self, name: str) -> None:
-        self.folder.remove(name)
+        self.transport.remove(name)
         self.log.append(f"-{name}")
+
+
+def breaking(
+    location: str | Path | Address, breaks: set[int] | None = None, halves: bool = False, pauses: tuple[float, ...] = ()
+) -> tuple[Address, BreakingLine]:
+    """Return an address whose given writes fail, and its line."""
+    address = location if isinstance(location, Address) else Address(location, pauses=pauses)
+    line = BreakingLine(address._transport, set() if breaks is None else breaks, halves)
+    address._transport = line
+    return address, line

@@ -15,7 +15,7 @@ from splatreel.base.display import console
 from splatreel.base.progress import Cancellable, Progress, Silent
 from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
-from splatreel.codec.source import find_reel
+from splatreel.codec.reader import find_reel
 from splatreel.config import Config, Quality, preset
 from splatreel.kernels.image import render_image
 from splatreel.scene.camera import Camera

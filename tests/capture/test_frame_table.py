@@ -4,17 +4,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from splatreel.storage.ranged_file import BLOCK, RangedFile
 
 from splatreel.base.errors import CaptureError
 from splatreel.capture import video as video_module
 from splatreel.capture.capture_sound import Track, choose
-from splatreel.capture.files import LOCAL, RemoteCaptureFiles, open_media
+from splatreel.capture.files import LOCAL, RemoteFiles, open_media
 from splatreel.capture.frame_table import ARRAYS, FrameTable, load_tables, pack_tables, scan
 from splatreel.capture.opening import CaptureSource, open_capture
 from splatreel.capture.video import VideoFile
-from splatreel.storage.addresses import open_folder
-from splatreel.storage.folder import LocalFolder
-from splatreel.storage.ranged_file import BLOCK, RangedFile
+from splatreel.storage.address import Address
 from tests.buckets import Bucket
 from tests.capture import folders
 from tests.capture.numbered import CODINGS, write_film
@@ -76,9 +75,9 @@ def test_remote_stretch_fetches_only_its_bytes(tmp_path: Path, suffix: str, monk
     size, table = path.stat().st_size, VideoFile(path).table
     assert size > 4e6
     address = f"memory://films-{suffix[1:]}/capture"
-    open_folder(address).write(path.name, path.read_bytes())
-    files, opened = RemoteCaptureFiles(address), []
-    monkeypatch.setattr(files, "raw", lambda place: opened.append(RemoteCaptureFiles.raw(files, place)) or opened[-1])
+    Address(address).write(path.name, path.read_bytes())
+    files, opened = RemoteFiles(address), []
+    monkeypatch.setattr(files, "raw", lambda place: opened.append(RemoteFiles.raw(files, place)) or opened[-1])
     video = VideoFile(files.root / path.name, files, table)
     assert not opened, "a known video is opened by the first read"
     out, expected = (np.empty((3, 240, 320, 3), np.uint8) for _ in range(2))
@@ -116,7 +115,7 @@ def test_remote_capture_equals_the_local_one(tmp_path: Path, bucket: Bucket, lay
 def test_ranged_file_prefetches_sequential_reads(tmp_path: Path) -> None:
     content = np.random.default_rng(0).bytes(5 * BLOCK + 100)
     (tmp_path / "file").write_bytes(content)
-    file = RangedFile(LocalFolder(tmp_path), "file", len(content))
+    file = RangedFile(Address(tmp_path), "file", len(content))
     assert b"".join(iter(lambda: file.read(30_000), b"")) == content
     assert file.fetched == len(content)
     file.seek(-50, 2)

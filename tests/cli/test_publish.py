@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from splatreel.storage.remote_folder import RemoteFolder
 
 from splatreel import config
 from splatreel.cli.main import main
 from splatreel.codec import background_publication
-from splatreel.codec.publication import AT_ONCE
+from splatreel.codec.publish import AT_ONCE
 from splatreel.codec.verification import verify_reel
 from splatreel.storage import addresses, retrying
-from splatreel.storage.addresses import open_folder
-from splatreel.storage.remote_folder import RemoteFolder
+from splatreel.storage.address import Address
 from tests.buckets import BreakingFolder
 from tests.capture import folders
 from tests.golden import GOLDEN, PREDICTIVE
@@ -75,7 +75,7 @@ def test_impossible_publications_are_refused(
 
 def test_broken_connection_is_retried(monkeypatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     monkeypatch.setattr(retrying.time, "sleep", lambda _: None)
-    breaking = BreakingFolder(addresses.open_folder(tmp_path / "web"), {0, 3, 4})
+    breaking = BreakingFolder(addresses.Address(tmp_path / "web"), {0, 3, 4})
     monkeypatch.setattr(addresses, "open_folder", lambda _: breaking)
     assert main(["publish", str(GOLDEN), str(tmp_path / "web")]) == 0
     assert capsys.readouterr().err.count("the line is cut). Retrying.") == 3
@@ -106,14 +106,14 @@ def test_killed_command_is_continued_by_the_same(bucket, monkeypatch, count: int
     url, command = bucket.url("reel"), ["publish", str(LONG), bucket.url("reel")]
     killed = subprocess.run([sys.executable, "-c", KILLED, str(count), *command], stderr=subprocess.PIPE, check=False)
     assert killed.returncode == -signal.SIGKILL
-    there = set(open_folder(url).sizes())
+    there = set(Address(url).sizes())
     assert max(count + 1 - AT_ONCE, 0) <= len(there) <= count
     assert "manifest.json" not in there
     sent, write = set(), RemoteFolder.write
     monkeypatch.setattr(RemoteFolder, "write", lambda *arguments: (sent.add(arguments[1]), write(*arguments))[1])
     assert main(command) == 0
     assert not sent & there
-    assert set(open_folder(url).sizes()) == sent | there
+    assert set(Address(url).sizes()) == sent | there
     assert verify_reel(url).files == verify_reel(LONG).files == 30
 
 

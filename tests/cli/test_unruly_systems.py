@@ -11,9 +11,9 @@ from pathlib import Path
 import pytest
 
 from splatreel.cli.main import main
-from splatreel.codec.publication import HOUR, Publication
+from splatreel.codec.publish import HOUR, Publication
 from splatreel.codec.verification import verify_reel
-from splatreel.storage.folder import LocalFolder
+from splatreel.storage.address import Address
 from tests.codec.reels import write_reel
 from tests.files import contents
 from tests.sequence.films import frame, write_film
@@ -45,7 +45,7 @@ def test_command_that_is_stopped_for_a_while_goes_on(film: str) -> None:
 
 def test_files_stay_where_the_clock_is_set_back(tmp_path: Path) -> None:
     """A jump of the clock neither shortens the grace period of old files nor extends it forever."""
-    reel, there, now = write_reel(tmp_path / "reel"), LocalFolder(tmp_path / "there"), [1e9]
+    reel, there, now = write_reel(tmp_path / "reel"), Address(tmp_path / "there"), [1e9]
     Publication(reel, there, 2 * HOUR, clock=lambda: now[0]).update()
     first = set(there.sizes())
     shutil.rmtree(reel)

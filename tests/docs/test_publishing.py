@@ -4,7 +4,7 @@ import json
 import re
 from pathlib import Path
 
-from splatreel.codec.publication import headers_of, is_published_name
+from splatreel.codec.publish import headers_of, is_published_name
 from tests.buckets import CORS, readable_by_all
 
 TEXT = (Path(__file__).parents[2] / "docs" / "publishing.md").read_text(encoding="utf-8")

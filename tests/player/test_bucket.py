@@ -5,11 +5,11 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page
 
-from splatreel.codec.publication import Publication
+from splatreel.codec.publish import Publication
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
 from splatreel.play.server import Server
-from splatreel.storage.addresses import open_folder
+from splatreel.storage.address import Address
 from tests.codec.reels import add_chapter_group, new_group, new_writer, points
 from tests.player.pages import PLAYER, expect_problems, wait_for_picture
 
@@ -27,7 +27,7 @@ def test_a_reel_in_a_bucket_plays_while_it_grows(page: Page, server: Server, buc
     asked: list[tuple[str, int]] = []
     page.on("response", lambda answer: asked.append((answer.url.removeprefix(bucket.web("")), answer.status)))
     writer = new_writer(tmp_path / "reel", config=EncodeConfig())
-    publication = Publication(tmp_path / "reel", open_folder(bucket.url("show")))
+    publication = Publication(tmp_path / "reel", Address(bucket.url("show")))
     write_group(writer, 0)
     publication.update()
     page.goto(f"{server.url}?src={bucket.web('show/manifest.json')}")
@@ -54,7 +54,7 @@ def test_a_long_show_in_a_bucket_is_followed_while_its_beginning_is_dropped_and_
     bucket.open_to_pages()
     missing: list[str] = []
     page.on("response", lambda answer: missing.append(answer.url) if answer.status >= 400 else None)
-    folder, clock = open_folder(bucket.url("show")), iter(range(1000))
+    folder, clock = Address(bucket.url("show")), iter(range(1000))
     writer = new_writer(tmp_path / "reel", config=EncodeConfig(), page=2)
     publication = Publication(tmp_path / "reel", folder, keep=3, clock=lambda: next(clock))
     for index in range(6):
@@ -82,7 +82,7 @@ def test_a_bucket_that_lets_no_page_read_it_is_explained(page: Page, server: Ser
     writer = new_writer(tmp_path / "reel", config=EncodeConfig())
     write_group(writer, 0)
     writer.finish()
-    Publication(tmp_path / "reel", open_folder(bucket.url("show"))).update()
+    Publication(tmp_path / "reel", Address(bucket.url("show"))).update()
     page.goto(f"{server.url}?src={bucket.web('show/manifest.json')}")
     alert = page.locator("splat-reel").get_by_role("alert")
     alert.wait_for()

@@ -7,7 +7,7 @@ import tempfile
 import weakref
 from contextlib import ExitStack
 from pathlib import Path
-from typing import Any, BinaryIO, Protocol, cast
+from typing import Any, BinaryIO, cast
 
 import av
 from av.container import InputContainer
@@ -15,9 +15,7 @@ from av.stream import Disposition
 
 from splatreel.base.atomic import scratch
 from splatreel.base.errors import CaptureError
-from splatreel.storage.addresses import open_folder
-from splatreel.storage.ranged_file import RangedFile
-from splatreel.storage.retrying import RetryingFolder
+from splatreel.storage.address import Address, local_path
 
 MEDIA = re.compile(
     r".*\.(mp4|mov|m4v|mkv|webm|avi|m?2?ts|mxf|mpe?g|3gp|wmv|flv|jpe?g|png|webp|tiff?|bmp|wav|flac|mp3|m4a|aac|ogg|opus)",
@@ -39,23 +37,11 @@ def list_folder(folder: Path) -> list[Path]:
     return sorted(found, key=lambda entry: (natural_key(entry.name), entry.name))
 
 
-class Files(Protocol):
-    """Files by their local paths."""
+class Files:
+    """Access to files by their local paths. These files are on this machine."""
 
     def source(self, path: Path) -> Any:
-        """Return an argument for PyAV and Pillow: a path or an open file."""
-        ...
-
-    def raw(self, path: Path) -> BinaryIO:
-        """Open a file for random access. Raise OSError if it cannot be opened."""
-        ...
-
-
-class LocalFiles:
-    """Files on this machine."""
-
-    def source(self, path: Path) -> Any:
-        """Return an argument for PyAV and Pillow. Raise `CaptureError` for a pipe, a device or a folder."""
+        """Return an argument for PyAV and Pillow: a path or an open file. Raise `CaptureError` for a pipe, a device or a folder."""
         _check_regular(path)
         return str(path)
 
@@ -70,8 +56,7 @@ def _check_regular(path: Path) -> None:
         raise CaptureError(f"{path}: is no file. Remove it from the capture.")
 
 
-LOCAL = LocalFiles()
-
+LOCAL = Files()
 
 BRIEFLY = {"analyzeduration": "100000", "fpsprobesize": "0"}
 """FFmpeg options that analyze only the first frames of a file instead of five megabytes."""
@@ -93,14 +78,14 @@ def main_video(container: InputContainer) -> av.VideoStream | None:
     return min(container.streams.video, key=rank, default=None)
 
 
-class RemoteCaptureFiles:
-    """Capture at an address such as `s3://BUCKET/CAPTURE`, mirrored by a local folder.
+class RemoteFiles(Files):
+    """Files at an address such as `s3://BUCKET/CAPTURE`, mirrored by a local folder.
 
     In the folder, small files are copies. Videos and images are sparse files of the right size, whose content is
     fetched when it is read. The folder is deleted with this object.
 
     Args:
-        url: Address of the capture's folder, see `open_folder`.
+        url: Address of the folder.
 
     Raises:
         CaptureError: There is nothing at the address.
@@ -108,32 +93,29 @@ class RemoteCaptureFiles:
     """
 
     def __init__(self, url: str) -> None:
-        self.url = url.rstrip("/")
-        self._folder = RetryingFolder(open_folder(self.url))
-        self._sizes = self._folder.sizes()
+        self._address = Address(url)
+        self._sizes = self._address.sizes()
         if not self._sizes:
-            raise CaptureError(
-                f"{self.url}: there are no files. Give the address of the folder that holds the capture."
-            )
+            raise CaptureError(f"{self._address}: there are no files. Give the address of a folder with files.")
         stack = ExitStack()
         self._remove = weakref.finalize(self, stack.close)
         place = stack.enter_context(scratch(Path(tempfile.gettempdir()), "splatreel-capture"))
-        self.root = place / self.url.rpartition("/")[2]
+        self.root = place / str(self._address).rpartition("/")[2]
         for name, size in self._sizes.items():
             self._place(name, size)
 
     def source(self, path: Path) -> Any:
         """Return an argument for PyAV and Pillow."""
-        return self.raw(path) if path.is_relative_to(self.root) else LOCAL.source(path)
+        return self.raw(path) if path.is_relative_to(self.root) else super().source(path)
 
     def raw(self, path: Path) -> BinaryIO:
         """Open a file for random access."""
         if not path.is_relative_to(self.root):
-            return LOCAL.raw(path)
+            return super().raw(path)
         name = path.relative_to(self.root).as_posix()
         if name not in self._sizes:
-            raise FileNotFoundError(f"{self._folder.address(name)} is missing")
-        return cast(BinaryIO, RangedFile(self._folder, name, self._sizes[name]))
+            raise FileNotFoundError(f"{self._address.name(name)} is missing")
+        return cast(BinaryIO, self._address.open(name, self._sizes[name]))
 
     def _place(self, name: str, size: int) -> None:
         path = self.root / name
@@ -142,4 +124,13 @@ class RemoteCaptureFiles:
             with open(path, "wb") as file:
                 file.truncate(size)
         else:
-            path.write_bytes(self._folder.read_range(name, 0, size))
+            path.write_bytes(self._address.read_range(name, 0, size))
+
+
+def locate_files(folder: str | Path) -> tuple[Files, Path]:
+    """Return the access to the files of a folder or an address, and the local folder that stands for it."""
+    path = local_path(folder)
+    if path is not None:
+        return LOCAL, path
+    files = RemoteFiles(str(folder))
+    return files, files.root

@@ -15,7 +15,7 @@ from splatreel.base.command_line import option, quoted
 from splatreel.base.errors import CaptureError
 from splatreel.capture.camera_images import same_shape
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.files import list_folder
+from splatreel.capture.files import list_folder, locate_files
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
 from splatreel.capture.images import image_size, read_image
 from splatreel.capture.own_frames import CountedSource, OwnFrames
@@ -68,7 +68,7 @@ class MaskFiles:
     """Masks of a capture in a folder. Names are those of the cameras, images are named or numbered as the camera's frames.
 
     Args:
-        folder: Folder of the masks.
+        folder: Folder of the masks, or its address.
         capture: Capture that they belong to.
         names: Names of the cameras whose masks are read; None means all.
 
@@ -77,7 +77,7 @@ class MaskFiles:
     """
 
     def __init__(self, folder: str | Path, capture: FileCapture, names: Sequence[str] | None = None) -> None:
-        self.folder = Path(folder)
+        self._files, self.folder = locate_files(folder)
         self._capture = capture
         source = capture.source
         if capture.growing or not isinstance(source, CountedSource):
@@ -125,7 +125,7 @@ class MaskFiles:
         digest = hashlib.sha256()
         for file in self.sources(first, count):
             digest.update(file.relative_to(self.folder).as_posix().encode())
-            with open(file, "rb") as data:
+            with self._files.raw(file) as data:
                 digest.update(hashlib.file_digest(data, "sha256").digest())
         return digest.hexdigest()[:16]
 
@@ -149,14 +149,14 @@ class MaskFiles:
             own = replace(own, stems=[f"{number:06d}" for number in range(own.count)])
         place = self._place(name)
         if place.suffix.lower() in VIDEO_SUFFIXES and place.is_file():
-            video = VideoFile(place)
+            video = VideoFile(place, self._files)
             self._check_size(place, name, (video.width, video.height))
             self._check_count(place, name, video.frames, own)
             return _CameraMasks(own.numbers, (), video)
         images = [place] if place.is_file() else image_files(place)
         if not images:
             raise CaptureError(f"{place}: holds no images. Copy the masks of camera {name} there.")
-        self._check_size(images[0], name, image_size(images[0]))
+        self._check_size(images[0], name, image_size(images[0], self._files))
         if own.stems is not None and {file.stem for file in images} & set(own.stems):
             images = self._by_name(place, name, images, own)
         else:
@@ -222,8 +222,8 @@ class MaskFiles:
         for place, number in enumerate(numbers):
             file = masks.video.path if masks.video else masks.images[number]
             if masks.video is None:
-                size = size or image_size(masks.images[0])
-                out[place] = read_image(file, out.shape[2], out.shape[1], size=size, mask=True)
+                size = size or image_size(masks.images[0], self._files)
+                out[place] = read_image(file, out.shape[2], out.shape[1], size=size, mask=True, files=self._files)
             _check_levels(file, int(number), out[place])
 
 

@@ -11,7 +11,7 @@ from typing import Any
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Capture, Color, Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.files import LOCAL, Files, RemoteCaptureFiles
+from splatreel.capture.files import locate_files
 from splatreel.capture.frame_table import load_tables
 from splatreel.capture.growing.growth import Growth
 from splatreel.capture.hints import advise
@@ -25,7 +25,6 @@ from splatreel.capture.readers.panoptic import PanopticCapture, is_panoptic
 from splatreel.capture.readers.technicolor import TechnicolorCapture, is_technicolor
 from splatreel.capture.readers.transforms import TransformsCapture, is_transforms
 from splatreel.capture.sidecar import calibration_error
-from splatreel.storage.addresses import local_path
 
 LOOKED_FOR = """\
   Neu3DV:          poses_bounds.npy and cam00.mp4, cam01.mp4, ... or cam00/images/0000.png, ...
@@ -77,7 +76,7 @@ def open_capture(
         growth: State of a capture that is still being written (`open_growing`).
         tables: File of `pack_tables`, whose videos are not scanned again. It may be missing.
         leave_out: Names of cameras that are not read at all.
-        masks: Folder of masks, white where an image shows the subject; None reads the whole scene.
+        masks: Folder of masks, or its address, white where an image shows the subject; None reads the whole scene.
         background: Color outside of the masks, 0..1; None gives each camera another one, for training.
         masked: Names of the cameras whose masks are read; None means all. Other cameras need none.
 
@@ -85,7 +84,7 @@ def open_capture(
         CaptureError: The format is unknown, or the content cannot be used.
         StorageError: The address cannot be reached.
     """
-    files, folder = _located(path)
+    files, folder = locate_files(path)
     known = {} if tables is None else load_tables(tables)
     request = Request(width, scale, frames, held_out, growth, files, known, frozenset(leave_out))
     for fits, reader in READERS:
@@ -130,15 +129,6 @@ class CaptureSource:
     def __call__(self, tables: Path | None = None) -> Capture:
         """Open the capture."""
         return open_capture(self.path, tables=tables, **self.request)
-
-
-def _located(path: str | Path) -> tuple[Files, Path]:
-    """Return the access to a capture's files, and its local folder."""
-    folder = local_path(path)
-    if folder is not None:
-        return LOCAL, folder
-    files = RemoteCaptureFiles(str(path))
-    return files, files.root
 
 
 def check_files(folder: Path, depth: int = 3) -> None:

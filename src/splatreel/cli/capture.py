@@ -6,9 +6,9 @@ import importlib.util
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
-from tyro.conf import Positional
+from tyro.conf import Positional, arg
 
 from splatreel.base.command_line import install_command, option, quoted
 from splatreel.base.errors import ReconstructionError, UsageError
@@ -36,7 +36,7 @@ def capture_check(
     leave_out: str | None = None,
     quick: bool = False,
     page: Path | None = None,
-    masks: Path | None = None,
+    masks: Annotated[str | None, arg(metavar="PATH")] = None,
 ) -> None:
     """Read a whole capture, and report what it holds and whether it can be reconstructed.
 
@@ -50,7 +50,7 @@ def capture_check(
         leave_out: Names of cameras that are not read at all, as NAME,NAME.
         quick: Leave out the trial that predicts the quality of novel views, which takes some seconds.
         page: HTML file to write, such as check.html: the verdict, the cameras in plan and elevation, and an image of each.
-        masks: Folder of masks. The verdict is then about their subject, and the page shows them.
+        masks: Folder of masks, or its address. The verdict is then about their subject, and the page shows them.
     """
     import numpy as np
 
@@ -106,7 +106,7 @@ def capture_check(
     say(text)
 
 
-def _masks_of(source: Capture, folder: Path) -> np.ndarray:
+def _masks_of(source: Capture, folder: str) -> np.ndarray:
     """Return the masks [C, H, W] uint8 of the first frame."""
     import numpy as np
 

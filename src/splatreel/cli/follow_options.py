@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from splatreel.base.errors import UsageError
 from splatreel.cli.printing import playable
-from splatreel.storage.addresses import local_path
+from splatreel.storage.address import local_path
 
 if TYPE_CHECKING:
     from splatreel.base.progress import Progress

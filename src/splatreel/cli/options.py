@@ -230,7 +230,7 @@ def reel_folder(path: str | Path) -> str | Path:
     Raises:
         UsageError: The folder is a capture.
     """
-    from splatreel.codec.source import find_reel
+    from splatreel.codec.reader import find_reel
 
     folder = find_reel(path)
     if isinstance(folder, str) or (folder / "manifest.json").exists() or not folder.is_dir():

@@ -16,10 +16,10 @@ from splatreel.cli.printing import counted, say
 
 if TYPE_CHECKING:
     from splatreel.base.progress import Progress
-    from splatreel.codec.publication import Published
+    from splatreel.codec.publish import Published
     from splatreel.codec.writer import ReelWriter
     from splatreel.run.output.group_writer import PresentationHook
-    from splatreel.storage.folder import Folder
+    from splatreel.storage.address import Address
 
 
 def publish(reel: Positional[Path], url: Annotated[Positional[str], arg(metavar="URL")], /, keep: float = 24.0) -> None:
@@ -34,14 +34,13 @@ def publish(reel: Positional[Path], url: Annotated[Positional[str], arg(metavar=
         keep: Hours that files stay there after the reel does not need them any more. Viewers that have the reel open may ask for them.
     """
     from splatreel.base.display import console
-    from splatreel.codec.publication import HOUR, Publication
-    from splatreel.storage.retrying import RetryingFolder
+    from splatreel.codec.publish import HOUR, Publication
 
     folder, hours = reel_folder(reel), checked_hours(keep, "--keep")
-    there = open_target(folder, url)
+    address = open_target(folder, url)
     progress = console()
     try:
-        published = Publication(folder, RetryingFolder(there, progress.note), hours * HOUR).update(progress)
+        published = Publication(folder, address.with_retries(progress.note), hours * HOUR).update(progress)
     finally:
         progress.close()
     if published is None:
@@ -51,19 +50,19 @@ def publish(reel: Positional[Path], url: Annotated[Positional[str], arg(metavar=
     say(describe(url, published))
 
 
-def open_target(reel: Path, url: str) -> Folder:
-    """Return the folder that a reel is to be copied to.
+def open_target(reel: Path, url: str) -> Address:
+    """Return the address that a reel is to be copied to.
 
     Raises:
         UsageError: The address cannot be used.
         MissingDependencyError: A package for it is not installed.
     """
-    from splatreel.storage.addresses import local_path, open_folder
+    from splatreel.storage.address import Address
 
-    path = local_path(url)
-    if path is not None and path.resolve() == reel.resolve():
+    address = Address(url, writes=True)
+    if address.path is not None and address.path.resolve() == reel.resolve():
         raise UsageError(f"{url}: is the reel itself. Name another folder, or a bucket.")
-    return open_folder(url)
+    return address
 
 
 def checked_hours(hours: float, option: str) -> float:
@@ -112,8 +111,7 @@ def publishing(
     if url is None:
         yield present
         return
-    from splatreel.codec.background_publication import BackgroundPublication
-    from splatreel.codec.publication import HOUR, Publication
+    from splatreel.codec.publish import HOUR, BackgroundPublication, Publication
 
     publication = Publication(reel, open_target(reel, url), checked_hours(keep, "--publish-keep") * HOUR)
     background = BackgroundPublication(publication, progress.note)

@@ -58,8 +58,8 @@ class SubjectOptions:
     """Part of the scene to make a reel of. Players show the page behind it."""
 
     masks: Annotated[str | None, arg(metavar="PATH")] = None
-    """Folder of masks, white where the images show the subject. It has a folder of images or a video for each camera, of the
-    camera's name. Images are named or numbered as the camera's frames. auto makes them first, in OUT/masks, as
+    """Folder of masks, or its address, white where the images show the subject. It has a folder of images or a video for each
+    camera, of the camera's name. Images are named or numbered as the camera's frames. auto makes them first, in OUT/masks, as
     `splatreel capture masks` does."""
     clean_plate: Annotated[Path | None, arg(metavar="PATH")] = None
     """With --masks auto: folder with an image or a video without the subject for each camera."""

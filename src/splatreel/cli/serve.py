@@ -63,7 +63,7 @@ def run_report(reel: str | Path, always: bool = False) -> dict[str, ServedReport
         always: The reel belongs to a run that has not begun yet.
     """
     from splatreel.evaluation.page.served_report import ServedReport
-    from splatreel.storage.addresses import local_path
+    from splatreel.storage.address import local_path
 
     folder = local_path(reel)
     if folder is None or importlib.util.find_spec("torch") is None:

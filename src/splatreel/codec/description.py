@@ -10,7 +10,7 @@ from splatreel.base.atomic import sweep, write_bytes
 from splatreel.base.errors import ReelError
 from splatreel.codec.manifest import Manifest, parse_manifest
 from splatreel.codec.presentation import check_text
-from splatreel.codec.source import open_source
+from splatreel.storage.address import Address
 
 
 def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:
@@ -25,7 +25,7 @@ def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:
     """
     file = folder / "manifest.json"
     try:
-        manifest = parse_manifest(file.read_bytes(), str(file), open_source(folder).read)
+        manifest = parse_manifest(file.read_bytes(), str(file), Address(folder, ReelError).fetch)
     except OSError as error:
         raise ReelError(f"{file}: cannot be read ({error.strerror}). Name the folder of a reel.") from error
     if manifest.live:

@@ -45,6 +45,7 @@ from splatreel.scene.reel_source import parse_reel_source
 FORMAT = "splatreel"
 VERSIONS = 1, 2
 """Supported versions. A reel needs version 2 if it has pages, retired layers, several layers at a group, or dropped groups."""
+MANIFEST = "manifest.json"
 MAX_BYTES = 16 << 20
 """Maximum size of a manifest."""
 

@@ -3,19 +3,23 @@
 from __future__ import annotations
 
 import hashlib
+import time
 from collections import OrderedDict
 from pathlib import Path
+from typing import overload
 
 import numpy as np
 
-from splatreel.base.errors import ReelError
+from splatreel.base.errors import ReelError, UsageError
 from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.group_file import decode_group, decode_layer
-from splatreel.codec.manifest import MAX_BYTES, Manifest, parse_manifest
+from splatreel.codec.manifest import MANIFEST, MAX_BYTES, Manifest, parse_manifest
+from splatreel.codec.manifest_pages import Fetch
 from splatreel.codec.presentation import Asset
-from splatreel.codec.source import open_source, within_patience
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
+from splatreel.storage import web
+from splatreel.storage.address import Address, is_url, local_path
 
 _CACHED_STATIC = 2
 """Static points are cached for two groups, because an overlap shows both."""
@@ -23,11 +27,59 @@ _CACHED_GROUPS = 3
 """An overlap shows two groups; one more makes stepping back and forth over a border fast."""
 
 
+@overload
+def find_reel(path: Path) -> Path: ...
+
+
+@overload
+def find_reel(path: str | Path) -> str | Path: ...
+
+
+def find_reel(path: str | Path) -> str | Path:
+    """Return the folder of a reel, also for the output folder of `reconstruct` or `demo`. A URL is returned as it is."""
+    if isinstance(path, str) and is_url(path):
+        return path
+    folder = Path(path)
+    inside = folder / "reel"
+    return inside if not (folder / MANIFEST).exists() and (inside / MANIFEST).exists() else folder
+
+
+def reel_address(location: str | Path) -> Address:
+    """Return the address of a reel at a folder, a manifest.json, or a URL of either. Its methods raise `ReelError`.
+
+    Raises:
+        ReelError: The address is invalid.
+        MissingDependencyError: A required Python package is not installed.
+    """
+    try:
+        path = local_path(location)
+        if path is not None:
+            return Address(path.parent if path.name == MANIFEST else path, ReelError)
+        url, mark, query = str(location).partition("?")
+        return Address(url.removesuffix(MANIFEST) + mark + query, ReelError)
+    except UsageError as error:
+        raise ReelError(str(error)) from error
+
+
+def _within_patience(address: Address) -> Fetch:
+    """Return `address.fetch` with a common deadline of `web.PATIENCE` for all files, against servers that send very slowly."""
+    end = time.monotonic() + web.PATIENCE
+
+    def fetch(uri: str, most: int) -> bytes:
+        if time.monotonic() > end:
+            raise ReelError(
+                f"{address.name(uri)}: was not requested, because earlier files took {web.PATIENCE:.0f} s. Try again."
+            )
+        return address.fetch(uri, most)
+
+    return fetch
+
+
 class ReelReader:
     """Open reel. Files are read on demand, checked against the manifest, and decoded.
 
     Args:
-        location: Directory, manifest.json, or URL of either (`open_source`).
+        location: Directory, manifest.json, or URL of either (`Address`).
         rendition: Name of a rendition; None chooses the best. `manifest` is then that of this rendition alone.
         most: Memory in bytes that decoding one file may take; None uses `budget.allowed_memory`.
 
@@ -37,7 +89,7 @@ class ReelReader:
 
     def __init__(self, location: str | Path, rendition: str | None = None, most: int | None = None) -> None:
         self._most = most
-        self._source = open_source(location)
+        self._address = reel_address(location)
         self._rendition = rendition
         self.manifest = self._read_manifest()
         self._layers: dict[str, Gaussians] = {}
@@ -69,7 +121,7 @@ class ReelReader:
         """Return the static points of layers[index] of the manifest, in reel order."""
         entry = self.manifest.layers[index]
         if entry.sha256 not in self._layers:
-            name = self._source.name(entry.uri)
+            name = self._address.name(entry.uri)
             header, gaussians = decode_layer(self.read_file(entry), name, self._most)
             found = (header.index, header.points, header.first_frame)
             self._check_same(name, found, (entry.group, entry.points, entry.first_frame))
@@ -113,9 +165,9 @@ class ReelReader:
 
     def read_file(self, entry: FileEntry | Asset) -> bytes:
         """Return the bytes of a file. Raise `ReelError` if length or digest differ from the manifest."""
-        name = self._source.name(entry.uri)
+        name = self._address.name(entry.uri)
         try:
-            data = self._source.read(entry.uri, entry.bytes)
+            data = self._address.fetch(entry.uri, entry.bytes, entry.bytes)
         except ReelError as error:
             if self.manifest.live:
                 raise ReelError(f"{error} A live reel drops old files: open it again.") from error
@@ -129,12 +181,12 @@ class ReelReader:
     @property
     def name(self) -> str:
         """Name of the reel for messages."""
-        return self._source.name("manifest.json")
+        return self._address.name(MANIFEST)
 
     @property
     def folder(self) -> str:
         """Folder or address of the reel."""
-        return self.name.removesuffix("manifest.json").rstrip("/\\") or "."
+        return self.name.removesuffix(MANIFEST).rstrip("/\\") or "."
 
     def _read_manifest(self) -> Manifest:
         manifest = self._joined_manifest()
@@ -147,16 +199,16 @@ class ReelReader:
 
     def _joined_manifest(self, tries: int = 3) -> Manifest:
         """Read the manifest with its pages. A live reel may drop a page meanwhile; then its newer manifest is read."""
-        data = self._source.read("manifest.json", MAX_BYTES)
+        data = self._address.fetch(MANIFEST, MAX_BYTES)
         try:
-            return parse_manifest(data, self.name, within_patience(self._source))
+            return parse_manifest(data, self.name, _within_patience(self._address))
         except ReelError:
-            if tries > 1 and self._source.read("manifest.json", MAX_BYTES) != data:
+            if tries > 1 and self._address.fetch(MANIFEST, MAX_BYTES) != data:
                 return self._joined_manifest(tries - 1)
             raise
 
     def _load_group(self, entry: FileEntry) -> Group:
-        name = self._source.name(entry.uri)
+        name = self._address.name(entry.uri)
         group = decode_group(self.read_file(entry), name, self._most)
         found = (group.index, len(group.dynamic), group.first_frame, group.frames)
         self._check_same(name, found, (entry.group, entry.points, entry.first_frame, entry.frames))

@@ -15,11 +15,10 @@ from splatreel.codec.encoder import EncodedLayer, ReelEncoder
 from splatreel.codec.file_entry import FileEntry, birth_order
 from splatreel.codec.group_file import decode_group, decode_layer
 from splatreel.codec.header import ReelHeader
-from splatreel.codec.manifest import Manifest, parse_manifest
+from splatreel.codec.manifest import MANIFEST, Manifest, parse_manifest
 from splatreel.codec.manifest_pages import MAX_PAGE_GROUPS, PAGE, make_page
 from splatreel.codec.presentation import EMPTY, Asset, Presentation
 from splatreel.codec.written_reel import (
-    MANIFEST,
     find_leftover_files,
     first_damaged_group,
     is_intact,

@@ -8,11 +8,10 @@ from pathlib import Path
 
 from splatreel.base.errors import ReelError
 from splatreel.codec.file_entry import FileEntry
-from splatreel.codec.manifest import Manifest, parse_manifest
+from splatreel.codec.manifest import MANIFEST, Manifest, parse_manifest
 from splatreel.codec.presentation import Asset
-from splatreel.codec.source import open_source
+from splatreel.storage.address import Address
 
-MANIFEST = "manifest.json"
 _NUMBERED = re.compile(r"(?:layers|groups|pages)/(\d+)(?:\.[A-Za-z0-9_-]+)?\.(?:safetensors|json)")
 
 
@@ -24,7 +23,7 @@ def read_written_manifest(folder: Path) -> Manifest | None:
     """
     file = folder / MANIFEST
     try:
-        return parse_manifest(file.read_bytes(), str(file), open_source(folder).read, whole=False)
+        return parse_manifest(file.read_bytes(), str(file), Address(folder, ReelError).fetch, whole=False)
     except FileNotFoundError:
         return None
     except OSError as error:

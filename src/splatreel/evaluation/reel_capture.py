@@ -14,7 +14,7 @@ from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.run.run_record import read_run_source
 from splatreel.scene.reel_source import ReelSource
-from splatreel.storage.addresses import is_url
+from splatreel.storage.address import is_url
 
 
 def work_of(reel: str | Path, manifest: Manifest) -> Path | None:

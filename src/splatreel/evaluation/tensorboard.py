@@ -13,7 +13,7 @@ from splatreel.codec.manifest import Manifest
 from splatreel.codec.written_reel import read_written_manifest
 from splatreel.evaluation.page.run_facts import GroupFacts, group_facts
 from splatreel.run.run_history import RecordedStage, RunHistory, read_history
-from splatreel.storage.addresses import local_path
+from splatreel.storage.address import local_path
 
 if TYPE_CHECKING:
     from splatreel.codec.writer import ReelWriter

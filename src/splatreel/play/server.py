@@ -21,10 +21,9 @@ from splatreel.base.errors import ReelError, UsageError
 from splatreel.codec.preview import newest_preview
 from splatreel.play.allowed_hosts import AllowedHosts
 from splatreel.play.connection import HEAD_BYTES, IDLE_SECONDS, ConnectionLimits
-from splatreel.play.remote_files import RemoteFiles
-from splatreel.play.served_files import ReelFiles, RunFiles, ServedFiles
+from splatreel.play.served_files import ReelFiles, RemoteFiles, RunFiles, ServedFiles
 from splatreel.play.web_app import ServedPage, WebApp
-from splatreel.storage.addresses import local_path
+from splatreel.storage.address import local_path
 
 _EVERYWHERE = ("0.0.0.0", "::")
 """Addresses to listen on that stand for all of this machine."""

@@ -16,8 +16,7 @@ import numpy as np
 
 from splatreel.base.errors import ReelError
 from splatreel.codec.manifest import Manifest
-from splatreel.codec.reader import ReelReader
-from splatreel.codec.source import find_reel
+from splatreel.codec.reader import ReelReader, find_reel
 from splatreel.play.reel_sound import ReelSound
 from splatreel.play.renderers import Draw, draw_on_cpu
 from splatreel.scene.camera import Camera

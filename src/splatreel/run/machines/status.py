@@ -11,11 +11,13 @@ from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import ReelError, StorageError
 from splatreel.run.job_log import read_log
 from splatreel.run.jobs import ChapteredRun, chapter_name, has_chapter
-from splatreel.storage.addresses import open_folder
+from splatreel.storage.address import Address
 
 STATUS = "status.json"
 INTERVAL = 2.0
 """Seconds between two updates of the file, except when a chapter starts or ends."""
+PAUSES = (0.5, 1.0)
+"""Seconds before retries of the copy elsewhere. There are few, because the file is soon written again."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +57,7 @@ class RunStatus:
         """Read the status of all chapters."""
         self._run = run
         self._last = -INTERVAL
-        self._elsewhere = None if url is None else open_folder(url)
+        self._elsewhere = None if url is None else Address(url, pauses=PAUSES, writes=True)
         self.state = "running"
         self.published = 0
         self.chapters = [

@@ -1,16 +1,19 @@
+import errno
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from splatreel.base.errors import StorageError, UsageError
-from splatreel.storage.addresses import is_url, local_path, open_folder
-from splatreel.storage.folder import Headers, LocalFolder, is_plain
-from splatreel.storage.remote_folder import RemoteFolder, header_arguments
+from splatreel.storage.address import Address, is_url, local_path
+from splatreel.storage.bucket import Bucket, header_arguments
+from splatreel.storage.transport import Headers, is_plain
+from tests.buckets import breaking
 
 
 def test_folder_round_trip(address):
-    folder = open_folder(address)
+    folder = Address(address)
     assert folder.sizes() == {}
     assert folder.read("a/b.txt", 10) is None
     folder.write("a/b.txt", b"hello", Headers("text/plain"))
@@ -26,12 +29,12 @@ def test_folder_round_trip(address):
     folder.remove("a/b.txt")
     folder.remove("a/b.txt")
     assert set(folder.sizes()) == {"a/empty", "c"}
-    assert folder.address("c") == f"{address}/c"
+    assert folder.name("c") == f"{address}/c"
 
 
 def test_changes_by_others_are_visible(address):
     """Listings are not cached."""
-    mine, other = open_folder(address), open_folder(address)
+    mine, other = Address(address), Address(address)
     mine.write("a", b"1")
     assert mine.sizes() == {"a": 1}
     other.write("b", b"22")
@@ -39,7 +42,7 @@ def test_changes_by_others_are_visible(address):
 
 
 def test_missing_bucket_is_named(bucket):
-    folder = open_folder("s3://no-such-bucket/reel")
+    folder = Address("s3://no-such-bucket/reel")
     with pytest.raises(StorageError, match=r"s3://no-such-bucket/reel/a: could not be written \(1 bytes\)") as caught:
         folder.write("a", b"1")
     assert caught.value.lasting
@@ -53,7 +56,7 @@ def test_unreachable_server_is_not_a_lasting_error(bucket, monkeypatch):
     monkeypatch.setattr(S3FileSystem, "retries", 1)
     S3FileSystem.clear_instance_cache()
     with pytest.raises(StorageError, match="cannot be listed") as caught:
-        open_folder("s3://bucket/reel").sizes()
+        Address("s3://bucket/reel", pauses=()).sizes()
     S3FileSystem.clear_instance_cache()
     assert not caught.value.lasting
 
@@ -68,13 +71,13 @@ def test_missing_credentials_are_a_lasting_error(bucket, monkeypatch, tmp_path):
         monkeypatch.setenv(name, str(tmp_path / name))
     S3FileSystem.clear_instance_cache()
     with pytest.raises(StorageError, match="credentials") as caught:
-        open_folder(bucket.url("reel")).sizes()
+        Address(bucket.url("reel")).sizes()
     S3FileSystem.clear_instance_cache()
     assert caught.value.lasting
 
 
 def test_headers_are_stored_in_the_bucket(bucket):
-    open_folder(bucket.url("reel")).write("manifest.json", b"{}", Headers("application/json", "no-cache"))
+    Address(bucket.url("reel")).write("manifest.json", b"{}", Headers("application/json", "no-cache"))
     found = bucket.headers("reel/manifest.json")
     assert (found["content-type"], found["cache-control"]) == ("application/json", "no-cache")
 
@@ -90,10 +93,12 @@ def test_header_arguments_depend_on_the_service():
 def test_partial_files_are_hidden_by_a_move(tmp_path, monkeypatch):
     """fsspec's local files stand in for SFTP and similar protocols."""
     fsspec = pytest.importorskip("fsspec", reason="needs the extra cloud")
-    folder = RemoteFolder("memory://any")
-    folder._files, folder._root, folder._protocol = fsspec.filesystem("file"), str(tmp_path / "there"), "sftp"
+    folder = Address("memory://any", pauses=())
+    bucket = folder._transport
+    assert isinstance(bucket, Bucket)
+    bucket._files, bucket._root, bucket._protocol = fsspec.filesystem("file"), str(tmp_path / "there"), "sftp"
     folder.write("a/b", b"old")
-    monkeypatch.setattr(folder._files, "mv", lambda *_: (_ for _ in ()).throw(OSError("cut")))
+    monkeypatch.setattr(bucket._files, "mv", lambda *_: (_ for _ in ()).throw(OSError("cut")))
     with pytest.raises(StorageError, match="cut"):
         folder.write("a/b", b"new")
     assert folder.read("a/b", 9) == b"old"
@@ -112,7 +117,7 @@ def test_partial_files_are_hidden_by_a_move(tmp_path, monkeypatch):
 def test_invalid_addresses_are_refused(address, error, words):
     pytest.importorskip("fsspec", reason="needs the extra cloud")
     with pytest.raises(error, match=words):
-        open_folder(address)
+        Address(address, writes=True)
 
 
 @pytest.mark.parametrize(
@@ -126,16 +131,16 @@ def test_invalid_addresses_are_refused(address, error, words):
 def test_missing_package_is_named(url, missing, command):
     pytest.importorskip("fsspec", reason="needs the extra cloud")
     code = "import sys; sys.modules[sys.argv[2]] = None\nfrom splatreel.cli.failure import explain\n"
-    code += "from splatreel.storage.addresses import open_folder\n"
-    code += "try: open_folder(sys.argv[1])\nexcept Exception as error: print(explain(error, [])[0])"
+    code += "from splatreel.storage.address import Address\n"
+    code += "try: Address(sys.argv[1])\nexcept Exception as error: print(explain(error, [])[0])"
     result = subprocess.run([sys.executable, "-c", code, url, missing], capture_output=True, text=True, check=True)
     assert result.stdout.startswith(f"Error: {url}: ")
     assert result.stdout.endswith(f"\n  {command}\n")
 
 
 def test_paths_need_no_fsspec(tmp_path):
-    code = "import sys; sys.modules['fsspec'] = None\nfrom splatreel.storage.addresses import open_folder\n"
-    code += "open_folder(sys.argv[1]).write('a/b', b'1'); print(open_folder('file://' + sys.argv[1]).sizes())"
+    code = "import sys; sys.modules['fsspec'] = None\nfrom splatreel.storage.address import Address\n"
+    code += "Address(sys.argv[1]).write('a/b', b'1'); print(Address('file://' + sys.argv[1]).sizes())"
     result = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, check=True)
     assert result.stdout == "{'a/b': 1}\n"
 
@@ -156,6 +161,47 @@ def test_names_outside_the_folder_are_not_plain():
 
 def test_disk_error_names_the_file(tmp_path):
     (tmp_path / "file").write_text("")
-    folder = LocalFolder(tmp_path / "file")
+    folder = Address(tmp_path / "file")
     with pytest.raises(StorageError, match="file/a: could not be written"):
         folder.write("a", b"1")
+
+
+def test_write_is_retried_and_reported(tmp_path):
+    told = []
+    address, _ = breaking(Address(tmp_path, report=told.append, pauses=(0.0, 0.0)), {0, 1})
+    address.write("a", b"1")
+    assert Address(tmp_path).sizes() == {"a": 1}
+    assert told == 2 * [f"{tmp_path}/a: could not be written (1 bytes) (the line is cut). Retrying."]
+
+
+def test_retries_end_after_the_last_pause(tmp_path):
+    address, line = breaking(tmp_path, {0, 1, 2, 3, 5}, pauses=(0.0, 0.0))
+    with pytest.raises(StorageError, match="the line is cut"):
+        address.write("a", b"1")
+    assert line.writes == 3
+    with pytest.raises(StorageError, match="the line is cut"):
+        address.write("a", b"1")
+    assert line.writes == 4, "after a failure, a single attempt finds out whether the folder is back"
+    address.write("a", b"1")
+    address.write("a", b"1")
+    assert line.writes == 7
+
+
+def test_lasting_errors_are_not_retried(tmp_path):
+    (tmp_path / "file").write_text("")
+    told = []
+    with pytest.raises(StorageError):
+        Address(tmp_path / "file", report=told.append).read("a", 1)
+    assert told == []
+
+
+def test_full_disk_is_not_retried(tmp_path, monkeypatch):
+    def refused(path, data):
+        raise OSError(errno.ENOSPC, "No space left on device", str(path))
+
+    monkeypatch.setattr(Path, "write_bytes", refused)
+    told = []
+    with pytest.raises(StorageError, match=r"could not be written \(1 bytes\) \(No space left on device\)") as caught:
+        Address(tmp_path, report=told.append).write("a", b"1")
+    assert caught.value.lasting
+    assert told == []

@@ -7,11 +7,11 @@ import urllib.request
 import pytest
 
 from splatreel.base.errors import ReelError
-from splatreel.codec.publication import Publication
-from splatreel.play import remote_files
-from splatreel.play.remote_files import RemoteFiles
+from splatreel.codec.publish import Publication
+from splatreel.play import served_files
+from splatreel.play.served_files import RemoteFiles
 from splatreel.play.server import serve
-from splatreel.storage.addresses import open_folder
+from splatreel.storage.address import Address
 from tests.codec.reels import add_chapter_group, new_writer, write_chapters, write_reel
 
 
@@ -33,9 +33,9 @@ def read(files: RemoteFiles, name: str) -> bytes:
 
 def test_server_fetches_remote_files_on_request(bucket, tmp_path):
     reel = write_reel(tmp_path / "reel")
-    Publication(reel, open_folder(bucket.url("reel"))).update()
+    Publication(reel, Address(bucket.url("reel"))).update()
     bucket.client.put_object(Bucket=bucket.name, Key="reel/secret.txt", Body=b"secret")
-    names = open_folder(bucket.url("reel")).sizes()
+    names = Address(bucket.url("reel")).sizes()
     with serve(bucket.url("reel"), port=0) as server:
         for name, size in names.items():
             status, data, tag = get(f"{server.url}reel/{name}")
@@ -43,7 +43,7 @@ def test_server_fetches_remote_files_on_request(bucket, tmp_path):
                 assert status == 404
                 continue
             assert (status, len(data)) == (200, size)
-            assert data == open_folder(bucket.url("reel")).read(name, size)
+            assert data == Address(bucket.url("reel")).read(name, size)
             assert get(f"{server.url}reel/{name}", **{"If-None-Match": tag})[0] == 304
             assert get(f"{server.url}reel/{name}", Range="bytes=2-5") == (206, data[2:6], tag)
         group = next(name for name in names if name.startswith("groups/0000"))
@@ -64,8 +64,8 @@ def test_remote_address_without_reel_is_refused(bucket):
 
 def test_remote_reel_grows_and_fetches_pages_once(tmp_path, monkeypatch):
     pytest.importorskip("fsspec", reason="needs the extra cloud")
-    monkeypatch.setattr(remote_files, "FRESH", 0.0)
-    writer, folder = new_writer(tmp_path / "reel", page=2), open_folder("memory://growing/reel")
+    monkeypatch.setattr(served_files, "FRESH", 0.0)
+    writer, folder = new_writer(tmp_path / "reel", page=2), Address("memory://growing/reel")
     publication = Publication(tmp_path / "reel", folder)
     add_chapter_group(writer, 0, 4)
     publication.update()
@@ -86,8 +86,8 @@ def test_remote_reel_grows_and_fetches_pages_once(tmp_path, monkeypatch):
 
 def test_known_files_are_served_while_remote_is_down(tmp_path, monkeypatch):
     fsspec = pytest.importorskip("fsspec", reason="needs the extra cloud")
-    monkeypatch.setattr(remote_files, "FRESH", 0.0)
-    Publication(write_chapters(tmp_path / "reel"), open_folder("memory://away/reel")).update()
+    monkeypatch.setattr(served_files, "FRESH", 0.0)
+    Publication(write_chapters(tmp_path / "reel"), Address("memory://away/reel")).update()
     files = RemoteFiles("memory://away/reel")
     manifest = read(files, "manifest.json")
     group = next(uri for uri in files._manifest.uris if uri.startswith("groups/"))
@@ -102,21 +102,21 @@ def test_known_files_are_served_while_remote_is_down(tmp_path, monkeypatch):
 
 def test_remote_manifest_is_not_refetched_at_once(tmp_path):
     pytest.importorskip("fsspec", reason="needs the extra cloud")
-    Publication(write_reel(tmp_path / "reel"), open_folder("memory://often/reel")).update()
+    Publication(write_reel(tmp_path / "reel"), Address("memory://often/reel")).update()
     files, fetched = RemoteFiles("memory://often/reel"), []
     files._source.read = lambda uri, limit: fetched.append(uri)  # pyright: ignore[reportAttributeAccessIssue]
     start = time.monotonic()
     for _ in range(50):
         read(files, "manifest.json")
-    assert fetched == [] or time.monotonic() - start > remote_files.FRESH
+    assert fetched == [] or time.monotonic() - start > served_files.FRESH
 
 
 def test_remote_file_cache_is_bounded(tmp_path, monkeypatch):
     pytest.importorskip("fsspec", reason="needs the extra cloud")
-    Publication(write_chapters(tmp_path / "reel"), open_folder("memory://much/reel")).update()
+    Publication(write_chapters(tmp_path / "reel"), Address("memory://much/reel")).update()
     files = RemoteFiles("memory://much/reel")
     uris = sorted(uri for uri in files._manifest.uris if uri.startswith("groups/"))
-    monkeypatch.setattr(remote_files, "CACHE_BYTES", 3 * max(files._entries[uri].bytes for uri in uris))
+    monkeypatch.setattr(served_files, "CACHE_BYTES", 3 * max(files._entries[uri].bytes for uri in uris))
     for uri in uris:
         read(files, uri)
     assert 2 <= len(files._files) < len(uris)

@@ -6,12 +6,12 @@ from collections.abc import Iterable, Iterator
 from typing import Any
 
 import pytest
+from splatreel.storage.retrying import RetryingFolder
 
 from splatreel.base.errors import ReelError, StorageError
-from splatreel.codec.publication import Publication
+from splatreel.codec.publish import Publication
 from splatreel.codec.verification import verify_reel
-from splatreel.storage.addresses import open_folder
-from splatreel.storage.retrying import RetryingFolder
+from splatreel.storage.address import Address
 from tests.buckets import CREDENTIALS, Bucket, by_tags_first
 from tests.codec.reels import write_reel
 
@@ -105,7 +105,7 @@ def test_publication_is_complete_after_s3_faults(
     bucket, faults = faulty
     reel = write_reel(tmp_path / "reel")
     faults.fault, faults.left = fault, times
-    there = RetryingFolder(open_folder(bucket.url("reel")), pauses=(0.0, 0.0, 0.0, 0.0))
+    there = RetryingFolder(Address(bucket.url("reel")), pauses=(0.0, 0.0, 0.0, 0.0))
     published = Publication(reel, there).update()
     faults.left = 0
     assert faults.met >= 2
@@ -121,17 +121,17 @@ def test_failing_server_leaves_no_partial_reel(faulty: tuple[Bucket, Faults], tm
     reel = write_reel(tmp_path / "reel")
     faults.fault, faults.left = "fails", 1000
     with pytest.raises(StorageError, match="could not be written"):
-        Publication(reel, RetryingFolder(open_folder(bucket.url("reel")), pauses=(0.0,))).update()
+        Publication(reel, RetryingFolder(Address(bucket.url("reel")), pauses=(0.0,))).update()
     faults.left = 0
     assert bucket.keys("reel") == []
-    assert Publication(reel, open_folder(bucket.url("reel"))).update() is not None
+    assert Publication(reel, Address(bucket.url("reel"))).update() is not None
     verify_reel(bucket.url("reel"))
 
 
 def test_readers_find_silent_corruption(faulty: tuple[Bucket, Faults], tmp_path: Any) -> None:
     bucket, _ = faulty
     reel = write_reel(tmp_path / "reel")
-    Publication(reel, open_folder(bucket.url("reel"))).update()
+    Publication(reel, Address(bucket.url("reel"))).update()
     key = next(key for key in bucket.keys("reel") if key.endswith(".safetensors"))
     data = bytearray(bucket.client.get_object(Bucket=bucket.name, Key=key)["Body"].read())
     data[-1] ^= 1

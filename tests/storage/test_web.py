@@ -15,10 +15,10 @@ from http.client import HTTPMessage
 from urllib.parse import urlsplit
 
 import pytest
+from splatreel.codec.source import _SameHost, open_source
 
 from splatreel.base.errors import ReelError
 from splatreel.codec.reader import ReelReader
-from splatreel.codec.source import _SameHost, open_source
 from splatreel.codec.verification import verify_reel
 from tests.golden import GOLDEN
 from tests.golden_long import LONG, WINDOW

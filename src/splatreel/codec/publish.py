@@ -1,4 +1,4 @@
-"""Publication: a copy of a local reel in remote storage, from which web pages play it while it grows."""
+"""Publishing: a copy of a local reel in remote storage, from which web pages play it, also while the reel is written."""
 
 from __future__ import annotations
 
@@ -7,21 +7,23 @@ import json
 import math
 import re
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import chain, repeat
 from pathlib import Path, PurePosixPath
-from typing import Any
+from queue import Empty, SimpleQueue
+from typing import Any, TypeVar
 
-from splatreel.base.errors import ReelError, StorageError
+from splatreel.base.errors import CancelledError, ReelError, SplatreelError, StorageError
 from splatreel.base.process import steady_clock
 from splatreel.base.progress import Progress, Silent
 from splatreel.codec.document import in_lines, parse_object
-from splatreel.codec.manifest import MAX_BYTES, parse_manifest
+from splatreel.codec.manifest import MANIFEST, MAX_BYTES, parse_manifest
 from splatreel.codec.manifest_pages import Known
-from splatreel.codec.source import open_source
-from splatreel.storage.folder import Folder, Headers
-from splatreel.storage.parallel_transfers import transfer_in_threads
+from splatreel.storage.address import PAUSES, Address
+from splatreel.storage.transport import Headers
 
+T = TypeVar("T")
 HOUR = 3600.0
 KEPT = 24 * HOUR
 """Grace period, in seconds, before unreferenced files are deleted. Players that loaded an older manifest still request them."""
@@ -29,7 +31,6 @@ AT_ONCE = 4
 """Files sent in parallel."""
 _MANIFESTS = 5
 """Attempts to send a reel that changes meanwhile."""
-MANIFEST = "manifest.json"
 RECORD = "publication.json"
 _TYPES = {".json": "application/json", ".mp4": "audio/mp4", ".m4s": "audio/mp4", ".jpg": "image/jpeg"}
 _CHANGING, _LASTING = "no-cache", "public, max-age=31536000, immutable"
@@ -74,7 +75,7 @@ class _File:
 
 
 class Publication:
-    """Copy of the reel in directory `reel` in `folder`.
+    """Copy of the reel in directory `reel` at `address`.
 
     Each published file is named by its content (`published_name`). The manifest with these names is sent last. Any
     manifest that was ever published therefore finds all its files until `keep` seconds after a newer manifest no longer
@@ -82,17 +83,17 @@ class Publication:
 
     Args:
         reel: Directory of the reel.
-        folder: Folder of the copy.
+        address: Folder of the copy.
         keep: Grace period in seconds.
         clock: Function that returns seconds since 1970; by default the system's clock when the publication begins, which then runs
             on evenly. A clock that is set meanwhile would end the grace period early or never.
     """
 
     def __init__(
-        self, reel: Path, folder: Folder, keep: float = KEPT, clock: Callable[[], float] | None = None
+        self, reel: Path, address: Address, keep: float = KEPT, clock: Callable[[], float] | None = None
     ) -> None:
         self.reel = reel
-        self.folder = folder
+        self.address = address
         self.sent = 0
         self._lock = threading.Lock()
         self._keep = keep
@@ -116,7 +117,7 @@ class Publication:
         for _ in range(_MANIFESTS):
             data = self._read_here(MANIFEST, MAX_BYTES)
             if data is None:
-                self._list_folder()
+                self._list()
                 return None
             try:
                 return self._send(data, progress or Silent())
@@ -126,13 +127,13 @@ class Publication:
             except StorageError:
                 self._there = None  # the file may have arrived despite the error
                 raise
-        raise StorageError(f"{self.folder.address(MANIFEST)}: the reel changes faster than it can be sent there.")
+        raise StorageError(f"{self.address.name(MANIFEST)}: the reel changes faster than it can be sent there.")
 
     def _send(self, data: bytes, progress: Progress) -> Published:
         document = self._checked(data)
         files, pages = self._renamed(document)
         named = {file.name: file.bytes for file in (*files, *pages)}
-        there = self._list_folder()
+        there = self._list()
         missing = {file.name: file for file in files if there.get(file.name) != file.bytes}
         before = self.sent
         if missing:
@@ -142,7 +143,7 @@ class Publication:
         self._send_all(new_pages, Silent())
         text = _to_bytes(document)
         if text != self._manifest_there:
-            self.folder.write(MANIFEST, text, headers_of(MANIFEST))
+            self.address.write(MANIFEST, text, headers_of(MANIFEST))
             self._manifest_there = text
         return Published(
             files=len(named),
@@ -154,7 +155,7 @@ class Publication:
         )
 
     def _checked(self, data: bytes) -> dict[str, Any]:
-        parse_manifest(data, str(self.reel / MANIFEST), open_source(self.reel).read, known=self._known)
+        parse_manifest(data, str(self.reel / MANIFEST), Address(self.reel, ReelError).fetch, known=self._known)
         return parse_object(data)
 
     def _renamed(self, document: dict[str, Any]) -> tuple[list[_File], list[_File]]:
@@ -183,10 +184,10 @@ class Publication:
         digest = hashlib.sha256(data).hexdigest()
         return _File(entry["uri"], published_name(entry["uri"], digest), len(data), digest, data), files
 
-    def _list_folder(self) -> dict[str, int]:
+    def _list(self) -> dict[str, int]:
         if self._there is None:
-            self._manifest_there = self.folder.read(MANIFEST, MAX_BYTES + 1)
-            self._there = self.folder.sizes()
+            self._manifest_there = self.address.read(MANIFEST, MAX_BYTES + 1)
+            self._there = self.address.sizes()
         return self._there
 
     def _send_all(self, files: list[_File], progress: Progress) -> None:
@@ -197,10 +198,10 @@ class Publication:
 
     def _send_file(self, file: _File) -> None:
         data = self._read_intact(file) if file.data is None else file.data
-        self.folder.write(file.name, data, headers_of(file.name))
+        self.address.write(file.name, data, headers_of(file.name))
         with self._lock:
             self.sent += 1
-            self._list_folder()[file.name] = len(data)
+            self._list()[file.name] = len(data)
 
     def _read_intact(self, file: _File) -> bytes:
         data = self._read_here(file.uri, file.bytes)
@@ -224,14 +225,14 @@ class Publication:
         A file beside the manifest records when they were last referenced. Times in the future are of a clock that was set back
         since: the grace period starts again.
         """
-        there, now, noted = self._list_folder(), self._clock(), self._read_record()
+        there, now, noted = self._list(), self._clock(), self._read_record()
         unnamed = [name for name in sorted(there) if is_published_name(name) and name not in named]
         left = {name: min(noted.get(name, now), now) for name in unnamed}
         if left != noted:
             self._write_record(left)
         old = [name for name, since in left.items() if now - since >= self._keep]
         for name in old:
-            self.folder.remove(name)
+            self.address.remove(name)
             del there[name], left[name]
         if old:
             self._write_record(left)
@@ -240,7 +241,7 @@ class Publication:
     def _read_record(self) -> dict[str, float]:
         """Return since when files are unreferenced. An unreadable record starts over."""
         if self._left is None:
-            data = self.folder.read(RECORD, MAX_BYTES) or b"{}"
+            data = self.address.read(RECORD, MAX_BYTES) or b"{}"
             try:
                 left = parse_object(data).get("left", {})
                 self._left = {name: float(since) for name, since in dict(left).items() if math.isfinite(float(since))}
@@ -250,8 +251,186 @@ class Publication:
 
     def _write_record(self, left: dict[str, float]) -> None:
         data = json.dumps({"generator": "splatreel", "left": left}, indent=1).encode()
-        self.folder.write(RECORD, data, headers_of(RECORD))
+        self.address.write(RECORD, data, headers_of(RECORD))
         self._left = dict(left)
+
+
+class BackgroundPublication:
+    """Thread that updates a publication after each call of `changed`, without delaying the program that writes the reel.
+
+    While the reel is being written, transfers that fail because of the connection are repeated without end. Other
+    errors are reported, and the next change is another attempt. The thread starts with an update, which checks that
+    the address can be reached.
+
+    Args:
+        publication: Publication to update.
+        report: Called from the thread when failures start and when they end.
+        pauses: Seconds between retries. Until the reel is complete, the last one repeats.
+
+    Attributes:
+        failure: Error of the last update, or None if it succeeded.
+    """
+
+    def __init__(
+        self, publication: Publication, report: Callable[[str], None], pauses: tuple[float, ...] = PAUSES
+    ) -> None:
+        self._publication = publication
+        self._report = report
+        self._pauses = pauses
+        self._condition = threading.Condition()
+        self._changed = True
+        self._ending = False
+        self._stopped = False
+        self._has_failed = False
+        self._published: Published | None = None
+        self.failure: SplatreelError | None = None
+        self._bug: BaseException | None = None
+        publication.address = publication.address.with_retries(self._report_first, _Endless(self), self._pause)
+        self._thread = threading.Thread(target=self._run, name="splatreel-publication", daemon=True)
+        self._thread.start()
+
+    def changed(self) -> None:
+        """Request an update and return immediately."""
+        with self._condition:
+            self._changed = True
+            self._condition.notify()
+
+    def finish(self) -> Published | None:
+        """Wait until the whole reel is published.
+
+        Returns:
+            The result of the last update, or None if there is no reel.
+
+        Raises:
+            SplatreelError: Publishing was given up.
+        """
+        with self._condition:
+            self._changed = self._ending = True
+            self._condition.notify()
+        while self._thread.is_alive():
+            self._thread.join(0.5)  # wake up regularly to handle signals
+        for error in (self._bug, self.failure):
+            if error is not None:
+                raise error
+        return self._published
+
+    def stop(self) -> None:
+        """Stop publishing immediately. A transfer in progress may still complete."""
+        with self._condition:
+            self._stopped = True
+            self._condition.notify()
+
+    def pauses(self) -> Iterator[float]:
+        """Yield the seconds between retries of a transfer: without end until the reel is complete, then all once more."""
+        for pause in chain(self._pauses, repeat(self._pauses[-1])):
+            if self._ending:
+                break
+            yield pause
+        yield from self._pauses
+
+    def _run(self) -> None:
+        try:
+            while self._wait():
+                self._update()
+        except CancelledError:
+            pass  # by `stop`
+        except BaseException as error:  # a bug; `finish` raises it
+            self._bug = error
+
+    def _wait(self) -> bool:
+        """Wait for a change. Return False when the thread should end."""
+        with self._condition:
+            self._condition.wait_for(lambda: self._changed or self._ending or self._stopped)
+            go_on = self._changed and not self._stopped
+            self._changed = False
+            return go_on
+
+    def _update(self) -> None:
+        self._publication.address = self._publication.address.with_retries()  # all of them once more
+        try:
+            self._published = self._publication.update()
+            self.failure = None
+        except CancelledError:
+            raise
+        except SplatreelError as error:
+            self._report_first(f"{error} Retrying after the next group.")
+            self.failure = error
+            return
+        if self._has_failed:
+            self._has_failed = False
+            self._report(f"{self._publication.address}: is reachable again; everything so far is published.")
+
+    def _report_first(self, why: str) -> None:
+        """Report the first failure since the last success."""
+        with self._condition:
+            is_first, self._has_failed = not self._has_failed, True
+        if is_first:
+            self._report(why)
+
+    def _pause(self, seconds: float) -> None:
+        """Wait before a retry. The wait ends early when the reel is complete, or with `CancelledError` when the thread is stopped."""
+        with self._condition:
+            ending = self._ending
+            self._condition.wait_for(lambda: self._stopped or self._ending != ending, timeout=seconds)
+            if self._stopped:
+                raise CancelledError("Publishing was stopped.")
+
+
+class _Endless:
+    """Pauses of a publication, which are asked for anew by each transfer."""
+
+    def __init__(self, publication: BackgroundPublication) -> None:
+        self._publication = publication
+
+    def __iter__(self) -> Iterator[float]:
+        return self._publication.pauses()
+
+
+def transfer_in_threads(action: Callable[[T], object], items: Iterable[T], threads: int) -> Iterator[T]:
+    """Call `action` for each item in a number of threads and yield finished items.
+
+    After an error no further item is started. The first error is raised when all started items have ended. Ctrl-C does
+    not wait for transfers: a transfer over a dead connection may take minutes to fail. A standard thread pool would
+    wait for it even at exit.
+    """
+    waiting: SimpleQueue[T] = SimpleQueue()
+    for item in items:
+        waiting.put(item)
+    done: SimpleQueue[tuple[T, BaseException | None] | None] = SimpleQueue()
+    stopped = threading.Event()
+
+    def work() -> None:
+        while not stopped.is_set():
+            try:
+                item = waiting.get_nowait()
+            except Empty:
+                break
+            try:
+                action(item)
+            except BaseException as error:
+                stopped.set()
+                done.put((item, error))
+            else:
+                done.put((item, None))
+        done.put(None)
+
+    workers = [threading.Thread(target=work, daemon=True) for _ in range(min(threads, waiting.qsize()))]
+    for worker in workers:
+        worker.start()
+    left, failure = len(workers), None
+    try:
+        while left:
+            result = done.get()
+            if result is None:
+                left -= 1
+            elif result[1] is not None:
+                failure = failure or result[1]
+            else:
+                yield result[0]
+    finally:
+        stopped.set()
+    if failure is not None:
+        raise failure
 
 
 def _rename(value: Any) -> list[_File]:
