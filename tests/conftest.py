@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from tests.buckets import Bucket
+    from tests.buckets import Bucket, Faults
 
 # Torch's threads sleep while they wait, as in the command line: spinning, they would keep the kernels' threads from the cores.
 os.environ.setdefault("GOMP_SPINCOUNT", "0")
@@ -86,3 +86,35 @@ def bucket(s3_server: str, monkeypatch: pytest.MonkeyPatch) -> "Bucket":
     name = f"bucket-{next(_NUMBERS)}"
     client.create_bucket(Bucket=name)
     return Bucket(name, s3_server, client)
+
+
+@pytest.fixture(scope="session")
+def faulty_server() -> Iterator[tuple[str, "Faults"]]:
+    """The address of an S3-compatible server and its faults, started once."""
+    from tests import buckets
+
+    with buckets.faulty_server() as server:
+        yield server
+
+
+@pytest.fixture
+def faulty(faulty_server: tuple[str, "Faults"], monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple["Bucket", "Faults"]]:
+    """A new bucket of a server with faults, which neither botocore nor s3fs retries. Retries follow at once."""
+    from splatreel.storage import address as module
+    from tests.buckets import CREDENTIALS, Bucket
+
+    boto3 = pytest.importorskip("boto3")
+    s3fs = pytest.importorskip("s3fs")
+    address, faults = faulty_server
+    settings = {"AWS_ENDPOINT_URL": address, "AWS_MAX_ATTEMPTS": "1", "AWS_RETRY_MODE": "standard"}
+    for name, value in {**CREDENTIALS, **settings}.items():
+        monkeypatch.setenv(name, value)
+    monkeypatch.setattr(s3fs.S3FileSystem, "retries", 1)
+    monkeypatch.setattr(module, "PAUSES", (0.0, 0.0, 0.0))
+    s3fs.S3FileSystem.clear_instance_cache()  # its keys do not include the server
+    client = boto3.client("s3")
+    name = f"faulty-{next(_NUMBERS)}"
+    client.create_bucket(Bucket=name)
+    yield Bucket(name, address, client), faults
+    faults.begin("", (), 0)
+    s3fs.S3FileSystem.clear_instance_cache()

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from splatreel.storage.ranged_file import BLOCK, RangedFile
 
 from splatreel.base.errors import CaptureError
 from splatreel.capture import video as video_module
@@ -13,7 +12,7 @@ from splatreel.capture.files import LOCAL, RemoteFiles, open_media
 from splatreel.capture.frame_table import ARRAYS, FrameTable, load_tables, pack_tables, scan
 from splatreel.capture.opening import CaptureSource, open_capture
 from splatreel.capture.video import VideoFile
-from splatreel.storage.address import Address
+from splatreel.storage.address import BLOCK, Address
 from tests.buckets import Bucket
 from tests.capture import folders
 from tests.capture.numbered import CODINGS, write_film
@@ -94,12 +93,7 @@ def test_remote_stretch_fetches_only_its_bytes(tmp_path: Path, suffix: str, monk
 @pytest.mark.parametrize("layout", [folders.neu3dv, folders.colmap, folders.panoptic])
 def test_remote_capture_equals_the_local_one(tmp_path: Path, bucket: Bucket, layout) -> None:
     local = layout(tmp_path / "capture")
-    for file in local.rglob("*"):
-        if file.is_file():
-            bucket.client.put_object(
-                Bucket=bucket.name, Key=f"films/capture/{file.relative_to(local).as_posix()}", Body=file.read_bytes()
-            )
-    here, there = open_capture(local), open_capture(bucket.url("films/capture"))
+    here, there = open_capture(local), open_capture(bucket.upload(local, "films/capture"))
     assert there.fingerprint() == here.fingerprint()
     names = [camera.name for camera in here.cameras]
     assert np.array_equal(there.read(0, here.frames, names), here.read(0, here.frames, names))
@@ -115,7 +109,7 @@ def test_remote_capture_equals_the_local_one(tmp_path: Path, bucket: Bucket, lay
 def test_ranged_file_prefetches_sequential_reads(tmp_path: Path) -> None:
     content = np.random.default_rng(0).bytes(5 * BLOCK + 100)
     (tmp_path / "file").write_bytes(content)
-    file = RangedFile(Address(tmp_path), "file", len(content))
+    file = Address(tmp_path).open("file", len(content))
     assert b"".join(iter(lambda: file.read(30_000), b"")) == content
     assert file.fetched == len(content)
     file.seek(-50, 2)

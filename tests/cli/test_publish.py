@@ -8,16 +8,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from splatreel.storage.remote_folder import RemoteFolder
 
 from splatreel import config
+from splatreel.base.errors import StorageError
 from splatreel.cli.main import main
-from splatreel.codec import background_publication
+from splatreel.codec import publish
 from splatreel.codec.publish import AT_ONCE
 from splatreel.codec.verification import verify_reel
-from splatreel.storage import addresses, retrying
+from splatreel.storage import address as addresses
 from splatreel.storage.address import Address
-from tests.buckets import BreakingFolder
+from splatreel.storage.bucket import Bucket as Transport
+from splatreel.storage.transport import Disk
+from tests.buckets import BreakingLine, Bucket, Faults, web_server
 from tests.capture import folders
 from tests.golden import GOLDEN, PREDICTIVE
 from tests.golden_long import LONG
@@ -74,9 +76,9 @@ def test_impossible_publications_are_refused(
 
 
 def test_broken_connection_is_retried(monkeypatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    monkeypatch.setattr(retrying.time, "sleep", lambda _: None)
-    breaking = BreakingFolder(addresses.Address(tmp_path / "web"), {0, 3, 4})
-    monkeypatch.setattr(addresses, "open_folder", lambda _: breaking)
+    monkeypatch.setattr(addresses, "PAUSES", 3 * (0.0,))
+    line = BreakingLine(addresses.Disk(tmp_path / "web", StorageError), {0, 3, 4})
+    monkeypatch.setattr(addresses, "Disk", lambda path, kind: line if path.name == "web" else Disk(path, kind))
     assert main(["publish", str(GOLDEN), str(tmp_path / "web")]) == 0
     assert capsys.readouterr().err.count("the line is cut). Retrying.") == 3
     assert verify_reel(tmp_path / "web").groups == 2
@@ -85,16 +87,16 @@ def test_broken_connection_is_retried(monkeypatch, tmp_path: Path, capsys: pytes
 KILLED = """
 import itertools, os, signal, sys
 from splatreel.cli.main import main
-from splatreel.storage.remote_folder import RemoteFolder
+from splatreel.storage.bucket import Bucket as Transport
 
-write, number, last = RemoteFolder.write, itertools.count(), int(sys.argv[1])
+write, number, last = Transport.write, itertools.count(), int(sys.argv[1])
 
 def write_or_die(*arguments):
     if next(number) == last:
         os.kill(os.getpid(), signal.SIGKILL)
     write(*arguments)
 
-RemoteFolder.write = write_or_die
+Transport.write = write_or_die
 main(sys.argv[2:])
 """
 """The command, killed before it sends the n-th file."""
@@ -109,8 +111,8 @@ def test_killed_command_is_continued_by_the_same(bucket, monkeypatch, count: int
     there = set(Address(url).sizes())
     assert max(count + 1 - AT_ONCE, 0) <= len(there) <= count
     assert "manifest.json" not in there
-    sent, write = set(), RemoteFolder.write
-    monkeypatch.setattr(RemoteFolder, "write", lambda *arguments: (sent.add(arguments[1]), write(*arguments))[1])
+    sent, write = set(), Transport.write
+    monkeypatch.setattr(Transport, "write", lambda *arguments: (sent.add(arguments[1]), write(*arguments))[1])
     assert main(command) == 0
     assert not sent & there
     assert set(Address(url).sizes()) == sent | there
@@ -125,7 +127,6 @@ def test_reconstruction_is_published_while_it_grows_despite_failures(
     monkeypatch.setattr(config, "preset", lambda quality: small(less))
     monkeypatch.setattr("splatreel.cli.reconstruct.preset", lambda quality: small(less))
     capture, out, url = write_capture(tmp_path / "capture"), tmp_path / "out", bucket.url("live")
-    monkeypatch.setattr(background_publication, "LAST_TRIES", 1)
     seen = watch_groups(monkeypatch, url)
     command = ["reconstruct", str(capture), "--out", str(out), "--publish"]
     assert main([*command, url]) == 0
@@ -134,12 +135,48 @@ def test_reconstruction_is_published_while_it_grows_despite_failures(
     assert f"{url}: the whole reel is published" in capsys.readouterr().err
     assert main([*command, "s3://no-such-bucket/reel"]) == 1
     said = capsys.readouterr().err
-    assert said.count("Retrying.") == 1
+    assert said.count("Retrying after the next group.") == 1
     assert f"The reel is complete in {out / 'reel'}, but not at s3://no-such-bucket/reel." in said
     assert f"splatreel publish {out / 'reel'} s3://no-such-bucket/reel" in said
     assert verify_reel(out / "reel").groups == 2
     assert main([*command, "nix://a/b"]) == 2
     assert "is no address of a folder" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("fault", [503, "cuts"])
+def test_verbs_read_a_reel_though_each_first_request_fails(
+    monkeypatch, tmp_path: Path, fault: int | str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(addresses, "PAUSES", (0.0, 0.0))
+    assert main(["export", str(PREDICTIVE), "--frame", "3", "--out", str(tmp_path / "here.ply")]) == 0
+    for command in (["info"], ["verify"], ["export", "--frame", "3", "--out", str(tmp_path / "there.ply")]):
+        with web_server(PREDICTIVE.parent, fault) as (server, asked):
+            assert main([command[0], f"{server}/{PREDICTIVE.name}", *command[1:]]) == 0
+            assert asked.count(f"/{PREDICTIVE.name}/manifest.json") > 1
+    assert (tmp_path / "there.ply").read_bytes() == (tmp_path / "here.ply").read_bytes()
+    capsys.readouterr()
+    with web_server(PREDICTIVE.parent, 403, always=True) as (server, asked):
+        assert main(["info", f"{server}/{PREDICTIVE.name}"]) == 1
+        assert len(asked) == 1
+    assert "is private" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("fault", ["is_busy", "cuts"])
+def test_publication_survives_a_fault_of_each_request(faulty: tuple[Bucket, Faults], fault: str) -> None:
+    bucket, faults = faulty
+    faults.begin(fault, ("GET", "PUT"))
+    assert main(["publish", str(PREDICTIVE), bucket.url("reel")]) == 0
+    assert faults.met >= 5
+    faults.begin("", (), 0)
+    assert verify_reel(bucket.url("reel")).bytes == verify_reel(PREDICTIVE).bytes
+
+
+def test_private_bucket_is_not_tried_again(faulty: tuple[Bucket, Faults], capsys: pytest.CaptureFixture[str]) -> None:
+    bucket, faults = faulty
+    faults.begin("is_private", ("GET", "PUT"), 100)
+    assert main(["publish", str(PREDICTIVE), bucket.url("reel")]) == 1
+    assert "is private" in capsys.readouterr().err
+    assert faults.met == 1
 
 
 def write_capture(folder: Path) -> Path:
@@ -159,7 +196,7 @@ def watch_groups(monkeypatch: pytest.MonkeyPatch, url: str) -> list[int]:
     from splatreel.codec.reader import ReelReader
 
     seen: list[int] = []
-    changed = background_publication.BackgroundPublication.changed
+    changed = publish.BackgroundPublication.changed
 
     def groups() -> int:
         try:
@@ -175,5 +212,5 @@ def watch_groups(monkeypatch: pytest.MonkeyPatch, url: str) -> list[int]:
                 time.sleep(0.02)
             seen.append(groups())
 
-    monkeypatch.setattr(background_publication.BackgroundPublication, "changed", changed_and_there)
+    monkeypatch.setattr(publish.BackgroundPublication, "changed", changed_and_there)
     return seen

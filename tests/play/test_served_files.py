@@ -58,7 +58,7 @@ def test_server_fetches_remote_files_on_request(bucket, tmp_path):
 
 
 def test_remote_address_without_reel_is_refused(bucket):
-    with pytest.raises(ReelError, match=r"manifest\.json: cannot be fetched"):
+    with pytest.raises(ReelError, match=r"manifest\.json: does not exist"):
         serve(bucket.url("nothing"), port=0)
 
 
@@ -70,8 +70,8 @@ def test_remote_reel_grows_and_fetches_pages_once(tmp_path, monkeypatch):
     add_chapter_group(writer, 0, 4)
     publication.update()
     files, fetched = RemoteFiles("memory://growing/reel"), []
-    source = files._source.read
-    files._source.read = lambda uri, limit: (fetched.append(uri), source(uri, limit))[1]
+    source = files._address.fetch
+    files._address.fetch = lambda uri, *limits: (fetched.append(uri), source(uri, *limits))[1]
     for index in range(1, 9):
         add_chapter_group(writer, index, 4)
         publication.update()
@@ -96,7 +96,7 @@ def test_known_files_are_served_while_remote_is_down(tmp_path, monkeypatch):
     assert read(files, "manifest.json") == manifest
     assert read(files, group)
     other = next(uri for uri in files._manifest.uris if uri.startswith("groups/") and uri != group)
-    with pytest.raises(ReelError, match="cannot be fetched"):
+    with pytest.raises(ReelError, match="does not exist"):
         files.open(other)
 
 
@@ -104,7 +104,7 @@ def test_remote_manifest_is_not_refetched_at_once(tmp_path):
     pytest.importorskip("fsspec", reason="needs the extra cloud")
     Publication(write_reel(tmp_path / "reel"), Address("memory://often/reel")).update()
     files, fetched = RemoteFiles("memory://often/reel"), []
-    files._source.read = lambda uri, limit: fetched.append(uri)  # pyright: ignore[reportAttributeAccessIssue]
+    files._address.fetch = lambda uri, *limits: fetched.append(uri)  # pyright: ignore[reportAttributeAccessIssue]
     start = time.monotonic()
     for _ in range(50):
         read(files, "manifest.json")

@@ -85,7 +85,7 @@ def evaluate(
             cameras=names,
             frames=chosen,
             out=out,
-            undecoded=uncompressed_frames(work, place) if work else None,
+            undecoded=uncompressed_frames(work, Path(place)) if work else None,
             progress=progress,
             most=most,
             coverage=known.sentences() if known else (),

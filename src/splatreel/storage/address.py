@@ -40,12 +40,15 @@ def local_path(address: str | Path) -> Path | None:
     """Return the local path of an address, or None if the address is remote.
 
     Raises:
-        UsageError: The address is `file://HOST/...` with another host.
+        UsageError: The address is invalid, or `file://HOST/...` with another host.
     """
     text = str(address)
     if not is_url(text):
         return Path(address)
-    split = urlsplit(text)
+    try:
+        split = urlsplit(text)
+    except ValueError as error:
+        raise UsageError(f"{text}: is no address ({error}). Correct it.") from error
     if split.scheme.lower() != "file":
         return None
     if split.netloc not in ("", "localhost"):

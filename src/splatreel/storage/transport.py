@@ -172,6 +172,8 @@ def status_of(error: Exception) -> int | None:
 
 
 def _status(error: BaseException) -> int | None:
+    if type(error).__module__ == "aiohttp.http_exceptions":  # an invalid response, whose code 400 is aiohttp's own
+        return None
     response = getattr(error, "response", None)
     if isinstance(response, dict):  # of botocore
         found = [response.get("ResponseMetadata", {}).get("HTTPStatusCode")]

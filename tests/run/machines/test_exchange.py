@@ -11,7 +11,7 @@ from splatreel.run.machines.exchange import Exchange, SharedFolder
 from splatreel.run.store import LAST_OF_GROUP, REEL_FILES_OF_GROUP
 from splatreel.scene.spans import ChapterSpan, GroupSpan
 from splatreel.storage.address import Address
-from tests.buckets import Bucket, breaking
+from tests.buckets import Bucket, Faults, breaking
 from tests.storage.folders import KINDS, new_address
 
 GROUPS = 12
@@ -212,3 +212,27 @@ def test_pull_ignores_names_outside_the_folder(tmp_path):
     shared = SharedFolder(Address("memory://hostile/shared"))
     assert shared.pull_all("", tmp_path) == []
     assert read(tmp_path) == {}
+
+
+def test_files_arrive_though_each_first_request_fails(faulty: tuple[Bucket, Faults], tmp_path: Path) -> None:
+    bucket, faults = faulty
+    told: list[str] = []
+    one = Exchange(bucket.url("run"), tmp_path / "one", told.append)
+    faults.begin("is_busy", ("GET", "PUT"))
+    for group in range(2):
+        made(tmp_path / "one", group)
+        one.send_group(0, group)
+    assert faults.met == len(told) > 2 * len(REEL_FILES_OF_GROUP)
+    faults.begin("cuts", ("GET",))
+    Exchange(bucket.url("run"), tmp_path / "two", told.append).fetch_finished()
+    assert faults.met >= 2 * len(REEL_FILES_OF_GROUP)
+    for path in (tmp_path / "two" / "work").rglob("*/*"):
+        assert path.read_text() == (tmp_path / "one" / path.relative_to(tmp_path / "two")).read_text()
+
+
+def test_private_bucket_of_machines_is_explained(faulty: tuple[Bucket, Faults], tmp_path: Path) -> None:
+    bucket, faults = faulty
+    faults.begin("is_private", ("GET", "PUT"), 100)
+    with pytest.raises(StorageError, match="is private"):
+        Exchange(bucket.url("run"), tmp_path).fetch_scene()
+    assert faults.met == 1
