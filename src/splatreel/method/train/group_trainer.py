@@ -387,7 +387,8 @@ class GroupTrainer:
     def result(self) -> GroupResult:
         """Return the trained points and their changes."""
         offsets = self.time_offsets.learned() if self.time_offsets.enabled else None
-        return group_result(self.points, self.images.count, self.static.alive, offsets)
+        found = group_result(self.points, self.images.count, self.static.alive, offsets)
+        return replace(found, dynamic=replace(found.dynamic, near=self.images.near))
 
     def psnr(self) -> float:
         """Return the mean PSNR, dB, over a few training images."""
