@@ -15,7 +15,6 @@ from __future__ import annotations
 
 import json
 import shutil
-from dataclasses import fields
 from pathlib import Path
 from typing import Literal
 
@@ -151,7 +150,7 @@ def sampled(arrays: dict[str, np.ndarray], values: int = 48, times: tuple[float,
 
 
 def _flat(prefix: str, gaussians: Gaussians) -> dict[str, np.ndarray]:
-    return {f"{prefix}.{field.name}": getattr(gaussians, field.name) for field in fields(Gaussians)}
+    return {f"{prefix}.{name}": getattr(gaussians, name) for name in Gaussians.ARRAYS}
 
 
 def main() -> None:

@@ -11,6 +11,8 @@ import pytest
 
 import splatreel
 from splatreel.base.errors import CaptureError, GaussiansError, UsageError
+from splatreel.capture.pose_checks import inverted
+from splatreel.scene.camera import facing
 from splatreel.training import group_trainer, reconstruct_frame
 from tests.method.scenes import ring
 from tests.method.small import small
@@ -60,6 +62,13 @@ def test_training_starts_from_tracks() -> None:
     [
         ({"images": IMAGES[0]}, CaptureError, r"The group: images have shape \(4, 24, 32, 3\)"),
         ({"images": IMAGES * 1.0}, CaptureError, "Give uint8, or floats 0..1"),
+        ({"near": 100.0}, GaussiansError, "All Gaussians are behind the near plane: it is at 100"),
+        ({"dynamic": splatreel.Gaussians.empty()}, GaussiansError, "There are no dynamic Gaussians"),
+        (
+            {"cameras": [replace(camera, name="a") for camera in CAMERAS]},
+            CaptureError,
+            "two cameras have the same name",
+        ),
         ({"near": 0.0}, UsageError, "near plane is 0.0"),
         ({"near": float("nan")}, UsageError, "near plane is nan"),
         (
@@ -90,12 +99,48 @@ def test_a_frame_is_reconstructed_from_its_images() -> None:
         reconstruct_frame(IMAGES, CAMERAS, config)
 
 
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"points": np.full((9, 3), np.nan)}, "The frame: 9 of 9 points are NaN"),
+        ({"points": np.zeros((9, 3)), "point_colors": np.zeros((8, 3))}, "9 points and 8 point_colors"),
+        ({"points": np.zeros((9, 3)), "point_colors": np.full((9, 3), 200)}, "Divide colors of 0..255 by 255"),
+        ({"cameras": [replace(c, K=np.diag([9, 9, 1]) @ c.K) for c in CAMERAS]}, "the center of images of 288x216"),
+        ({"cameras": inverted(CAMERAS)}, r"they are camera to world.*np.linalg.inv\(pose\)"),
+        ({"cameras": [replace(c, viewmat=np.diag([2, 2, 2, 1]) @ c.viewmat) for c in CAMERAS]}, "no rotation"),
+    ],
+)
+def test_a_frame_that_cannot_be_reconstructed_is_refused_at_once(changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(CaptureError, match=message):
+        reconstruct_frame(**({"images": IMAGES[0], "cameras": CAMERAS, "device": "cpu"} | changes))
+
+
+def test_the_near_plane_of_training_is_that_of_rendering() -> None:
+    points = np.random.default_rng(2).uniform(-0.3, 0.3, (200, 3)).astype(np.float32)
+    config = small({"keyframe.first_iterations": 2})
+    gaussians = reconstruct_frame(IMAGES[0], CAMERAS, config, points=points, device="cpu")
+    assert gaussians.near is not None
+    assert gaussians.near > 0.05
+    close = facing("close", gaussians.means[0] - [0, 0, 0.5 * gaussians.near], np.array([0, 0, 1.0]), 30, 32, 24)
+    cut = splatreel.render(gaussians, close)
+    assert np.array_equal(cut, splatreel.render(gaussians, close, near=gaussians.near))
+    assert not np.array_equal(cut, splatreel.render(gaussians, close, near=0.01))
+    parts = [gaussians[:4], gaussians.at_degree(0), replace(gaussians, near=None), gaussians.faded(0.5)]
+    assert [part.near for part in parts] == [gaussians.near, gaussians.near, None, gaussians.near]
+    assert splatreel.Gaussians.concatenate(parts).near == gaussians.near
+    trainer = group_trainer(IMAGES, CAMERAS, gaussians, None, settings(), device="cpu")
+    assert trainer.images.near == trainer.result().dynamic.near == gaussians.near
+    assert group_trainer(IMAGES, CAMERAS, replace(gaussians, near=None), None, settings(), device="cpu").images.near > 0
+
+
 def test_missing_torch_gives_the_message_of_the_command_line() -> None:
     code = """
 import sys
 sys.modules["torch"] = None
 import numpy as np
 import splatreel
+from splatreel.capture.pose_checks import inverted
+from splatreel.scene.camera import facing
 from splatreel.training import reconstruct_frame
 camera = splatreel.Camera("a", np.eye(4), np.eye(3), 8, 8)
 try:

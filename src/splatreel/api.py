@@ -137,7 +137,7 @@ def render(
     gaussians: Gaussians,
     camera: Camera,
     *,
-    near: float = 0.01,
+    near: float | None = None,
     degree: int | None = None,
     background: tuple[float, float, float] = (0, 0, 0),
     antialias: bool = False,
@@ -149,7 +149,7 @@ def render(
     Args:
         gaussians: The Gaussians.
         camera: The camera, whose size is the size of the image.
-        near: Smallest depth drawn, world units.
+        near: Smallest depth drawn, world units. None: that of the Gaussians, or 0.01 if they have none.
         degree: SH degree used. None: the degree of the Gaussians.
         background: RGB, 0..1, shown where alpha is below 1.
         antialias: True for Gaussians that were trained antialiased; the manifest of a reel has the flag.
@@ -160,6 +160,8 @@ def render(
     Raises:
         GaussiansError: A value is NaN or infinite, or the Gaussians do not have the SH degree.
     """
+    near = gaussians.near if near is None else near
+    near = 0.01 if near is None else near
     image = render_image(gaussians, camera, near=near, degree=degree, background=background, antialias=antialias)
     return np.clip(image, 0, 1)
 

@@ -7,6 +7,7 @@ images and cameras in memory, as `splatreel.capture_from_arrays` does, and need 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,10 +15,11 @@ import numpy as np
 from splatreel.base.command_line import needing_packages
 from splatreel.base.errors import GaussiansError, UsageError
 from splatreel.base.progress import Progress
-from splatreel.capture.array_capture import image_array
+from splatreel.capture.array_capture import check_rig, image_array, point_arrays
 from splatreel.config import Config, Quality, preset
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.projection import project
 
 if TYPE_CHECKING:
     from splatreel.method.train.group_trainer import GroupTrainer
@@ -37,6 +39,9 @@ def reconstruct_frame(
 ) -> Gaussians:
     """Reconstruct one frame as a static scene, like the first keyframe of a run.
 
+    The Gaussians carry the near plane that training found in the scene (`Gaussians.near`). `splatreel.render` and `group_trainer`
+    use it. Give it to other renderers, since nothing nearer to a camera was compared with images.
+
     Args:
         images: Images in sRGB, [C, H, W, 3], uint8 or floats 0..1, in the order of the cameras.
         cameras: Cameras of the size of the images.
@@ -47,25 +52,27 @@ def reconstruct_frame(
         progress: Receives one step for each iteration. A progress that raises an error stops the training.
 
     Raises:
-        CaptureError: Shapes or values of the images do not fit.
+        CaptureError: Shapes or values of the images or points do not fit, or the cameras cannot be used.
         ReconstructionError: No initial points were found.
         GaussiansError: Training ended in NaN or infinity.
         UsageError: The device or the preset does not exist.
         MissingDependencyError: PyTorch is not installed.
     """
-    array = image_array(np.asarray(images)[None], cameras, "The frame")[0]
     with needing_packages():
         from splatreel.method.train.single_frame import reconstruct_single_frame
         from splatreel.run.device_choice import pick_device
 
-        gaussians, _ = reconstruct_single_frame(
+        array = image_array(np.asarray(images)[None], cameras, "The frame")[0]
+        points, point_colors = point_arrays(points, point_colors, "The frame")
+        check_rig(cameras, points, "The frame")
+        gaussians, layout = reconstruct_single_frame(
             *(list(cameras), array, preset(config) if isinstance(config, str) else config),
             points=points,
             point_colors=point_colors,
             device=pick_device(device),
             progress=progress,
         )
-    return gaussians
+    return replace(gaussians, near=layout.near)
 
 
 def group_trainer(
@@ -75,7 +82,7 @@ def group_trainer(
     static: Gaussians | None = None,
     config: Config | Quality = "standard",
     *,
-    near: float,
+    near: float | None = None,
     tracks: np.ndarray | None = None,
     device: str = "auto",
     seed: int = 0,
@@ -93,26 +100,32 @@ def group_trainer(
         static: Gaussians that rest; None if all may move.
         config: Settings, or the name of a preset: draft, standard or paper. `config.group` names the model of motion and the number of
             iterations.
-        near: Near plane, world units.
+        near: Near plane, world units. None: the farthest of the Gaussians, or one in front of nearly all of them.
         tracks: Positions of the dynamic Gaussians at every frame, [T, N, 3], from which training starts; None starts at rest.
         device: auto, cpu or cuda.
         seed: Seed of all random choices.
 
     Raises:
-        CaptureError: Shapes or values of the images do not fit.
-        GaussiansError: The tracks do not have a position for each Gaussian and frame, or the Gaussians have values that are not finite.
+        CaptureError: Shapes or values of the images do not fit, or the cameras cannot be used.
+        GaussiansError: There are no dynamic Gaussians, all are behind the near plane, the tracks do not
+            have a position for each Gaussian and frame, or the Gaussians have values that are not finite.
         UsageError: The device or the preset does not exist, or `near` is no positive number.
         MissingDependencyError: PyTorch is not installed.
     """
     array = image_array(images, cameras, "The group")
     static = Gaussians.empty(dynamic.sh_degree) if static is None else static
     _check_points(dynamic, static, tracks, len(array))
-    if not 0 < near < np.inf:
+    means = np.concatenate([dynamic.means, static.means])
+    check_rig(cameras, means, "The group")
+    if near is None:
+        near = Gaussians.concatenate([dynamic, static]).near
+    if near is not None and not 0 < near < np.inf:
         raise UsageError(f"The near plane is {near}. Give a positive distance in world units.")
     with needing_packages():
         import torch
 
         from splatreel.method.cameras.color_gains import CameraGains
+        from splatreel.method.init.initial_points import near_plane
         from splatreel.method.init.layout import viewing_distance
         from splatreel.method.tracking.tracking import GroupStart
         from splatreel.method.train.group_trainer import GroupTrainer
@@ -123,7 +136,13 @@ def group_trainer(
 
         settings = (preset(config) if isinstance(config, str) else config).for_video(len(array))
         place = pick_device(device)
-        unit = viewing_distance(list(cameras), np.concatenate([dynamic.means, static.means]))
+        unit = viewing_distance(list(cameras), means)
+        near = near_plane(list(cameras), means) if near is None else near
+        if (farthest := max(float(project(camera, means)[1].max()) for camera in cameras)) <= near:
+            raise GaussiansError(
+                f"All Gaussians are behind the near plane: it is at {near:g}, and the farthest Gaussian at depth {farthest:g}. Give a "
+                f"smaller near plane, in world units."
+            )
         views = [View.of(camera, place, settings.antialias) for camera in cameras]
         return GroupTrainer(
             TrainingImages(torch.from_numpy(np.ascontiguousarray(array)).to(place), views, near, unit),
@@ -137,6 +156,8 @@ def group_trainer(
 
 def _check_points(dynamic: Gaussians, static: Gaussians, tracks: np.ndarray | None, frames: int) -> None:
     """Raise `GaussiansError` for Gaussians that are not finite, and for tracks of another shape or with such values."""
+    if not len(dynamic):
+        raise GaussiansError("There are no dynamic Gaussians, whose motion could be trained. Give one or more.")
     dynamic.check_finite("The dynamic Gaussians")
     static.check_finite("The static Gaussians")
     if tracks is None:

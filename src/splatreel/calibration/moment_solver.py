@@ -13,7 +13,7 @@ import numpy as np
 from PIL import Image
 
 from splatreel.base.progress import Progress
-from splatreel.calibration.calibration_agreement import rig_of
+from splatreel.calibration.calibration_agreement import agreeing, rig_of
 from splatreel.calibration.learned_matches import Matcher
 from splatreel.calibration.photographs import write_image, write_photos
 from splatreel.calibration.uncalibrated import read_frame
@@ -21,6 +21,10 @@ from splatreel.capture.file_capture import FrameSource
 
 MOMENTS = 3
 """Number of moments at which the cameras are placed, spread over the videos."""
+ATTEMPTS = 16
+"""Maximum number of attempts to place cameras of one lens at one moment: eight first pairs of images, with and without distortion. Of
+few cameras, an attempt often places a part, or finds a wrong focal length. Which one does is chance: it changes with the last bits of
+the processor's arithmetic."""
 FEWEST = 15
 """Minimum number of learned matches of two images, as COLMAP demands of SIFT."""
 
@@ -80,7 +84,7 @@ class MomentSolver:
 
     def _moment(self, videos: FrameSource, names: list[str], moment: int, frame: int) -> Any:
         """Return the model with the most cameras, or None."""
-        colmap, database = self.colmap, self.folder / f"moment{moment}.db"
+        database = self.folder / f"moment{moment}.db"
         self.databases.append(database)
         images = []
         for name in names:
@@ -97,15 +101,34 @@ class MomentSolver:
         else:
             self._match_learned(self.matcher, database, images, seed)
         self.progress.update(4 * moment + 3)
-        options = colmap.IncrementalPipelineOptions()
+        model = self._map_until_confirmed(database, seed, len(names))
+        self.progress.update(4 * moment + 4)
+        return model
+
+    def _map_until_confirmed(self, database: Path, seed: int, cameras: int) -> Any:
+        """Return the model of one moment with the most cameras and observations, or None.
+
+        Cameras of one lens are placed several times, until two attempts agree on all of them.
+        """
+        models, one_lens = list[Any](), self.lenses == self.colmap.CameraMode.SINGLE
+        for attempt in range(ATTEMPTS if one_lens else 1):
+            found = self._map(database, seed + MOMENTS * (attempt // 2), distorts=attempt % 2 == 0)
+            confirmed = [b for a in models for b in found if len(agreeing(rig_of(a), rig_of(b))) == cameras]
+            models += found
+            if confirmed:
+                break
+        return max(models, key=lambda model: (len(rig_of(model)), model.compute_num_observations()), default=None)
+
+    def _map(self, database: Path, seed: int, distorts: bool) -> list[Any]:
+        """Return the models of one attempt to place the cameras. `distorts`: the distortion of the lens is estimated, too."""
+        options = self.colmap.IncrementalPipelineOptions()
         options.random_seed = seed
         options.num_threads = 1  # several threads sum in any order, which changes the result
-        out = self.folder / f"models{moment}"
+        options.ba_refine_extra_params = distorts
+        out = self.folder / f"{database.stem}-{seed}-{distorts}"
         out.mkdir()
-        models = colmap.incremental_mapping(database, self.images, out, options=options)
-        self.progress.update(4 * moment + 4)
-        found = [model for model in models.values() if rig_of(model)]
-        return max(found, key=lambda model: (len(rig_of(model)), len(model.points3D)), default=None)
+        models = self.colmap.incremental_mapping(database, self.images, out, options=options)
+        return [model for model in models.values() if rig_of(model)]
 
     def _extract(self, database: Path, images: list[str], mode: Any) -> None:
         """Extract the features of images. Images are numbered first, because threads finish in any order."""

@@ -126,22 +126,34 @@ def _with(camera: Camera, viewmat: np.ndarray) -> Camera:
 
 def _doubts(cameras: list[Camera], origin: str) -> list[str]:
     """Return doubts that follow from the meeting point of the cameras' axes."""
-    given, other = _meeting(cameras), _meeting(inverted(cameras))
-    if len(cameras) < ENOUGH_CAMERAS or given is None:
-        return []
-    shortest = NO_WAY * max(given.distance, other.distance if other else 0.0)
-    miss = given.miss(shortest)
-    if miss > MISS and other is not None and other.before > MOST and other.miss(shortest) < MEET:
+    if look_inverted(cameras):
         return [
             f"{origin}: the cameras look past each other as their poses are said to be, and at one place where each is inverted: they "
             f"may be camera to world. {NEEDED}."
         ]
-    if given.before < 1 - MOST and miss < MEET:
+    given, other = _meeting(cameras), _meeting(inverted(cameras))
+    if len(cameras) < ENOUGH_CAMERAS or given is None:
+        return []
+    if given.before < 1 - MOST and given.miss(_shortest(given, other)) < MEET:
         return [
             f"{origin}: the cameras look away from each other. That is right where they film outwards; else their poses are inverted, "
             f"or of other axes. {NEEDED}."
         ]
     return []
+
+
+def look_inverted(cameras: list[Camera]) -> bool:
+    """Return True if the cameras look past each other with the given poses, and at one place with inverted ones."""
+    given, other = _meeting(cameras), _meeting(inverted(cameras))
+    if len(cameras) < ENOUGH_CAMERAS or given is None or other is None:
+        return False
+    shortest = _shortest(given, other)
+    return given.miss(shortest) > MISS and other.before > MOST and other.miss(shortest) < MEET
+
+
+def _shortest(given: _Meeting, other: _Meeting | None) -> float:
+    """Return the distance within which a camera is at the meeting point."""
+    return NO_WAY * max(given.distance, other.distance if other else 0.0)
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import bisect
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, overload
@@ -171,7 +171,10 @@ class Timeline:
         return self.at(seconds).to_torch(device)
 
     def _at_frame(self, frame: float) -> Moment:
-        """Return the Gaussians at a frame within the reel."""
+        """Return the Gaussians at a frame within the reel, with the near plane of the manifest."""
+        return replace(self._moment(frame), near=self.manifest.near)
+
+    def _moment(self, frame: float) -> Moment:
         groups = self.manifest.groups
         place = max(bisect.bisect_right(groups, frame, key=lambda group: group.first_frame) - 1, 0)
         new = self.reel.group(groups[place].group)

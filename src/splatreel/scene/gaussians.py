@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -29,17 +29,22 @@ class Gaussians:
         opacities: [N], 0..1.
         sh: Spherical harmonics, [N, (degree + 1)^2, 3], in the 3DGS order. sh[:, 0] is the DC term (c_base), the rest
             c_rest.
+        near: Smallest depth at which training drew them, world units; None if it is not known. `splatreel.render` draws nothing nearer.
+            Files of Gaussians do not store it.
     """
+
+    ARRAYS: ClassVar[tuple[str, ...]] = ("means", "quats", "scales", "opacities", "sh")
 
     means: np.ndarray
     quats: np.ndarray
     scales: np.ndarray
     opacities: np.ndarray
     sh: np.ndarray
+    near: float | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
-        for field in fields(Gaussians):
-            object.__setattr__(self, field.name, np.ascontiguousarray(getattr(self, field.name), np.float32))
+        for name in self.ARRAYS:
+            object.__setattr__(self, name, np.ascontiguousarray(getattr(self, name), np.float32))
         n = len(self.means)
         bands = self.sh.shape[1] if self.sh.ndim == 3 else -1
         expected = {"means": (n, 3), "quats": (n, 4), "scales": (n, 3), "opacities": (n,), "sh": (n, bands, 3)}
@@ -57,7 +62,7 @@ class Gaussians:
 
     def __getitem__(self, index: np.ndarray | slice) -> Gaussians:
         """Select Gaussians by an index array, a mask or a slice."""
-        return Gaussians(*(getattr(self, f.name)[index] for f in fields(Gaussians)))
+        return Gaussians(*(getattr(self, name)[index] for name in self.ARRAYS), near=self.near)
 
     @property
     def sh_degree(self) -> int:
@@ -80,14 +85,14 @@ class Gaussians:
         """
         with needing_packages():
             import torch
-        return {field.name: torch.tensor(getattr(self, field.name), device=device) for field in fields(Gaussians)}
+        return {name: torch.tensor(getattr(self, name), device=device) for name in self.ARRAYS}
 
     def check_finite(self, what: str = "Gaussians") -> None:
         """Raise `GaussiansError` if a value is NaN or infinite."""
-        for field in fields(Gaussians):
-            bad = ~np.isfinite(getattr(self, field.name))
+        for name in self.ARRAYS:
+            bad = ~np.isfinite(getattr(self, name))
             if bad.any():
-                raise GaussiansError(f"{what}: {field.name} holds {int(bad.sum())} values that are NaN or infinite.")
+                raise GaussiansError(f"{what}: {name} holds {int(bad.sum())} values that are NaN or infinite.")
 
     def moved(self, dx: np.ndarray, dq: np.ndarray) -> Gaussians:
         """Return the Gaussians deformed by offsets: x + dx, q * dq.
@@ -100,19 +105,20 @@ class Gaussians:
             Paper, section 4.2.
         """
         quats = rotations.multiply(self.quats, rotations.normalize(dq))
-        return Gaussians(self.means + dx, quats, self.scales, self.opacities, self.sh)
+        return Gaussians(self.means + dx, quats, self.scales, self.opacities, self.sh, near=self.near)
 
     def shaded(self, shade: np.ndarray) -> Gaussians:
         """Return the Gaussians with `shade` [N, 4] added to c_base and opacity; opacities are clamped to 0..1."""
         sh = self.sh.copy()
         sh[:, 0] += shade[:, :3]
-        return Gaussians(self.means, self.quats, self.scales, np.clip(self.opacities + shade[:, 3], 0, 1), sh)
+        opacities = np.clip(self.opacities + shade[:, 3], 0, 1)
+        return Gaussians(self.means, self.quats, self.scales, opacities, sh, near=self.near)
 
     def brightened(self, factor: np.ndarray) -> Gaussians:
         """Return the Gaussians with every color, from any direction, multiplied by `factor` [3]."""
         sh = self.sh * factor
         sh[:, 0] += (factor - 1) * np.float32(0.5 / C0)  # a color is 0.5 plus the harmonics
-        return Gaussians(self.means, self.quats, self.scales, self.opacities, sh)
+        return Gaussians(self.means, self.quats, self.scales, self.opacities, sh, near=self.near)
 
     def faded(self, weight: float | np.ndarray) -> Gaussians:
         """Return the Gaussians faded by `weight` 0..1 in optical depth: opacity becomes 1 - (1 - opacity)^weight.
@@ -120,13 +126,13 @@ class Gaussians:
         Two coinciding sets faded by w and 1 - w absorb as much light as one set. A linear fade absorbs more.
         """
         opacities = 1 - (1 - np.minimum(self.opacities, 0.9999)) ** np.asarray(weight, np.float32)
-        return Gaussians(self.means, self.quats, self.scales, opacities, self.sh)
+        return Gaussians(self.means, self.quats, self.scales, opacities, self.sh, near=self.near)
 
     def at_degree(self, degree: int) -> Gaussians:
         """Return the Gaussians with spherical harmonics of another degree: higher bands are cut off, or zero."""
         bands = (degree + 1) ** 2
         sh = np.pad(self.sh[:, :bands], ((0, 0), (0, max(bands - self.sh.shape[1], 0)), (0, 0)))
-        return Gaussians(self.means, self.quats, self.scales, self.opacities, sh)
+        return Gaussians(self.means, self.quats, self.scales, self.opacities, sh, near=self.near)
 
     @staticmethod
     def empty(sh_degree: int = 3) -> Gaussians:
@@ -137,9 +143,10 @@ class Gaussians:
 
     @staticmethod
     def concatenate(parts: list[Gaussians]) -> Gaussians:
-        """Concatenate sets of Gaussians in order, padding lower SH degrees with zeros."""
+        """Concatenate sets of Gaussians in order, padding lower SH degrees with zeros. The result has the farthest near plane."""
         bands = max(p.sh.shape[1] for p in parts)
         padded = [np.pad(p.sh, ((0, 0), (0, bands - p.sh.shape[1]), (0, 0))) for p in parts]
         names = ("means", "quats", "scales", "opacities")
         means, quats, scales, opacities = (np.concatenate([getattr(p, n) for p in parts]) for n in names)
-        return Gaussians(means, quats, scales, opacities, np.concatenate(padded))
+        near = max((p.near for p in parts if p.near is not None), default=None)
+        return Gaussians(means, quats, scales, opacities, np.concatenate(padded), near=near)

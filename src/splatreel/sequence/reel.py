@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import fields, replace
+from dataclasses import replace
 
 import numpy as np
 import torch
@@ -87,9 +87,7 @@ def share_equal(before: Gaussians | None, points: Gaussians) -> Gaussians:
     if before is None or len(before) != len(points):
         return points
     equal = {
-        field.name: old
-        for field in fields(Gaussians)
-        if np.array_equal(old := getattr(before, field.name), getattr(points, field.name))
+        name: old for name in Gaussians.ARRAYS if np.array_equal(old := getattr(before, name), getattr(points, name))
     }
     return replace(points, **equal)
 
@@ -131,7 +129,7 @@ class SequenceEncoder:
         """Return how many frames like this one a group may have, so that memory stays bounded."""
         if points is None:
             return LENGTH
-        size = sum(getattr(points, field.name).nbytes for field in fields(Gaussians))
+        size = sum(getattr(points, name).nbytes for name in Gaussians.ARRAYS)
         moving = len(points) if self._moving is None else min(self._moving, len(points))
         return max(min(LENGTH, GROUP_BYTES // max(size + moving * MOVING_BYTES, 1)), 1)
 

@@ -12,7 +12,7 @@ from splatreel.gpu.device import Gpu
 from splatreel.method.train import cpu_program
 from splatreel.method.train.gpu_group import GpuGroupProgram
 from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram
-from splatreel.method.train.losses import KEYFRAME, Loss, photometric
+from splatreel.method.train.losses import KEYFRAME
 from tests.gpu.devices import REAL, OpenedGpu
 from tests.method.train.trainers import Notes, group_config, group_trainer, keyframe_trainer, make_images
 
@@ -63,13 +63,9 @@ def test_a_keyframe_continues_on_the_cpu_when_the_device_is_lost(monkeypatch: py
     assert any("training continues on the CPU" in note for note in notes.notes)
 
 
-def test_what_the_kernels_do_not_compute_is_trained_on_the_cpu() -> None:
-    notes, other = Notes(), (Loss("photometric", photometric), Loss("again", photometric))
-    trainer = keyframe_trainer(OpenedGpu(), other)
-    trainer.train(make_images(1), 3, 3, notes)
-    assert notes.notes == ["this keyframe is trained on the CPU: its losses are not among those that the GPU computes"]
-    trainer = group_trainer(OpenedGpu(), group_config(**{"group.tracks": False, "group.deformation": "hashgrid"}))
-    trainer.start_program(notes)
+def test_a_hash_grid_is_trained_on_the_cpu() -> None:
+    notes, config = Notes(), group_config(**{"group.tracks": False, "group.deformation": "hashgrid"})
+    group_trainer(OpenedGpu(), config).start_program(notes)
     assert notes.notes[-1] == "this group is trained on the CPU: the hash grid runs on the CPU or with CUDA"
 
 

@@ -1,6 +1,7 @@
 """Lists of losses: their schedule, weights and gradients."""
 
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,12 +9,42 @@ import torch
 
 from splatreel.config import GroupConfig, KeyframeConfig
 from splatreel.method.tracking.tracking import GroupStart
+from splatreel.method.train import group_trainer as groups
+from splatreel.method.train import keyframe_trainer as keyframes
+from splatreel.method.train import losses as lists
 from splatreel.method.train.dynamic_points import DynamicPoints
-from splatreel.method.train.losses import GROUP, KEYFRAME, KEYFRAME_BEFORE_STATIC, GroupStep, Loss, backward
+from splatreel.method.train.losses import (
+    GROUP,
+    KEYFRAME,
+    KEYFRAME_BEFORE_STATIC,
+    GroupStep,
+    Loss,
+    Step,
+    backward,
+    photometric,
+    rigidity,
+)
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import View, draw
 from splatreel.method.train.training_images import TrainingImages
+from splatreel.run.pipeline import reconstruct
+from splatreel.training import group_trainer as public_group_trainer
+from splatreel.training import reconstruct_frame
+from tests.gpu.devices import OpenedGpu
+from tests.method.captures import WallCapture
 from tests.method.scenes import random_gaussians, ring
+from tests.method.small import small
+from tests.method.train.trainers import (
+    ON_CPU,
+    SURFACES_CLOSE,
+    THING,
+    Notes,
+    difference,
+    group_adams,
+    group_trainer,
+    keyframe_trainer,
+    make_images,
+)
 
 CPU = torch.device("cpu")
 
@@ -88,3 +119,86 @@ def test_backward_returns_losses_with_gradients() -> None:
     assert list(found) == ["left", "right"]
     assert step.points.means.grad is not None
     assert (step.points.means.grad == 2).all()
+
+
+def test_losses_of_one_name_are_added() -> None:
+    step = group = group_step(0)
+    same = [Loss("same", lambda step, weight: weight * group.points.means.sum()) for _ in range(2)]
+    backward(same, step, GroupConfig())
+    assert step.points.means.grad is not None
+    assert (step.points.means.grad == 2).all()
+
+
+class Counted:
+    """Loss that counts its calls."""
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def __call__(self, step: Step, weight: float) -> torch.Tensor:
+        self.calls += 1
+        return weight * photometric(step, 1.0)
+
+
+ON_GPU = pytest.param(OpenedGpu, id="wgpu")
+
+
+def with_counted(losses: tuple[Loss, ...], place: str, counted: Counted) -> tuple[Loss, ...]:
+    """Return a list with a counted loss: at its end, under a known name, in the place of a loss, or of the photometric one."""
+    if place == "replaced":
+        return (losses[0], Loss(losses[1].name, counted), *losses[2:])
+    if place == "photometric":
+        return (Loss("photometric", counted), *losses[1:])
+    return (*losses, Loss("mine" if place == "added" else losses[1].name, counted))
+
+
+@pytest.mark.parametrize("place", ["added", "same name", "replaced", "photometric"])
+@pytest.mark.parametrize("opened", [ON_CPU, ON_GPU])
+def test_a_loss_that_the_programs_do_not_compute_is_called(opened: type[OpenedGpu] | None, place: str) -> None:
+    gpu, counted, notes = opened and opened(), Counted(), Notes()
+    keyframe = keyframe_trainer(gpu, with_counted(KEYFRAME, place, counted))
+    keyframe.train(make_images(1), 2, 2, notes)
+    assert counted.calls == 2
+    group = group_trainer(gpu, losses=with_counted(GROUP, place, counted))
+    group.start_program(notes)
+    assert group.program is None
+    group.step(0)
+    assert counted.calls == 3
+    where = "on the CPU" if gpu else "with torch, which takes longer"
+    assert [note.partition(":")[0] for note in notes.notes] == [
+        f"this keyframe is trained {where}",
+        f"this group is trained {where}",
+    ]
+    assert all("the kernels do not compute the" in note for note in notes.notes)
+
+
+@pytest.mark.parametrize("opened", [ON_CPU, ON_GPU])
+def test_programs_compute_their_losses_under_any_name_and_schedule(opened: type[OpenedGpu] | None) -> None:
+    losses = (Loss("image", photometric), Loss("stiff", rigidity, "lambda_temporal", every=3))
+    device, host = group_trainer(opened and opened(), losses=losses), group_trainer(None, losses=losses)
+    device.start_program(Notes())
+    assert device.program is not None
+    for trainer in (device, host):
+        trainer.schedule.draw = lambda iteration: (1, 2)  # type: ignore[method-assign]
+    device.program.run([device.plan(0)])
+    device.program.download()
+    host.step(0)
+    host_adams = group_adams(host)
+    for name, adam in group_adams(device).items():
+        assert difference(adam, host_adams[name]) < SURFACES_CLOSE, name
+
+
+def test_a_line_added_to_a_list_reaches_runs_and_training_from_arrays(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keyframe, group = Counted(), Counted()
+    for name, counted, user in (("KEYFRAME", keyframe, keyframes), ("GROUP", group, groups)):
+        monkeypatch.setattr(user, name, (*getattr(lists, name), Loss("mine", counted)))
+    capture = WallCapture(3)
+    images = capture.read(0, 3, [camera.name for camera in capture.cameras])
+    config = small({"keyframe.first_iterations": 2, "group.iterations_per_frame": 2})
+    reconstruct_frame(images[0], capture.cameras, config, points=THING.means, device="cpu")
+    public_group_trainer(images, capture.cameras, THING, None, config, near=0.1, device="cpu").train(Notes())
+    assert (keyframe.calls, group.calls) == (2, 6)
+    reconstruct(capture, tmp_path, config, device="cpu")
+    assert (keyframe.calls, group.calls) == (4, 12)

@@ -1,5 +1,6 @@
 """Small trainers of groups and keyframes, for tests of their programs."""
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -17,7 +18,7 @@ from splatreel.method.deform.knot_adam import Adam
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.group_trainer import GroupTrainer
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
-from splatreel.method.train.losses import KEYFRAME
+from splatreel.method.train.losses import KEYFRAME, GroupStep, Loss
 from splatreel.method.train.render import View
 from splatreel.method.train.trainable_points import TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
@@ -104,6 +105,7 @@ def group_trainer(
     config: Config | None = None,
     static: Gaussians = WALL,
     images: TrainingImages | None = None,
+    losses: Sequence[Loss[GroupStep]] | None = None,
 ) -> GroupTrainer:
     rng = np.random.default_rng(3)
     paths = np.stack([moved(THING, frame).means for frame in range(FRAMES)])
@@ -118,6 +120,7 @@ def group_trainer(
         gains=camera_gains(False),
         time_offsets=offsets,
         gpu=gpu,
+        losses=losses,
     )
 
 

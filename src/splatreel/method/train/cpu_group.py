@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -12,7 +13,7 @@ from splatreel.kernels import adam, arrays
 from splatreel.method.deform.trajectory import Slopes
 from splatreel.method.train.cpu_motion import CpuMotion, Moment
 from splatreel.method.train.cpu_program import CpuProgram, array, check_loss
-from splatreel.method.train.losses import GROUP
+from splatreel.method.train.losses import rigidity, smoothness, view_dependence, weight_of
 from splatreel.method.train.programs import Draw, GroupState, Outcome
 from splatreel.method.train.regularizers import Neighbors
 
@@ -29,7 +30,7 @@ class _Gradients(NamedTuple):
 
 
 class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
-    """Program of a group, see `Program`. The losses are those of `losses.GROUP`.
+    """Program of a group, see `Program`. The losses are those of `programs.GROUP_COSTS`.
 
     Attributes:
         neighbors: Nearest neighbors; None for fewer than two points.
@@ -38,13 +39,14 @@ class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
 
     def __init__(self, state: GroupState) -> None:
         """Prepare a program; `upload` follows."""
-        points, density, images, config, gains, learns_time = state
+        points, density, images, config, losses, gains, learns_time = state
         super().__init__(images)
         self.neighbors: Neighbors | None = None
         self.learns_time = learns_time
         self._points = points
         self._density = density
         self._config = config
+        self._losses = losses
         self._gains = gains
 
     def upload(self) -> None:
@@ -62,23 +64,23 @@ class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
 
     def gradients(self, draw: Draw, place: int) -> _Gradients:
         """See `CpuProgram`."""
-        weights = {loss.name: loss.weight_at(draw, self._config) for loss in GROUP}
+        weight = partial(weight_of, losses=self._losses, step=draw, config=self._config)
         view, pinhole, center, _ = self.seen(place)
         moment = self._motion.at(draw.moment)
         points = arrays.DeformedPoints._make([*self._canonical, moment.dx, moment.dq, moment.shade])
         opacities, seen = arrays.deform(points, center, pinhole)
         loss, screen, d_splats = self._compare(draw, place, seen, opacities)
         *d_canonical, d_dq, d_shade = arrays.deform_gradient(points, seen, center, pinhole, *d_splats)
-        self._price_bands(weights["view dependence"] / (view.width * view.height), points.rest, d_canonical[-1])
+        self._price_bands(weight(view_dependence) / (view.width * view.height), points.rest, d_canonical[-1])
 
         d_dx = d_canonical[0]
-        if weights["rigidity"] and draw.rank is not None and self.neighbors is not None:
-            d_rigid = self._motion.rigidity(moment, self.neighbors, draw.rank, weights["rigidity"])
+        if draw.rank is not None and self.neighbors is not None:
+            d_rigid = self._motion.rigidity(moment, self.neighbors, draw.rank, weight(rigidity))
             d_dx, d_dq = d_dx + d_rigid[0], d_dq + d_rigid[1]
         slopes = self._motion.slopes(d_dx, d_dq)
         splines = [(*self._motion.knots(draw.moment), slopes)]
-        if weights["smoothness"] and draw.span is not None:
-            splines += self._motion.smoothness(draw.span, weights["smoothness"])
+        if draw.span is not None:
+            splines += self._motion.smoothness(draw.span, weight(smoothness))
         slope = self._motion.time_slope(draw.moment, slopes) if self.learns_time else 0.0
         return _Gradients(d_canonical, splines, d_shade, screen, moment, Outcome(loss, slope))
 

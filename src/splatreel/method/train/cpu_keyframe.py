@@ -13,7 +13,15 @@ from splatreel.kernels import adam, arrays
 from splatreel.method.train.cpu_program import CpuProgram, Seen, array, check_loss
 from splatreel.method.train.cpu_surfaces import depth_powers, surface_gradients
 from splatreel.method.train.hidden_colors import bound_colors
-from splatreel.method.train.losses import LAMBDA_DSSIM
+from splatreel.method.train.losses import (
+    LAMBDA_DSSIM,
+    Cost,
+    KeyframeStep,
+    before_surfaces,
+    bent_surfaces,
+    opacity,
+    weight_of,
+)
 from splatreel.method.train.programs import KeyframeDraw, KeyframeState, Outcome
 from splatreel.method.train.render import StaticView
 
@@ -91,7 +99,7 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
                 compared = compared._replace(gain=(d_colors * seen.colors).sum(0) / gain)
             compared.splats[2] = d_colors * tint
         found = arrays.deform_gradient(points, seen, camera.center, camera.pinhole, *compared.splats)[:6]
-        if price := self._weight(draw, "opacity") / (size[0] * size[1]):
+        if price := self._weight(draw, opacity) / (size[0] * size[1]):
             found[3][:] += np.float32(price) * seen.opaque * (1 - seen.opaque)
         return _Gradients(compared, found)
 
@@ -164,7 +172,7 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
     ) -> None:
         """Add the gradients of the losses of surfaces, see `regularizers`, to those to means2d, conics and opacities."""
         near = self.images.near
-        before, bent = self._weight(draw, "before surfaces"), self._weight(draw, "bent surfaces")
+        before, bent = self._weight(draw, before_surfaces), self._weight(draw, bent_surfaces)
         if not (before or bent):
             return
         powers = depth_powers(seen.depths, near)
@@ -174,9 +182,9 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
         for into, part in ((0, found.means2d), (1, found.conics), (3, found.opacities)):
             splats[into] = splats[into] + part
 
-    def _weight(self, draw: KeyframeDraw, name: str) -> float:
-        """Return the weight of a loss; 0 if it does not run."""
-        return sum(loss.weight_at(draw, self._state.config) for loss in self._state.losses if loss.name == name)
+    def _weight(self, draw: KeyframeDraw, cost: Cost[KeyframeStep]) -> float:
+        """Return the weight of the losses with a function; 0 if none runs."""
+        return weight_of(cost, self._state.losses, draw, self._state.config)
 
     def follow(self, draw: KeyframeDraw, place: int, found: _Gradients) -> Outcome:
         """See `CpuProgram`."""

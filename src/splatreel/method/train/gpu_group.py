@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import torch
@@ -16,7 +17,7 @@ from splatreel.method.deform.knot_adam import KnotAdam
 from splatreel.method.deform.spline import Spline
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.train.gpu_program import GpuProgram, adam_row
-from splatreel.method.train.losses import GROUP
+from splatreel.method.train.losses import rigidity, smoothness, view_dependence, weight_of
 from splatreel.method.train.programs import Draw, GroupState, Outcome
 from splatreel.method.train.regularizers import Neighbors
 
@@ -25,15 +26,16 @@ KINDS = {"motion": "0u", "nodes": "1u", "appearance": "2u"}
 
 
 class GpuGroupProgram(GpuProgram):
-    """Program of a group, see `Program`. The losses are those of `losses.GROUP`, fused."""
+    """Program of a group, see `Program`. The losses are those of `programs.GROUP_COSTS`, fused."""
 
     def __init__(self, gpu: Gpu, state: GroupState) -> None:
         """Prepare a program; `upload` follows."""
-        points, density, images, config, gains, learns_time = state
+        points, density, images, config, losses, gains, learns_time = state
         super().__init__(gpu, points.canonical, density.static, images)
         self._moving = points
         self._density = density
         self._config = config
+        self._losses = losses
         self._gains = gains
         self.learns_time = learns_time
         self._motion: Buffers = {}
@@ -120,11 +122,11 @@ class GpuGroupProgram(GpuProgram):
         static = self.static_buffers(block, place, draw.metered_static)
         target = self.target(block, draw.frame, place)
         self.set_loss(block, self._config.lambda_dssim)
-        weights = {loss.name: loss.weight_at(draw, self._config) for loss in GROUP}
+        weight = partial(weight_of, losses=self._losses, step=draw, config=self._config)
         pixels = self.drawing.size[0] * self.drawing.size[1]
-        block["loss"][3] = weights["view dependence"] / pixels
+        block["loss"][3] = weight(view_dependence) / pixels
         between = draw.span[2] if draw.span else 0.0
-        block["motion"] = unit, weights["rigidity"], weights["smoothness"], between
+        block["motion"] = unit, weight(rigidity), weight(smoothness), between
         block["shade_rates"], block["shade_price"] = RATES, LAMBDA
         model, appearance = self._model, self._moving.appearance
         knots = 0 if appearance is None else appearance.spline.knots

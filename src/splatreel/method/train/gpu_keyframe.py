@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 import torch
@@ -12,7 +13,7 @@ from splatreel.gpu import uniforms
 from splatreel.gpu.device import Gpu, Recording
 from splatreel.gpu.drawing import Buffers
 from splatreel.method.train.gpu_program import GpuProgram, adam_row, put_columns
-from splatreel.method.train.losses import LAMBDA_DSSIM
+from splatreel.method.train.losses import LAMBDA_DSSIM, before_surfaces, bent_surfaces, opacity, weight_of
 from splatreel.method.train.programs import KeyframeDraw, KeyframeState, Outcome
 
 
@@ -89,12 +90,11 @@ class GpuKeyframeProgram(GpuProgram):
         static = self.static_buffers(block, draw.camera, measured=False)
         target = self.target(block, 0, draw.camera)
         self.set_loss(block, LAMBDA_DSSIM)
-        weights = {loss.name: loss.weight_at(draw, config) for loss in self._losses}
+        weight = partial(weight_of, losses=self._losses, step=draw, config=config)
         width, height = self.drawing.size
-        block["loss"][2] = weights.get("opacity", 0.0) / (width * height)
+        block["loss"][2] = weight(opacity) / (width * height)
         near = self.images.near
-        spread, roughness = weights.get("before surfaces", 0.0), weights.get("bent surfaces", 0.0)
-        block["surfaces"] = spread, roughness, near, self.images.unit / near
+        block["surfaces"] = weight(before_surfaces), weight(bent_surfaces), near, self.images.unit / near
         block["meters"][0] = draw.average
         flags = uniforms.SCALED_STEPS
         for flag, on in (

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -23,8 +25,19 @@ from splatreel.method.train.density import GroupDensity
 from splatreel.method.train.dynamic_points import Changes, DynamicPoints
 from splatreel.method.train.frame_sampling import FrameSchedule
 from splatreel.method.train.gpu_group import GpuGroupProgram
-from splatreel.method.train.losses import GROUP, GroupStep, backward, choose_rank, choose_span
-from splatreel.method.train.programs import MOST_DRAWS, Draw, GroupState, unsupported_group
+from splatreel.method.train.losses import (
+    GROUP,
+    GroupStep,
+    Loss,
+    backward,
+    choose_rank,
+    choose_span,
+    reported_loss,
+    rigidity,
+    smoothness,
+    weight_of,
+)
+from splatreel.method.train.programs import GROUP_COSTS, MOST_DRAWS, Draw, GroupState, unsupported_losses
 from splatreel.method.train.recovery import Recovery
 from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import StaticCache, draw, moving_tiles
@@ -114,6 +127,7 @@ class GroupTrainer:
         missing: np.ndarray | None = None,
         region: Volume | None = None,
         gpu: SharedGpu | None = None,
+        losses: Sequence[Loss[GroupStep]] | None = None,
     ) -> None:
         """Prepare the training of a group.
 
@@ -129,9 +143,11 @@ class GroupTrainer:
             missing: [T, C] bool, images that are not trained on; None trains on all.
             region: Volume in which points are cloned; None is everywhere.
             gpu: GPU that runs the iterations; None runs them on the device of the images.
+            losses: List of losses; None is `losses.GROUP`.
         """
         device, group = images.pixels.device, config.group
         self.config = config
+        self.losses = GROUP if losses is None else losses
         self.gains = gains
         self.iterations = group.iterations_per_frame * images.count
         sizes = images.sizes(self.iterations, group.coarse_share, config.training_megapixels)
@@ -204,17 +220,20 @@ class GroupTrainer:
 
     def start_program(self, progress: Progress) -> None:
         """Choose what runs the iterations: the GPU if there is one, else the CPU, or torch where neither has a program."""
-        self.program, why = None, unsupported_group(self.points)
         learns_time = self.time_offsets.enabled and self.images.count > 1
-        state = GroupState(self.points, self.density, self.images, self.config.group, self.gains, learns_time)
+        parts = self.points, self.density, self.images, self.config.group, self.losses, self.gains, learns_time
+        state, on_cpu = GroupState(*parts), not self.images.pixels.is_cuda
+        self.program, why = None, state.unsupported
         try:
             opened = None if self.gpu is None else self.gpu.open()
             if opened is not None and why is not None:
                 progress.note(f"this group is trained on the CPU: {why}")
             elif opened is not None:
                 self.program = GpuGroupProgram(opened, state)
-            elif why is None and not self.images.pixels.is_cuda:
+            elif why is None and on_cpu:
                 self.program = CpuGroupProgram(state)
+            elif on_cpu and (unknown := unsupported_losses(self.losses, GROUP_COSTS)):
+                progress.note(f"this group is trained with torch, which takes longer: {unknown}")
             self._upload()
         except GpuError as error:
             self._continue_without_gpu(error, progress)
@@ -284,10 +303,10 @@ class GroupTrainer:
             span=None,
         )
         last, count = self.schedule.frontier(iteration), self.images.count
-        weights = {loss.name: loss.weight_at(step, self.config.group) for loss in GROUP}
-        neighbors = self.neighbors if weights["rigidity"] else None
+        weight = partial(weight_of, losses=self.losses, step=step, config=self.config.group)
+        neighbors = self.neighbors if weight(rigidity) else None
         rank = None if neighbors is None else choose_rank(neighbors, self.rng)
-        span = choose_span(frame, count, last, self.rng) if weights["smoothness"] else None
+        span = choose_span(frame, count, last, self.rng) if weight(smoothness) else None
         return replace(step, rank=rank, span=span)
 
     def snapshot(self) -> Restore:
@@ -352,7 +371,7 @@ class GroupTrainer:
             last=last_frame,
             rng=self.rng,
         )
-        loss = backward(GROUP, drawn, self.config.group)["photometric"].detach()
+        loss = reported_loss(backward(self.losses, drawn, self.config.group))
 
         self._learn_time_offset(camera, moment, changes, share)
         if not whole and also is None:  # otherwise the loss covers another set of pixels
@@ -368,7 +387,8 @@ class GroupTrainer:
     def result(self) -> GroupResult:
         """Return the trained points and their changes."""
         offsets = self.time_offsets.learned() if self.time_offsets.enabled else None
-        return group_result(self.points, self.images.count, self.static.alive, offsets)
+        found = group_result(self.points, self.images.count, self.static.alive, offsets)
+        return replace(found, dynamic=replace(found.dynamic, near=self.images.near))
 
     def psnr(self) -> float:
         """Return the mean PSNR, dB, over a few training images."""

@@ -25,7 +25,16 @@ from splatreel.method.train.density import KeyframeDensity
 from splatreel.method.train.error_points import ADDED_SHARE, adds_after, points_at_errors
 from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram
 from splatreel.method.train.hidden_colors import bound_colors, spread_colors
-from splatreel.method.train.losses import GROWTH, KEYFRAME, LAMBDA_DSSIM, KeyframeStep, Loss, backward, psnr
+from splatreel.method.train.losses import (
+    GROWTH,
+    KEYFRAME,
+    LAMBDA_DSSIM,
+    KeyframeStep,
+    Loss,
+    backward,
+    psnr,
+    reported_loss,
+)
 from splatreel.method.train.opacity_resets import OpacityResets
 from splatreel.method.train.programs import MOST_DRAWS, KeyframeDraw, KeyframeProgram, KeyframeState
 from splatreel.method.train.recovery import Recovery
@@ -105,7 +114,7 @@ class KeyframeTrainer:
         *,
         static: Gaussians | None = None,
         max_points: int,
-        losses: Sequence[Loss[KeyframeStep]] = KEYFRAME,
+        losses: Sequence[Loss[KeyframeStep]] | None = None,
         seed: int = 0,
         region: Volume | None = None,
         gpu: SharedGpu | None = None,
@@ -118,7 +127,7 @@ class KeyframeTrainer:
             config: Keyframe settings.
             static: Frozen static points; None if there are none.
             max_points: Maximum number of points.
-            losses: List of losses.
+            losses: List of losses; None is `losses.KEYFRAME`.
             seed: Seed of all random choices.
             region: Volume in which points are densified; None is everywhere.
             gpu: GPU that runs the iterations; None runs them on the device of the points.
@@ -127,7 +136,7 @@ class KeyframeTrainer:
         self.gains = gains
         self.config = config
         self.static = static
-        self.losses = losses
+        self.losses = KEYFRAME if losses is None else losses
         self.density = KeyframeDensity(points, config, max_points, seed, region)
         self.rng = np.random.default_rng(seed)
         self.done = 0
@@ -213,6 +222,8 @@ class KeyframeTrainer:
                 self.program = GpuKeyframeProgram(opened, state)
             elif state.unsupported is None and not images.pixels.is_cuda:
                 self.program = CpuKeyframeProgram(state)
+            elif opened is None and not images.pixels.is_cuda:
+                progress.note(f"this keyframe is trained with torch, which takes longer: {state.unsupported}")
             if self.program is not None:
                 self.program.upload()
         except GpuError as error:
@@ -324,12 +335,12 @@ class KeyframeTrainer:
             splats=splats,
             near=images.near,
         )
-        losses = backward(self.losses, drawn, self.config)
+        loss = reported_loss(backward(self.losses, drawn, self.config))
         self.points.step(self.density.distances[:, None])
         if images.opposite is not None:
             bound_colors(self.points)
         self.gains.step()
-        return losses["photometric"].detach(), drawing
+        return loss, drawing
 
     @torch.no_grad()
     def psnr(self, images: TrainingImages) -> float:

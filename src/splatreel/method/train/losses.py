@@ -1,6 +1,7 @@
 """Losses of training: one list for keyframes, one for groups.
 
-A new loss is a function in this file, a line in a list, and a field for its weight in the configuration.
+A new loss is a function in this file, a line in a list, and a field for its weight in the configuration. The kernels of programs
+(`programs.py`) have their own arithmetic of some of these functions. Lists with other functions are trained with torch.
 """
 
 from __future__ import annotations
@@ -9,7 +10,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Generic, Protocol, TypeVar
+from typing import Generic, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 import torch
@@ -111,6 +112,8 @@ class Moment(Protocol):
 
 
 S = TypeVar("S", bound=Step, contravariant=True)
+Cost: TypeAlias = Callable[[S, float], Tensor | None]
+"""Function of a loss, see `Loss.cost`."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +133,7 @@ class Loss(Generic[S]):
     """
 
     name: str
-    cost: Callable[[S, float], Tensor | None]
+    cost: Cost[S]
     weight: str | None = None
     every: int = 1
     first: int = 0
@@ -152,13 +155,29 @@ def backward(losses: Sequence[Loss[S]], step: S, config: KeyframeConfig | GroupC
         The losses that ran, by name, without those on gradients.
     """
     weighted = [(loss, weight) for loss in losses if (weight := loss.weight_at(step, config))]
-    costs = {loss.name: loss.cost(step, weight) for loss, weight in weighted if not loss.on_gradients}
-    found = {name: cost for name, cost in costs.items() if cost is not None}
-    torch.autograd.backward(list(found.values()))
+    costs = [(loss.name, loss.cost(step, weight)) for loss, weight in weighted if not loss.on_gradients]
+    found = [(name, cost) for name, cost in costs if cost is not None]
+    torch.autograd.backward([cost for _, cost in found])
     for loss, weight in weighted:
         if loss.on_gradients:
             loss.cost(step, weight)
-    return found
+    return dict(found)
+
+
+def reported_loss(found: dict[str, Tensor]) -> Tensor:
+    """Return the loss [] that training shows: the photometric loss, or the sum of a list without one."""
+    loss = found.get("photometric")
+    return torch.stack(list(found.values())).sum().detach() if loss is None else loss.detach()
+
+
+def weight_of(
+    cost: Cost[S],
+    losses: Sequence[Loss[S]],
+    step: Moment,
+    config: KeyframeConfig | GroupConfig,
+) -> float:
+    """Return the weight in a step of all losses of a list that have a function; 0 if none runs."""
+    return sum(loss.weight_at(step, config) for loss in losses if loss.cost is cost)
 
 
 def photometric(step: Step, _weight: float) -> Tensor:

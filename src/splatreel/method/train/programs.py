@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, TypeVar
+from typing import Any, NamedTuple, Protocol, TypeVar
 
 from torch import Tensor
 
@@ -16,15 +16,29 @@ from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.train.density import GroupDensity, KeyframeDensity
 from splatreel.method.train.dynamic_points import DynamicPoints
-from splatreel.method.train.losses import CHAPTER_KEYFRAME, KEYFRAME, KEYFRAME_BEFORE_STATIC, KeyframeStep, Loss
+from splatreel.method.train.losses import (
+    Cost,
+    GroupStep,
+    KeyframeStep,
+    Loss,
+    before_surfaces,
+    bent_surfaces,
+    opacity,
+    photometric,
+    rigidity,
+    smoothness,
+    view_dependence,
+)
 from splatreel.method.train.render import StaticCache
 from splatreel.method.train.trainable_points import TrainablePoints
 from splatreel.method.train.training_images import TrainingImages
 
 MOST_DRAWS = 64
 """Largest number of draws of a batch."""
-KEYFRAME_LOSSES = KEYFRAME, CHAPTER_KEYFRAME, KEYFRAME_BEFORE_STATIC, KEYFRAME[:1]
-"""Lists of losses that programs of keyframes compute."""
+KEYFRAME_COSTS = opacity, before_surfaces, bent_surfaces
+"""Functions of losses whose gradients the programs of keyframes compute beside those of `photometric`."""
+GROUP_COSTS = rigidity, smoothness, view_dependence
+"""The same of the programs of groups."""
 
 
 @dataclass(frozen=True)
@@ -90,7 +104,7 @@ class KeyframeState(NamedTuple):
         density: Density control.
         images: Images.
         config: Settings.
-        losses: One of `KEYFRAME_LOSSES`.
+        losses: List of losses.
         gains: Color gains, trained too.
     """
 
@@ -110,11 +124,9 @@ class KeyframeState(NamedTuple):
     @property
     def unsupported(self) -> str | None:
         """Reason why no program can train the keyframe; None if one can."""
-        if tuple(self.losses) not in KEYFRAME_LOSSES:
-            return "its losses are not among those that the GPU computes"
-        if self.static is not None and len(self.losses) > len(CHAPTER_KEYFRAME):
+        if self.static is not None and any(loss.cost in (before_surfaces, bent_surfaces) for loss in self.losses):
             return "losses of surfaces do not look at static points"
-        return None
+        return unsupported_losses(self.losses, KEYFRAME_COSTS)
 
     @property
     def unsupported_by_gpu(self) -> str | None:
@@ -132,6 +144,7 @@ class GroupState(NamedTuple):
         density: Density control, which knows the static points.
         images: Images.
         config: Settings.
+        losses: List of losses.
         gains: Color gains, which stay fixed.
         learns_time: Slopes of the time offsets are measured.
     """
@@ -140,8 +153,19 @@ class GroupState(NamedTuple):
     density: GroupDensity
     images: TrainingImages
     config: GroupConfig
+    losses: Sequence[Loss[GroupStep]]
     gains: CameraGains
     learns_time: bool
+
+    @property
+    def unsupported(self) -> str | None:
+        """Reason why no program can train the motion of the group; None if one can."""
+        model = self.points.deformation
+        if not isinstance(model, Trajectory):
+            return "the hash grid runs on the CPU or with CUDA"
+        if model.reached < model.knots - 1:
+            return "groups without tracks are trained on the CPU or with CUDA"
+        return unsupported_losses(self.losses, GROUP_COSTS)
 
 
 class Outcome(NamedTuple):
@@ -156,14 +180,18 @@ class Outcome(NamedTuple):
     slope: float
 
 
-def unsupported_group(points: DynamicPoints) -> str | None:
-    """Return why no program can train the motion of a group; None if one can."""
-    model = points.deformation
-    if not isinstance(model, Trajectory):
-        return "the hash grid runs on the CPU or with CUDA"
-    if model.reached < model.knots - 1:
-        return "groups without tracks are trained on the CPU or with CUDA"
-    return None
+def unsupported_losses(losses: Sequence[Loss[Any]], costs: Sequence[Cost[Any]]) -> str | None:
+    """Return why programs cannot compute a list of losses; None if they can.
+
+    Args:
+        losses: List of losses. Programs compute the photometric loss once in every iteration, with a weight of one.
+        costs: Functions of the other losses that programs compute, with any weights and schedules.
+    """
+    plain = [loss for loss in losses if loss.cost is photometric]
+    if len(plain) != 1 or plain[0] != Loss(plain[0].name, photometric):
+        return "the kernels do not compute the photometric loss other than once in every iteration"
+    others = [loss.name for loss in losses if loss.cost is not photometric and loss.cost not in costs]
+    return f"the kernels do not compute the loss {', '.join(others)}" if others else None
 
 
 D = TypeVar("D", contravariant=True)

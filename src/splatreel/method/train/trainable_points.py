@@ -202,7 +202,7 @@ def halves(points: TrainablePoints, split: Tensor) -> dict[str, Tensor]:
     Source: Deng et al. 2025, "Improving Densification in 3D Gaussian Splatting for High-Fidelity Rendering", long-axis split.
     """
     rows = points.rows(split)
-    axis = torch.nn.functional.one_hot(rows["log_scales"].argmax(1), 3).to(rows["means"].dtype)
+    axis = torch.eye(3, dtype=rows["means"].dtype, device=rows["means"].device)[rows["log_scales"].argmax(1)]
     offset = LONG_AXIS_OFFSET * axis * rows["log_scales"].exp()
     offset = rotate(torch.nn.functional.normalize(rows["quats"], dim=-1), offset)
     twice = {name: torch.cat([value, value]) for name, value in rows.items()}
