@@ -60,7 +60,7 @@ export class Bar {
     this.box.prepend(this.seek.box);
     this.volume = new VolumeControl(player);
     this.button("gap").before(this.volume.box);
-    this.stops = [this.seek.input, ...this.box.querySelectorAll<HTMLElement>(".row button")];
+    this.stops = [this.seek.input, ...this.box.querySelectorAll<HTMLElement>(".row button, .level")];
     for (const [name, act] of Object.entries(actions)) this.button(name).onclick = () => act();
     this.button("live").onclick = () => {
       player.currentTime = player.clock.edge;
@@ -77,8 +77,10 @@ export class Bar {
 
   /** Show the present state. */
   update({ full, fullLabel, presenting }: BarState): void {
-    const { duration, currentTime, paused, live, clock, manifest, tracks, words: t } = this.player;
-    this.box.hidden = manifest === null;
+    const { duration, currentTime, paused, live, clock, manifest, tracks, error, words: t } = this.player;
+    // A reel that failed has no time. Only fullscreen can be left.
+    this.box.hidden = manifest === null || (error !== null && !full);
+    this.box.classList.toggle("failed", error !== null);
     this.seek.update();
     this.volume.update();
     const tenths = duration < 60;
@@ -109,7 +111,7 @@ export class Bar {
   private rove(event: KeyboardEvent): void {
     const stops = this.stops.filter((stop) => stop.getClientRects().length > 0);
     const at = stops.indexOf(event.composedPath()[0] as HTMLElement);
-    if (at < 0 || event.shiftKey) return;
+    if (at < 0 || event.shiftKey || event.ctrlKey || event.altKey || event.metaKey) return;
     const onSeek = stops[at] === this.seek.input; // there left and right change the time
     const first = stops[0] === this.seek.input ? 1 : 0; // small embeds have no seek bar
     const ways = {
