@@ -67,6 +67,7 @@ export class Bar {
       player.play();
     };
     this.box.addEventListener("keydown", (event) => this.rove(event));
+    this.box.addEventListener("focusin", ({ target }) => this.stop(this.stops.indexOf(target as HTMLElement)));
     this.stop(1);
   }
 
@@ -95,6 +96,7 @@ export class Bar {
     this.button("full").hidden = fullLabel === "";
     this.set("full", full ? SMALL : FULL, t(fullLabel), "f");
     this.set("headset", HEADSET, presenting === "vr" ? t("Leave VR") : t("Enter VR"), "v");
+    if (this.stops.find(({ tabIndex }) => tabIndex === 0)?.closest("[hidden]")) this.stop(1);
     this.set("ar", CUBE, presenting === "ar" ? t("Leave AR") : t("Enter AR"), "");
   }
 
@@ -124,11 +126,12 @@ export class Bar {
     if (next === null) return;
     event.preventDefault();
     event.stopPropagation();
-    this.stop(this.stops.indexOf(stops[next]));
     stops[next].focus();
   }
 
+  /** Make a button the tab stop; -1 for none of them. */
   private stop(at: number): void {
+    if (at < 0) return;
     for (const [index, stop] of this.stops.entries()) stop.tabIndex = index === at ? 0 : -1;
   }
 }
