@@ -202,11 +202,11 @@ test("truncated text and other text than JSON are rejected with a message", asyn
   const quiet = { received: () => undefined, trouble: () => undefined };
   for (let length = 0; length < TEXTS[0].length - 2; length += 97) {
     const early = Promise.resolve(TEXTS[0].slice(0, length));
-    await assert.rejects(loadManifest(URL, quiet, new AbortController().signal, early), {
+    await assert.rejects(loadManifest(URL, quiet, new AbortController().signal, undefined, early), {
       name: "ReelError",
       message: /not JSON/,
     });
   }
-  const manifest = await loadManifest("manifest.json", quiet, new AbortController().signal, Promise.resolve(TEXTS[0]));
+  const manifest = await loadManifest("manifest.json", quiet, new AbortController().signal, undefined, Promise.resolve(TEXTS[0]));
   assert.equal(manifest.url, "https://page.example/manifest.json");
 });

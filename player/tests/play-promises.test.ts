@@ -1,6 +1,6 @@
 import assert from "node:assert/strict";
 import { test } from "node:test";
-import { PlayPromises } from "../packages/element/src/element/play-promises";
+import { PlayPromises } from "../packages/renderer/src/playback/play-promises";
 import { status } from "./fakes/host";
 import { FakePlayer } from "./fakes/player";
 
@@ -8,7 +8,7 @@ const { host, time } = FakePlayer;
 
 test("play() resolves once time advances, also for later callers", async () => {
   const fake = new FakePlayer({ groups: 3 });
-  const promises = new PlayPromises(fake.player);
+  const promises = new PlayPromises(fake.player, () => fake.player.play());
   await fake.open();
   let played = 0;
   const first = promises.play().then(() => played++);
@@ -24,8 +24,8 @@ test("play() resolves once time advances, also for later callers", async () => {
 
 test("play() rejects with the error name of media elements if it cannot start", async () => {
   const fake = new FakePlayer({ groups: 3 });
-  const promises = new PlayPromises(fake.player);
-  await assert.rejects(promises.play(), { name: "NotSupportedError", message: /src is missing/ });
+  const promises = new PlayPromises(fake.player, () => fake.player.play());
+  await assert.rejects(promises.play(), { name: "NotSupportedError", message: /address is missing/ });
   const cases: [string, () => void][] = [
     ["AbortError", () => fake.player.pause()],
     ["AbortError", () => fake.player.close()],

@@ -57,6 +57,41 @@ def test_types():
     run("node", "node_modules/typescript/bin/tsc", "--noEmit")
 
 
+TYPED = """import { SplatReelElement, type Player } from "splatreel-player";
+import { SplatReel } from "@splatreel/three";
+import { SplatReel as Script } from "@splatreel/playcanvas";
+import { openReel, type ReelReader } from "@splatreel/decoder";
+type IsAny<T> = 0 extends 1 & T ? true : false;
+type Typed = [SplatReelElement, Player, SplatReel, Script, Awaited<ReturnType<typeof openReel>>, ReelReader["info"]];
+export const known: { [K in keyof Typed]: IsAny<Typed[K]> } = [false, false, false, false, false, false];
+export const reel: SplatReelElement | null = document.querySelector("splat-reel");
+export const times: number[] = [new SplatReel("a").currentTime, reel!.player.manifest!.fps];
+"""
+
+
+@needs_node
+@pytest.mark.slow
+def test_the_types_of_the_packages_are_known_to_each_resolution(tmp_path: Path):
+    """TypeScript reads them as Node does (node16, nodenext) and as bundlers do, and checks the declarations, too."""
+    modules = tmp_path / "node_modules"
+    folders = {"splatreel-player": PLAYER} | {
+        f"@splatreel/{name}": PLAYER / "packages" / name for name in ("decoder", "three", "playcanvas")
+    }
+    for name, folder in folders.items():
+        (modules / name).mkdir(parents=True)
+        shutil.copy(folder / "package.json", modules / name)
+        run("node", "types.mjs", str(folder), str(modules / name / "dist"))
+    for name in ("three", "playcanvas", "@types"):
+        (modules / name).symlink_to(PLAYER / "node_modules" / name)
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    (tmp_path / "page.ts").write_text(TYPED)
+    strict = {"strict": True, "skipLibCheck": False, "preserveSymlinks": True, "noEmit": True, "target": "es2022"}
+    for module, resolution in (("node16", "node16"), ("nodenext", "nodenext"), ("esnext", "bundler")):
+        options = strict | {"types": ["webxr"], "module": module, "moduleResolution": resolution}
+        (tmp_path / "tsconfig.json").write_text(json.dumps({"compilerOptions": options, "files": ["page.ts"]}))
+        run("node", "node_modules/typescript/bin/tsc", "-p", str(tmp_path))
+
+
 @needs_node
 def test_the_committed_bundle_is_what_the_source_builds():
     run("node", "check.mjs")

@@ -39,7 +39,7 @@ export { DeviceLostError, isReelError, messageOf, PLAIN, plainWords, ReelError }
 export { failureOf, openWorker, startWorker } from "./files/workers";
 export { download } from "./files/download";
 export { LocalFiles } from "./files/local-files";
-export type { LocalFile } from "./files/source";
+export type { Access, FileRequest, LocalFile } from "./files/source";
 export { lightAt } from "./decode/light";
 export type { Offsets } from "./decode/offsets";
 export type { Gaussians } from "./decode/gaussians";

@@ -1,5 +1,5 @@
 /** A reel as a script of a PlayCanvas entity. */
-import { ReelError } from "@splatreel/decoder/internal";
+import { type Access, ReelError } from "@splatreel/decoder/internal";
 import { BoundingBox, Entity, Mat4, Quat, Script, Vec3, type CameraComponent } from "playcanvas";
 import { isSameView, ReelPlayer, type View, viewOfModel, withMediaProperties } from "@splatreel/renderer";
 import { Engine } from "./engine";
@@ -15,7 +15,8 @@ interface Opened {
 }
 
 /** Values with which a `SplatReel` starts. */
-export type SplatReelProperties = Pick<SplatReel, "url"> &
+export type SplatReelProperties = Access &
+  Pick<SplatReel, "url"> &
   Partial<
     Pick<
       SplatReel,
@@ -79,9 +80,8 @@ export class SplatReel extends withMediaProperties(Script) {
     const close = (): void => this.close();
     const stop = (): void => {
       graphicsDevice.off("devicelost", close);
-      this.pause();
       this.close();
-      this.player.soundtrack.release();
+      this.player.dispose();
     };
     graphicsDevice.on("devicelost", close);
     this.on("destroy", stop);
@@ -100,8 +100,26 @@ export class SplatReel extends withMediaProperties(Script) {
     this.player.url = url;
   }
 
+  /** Whether requests of a private reel carry cookies, as in `fetch`. Set it before the first frame. */
+  get credentials(): Access["credentials"] {
+    return this.player.access.credentials;
+  }
+
+  set credentials(credentials: Access["credentials"]) {
+    this.player.access.credentials = credentials;
+  }
+
+  /** Called with the address of each file before it is requested; returns headers or another address. Set it before the first frame. */
+  get request(): Access["request"] {
+    return this.player.access.request;
+  }
+
+  set request(request: Access["request"]) {
+    this.player.access.request = request;
+  }
+
   initialize(): void {
-    if (this.autoplay) this.play();
+    if (this.autoplay) this.play().catch(() => undefined); // errors are events, too
   }
 
   update(): void {

@@ -30,6 +30,7 @@ export { Soundtrack } from "./sound/soundtrack";
 export { withMediaProperties } from "./playback/media-properties";
 export { type Quality, Resolution } from "./playback/resolution";
 export { Session, type SessionEvents } from "./playback/session";
+export { PlayPromises } from "./playback/play-promises";
 export { ReelPlayer } from "./playback/reel-player";
 export { PlayerCore } from "./playback/player-core";
 export { PlayedRanges } from "./playback/played-ranges";

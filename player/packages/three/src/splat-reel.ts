@@ -1,5 +1,5 @@
 /** A reel as an object of a three.js scene. */
-import { ReelError } from "@splatreel/decoder/internal";
+import { type Access, ReelError } from "@splatreel/decoder/internal";
 import { isSameView, ReelPlayer, Sorter, withMediaProperties } from "@splatreel/renderer";
 import {
   Box3,
@@ -24,7 +24,7 @@ import { ThreeRenderer, type Look } from "./three-renderer";
 import { viewAlong, viewOf, type CameraView } from "./views";
 
 /** Options of a `SplatReel`. */
-export interface SplatReelOptions {
+export interface SplatReelOptions extends Access {
   autoplay?: boolean;
   loop?: boolean;
   muted?: boolean;
@@ -68,13 +68,22 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
   private renderer: ThreeRenderer | null = null;
   private readonly onLost = (): void => this.close();
   private disposed = false;
+  /** True once another renderer tried to draw the reel. */
+  private warned = false;
   /** Pixels per unit of slope in the last frame. */
   private focal = 0;
 
   /** url: address of the reel's manifest.json. */
   constructor(
     url: string,
-    { autoplay = false, loop = false, muted = false, currentTime, depthWrite = false }: SplatReelOptions = {},
+    {
+      autoplay = false,
+      loop = false,
+      muted = false,
+      currentTime,
+      depthWrite = false,
+      ...access
+    }: SplatReelOptions = {},
   ) {
     // three.js draws nothing itself: the object takes part in its order of transparent objects.
     super(new BufferGeometry(), new MeshBasicMaterial({ transparent: true, colorWrite: false, depthWrite: false }));
@@ -83,12 +92,12 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
     this.geometry.boundingBox = new Box3();
     this.frustumCulled = false;
     this.look = { depthWrite, opacity: 1, fog: null, scale: 1 };
-    this.player = new ReelPlayer(url, (event) => this.emit(event));
+    this.player = new ReelPlayer(url, (event) => this.emit(event), access);
     this.player.startTime = currentTime ?? null;
     [this.loop, this.muted] = [loop, muted];
     this.onBeforeRender = (renderer, scene, camera, _geometry, material) =>
       void (material === this.material && this.draw(renderer, scene, camera));
-    if (autoplay) this.play();
+    if (autoplay) this.play().catch(() => undefined); // errors are events, too
   }
 
   /** Factor on all opacities, 0 to 1. */
@@ -171,7 +180,7 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
 
   /** Return another object of the same reel, which opens and plays for itself. */
   override clone(recursive?: boolean): this {
-    return new SplatReel(this.player.url).copy(this, recursive) as this;
+    return new SplatReel(this.player.url, this.player.access).copy(this, recursive) as this;
   }
 
   /** Free the memory of the reel, and end its workers and sound. */
@@ -179,11 +188,8 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
     if (this.disposed) return;
     this.disposed = true;
     super.dispose?.(); // three.js before 0.187 has none
-    this.pause();
     this.close();
-    this.player.soundtrack.release();
-    const canvas = this.three?.domElement;
-    canvas?.removeEventListener("webglcontextlost", this.onLost);
+    this.player.dispose();
     this.geometry.dispose();
     this.material.dispose();
   }
@@ -204,9 +210,17 @@ export class SplatReel extends withMediaProperties(Mesh<BufferGeometry, MeshBasi
     player.draw(view, three.xr.isPresenting ? seenBy(three.xr.getCamera()).view : view, !isSameView(player.view, view));
   }
 
-  /** Open the reel on the first renderer that draws it. Returns false if it cannot be drawn. */
+  /** Open the reel on the first renderer that draws it, whose graphics device gets its files. Returns false if it cannot be drawn. */
   private open(three: WebGLRenderer): boolean {
-    if (this.renderer) return three === this.three;
+    if (this.renderer && three === this.three) return true;
+    if (this.renderer) {
+      if (!this.warned)
+        console.warn(
+          `${this.player.url} is drawn by one renderer only, the first. Add reel.clone() to the scene of the other one.`,
+        );
+      this.warned = true;
+      return false;
+    }
     const why = unsupported(three);
     if (why) this.player.error = new ReelError(why);
     if (why) this.emit("error");

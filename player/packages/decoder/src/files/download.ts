@@ -3,7 +3,7 @@ import { PLAIN, ReelError, messageOf } from "../base/errors";
 import { utf8 } from "../base/text";
 import { isIntact } from "./checksum";
 import { LONGEST_MANIFEST, readLocalFile } from "./local-files";
-import type { Source, Watcher } from "./source";
+import { requestOf, type Access, type FileRequest, type Source, type Watcher } from "./source";
 
 /** Pauses before retries, in milliseconds, plus up to half as much at random. After the last one the download fails. */
 const PAUSES = [300, 1000, 2000, 4000, 6000];
@@ -37,10 +37,11 @@ export async function download(source: Source, watcher: Watcher, signal: AbortSi
 }
 
 /** Download the text of the manifest, revalidated with the host. */
-export function downloadText(url: string, watcher: Watcher, signal: AbortSignal): Promise<string> {
+export function downloadText(url: string, watcher: Watcher, signal: AbortSignal, access?: Access): Promise<string> {
   return withRetries(url, watcher, signal, () =>
     withStallTimeout(signal, FEW_RETRIES, async (inner, alive) => {
-      const answer = await request(url, { cache: "no-cache", signal: inner }, FEW_RETRIES);
+      const how = access && (await requestOf(url, access));
+      const answer = await request(url, how, { cache: "no-cache", signal: inner }, FEW_RETRIES);
       const parts: Uint8Array[] = [];
       let left = LONGEST_MANIFEST;
       try {
@@ -84,15 +85,21 @@ async function withRetries<T>(
 }
 
 /** Send a request. Throws unless the response is successful. */
-async function request(url: string, options: RequestInit, tries = PAUSES.length): Promise<Response> {
+async function request(
+  url: string,
+  how: FileRequest | undefined,
+  options: RequestInit,
+  tries = PAUSES.length,
+): Promise<Response> {
+  const { url: address = url, credentials = "same-origin", headers } = how ?? {};
   let response: Response;
   try {
-    response = await fetch(url, options);
+    response = await fetch(address, { ...options, credentials, headers: { ...headers, ...options.headers } });
   } catch (error) {
     if (options.signal?.aborted) throw error;
-    if (await answersOthers(url)) {
+    if (await answersOthers(address)) {
       throw new ReelError(
-        `${url} exists, but its host does not let ${readers()} read it. It must send the header Access-Control-Allow-Origin.`,
+        `${url} exists, but its host does not let ${readers()} read it. It must send ${corsOf(credentials, headers)}.`,
         { plain: PLAIN.refused },
       );
     }
@@ -155,12 +162,12 @@ async function receive(
 ): Promise<void> {
   await withStallTimeout(signal, PAUSES.length, async (inner, alive) => {
     const headers: HeadersInit = transfer.filled > 0 ? { Range: `bytes=${transfer.filled}-` } : {};
-    const response = await request(source.url, { headers, cache: again ? "reload" : "default", signal: inner }).catch(
-      (error: unknown) => {
-        if (error instanceof TransientError && error.status === 416) transfer.filled = 0;
-        throw error;
-      },
-    );
+    const how = source.access ? await requestOf(source.url, source.access) : source.request;
+    const options: RequestInit = { headers, cache: again ? "reload" : "default", signal: inner };
+    const response = await request(source.url, how, options).catch((error: unknown) => {
+      if (error instanceof TransientError && error.status === 416) transfer.filled = 0;
+      throw error;
+    });
     if (response.status !== 206) transfer.filled = 0; // the host ignored the range
     await readAll(response, PAUSES.length, (value) => {
       alive();
@@ -195,6 +202,16 @@ function answersOthers(url: string): Promise<boolean> {
     () => true,
     () => false,
   );
+}
+
+/** Name the headers by which a host admits a request of another origin. */
+function corsOf(credentials: RequestCredentials, headers: FileRequest["headers"]): string {
+  const names = Object.keys(headers ?? {}).join(", ");
+  return [
+    "the header Access-Control-Allow-Origin",
+    ...(credentials === "include" ? ["with this origin, and Access-Control-Allow-Credentials: true"] : []),
+    ...(names ? [`and Access-Control-Allow-Headers: ${names}`] : []),
+  ].join(" ");
 }
 
 /** Name the pages that a host must admit. A sandboxed frame has no origin; `location.origin` would name that of its address. */

@@ -2,6 +2,7 @@
 import { ReelError } from "../base/errors";
 import type { DecodedGroup, DecodedLayer } from "../decode/decode-file";
 import type { LocalFiles } from "../files/local-files";
+import type { Access } from "../files/source";
 import type { Manifest } from "../reel/manifest";
 import { Reel } from "../reel/reel";
 import { layersAt } from "../reel/reel-file";
@@ -58,7 +59,7 @@ export interface Frame extends Points {
 }
 
 /** Options of `openReel`. */
-export interface ReelOptions {
+export interface ReelOptions extends Access {
   /** Name of the rendition to decode, by default the best; null to adapt to the network. */
   rendition?: string | null;
 }
@@ -85,7 +86,7 @@ export class ReelReader {
   static async open(
     source: string | LocalFiles,
     workers: DecodeWorkers,
-    { rendition }: ReelOptions = {},
+    { rendition, ...access }: ReelOptions = {},
   ): Promise<ReelReader> {
     const held: { reader?: ReelReader } = {};
     const on =
@@ -110,7 +111,7 @@ export class ReelReader {
       workers,
     );
     try {
-      const reel = new Reel(await loader.findManifest(source));
+      const reel = new Reel(await loader.findManifest(source, access));
       checkRendition(rendition, reel.manifest);
       loader.open(reel);
       loader.stream!.choose(rendition === undefined ? (reel.manifest.renditions[0] ?? null) : rendition);

@@ -115,7 +115,9 @@ export function plainPath(value: unknown): string {
   return value;
 }
 
-/** Return the address of a file of the reel whose manifest is at `manifest`. Throws `ReelError` unless the path lies within the reel. */
+/** Return the address of a file of the reel whose manifest is at `manifest`, with its query, such as a signature. Throws `ReelError` unless the path lies within the reel. */
 export function addressWithin(manifest: string, uri: unknown): string {
-  return new URL(plainPath(uri), manifest).href;
+  const address = new URL(plainPath(uri), manifest);
+  address.search = new URL(manifest).search;
+  return address.href;
 }

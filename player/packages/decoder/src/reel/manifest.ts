@@ -1,9 +1,9 @@
 /** Reading and checking of a reel's manifest.json (docs/format.md). */
 import { PLAIN, ReelError } from "../base/errors";
 import type { Vec3 } from "../base/matrix";
-import { downloadText } from "../files/download";
+import { download, downloadText } from "../files/download";
 import type { LocalFiles } from "../files/local-files";
-import type { Source, Watcher } from "../files/source";
+import type { Access, Source, Watcher } from "../files/source";
 import {
   MAX_NUMBER,
   addressWithin,
@@ -67,17 +67,20 @@ export interface Manifest extends Listing {
   presentation: Presentation;
   /** Files of a local reel; null for one on the network. */
   files: LocalFiles | null;
+  /** How the files are requested; undefined for a public reel. */
+  access?: Access | undefined;
 }
 
-/** Download and check a manifest. early: its text, already requested; null if that failed. Throws `ReelError` with the URL in its message. */
+/** Download and check a manifest. access: of a private reel. early: its text, already requested; null if that failed. Throws `ReelError` with the URL in its message. */
 export async function loadManifest(
   url: string,
   watcher: Watcher,
   signal: AbortSignal,
+  access?: Access,
   early?: Promise<string | null>,
 ): Promise<Manifest> {
-  const text = (await early) ?? (await downloadText(url, watcher, signal));
-  return parseText(text, new URL(url, globalThis.location?.href).href);
+  const text = (await early) ?? (await downloadText(url, watcher, signal, access));
+  return { ...parseText(text, new URL(url, globalThis.location?.href).href), access };
 }
 
 /** Read and check the manifest of a local reel. Throws `ReelError`. */
@@ -187,13 +190,21 @@ export function hasOtherContents(a: Manifest, b: Manifest): boolean {
 }
 
 /** Return the source of a file of a reel, for `download`. */
-export function sourceOf({ url, files }: Manifest, { uri, bytes, sha256 }: Asset): Source {
-  return { url: addressWithin(url, uri), bytes, sha256, part: files?.part(uri) };
+export function sourceOf({ url, files, access }: Manifest, { uri, bytes, sha256 }: Asset): Source {
+  return { url: addressWithin(url, uri), bytes, sha256, part: files?.part(uri), access };
 }
 
-/** Return the address of an image of a reel. */
-export async function addressOf({ url, files }: Manifest, { uri }: Asset): Promise<string> {
-  return files ? files.address(uri) : addressWithin(url, uri);
+/** Return the address of an image of a reel. Where a page adds to requests, as `<img>` cannot, it is a `data:` address. */
+export async function addressOf(manifest: Manifest, asset: Asset): Promise<string> {
+  const { url, files, access } = manifest;
+  if (files) return files.address(asset.uri);
+  if (!access?.request) return addressWithin(url, asset.uri);
+  const silent = { received: () => undefined, trouble: () => undefined };
+  const bytes = await download(sourceOf(manifest, asset), silent, new AbortController().signal);
+  const reader = new FileReader();
+  reader.readAsDataURL(new Blob([bytes as BlobPart]));
+  await new Promise((resolve) => (reader.onloadend = resolve));
+  return reader.result as string;
 }
 
 function parseColor(value: unknown): Vec3 {

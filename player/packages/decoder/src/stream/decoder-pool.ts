@@ -1,8 +1,8 @@
 /** Workers that download and decode files, their jobs, and their speed. */
-import { PLAIN } from "../base/errors";
+import { messageOf, PLAIN } from "../base/errors";
 import type { DecodedFile } from "../decode/decode-file";
 import type { DecodeReply, DecodeRequest } from "../decode/decode-worker";
-import type { Source } from "../files/source";
+import { requestOf, type Source } from "../files/source";
 import { failureOf, type FileAddresses } from "../files/workers";
 import { BandwidthMeter } from "./bandwidth-meter";
 
@@ -60,6 +60,8 @@ interface Running extends Job {
   worker: Worker;
   /** True until all bytes are received. */
   open: boolean;
+  /** True once the worker was asked. Before that, the page may still be preparing the request. */
+  sent: boolean;
 }
 
 /** Runs one job per worker. */
@@ -119,7 +121,16 @@ export class DecoderPool {
   start(key: string, source: Source, points: number | null, receiver: Receiver): void {
     const { worker, early } = this.takeWorker(source.url);
     const id = early ? EARLY : this.nextId++;
-    const job: Running = { id, worker, source, asked: performance.now(), began: 0, received: 0, open: true };
+    const job: Running = {
+      id,
+      worker,
+      source,
+      asked: performance.now(),
+      began: 0,
+      received: 0,
+      open: true,
+      sent: true,
+    };
     this.running.set(key, job);
     this.meter.begin(performance.now());
     const finish = (report: () => void, dead = false): void => {
@@ -150,7 +161,21 @@ export class DecoderPool {
       else worker.onmessage?.({ data } as MessageEvent); // canceled: this may confirm it
     };
     if (early) queueMicrotask(() => early.replies.forEach(replay));
-    else send(worker, { id, source, page: points === null });
+    else if (!source.access) send(worker, { id, source, page: points === null });
+    else {
+      job.sent = false;
+      const { access, ...plain } = source;
+      requestOf(source.url, access).then(
+        (request) => {
+          if (this.running.get(key) !== job) return; // canceled
+          job.sent = true;
+          send(worker, { id, source: { ...plain, request }, page: points === null });
+        },
+        (error: unknown) => {
+          if (this.running.get(key) === job) finish(() => receiver.failed(messageOf(error), PLAIN.refused));
+        },
+      );
+    }
   }
 
   /** Return the worker for a file, with the early file if this is it. Others leave the early worker alone if there may be another. */
@@ -172,6 +197,10 @@ export class DecoderPool {
     const { worker } = job;
     this.running.delete(key);
     this.close(job);
+    if (!job.sent) {
+      this.release(worker, false);
+      return queueMicrotask(() => this.onFree());
+    }
     send(worker, { id: job.id, cancel: true });
     const free = (dead: boolean): void => {
       this.release(worker, dead);

@@ -22,8 +22,8 @@ export async function nextManifest(manifest: Manifest, signal: AbortSignal): Pro
 }
 
 /** Request the manifest; null if that fails. */
-export function freshManifest({ url }: Manifest, signal: AbortSignal): Promise<Manifest | null> {
-  return loadManifest(url, { received: () => undefined, trouble: () => undefined }, signal).catch(() => null);
+export function freshManifest({ url, access }: Manifest, signal: AbortSignal): Promise<Manifest | null> {
+  return loadManifest(url, { received: () => undefined, trouble: () => undefined }, signal, access).catch(() => null);
 }
 
 /** Call `grown` with each new manifest of a live reel, until the reel is complete. */

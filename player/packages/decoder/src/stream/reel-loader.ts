@@ -1,6 +1,7 @@
 /** Loads one reel: its manifest, which may grow, its pages, and the files that playback needs. */
 import type { DecodedGroup, DecodedLayer } from "../decode/decode-file";
 import type { LocalFiles } from "../files/local-files";
+import type { Access } from "../files/source";
 import { hasOtherContents, hasSameFiles, loadManifest, readManifest, type Manifest } from "../reel/manifest";
 import type { Page } from "../reel/pages";
 import type { Reel } from "../reel/reel";
@@ -63,14 +64,16 @@ export class ReelLoader {
     return this.life.signal.aborted;
   }
 
-  /** Read the manifest of a reel; of a live one, wait for its first group. early: text of the manifest, already requested; null if that failed. */
-  async findManifest(source: string | LocalFiles, early?: Promise<string | null>): Promise<Manifest> {
+  /** Read the manifest of a reel; of a live one, wait for its first group. access: of a private reel. early: text of the manifest, already requested; null if that failed. */
+  async findManifest(source: string | LocalFiles, access?: Access, early?: Promise<string | null>): Promise<Manifest> {
     const { signal } = this.life;
     if (typeof source !== "string") return readManifest(source);
+    const isPrivate = access?.request || access?.credentials;
     let manifest = await loadManifest(
       source,
       { received: () => undefined, trouble: (why) => this.wait(why) },
       signal,
+      isPrivate ? access : undefined,
       early,
     );
     while (manifest.groups.length === 0) {

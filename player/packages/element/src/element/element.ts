@@ -4,8 +4,8 @@ import { parsePath, type PathFile } from "../camera/camera-path";
 import { linkTo, startOf } from "../camera/link";
 import type { Pose } from "../camera/pose";
 import { reachable } from "../camera/reachable";
-import { loadPart, type Picture } from "@splatreel/renderer";
-import type { Camera, LocalFiles } from "@splatreel/decoder/internal";
+import { loadPart, type Picture, PlayPromises } from "@splatreel/renderer";
+import type { Access, Camera, LocalFiles } from "@splatreel/decoder/internal";
 import { checkedViewmat } from "../player/checked-arguments";
 import { PathPlayer } from "../player/path-player";
 import { Player } from "../player/player";
@@ -27,7 +27,6 @@ import { FrameCallbacks, type FrameCallback } from "./frame-callbacks";
 import { MediaElement } from "./media-element";
 import { watchMedia } from "./media-watch";
 import { timesOf } from "./media-fragment";
-import { PlayPromises } from "./play-promises";
 import { Poster } from "./poster";
 import { watchTracks } from "./track-watch";
 import { Visibility } from "./visibility";
@@ -76,6 +75,11 @@ export class SplatReelElement extends MediaElement {
   readonly pathPlayer: PathPlayer;
   /** States for `:state()` of styles. */
   readonly states = new HostStates(this);
+  /**
+   * Called with the address of each file of the reel before it is requested. Returns headers, such as `Authorization`, or another
+   * address. Set it before `src`, or call `load()` afterwards.
+   */
+  request: Access["request"] = (this as { request?: Access["request"] }).request ?? null; // set before the player was loaded
   private readonly canvas = document.createElement("canvas");
   private readonly picture: Poster;
   private readonly visibility: Visibility;
@@ -97,7 +101,7 @@ export class SplatReelElement extends MediaElement {
     this.pathPlayer = new PathPlayer(this.player);
     this.picture = new Poster(this.player);
     this.visibility = new Visibility(this, this.player, this.picture);
-    this.promises = new PlayPromises(this.player);
+    this.promises = new PlayPromises(this.player, () => this.player.play());
     this.frames = new FrameCallbacks(this.player);
     this.player.addEventListener("timeupdate", () => this.pauseAtEnd());
     for (const name of ["loadedmetadata", "emptied"]) this.player.addEventListener(name, () => this.showPage());
@@ -184,6 +188,8 @@ export class SplatReelElement extends MediaElement {
     const { start, end } = timesOf(this.currentSrc);
     this.end = end;
     this.visibility.prefer(this.preload, true);
+    const credentials = this.crossOrigin === "use-credentials" ? "include" : undefined;
+    player.access = { credentials, request: this.request };
     if (source) void player.load(source, { seconds: link?.seconds ?? start, view: link?.view ?? null });
     else player.close();
     if (player.deferred) player.emit("deferred"); // update the controls for the new reel

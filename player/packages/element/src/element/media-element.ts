@@ -29,6 +29,17 @@ export abstract class MediaElement extends propertiesOf<Player>("player")(
     this.setAttribute("src", value);
   }
 
+  /** "use-credentials" to send cookies to the reel's host, too; "anonymous"; or null, which is the same. */
+  get crossOrigin(): string | null {
+    const asked = this.getAttribute("crossorigin");
+    return asked === null || asked.toLowerCase() === "use-credentials" ? asked && "use-credentials" : "anonymous";
+  }
+
+  set crossOrigin(value: string | null) {
+    if (value === null) this.removeAttribute("crossorigin");
+    else this.setAttribute("crossorigin", value);
+  }
+
   get poster(): string {
     return this.getAttribute("poster") ?? "";
   }

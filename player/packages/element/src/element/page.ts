@@ -20,7 +20,8 @@ export function openPage(root: PageRoot): void {
   for (const name of ["autoplay", "loop", "controls", "share"])
     reel.toggleAttribute(name, parameters.get(name) !== "0");
   reel.toggleAttribute("muted", parameters.get("muted") === "1");
-  for (const name of ["src", "poster"]) if (parameters.has(name)) reel.setAttribute(name, parameters.get(name)!);
+  for (const name of ["src", "poster", "crossorigin"])
+    if (parameters.has(name)) reel.setAttribute(name, parameters.get(name)!);
   if (!parameters.has("src")) reel.setAttribute("src", root.dataset.src ?? "reel/manifest.json");
   // A page without a reel asks people for one.
   reel.setAttribute("drop", parameters.has("src") || root.dataset.src ? "" : "ask");

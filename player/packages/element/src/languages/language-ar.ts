@@ -70,6 +70,7 @@ const table: Record<string, string> = {
   Half: "نصف",
   "High {0} of the box": "الحد الأعلى {0} للصندوق",
   Hold: "ضغط مطوّل",
+  Keyboard: "لوحة المفاتيح",
   "Keys and gestures": "المفاتيح والإيماءات",
   "Leave AR": "مغادرة الواقع المعزز",
   "Leave VR": "مغادرة الواقع",

@@ -71,6 +71,7 @@ const table: Record<string, string> = {
   Half: "Halb",
   "High {0} of the box": "Obergrenze {0} des Quaders",
   Hold: "Halten",
+  Keyboard: "Tastatur",
   "Keys and gestures": "Tasten und Gesten",
   "Leave AR": "AR verlassen",
   "Leave VR": "VR verlassen",

@@ -71,6 +71,7 @@ const table: Record<string, string> = {
   Half: "Media",
   "High {0} of the box": "Límite superior {0} de la caja",
   Hold: "Mantener",
+  Keyboard: "Teclado",
   "Keys and gestures": "Teclas y gestos",
   "Leave AR": "Salir de RA",
   "Leave VR": "Salir de RV",

@@ -71,6 +71,7 @@ const table: Record<string, string> = {
   Half: "Moitié",
   "High {0} of the box": "Limite haute {0} de la boîte",
   Hold: "Maintenir",
+  Keyboard: "Clavier",
   "Keys and gestures": "Touches et gestes",
   "Leave AR": "Quitter la RA",
   "Leave VR": "Quitter la VR",

@@ -71,6 +71,7 @@ const table: Record<string, string> = {
   Half: "半分",
   "High {0} of the box": "ボックスの{0}の上限",
   Hold: "長押し",
+  Keyboard: "キーボード",
   "Keys and gestures": "キーとジェスチャー",
   "Leave AR": "AR を終了",
   "Leave VR": "VRを終了",

@@ -70,6 +70,7 @@ const table: Record<string, string> = {
   Half: "Metade",
   "High {0} of the box": "Limite superior {0} da caixa",
   Hold: "Segurar",
+  Keyboard: "Teclado",
   "Keys and gestures": "Teclas e gestos",
   "Leave AR": "Sair da RA",
   "Leave VR": "Sair da RV",

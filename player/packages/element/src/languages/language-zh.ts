@@ -67,6 +67,7 @@ const table: Record<string, string> = {
   Half: "一半",
   "High {0} of the box": "方框 {0} 上限",
   Hold: "按住",
+  Keyboard: "键盘",
   "Keys and gestures": "按键和手势",
   "Leave AR": "退出 AR",
   "Leave VR": "退出 VR",

@@ -1,5 +1,12 @@
 /** Opens and closes reels: creates the session of a reel, ends it while nobody looks, and begins it again later or after an error. */
-import { DeviceLostError, type LocalFiles, type Manifest, messageOf, Reel } from "@splatreel/decoder/internal";
+import {
+  type Access,
+  DeviceLostError,
+  type LocalFiles,
+  type Manifest,
+  messageOf,
+  Reel,
+} from "@splatreel/decoder/internal";
 import { OrbitCamera } from "../camera/orbit-camera";
 import type { CameraState, Start } from "../camera/pose";
 import { reachable } from "../camera/reachable";
@@ -11,6 +18,8 @@ import type { Prefetched } from "./prefetched";
 export interface LifecycleHost {
   readonly canvas: HTMLCanvasElement;
   readonly clock: Clock;
+  /** How the files of a private reel are requested. */
+  readonly access: Access;
   emit(event: string): void;
   /** The browser draws in software. */
   drawsInSoftware(): void;
@@ -168,7 +177,7 @@ export class Lifecycle {
       if (session.stage.software) host.drawsInSoftware();
       // The manifest of a reel that was put to rest is still valid, unless the reel is live.
       const known = host.clock.live ? null : host.clock.reel;
-      const reel = known ?? new Reel(await session.findManifest(this.source, prefetched?.text));
+      const reel = known ?? new Reel(await session.findManifest(this.source, host.access, prefetched?.text));
       if (!session.closed) this.open(session, reel);
     } catch (error) {
       if (opening === this.openings && !session?.closed) this.fail(error);

@@ -2,7 +2,7 @@
 import { finite, type Picture, PlayerCore, propertiesOf, type View, waitUntil } from "@splatreel/renderer";
 import { ENGLISH, type Words } from "../base/words";
 import type { Pose, Start } from "../camera/pose";
-import type { LocalFiles, Reel } from "@splatreel/decoder/internal";
+import type { Access, LocalFiles, Reel } from "@splatreel/decoder/internal";
 import { checkedPose } from "./checked-arguments";
 import { Lifecycle } from "./lifecycle";
 import type { Prefetched } from "./prefetched";
@@ -31,6 +31,8 @@ export class Player extends propertiesOf<Lifecycle>("lifecycle")(PlayerCore, [
   language = "en";
   /** Captions and chapters; null for none. */
   tracks: TextTracks | null = null;
+  /** How the next reel is requested, if it is private. */
+  access: Access = {};
 
   private readonly lifecycle: Lifecycle;
   private isDeferred = false;
@@ -38,8 +40,12 @@ export class Player extends propertiesOf<Lifecycle>("lifecycle")(PlayerCore, [
 
   constructor(readonly canvas: HTMLCanvasElement) {
     super();
+    const access = (): Access => this.access;
     this.lifecycle = new Lifecycle({
       canvas,
+      get access() {
+        return access();
+      },
       clock: this.clock,
       emit: (event) => this.emit(event),
       drawsInSoftware: () => this.resolution.startCoarse(),

@@ -60,13 +60,14 @@ export class Bar {
     this.box.prepend(this.seek.box);
     this.volume = new VolumeControl(player);
     this.button("gap").before(this.volume.box);
-    this.stops = [this.seek.input, ...this.box.querySelectorAll<HTMLElement>(".row button")];
+    this.stops = [this.seek.input, ...this.box.querySelectorAll<HTMLElement>(".row button, .level")];
     for (const [name, act] of Object.entries(actions)) this.button(name).onclick = () => act();
     this.button("live").onclick = () => {
       player.currentTime = player.clock.edge;
       player.play();
     };
     this.box.addEventListener("keydown", (event) => this.rove(event));
+    this.box.addEventListener("focusin", ({ target }) => this.stop(this.stops.indexOf(target as HTMLElement)));
     this.stop(1);
   }
 
@@ -77,8 +78,10 @@ export class Bar {
 
   /** Show the present state. */
   update({ full, fullLabel, presenting }: BarState): void {
-    const { duration, currentTime, paused, live, clock, manifest, tracks, words: t } = this.player;
-    this.box.hidden = manifest === null;
+    const { duration, currentTime, paused, live, clock, manifest, tracks, error, words: t } = this.player;
+    // A reel that failed has no time. Only fullscreen can be left.
+    this.box.hidden = manifest === null || (error !== null && !full);
+    this.box.classList.toggle("failed", error !== null);
     this.seek.update();
     this.volume.update();
     const tenths = duration < 60;
@@ -93,6 +96,7 @@ export class Bar {
     this.button("full").hidden = fullLabel === "";
     this.set("full", full ? SMALL : FULL, t(fullLabel), "f");
     this.set("headset", HEADSET, presenting === "vr" ? t("Leave VR") : t("Enter VR"), "v");
+    if (this.stops.find(({ tabIndex }) => tabIndex === 0)?.closest("[hidden]")) this.stop(1);
     this.set("ar", CUBE, presenting === "ar" ? t("Leave AR") : t("Enter AR"), "");
   }
 
@@ -109,7 +113,7 @@ export class Bar {
   private rove(event: KeyboardEvent): void {
     const stops = this.stops.filter((stop) => stop.getClientRects().length > 0);
     const at = stops.indexOf(event.composedPath()[0] as HTMLElement);
-    if (at < 0 || event.shiftKey) return;
+    if (at < 0 || event.shiftKey || event.ctrlKey || event.altKey || event.metaKey) return;
     const onSeek = stops[at] === this.seek.input; // there left and right change the time
     const first = stops[0] === this.seek.input ? 1 : 0; // small embeds have no seek bar
     const ways = {
@@ -122,11 +126,12 @@ export class Bar {
     if (next === null) return;
     event.preventDefault();
     event.stopPropagation();
-    this.stop(this.stops.indexOf(stops[next]));
     stops[next].focus();
   }
 
+  /** Make a button the tab stop; -1 for none of them. */
   private stop(at: number): void {
+    if (at < 0) return;
     for (const [index, stop] of this.stops.entries()) stop.tabIndex = index === at ? 0 : -1;
   }
 }

@@ -2,7 +2,7 @@
 import styles from "./context-menu.css";
 import type { Player } from "../player/player";
 import { elementOf } from "./markup";
-import { adoptStyles } from "./styles";
+import { adoptStyles, markOverflow } from "./styles";
 
 /** Actions of the entries. */
 export interface ContextActions {
@@ -43,6 +43,7 @@ export class ContextMenu {
     box.ariaLabel = player.words("Menu of the picture");
     this.fill();
     holder.append(box);
+    markOverflow(box);
     box.style.left = `${Math.max(Math.min(x, holder.clientWidth - box.offsetWidth - EDGE), EDGE)}px`;
     box.style.top = `${Math.max(Math.min(y, holder.clientHeight - box.offsetHeight - EDGE), EDGE)}px`;
     box.addEventListener("keydown", (event) => this.key(event));
@@ -99,6 +100,7 @@ export class ContextMenu {
   }
 
   private key(event: KeyboardEvent): void {
+    if (event.ctrlKey || event.altKey || event.metaKey) return;
     const { items } = this;
     const at = items.indexOf(event.target as HTMLElement);
     const ways: Record<string, number> = {
@@ -109,7 +111,7 @@ export class ContextMenu {
     };
     if (event.key in ways) items[ways[event.key] % items.length].focus();
     else if (event.key === "Escape" || event.key === "Tab") this.close();
-    else if (event.key === "Enter" || event.key === " ") return event.stopPropagation(); // the browser clicks the entry
+    else return event.stopPropagation(); // the browser clicks the entry for Enter and Space, and has keys of its own
     event.preventDefault();
     event.stopPropagation();
   }

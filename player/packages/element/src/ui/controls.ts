@@ -13,6 +13,7 @@ import { elementOf } from "./markup";
 import { Messages } from "./messages";
 import type { Panels } from "./panels";
 import type { PathHost } from "./path-panel";
+import { placeIn } from "./pointer-controls";
 
 /** Events of the player after which the controls are updated. */
 const EVENTS = [
@@ -114,7 +115,12 @@ export class Controls {
   private actionsOf(player: Player): Actions {
     const panel = (act: (panels: Panels) => void) => () => void this.use(act);
     return {
-      toggle: () => (player.paused ? player.play() : player.pause()),
+      toggle: () => {
+        if (!player.hasSource || player.error) return false;
+        if (player.paused) player.play();
+        else player.pause();
+        return true;
+      },
       fullscreen: () => void this.full.toggle().catch(() => this.say("The browser does not allow fullscreen")),
       headset: () => this.headset.toggle("vr"),
       reset: () => player.camera?.reset(),
@@ -129,7 +135,7 @@ export class Controls {
       statistics: panel((panels) => panels.toggleStatistics()),
       picture: panel((panels) => void panels.saveScreenshot()),
       help: panel((panels) => panels.toggleHelp()),
-      escape: () => this.panels?.closeTop() || this.full.leave(),
+      escape: () => this.panels?.closeTop() === true || this.full.leave(),
     };
   }
 
@@ -177,10 +183,11 @@ export class Controls {
     canvas.addEventListener("pointerdown", ({ clientX, clientY }) => (pressed = [clientX, clientY]), { signal });
     canvas.addEventListener(
       "pointerup",
-      ({ button, clientX, clientY, pointerType }) => {
-        const moved = Math.hypot(clientX - pressed[0], clientY - pressed[1]);
-        if (button === 2 && pointerType === "mouse" && moved < CLICK)
-          void this.use((panels) => panels.openContext([clientX, clientY]));
+      (event) => {
+        const moved = Math.hypot(event.clientX - pressed[0], event.clientY - pressed[1]);
+        const place = placeIn(canvas, event);
+        if (event.button === 2 && event.pointerType === "mouse" && moved < CLICK)
+          void this.use((panels) => panels.openContext(place));
       },
       { signal },
     );

@@ -3,7 +3,7 @@ import type { Words } from "../base/words";
 import styles from "./dialog.css";
 import { CLOSE } from "./icons";
 import { elementOf } from "./markup";
-import { adoptStyles } from "./styles";
+import { adoptStyles, markOverflow } from "./styles";
 
 const MARKUP = `<div class="sheet dialog" role="dialog" aria-modal="true" hidden>
   <button type="button" class="close" aria-label="Close">${CLOSE}</button>
@@ -15,6 +15,7 @@ const MARKUP = `<div class="sheet dialog" role="dialog" aria-modal="true" hidden
 export class Dialog {
   readonly box: HTMLElement;
   private readonly button: HTMLElement;
+  private readonly mark: () => void;
 
   /** root: of the element. closed: called when the dialog closes. */
   constructor(
@@ -26,6 +27,7 @@ export class Dialog {
     adoptStyles(root, styles);
     this.box = elementOf(MARKUP, t);
     this.button = this.box.querySelector(".close")!;
+    this.mark = markOverflow(this.box);
     this.button.onclick = () => this.close();
     this.box.addEventListener("keydown", (event) => event.key === "Tab" && this.trapFocus(event));
     document.addEventListener(
@@ -46,6 +48,7 @@ export class Dialog {
     this.box.querySelector(".content")!.replaceChildren(content);
     this.box.hidden = false;
     this.button.focus();
+    this.mark();
   }
 
   /** Keep the focus within the dialog. */

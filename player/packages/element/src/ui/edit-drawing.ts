@@ -66,13 +66,14 @@ export class EditDrawing {
     };
     circle.onpointermove = (event) => {
       if (!last) return;
-      drag(face, [event.clientX - last[0], event.clientY - last[1]]);
+      const scale = this.box.getBoundingClientRect().width / this.box.viewBox.baseVal.width || 1;
+      drag(face, [(event.clientX - last[0]) / scale, (event.clientY - last[1]) / scale]);
       last = [event.clientX, event.clientY];
     };
     circle.onpointerup = circle.onpointercancel = () => void (last = null);
     circle.onkeydown = (event) => {
       const by = { ArrowLeft: [-4, 0], ArrowRight: [4, 0], ArrowUp: [0, -4], ArrowDown: [0, 4] }[event.key];
-      if (!by) return;
+      if (!by || event.ctrlKey || event.altKey || event.metaKey) return;
       event.preventDefault();
       event.stopPropagation();
       drag(face, by as [number, number]);

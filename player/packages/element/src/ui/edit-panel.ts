@@ -12,6 +12,7 @@ import { foldByHeader } from "./fold";
 import { CLOSE } from "./icons";
 import { elementOf } from "./markup";
 import panelStyles from "./path-panel.css";
+import { placeIn } from "./pointer-controls";
 import { adoptStyles } from "./styles";
 
 /** Share of the light that a marked floater absorbs at least. */
@@ -157,8 +158,7 @@ export class EditPanel {
   private brush(event: PointerEvent): void {
     const { stage, canvas, camera } = this.player;
     if (!stage?.view || !camera) return;
-    const box = canvas.getBoundingClientRect();
-    const pixel: [number, number] = [event.clientX - box.left, event.clientY - box.top];
+    const pixel = placeIn(canvas, event);
     const ratio = stage.view.width / canvas.clientWidth;
     const depth = stage.depthAt(pixel[0] * ratio, pixel[1] * ratio, FAINT);
     if (depth === null) return this.say(this.player.words("Nothing is drawn there"));
@@ -210,7 +210,10 @@ export class EditPanel {
   }
 
   private key(event: KeyboardEvent): void {
-    if (event.key === "Escape") this.close();
+    if (event.key === "Escape") {
+      event.preventDefault();
+      this.close();
+    }
     if (
       event.target instanceof HTMLInputElement ||
       event.target instanceof HTMLTextAreaElement ||

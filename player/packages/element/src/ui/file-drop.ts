@@ -48,7 +48,11 @@ export class FileDrop {
       { signal },
     );
     this.box.addEventListener("click", (event) => event.target === this.box && this.settle());
-    this.box.addEventListener("keydown", (event) => event.key === "Escape" && this.settle());
+    this.box.addEventListener("keydown", (event) => {
+      if (event.key !== "Escape") return;
+      this.settle();
+      if (this.box.hidden) event.preventDefault();
+    });
     for (const name of ["folder", "zip"]) this.listen(name);
     if (host.getAttribute("drop") !== "ask") return;
     host.player.addEventListener("error", () => this.ask(), { signal });

@@ -33,9 +33,11 @@ export class Fullscreen {
     this.changed();
   }
 
-  /** Give the window back. */
-  leave(): void {
+  /** Give the window back. Returns false if the element does not fill it. */
+  leave(): boolean {
+    if (!this.host.states.has("filling")) return false;
     this.host.states.toggle("filling", false);
     this.changed();
+    return true;
   }
 }

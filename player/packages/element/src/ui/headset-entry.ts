@@ -36,11 +36,12 @@ export class HeadsetEntry {
     this.headset?.leave();
   }
 
-  /** Enter a mode, or leave the headset. */
-  toggle(mode: HeadsetMode): void {
-    if (this.headset) return this.leave();
-    const { options } = this;
-    if (options.button(mode).hidden) return;
+  /** Enter a mode, or leave the headset. Returns false if there is none. */
+  toggle(mode: HeadsetMode): boolean {
+    const { options, headset } = this;
+    headset?.leave();
+    if (headset) return true;
+    if (options.button(mode).hidden) return false;
     options.begins();
     this.enter(mode).catch((error) => {
       console.warn(`Immersive ${mode} cannot start: ${messageOf(error)}`); // browsers word it for developers
@@ -50,6 +51,7 @@ export class HeadsetEntry {
           : "Augmented reality cannot start. Let this page use the camera.",
       );
     });
+    return true;
   }
 
   private async enter(mode: HeadsetMode): Promise<void> {

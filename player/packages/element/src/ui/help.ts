@@ -53,7 +53,7 @@ const MOUSE: [string, string][] = [
   ["Right click", "Menu"],
 ];
 
-/** Return the content of the help. root: of the dialog. Touch gestures come first on touch screens. */
+/** Return the content of the help. root: of the dialog. On touch screens the keys are folded away. */
 export function helpOf(root: ShadowRoot, table: KeyTable, t: Words): HTMLElement {
   adoptStyles(root, styles);
   const touch = matchMedia("(pointer: coarse)").matches;
@@ -67,7 +67,11 @@ export function helpOf(root: ShadowRoot, table: KeyTable, t: Words): HTMLElement
     t(touch ? "Touch" : "Mouse"),
     (touch ? TOUCH : MOUSE).map(([gesture, what]) => [t(gesture), t(what)]),
   );
-  return elementOf(`<div class="columns">${(touch ? [gestures, time, view] : [time, gestures, view]).join("")}</div>`);
+  return elementOf(
+    touch
+      ? `<div>${gestures}<details><summary>${t("Keyboard")}</summary><div class="columns">${time}${view}</div></details></div>`
+      : `<div class="columns">${time}${gestures}${view}</div>`,
+  );
 }
 
 function section(title: string, lines: [string, string][]): string {

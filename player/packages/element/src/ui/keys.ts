@@ -3,11 +3,11 @@ import type { Motion } from "../camera/motion";
 import type { Player } from "../player/player";
 import { skip } from "./skip";
 
-/** Actions of the controls that keys trigger. */
+/** Actions of the controls that keys trigger. Those that return false had no effect. */
 export interface Actions {
-  toggle(): void;
+  toggle(): boolean;
   fullscreen(): void;
-  headset(): void;
+  headset(): boolean;
   reset(): void;
   fly(): void;
   walk(): void;
@@ -17,13 +17,14 @@ export interface Actions {
   context(): void;
   picture(): void;
   help(): void;
-  escape(): void;
+  escape(): boolean;
 }
 
 interface Binding {
   /** As `KeyboardEvent.key` in lower case, with "shift+" for arrows. */
   keys: string[];
-  press?: (key: string) => void;
+  /** Returns false if the key had no effect, so that the browser and the page may use it. */
+  press?: (key: string) => unknown;
   /** Velocity of the camera while the key is pressed. */
   thrust?: Partial<Motion>;
 }
@@ -32,6 +33,8 @@ interface Binding {
 interface Line {
   /** Returns true if the line applies to the reel; without it, it always does. */
   applies?: () => boolean;
+  /** True if the keys work without a reel. */
+  always?: boolean;
   bindings: Binding[];
 }
 
@@ -60,13 +63,14 @@ export function attachKeys(host: HTMLElement, player: Player, actions: Actions, 
   host.addEventListener(
     "keydown",
     (event) => {
-      if (event.ctrlKey || event.metaKey || event.altKey || takesKeys(event)) return;
+      if (event.ctrlKey || event.metaKey || event.altKey || event.defaultPrevented || takesKeys(event)) return;
       const key = nameOf(event);
       const binding = bindings.get(key);
       if (!binding || binding.line.applies?.() === false) return;
+      if (!player.manifest && !binding.line.always) return;
+      if (binding.press?.(key) === false) return;
       event.preventDefault();
       if (binding.thrust) down.set(event.code, binding.thrust);
-      binding.press?.(key);
       steer();
     },
     { signal },
@@ -102,7 +106,7 @@ function timeLines(player: Player, actions: Actions): Line[] {
     player.playbackRate = RATES[Math.min(Math.max(nearest + step, 0), RATES.length - 1)];
   };
   return [
-    { bindings: [{ keys: [" ", "k"], press: actions.toggle }] },
+    { always: true, bindings: [{ keys: [" ", "k"], press: actions.toggle }] },
     {
       bindings: [
         { keys: ["arrowleft"], press: move(-0.1, 5) },
@@ -161,7 +165,7 @@ function timeLines(player: Player, actions: Actions): Line[] {
         { keys: ["arrowdown"], press: () => actions.volume(-1) },
       ],
     },
-    { bindings: [{ keys: ["m"], press: () => player.soundtrack.toggle() }] },
+    { always: true, bindings: [{ keys: ["m"], press: () => player.soundtrack.toggle() }] },
   ];
 }
 
@@ -189,12 +193,12 @@ function viewLines(player: Player, actions: Actions): Line[] {
     { bindings: [{ keys: ["c"], press: actions.fly }] },
     { bindings: [{ keys: ["g"], press: actions.walk }] },
     { bindings: [{ keys: ["r"], press: actions.reset }] },
-    { bindings: [{ keys: ["f"], press: actions.fullscreen }] },
+    { always: true, bindings: [{ keys: ["f"], press: actions.fullscreen }] },
     { bindings: [{ keys: ["v"], press: actions.headset }] },
     { bindings: [{ keys: ["p"], press: actions.picture }] },
     { bindings: [{ keys: ["i"], press: actions.statistics }] },
-    { bindings: [{ keys: ["?"], press: actions.help }] },
+    { always: true, bindings: [{ keys: ["?"], press: actions.help }] },
     { bindings: [{ keys: ["shift+f10", "contextmenu"], press: actions.context }] },
-    { bindings: [{ keys: ["escape"], press: actions.escape }] },
+    { always: true, bindings: [{ keys: ["escape"], press: actions.escape }] },
   ];
 }

@@ -5,7 +5,7 @@ import { BACK, ON } from "./icons";
 import { elementOf } from "./markup";
 import fields from "./fields.css";
 import styles from "./menu.css";
-import { adoptStyles } from "./styles";
+import { adoptStyles, markOverflow } from "./styles";
 
 const RATES = [0.25, 0.5, 0.75, 1, 1.25, 1.5, 2];
 const QUALITIES: [Quality, string][] = [
@@ -74,6 +74,7 @@ export interface MenuState {
 /** The menu of one player. */
 export class Menu {
   readonly box: HTMLElement;
+  private readonly mark: () => void;
 
   /** state: returns the state that is not in the player. */
   constructor(
@@ -88,6 +89,7 @@ export class Menu {
       `<div class="sheet menu" role="group" aria-label="Settings" hidden>${MARKUP}</div>`,
       player.words,
     );
+    this.mark = markOverflow(this.box);
     this.input("rate").onchange = () => void (player.playbackRate = Number(this.input("rate").value));
     this.input("rendition").onchange = () =>
       void (player.rendition = player.renditions[Number(this.input("rendition").value) - 1] ?? null);
@@ -135,6 +137,7 @@ export class Menu {
     this.input("statistics").checked = state.statistics;
     this.input("share").hidden = !state.shares;
     this.input("about").hidden = !state.describes;
+    this.mark();
   }
 
   /** Update the list of renditions. "Auto" names the rendition on screen. */

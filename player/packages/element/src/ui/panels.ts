@@ -115,12 +115,11 @@ export class Panels {
     );
   }
 
-  /** Open the context menu at a position of the window; null for the middle of the picture. */
+  /** Open the context menu at a position of the picture, in layout pixels; null for its middle. */
   openContext(at: [number, number] | null): void {
     const { host, root, holder, player, say } = this.options;
     if (!player.manifest) return;
-    const { left, top, width, height } = player.canvas.getBoundingClientRect();
-    const place: [number, number] = at ? [at[0] - left, at[1] - top] : [width / 2, height / 2];
+    const place = at ?? [player.canvas.offsetWidth / 2, player.canvas.offsetHeight / 2];
     const actions = {
       link: host.hasAttribute("share") && !player.manifest.files ? host.link : null,
       say,
@@ -133,7 +132,7 @@ export class Panels {
     };
     void this.withPart(
       loadPart("context-menu.js", () => import("./context-menu")),
-      ({ ContextMenu }) => new ContextMenu(root, holder, place, player, actions),
+      ({ ContextMenu }) => new ContextMenu(root, holder, place as [number, number], player, actions),
     );
   }
 

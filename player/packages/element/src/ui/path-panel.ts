@@ -177,7 +177,10 @@ export class PathPanel {
 
   private key(event: KeyboardEvent): void {
     const typing = event.target instanceof HTMLInputElement && event.target.type === "number";
-    if (event.key === "Escape") this.close();
+    if (event.key === "Escape") {
+      event.preventDefault();
+      this.close();
+    }
     if (typing || event.key === "Escape") event.stopPropagation();
   }
 

@@ -10,6 +10,18 @@ const STILL = 60;
 const DOUBLE = 320;
 const NEAR = 12;
 
+/** Return the position of a pointer in the layout pixels of a box, which a transform or zoom of the page scales. */
+export function placeIn(box: HTMLElement, { clientX, clientY }: MouseEvent): [number, number] {
+  const { left, top } = box.getBoundingClientRect();
+  const scale = scaleOf(box);
+  return [(clientX - left) / scale, (clientY - top) / scale];
+}
+
+/** Return the screen pixels of a layout pixel of a box. */
+export function scaleOf(box: HTMLElement): number {
+  return box.getBoundingClientRect().width / box.offsetWidth || 1;
+}
+
 interface Finger {
   x: number;
   y: number;
@@ -47,9 +59,10 @@ export function attachPointerControls(
     const finger = fingers.get(event.pointerId);
     const { camera } = player;
     if (!finger || !camera) return;
-    const dx = event.clientX - finger.x;
-    const dy = event.clientY - finger.y;
-    way += Math.hypot(dx, dy);
+    const scale = scaleOf(surface);
+    const dx = (event.clientX - finger.x) / scale;
+    const dy = (event.clientY - finger.y) / scale;
+    way += Math.hypot(dx, dy) * scale;
     if (way === 0) return;
     if (fingers.size === 1 && finger.touch && !gestures.active) {
       // The finger scrolls the page.
@@ -80,10 +93,10 @@ export function attachPointerControls(
       event.timeStamp - tap.time < DOUBLE && Math.hypot(event.clientX - tap.x, event.clientY - tap.y) < 2 * NEAR;
     tap = { x: event.clientX, y: event.clientY, time: double ? -Infinity : event.timeStamp };
     if (!double) return;
-    const { left, top, width } = surface.getBoundingClientRect();
-    const across = (event.clientX - left) / width;
+    const [x, y] = placeIn(surface, event);
+    const across = x / surface.offsetWidth;
     if (event.pointerType === "touch" && Math.abs(across - 0.5) > 1 / 6) skip(across < 0.5 ? -1 : 1);
-    else focusAt(player, event.clientX - left, event.clientY - top);
+    else focusAt(player, x, y);
   };
   const wheel = (event: WheelEvent): void => {
     if (!gestures.takesWheel(event)) return;

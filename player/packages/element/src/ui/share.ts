@@ -22,8 +22,8 @@ const PERMISSIONS = "fullscreen; clipboard-write; xr-spatial-tracking; autoplay"
 
 const field = (name: string, label: string, lines: number): string => `<div class="field">
   <label for="share-${name}">${label}</label>
-  <button type="button" class="copy">Copy</button>
   <textarea id="share-${name}" name="${name}" rows="${lines}" readonly spellcheck="false"></textarea>
+  <button type="button" class="copy">Copy</button>
 </div>`;
 
 const MARKUP = `<div class="share">

@@ -10,3 +10,12 @@ export function adoptStyles(root: ShadowRoot, styles: string): void {
   sheets.set(styles, sheet);
   root.adoptedStyleSheets = [...root.adoptedStyleSheets, sheet];
 }
+
+/** Let the lower edge of a box fade while there is more to scroll to. Returns a function to call after its content changed. */
+export function markOverflow(box: HTMLElement): () => void {
+  const update = (): void => void box.classList.toggle("more", box.scrollHeight - box.scrollTop - box.clientHeight > 8);
+  box.addEventListener("scroll", update, { passive: true });
+  box.addEventListener("toggle", update, { capture: true });
+  new ResizeObserver(update).observe(box);
+  return update;
+}

@@ -145,7 +145,10 @@ export class Tracks implements TextTracks {
   private async cuesOf(element: HTMLElement): Promise<readonly Cue[]> {
     const address = new URL(element.getAttribute("src")!, document.baseURI).href;
     try {
-      const answer = await fetch(address, { signal: this.life.signal });
+      const answer = await fetch(address, {
+        credentials: this.player.access.credentials ?? "same-origin",
+        signal: this.life.signal,
+      });
       if (!answer.ok) throw new Error(`it answered ${answer.status}`);
       const { cues, unreadable } = parseCues(await answer.text());
       if (unreadable > 0)

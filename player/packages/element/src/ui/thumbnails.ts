@@ -2,6 +2,7 @@
 import type { Player } from "../player/player";
 import { addressOf, type Asset, type Manifest, type Thumbnails as Sheets } from "@splatreel/decoder/internal";
 import { elementOf } from "./markup";
+import { scaleOf } from "./pointer-controls";
 
 /** Maximum size in CSS pixels, and maximum height relative to the picture. */
 const WIDTH = 160;
@@ -58,7 +59,7 @@ export class Thumbnails {
     } = this;
     const hint = box.parentElement!;
     const texts = hint.offsetHeight - box.offsetHeight;
-    const above = hint.getBoundingClientRect().bottom - canvas.getBoundingClientRect().top;
+    const above = (hint.getBoundingClientRect().bottom - canvas.getBoundingClientRect().top) / scaleOf(canvas);
     return Math.min(SHARE * canvas.clientHeight, above - texts - GAP);
   }
 

@@ -8,8 +8,8 @@ const MARKUP = `<div class="volume" hidden>
   <input class="level" type="range" min="0" max="1" step="0.05" aria-label="Volume" />
 </div>`;
 
-/** Keys that the slider handles. Elsewhere they control time, view or focus. */
-const KEYS = ["ArrowLeft", "ArrowRight", "ArrowUp", "ArrowDown", "Home", "End", "PageUp", "PageDown"];
+/** Keys that the slider handles. Elsewhere they control time, view or focus. Left and right go to the buttons beside it. */
+const KEYS = ["ArrowUp", "ArrowDown", "Home", "End", "PageUp", "PageDown"];
 
 /** The volume control of one player; hidden for a silent reel. */
 export class VolumeControl {

@@ -13,16 +13,19 @@ export function withMediaProperties<Base extends Class>(base: Base) {
     /** Time, sound and files of the reel. It may change between versions. */
     abstract readonly player: ReelPlayer;
 
-    /** Start to play. Browsers require an interaction before sound; until then the reel is muted, and `muted` is true. */
-    play(): void {
-      this.player.play();
+    /**
+     * Start to play. Browsers require an interaction before sound; until then the reel is muted, and `muted` is true. Resolves once
+     * time advances. Rejects with `AbortError` if it is paused before, and with `NotSupportedError` if the reel cannot be played.
+     */
+    play(): Promise<void> {
+      return this.player.play();
     }
 
     pause(): void {
       this.player.pause();
     }
 
-    /** Resolve once a complete frame has been drawn; reject on an error. */
+    /** Resolve once a complete frame has been drawn; reject on an error, and after the object was disposed of. */
     async whenReady(): Promise<this> {
       await this.player.whenReady();
       return this;

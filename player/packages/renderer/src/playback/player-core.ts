@@ -37,6 +37,8 @@ export abstract class PlayerCore
   abstract readonly camera: { step(seconds: number): boolean } | null;
   abstract readonly view: View | null;
   abstract readonly error: Error | null;
+  /** True if a reel was given. */
+  abstract readonly hasSource: boolean;
   abstract readonly deferred: boolean;
   /** Time at which the next reel begins, in seconds. */
   protected abstract startSeconds: number;

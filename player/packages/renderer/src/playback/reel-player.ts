@@ -1,8 +1,9 @@
 /** Plays one reel in the loop of another renderer: time, sound, files, and the order of points. */
-import { messageOf, Reel } from "@splatreel/decoder/internal";
+import { type Access, messageOf, Reel } from "@splatreel/decoder/internal";
 import type { View } from "../base/view";
 import type { PointSorter } from "../draw/point-sorter";
 import type { Renderer } from "../draw/renderer";
+import { PlayPromises } from "./play-promises";
 import { PlayerCore } from "./player-core";
 import { Session } from "./session";
 
@@ -19,11 +20,13 @@ export class ReelPlayer extends PlayerCore {
   session: Session | null = null;
   private hidden: ReturnType<typeof setTimeout> | undefined;
   private last: View | null = null;
+  private readonly promises = new PlayPromises(this, () => super.play(true));
 
-  /** url: address of the manifest. listen: receives the names of events, as in HTMLMediaElement. */
+  /** url: address of the manifest. listen: receives the names of events, as in HTMLMediaElement. access: of a private reel. */
   constructor(
     public url: string,
     private readonly listen: (event: string) => void,
+    public access: Access = {},
   ) {
     super();
     this.playback.letCallerDraw();
@@ -50,7 +53,7 @@ export class ReelPlayer extends PlayerCore {
     });
     this.session = session;
     try {
-      const reel = this.clock.reel ?? new Reel(await session.findManifest(this.url));
+      const reel = this.clock.reel ?? new Reel(await session.findManifest(this.url, this.access));
       if (session.closed) return;
       const isFirst = this.clock.reel === null;
       session.open(reel);
@@ -76,6 +79,19 @@ export class ReelPlayer extends PlayerCore {
     this.playback.reset();
   }
 
+  /** Close the reel for good: pending and later promises reject. */
+  dispose(): void {
+    this.pause();
+    this.close();
+    this.soundtrack.release();
+    this.error ??= new Error(`${this.url} was closed: its object was disposed of.`);
+    super.emit("error"); // the object's listeners hear of failures only
+  }
+
+  get hasSource(): boolean {
+    return this.url !== "";
+  }
+
   /** Advance the time and draw. head: view for which points are sorted. */
   draw(view: View, head: View, moved: boolean): void {
     this.last = view;
@@ -96,9 +112,9 @@ export class ReelPlayer extends PlayerCore {
     this.startTime = seconds;
   }
 
-  /** Start to play, muted if the browser does not allow sound. */
-  override play(): void {
-    super.play(true);
+  /** Start to play, muted if the browser does not allow sound. Resolves once time advances; rejects as in HTMLMediaElement. */
+  override play(): Promise<void> {
+    return this.promises.play();
   }
 
   invalidate(): void {

@@ -1,5 +1,6 @@
 /** Resources of the open reel: its workers, its stage, and the stream of its files. */
 import {
+  type Access,
   type EarlyWorker,
   type LoaderEvents,
   type LocalFiles,
@@ -43,8 +44,12 @@ export class Session extends ReelLoader {
     super(stage, events, decodeWorkers, early);
   }
 
-  override findManifest(source: string | LocalFiles, early?: Promise<string | null>): Promise<Manifest> {
-    return super.findManifest(source === EMBEDDED ? embeddedReel() : source, early);
+  override findManifest(
+    source: string | LocalFiles,
+    access?: Access,
+    early?: Promise<string | null>,
+  ): Promise<Manifest> {
+    return super.findManifest(source === EMBEDDED ? embeddedReel() : source, access, early);
   }
 
   override open(reel: Reel): void {

@@ -1,16 +1,20 @@
 /** Promises of `play()`, settled as in HTMLMediaElement. */
-import type { Player } from "../player/player";
+import type { PlayerCore } from "./player-core";
 
 interface Promised {
   resolve(): void;
   reject(error: DOMException): void;
 }
 
-/** Pending promises of one element. */
+/** Pending promises of one player. */
 export class PlayPromises {
   private waiting: Promised[] = [];
 
-  constructor(private readonly player: Player) {
+  /** start: starts to play. */
+  constructor(
+    private readonly player: PlayerCore,
+    private readonly start: () => void,
+  ) {
     player.addEventListener("playing", () => this.settle((promised) => promised.resolve()));
     player.addEventListener("notallowed", () =>
       this.fail(
@@ -29,11 +33,9 @@ export class PlayPromises {
   play(): Promise<void> {
     const { player } = this;
     if (!player.hasSource)
-      return Promise.reject(
-        new DOMException("There is no reel to play: the attribute src is missing.", "NotSupportedError"),
-      );
+      return Promise.reject(new DOMException("There is no reel to play: its address is missing.", "NotSupportedError"));
     if (player.error) return Promise.reject(new DOMException(player.error.message, "NotSupportedError"));
-    player.play();
+    this.start();
     if (player.playback.advancing) return Promise.resolve();
     return new Promise((resolve, reject) => this.waiting.push({ resolve, reject }));
   }
