@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from splatreel.base.errors import CaptureError, SplatreelError
-from splatreel.base.untrusted import read_json
+from splatreel.base.untrusted import read_file, read_json
 from splatreel.calibration.uncalibrated import MODEL
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES
 from splatreel.capture.sidecar import read_sidecar
@@ -21,6 +21,8 @@ from splatreel.capture.video import VIDEO_SUFFIXES
 
 RECORD = "calibration.json"
 """File beside those of COLMAP, which ignores it."""
+MODEL_BYTES = 1 << 30
+"""Maximum size of a file of a model that is compared with its record."""
 
 
 def calibration_record(path: Path, options: dict[str, Any], others: list[Path]) -> dict[str, Any]:
@@ -60,4 +62,4 @@ def is_made_by(path: Path, record: dict[str, Any]) -> bool:
 
 def _digests(model: Path) -> dict[str, str]:
     files = sorted(file for file in model.iterdir() if file.is_file() and file.name != RECORD)
-    return {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+    return {file.name: hashlib.sha256(read_file(file, MODEL_BYTES, CaptureError)).hexdigest() for file in files}

@@ -15,6 +15,7 @@ from av.stream import Disposition
 
 from splatreel.base.atomic import scratch
 from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import check_regular, open_regular
 from splatreel.storage.addresses import open_folder
 from splatreel.storage.ranged_file import RangedFile
 from splatreel.storage.retrying import RetryingFolder
@@ -56,18 +57,12 @@ class LocalFiles:
 
     def source(self, path: Path) -> Any:
         """Return an argument for PyAV and Pillow. Raise `CaptureError` for a pipe, a device or a folder."""
-        _check_regular(path)
+        check_regular(path, CaptureError)
         return str(path)
 
     def raw(self, path: Path) -> BinaryIO:
         """Open a file for random access. Raise `CaptureError` for a pipe, a device or a folder."""
-        _check_regular(path)
-        return open(path, "rb")
-
-
-def _check_regular(path: Path) -> None:
-    if path.exists() and not path.is_file():  # opening a pipe would block
-        raise CaptureError(f"{path}: is no file. Remove it from the capture.")
+        return open_regular(path, CaptureError)
 
 
 LOCAL = LocalFiles()

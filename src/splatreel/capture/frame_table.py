@@ -17,6 +17,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
 from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import check_regular, parse_json
 from splatreel.capture.orientation import STORED, Orientation, display_orientation
 from splatreel.capture.video_color import declared_color
 
@@ -169,15 +170,16 @@ def pack_tables(tables: dict[str, FrameTable]) -> bytes:
 def load_tables(path: Path) -> dict[str, FrameTable]:
     """Return the tables in a file by name, or none if the file is missing or unreadable. Videos are then scanned."""
     try:
+        check_regular(path, CaptureError)
         arrays = load_file(str(path))
-        rest = json.loads(arrays["rest"].tobytes())
+        rest = parse_json(arrays["rest"].tobytes(), CaptureError, f"{path}:")
         found: dict[str, FrameTable] = {}
         for number, (name, values) in enumerate(rest.items()):
             everything: dict[str, Any] = values | {key: arrays[f"{number}.{key}"] for key in ARRAYS}
             everything["color"] = tuple(values["color"])
             found[name] = FrameTable(**everything)
         return found
-    except (OSError, SafetensorError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, SafetensorError, CaptureError, ValueError, KeyError, TypeError, AttributeError):
         return {}
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import socket
-import stat
 import threading
 import time
 import urllib.error
@@ -17,6 +15,7 @@ from typing import Protocol, overload
 from urllib.parse import urljoin, urlsplit
 
 from splatreel.base.errors import ReelError, StorageError, UsageError
+from splatreel.base.untrusted import open_regular
 from splatreel.storage.addresses import is_url, local_path, open_folder
 
 TIMEOUT = 30.0
@@ -101,17 +100,10 @@ class _Directory:
 
     def read(self, uri: str, limit: int) -> bytes:
         try:
-            with open(self.root / uri, "rb", opener=_without_waiting) as file:
-                if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                    raise ReelError(f"{self.name(uri)}: is no file. Is this a complete reel?")
+            with open_regular(self.root / uri, ReelError) as file:
                 return _bounded(file.read(limit + 1), limit, self.name(uri))
         except OSError as error:
             raise ReelError(f"{self.name(uri)}: cannot be read ({error.strerror}). Is this a complete reel?") from error
-
-
-def _without_waiting(path: str, flags: int) -> int:
-    """Open a pipe without waiting for a writer."""
-    return os.open(path, flags | getattr(os, "O_NONBLOCK", 0))
 
 
 class _Web:

@@ -7,8 +7,9 @@ import re
 from pathlib import Path
 
 from splatreel.base.errors import ReelError
+from splatreel.base.untrusted import open_regular
 from splatreel.codec.file_entry import FileEntry
-from splatreel.codec.manifest import Manifest, parse_manifest
+from splatreel.codec.manifest import MAX_BYTES, Manifest, parse_manifest
 from splatreel.codec.presentation import Asset
 from splatreel.codec.source import open_source
 
@@ -24,7 +25,8 @@ def read_written_manifest(folder: Path) -> Manifest | None:
     """
     file = folder / MANIFEST
     try:
-        return parse_manifest(file.read_bytes(), str(file), open_source(folder).read, whole=False)
+        with open_regular(file, ReelError) as opened:
+            return parse_manifest(opened.read(MAX_BYTES + 1), str(file), open_source(folder).read, whole=False)
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -47,7 +49,7 @@ def is_intact(folder: Path, entry: FileEntry | Asset) -> bool:
     try:
         if path.stat().st_size != entry.bytes:
             return False
-        with open(path, "rb") as file:
+        with open_regular(path, ReelError) as file:
             while part := file.read(1 << 20):
                 digest.update(part)
     except FileNotFoundError:

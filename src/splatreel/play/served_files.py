@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple, Protocol
 
 from splatreel.base.errors import ReelError
+from splatreel.base.untrusted import read_file
 from splatreel.codec.manifest import MAX_BYTES, parse_manifest
 from splatreel.codec.manifest_pages import Known
 from splatreel.codec.presentation import EMPTY, Presentation
@@ -101,7 +102,9 @@ class ServedFiles:
             self._modified = status.st_mtime
             self._seen = seen
             if file.is_file() and status.st_size <= MAX_BYTES:
-                manifest = parse_manifest(file.read_bytes(), MANIFEST, open_source(self._reel).read, known=self._pages)
+                manifest = parse_manifest(
+                    read_file(file, MAX_BYTES, ReelError), MANIFEST, open_source(self._reel).read, known=self._pages
+                )
                 self._names = frozenset({MANIFEST, *manifest.uris})
                 self._presentation = manifest.presentation
         except (OSError, ReelError):

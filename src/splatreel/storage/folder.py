@@ -13,6 +13,7 @@ from typing import Protocol
 
 from splatreel.base.atomic import remove, replacing, sweep
 from splatreel.base.errors import StorageError
+from splatreel.base.untrusted import open_regular
 
 _NAME = re.compile(r"[^/\\.\x00-\x1f][^/\\\x00-\x1f]*(/[^/\\.\x00-\x1f][^/\\\x00-\x1f]*)*")
 
@@ -83,7 +84,7 @@ class LocalFolder:
     def read(self, name: str, most: int) -> bytes | None:
         """Return the first `most` bytes of a file, or None."""
         try:
-            with open(self.path / name, "rb") as file:
+            with open_regular(self.path / name, StorageError) as file:
                 return file.read(most)
         except FileNotFoundError:
             return None
@@ -93,7 +94,7 @@ class LocalFolder:
     def read_range(self, name: str, begin: int, end: int) -> bytes:
         """Return the bytes from `begin` to `end` (exclusive) of a file."""
         try:
-            with open(self.path / name, "rb") as file:
+            with open_regular(self.path / name, StorageError) as file:
                 file.seek(begin)
                 return file.read(max(end - begin, 0))
         except OSError as error:

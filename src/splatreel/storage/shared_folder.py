@@ -10,6 +10,7 @@ from pathlib import Path
 
 from splatreel.base.atomic import replacing, sweep
 from splatreel.base.errors import StorageError
+from splatreel.base.untrusted import open_regular
 from splatreel.storage.addresses import open_folder
 from splatreel.storage.folder import is_plain
 from splatreel.storage.retrying import PAUSES, RetryingFolder, ignore_message
@@ -185,7 +186,8 @@ def _read(folder: Path, name: str) -> bytes:
     if not is_plain(name):
         raise StorageError(f"{name!r:.200}: is no path within a folder.", lasting=True)
     try:
-        return (folder / name).read_bytes()
+        with open_regular(folder / name, StorageError) as file:
+            return file.read()
     except OSError as error:
         raise StorageError(f"{folder / name}: cannot be read ({error.strerror or error}).", lasting=True) from error
 
@@ -195,7 +197,7 @@ def _is_here(folder: Path, file: SharedFile) -> bool:
     try:
         if path.stat().st_size != file.bytes:
             return False
-        with open(path, "rb") as opened:
+        with open_regular(path, StorageError) as opened:
             return hashlib.file_digest(opened, "sha256").hexdigest() == file.sha256
     except FileNotFoundError:
         return False

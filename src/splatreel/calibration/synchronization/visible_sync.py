@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import av
 import numpy as np
 from av.error import FFmpegError
 
 from splatreel.base.errors import CaptureError
 from splatreel.calibration.synchronization.clock_drift import Lag, fit_lag, significant_drift
+from splatreel.capture.files import LOCAL, open_media
 
 RATE = 120
 """Samples of activity per second. A peak between samples is interpolated; times are exact to about half a frame."""
@@ -68,7 +68,7 @@ def watch(file: Path) -> np.ndarray:
     """
     times, motion, light, before, first = [], [], [], None, 0.0
     try:
-        with av.open(str(file)) as container:
+        with open_media(LOCAL, file) as container:
             for frame in container.decode(video=0):
                 if frame.time is None:
                     continue

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import open_regular
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import list_folder
@@ -216,7 +217,7 @@ def _recognized(files: list[Path]) -> Iterator[_Calibration]:
 
 def _head(file: Path) -> bytes:
     try:
-        with open(file, "rb") as opened:
+        with open_regular(file, CaptureError) as opened:
             return opened.read(HEAD)
     except OSError:
         return b""
