@@ -21,6 +21,8 @@ from splatreel.capture.video import VIDEO_SUFFIXES
 
 RECORD = "calibration.json"
 """File beside those of COLMAP, which ignores it."""
+METRIC = ("distance", "scale_board", "board")
+"""Options with which the unit of a calibration is a meter."""
 MODEL_BYTES = 1 << 30
 """Maximum size of a file of a model that is compared with its record."""
 
@@ -56,6 +58,17 @@ def is_made_by(path: Path, record: dict[str, Any]) -> bool:
     try:
         known = read_json(model / RECORD, CaptureError)
         return isinstance(known, dict) and known == record | {"model": _digests(model)}
+    except (SplatreelError, OSError):
+        return False
+
+
+def is_in_meters(path: Path) -> bool:
+    """Return whether a capture has a whole model that `capture calibrate` made, whose unit is a meter."""
+    model = path / MODEL
+    try:
+        known = read_json(model / RECORD, CaptureError)
+        options = known.get("options") if isinstance(known, dict) else None
+        return isinstance(options, dict) and any(o in options for o in METRIC) and known.get("model") == _digests(model)
     except (SplatreelError, OSError):
         return False
 
