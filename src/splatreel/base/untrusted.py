@@ -17,7 +17,7 @@ import zipfile
 from collections.abc import Callable, Iterable
 from pathlib import Path
 from tokenize import TokenError
-from typing import IO, Any, BinaryIO, TypeGuard
+from typing import IO, Any, TypeGuard
 from xml.etree import ElementTree
 
 import numpy as np
@@ -331,7 +331,7 @@ def check_regular(path: Path, kind: Kind) -> None:
         raise kind(_irregular(path))
 
 
-def open_regular(path: Path, kind: Kind) -> BinaryIO:
+def open_regular(path: Path, kind: Kind) -> io.BufferedReader:
     """Open a regular file without blocking on a pipe.
 
     Raises:
