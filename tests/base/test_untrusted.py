@@ -13,7 +13,7 @@ import pytest
 
 from splatreel.base import untrusted
 from splatreel.base.errors import CaptureError
-from splatreel.base.untrusted import load_arrays, numbers, parse_json, read_array, read_arrays, read_json
+from splatreel.base.untrusted import load_arrays, numbers, parse_json, parse_xml, read_array, read_arrays, read_json
 
 posix = pytest.mark.skipif(os.name != "posix", reason="pipes and devices")
 
@@ -106,7 +106,7 @@ def test_pipes_do_not_block(tmp_path: Path, kind: str) -> None:
         lambda: read_array(path, CaptureError),
         lambda: read_arrays(path, ["x"], CaptureError),
     ):
-        with pytest.raises(CaptureError, match=f"{path}: (is neither a file|cannot be read)"):
+        with pytest.raises(CaptureError, match=f"{path}: is (a pipe or a device|a folder), expected a file"):
             read()
 
 
@@ -233,3 +233,18 @@ def test_pickles_may_hold_nothing_but_arrays(capsys: pytest.CaptureFixture[str])
     with pytest.raises(pickle.UnpicklingError, match=r"asks for builtins\.print"):
         load_arrays(pickle.dumps(Evil()))
     assert not capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("<a>" * 100 + "</a>" * 100, "nested more than 64 deep"),
+        ("<a>" * 3_000_000, "nested more than 64 deep"),
+        ("<a>", "is no complete XML file"),
+        ('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "declares a document type"),
+    ],
+)
+def test_hostile_xml_is_refused(text: str, said: str) -> None:
+    with pytest.raises(CaptureError, match=f"a.xml: .*{said}"):
+        parse_xml(text, CaptureError, "a.xml:")
+    assert [child.tag for child in parse_xml("<a><b/><c/></a>", CaptureError, "")] == ["b", "c"]

@@ -1,6 +1,7 @@
 """Choice of a track, and times of sound in videos."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,14 @@ def test_loudest_undistorted_track_is_chosen(tmp_path: Path) -> None:
     assert chosen("auto", {}) is None
     assert chosen("none", found) is None
     assert str(chosen("far", found)) == "camera far"
+
+
+def test_choice_among_tracks_of_about_one_loudness_does_not_depend_on_the_frames(tmp_path: Path) -> None:
+    louder_later = hum(0.4) * np.linspace(0.9, 1.1, len(hum(0.4)))
+    found = tracks(tmp_path, first=hum(0.4), second=louder_later, quiet=hum(0.1))
+    names = {chosen("auto", found, seconds).camera for seconds in (1.0, 3.0)}
+    found = {name: replace(track, start=2.0) for name, track in found.items()}
+    assert names | {chosen("auto", found, 1.0).camera} == {"first"}
 
 
 def test_choice_uses_only_the_chosen_frames(tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Masks of a capture in folders, videos and single images, and what is wrong with them."""
 
+import os
 import shutil
 from collections.abc import Callable
 from pathlib import Path
@@ -10,6 +11,7 @@ from PIL import Image
 
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Capture
+from splatreel.capture.mask_files import read_mask_record
 from splatreel.capture.opening import open_capture
 from tests.capture import folders
 from tests.capture.folders import HEIGHT, WIDTH
@@ -235,3 +237,21 @@ def test_masks_of_a_video_that_the_program_made_may_be_of_some_frames(tmp_path: 
     assert frames_of(masked(scene, masks, frames=(1, 3)), capture.cameras[0].name) == [1, 2]
     with pytest.raises(CaptureError, match="there is no mask 000000"):
         masked(scene, masks, frames=(0, 2))
+
+
+@pytest.mark.parametrize("kind", ["pipe", "deep", "long", "list"])
+def test_hostile_record_of_masks_is_refused(tmp_path: Path, kind: str) -> None:
+    record = tmp_path / "splatreel-masks.json"
+    if kind == "pipe":
+        if not hasattr(os, "mkfifo"):
+            pytest.skip("pipes")
+        os.mkfifo(record)
+    else:
+        record.write_text({"deep": "[" * 100_000 + "]" * 100_000, "long": " " * 2_000_000, "list": "[]"}[kind])
+    with pytest.raises(CaptureError, match=r"splatreel-masks\.json: .*Delete the folder, and make the masks again"):
+        read_mask_record(tmp_path)
+
+
+def test_folder_without_a_record_of_masks(tmp_path: Path) -> None:
+    assert read_mask_record(tmp_path) is None
+    assert read_mask_record(tmp_path / "absent") is None

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from contextlib import closing
+from dataclasses import replace
 from fractions import Fraction
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from av.stream import Disposition
 from splatreel.base.errors import CaptureError
 from splatreel.capture.opening import open_capture
 from tests.capture import folders
+from tests.capture.films import HEARD, film
 
 FRAMES = 10
 
@@ -171,3 +173,43 @@ def test_a_truncated_video_is_used_to_its_last_whole_frame(tmp_path: Path) -> No
         CaptureError, match=r"cam02\.mp4: is truncated.*choose frames before its end \(--frames 0:\d+\)"
     ):
         open_capture(scene, frames=(0, 12))
+
+
+def test_unequal_ends_name_the_frames_that_a_video_has(scene: Path) -> None:
+    write(scene / "cam02.mp4", 2, thirtieths(*range(4), *range(7, 14)))
+    with pytest.raises(CaptureError, match=r"cam00\.mp4 has 10, cam02\.mp4 has 11 for 14 time steps\."):
+        open_capture(scene)
+
+
+def test_slow_motion_that_a_phone_states_is_named(tmp_path: Path) -> None:
+    scene = folders.neu3dv(tmp_path / "scene")
+    with av.open(str(scene / "cam02.mp4")) as source:
+        frames = [frame.to_ndarray(format="rgb24") for frame in source.decode(video=0)]
+    with av.open(str(scene / "cam02.mp4"), "w", options={"movflags": "use_metadata_tags"}) as container:
+        container.metadata["com.android.capture.fps"] = "240.000000"
+        stream = container.add_stream("libx264", rate=30)
+        stream.height, stream.width = frames[0].shape[:2]
+        for frame in frames:
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(frame, format="rgb24")))
+        container.mux(stream.encode(None))
+    notes = [note for note in open_capture(scene).notes if "filmed at" in note]
+    assert len(notes) == 1
+    assert "cam02: filmed at 240 frames a second and stored at 30, so that everything takes 8 times as long" in notes[0]
+    assert "-itsscale 0.125" in notes[0]
+
+
+@pytest.mark.parametrize(("heard", "named"), [(1.0, True), (2.5, False), (4.0, False)])
+def test_sound_several_times_shorter_than_the_images_hints_at_slow_motion(
+    tmp_path: Path, heard: float, named: bool
+) -> None:
+    for camera in range(4):
+        film(
+            tmp_path / f"cam{camera:02d}.mp4",
+            np.full(round(heard * HEARD) // 1024 * 1024, 0.1) if camera == 1 else None,
+        )
+    square = [replace(camera, height=camera.width) for camera in folders.cameras(4)]
+    np.save(tmp_path / "poses_bounds.npy", folders.llff(square))
+    notes = [note for note in open_capture(tmp_path).notes if "slow motion" in note]
+    assert bool(notes) == named
+    if named:
+        assert "cam01 (4.0 s of images, 1.0 s of sound)" in notes[0]

@@ -18,7 +18,7 @@ def room(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_check_reports_the_soundtrack(room: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["capture", "check", str(room), "--quick"]) == 1, "16 pixels show nothing that cameras agree on"
-    assert "sound: camera cam12 (the loudest without distortion)" in capsys.readouterr().out
+    assert "sound: camera cam00 (the loudest without distortion)" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize(

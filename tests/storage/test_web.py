@@ -200,7 +200,7 @@ def test_pipe_in_a_reel_does_not_block(tmp_path, uri):
     reel = shutil.copytree(GOLDEN, tmp_path / "reel")
     (reel / uri).unlink()
     os.mkfifo(reel / uri)
-    with pytest.raises(ReelError, match=f"{uri}: is neither a file nor a folder"):
+    with pytest.raises(ReelError, match=f"{uri}: is a pipe or a device"):
         ReelReader(reel).group(0)
 
 

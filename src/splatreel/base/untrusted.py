@@ -1,4 +1,4 @@
-"""Safe readers of JSON and NumPy files from untrusted sources.
+"""Safe opening of files from untrusted sources, and safe readers of JSON, XML and NumPy files.
 
 A file may be a pipe or a device, endless, deeply nested, or expand to a thousand times its size. Limits are checked
 before the content is read. Every fault raises the caller's error type with the name of the file.
@@ -18,6 +18,7 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 from tokenize import TokenError
 from typing import IO, Any, TypeGuard
+from xml.etree import ElementTree
 
 import numpy as np
 
@@ -30,7 +31,7 @@ JSON_BYTES = 64 << 20
 JSON_VALUES = 2_000_000
 """Default maximum number of JSON values. Each takes about a hundred bytes of memory."""
 JSON_DEPTH = 64
-"""Maximum nesting of lists and objects."""
+"""Maximum nesting of lists and objects, and of XML elements."""
 _STRING = re.compile(rb'"[^"\\]*+(?:\\.[^"\\]*+)*+"?', re.S)
 """String of a JSON text. It never backtracks, which would take a hundred bytes of memory for each escape."""
 _BLOCK = 1 << 20
@@ -116,6 +117,45 @@ def _check_size(data: bytes, kind: Kind, subject: str, most: int) -> None:
             raise kind(f"{subject} holds more than {most:,} values.".strip())
 
 
+def parse_xml(text: str, kind: Kind, subject: str) -> ElementTree.Element:
+    """Return the root of an XML text. Entities are refused, because they can expand without limit.
+
+    Args:
+        text: XML text. It is not decoded again, whatever encoding it declares.
+        kind: Error constructor.
+        subject: Start of the error message.
+
+    Raises:
+        SplatreelError: Of the given kind, for invalid XML, a document type, too deep nesting or too many elements.
+    """
+    if "<!DOCTYPE" in text or "<!ENTITY" in text:
+        raise kind(f"{subject} declares a document type, which is not read.")
+    try:
+        return ElementTree.fromstring(text, parser=ElementTree.XMLParser(target=_BoundedTree()))
+    except (ElementTree.ParseError, ValueError, LookupError) as error:
+        raise kind(f"{subject} is no complete XML file ({error}).") from error
+
+
+class _BoundedTree(ElementTree.TreeBuilder):
+    """Builder of XML trees of limited depth and size. Destroying a very deep tree overflows the stack."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._depth = self._count = 0
+
+    def start(self, tag: Any, attrs: Any, /) -> Any:
+        self._depth, self._count = self._depth + 1, self._count + 1
+        if self._depth > JSON_DEPTH:
+            raise ValueError(f"nested more than {JSON_DEPTH} deep")
+        if self._count > JSON_VALUES:
+            raise ValueError(f"more than {JSON_VALUES:,} elements")
+        return super().start(tag, attrs)
+
+    def end(self, tag: Any, /) -> Any:
+        self._depth -= 1
+        return super().end(tag)
+
+
 def read_array(path: Path, kind: Kind) -> np.ndarray:
     """Return the numeric array in a .npy file. Raises as `read_arrays` does."""
     try:
@@ -197,6 +237,7 @@ class ArrayRows:
     def __init__(self, path: Path, name: str, kind: Kind) -> None:
         self._subject = f"{path}: {name}"
         self._kind = kind
+        check_regular(path, kind)
         with naming_damage(str(path), kind, _NO_ARRAYS):
             self._archive = zipfile.ZipFile(path)
             if f"{name}.npy" not in self._archive.namelist():
@@ -284,18 +325,32 @@ def numbers(value: object, *shape: int) -> np.ndarray:
     return np.array(value, np.float64).reshape(shape)
 
 
-def open_regular(path: Path, kind: Kind) -> IO[bytes]:
+def check_regular(path: Path, kind: Kind) -> None:
+    """Raise an error of the given kind for a pipe, a device or a folder, before a library opens the file by its name."""
+    if path.exists() and not path.is_file():
+        raise kind(_irregular(path))
+
+
+def open_regular(path: Path, kind: Kind) -> io.BufferedReader:
     """Open a regular file without blocking on a pipe.
 
     Raises:
         SplatreelError: Of the given kind, for a pipe, a device or a folder.
         OSError: The file cannot be opened.
     """
-    file = open(path, "rb", opener=_without_waiting)  # noqa: SIM115 - returned
+    try:
+        file = open(path, "rb", opener=_without_waiting)  # noqa: SIM115 - returned
+    except IsADirectoryError as error:
+        raise kind(_irregular(path)) from error
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
-        raise kind(f"{path}: is neither a file nor a folder, but a pipe or a device. Name a file.")
+        raise kind(_irregular(path))
     return file
+
+
+def _irregular(path: Path) -> str:
+    found = "a folder" if path.is_dir() else "a pipe or a device"
+    return f"{path}: is {found}, expected a file. Remove or replace it."
 
 
 def _without_waiting(path: str, flags: int) -> int:

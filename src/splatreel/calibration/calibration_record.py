@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from splatreel.base.errors import CaptureError, SplatreelError
-from splatreel.base.untrusted import read_json
+from splatreel.base.untrusted import read_file, read_json
 from splatreel.calibration.uncalibrated import MODEL
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES
 from splatreel.capture.sidecar import read_sidecar
@@ -21,6 +21,10 @@ from splatreel.capture.video import VIDEO_SUFFIXES
 
 RECORD = "calibration.json"
 """File beside those of COLMAP, which ignores it."""
+METRIC = ("distance", "scale_board", "board")
+"""Options with which the unit of a calibration is a meter."""
+MODEL_BYTES = 1 << 30
+"""Maximum size of a file of a model that is compared with its record."""
 
 
 def calibration_record(path: Path, options: dict[str, Any], others: list[Path]) -> dict[str, Any]:
@@ -58,6 +62,17 @@ def is_made_by(path: Path, record: dict[str, Any]) -> bool:
         return False
 
 
+def is_in_meters(path: Path) -> bool:
+    """Return whether a capture has a whole model that `capture calibrate` made, whose unit is a meter."""
+    model = path / MODEL
+    try:
+        known = read_json(model / RECORD, CaptureError)
+        options = known.get("options") if isinstance(known, dict) else None
+        return isinstance(options, dict) and any(o in options for o in METRIC) and known.get("model") == _digests(model)
+    except (SplatreelError, OSError):
+        return False
+
+
 def _digests(model: Path) -> dict[str, str]:
     files = sorted(file for file in model.iterdir() if file.is_file() and file.name != RECORD)
-    return {file.name: hashlib.sha256(file.read_bytes()).hexdigest() for file in files}
+    return {file.name: hashlib.sha256(read_file(file, MODEL_BYTES, CaptureError)).hexdigest() for file in files}

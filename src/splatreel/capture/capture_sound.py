@@ -23,6 +23,8 @@ LOUD = 0.99
 """Samples of at least this amplitude count as clipped."""
 CLIPPED = 1e-4
 """Share of clipped samples, about five per second, up to which a track counts as undistorted."""
+AS_LOUD = 0.7
+"""Share of the largest root mean square above which the first track is used, so that other frames do not change the choice."""
 SILENT = 1e-5
 """Root mean square below which a track is silent, 100 dB below full scale."""
 WINDOWS, WINDOW = 12, 5.0
@@ -131,7 +133,7 @@ def choose(wanted: str, tracks: dict[str, Track], seconds: float, begin: float, 
 
 
 def _best(tracks: dict[str, Track], seconds: float) -> Choice | None:
-    """Return the loudest undistorted track, or the least distorted one."""
+    """Return the first of the loudest undistorted tracks, or the least distorted one."""
     with ThreadPoolExecutor(threads.count()) as pool:  # FFmpeg releases the interpreter lock
         counts = pool.map(lambda track: channels(track.file, track.files), tracks.values())
         choices = [
@@ -141,7 +143,8 @@ def _best(tracks: dict[str, Track], seconds: float) -> Choice | None:
         audible = {c: loudness for c, loudness in zip(choices, found, strict=True) if loudness.rms >= SILENT}
     clean = [choice for choice in audible if audible[choice].clipped <= CLIPPED]
     if clean:
-        best = max(clean, key=lambda choice: audible[choice].rms)
+        loud = AS_LOUD * max(audible[choice].rms for choice in clean)
+        best = next(choice for choice in clean if audible[choice].rms >= loud)
         return replace(best, why="the loudest without distortion" if len(audible) > 1 else "")
     if audible:
         return replace(min(audible, key=lambda choice: audible[choice].clipped), why="the least distorted")

@@ -16,6 +16,9 @@ from splatreel.capture.frame_table import FrameTable
 from splatreel.capture.lens import Lens, describe_crops
 from splatreel.scene.camera import Camera
 
+NEARLY = 0.15
+"""Maximum relative difference of sizes between which images were probably cropped, as by undistortion, and not resized."""
+
 
 class FrameSource(Protocol):
     """Images of cameras by name.
@@ -138,7 +141,7 @@ class FileCapture(Capture):
         self._source = source
         self._lenses = {camera.name: lenses[camera.name] for camera in kept if lenses and camera.name in lenses}
         held_out = [name for name in held_out if name not in request.left_out]
-        self._check_shapes(path, kept, calibrated or {})
+        sizes = self._check_shapes(path, kept, calibrated or {})
         super().__init__(
             path,
             kept,
@@ -151,12 +154,17 @@ class FileCapture(Capture):
             origin=origin,
             growing=request.growth is not None,
             limit=request.frames[1] if request.growth is not None and request.frames is not None else None,
-            notes=[*notes, *describe_crops(self._lenses), *source.notes, *source.conversions()],
+            notes=[*notes, *sizes, *describe_crops(self._lenses), *source.notes, *source.conversions()],
         )
         self.left_out = tuple(request.left_out)
 
-    def _check_shapes(self, path: Path, cameras: list[Camera], calibrated: dict[str, tuple[int, int]]) -> None:
-        """Check the first image of every camera. Sources check that its other images have the same size."""
+    def _check_shapes(self, path: Path, cameras: list[Camera], calibrated: dict[str, tuple[int, int]]) -> list[str]:
+        """Check the first image of every camera. Sources check that its other images have the same size.
+
+        Returns:
+            Sentences about images that are nearly, but not exactly, as large as their calibration.
+        """
+        nearly: dict[tuple[tuple[int, int], tuple[int, int]], list[str]] = {}
         for camera in cameras:
             read_at = self._lenses.get(camera.name, camera)
             expected = calibrated.get(camera.name, (read_at.width, read_at.height))
@@ -168,6 +176,24 @@ class FileCapture(Capture):
                     f"{found[0]}x{found[1]}, {'turned by a quarter' if turned else 'another aspect ratio'}. "
                     f"{'Turn' if turned else 'Crop'} them as for the calibration, or calibrate again."
                 )
+            differs = max(abs(found[0] - expected[0]), abs(found[1] - expected[1])) > 1  # not only by rounding
+            if differs and abs(found[0] / expected[0] - 1) <= NEARLY:
+                nearly.setdefault((found, expected), []).append(camera.name)
+        return [self._describe_scaling(*sizes, names) for sizes, names in nearly.items()]
+
+    def _describe_scaling(self, found: tuple[int, int], expected: tuple[int, int], names: list[str]) -> str:
+        """Return a sentence about cameras whose images are scaled by a few percent."""
+        whose = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]} ({len(names)} cameras)"
+        text = (
+            f"the images of {whose} are {found[0]}x{found[1]}, and their calibration is for {expected[0]}x{expected[1]}: they are "
+            f"scaled by {expected[0] / found[0]:.3f}"
+        )
+        if all(name in self._lenses for name in names):
+            return f"{text}. If they were cropped instead, crop them as for the calibration"
+        return (
+            f"{text}. That is right only if both show the same. If the calibration is of undistorted images, which are cropped, these "
+            f"images still have the distortion of the lens: undistort them in the same way, or calibrate from them"
+        )
 
     def _read_into(self, out: np.ndarray, first: int, cameras: list[str]) -> None:
         read_cameras(self._read_camera, out, first, cameras)

@@ -15,6 +15,7 @@ from av.stream import Disposition
 
 from splatreel.base.atomic import scratch
 from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import check_regular, open_regular
 from splatreel.storage.address import Address, local_path
 
 MEDIA = re.compile(
@@ -42,18 +43,12 @@ class Files:
 
     def source(self, path: Path) -> Any:
         """Return an argument for PyAV and Pillow: a path or an open file. Raise `CaptureError` for a pipe, a device or a folder."""
-        _check_regular(path)
+        check_regular(path, CaptureError)
         return str(path)
 
     def raw(self, path: Path) -> BinaryIO:
         """Open a file for random access. Raise `CaptureError` for a pipe, a device or a folder."""
-        _check_regular(path)
-        return open(path, "rb")
-
-
-def _check_regular(path: Path) -> None:
-    if path.exists() and not path.is_file():  # opening a pipe would block
-        raise CaptureError(f"{path}: is no file. Remove it from the capture.")
+        return open_regular(path, CaptureError)
 
 
 LOCAL = Files()

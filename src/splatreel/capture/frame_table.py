@@ -17,6 +17,7 @@ from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
 from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import check_regular, parse_json
 from splatreel.capture.orientation import STORED, Orientation, display_orientation
 from splatreel.capture.video_color import declared_color
 
@@ -24,6 +25,8 @@ WITHOUT_TIMES = ("avi", "mxf")
 """FFmpeg's names of containers that may lack presentation times although the codec reorders frames."""
 NO_TIME = np.iinfo(np.int64).min
 """Value of a decoding time or byte offset that the container does not state."""
+FILMED_RATE = "com.android.capture.fps"
+"""Tag with the rate at which a phone filmed slow motion."""
 ARRAYS = ("pts", "key_pts", "key_dts", "key_offsets")
 """Fields of a table that are arrays."""
 
@@ -50,6 +53,8 @@ class FrameTable:
         packets: Number of packets in the file.
         whole: Number of complete packets.
         declared: Number of frames that the container states, or 0.
+        filmed: Frames per second at which the camera states to have filmed, or 0.
+        sound_seconds: Duration of the sound that the container states, or 0.
     """
 
     size: int
@@ -68,6 +73,8 @@ class FrameTable:
     packets: int
     whole: int
     declared: int
+    filmed: float = 0.0
+    sound_seconds: float = 0.0
 
     @property
     def expected(self) -> int:
@@ -152,7 +159,27 @@ def scan(
         packets=packets,
         whole=whole,
         declared=declared,
+        filmed=_filmed_rate(container, stream),
+        sound_seconds=_sound_seconds(container),
     )
+
+
+def _filmed_rate(container: InputContainer, stream: av.VideoStream) -> float:
+    """Return the frames per second at which a phone states to have filmed; 0 without such a statement."""
+    text = container.metadata.get(FILMED_RATE) or stream.metadata.get(FILMED_RATE) or ""
+    try:
+        rate = float(text)
+    except ValueError:
+        return 0.0
+    return rate if 1 <= rate <= 1e5 else 0.0
+
+
+def _sound_seconds(container: InputContainer) -> float:
+    """Return the duration of the first sound track that the container states, or 0."""
+    for stream in container.streams.audio[:1]:
+        if stream.duration and stream.time_base:
+            return float(stream.duration * stream.time_base)
+    return 0.0
 
 
 def pack_tables(tables: dict[str, FrameTable]) -> bytes:
@@ -169,15 +196,16 @@ def pack_tables(tables: dict[str, FrameTable]) -> bytes:
 def load_tables(path: Path) -> dict[str, FrameTable]:
     """Return the tables in a file by name, or none if the file is missing or unreadable. Videos are then scanned."""
     try:
+        check_regular(path, CaptureError)
         arrays = load_file(str(path))
-        rest = json.loads(arrays["rest"].tobytes())
+        rest = parse_json(arrays["rest"].tobytes(), CaptureError, f"{path}:")
         found: dict[str, FrameTable] = {}
         for number, (name, values) in enumerate(rest.items()):
             everything: dict[str, Any] = values | {key: arrays[f"{number}.{key}"] for key in ARRAYS}
             everything["color"] = tuple(values["color"])
             found[name] = FrameTable(**everything)
         return found
-    except (OSError, SafetensorError, ValueError, KeyError, TypeError, AttributeError):
+    except (OSError, SafetensorError, CaptureError, ValueError, KeyError, TypeError, AttributeError):
         return {}
 
 

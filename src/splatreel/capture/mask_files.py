@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import json
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +13,7 @@ import numpy as np
 
 from splatreel.base.command_line import option, quoted
 from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import read_json
 from splatreel.capture.camera_images import same_shape
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import list_folder, locate_files
@@ -35,6 +36,7 @@ DOUBT = 64, 192
 RECORD = "splatreel-masks.json"
 """File in a folder of masks that `capture masks` made. Its masks belong to undistorted images. Masks of a video are named by the
 numbers of its frames, six digits from 000000 on."""
+RECORD_BYTES = 1 << 20
 
 
 def read_mask_record(folder: Path) -> dict[str, Any] | None:
@@ -44,14 +46,15 @@ def read_mask_record(folder: Path) -> dict[str, Any] | None:
         CaptureError: The record is damaged.
     """
     file = folder / RECORD
-    try:
-        record = json.loads(file.read_text(encoding="utf-8"))
-    except (FileNotFoundError, NotADirectoryError):
+    if not os.path.lexists(file):
         return None
-    except (OSError, ValueError) as error:
-        raise CaptureError(f"{file}: cannot be read ({error}). Delete the folder, and make the masks again.") from error
+
+    def damaged(problem: str) -> CaptureError:
+        return CaptureError(f"{problem.rstrip('.')}. Delete the folder, and make the masks again.")
+
+    record = read_json(file, damaged, RECORD_BYTES)
     if not isinstance(record, dict):
-        raise CaptureError(f"{file}: is no record of masks. Delete the folder, and make the masks again.")
+        raise damaged(f"{file}: is no record of masks")
     return record
 
 

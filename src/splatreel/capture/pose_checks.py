@@ -131,7 +131,7 @@ def _doubts(cameras: list[Camera], origin: str) -> list[str]:
             f"{origin}: the cameras look past each other as their poses are said to be, and at one place where each is inverted: they "
             f"may be camera to world. {NEEDED}."
         ]
-    given, other = _meeting(cameras), _meeting(inverted(cameras))
+    given, other = meeting_point(cameras), meeting_point(inverted(cameras))
     if len(cameras) < ENOUGH_CAMERAS or given is None:
         return []
     if given.before < 1 - MOST and given.miss(_shortest(given, other)) < MEET:
@@ -144,20 +144,20 @@ def _doubts(cameras: list[Camera], origin: str) -> list[str]:
 
 def look_inverted(cameras: list[Camera]) -> bool:
     """Return True if the cameras look past each other with the given poses, and at one place with inverted ones."""
-    given, other = _meeting(cameras), _meeting(inverted(cameras))
+    given, other = meeting_point(cameras), meeting_point(inverted(cameras))
     if len(cameras) < ENOUGH_CAMERAS or given is None or other is None:
         return False
     shortest = _shortest(given, other)
     return given.miss(shortest) > MISS and other.before > MOST and other.miss(shortest) < MEET
 
 
-def _shortest(given: _Meeting, other: _Meeting | None) -> float:
+def _shortest(given: Meeting, other: Meeting | None) -> float:
     """Return the distance within which a camera is at the meeting point."""
     return NO_WAY * max(given.distance, other.distance if other else 0.0)
 
 
 @dataclass(frozen=True)
-class _Meeting:
+class Meeting:
     """Point where the cameras' axes come closest to each other, relative to each camera [C]."""
 
     depths: np.ndarray
@@ -171,9 +171,14 @@ class _Meeting:
         return float((self.depths > 0).mean())
 
     @property
+    def distances(self) -> np.ndarray:
+        """Distances of the cameras from the point."""
+        return np.hypot(self.depths, self.past)
+
+    @property
     def distance(self) -> float:
         """Median distance of the cameras from the point."""
-        return float(np.median(np.hypot(self.depths, self.past)))
+        return float(np.median(self.distances))
 
     def miss(self, shortest: float) -> float:
         """Return the sine of the median angle between an axis and the direction to the point.
@@ -184,7 +189,7 @@ class _Meeting:
         return float(np.median(np.hypot(self.past, floor) / np.hypot(np.hypot(self.depths, self.past), floor)))
 
 
-def _meeting(cameras: list[Camera]) -> _Meeting | None:
+def meeting_point(cameras: list[Camera]) -> Meeting | None:
     """Return the least-squares meeting point of the axes, or None if they are parallel."""
     centers = np.stack([camera.center for camera in cameras]).astype(np.float64)
     forwards = np.stack([camera.forward for camera in cameras]).astype(np.float64)
@@ -194,7 +199,7 @@ def _meeting(cameras: list[Camera]) -> _Meeting | None:
         return None
     place = np.linalg.solve(mean, np.einsum("nij,nj->i", projectors, centers) / len(cameras))
     depths = ((place - centers) * forwards).sum(1)
-    return _Meeting(depths, np.linalg.norm(np.einsum("nij,nj->ni", projectors, place - centers), axis=1))
+    return Meeting(depths, np.linalg.norm(np.einsum("nij,nj->ni", projectors, place - centers), axis=1))
 
 
 def _depths(cameras: list[Camera], points: np.ndarray) -> np.ndarray:

@@ -26,6 +26,10 @@ CompleteVideo = VideoFile | SegmentedVideo
 
 LATE_END = 1.5
 """Maximum difference between the ends of videos that start together, in frames."""
+SLOWED = 1.5
+"""Minimum ratio of the rate at which a camera states to have filmed and that of the video for slow motion."""
+SLOW_MOTION, SAME_FACTOR = (2, 4, 5, 8, 10, 16), 0.02
+"""Usual ratios of slow motion, and the maximum relative difference from one."""
 SAME_CLOCK = 1.0
 """Maximum difference in seconds between the first timestamps of videos for these to be compared. Larger ones are of clocks that
 differ."""
@@ -83,7 +87,7 @@ class Videos:
             self._check_truncated(request.frames[1])
         if not sidecar.starts and not recorded and request.frames is None:
             self._check_ends()
-        self.notes += describe_rates(rates, 1 / self._step)
+        self.notes += [*describe_rates(rates, 1 / self._step), *_describe_slow_motion(self._files)]
 
     def _opened(self, file: Path) -> CompleteVideo:
         tables = {self._path / name: table for name, table in self._request.tables.items()}
@@ -162,11 +166,17 @@ class Videos:
         low, high = min(self._ends, key=lambda n: self._ends[n]), max(self._ends, key=lambda n: self._ends[n])
         least = self._ends[low]
         rest = f", and --frames 0:{self.frames} those that most have" if self.frames > least else ""
+        counts = ", ".join(self._described_end(name) for name in (low, high))
         raise CaptureError(
-            f"{self._path}: the videos have unequal frame counts: {self._files[low].path.name} has {least}, "
-            f"{self._files[high].path.name} has {self._ends[high]}. If they start together, --frames 0:{least} chooses the frames all "
-            f"of them have{rest}. If they do not, `splatreel capture sync` finds by their sound when each one starts."
+            f"{self._path}: the videos have unequal frame counts: {counts}. If they start together, --frames 0:{least} chooses the "
+            f"frames all of them have{rest}. If they do not, `splatreel capture sync` finds by their sound when each one starts."
         )
+
+    def _described_end(self, name: str) -> str:
+        """Return the number of frames of a video, and the time steps that they cover if these are more or fewer."""
+        video, steps = self._files[name], self._ends[name]
+        covered = "" if video.frames == steps else f" for {steps} time steps"
+        return f"{video.path.name} has {video.frames}{covered}"
 
     def _check_truncated(self, end: int) -> None:
         """Raise `CaptureError` if a truncated video ends before time step `end`. Otherwise, name the video."""
@@ -260,6 +270,37 @@ def describe_rates(rates: dict[str, float], used: float) -> list[str]:
         return []
     found = ", ".join(f"{name} {rate:.4g}" for name, rate in other.items())
     return [f"{used:.4g} frames a second are used; others have {found}, of which the frames nearest in time are read"]
+
+
+def _describe_slow_motion(files: dict[str, CompleteVideo]) -> list[str]:
+    """Return sentences about videos that were filmed faster than they play, by what the camera states or by their sound."""
+    stated: dict[tuple[float, float], list[str]] = {}
+    likely = {}
+    for name, video in files.items():
+        rate = frame_rate(video)
+        if not isinstance(video, VideoFile) or not rate or len(video.times) < 2:
+            continue
+        length = float(video.times[-1]) + 1 / rate
+        if video.table.filmed > SLOWED * rate:
+            stated.setdefault((video.table.filmed, rate), []).append(name)
+        elif video.table.sound_seconds > 0 and any(
+            abs(length / video.table.sound_seconds / factor - 1) < SAME_FACTOR for factor in SLOW_MOTION
+        ):
+            likely[name] = length, video.table.sound_seconds
+    found = [
+        f"{', '.join(names)}: filmed at {filmed:.4g} frames a second and stored at {rate:.4g}, so that everything takes "
+        f"{filmed / rate:.3g} times as long. Store them at their true speed (ffmpeg -itsscale {rate / filmed:.6g} -i IN -c:v copy -an "
+        f"OUT)"
+        for (filmed, rate), names in stated.items()
+    ]
+    if likely:
+        times = ", ".join(
+            f"{name} ({length:.1f} s of images, {heard:.1f} s of sound)" for name, (length, heard) in likely.items()
+        )
+        found.append(
+            f"may be slow motion, since the sound is several times shorter: {times}. Compare the speed with another camera's"
+        )
+    return found
 
 
 def _jump(video: CompleteVideo) -> int | None:

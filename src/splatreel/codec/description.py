@@ -8,7 +8,8 @@ from pathlib import Path
 
 from splatreel.base.atomic import sweep, write_bytes
 from splatreel.base.errors import ReelError
-from splatreel.codec.manifest import Manifest, parse_manifest
+from splatreel.base.untrusted import read_file
+from splatreel.codec.manifest import MAX_BYTES, Manifest, parse_manifest
 from splatreel.codec.presentation import check_text
 from splatreel.storage.address import Address
 
@@ -24,10 +25,8 @@ def edit_reel(folder: Path, words: Mapping[str, str]) -> Manifest:
         ReelError: The folder holds no finished reel, or a text is too long.
     """
     file = folder / "manifest.json"
-    try:
-        manifest = parse_manifest(file.read_bytes(), str(file), Address(folder, ReelError).fetch)
-    except OSError as error:
-        raise ReelError(f"{file}: cannot be read ({error.strerror}). Name the folder of a reel.") from error
+    data = read_file(file, MAX_BYTES, lambda problem: ReelError(f"{problem} Name the folder of a reel."))
+    manifest = parse_manifest(data, str(file), Address(folder, ReelError).fetch)
     if manifest.live:
         raise ReelError(
             f"{file}: is still being written. Pass --title and similar options to the command that writes it."

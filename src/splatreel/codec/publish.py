@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 from splatreel.base.errors import CancelledError, ReelError, SplatreelError, StorageError
 from splatreel.base.process import steady_clock
 from splatreel.base.progress import Progress, Silent
+from splatreel.base.untrusted import open_regular
 from splatreel.codec.document import in_lines, parse_object
 from splatreel.codec.manifest import MANIFEST, MAX_BYTES, parse_manifest
 from splatreel.codec.manifest_pages import Known
@@ -212,7 +213,7 @@ class Publication:
     def _read_here(self, uri: str, most: int) -> bytes | None:
         """Read a local file, at most one byte more than `most`."""
         try:
-            with open(self.reel / uri, "rb") as file:
+            with open_regular(self.reel / uri, ReelError) as file:
                 return file.read(most + 1)
         except FileNotFoundError:
             return None

@@ -7,8 +7,9 @@ import re
 from pathlib import Path
 
 from splatreel.base.errors import ReelError
+from splatreel.base.untrusted import open_regular
 from splatreel.codec.file_entry import FileEntry
-from splatreel.codec.manifest import MANIFEST, Manifest, parse_manifest
+from splatreel.codec.manifest import MANIFEST, MAX_BYTES, Manifest, parse_manifest
 from splatreel.codec.presentation import Asset
 from splatreel.storage.address import Address
 
@@ -23,7 +24,9 @@ def read_written_manifest(folder: Path) -> Manifest | None:
     """
     file = folder / MANIFEST
     try:
-        return parse_manifest(file.read_bytes(), str(file), Address(folder, ReelError).fetch, whole=False)
+        with open_regular(file, ReelError) as opened:
+            data = opened.read(MAX_BYTES + 1)
+        return parse_manifest(data, str(file), Address(folder, ReelError).fetch, whole=False)
     except FileNotFoundError:
         return None
     except OSError as error:
@@ -46,7 +49,7 @@ def is_intact(folder: Path, entry: FileEntry | Asset) -> bool:
     try:
         if path.stat().st_size != entry.bytes:
             return False
-        with open(path, "rb") as file:
+        with open_regular(path, ReelError) as file:
             while part := file.read(1 << 20):
                 digest.update(part)
     except FileNotFoundError:

@@ -25,7 +25,7 @@ from splatreel.base.archives import naming_damage, read_member
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget, allowed_memory, points_memory
-from splatreel.base.untrusted import numbers, parse_json, read_file
+from splatreel.base.untrusted import check_regular, numbers, parse_json, read_file
 from splatreel.formats.compressed_ply import smallest_three
 from splatreel.formats.ply_table import Columns
 from splatreel.formats.splat import to_bytes
@@ -230,6 +230,7 @@ def _opened(path: Path) -> Iterator[_Package]:
             size = sum(file.stat().st_size for file in (path, *folder.glob("*.webp")))
             yield _Package(path, lambda name: read_file(folder / Path(name).name, MOST_BYTES, GaussiansError), size)
             return
+        check_regular(path, GaussiansError)
         with zipfile.ZipFile(path) as archive:
             yield _Package(path, lambda name: _member(archive, name), path.stat().st_size)
 

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple, Protocol
 
 from splatreel.base.errors import ReelError
+from splatreel.base.untrusted import read_file
 from splatreel.codec.file_entry import FileEntry
 from splatreel.codec.manifest import MANIFEST, MAX_BYTES, Manifest, parse_manifest
 from splatreel.codec.manifest_pages import Known, PageEntry
@@ -113,7 +114,10 @@ class ServedFiles:
             self._seen = seen
             if file.is_file() and status.st_size <= MAX_BYTES:
                 manifest = parse_manifest(
-                    file.read_bytes(), MANIFEST, Address(self._reel, ReelError).fetch, known=self._pages
+                    read_file(file, MAX_BYTES, ReelError),
+                    MANIFEST,
+                    Address(self._reel, ReelError).fetch,
+                    known=self._pages,
                 )
                 self._names = frozenset({MANIFEST, *manifest.uris})
                 self._presentation = manifest.presentation

@@ -16,7 +16,9 @@ from splatreel.base import threads
 from splatreel.base.atomic import remove, replacing, write_bytes
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Progress
+from splatreel.base.untrusted import check_regular
 from splatreel.capture.file_capture import FileCapture
+from splatreel.capture.files import LOCAL
 from splatreel.capture.mask_files import RECORD, read_mask_record
 from splatreel.capture.own_frames import CountedSource
 from splatreel.method.layering.masks import Segmenter
@@ -187,9 +189,10 @@ def sample_moments(frames: int) -> list[int]:
 def _kept_model(capture: FileCapture, file: Path, near: float) -> SubjectModel | None:
     """Return the model that an interrupted call left, if it can be read."""
     try:
+        check_regular(file, CaptureError)
         with np.load(file) as arrays:
             return SubjectModel.unpack(capture.cameras, dict(arrays), near)
-    except (OSError, ValueError, KeyError, BadZipFile):
+    except (OSError, ValueError, KeyError, BadZipFile, CaptureError):
         return None
 
 
@@ -215,7 +218,7 @@ def _save(file: Path, mask: np.ndarray) -> None:
 
 def _share(file: Path) -> float:
     """Return the share of white in a mask."""
-    with Image.open(file) as image:
+    with Image.open(LOCAL.source(file)) as image:
         return float((np.asarray(image.convert("L")) > 127).mean())
 
 

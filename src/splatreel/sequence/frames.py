@@ -14,6 +14,7 @@ import numpy as np
 from splatreel.base.archives import copy_member, naming_damage
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget
+from splatreel.base.untrusted import check_regular
 from splatreel.formats.registry import columns_of, is_antialiased, read_splats, size_of
 from splatreel.formats.remarks import Remarks
 from splatreel.formats.splat_columns import MANY, Encoding, encoding_of
@@ -117,6 +118,7 @@ class ZipFrames:
         self.path = path
         self.size = path.stat().st_size
         self.remarks = Remarks()
+        check_regular(path, GaussiansError)
         with naming_damage(str(path), GaussiansError, "not a zip archive, or damaged"):
             self._archive = zipfile.ZipFile(path)
         members = find_members(path, self._archive)

@@ -8,10 +8,13 @@ import pytest
 
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Silent
+from splatreel.calibration.calibration_record import is_in_meters, write_record
 from splatreel.calibration.synchronization.sound_sync import RATE
+from splatreel.calibration.synchronization.sound_travel import SPEED
 from splatreel.calibration.synchronization.sync import synchronize
 from splatreel.capture.opening import open_capture
 from splatreel.capture.sidecar import read_sidecar
+from splatreel.scene.camera import Camera
 from tests.capture import folders
 from tests.capture.films import HEARD, film
 
@@ -184,5 +187,84 @@ def test_sync_needs_two_videos(tmp_path: Path) -> None:
 def test_pipe_among_videos_does_not_block(tmp_path: Path) -> None:
     for name in ("a.mp4", "b.mp4"):
         os.mkfifo(tmp_path / name)
-    with pytest.raises(CaptureError, match=r"a\.mp4: is no file"):
+    with pytest.raises(CaptureError, match=r"a\.mp4: is a pipe or a device"):
         synchronize(tmp_path, Silent())
+
+
+def test_too_short_videos_are_named_once_with_their_reason(tmp_path: Path) -> None:
+    for number in range(14):
+        film(tmp_path / f"cam{number:02d}.mp4", None, seconds=1.2)
+    with pytest.raises(CaptureError) as error:
+        synchronize(tmp_path, Silent())
+    said = str(error.value)
+    assert "too short to be compared by motion and light (1.1 s; 2 s are needed)" in said
+    assert said.count("too short") == 1
+    assert "cam01 to cam13 (13 videos)" in said
+    assert "0.00" not in said
+
+
+def test_slow_motion_is_recognized_by_motion(tmp_path: Path) -> None:
+    moving(tmp_path / "a.mp4", 0.0, 0)
+    moving(tmp_path / "b.mp4", 0.5, 1, seconds=24, rate=0.25)
+    with pytest.raises(CaptureError, match=r"fit if b plays 4 times as fast.*slow motion.*-itsscale 0\.25 -i b\.mp4"):
+        synchronize(tmp_path, Silent())
+
+
+DISTANCES = (2.0, 5.0, 12.0, 3.0)
+"""Meters of four cameras to the sound."""
+
+
+def far_apart(folder: Path, began: tuple[float, ...] = (0.4, 0.0, 0.9, 0.2)) -> Path:
+    """Write videos of cameras at `DISTANCES` from claps, each of which hears them late, and a model in which they look there."""
+    whole = scene(6)
+    folder.mkdir()
+    for number, (meters, start) in enumerate(zip(DISTANCES, began, strict=True)):
+        first = round((1 + start - meters / SPEED) * HEARD)
+        film(folder / f"cam{number:02d}.mp4", whole[first:][: 3 * HEARD], 3)
+    views = []
+    for number, meters in enumerate(DISTANCES):
+        angle = 0.5 * number
+        viewmat = np.eye(4)
+        viewmat[:3, :3] = [[np.cos(angle), 0, np.sin(angle)], [0, 1, 0], [-np.sin(angle), 0, np.cos(angle)]]
+        viewmat[2, 3] = meters
+        views.append(Camera(f"cam{number:02d}", viewmat, folders.cameras(1)[0].K, folders.WIDTH, folders.HEIGHT))
+    folders.colmap_model(folder, views)
+    images = folder / "sparse" / "0" / "images.txt"
+    images.write_text(images.read_text().replace("/000000.png", ".png"))
+    return folder
+
+
+def test_time_that_sound_takes_is_corrected_where_poses_are_in_meters(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    folder = far_apart(tmp_path / "scene")
+    heard = synchronize(folder, Silent())
+    true = {"cam00": 0.5, "cam01": 0.9, "cam02": 0.0, "cam03": 0.7}
+    off = {name: heard.starts[name] - start for name, start in true.items()}
+    assert max(off.values()) - min(off.values()) == pytest.approx(10 / SPEED, abs=1e-3)
+    assert "29 ms (0.3 frames) late" in heard.notes[-1]
+    write_record(folder / "sparse" / "0", {"options": {"board": "5x7:0.035"}})
+    found = synchronize(folder, Silent())
+    assert found.starts == pytest.approx(true, abs=1e-3)
+    assert not found.in_step, "start times of an earlier run are corrected, though they are within half a frame"
+    assert "corrected, by up to 29.2 ms" in found.notes[-1]
+    assert "2.0 to 12.0 m away" in found.notes[-1]
+
+
+def test_start_times_by_hand_are_kept_within_half_a_frame(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    folder = far_apart(tmp_path / "scene")
+    write_record(folder / "sparse" / "0", {"options": {"distance": "('cam00', 'cam01', 3)"}})
+    (folder / "splatreel.json").write_text('{"starts": {"cam00": 0.52, "cam01": 0.9, "cam02": 0.0, "cam03": 0.7}}')
+    assert synchronize(folder, Silent()).in_step
+
+
+def test_a_model_that_was_replaced_is_not_taken_to_be_in_meters(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap")
+    folder = folders.colmap_model(tmp_path, folders.cameras())
+    model = folder / "sparse" / "0"
+    write_record(model, {"options": {"board": "5x7:0.035"}})
+    assert is_in_meters(folder)
+    (model / "points3D.txt").write_text("# another model\n")
+    assert not is_in_meters(folder)
+    write_record(model, {"options": {"same_lens": "True"}})
+    assert not is_in_meters(folder)

@@ -169,3 +169,13 @@ def test_a_video_without_timecode_has_none(tmp_path: Path) -> None:
     assert read_timecode(tmp_path / "a.mov") is None
     (tmp_path / "b.mov").write_bytes(b"no video")
     assert read_timecode(tmp_path / "b.mov") is None
+
+
+def test_two_countings_of_timecode_are_named(tmp_path: Path) -> None:
+    rate = Fraction(30000, 1001)
+    still(tmp_path / "a.mov", "10:15:30:00", rate)
+    still(tmp_path / "b.mov", "10:15:30;00", rate)
+    still(tmp_path / "c.mov", "10:15:30:00", rate)
+    notes = [note for note in synchronize(tmp_path, Silent()).notes if "drop-frame" in note]
+    assert len(notes) == 1
+    assert "b has a drop-frame timecode (10:15:30;00) and a one that counts every frame (10:15:30:00)" in notes[0]

@@ -389,3 +389,55 @@ def test_a_folder_of_copies_is_no_camera(tmp_path: Path) -> None:
         (tmp_path / name).parent.mkdir(exist_ok=True)
         folders.write_video(tmp_path / f"{name}.mp4", [folders.frame(0, 0)])
     assert list(camera_files(tmp_path, ())) == ["cam0", "cam1", "cam2", "cam3"]
+
+
+def desk_game(folder: Path, model: tuple[int, int] = (126, 71), video: tuple[int, int] = (128, 72)) -> Path:
+    """Write a capture as the paper's: videos slightly larger than its pinhole model, whose images have only numbers."""
+    pytest.importorskip("pycolmap")
+    folders.colmap(folder, "PINHOLE", f"80 80 {model[0] / 2} {model[1] / 2}")
+    shutil.rmtree(folder / "images_2")
+    sparse = folder / "sparse" / "0"
+    text = (sparse / "cameras.txt").read_text().replace("64 48", f"{model[0]} {model[1]}")
+    (sparse / "cameras.txt").write_text(text)
+    pose = " ".join((sparse / "images.txt").read_text().splitlines()[0].split()[1:8])
+    w, x, y, z, *place = pose.split()
+    rows = [
+        f"{n + 1} {w} {x} {y} {z} {float(place[0]) + 0.2 * n} {place[1]} {place[2]} 1 {n}.png\n\n" for n in range(11)
+    ]
+    (sparse / "images.txt").write_text("".join(rows))
+    (folder / "colmap").mkdir()
+    (folder / "sparse").rename(folder / "colmap" / "sparse")
+    (folder / "videos").mkdir()
+    for n in range(11):
+        images = [np.full((video[1], video[0], 3), (20 + 15 * t, 20 * n, 128), np.uint8) for t in range(3)]
+        folders.write_video(folder / "videos" / f"cam{n:02d}.mp4", images)
+    return folder
+
+
+def test_the_papers_own_captures(tmp_path: Path) -> None:
+    capture = open_capture(desk_game(tmp_path / "cube"))
+    assert [camera.name for camera in capture.cameras] == [f"cam{n:02d}" for n in range(11)]
+    assert capture.held_out == ["cam07"]
+    assert (capture.frames, capture.width, capture.height) == (3, 126, 71)
+    red, green, _ = capture.read(1, 1, ["cam10"])[0, 0].reshape(-1, 3).mean(0)
+    assert (round(red / 15, 0), round(green / 20)) == (2, 10)
+    scaled = [note for note in capture.notes if "128x72" in note and "126x71" in note]
+    assert len(scaled) == 1
+    assert "cam00 to cam10 (11 cameras)" in scaled[0]
+    assert "undistort" in scaled[0]
+
+
+def test_other_defaults_beside_the_papers(tmp_path: Path) -> None:
+    scene = desk_game(tmp_path / "cube", (64, 48), (64, 48))
+    assert open_capture(scene, leave_out=["cam07"]).held_out != ["cam07"]
+    assert not [note for note in open_capture(scene).notes if "64x48" in note]
+    (scene / "colmap" / "sparse").rename(scene / "sparse")
+    assert open_capture(scene).held_out != ["cam07"]
+
+
+@pytest.mark.parametrize(
+    ("video", "named"), [((128, 96), False), ((32, 24), False), ((65, 49), False), ((68, 51), True)]
+)
+def test_sizes_that_differ_by_a_few_percent_are_named(tmp_path: Path, video: tuple[int, int], named: bool) -> None:
+    notes = open_capture(desk_game(tmp_path / "cube", (64, 48), video)).notes
+    assert any(f"{video[0]}x{video[1]}" in note for note in notes) == named

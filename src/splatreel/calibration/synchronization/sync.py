@@ -15,6 +15,7 @@ from splatreel.base.progress import Progress
 from splatreel.calibration.synchronization import sound_sync, visible_sync
 from splatreel.calibration.synchronization.clock_drift import Lag
 from splatreel.calibration.synchronization.sound_sync import Agreement
+from splatreel.calibration.synchronization.sound_travel import SoundTravel, describe_unknown_travel, sound_travel
 from splatreel.calibration.synchronization.timecode import Timecode, read_timecode, timecode_difference
 from splatreel.calibration.synchronization.visible_sync import VisibleAgreement
 from splatreel.capture.base import Request
@@ -31,6 +32,10 @@ DRIFTS = 0.5
 """Minimum change of the lag between two videos, in frames, that counts as a drift of a clock."""
 IN_STEP = 0.5
 """Maximum distance, in frames, of videos that are in step."""
+EXACT = 0.001
+"""Seconds to which sound aligns videos, if the time that it takes is known."""
+MOST_REASONS = 4
+"""Maximum number of reasons, and of videos with one reason, that an error lists."""
 SEARCHED = 3
 """Maximum number of aligned videos in which the parts of a video's sound are searched."""
 
@@ -76,6 +81,8 @@ class Synchronization:
     end_together: bool
     notes: list[str]
     in_step: bool = False
+    exact: bool = False
+    """True if the time that sound takes to the cameras is corrected."""
 
     def out_of_step(self, known: Sidecar) -> float:
         """Return by how many seconds videos are out of step with a sidecar. Videos that it does not name start together."""
@@ -106,7 +113,8 @@ def synchronize(
     found = find_starts(path, progress, leave_out)
     known = read_sidecar(path)
     settled = bool(known.starts) or (_is_calibrated(path) and found.end_together)
-    if settled and found.out_of_step(known) <= IN_STEP * found.frame:
+    again = found.exact and bool(known.sync)  # an earlier run may not have known how long sound takes
+    if settled and found.out_of_step(known) <= (EXACT if again else IN_STEP * found.frame):
         return replace(found, in_step=True)
     if not dry_run:
         write_starts(path, found.starts, found.evidence, found.rates)
@@ -138,7 +146,11 @@ def find_starts(path: Path, progress: Progress, leave_out: Sequence[str] = ()) -
         raise CaptureError(f"{path}: {len(files)} videos; at least two are needed to synchronize.{others}")
     search = _Search(path, files, progress)
     search.run()
-    clocks = search.clocks
+    heard = {name for b, found in search.evidence.items() if found.by == "sound" for name in (found.other, b)}
+    travel = sound_travel(path, sorted(heard)) if heard else None
+    clocks = search.clocks if travel is None else _without_travel(search, travel)
+    if heard:
+        search.notes.append(describe_unknown_travel(search.frame) if travel is None else travel.describe())
     usual = min((c.rate for c in clocks.values()), key=lambda rate: sum(abs(rate - c.rate) for c in clocks.values()))
     begin = max(clock.began for clock in clocks.values())
     starts = {name: round(clocks[name].rate * begin + clocks[name].shift, 6) + 0.0 for name in files}
@@ -154,7 +166,18 @@ def find_starts(path: Path, progress: Progress, leave_out: Sequence[str] = ()) -
         max(min(lengths.values()), 0.0),
         max(ends) - min(ends) <= LATE_END * search.frame,
         search.notes,
+        exact=travel is not None,
     )
+
+
+def _without_travel(search: _Search, travel: SoundTravel) -> dict[str, Clock]:
+    """Return the clocks without the time that sound takes. A video that was aligned otherwise moves with the other video."""
+    first = next(name for name in search.clocks if name not in search.evidence)
+    late = {first: travel.seconds.get(first, 0.0)}
+    for name, found in search.evidence.items():  # in the order of alignment
+        by_sound = found.by == "sound"
+        late[name] = late[found.other] + (travel.seconds[name] - travel.seconds[found.other] if by_sound else 0.0)
+    return {name: replace(clock, shift=clock.shift - clock.rate * late[name]) for name, clock in search.clocks.items()}
 
 
 class _Search:
@@ -254,6 +277,8 @@ class _Search:
             for a in self.clocks:
                 one, other = self._timecodes.get(a), self._timecodes.get(b)
                 if one is not None and other is not None and self._overlap(a, b):
+                    if one.drops != other.drops:
+                        self.notes.append(_describe_countings(a, one, b, other))
                     return self._join(a, b, Lag(timecode_difference(one, other)), SyncEvidence(a, "timecode"))
         return False
 
@@ -318,14 +343,39 @@ class _Search:
 
     def _scores(self, b: str) -> str:
         """Return what was tried to align a video, with the scores."""
-        found = {a: agreement for (a, other), agreement in self._visible.items() if other == b}
-        best = max(found, key=lambda a: found[a].alike)
-        sight = (
-            f"its motion and light fit {best} best, with a correlation of {found[best].alike:.2f} ({visible_sync.ALIKE:g} is needed), "
-            f"{found[best].clear:.2f} times that at another time ({visible_sync.CLEAR:g} is needed)"
-        )
         sound = self._sound_score(b) or ("no other video has sound" if b in self._sounds else "it has no sound")
-        return f"{sound}; {sight}; {self._timecode_score(b)}"
+        return f"{sound}; {self._sight_score(b)}; {self._timecode_score(b)}"
+
+    def _sight_score(self, b: str) -> str:
+        """Return how well the motion and light of a video fit those of others, or why they cannot be compared."""
+        found = {
+            a: agreement
+            for (a, other), agreement in self._visible.items()
+            if other == b and min(visible_sync.seconds(self._seen[name]) for name in (a, b)) >= visible_sync.OVERLAP
+        }
+        if not found:
+            shown = max(visible_sync.seconds(self._seen[a]) for a in self.clocks)
+            short = "it" if visible_sync.seconds(self._seen[b]) < visible_sync.OVERLAP else "each aligned video"
+            length = min(shown, visible_sync.seconds(self._seen[b]))
+            return f"{short} is too short to be compared by motion and light ({length:.1f} s; {visible_sync.OVERLAP:g} s are needed)"
+        best = max(found, key=lambda a: found[a].alike)
+        return (
+            f"its motion and light fit {best} best, with a correlation of {found[best].alike:.2f} ({visible_sync.ALIKE:g} is needed), "
+            f"{found[best].clear:.2f} times that at another time ({visible_sync.CLEAR:g} is needed){self._slow_motion(b)}"
+        )
+
+    def _slow_motion(self, b: str) -> str:
+        """Return a phrase if the motion of a video fits another one at several times its speed."""
+        for a in self.clocks:
+            for factor in visible_sync.SLOW_MOTION:
+                for slow, fast in ((b, a), (a, b)):
+                    sped = visible_sync.sped_up(self._seen[slow], factor)
+                    if visible_sync.compare_activity(self._seen[fast], sped).certain:
+                        return (
+                            f", but they fit if {slow} plays {factor} times as fast: it seems to be slow motion. Store it at its true "
+                            f"speed (ffmpeg -itsscale {1 / factor:g} -i {self.files[slow].name} -c:v copy -an OUT.mp4)"
+                        )
+        return ""
 
     def _timecode_score(self, b: str) -> str:
         code = self._timecodes.get(b)
@@ -337,13 +387,32 @@ class _Search:
 
     def _lost(self) -> CaptureError:
         names = ", ".join(self.files[name].name for name in self._waiting)
-        scores = ". ".join(f"{name}: {self._scores(name)}" for name in self._waiting)
+        reasons: dict[str, list[str]] = {}
+        for name in self._waiting:
+            reasons.setdefault(self._scores(name), []).append(name)
+        texts = [f"{_listed(group)}: {reason}" for reason, group in reasons.items()]
+        rest = len(texts) - MOST_REASONS
+        scores = ". ".join(texts[:MOST_REASONS]) + (f". {rest} more fit no better" if rest > 0 else "")
         example = ", ".join(f'"{name}": seconds' for name in self.files)
         return CaptureError(
             f"{self.path}: nothing tells when {names} start. {scores}. Find something in these videos that others "
             f"show too, such as a step, and write into splatreel.json when it happens in each: "
             f'{{"starts": {{{example}}}}}; or leave them out (--leave-out). Next time, clap once that all hear.'
         )
+
+
+def _listed(names: list[str]) -> str:
+    return ", ".join(names) if len(names) <= MOST_REASONS else f"{names[0]} to {names[-1]} ({len(names)} videos)"
+
+
+def _describe_countings(a: str, one: Timecode, b: str, other: Timecode) -> str:
+    """Return a sentence about two timecodes of which only one drops numbers."""
+    (dropping, dropped), (free, counted) = ((a, one), (b, other)) if one.drops else ((b, other), (a, one))
+    return (
+        f"{dropping} has a drop-frame timecode ({dropped.text}) and {free} one that counts every frame ({counted.text}). They are "
+        f"compared as times of day. At 29.97 frames a second, {free} falls behind by 3.6 s in each hour since its clock was set: set "
+        f"all cameras to one counting"
+    )
 
 
 def _first_part(file: Path) -> Path:

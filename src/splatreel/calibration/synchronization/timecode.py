@@ -9,11 +9,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import BinaryIO
 
-import av
 import numpy as np
 from av.error import FFmpegError
 
 from splatreel.base.errors import CaptureError
+from splatreel.capture.files import LOCAL, open_media
 from splatreel.capture.video import SUFFIXES, VideoFile, top_level_boxes
 from splatreel.capture.videos import frame_rate
 
@@ -82,7 +82,7 @@ class Timecode:
 def read_timecode(file: Path) -> Timecode | None:
     """Return the timecode of a video's first frame, or None if the video has none that is valid."""
     try:
-        with av.open(str(file)) as container:
+        with open_media(LOCAL, file) as container:
             tags = [container.metadata, *(stream.metadata for stream in container.streams)]
             text = next((tag["timecode"] for tag in tags if "timecode" in tag), None)
         if text is None:
@@ -166,7 +166,7 @@ def _written_rate(file: Path) -> TimecodeRate | None:
     """
     if file.suffix.lower() not in SUFFIXES:
         return None
-    with open(file, "rb") as opened:
+    with LOCAL.raw(file) as opened:
         tables = b"".join(_tables(opened, file.stat().st_size))
     for match in re.finditer(b"tmcd", tables):
         entry = tables[match.end() : match.end() + 25]

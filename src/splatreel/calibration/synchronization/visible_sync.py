@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-import av
 import numpy as np
 from av.error import FFmpegError
 
 from splatreel.base.errors import CaptureError
 from splatreel.calibration.synchronization.clock_drift import Lag, fit_lag, significant_drift
+from splatreel.capture.files import LOCAL, open_media
 
 RATE = 120
 """Samples of activity per second. A peak between samples is interpolated; times are exact to about half a frame."""
@@ -28,6 +28,8 @@ CLEAR = 1.3
 """Minimum ratio between the best correlation and its best rival."""
 APART = 0.5
 """Minimum distance in seconds of a rival alignment."""
+SLOW_MOTION = (2, 4, 8)
+"""Ratios of the filmed and the stored frame rate at which videos that fit nothing are compared."""
 PART = 12.0
 """Seconds of a part whose lag is measured."""
 PARTS = 12
@@ -68,7 +70,7 @@ def watch(file: Path) -> np.ndarray:
     """
     times, motion, light, before, first = [], [], [], None, 0.0
     try:
-        with av.open(str(file)) as container:
+        with open_media(LOCAL, file) as container:
             for frame in container.decode(video=0):
                 if frame.time is None:
                     continue
@@ -110,6 +112,17 @@ def compare_activity(one: np.ndarray, other: np.ndarray) -> VisibleAgreement:
     place, alike = _peak(fit, best)
     later = (place if best < length // 2 else place - length) / RATE
     return VisibleAgreement(later, alike, alike / max(rival, 1e-6))
+
+
+def seconds(activity: np.ndarray) -> float:
+    """Return the duration of an activity [2, samples]."""
+    return activity.shape[1] / RATE
+
+
+def sped_up(activity: np.ndarray, factor: int) -> np.ndarray:
+    """Return the activity [2, samples / factor] of a video that plays several times as fast."""
+    count = activity.shape[1] // factor
+    return activity[:, : count * factor].reshape(2, count, factor).mean(2) * factor
 
 
 def align_drifting(

@@ -132,11 +132,11 @@ def is_complete_image(file: Path) -> bool:
     try:
         mark = END_MARKS.get(file.suffix.lower())
         if mark is not None:
-            with open(file, "rb") as opened:
+            with LOCAL.raw(file) as opened:
                 opened.seek(max(file.stat().st_size - len(mark), 0))
                 if opened.read() == mark:
                     return True
-        with Image.open(file) as image:  # other formats, and files with data after the image
+        with Image.open(LOCAL.source(file)) as image:  # other formats, and files with data after the image
             image.load()
         return True
     except (OSError, UnidentifiedImageError, SyntaxError, ValueError):

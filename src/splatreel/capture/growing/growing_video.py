@@ -15,7 +15,7 @@ from av.container import InputContainer
 from av.error import FFmpegError
 
 from splatreel.base.errors import CaptureError
-from splatreel.capture.files import main_video
+from splatreel.capture.files import LOCAL, main_video
 from splatreel.capture.frame_table import frame_orientation
 from splatreel.capture.growing.growing_sound import Packets, sound_errors
 from splatreel.capture.growing.growth import Growth
@@ -59,7 +59,7 @@ class Tail:
     def _read_available(self, count: int) -> bytes:
         if self._file is None:
             try:
-                self._file = open(self._path, "rb", buffering=0)  # noqa: SIM115 - `close` closes it
+                self._file = LOCAL.raw(self._path)
             except FileNotFoundError:
                 return b""
         return self._file.read(count)

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import open_regular
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import list_folder
@@ -49,6 +50,8 @@ FORMATS: tuple[tuple[str, Callable[[Path, bytes], bool], Callable[[Path], Rig]],
 )
 """Name, recognition by the start of a file, and reader of each format of one file."""
 SUFFIXES = (".toml", ".txt", ".xml", ".json", ".yml", ".yaml", ".csv", ".npy")
+IN_METERS = ("Qualisys", "ZJU-MoCap")
+"""Formats whose readers return meters. The unit of the other formats is unknown."""
 PADDING, ROUNDING = 16, 1.0
 """Pixels by which codecs fill up images, and by which the size of a resized image may be rounded."""
 SAME_PLACE = 1e-3
@@ -105,7 +108,7 @@ class CalibratedCapture(FileCapture):
         upright: bool = True,
     ) -> None:
         if rig is None:
-            layout, rig = _only_calibration(path)
+            layout, rig = read_calibration(path)
         self._layout = layout
         names = rig.names()
         if not names or len(set(names)) < len(names):
@@ -216,14 +219,14 @@ def _recognized(files: list[Path]) -> Iterator[_Calibration]:
 
 def _head(file: Path) -> bytes:
     try:
-        with open(file, "rb") as opened:
+        with open_regular(file, CaptureError) as opened:
             return opened.read(HEAD)
     except OSError:
         return b""
 
 
-def _only_calibration(path: Path) -> tuple[str, Rig]:
-    """Return the format and the cameras of a folder's calibration. Several must agree."""
+def read_calibration(path: Path) -> tuple[str, Rig]:
+    """Return the format and the cameras of a folder's calibration. Raise `CaptureError` if it has none, or two that differ."""
     found = [(one, one.read()) for one in _calibrations(path)]
     if not found:
         raise CaptureError(f"{path}: holds no calibration file. Copy it there.")

@@ -32,6 +32,8 @@ from splatreel.capture.video import OTHER_VIDEOS, VIDEO_SUFFIXES
 from splatreel.scene.camera import Camera, middle_camera
 
 VIDEOS = ("videos", "synchronized_videos", ".")
+PAPER_HELD_OUT = "cam07"
+"""Camera that the paper holds out of its own captures (DeskGames)."""
 MOST_NAMED = 4
 """Maximum number of files that a sentence lists."""
 
@@ -42,7 +44,7 @@ def is_colmap(path: Path) -> bool:
 
 
 class ColmapCapture(FileCapture):
-    """COLMAP model with videos or images. By default a middle camera is held out.
+    """COLMAP model with videos or images. By default a middle camera is held out, or cam07 of the paper's captures.
 
     A camera is named by its image without extension, or by its folder if the folder has more images of the camera.
     `scale` refers to the size of most of the model's images. The smallest images that are large enough are read.
@@ -72,13 +74,15 @@ class ColmapCapture(FileCapture):
         points, colors = _points(model.reconstruction) if first == 0 else (None, None)
         lenses: dict[str, Lens] = {}
         views = [_camera(model.folder, camera, width, height, lenses) for camera in everything]
-        middle = names[middle_camera(request.kept(views, path))]
+        default = names[middle_camera(request.kept(views, path))]
+        if PAPER_HELD_OUT in names and _is_of_paper(path, model):
+            default = PAPER_HELD_OUT
         super().__init__(
             path,
             views,
             source,
             request,
-            held_out=[middle] if sidecar.held_out is None else sidecar.held_out,
+            held_out=[default] if sidecar.held_out is None else sidecar.held_out,
             lenses=lenses,
             points=points,
             point_colors=colors,
@@ -86,6 +90,12 @@ class ColmapCapture(FileCapture):
             notes=notes,
             calibrated={view.name: _size(view) for view in everything},
         )
+
+
+def _is_of_paper(path: Path, model: Model) -> bool:
+    """Return whether a capture is laid out as the paper's: `videos/cam00.mp4`, and a model in `colmap` of `0.png`, `1.png`, ..."""
+    in_colmap = model.folder.is_relative_to(path / "colmap")
+    return in_colmap and bool(video_files(path / "videos")) and all(camera.name.isdecimal() for camera in model.cameras)
 
 
 def is_model_alone(path: Path) -> bool:

@@ -20,6 +20,7 @@ import numpy as np
 from splatreel.base.command_line import install_command
 from splatreel.base.errors import CaptureError, MissingDependencyError
 from splatreel.base.process import signals_held
+from splatreel.base.untrusted import check_regular, open_regular
 from splatreel.capture.files import list_folder, natural_key
 
 PLACES = ("sparse", "sparse_", "colmap/sparse", ".")
@@ -144,18 +145,20 @@ def _count_images(folder: Path) -> int:
     """Return the number of images of a model without reading it; 0 if that is not possible."""
     suffix = _suffix(folder)
     try:
-        with open(folder / f"images{suffix}", "rb") as file:
+        with open_regular(folder / f"images{suffix}", CaptureError) as file:
             if suffix == ".bin":
                 return struct.unpack("<Q", file.read(8))[0]
             lines = [line for line in file.read().splitlines() if not line.startswith(b"#")]
             return (len(lines) + 1) // 2
-    except (OSError, struct.error):
+    except (OSError, struct.error, CaptureError):
         return 0
 
 
 def _read(folder: Path) -> Any:
     """Return a pycolmap.Reconstruction. A model without a file of points has none."""
     pycolmap, suffix = import_pycolmap(), _suffix(folder)
+    for file in folder.glob(f"*{suffix}"):
+        check_regular(file, CaptureError)
     try:
         if any((folder / f"points3D{found}").exists() for found in SUFFIXES):
             return pycolmap.Reconstruction(str(folder))

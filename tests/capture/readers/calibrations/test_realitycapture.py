@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import numpy as np
@@ -79,4 +80,21 @@ def test_images_with_xmp_files(tmp_path: Path, model: str, bends: tuple[float, .
 def test_unusable_files_are_named(tmp_path: Path, text: str, message: str) -> None:
     (tmp_path / "IMG_0.xmp").write_text(text)
     with pytest.raises(CaptureError, match=message):
+        open_capture(tmp_path)
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes")
+def test_pipes_and_devices_among_xmp_files_do_not_block(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "IMG_0.xmp")
+    (tmp_path / "IMG_1.xmp").symlink_to("/dev/zero")
+    with pytest.raises(CaptureError, match="holds none of these"):
+        open_capture(tmp_path)
+    (tmp_path / "IMG_2.xmp").write_text(xmp(0, "perspective", (0,) * 6, True))
+    with pytest.raises(CaptureError, match=r"IMG_[01]\.xmp: is (a pipe or a device|neither a file nor a folder)"):
+        open_capture(tmp_path)
+
+
+def test_deeply_nested_xmp_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "IMG_0.xmp").write_text('<x xmlns="http://www.capturingreality.com/ns/xcr/1.1#">' + "<a>" * 1000)
+    with pytest.raises(CaptureError, match=r"IMG_0\.xmp: .*nested more than 64 deep"):
         open_capture(tmp_path)

@@ -7,13 +7,13 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
+from xml.etree.ElementTree import Element
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
 from splatreel.base.errors import CaptureError
-from splatreel.base.untrusted import numbers, read_file
+from splatreel.base.untrusted import numbers, parse_xml, read_file
 from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.readers.calibrations.brown_lens import BrownLens
 from splatreel.capture.readers.colmap_model import import_pycolmap
@@ -92,15 +92,11 @@ def read_text(file: Path) -> str:
         return data.decode("utf-8-sig")
 
 
-def read_xml(file: Path) -> ElementTree.Element:
-    """Return the root of an XML file. Entities are refused, because they can expand without limit."""
-    text = read_text(file)
-    if "<!DOCTYPE" in text or "<!ENTITY" in text:
-        raise CaptureError(f"{file}: declares a document type, which no calibration needs. Export it again.")
-    try:
-        return ElementTree.fromstring(text)  # a text is not decoded again, whatever encoding it declares
-    except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise CaptureError(f"{file}: is no complete XML file ({error}). Export the calibration again.") from error
+def read_xml(file: Path) -> Element:
+    """Return the root of an XML file."""
+    return parse_xml(
+        read_text(file), lambda problem: CaptureError(f"{problem} Export the calibration again."), f"{file}:"
+    )
 
 
 def floats(text: str | None, count: int) -> np.ndarray:

@@ -16,6 +16,7 @@ from typing import Any
 from xml.etree.ElementTree import Element
 
 from splatreel.base.errors import CaptureError
+from splatreel.base.untrusted import open_regular
 from splatreel.capture.readers.calibrations.calibrated_rig import (
     Rig,
     RigCamera,
@@ -38,22 +39,25 @@ SQUARE = 1e-6
 
 def xmp_folders(path: Path) -> list[Path]:
     """Return a folder, or its folder `images`, if there are XMP files of RealityCapture. Other programs write such files too."""
-    return [folder for folder in (path, path / "images") if any(map(_is_own, sorted(folder.glob("*.xmp"))[:LOOKED_AT]))]
+    return [folder for folder in (path, path / "images") if any(map(_is_own, _files(folder)[:LOOKED_AT]))]
+
+
+def _files(folder: Path) -> list[Path]:
+    return sorted(file for file in folder.glob("*.xmp") if not file.name.startswith("."))
 
 
 def _is_own(file: Path) -> bool:
     try:
-        return NAMESPACE in file.read_bytes()[:XMP_BYTES]
-    except OSError:
+        with open_regular(file, CaptureError) as opened:
+            return NAMESPACE in opened.read(XMP_BYTES)
+    except (OSError, CaptureError):
         return False
 
 
 def read_realitycapture(folder: Path) -> Rig:
     """Return the cameras of the XMP files in a folder. Files without a pose are left out."""
     cameras, unposed = [], []
-    for file in sorted(folder.glob("*.xmp")):
-        if file.name.startswith("."):
-            continue
+    for file in _files(folder):
         values = _values(read_xml(file))
         if "Rotation" in values and "Position" in values:
             cameras.append(_camera(file, values))
