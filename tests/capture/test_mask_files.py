@@ -206,8 +206,9 @@ def test_masks_that_count_from_another_number_are_paired_in_order(
     assert frames_of(some, "12") == [1, 2, 3]
     first = name.format(offset).removesuffix(".png")
     for capture in (whole, some):
-        assert f"masks of {', '.join(CAMERAS)} begin at {first} where its images begin at 000000: they are paired in order" in (
-            capture.notes
+        assert (
+            f"masks of {', '.join(CAMERAS)} begin at {first} where its images begin at 000000: they are paired in order"
+            in (capture.notes)
         )
 
 

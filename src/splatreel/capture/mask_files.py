@@ -186,16 +186,16 @@ class MaskFiles:
             )
         return found[0]
 
-    def _paired(
-        self, place: Path, name: str, images: list[Path], own: OwnFrames, stems: Sequence[str]
-    ) -> list[Path]:
+    def _paired(self, place: Path, name: str, images: list[Path], own: OwnFrames, stems: Sequence[str]) -> list[Path]:
         """Return the mask of each image of a camera: the file of the same name, or of the same place in equal numbers of files."""
         by_stem = {file.stem: file for file in images}
         without, unused = [stem for stem in stems if stem not in by_stem], sorted(set(by_stem) - set(stems))
         if without and len(images) == own.count and self._record is None:
             offset = _offset(stems, [file.stem for file in images])
             if offset:
-                self._note(name, f"begin at {images[0].stem} where its images begin at {stems[0]}: they are paired in order")
+                self._note(
+                    name, f"begin at {images[0].stem} where its images begin at {stems[0]}: they are paired in order"
+                )
             elif offset is None and len(without) == len(stems) > 1:
                 self._note(name, "have other names than its images and are paired with them in order")
             if offset is not None or len(without) == len(stems):
