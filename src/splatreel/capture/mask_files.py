@@ -214,8 +214,8 @@ class MaskFiles:
             if stems[number] in without:
                 raise CaptureError(
                     f"{place}: there is no mask {stems[number]} for the image of this name of camera {name}. Its masks are "
-                    f"{images[0].stem} to {images[-1].stem}, its images {stems[0]} to {stems[-1]}. Add the mask; or, if masks and images "
-                    f"count from different numbers, rename the masks as the images."
+                    f"{images[0].stem} to {images[-1].stem}, its images {stems[0]} to {stems[-1]}. Add the mask; or, if masks and "
+                    f"images count from different numbers, rename the masks as the images."
                 )
         if len(images) != own.count and self._record is None:
             self._note(name, f"are {len(images)} for {own.count} images and are paired with those of the same names")

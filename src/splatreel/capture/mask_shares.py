@@ -69,8 +69,8 @@ def _changes(name: str, shares: np.ndarray, first: int, is_full: bool) -> list[s
         found.append(f"the masks of {name} are empty in frames {_frames(there[empty] + first)}, {usual:.1%} are usual")
     if large.any():
         found.append(
-            f"the masks of {name} cover up to {values.max():.0%} of the image in frames {_frames(there[large] + first)}, {usual:.1%} are "
-            f"usual: has the light changed?"
+            f"the masks of {name} cover up to {values.max():.0%} of the image in frames {_frames(there[large] + first)}, {usual:.1%} "
+            f"are usual: has the light changed?"
         )
     before, after = values[:-1], values[1:]
     low, high = np.minimum(before, after), np.maximum(before, after)

@@ -112,8 +112,8 @@ def _ignored(file: Path, frames: list[_Frame], views: list[_View]) -> list[str]:
         found.append(f"{file}: rolling_shutter {used[0]!r:.60} is not read: each image is taken to show one moment")
     if masked := sum(bool(frame.lens.get(MASK)) for frame in frames):
         found.append(
-            f"{file}: {MASK} of {masked} of {len(frames)} frames is not read: all that the images show is reconstructed. For the subject "
-            f"of the masks, {_masks_option(file, views)}"
+            f"{file}: {MASK} of {masked} of {len(frames)} frames is not read: all that the images show is reconstructed. For the "
+            f"subject of the masks, {_masks_option(file, views)}"
         )
     return found
 

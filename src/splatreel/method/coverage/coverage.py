@@ -88,8 +88,8 @@ class Coverage:
         pairs: Number of points in common of each two cameras, [C, C] int; None if a run's record gave the coverage.
         subject: True if the trial is about a subject that masks show.
         mask_fits: Share of each camera's mask that the other masks confirm, 0..1; None without masks.
-        mask_doubt: Other poses that the masks fit as well or better, as the end of a sentence; empty if there are none, None if none were tried:
-            without masks, where they do not fit, or where points tell enough.
+        mask_doubt: Other poses that the masks fit as well or better, as the end of a sentence; empty if there are none. None if none
+            were tried: without masks, where they do not fit, or where points tell enough.
         mask_share: Share of the images that the masks cover, 0..1, median of the cameras; None without masks.
     """
 
