@@ -67,7 +67,7 @@ def test_masks_of_the_same_names_are_needed_for_the_chosen_frames_only(scene: Pa
     masks = write_masks(tmp_path / "masks")
     (masks / "2" / "000004.png").unlink()
     assert frames_of(masked(scene, masks, frames=(1, 4)), "2") == [1, 2, 3]
-    with pytest.raises(CaptureError, match=r"masks/2: there is no mask 000004 .* camera 2.*--frames"):
+    with pytest.raises(CaptureError, match=r"masks/2: there is no mask 000004 .* camera 2\..* 000000 to 000003"):
         masked(scene, masks)
 
 
@@ -135,6 +135,99 @@ def test_smaller_masks_of_the_same_shape_are_enlarged(scene: Path, tmp_path: Pat
     for frame in range(FRAMES):
         Image.fromarray(mask(frame, WIDTH // 2, HEIGHT // 2)).save(masks / "1" / f"{frame:06d}.png")
     assert frames_of(masked(scene, masks), "1") == [0, 1, 2, 3, 4]
+
+
+def with_opacity(file: Path, opacity: int | None, mode: str) -> None:
+    """Save a mask again with an opacity: the same everywhere, or None for a transparent frame around an opaque image."""
+    with Image.open(file) as image:
+        gray = image.convert("L").point(lambda level: 255 * (level > 0))
+    alpha = Image.new("L", gray.size, 0 if opacity is None else opacity)
+    if opacity is None:
+        alpha.paste(255, (0, 0, WIDTH - 1, HEIGHT))
+    Image.merge(mode, [*[gray] * (len(mode) - 1), alpha]).save(file)
+
+
+@pytest.mark.parametrize("mode", ["RGBA", "LA"])
+@pytest.mark.parametrize("opacity", [255, 252, 40, None])
+def test_gray_levels_count_where_the_opacity_says_nothing(
+    scene: Path, tmp_path: Path, opacity: int | None, mode: str
+) -> None:
+    masks = write_masks(tmp_path / "masks")
+    for file in (masks / "1").iterdir():
+        with_opacity(file, opacity, mode)
+    assert frames_of(masked(scene, masks), "1") == [0, 1, 2, 3, 4]
+
+
+def test_transparent_masks_and_opaque_pictures_are_refused(scene: Path, tmp_path: Path) -> None:
+    masks = write_masks(tmp_path / "masks")
+    with_opacity(masks / "1" / "000000.png", 0, "RGBA")
+    with pytest.raises(CaptureError, match=r"000000\.png: is transparent everywhere.*Save it without an opacity"):
+        masked(scene, masks).alpha(0, 1, ["1"])
+    Image.new("RGBA", (WIDTH, HEIGHT), (10, 200, 30, 255)).save(masks / "1" / "000000.png")
+    with pytest.raises(CaptureError, match=r"colored.* A cut-out is transparent around the subject"):
+        masked(scene, masks).alpha(0, 1, ["1"])
+
+
+def test_levels_of_8_bits_in_files_of_16_bits(scene: Path, tmp_path: Path) -> None:
+    masks = write_masks(tmp_path / "masks")
+    for frame in range(FRAMES):
+        levels = (255 * (mask(frame) > 0)).astype(np.uint16)
+        Image.fromarray(levels).save(masks / "1" / f"{frame:06d}.png")
+    capture = masked(scene, masks)
+    assert frames_of(capture, "1") == [0, 1, 2, 3, 4]
+    for level in (1, 255, 1000):
+        Image.fromarray((levels > 0).astype(np.uint16) * level + (levels == 0)).save(masks / "1" / "000000.png")
+        with pytest.raises(CaptureError, match=rf"000000\.png: the brightest pixel of this mask is {level} of 65535"):
+            capture.alpha(0, 1, ["1"])
+
+
+def test_colors_of_16_bits_with_levels_of_8_bits_are_refused(scene: Path, tmp_path: Path) -> None:
+    """Pillow reads their upper 8 bits, which are black."""
+    cv2 = pytest.importorskip("cv2")
+    masks = write_masks(tmp_path / "masks")
+    capture, file = masked(scene, masks), masks / "1" / "000000.png"
+    for level in (255, 1):
+        cv2.imwrite(str(file), np.repeat((mask(1) > 0).astype(np.uint16)[..., None] * level, 3, 2))
+        with pytest.raises(CaptureError, match=rf"000000\.png: .* is {level} of 65535"):
+            capture.alpha(0, 1, ["1"])
+    cv2.imwrite(str(file), np.repeat((mask(1) > 0).astype(np.uint16)[..., None] * 65535, 3, 2))
+    assert frames_of(capture, "1")[0] == 1
+    cv2.imwrite(str(file), np.zeros((HEIGHT, WIDTH, 3), np.uint16))
+    assert frames_of(capture, "1")[0] == -1
+
+
+@pytest.mark.parametrize("name", ["{:06d}.png", "{:04d}.png", "mask_{}_1.png"])
+@pytest.mark.parametrize("offset", [1, 100, 3])
+def test_masks_that_count_from_another_number_are_paired_in_order(
+    scene: Path, tmp_path: Path, name: str, offset: int
+) -> None:
+    """Frames 1 to 4 have masks of their names, which are those of the frames before."""
+    masks = write_masks(tmp_path / "masks", lambda frame: name.format(frame + offset))
+    whole, some = masked(scene, masks), masked(scene, masks, frames=(1, 4))
+    assert frames_of(whole, "12") == [0, 1, 2, 3, 4]
+    assert frames_of(some, "12") == [1, 2, 3]
+    first = name.format(offset).removesuffix(".png")
+    for capture in (whole, some):
+        assert (
+            f"masks of {', '.join(CAMERAS)} begin at {first} where its images begin at 000000: they are paired in order"
+            in (capture.notes)
+        )
+
+
+def test_masks_that_count_from_another_number_and_are_too_few_are_refused(scene: Path, tmp_path: Path) -> None:
+    masks = write_masks(tmp_path / "masks", lambda frame: f"{frame + 1:06d}.png")
+    (masks / "2" / "000003.png").unlink()
+    for frames in (None, (1, 3)):
+        with pytest.raises(CaptureError, match=r"no mask 000000, and no image 000005\. .*rename the masks"):
+            masked(scene, masks, frames=frames)
+
+
+def test_masks_of_some_images_are_paired_by_name_and_said(scene: Path, tmp_path: Path) -> None:
+    masks = write_masks(tmp_path / "masks")
+    (masks / "2" / "000000.png").unlink()
+    capture = masked(scene, masks, frames=(1, 3))
+    assert frames_of(capture, "2") == [1, 2]
+    assert capture.notes[-1] == "masks of 2 are 4 for 5 images and are paired with those of the same names"
 
 
 def remove_camera(masks: Path) -> None:

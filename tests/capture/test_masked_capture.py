@@ -18,7 +18,7 @@ class Ramp:
     """Masks that are opaque on the left and transparent on the right."""
 
     def __init__(self, have_doubts: bool = False) -> None:
-        self.have_doubts = have_doubts
+        self.have_doubts, self.notes = have_doubts, list[str]()
 
     def read(self, first: int, count: int, name: str) -> np.ndarray:
         return np.tile(np.linspace(255, 0, 48).round().astype(np.uint8), (count, 32, 1))

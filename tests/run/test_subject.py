@@ -34,7 +34,7 @@ CONFIG = small({"keyframe.first_iterations": 120, "keyframe.densify_every": 30, 
 class ClusterMasks:
     """Soft masks of the cluster of a `WallCapture`."""
 
-    have_doubts = False
+    have_doubts, notes = False, list[str]()
 
     def __init__(self, darkness: int = 0) -> None:
         self.darkness = darkness

@@ -229,14 +229,14 @@ class FileCapture(Capture):
         """Source of the images."""
         return self._source
 
-    def read_any(self, moment: int, cameras: list[str]) -> np.ndarray:
-        """Return the images [len(cameras), H, W, 3] uint8 of a time step, counted from the first one of the files, as `read` does.
+    def read_any(self, first: int, count: int, cameras: list[str]) -> np.ndarray:
+        """Return the images [count, len(cameras), H, W, 3] uint8 of time steps that count from the first one of the files.
 
-        The time step may be outside of the frame range.
+        The time steps may be outside of the frame range.
         """
-        out = np.empty((1, len(cameras), self.height, self.width, 3), np.uint8)
-        self._read_into(out, moment, cameras)
-        return out[0]
+        out = np.empty((count, len(cameras), self.height, self.width, 3), np.uint8)
+        self._read_into(out, first, cameras)
+        return out
 
     def grow(self, available: int) -> None:
         """Update the number of complete time steps, counted from the first one of the files."""

@@ -33,6 +33,14 @@ SPACES = {"RGB": "RGB", "GRAY": "L", "CMYK": "CMYK"}
 """Pillow's modes by the color space of an ICC profile."""
 UNNOTICED = 2
 """Maximum difference, in levels of 255, of a profile that counts as sRGB."""
+SATURATED = 0.5
+"""Smallest share of the pixels above 0 that have the level 255, in a mask of 16 bits that holds levels of 8 bits."""
+OPAQUE, CLEAR = 250, 5
+"""Opacity above which and below which a mask's opacity is that of an opaque or a transparent image."""
+MOST_COLOR = 48
+"""Maximum difference between the channels of a mask. Compression changes gray by less."""
+BILEVEL, FEWEST = 0.98, 0.005
+"""Smallest share of the visible pixels that are black or white, and of those of either kind, where gray levels are the mask."""
 FAILURES = (OSError, UnidentifiedImageError, Image.DecompressionBombError, SyntaxError, ValueError)
 """Errors of Pillow for damaged files."""
 
@@ -89,10 +97,11 @@ def read_image(
         files: Access to the file.
         upright: True obeys EXIF, False returns the image as it is stored.
         size: Required width and height of the file's image, or None.
-        mask: True reads a mask: the opacity of an image that has one, the gray level of another.
+        mask: True reads a mask: the opacity of an image that has one, the gray level of another. Opacity that is the same everywhere
+            says nothing, so that the gray level counts.
 
     Raises:
-        CaptureError: The file cannot be read or has another size.
+        CaptureError: The file cannot be read, has another size, or is a mask without white.
     """
     pixels, orientation = _decoded(path, files, upright, mask)
     found = orientation.size(pixels.shape[1], pixels.shape[0])
@@ -119,14 +128,20 @@ def _decoded(path: Path, files: Files, upright: bool, mask: bool) -> tuple[np.nd
     try:
         with Image.open(files.source(path)) as image:
             orientation = _orientation(image) if upright else STORED
+            is_reduced = image.mode not in DEEP and any(";16" in str(tile) for tile in image.tile)
             image.load()
             if image.mode not in READ and not (image.mode == "I" and image.format == "PNG"):
                 raise ValueError(
                     f"its pixels are of kind {image.mode}, whose white is unknown; convert it to 8 or 16 bits"
                 )
-            return (_opacity(image) if mask and _has_alpha(image) else _rgb(image)), orientation
+            if not mask:
+                return _rgb(image), orientation
+            levels = _mask_levels(path, image)
     except FAILURES as error:
         raise _unreadable(path, error) from error
+    if is_reduced and not levels.any() and (brightest := _brightest_of_16_bits(path, files)):
+        raise _too_dark(path, brightest)
+    return levels, orientation
 
 
 def _conversions(image: Image.Image) -> list[str]:
@@ -157,9 +172,45 @@ def _rgb(image: Image.Image) -> np.ndarray:
     return _converted(image, profile)
 
 
-def _opacity(image: Image.Image) -> np.ndarray:
-    """Return the opacity of a loaded image as gray levels, [H, W, 3] uint8."""
-    return np.repeat(np.asarray(image.convert("RGBA"))[..., 3:], 3, 2)
+def _mask_levels(path: Path, image: Image.Image) -> np.ndarray:
+    """Return a loaded mask as gray levels, [H, W, 3] uint8."""
+    if image.mode in DEEP or image.mode == "I":
+        values = np.asarray(image)
+        brightest = int(values.max())
+        if 0 < brightest <= 255 and (values == 255).sum() >= SATURATED * (values > 0).sum():
+            return np.repeat(values.astype(np.uint8)[..., None], 3, 2)
+        if 0 < brightest < 1 << 15:
+            raise _too_dark(path, brightest)
+    if not _has_alpha(image):
+        return _rgb(image)
+    pixels = np.asarray(image.convert("RGBA"))
+    colors, opacity = pixels[..., :3], pixels[..., 3]
+    is_gray = int((colors.max(2) - colors.min(2)).max()) <= MOST_COLOR
+    if int(opacity.max()) < CLEAR and is_gray and colors.max() >= 128:
+        raise CaptureError(
+            f"{path}: is transparent everywhere, but its gray levels look like a mask. Save it without an opacity."
+        )
+    is_even = int(opacity.max()) - int(opacity.min()) <= 255 - OPAQUE and opacity.max() >= CLEAR
+    if is_even and (is_gray or opacity.min() >= OPAQUE):
+        return colors
+    shown = colors[opacity >= 128].mean(1)
+    black, white = shown <= 16, shown >= 239
+    if is_gray and (black | white).mean() >= BILEVEL and min(black.mean(), white.mean()) >= FEWEST:
+        return over_black(pixels)  # the opacity only marks the area that the image fills
+    return np.repeat(opacity[..., None], 3, 2)
+
+
+def _brightest_of_16_bits(path: Path, files: Files) -> int:
+    """Return the largest level of an image of 16 bits, of which Pillow reads the upper 8."""
+    with av.open(files.source(path)) as opened:
+        frame = next(opened.decode(video=0))
+    return int(frame.reformat(format="rgb48le").to_ndarray().max())
+
+
+def _too_dark(path: Path, brightest: int) -> CaptureError:
+    return CaptureError(
+        f"{path}: the brightest pixel of this mask is {brightest} of 65535. Write the subject as white, or save the mask with 8 bits."
+    )
 
 
 def _converted(image: Image.Image, profile: bytes | None) -> np.ndarray:

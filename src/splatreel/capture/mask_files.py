@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,15 +19,13 @@ from splatreel.capture.camera_images import same_shape
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import list_folder, locate_files
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
-from splatreel.capture.images import image_size, read_image
+from splatreel.capture.images import MOST_COLOR, image_size, read_image
 from splatreel.capture.own_frames import CountedSource, OwnFrames
 from splatreel.capture.video import VideoFile
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi")
 DARKEST_WHITE = 128
 """Gray level that the brightest pixel of a mask must have, unless the mask is black. Masks with the labels 0 and 1 have less."""
-MOST_COLOR = 48
-"""Maximum difference between the channels of a mask. Compression changes gray by less."""
 MADE_MASKS = "masks"
 """Folder in the output folder of a run for the masks that `--masks auto` makes."""
 LIKELY, UNLIKELY = 160, 96
@@ -70,6 +69,9 @@ class _CameraMasks:
 class MaskFiles:
     """Masks of a capture in a folder. Names are those of the cameras, images are named or numbered as the camera's frames.
 
+    Attributes:
+        notes: Sentences about masks that are paired with images of other names.
+
     Args:
         folder: Folder of the masks, or its address.
         capture: Capture that they belong to.
@@ -90,11 +92,13 @@ class MaskFiles:
         if not self.folder.is_dir():
             raise CaptureError(f"{folder}: is no folder of masks. Give the folder that holds masks for each camera.")
         self._record = read_mask_record(self.folder)
+        self._pairings: dict[str, list[str]] = {}
         self._masks = {
             camera.name: self._of_camera(camera.name, source.own_frames(camera.name))
             for camera in capture.cameras
             if names is None or camera.name in names
         }
+        self.notes = [f"masks of {', '.join(names)} {pairing}" for pairing, names in self._pairings.items()]
 
     def read(self, first: int, count: int, name: str) -> np.ndarray:
         """Return the masks of a camera as the images are read, [count, H, W] uint8.
@@ -160,8 +164,8 @@ class MaskFiles:
         if not images:
             raise CaptureError(f"{place}: holds no images. Copy the masks of camera {name} there.")
         self._check_size(images[0], name, image_size(images[0], self._files))
-        if own.stems is not None and {file.stem for file in images} & set(own.stems):
-            images = self._by_name(place, name, images, own)
+        if own.stems is not None:
+            images = self._paired(place, name, images, own, own.stems)
         else:
             self._check_count(place, name, len(images), own)
         return _CameraMasks(own.numbers, images, None)
@@ -185,19 +189,43 @@ class MaskFiles:
             )
         return found[0]
 
-    def _by_name(self, place: Path, name: str, images: list[Path], own: OwnFrames) -> list[Path]:
-        """Return the mask of each image of the camera: the file of the same name."""
-        assert own.stems is not None
+    def _paired(self, place: Path, name: str, images: list[Path], own: OwnFrames, stems: Sequence[str]) -> list[Path]:
+        """Return the mask of each image of a camera: the file of the same name, or of the same place in equal numbers of files."""
         by_stem = {file.stem: file for file in images}
+        without, unused = [stem for stem in stems if stem not in by_stem], sorted(set(by_stem) - set(stems))
+        if without and len(images) == own.count and self._record is None:
+            offset = _offset(stems, [file.stem for file in images])
+            if offset:
+                self._note(
+                    name, f"begin at {images[0].stem} where its images begin at {stems[0]}: they are paired in order"
+                )
+            elif offset is None and len(without) == len(stems) > 1:
+                self._note(name, "have other names than its images and are paired with them in order")
+            if offset is not None or len(without) == len(stems):
+                return images
+        if len(without) == len(stems):
+            self._check_count(place, name, len(images), own)
+        if without and unused:
+            raise CaptureError(
+                f"{place}: the {len(images)} masks and the {own.count} images of camera {name} have different names: there is no mask "
+                f"{without[0]}, and no image {unused[0]}. If masks and images count from different numbers, "
+                f"rename the masks as the images; else add the masks that are missing."
+            )
         capture = self._capture
         used = own.numbers[capture.first_frame : capture.first_frame + capture.frames]
         for number in used:
-            if own.stems[number] not in by_stem:
+            if stems[number] in without:
                 raise CaptureError(
-                    f"{place}: there is no mask {own.stems[number]} for the image of this name of camera {name}. Add the mask, or "
-                    f"choose other frames with --frames."
+                    f"{place}: there is no mask {stems[number]} for the image of this name of camera {name}. Its masks are "
+                    f"{images[0].stem} to {images[-1].stem}, its images {stems[0]} to {stems[-1]}. Add the mask; or, if masks and "
+                    f"images count from different numbers, rename the masks as the images."
                 )
-        return [by_stem.get(stem, images[0]) for stem in own.stems]
+        if len(images) != own.count and self._record is None:
+            self._note(name, f"are {len(images)} for {own.count} images and are paired with those of the same names")
+        return [by_stem.get(stem, images[0]) for stem in stems]
+
+    def _note(self, name: str, pairing: str) -> None:
+        self._pairings.setdefault(pairing, []).append(name)
 
     def _check_count(self, place: Path, name: str, found: int, own: OwnFrames) -> None:
         if found != own.count:
@@ -233,9 +261,28 @@ class MaskFiles:
 def _check_levels(file: Path, number: int, mask: np.ndarray) -> None:
     """Raise `CaptureError` for an image that is no mask."""
     if int((mask.max(2) - mask.min(2)).max()) > MOST_COLOR:
-        raise CaptureError(f"{file}: frame {number} is colored. Masks are gray: white is the subject, black is not.")
+        raise CaptureError(
+            f"{file}: frame {number} is colored. Masks are gray: white is the subject, black is not. A cut-out "
+            f"is transparent around the subject."
+        )
     brightest = int(mask.max())
     if 0 < brightest < DARKEST_WHITE:
         raise CaptureError(
             f"{file}: the brightest pixel of frame {number} is {brightest} of 255. Write the subject as white, 255."
         )
+
+
+def _offset(stems: Sequence[str], others: Sequence[str]) -> int | None:
+    """Return by how much the numbers in names of other files are larger; None without one difference common to all."""
+    numbers, other_numbers = _numbers(stems), _numbers(others)
+    if numbers is None or other_numbers is None:
+        return None
+    differences = {other - own for own, other in zip(numbers, other_numbers, strict=True)}
+    return differences.pop() if len(differences) == 1 else None
+
+
+def _numbers(stems: Sequence[str]) -> list[int] | None:
+    """Return the last number in each name that is not the same in all names, or None."""
+    found = [[int(number) for number in re.findall(r"\d+", stem)] for stem in stems]
+    columns = list(zip(*found, strict=True)) if len({len(numbers) for numbers in found}) == 1 else []
+    return next((list(column) for column in reversed(columns) if len(set(column)) > 1), None)

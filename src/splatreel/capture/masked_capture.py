@@ -28,7 +28,13 @@ UNLIKELY, LIKELY = 127, 128
 
 
 class Masks(Protocol):
-    """Masks of all cameras."""
+    """Masks of all cameras.
+
+    Attributes:
+        notes: Sentences about masks that are paired with images of other names.
+    """
+
+    notes: list[str]
 
     @property
     def have_doubts(self) -> bool:
@@ -76,7 +82,7 @@ class MaskedCapture(Capture):
             point_colors=capture.point_colors,
             near=capture.near,
             origin=capture.origin,
-            notes=capture.notes,
+            notes=[*capture.notes, *masks.notes],
         )
         # Images with an opacity are composed over black when they are read. If that opacity is the mask, it counts once.
         read = set(masks.sources(self.first_frame, self.frames))

@@ -6,10 +6,11 @@ import importlib.util
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 from tyro.conf import Positional, arg
 
+from splatreel.base import threads
 from splatreel.base.command_line import install_command, option, quoted
 from splatreel.base.errors import ReconstructionError, UsageError
 from splatreel.base.threads import use as use_threads
@@ -19,6 +20,7 @@ from splatreel.cli.printing import already_complete, counted, say
 if TYPE_CHECKING:
     import numpy as np
 
+    from splatreel.base.progress import Progress
     from splatreel.capture.base import Capture
     from splatreel.method.coverage.coverage import CaptureVerdict, Coverage
     from splatreel.scene.camera import Camera
@@ -77,7 +79,7 @@ def capture_check(
             progress.update(first + count)
         seconds = source.frames / source.fps
         sound = choose("auto", source.tracks(), seconds, source.first_frame / source.fps, source.path)
-        alpha = None if masks is None else _masks_of(source, masks)
+        masked = None if masks is None else _masks_of(source, masks, progress)
     finally:
         progress.close()
         source.close()
@@ -88,7 +90,8 @@ def capture_check(
     say(f"  {counted(source.frames, 'frame')} at {source.fps:g} a second, {source.width} x {source.height} pixels")
     say(f"  sound: {sound or 'none'}")
     said: list[str] = []
-    _say_each(source.notes, said)
+    _say_each([*source.notes, *(masked.sentences if masked else [])], said)
+    alpha = None if masked is None else masked.levels
     images = np.concatenate(moments)
     coverage, verdict = _judge(source, names, images, alpha, quick, said) or (None, None)
     given = {"--width": width, "--frames": frames, "--hold-out": hold_out, "--leave-out": leave_out, "--masks": masks}
@@ -99,26 +102,46 @@ def capture_check(
         from splatreel.evaluation.page.check_page import CheckFacts, check_page
         from splatreel.evaluation.report import write_text
 
-        write_text(page, check_page(CheckFacts(source, images[0], said, text, coverage, alpha)))
+        write_text(
+            page, check_page(CheckFacts(source, images[0], said, text, coverage, None if alpha is None else alpha[0]))
+        )
         say(f"  page: {page}")
     if verdict is not None and verdict.faults:
         raise ReconstructionError(f"{capture}: {text}")
     say(text)
 
 
-def _masks_of(source: Capture, folder: str) -> np.ndarray:
-    """Return the masks [C, H, W] uint8 of the first frame."""
+class _CheckedMasks(NamedTuple):
+    """Masks of all cameras at the first frame and at the one in the middle, [M, C, H, W] uint8, and sentences about all masks."""
+
+    levels: np.ndarray
+    sentences: list[str]
+
+
+def _masks_of(source: Capture, folder: str, progress: Progress) -> _CheckedMasks:
+    """Read the masks of all frames."""
     import numpy as np
 
     from splatreel.capture.file_capture import FileCapture
     from splatreel.capture.mask_files import MaskFiles
+    from splatreel.capture.mask_shares import describe_shares, describe_sizes, mask_shares
 
     assert isinstance(source, FileCapture)  # as all readers return it
-    masks = MaskFiles(folder, source)
+    masks, names = MaskFiles(folder, source), [camera.name for camera in source.cameras]
+    moments, shares = [], []
+    progress.stage("reading every mask", source.frames)
     try:
-        return np.stack([masks.read(source.first_frame, 1, camera.name)[0] for camera in source.cameras])
+        for frame in range(source.frames):
+            read = threads.map_parallel(lambda name, at=source.first_frame + frame: masks.read(at, 1, name)[0], names)
+            shares.append(mask_shares(np.stack(read)))
+            if frame in (0, source.frames // 2):
+                moments.append(np.stack(read))
+            progress.update(frame + 1)
     finally:
         masks.close()
+    levels = np.stack(moments)
+    sentences = [*describe_shares(names, np.stack(shares), source.first_frame), *describe_sizes(source.cameras, levels)]
+    return _CheckedMasks(levels, [*masks.notes, *sentences])
 
 
 def _judge(
@@ -130,7 +153,7 @@ def _judge(
         source: The capture.
         names: Names of its cameras.
         frames: Images of two moments of these cameras.
-        alpha: Masks [C, H, W] uint8 of these cameras at the first frame; None judges the whole scene.
+        alpha: Masks [M, C, H, W] uint8 of these cameras at two moments; None judges the whole scene.
         quick: True leaves out the trial of novel views.
         said: Receives the sentences that are printed.
 
@@ -159,7 +182,7 @@ def _judge(
     _say_each([*found.repairs(training), *found.doubts(training)], said)
     kept = [number for number in range(len(training)) if number not in found.strangers]
     cameras = [found.corrected[n].camera if n in found.corrected else source.training_cameras[n] for n in kept]
-    coverage = _cover(source, cameras, shown[0, kept], None if alpha is None else alpha[places][kept], quick)
+    coverage = _cover(source, cameras, shown[0, kept], None if alpha is None else alpha[:, places][:, kept], quick)
     _say_each(coverage.sentences(), said)
     return coverage, judge_capture(coverage, [training[number] for number in found.doubtful])
 

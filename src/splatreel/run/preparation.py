@@ -6,6 +6,7 @@ import numpy as np
 
 from splatreel.base.errors import ReconstructionError
 from splatreel.capture.base import Capture
+from splatreel.capture.mask_shares import describe_shares, describe_sizes, mask_shares
 from splatreel.codec.writer import ReelWriter
 from splatreel.method.cameras.rig import Rig, check_first_poses
 from splatreel.method.coverage.coverage import Coverage, cover
@@ -42,7 +43,7 @@ def prepare(job: Job, capture: Capture, middle: int, lock: RunLock) -> tuple[Rig
         frames = np.concatenate([capture.scene.read(frame, 1, rig.names) for frame in (0, middle)])
         rig, frames = check_cameras(job, capture, rig, frames, store.group(0))
         job.progress.update(1)
-        coverage = report_coverage(job, capture, rig, frames[0]) if job.config.check_coverage else None
+        coverage = report_coverage(job, capture, rig, frames[0], middle) if job.config.check_coverage else None
         job.show("points", 1)
         known = capture.points, capture.point_colors, capture.near
         images, subject = first_images(capture, rig, frames[0])
@@ -122,7 +123,7 @@ def check_cameras(
     return rig.with_poses(poses), frames[:, poses.kept]
 
 
-def report_coverage(job: Job, capture: Capture, rig: Rig, images: np.ndarray) -> Coverage:
+def report_coverage(job: Job, capture: Capture, rig: Rig, images: np.ndarray, middle: int = 0) -> Coverage:
     """Measure and report how well the cameras cover the scene, before anything is trained.
 
     Args:
@@ -130,11 +131,17 @@ def report_coverage(job: Job, capture: Capture, rig: Rig, images: np.ndarray) ->
         capture: The capture.
         rig: The cameras that are trained on.
         images: Their images [C, H, W, 3] uint8 of the first frame.
+        middle: Frame at which masks are compared, beside the first one.
     """
     known = {"points": capture.points, "point_colors": capture.point_colors, "near": capture.near}
-    alpha = capture.alpha(0, 1, rig.names)
-    known["alpha"] = None if alpha is None else alpha[0]
-    found = cover(rig.cameras, images, **known, device=job.device, progress=job.progress)
-    for sentence in found.sentences():
+    masks = [alpha for frame in {0, middle} if (alpha := capture.alpha(frame, 1, rig.names)) is not None]
+    alpha = np.concatenate(masks) if masks else None
+    found = cover(rig.cameras, images, **known, device=job.device, progress=job.progress, alpha=alpha)
+    about_masks = (
+        []
+        if alpha is None
+        else [*describe_shares(rig.names, mask_shares(alpha[:1])), *describe_sizes(rig.cameras, alpha)]
+    )
+    for sentence in [*about_masks, *found.sentences()]:
         job.progress.note(sentence)
     return found

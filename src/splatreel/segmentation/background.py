@@ -22,8 +22,14 @@ LIGHT_REACH = 0.12
 """Distance within which light changes alike, as a share of the image width."""
 LIGHT_RANGE = 0.35
 """Largest change of light, as a logarithm. More is a body."""
-SHRINK = 8
-"""Width of the blocks that changes of light are measured in, pixels."""
+SHRINK, FEWEST_BLOCKS = 8, 24
+"""Width of the blocks that changes of light are measured in, pixels, and their smallest number along the width of small images."""
+SWITCHED, SWITCHED_SHARE = 0.15, 0.15
+"""Smallest logarithm of a change of light that is no drift, and the smallest share of the image that it changes."""
+LARGEST_SWITCH, LIGHT_STEP = 1.6, 0.1
+"""Largest logarithm of a change of light, and the difference between those that are tried."""
+DARK, SATURATED = 4.0, 250
+"""Gray levels below which and from which on a pixel does not tell the light."""
 
 
 @dataclass(frozen=True)
@@ -112,25 +118,81 @@ def _typical_noise(film: np.ndarray) -> float:
     return float(np.clip(1.05 * np.median(middles), 2 * MIN_NOISE, MAX_NOISE))
 
 
+def same_light(film: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+    """Return samples [S, H, W, 3] uint8 in one light, and how certain their pixels are, [S, H, W] float32.
+
+    The light is that of the sample which is like most others. Where all samples have about the same light, they stay as they are, and
+    the second value is None.
+    """
+    brightness = np.stack([_log_light(sample)[0] for sample in film])
+    apart = np.array([[np.median(np.abs(one - other)) for other in brightness] for one in brightness])
+    typical = int(apart.mean(1).argmin())
+    changed = (np.abs(brightness - brightness[typical]) > SWITCHED).mean((1, 2)) > SWITCHED_SHARE
+    if not changed.any():
+        return film, None
+    out, certainty = film.copy(), np.ones(film.shape[:3], np.float32)
+    everywhere = np.ones(film.shape[1:3], bool)
+    for number in np.flatnonzero(changed):
+        change = _light_change(film[number], film[typical].astype(np.float32), everywhere)
+        out[number] = np.clip(np.rint(film[number] / change), 0, 255)
+        certainty[number] = film[number].max(-1) < SATURATED
+    return out, certainty
+
+
+def _log_light(image: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the logarithms of the brightness [h, w] and of the colors [h, w, 3] of an image's blocks."""
+    height, width = image.shape[:2]
+    block = max(min(SHRINK, width // FEWEST_BLOCKS), 1)
+    small = max(width // block, 1), max(height // block, 1)
+    colors = np.maximum(cv2.resize(image.astype(np.float32), small, interpolation=cv2.INTER_AREA), DARK)
+    return np.log(colors.mean(-1)), np.log(colors)
+
+
 def _light_change(frame: np.ndarray, background: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Return the smooth factor, [H, W, 3] or [1, 1, 1] float32, between the background and a frame of the same surfaces."""
     height, width = known.shape
-    small = max(width // SHRINK, 1), max(height // SHRINK, 1)
-    a = cv2.resize(frame.astype(np.float32), small, interpolation=cv2.INTER_AREA)
-    b = cv2.resize(background, small, interpolation=cv2.INTER_AREA)
-    ratio = np.log(np.maximum(a, 4)) - np.log(np.maximum(b, 4))
+    (seen, seen_colors), (behind, behind_colors) = _log_light(frame), _log_light(background)
+    ratio = seen_colors - behind_colors
+    small = ratio.shape[1::-1]
     usable = cv2.resize(known.astype(np.float32), small, interpolation=cv2.INTER_AREA)
-    usable = usable * (a.max(-1) < 250) * (b.max(-1) < 250) * (np.abs(ratio).max(-1) < LIGHT_RANGE)
+    usable = usable * (seen_colors.max(-1) < np.log(SATURATED)) * (behind_colors.max(-1) < np.log(SATURATED))
+    start = _light_levels(seen - behind, usable)[..., None]
+    usable = usable * (np.abs(ratio - start).max(-1) < LIGHT_RANGE)
     if usable.sum() < 0.05 * usable.size:
         return np.ones((1, 1, 1), np.float32)
-    common = np.array([_weighted_median(ratio[..., k].ravel(), usable.ravel()) for k in range(3)], np.float32)
-    change = np.broadcast_to(common, ratio.shape)
+    rest = ratio - start
+    common = np.array([_weighted_median(rest[..., k].ravel(), usable.ravel()) for k in range(3)], np.float32)
+    change = np.broadcast_to(start + common, ratio.shape)
     for _ in range(2):
         near = (usable * np.exp(-np.square(np.abs(ratio - change).max(-1) / 0.05))).astype(np.float32)
         weight = cv2.GaussianBlur(near, (0, 0), LIGHT_REACH * small[0])
-        shift = cv2.GaussianBlur((ratio - common) * near[..., None], (0, 0), LIGHT_REACH * small[0])
-        change = common + shift / (weight + 0.1)[..., None]
+        shift = cv2.GaussianBlur((rest - common) * near[..., None], (0, 0), LIGHT_REACH * small[0])
+        change = start + common + shift / (weight + 0.1)[..., None]
     return np.exp(cv2.resize(change.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR))
+
+
+def _light_levels(level: np.ndarray, usable: np.ndarray) -> np.ndarray:
+    """Return the large changes of light of blocks [h, w] as logarithms, 0 where light is about the same.
+
+    A lamp that is switched changes large parts of an image by one factor, in which a body has many. So each block takes the factor that
+    is frequent around it and in the whole image.
+
+    Args:
+        level: [h, w] logarithm of the ratio of brightness.
+        usable: [h, w] weights of the blocks.
+    """
+    large = usable * (np.abs(level) >= SWITCHED)
+    if large.sum() < SWITCHED_SHARE * usable.sum():
+        return np.zeros_like(level)
+    factors = np.arange(-LARGEST_SWITCH, LARGEST_SWITCH + 0.01, LIGHT_STEP, dtype=np.float32)
+    votes = usable * np.exp(-np.square((level - factors[:, None, None]) / LIGHT_STEP))
+    overall = votes.sum((1, 2)) / max(usable.sum(), 1e-6)
+    reach = LIGHT_REACH * level.shape[1]
+    around = cv2.GaussianBlur(usable.astype(np.float32), (0, 0), reach) + 1e-3
+    score = np.stack([cv2.GaussianBlur(vote.astype(np.float32), (0, 0), reach) / around for vote in votes])
+    score *= (overall + 0.05)[:, None, None]
+    score[np.abs(factors) < SWITCHED] *= 1.5
+    return factors[score.argmax(0)]
 
 
 def _weighted_median(values: np.ndarray, weights: np.ndarray) -> float:

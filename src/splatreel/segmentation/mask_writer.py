@@ -20,9 +20,10 @@ from splatreel.base.untrusted import check_regular
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import LOCAL
 from splatreel.capture.mask_files import RECORD, read_mask_record
+from splatreel.capture.mask_shares import describe_shares
 from splatreel.capture.own_frames import CountedSource
 from splatreel.method.layering.masks import Segmenter
-from splatreel.segmentation.clean_plate import read_clean_plates
+from splatreel.segmentation.clean_plate import fitting_plates, read_clean_plates
 from splatreel.segmentation.segmenter import FIT_STEPS, SubjectModel, fit_subject
 
 SAMPLES = 30
@@ -33,7 +34,7 @@ STANDING = 0.0005
 """Share of an image that somebody who never moves must cover to be reported."""
 FAINTEST = 0.0005
 """Smallest share of the images that a subject covers, at least in one camera and moment."""
-VERSION = 4
+VERSION = 5
 NOTHING_MOVES = (
     "nothing moves in this capture, so there is no subject to find. If somebody stands still, film the scene without them, and give "
     "these images or videos with --clean-plate FOLDER."
@@ -85,49 +86,78 @@ def write_masks(
     source = capture.source
     if capture.growing or not isinstance(source, CountedSource):
         raise CaptureError(f"{capture.path}: is still being written. Make masks when the capture is complete.")
-    files = _files(capture, source, folder)
+    plan = _plan(capture, source, folder)
     record = _claim(capture, folder, clean_plate)
-    wanted = [[not file.exists() for file in moment] for moment in files]
-    if record.get("complete") and not any(map(any, wanted)):
+    if record.get("complete") and all(file.exists() for files in plan.values() for file in files.values()):
         return WrittenMasks(0, record["shares"], record["notes"])
-    model = _model(capture, folder, clean_plate, progress)
+    model, notes = _model(capture, folder, clean_plate, progress)
     names = [camera.name for camera in capture.cameras]
-    notes = _standing(names, model)
-    written, total = 0, np.zeros(len(names))
-    progress.stage("writing masks", capture.frames)
-    for first in range(0, capture.frames, CHUNK):
-        count = min(CHUNK, capture.frames - first)
-        if any(map(any, wanted[first : first + count])):
-            before, after = min(first, 1), min(capture.frames - first - count, 1)
-            frames = capture.read(first - before, before + count + after, names)
-            masks = model.masks(frames)[before : before + count]
-            if segmenter is not None:
-                pairs = zip(masks, frames[before : before + count], strict=True)
-                completed = np.stack([segmenter.complete(mask > 127, images) for mask, images in pairs])
-                masks = np.where(completed, np.uint8(255), np.uint8(0))
-            for moment, missing, shown in zip(files[first:], wanted[first:], masks, strict=False):
-                jobs = [(file, mask) for file, new, mask in zip(moment, missing, shown, strict=True) if new]
-                threads.map_parallel(lambda job: _save(*job), jobs)
-                written += len(jobs)
-        total += [sum(_share(file[c]) for file in files[first : first + count]) for c in range(len(names))]
-        progress.update(first + count)
-    shares = dict(zip(names, (total / capture.frames).tolist(), strict=True))
-    if unseen := [name for name, share in shares.items() if share == 0]:
-        notes.append(f"no subject is seen by {', '.join(unseen)}")
-    _write_record(folder, record | {"complete": True, "shares": shares, "notes": notes})
+    notes += _standing(names, model)
+    written, shares = 0, []
+    progress.stage("writing masks", len(plan))
+    for steps in _chunks(list(plan)):
+        wanted = [(t, c, file) for t, step in enumerate(steps) for c, file in plan[step].items() if not file.exists()]
+        if wanted:
+            masks = _masks(capture, model, steps, segmenter)
+            threads.map_parallel(lambda job, masks=masks: _save(job[2], masks[job[0], job[1]]), wanted)
+            written += len(wanted)
+        for step in steps:
+            shares.append([_share(plan[step][c]) if c in plan[step] else np.nan for c in range(len(names))])
+        progress.update(len(shares))
+    means = dict(zip(names, np.nanmean(shares, 0).tolist(), strict=True))
+    by_step = dict(zip(plan, shares, strict=True))
+    within = range(capture.first_frame, capture.first_frame + capture.frames)
+    unseen = [np.nan] * len(names)
+    notes += describe_shares(names, np.array([by_step.get(step, unseen) for step in within]), capture.first_frame)[1:]
+    _write_record(folder, record | {"complete": True, "shares": means, "notes": notes})
     remove(folder / MODEL)
-    return WrittenMasks(written, shares, notes)
+    return WrittenMasks(written, means, notes)
 
 
-def _files(capture: FileCapture, source: CountedSource, folder: Path) -> list[list[Path]]:
-    """Return the file of each moment and camera."""
-    columns = []
-    for camera in capture.cameras:
+def _masks(capture: FileCapture, model: SubjectModel, steps: list[int], segmenter: Segmenter | None) -> np.ndarray:
+    """Return the masks [T, C, H, W] uint8 of consecutive time steps."""
+    names = [camera.name for camera in capture.cameras]
+    before, after = min(steps[0], 1), min(capture.source.frames - steps[-1] - 1, 1)
+    first, count = steps[0] - before, before + len(steps) + after
+    frames = capture.read_any(first, count, names)
+    own = slice(before, before + len(steps))
+    masks = model.masks(frames, _existing(capture, first, count))[own]
+    if segmenter is None:
+        return masks
+    pairs = zip(masks, frames[own], strict=True)
+    completed = np.stack([segmenter.complete(mask > 127, images) for mask, images in pairs])
+    return np.where(completed, np.uint8(255), np.uint8(0))
+
+
+def _existing(capture: FileCapture, first: int, count: int) -> np.ndarray:
+    """Return which cameras have images of time steps, [count, C] bool. Others have those of other time steps in their place."""
+    return ~np.stack([capture.source.missing(first, count, camera.name) for camera in capture.cameras], 1)
+
+
+def _plan(capture: FileCapture, source: CountedSource, folder: Path) -> dict[int, dict[int, Path]]:
+    """Return the files to write by time step and number of the camera. Time steps count from the first one of the files.
+
+    Each image that the frame range uses gets one mask, of a time step at which the camera filmed it. An image that only stands in for
+    a missing one within the range has a mask of its own time step, outside of the range.
+    """
+    plan: dict[int, dict[int, Path]] = {}
+    within = range(capture.first_frame, capture.first_frame + capture.frames)
+    exists = _existing(capture, 0, capture.source.frames)
+    for c, camera in enumerate(capture.cameras):
         own = source.own_frames(camera.name)
-        numbers = own.numbers[capture.first_frame : capture.first_frame + capture.frames]
-        stems = [own.stems[number] if own.stems is not None else f"{number:06d}" for number in numbers]
-        columns.append([folder / camera.name / f"{stem}.png" for stem in stems])
-    return [list(row) for row in zip(*columns, strict=True)]
+        shown = {int(own.numbers[step]): step for step in reversed(range(len(exists))) if exists[step, c]}
+        shown |= {int(own.numbers[step]): step for step in reversed(within) if exists[step, c]}
+        for number in dict.fromkeys(own.numbers[within.start : within.stop].tolist()):
+            stem = own.stems[number] if own.stems is not None else f"{number:06d}"
+            step = shown.get(number, within.start)
+            plan.setdefault(step, {})[c] = folder / camera.name / f"{stem}.png"
+    return dict(sorted(plan.items()))
+
+
+def _chunks(steps: list[int]) -> list[list[int]]:
+    """Return sorted time steps in parts of at most `CHUNK` consecutive ones."""
+    parts = np.split(np.array(steps), np.flatnonzero(np.diff(steps) > 1) + 1)
+    return [part[at : at + CHUNK].tolist() for part in parts for at in range(0, len(part), CHUNK)]
 
 
 def _claim(capture: FileCapture, folder: Path, clean_plate: Path | None) -> dict[str, Any]:
@@ -157,8 +187,10 @@ def _claim(capture: FileCapture, folder: Path, clean_plate: Path | None) -> dict
     return record
 
 
-def _model(capture: FileCapture, folder: Path, clean_plate: Path | None, progress: Progress) -> SubjectModel:
-    """Return the model of the subject: that of an interrupted call, or a new one."""
+def _model(
+    capture: FileCapture, folder: Path, clean_plate: Path | None, progress: Progress
+) -> tuple[SubjectModel, list[str]]:
+    """Return the model of the subject, that of an interrupted call or a new one, and sentences about clean plates."""
     near = capture.near or 0.0
     if (known := _kept_model(capture, folder / MODEL, near)) is not None:
         return known
@@ -166,19 +198,26 @@ def _model(capture: FileCapture, folder: Path, clean_plate: Path | None, progres
     # Somebody who hardly moves within the frame range often leaves their place before or after it.
     moments = sample_moments(capture.source.frames)
     progress.stage("sampling frames for the backgrounds", len(moments))
-    samples = []
+    samples, there = [], []
     for done, moment in enumerate(moments, 1):
-        samples.append(capture.read_any(moment, names))
+        samples.append(capture.read_any(moment, 1, names)[0])
+        there.append(_existing(capture, moment, 1)[0])
         progress.update(done)
-    plates = None if clean_plate is None else read_clean_plates(clean_plate, capture)
+    film, exist = np.stack(samples), np.stack(there)
+    exist |= ~exist.any(0)  # a camera without an image at any of these moments
+    plates, notes = None, list[str]()
+    if clean_plate is not None:
+        plates, notes = fitting_plates(names, read_clean_plates(clean_plate, capture), film, exist)
     progress.stage("finding the backgrounds", FIT_STEPS)
-    model = fit_subject(capture.cameras, np.stack(samples), plates, near, progress.update)
+    model = fit_subject(capture.cameras, film, plates, near, progress.update, exist)
     if max(model.moving_shares) < FAINTEST:
-        raise CaptureError(f"{capture.path}: {NOTHING_MOVES if clean_plate is None else NOTHING_DIFFERS}")
+        has_plates = plates is not None and any(plate is not None for plate in plates)
+        doubts = "".join(f" {note}." for note in notes)
+        raise CaptureError(f"{capture.path}: {NOTHING_DIFFERS if has_plates else NOTHING_MOVES}{doubts}")
     data = io.BytesIO()
-    np.savez(data, **model.pack())  # type: ignore[arg-type]  # numpy's stub takes no **dict
+    np.savez(data, notes=np.array(notes, str), **model.pack())  # type: ignore[arg-type]  # numpy's stub takes no **dict
     write_bytes(folder / MODEL, data.getvalue())
-    return model
+    return model, notes
 
 
 def sample_moments(frames: int) -> list[int]:
@@ -186,12 +225,12 @@ def sample_moments(frames: int) -> list[int]:
     return np.unique(np.linspace(0, frames - 1, min(SAMPLES, frames)).round().astype(int)).tolist()
 
 
-def _kept_model(capture: FileCapture, file: Path, near: float) -> SubjectModel | None:
-    """Return the model that an interrupted call left, if it can be read."""
+def _kept_model(capture: FileCapture, file: Path, near: float) -> tuple[SubjectModel, list[str]] | None:
+    """Return the model that an interrupted call left, and its sentences, if they can be read."""
     try:
         check_regular(file, CaptureError)
         with np.load(file) as arrays:
-            return SubjectModel.unpack(capture.cameras, dict(arrays), near)
+            return SubjectModel.unpack(capture.cameras, dict(arrays), near), arrays["notes"].tolist()
     except (OSError, ValueError, KeyError, BadZipFile, CaptureError):
         return None
 

@@ -11,7 +11,7 @@ import numpy as np
 from splatreel.base import threads
 from splatreel.scene.camera import Camera
 from splatreel.segmentation.agreement import Agreement
-from splatreel.segmentation.background import Background, fit_background, largest_channel
+from splatreel.segmentation.background import Background, fit_background, largest_channel, same_light
 from splatreel.segmentation.colors import ColorModel
 from splatreel.segmentation.evidence import LIMIT, difference, subject_evidence, with_floor
 from splatreel.segmentation.smoothing import decide, with_doubts, without_halo, without_specks
@@ -84,10 +84,17 @@ class SubjectModel:
         model.colors = [ColorModel(arrays[f"{c}.colors"]) for c in range(len(cameras))]
         return model
 
-    def evidence(self, images: np.ndarray) -> Evidence:
-        """Return the evidence of a moment. `images`: [C, H, W, 3] uint8."""
+    def evidence(self, images: np.ndarray, there: np.ndarray | None = None) -> Evidence:
+        """Return the evidence of a moment.
+
+        Args:
+            images: [C, H, W, 3] uint8.
+            there: [C] bool, cameras that have an image of this moment; None means all. Other images say nothing.
+        """
         pairs = zip(images, self.backgrounds, strict=True)
         own = np.stack(threads.map_parallel(lambda pair: subject_evidence(*pair), pairs))
+        if there is not None:
+            own[~there] = 0
         support = self.agreement.support(own)
         trust = min(1.0, max(len(self.cameras) - 2, 1) / FULL_TRUST)
         shares = np.stack([background.share for background in self.backgrounds])
@@ -96,12 +103,12 @@ class SubjectModel:
         odds = odds + np.clip(trust * support, -LIMIT, LIMIT)
         return Evidence(own, support, odds.astype(np.float32))
 
-    def learn_colors(self, samples: np.ndarray) -> None:
-        """Learn the colors of the subject and of its surroundings anew from samples [S, C, H, W, 3] uint8."""
+    def learn_colors(self, samples: np.ndarray, there: np.ndarray) -> None:
+        """Learn the colors of the subject and of its surroundings anew from samples [S, C, H, W, 3] uint8 that are there [S, C]."""
         self.colors = [ColorModel() for _ in self.cameras]
         self.moving_shares = [0.0] * len(self.cameras)
-        for images in samples:
-            found = self.evidence(images)
+        for images, exist in zip(samples, there, strict=True):
+            found = self.evidence(images, exist)
 
             def learn(c: int, images: np.ndarray = images, found: Evidence = found) -> None:
                 decision = decide(images[c], found.odds[c])
@@ -112,11 +119,11 @@ class SubjectModel:
                     images[c], (decision > CERTAIN) & (found.odds[c] > 1), near & empty & (decision < -CERTAIN)
                 )
 
-            threads.map_parallel(learn, range(len(self.cameras)))
+            threads.map_parallel(learn, np.flatnonzero(exist).tolist())
 
-    def decisions(self, images: np.ndarray) -> tuple[np.ndarray, Evidence]:
-        """Return decisions, from -1 to 1, [C, H, W] float32, and their evidence, of a moment."""
-        found = self.evidence(images)
+    def decisions(self, images: np.ndarray, there: np.ndarray | None = None) -> tuple[np.ndarray, Evidence]:
+        """Return decisions, from -1 to 1, [C, H, W] float32, and their evidence, of a moment. Arguments: as `evidence`."""
+        found = self.evidence(images, there)
 
         def of_camera(c: int) -> np.ndarray:
             colors = np.where(found.support[c] > -0.5, self.colors[c].evidence(images[c]), 0)
@@ -124,18 +131,21 @@ class SubjectModel:
 
         return np.stack(threads.map_parallel(of_camera, range(len(images)))), found
 
-    def masks(self, frames: np.ndarray) -> np.ndarray:
+    def masks(self, frames: np.ndarray, there: np.ndarray | None = None) -> np.ndarray:
         """Return the masks [T, C, H, W] uint8 of consecutive frames [T, C, H, W, 3] uint8.
 
-        White is the subject and black its surroundings. LIKELY and UNLIKELY are in doubt.
+        White is the subject and black its surroundings. LIKELY and UNLIKELY are in doubt. Cameras that are not `there` [T, C] bool say
+        nothing, and their masks mean nothing.
         """
-        found = [self.decisions(images) for images in frames]
+        there = np.ones(frames.shape[:2], bool) if there is None else there
+        found = [self.decisions(*pair) for pair in zip(frames, there, strict=True)]
         out = np.empty(frames.shape[:4], np.uint8)
         for t in range(len(frames)):
             total = 2 * found[t][0]
             for other in (t - 1, t + 1):
                 if 0 <= other < len(frames):
-                    total += np.where(_alike(frames[t], frames[other]), found[other][0], found[t][0])
+                    alike = _alike(frames[t], frames[other]) & there[other, :, None, None]
+                    total += np.where(alike, found[other][0], found[t][0])
             evidence = found[t][1]
             for c, (decision, own, support) in enumerate(zip(total, evidence.own, evidence.support, strict=True)):
                 mask = without_halo(decision > 0, difference(frames[t, c], self.backgrounds[c]))
@@ -147,9 +157,10 @@ class SubjectModel:
 def fit_subject(
     cameras: Sequence[Camera],
     samples: np.ndarray,
-    plates: Sequence[np.ndarray] | None = None,
+    plates: Sequence[np.ndarray | None] | None = None,
     near: float = 0.0,
     report: Callable[[int], None] = lambda _: None,
+    there: np.ndarray | None = None,
 ) -> SubjectModel:
     """Learn the backgrounds and colors of a capture.
 
@@ -159,39 +170,58 @@ def fit_subject(
     Args:
         cameras: C cameras, at the size of the images.
         samples: [S, C, H, W, 3] uint8, moments spread over the video.
-        plates: Images without the subject, [P, H, W, 3] uint8 for each camera, if there are any.
+        plates: Images without the subject, [P, H, W, 3] uint8 for each camera that has some.
         near: Smallest depth, world units.
         report: Called with the number of finished steps of `FIT_STEPS`.
+        there: [S, C] bool, the samples that exist; None means all.
     """
-    films = list(samples.swapaxes(0, 1))
-    empty = films if plates is None else list(plates)
+    there = np.ones(samples.shape[:2], bool) if there is None else there
+    films = [film[exist] for film, exist in zip(samples.swapaxes(0, 1), there.T, strict=True)]
+    plates = [None] * len(films) if plates is None else plates
+    lit = threads.map_parallel(
+        same_light, [film if plate is None else plate for film, plate in zip(films, plates, strict=True)]
+    )
     backgrounds = threads.map_parallel(
-        lambda job: with_floor(fit_background(job[0]), job[1]), zip(empty, films, strict=True)
+        lambda job: with_floor(fit_background(*job[0]), job[1]), zip(lit, films, strict=True)
     )
     model = SubjectModel(cameras, backgrounds, near)
     report(1)
-    chosen = samples[np.unique(np.linspace(0, len(samples) - 1, COLOR_SAMPLES).round().astype(int))]
-    if plates is None:
-        support = np.stack([model.evidence(images).support for images in samples], 1)  # [C, S, H, W]
+    chosen = np.unique(np.linspace(0, len(samples) - 1, COLOR_SAMPLES).round().astype(int))
+    own = [c for c, plate in enumerate(plates) if plate is None]
+    if own:
+        support = np.stack(
+            [model.evidence(*pair).support for pair in zip(samples, there, strict=True)], 1
+        )  # [C, S, H, W]
         report(2)
-        found = threads.map_parallel(lambda job: _fit_again(*job), zip(films, support, strict=True))
-        model.backgrounds = [background.without(covered) for background, covered in found]
+        found = threads.map_parallel(lambda c: _fit_again(films[c], *lit[c], support[c][there[:, c]]), own)
+        for c, (background, covered) in zip(own, found, strict=True):
+            model.backgrounds[c] = background.without(covered)
         report(3)
-        model.learn_colors(chosen)
+        model.learn_colors(samples[chosen], there[chosen])
         colors = ColorModel.merged(model.colors)
-        uncovered = threads.map_parallel(lambda job: uncover(*job, colors), zip(model.backgrounds, films, strict=True))
-        model.backgrounds = [background for background, _ in uncovered]
-        pairs = zip(found, uncovered, strict=True)
-        model.never_uncovered = [float((covered & ~taken).mean()) for (_, covered), (_, taken) in pairs]
+        uncovered = threads.map_parallel(lambda c: uncover(model.backgrounds[c], lit[c][0], colors), own)
+        for c, (_, covered), (background, taken) in zip(own, found, uncovered, strict=True):
+            model.backgrounds[c] = background
+            model.never_uncovered[c] = float((covered & ~taken).mean())
     report(4)
-    model.learn_colors(chosen)
+    model.learn_colors(samples[chosen], there[chosen])
     report(FIT_STEPS)
     return model
 
 
-def _fit_again(film: np.ndarray, support: np.ndarray) -> tuple[Background, np.ndarray]:
-    """Return a background by the support of the other cameras, and the pixels [H, W] bool that the subject always covers."""
-    background = with_floor(fit_background(film, np.exp(-np.clip(support, 0, LIMIT)).astype(np.float32)), film)
+def _fit_again(
+    film: np.ndarray, lit: np.ndarray, certainty: np.ndarray | None, support: np.ndarray
+) -> tuple[Background, np.ndarray]:
+    """Return a background by the support of the other cameras, and the pixels [H, W] bool that the subject always covers.
+
+    Args:
+        film: [S, H, W, 3] uint8.
+        lit: The same in one light.
+        certainty: [S, H, W] how certain its pixels are; None means that all are.
+        support: [S, H, W] float32.
+    """
+    uncovered = np.exp(-np.clip(support, 0, LIMIT)).astype(np.float32)
+    background = with_floor(fit_background(lit, uncovered if certainty is None else uncovered * certainty), film)
     always = np.clip(support, -LIMIT, LIMIT).mean(0) > ALWAYS
     return background, always & (background.share > STILL)
 

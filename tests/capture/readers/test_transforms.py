@@ -234,3 +234,29 @@ def test_a_rolling_shutter_is_named(tmp_path: Path, shutter: dict[str, Any], nam
         make_image(tmp_path / "images" / f"{c}.png", blobs.draw(project(c, PERSPECTIVE), 0.5))
     capture = open_capture(write(tmp_path, PERSPECTIVE | shutter, frames))
     assert any("rolling_shutter [0, 0, 0.02, 0] is not read" in note for note in capture.notes) == named
+
+
+@pytest.mark.parametrize("place", ["masks/{}.png", "masks/{}/0.png"])
+def test_masks_of_frames_are_named_with_the_option_that_reads_them(tmp_path: Path, place: str) -> None:
+    frames = [
+        {"file_path": f"images/{c}.png", "mask_path": place.format(c), "transform_matrix": matrix(c).tolist()}
+        for c in range(4)
+    ]
+    for c in range(4):
+        make_image(tmp_path / "images" / f"{c}.png", blobs.draw(project(c, PERSPECTIVE), 0.5))
+    write(tmp_path, PERSPECTIVE, frames)
+    assert any("mask_path of 4 of 4 frames is not read" in note for note in open_capture(tmp_path).notes)
+    for c in range(4):
+        image = np.zeros((PERSPECTIVE["h"], PERSPECTIVE["w"], 3), np.uint8)
+        image[:, : image.shape[1] // 2] = 255
+        make_image(tmp_path / place.format(c), image)
+    notes = open_capture(tmp_path).notes
+    assert any(note.endswith(f"--masks {tmp_path / 'masks'}") for note in notes), notes
+    alpha = open_capture(tmp_path, masks=tmp_path / "masks").alpha(0, 1, ["0"])
+    assert alpha is not None
+    assert abs(float((alpha > 127).mean()) - 0.5) < 0.05
+
+
+def test_frames_without_masks_have_no_such_line(tmp_path: Path) -> None:
+    timed(tmp_path)
+    assert not any("mask_path" in note for note in open_capture(tmp_path).notes)

@@ -79,14 +79,37 @@ def test_trial_of_a_subject_confirms_poses_of_cameras_that_share_no_points() -> 
 
 def test_masks_that_fit_confirm_poses_where_the_trial_fails() -> None:
     """Three of four cameras 70 degrees apart do not make a subject that the fourth recognizes, whatever their poses."""
-    found = replace(coverage(shared=[1] * 5, psnr=9.0), subject=True, mask_fits=[1.0, 0.95, 1.0, 0.99, 1.0])
+    found = replace(
+        coverage(shared=[1] * 5, psnr=9.0), subject=True, mask_fits=[1.0, 0.95, 1.0, 0.99, 1.0], mask_doubt=""
+    )
     assert judge_capture(found, []).faults == []
     assert any("the poses are confirmed by the masks" in sentence for sentence in found.sentences())
     assert Coverage.from_dict(found.to_dict()) == found
     apart = replace(found, mask_fits=[1.0, 0.4, 0.8, 0.99, 1.0])
     said = judge_capture(apart, []).text("CMD")
     assert "half of the cameras have 1 point or fewer in common" in said
-    assert "Masks fit the others in part only: cam1 (40%), cam2 (80%)." in said
+    assert "Masks fit the others in part only: cam1 (40%), cam2 (80%). They or the poses are wrong." in said
+    assert any(sentence.startswith("the mask of cam1 does not fit") for sentence in apart.sentences())
+
+
+@pytest.mark.parametrize(("doubt", "said"), [("as well if cam1 and cam3 were exchanged", True), (None, False)])
+def test_masks_that_fit_wrong_poses_as_well_confirm_nothing(doubt: str | None, said: bool) -> None:
+    """Runs of earlier versions did not try wrong poses."""
+    found = replace(coverage(shared=[1] * 5, psnr=9.0), subject=True, mask_fits=[1.0] * 5, mask_doubt=doubt)
+    assert not any("confirmed" in sentence for sentence in found.sentences())
+    text = judge_capture(found, []).text("CMD")
+    assert "the images do not confirm the poses" in text
+    assert ("The masks confirm nothing: they would fit as well if cam1 and cam3 were exchanged." in text) == said
+    assert Coverage.from_dict(found.to_dict()) == found
+
+
+@pytest.mark.parametrize(("share", "fits"), [(0.9, [1.0] * 5), (0.1, [0.3, 1, 1, 1, 1])])
+def test_trial_of_a_subject_confirms_nothing_by_large_masks_or_masks_that_do_not_fit(
+    share: float, fits: list[float]
+) -> None:
+    found = replace(coverage(shared=[0] * 5, psnr=21.0), subject=True, mask_share=0.1, mask_fits=[0.8] * 5)
+    assert judge_capture(found, []).faults == []
+    assert judge_capture(replace(found, mask_share=share, mask_fits=fits), []).faults
 
 
 def test_verdict_of_a_subject_says_what_more_cameras_bring() -> None:

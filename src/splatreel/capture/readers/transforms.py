@@ -20,6 +20,7 @@ from typing import Any
 
 import numpy as np
 
+from splatreel.base.command_line import option, quoted
 from splatreel.base.errors import CaptureError
 from splatreel.base.untrusted import is_number, numbers, read_json
 from splatreel.capture.base import Request
@@ -37,6 +38,8 @@ META_BYTES, META_VALUES = 256 << 20, 10_000_000
 """Maximum size of such a file: every frame has a pose."""
 SHUTTERS = ("rolling_shutter", "rolling_shutter_time")
 """Keys of instant-ngp and of nerfstudio for rows that show different moments."""
+MASK = "mask_path"
+"""Key of nerfstudio for the mask of a frame."""
 SAME_POSE = 1e-5
 """Maximum difference between the matrices of one camera's frames, relative to the largest number in them."""
 POINTS = "points3d.ply"
@@ -97,16 +100,40 @@ def _read(file: Path) -> tuple[Rig, list[_View]]:
     cameras = [_camera(file, view) for view in views]
     held_out = [view.name for view in views if view.first.held_out]
     positions, colors = _points(points)
-    return Rig(file, cameras, positions, colors, held_out or None, _ignored(file, frames)), views
+    return Rig(file, cameras, positions, colors, held_out or None, _ignored(file, frames, views)), views
 
 
-def _ignored(file: Path, frames: list[_Frame]) -> list[str]:
-    """Return a sentence about a rolling shutter, which has no effect here."""
+def _ignored(file: Path, frames: list[_Frame], views: list[_View]) -> list[str]:
+    """Return sentences about a rolling shutter and masks, which have no effect here."""
     shutters = [frame.lens.get(key) for frame in frames for key in SHUTTERS]
     used = [values for values in shutters if values and (not isinstance(values, list) or any(values))]
-    if not used:
-        return []
-    return [f"{file}: rolling_shutter {used[0]!r:.60} is not read: each image is taken to show one moment"]
+    found = []
+    if used:
+        found.append(f"{file}: rolling_shutter {used[0]!r:.60} is not read: each image is taken to show one moment")
+    if masked := sum(bool(frame.lens.get(MASK)) for frame in frames):
+        found.append(
+            f"{file}: {MASK} of {masked} of {len(frames)} frames is not read: all that the images show is reconstructed. For the "
+            f"subject of the masks, {_masks_option(file, views)}"
+        )
+    return found
+
+
+def _masks_option(file: Path, views: list[_View]) -> str:
+    """Return how to use the masks that frames name, as the end of a sentence."""
+    folders = set()
+    for view in views:
+        parts = PurePosixPath(view.name).parts
+        for frame in view.frames:
+            if frame is None:
+                continue
+            mask = frame.lens.get(MASK)
+            place = PurePosixPath(mask.replace("\\", "/")) if isinstance(mask, str) else PurePosixPath()
+            fitting = [own for own in (place.parent, place.parent / place.stem) if own.parts[-len(parts) :] == parts]
+            folders.add(fitting[0].parents[len(parts) - 1] if fitting else None)
+    folder = folders.pop() if len(folders) == 1 else None
+    if folder is None or not (file.parent / folder).is_dir():
+        return "copy the masks of each camera into a folder of its name, and give their folder as --masks"
+    return f"give {quoted(option('--masks', file.parent / folder))}"
 
 
 def _frames(file: Path) -> tuple[list[_Frame], Path | None]:

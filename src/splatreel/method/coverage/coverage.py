@@ -11,7 +11,8 @@ import torch
 
 from splatreel.base.progress import Progress
 from splatreel.base.untrusted import is_number, numbers
-from splatreel.method.coverage.silhouettes import mask_fits
+from splatreel.capture.mask_shares import LARGE, mask_shares
+from splatreel.method.coverage.silhouettes import TURN, Silhouettes
 from splatreel.method.coverage.trial import Trial, leave_one_out, narrow_camera, resize_image
 from splatreel.method.init.layout import clearance_of
 from splatreel.method.init.limits import LEAST_DEGREES
@@ -38,6 +39,8 @@ SUBJECT_FITS = 2.0
 """Decibels by which the trial of a subject beats an image without reconstruction if the poses fit."""
 MASKS_FIT = 0.9
 """Share of each camera's mask that the other masks must confirm if the poses fit."""
+MASK_MISFIT, MASK_CONTRADICTS = 0.7, 0.5
+"""Shares below which a camera is named because its mask does not fit the others, and below which no trial confirms the poses."""
 NAMED = 6
 """Number of cameras that a sentence names."""
 
@@ -84,7 +87,10 @@ class Coverage:
         twins: Pairs of names of cameras that have the same pose.
         pairs: Number of points in common of each two cameras, [C, C] int; None if a run's record gave the coverage.
         subject: True if the trial is about a subject that masks show.
-        mask_fits: Share of each camera's mask that the other masks confirm, 0..1; None without masks, or where points tell enough.
+        mask_fits: Share of each camera's mask that the other masks confirm, 0..1; None without masks.
+        mask_doubt: Other poses that the masks fit as well or better, as the end of a sentence; empty if there are none. None if none
+            were tried: without masks, where they do not fit, or where points tell enough.
+        mask_share: Share of the images that the masks cover, 0..1, median of the cameras; None without masks.
     """
 
     names: list[str]
@@ -96,11 +102,13 @@ class Coverage:
     pairs: np.ndarray | None = field(default=None, compare=False)
     subject: bool = False
     mask_fits: list[float] | None = None
+    mask_doubt: str | None = None
+    mask_share: float | None = None
 
     @property
     def masks_fit(self) -> bool:
-        """True if the masks of all cameras confirm each other's poses."""
-        return self.mask_fits is not None and min(self.mask_fits) >= MASKS_FIT
+        """True if the masks of all cameras confirm each other's poses: they fit, and would not fit at wrong poses."""
+        return _masks_agree(self.mask_fits) and self.mask_doubt == ""
 
     @property
     def angle(self) -> float | None:
@@ -125,7 +133,15 @@ class Coverage:
             sentences.append(f"hardly any points in common with two other cameras: {listed}{more}")
         sentences += [f"{one} and {other} have the same pose" for one, other in self.twins]
         if self.masks_fit:
-            sentences.append("the poses are confirmed by the masks: those of all cameras fit each other")
+            sentences.append(
+                f"the poses are confirmed by the masks: those of all cameras fit each other, and would not if a camera were turned by "
+                f"{TURN:.0f} degrees or two were exchanged"
+            )
+        sentences += [
+            f"the mask of {name} does not fit those of the other cameras ({fit:.0%} of it does): look at it, and at the pose"
+            for name, fit in zip(self.names, self.mask_fits or [], strict=False)
+            if 0 < fit < MASK_MISFIT
+        ]
         return sentences + self._trial_sentences()
 
     def _trial_sentences(self) -> list[str]:
@@ -181,6 +197,10 @@ class Coverage:
             raise TypeError("the trial holds a value that is not a number")
         if (fits := plain.get("mask_fits")) is not None:
             numbers(fits, len(names))
+        if not isinstance(plain.get("mask_doubt", ""), str | None):
+            raise TypeError("mask_doubt is not a text")
+        if (share := plain.get("mask_share")) is not None and not is_number(share):
+            raise TypeError("mask_share is not a number")
         return Coverage(**plain, trial=None if trial is None else Trial(**trial))
 
 
@@ -205,7 +225,7 @@ def cover(
         near: Near plane of the capture, if it has one.
         device: Device of the trial; None makes no trial.
         progress: Display of the progress.
-        alpha: Opacity [C, H, W] uint8 of the subject at that moment; None for the whole scene.
+        alpha: Opacity [M, C, H, W] uint8 of the subject at that moment and at others; None for the whole scene.
     """
     small = [narrow_camera(camera, WIDTH) for camera in cameras]
     progress.stage("matching points that several cameras show", len(cameras))
@@ -217,12 +237,15 @@ def cover(
     trial = None
     if device is not None:
         given = points, point_colors, near
-        trial = leave_one_out(cameras, shown, focus, *given, device, progress, alpha)
+        trial = leave_one_out(cameras, shown, focus, *given, device, progress, None if alpha is None else alpha[0])
     distance = float(np.median([np.linalg.norm(camera.center - focus) for camera in cameras]))
     seen_by = _places(tracks, distance)
-    fits = None
-    if alpha is not None and np.median(seen_by.sum(0)) < FEWEST_SHARED:
-        fits = mask_fits(cameras, alpha, focus, near or 0.0)
+    fits, doubt = None, None
+    if alpha is not None:
+        silhouettes = Silhouettes(cameras, alpha, focus, near or 0.0)
+        fits = silhouettes.fits
+        if np.median(seen_by.sum(0)) < FEWEST_SHARED and _masks_agree(fits):
+            doubt = silhouettes.wrong_poses_that_fit()
     return Coverage(
         [camera.name for camera in cameras],
         [round(float(angle), 2) for angle in angles_apart(cameras, focus).min(1)],
@@ -233,7 +256,14 @@ def cover(
         seen_by.T.astype(np.int64) @ seen_by,
         alpha is not None,
         fits,
+        doubt,
+        None if alpha is None else float(np.median(mask_shares(alpha[0]))),
     )
+
+
+def _masks_agree(fits: list[float] | None) -> bool:
+    """Return True if the masks of all cameras fit each other."""
+    return fits is not None and min(fits) >= MASKS_FIT
 
 
 def _places(tracks: Tracks, distance: float) -> np.ndarray:
@@ -300,7 +330,9 @@ def judge_capture(coverage: Coverage, misfits: list[str]) -> CaptureVerdict:
             for name, fit in zip(coverage.names, coverage.mask_fits or [], strict=False)
             if fit < MASKS_FIT
         ]
-        masks = f" Masks fit the others in part only: {', '.join(apart)}." if apart else ""
+        masks = f" Masks fit the others in part only: {', '.join(apart)}. They or the poses are wrong." if apart else ""
+        if coverage.mask_doubt:
+            masks = f" The masks confirm nothing: they would fit {coverage.mask_doubt}."
         faults.append(
             f"the images do not confirm the poses: half of the cameras have {few} in common with two others.{masks} "
             f"The poses are wrong, or the cameras show too little in common: check the calibration, or add cameras in between"
@@ -313,10 +345,11 @@ def _trial_confirms_poses(coverage: Coverage) -> bool:
     trial = coverage.trial
     if trial is None or not trial.holds:
         return False
+    if any(0 < fit < MASK_CONTRADICTS for fit in coverage.mask_fits or []):
+        return False
     # Cameras far apart share hardly any points, whatever their poses. Silhouettes that fit make a subject.
-    return (
-        trial.psnr > max(trial.flat, trial.nearest) + SUBJECT_FITS if coverage.subject else rating(trial.psnr) != "poor"
-    )
+    is_small = coverage.subject and (coverage.mask_share is None or coverage.mask_share <= LARGE)
+    return trial.psnr > max(trial.flat, trial.nearest) + SUBJECT_FITS if is_small else rating(trial.psnr) != "poor"
 
 
 def _expectation(coverage: Coverage) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+
 import cv2
 import numpy as np
 
@@ -75,6 +77,12 @@ class VisualHull:
             for pair in zip(shown, likely, strict=True)
         ]
         """[H, W] uint8 of each camera: 0 outside, 1 within by unlikely pixels, 2 within."""
+
+    def of(self, cameras: list[Camera], masks: list[int]) -> VisualHull:
+        """Return the hull of some of the masks, by number, at the given cameras."""
+        hull = copy.copy(self)
+        hull.cameras, hull._masks = cameras, [self._masks[number] for number in masks]
+        return hull
 
     def contains(self, points: np.ndarray) -> np.ndarray:
         """Return which points [..., 3] are inside, [...] bool."""
