@@ -10,6 +10,7 @@ from tyro.conf import Positional
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import CaptureAddress, megabytes, parse_frames, parse_left_out, parse_names, reel_folder
+from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import say
 
 
@@ -64,6 +65,7 @@ def evaluate(
     from splatreel.run.store import Store
 
     reel = reel_folder(reel)
+    check_out("--out", out, reel)
     options: dict[str, Any] = {"left_out": parse_left_out(leave_out), "masks": masks, "names": names}
     source, chosen = open_reel_capture(reel, capture, width=width, scale=scale, frames=span, **options)
     work = work_of(reel, ReelReader(reel).manifest)

@@ -61,8 +61,8 @@ def open_target(reel: Path, url: str) -> Folder:
     from splatreel.storage.addresses import local_path, open_folder
 
     path = local_path(url)
-    if path is not None and path.resolve() == reel.resolve():
-        raise UsageError(f"{url}: is the reel itself. Name another folder, or a bucket.")
+    if path is not None and path.resolve().is_relative_to(reel.resolve()):
+        raise UsageError(f"{url}: lies in the reel itself. Name another folder, or a bucket.")
     return open_folder(url)
 
 
