@@ -1,4 +1,4 @@
-"""Captures and masks at addresses, whose server fails, cuts transfers, ignores ranges or refuses access."""
+"""Files of captures and masks: names, and addresses whose server fails, cuts transfers, ignores ranges or refuses access."""
 
 from pathlib import Path
 
@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from splatreel.base.errors import CaptureError, StorageError, UsageError
+from splatreel.capture.files import natural_key
 from splatreel.capture.opening import open_capture
 from tests.buckets import Bucket, Faults
 from tests.capture import folders
@@ -46,3 +47,9 @@ def test_private_and_missing_captures_and_masks_are_explained(faulty: tuple[Buck
     assert faults.met == 1
     with pytest.raises(UsageError, match="do not list their files"):
         open_capture("https://host.example/capture")
+
+
+def test_names_are_sorted_by_their_decimal_digits_only() -> None:
+    """Superscripts are digits to Python, but no numbers."""
+    names = ["10", "9", "²", "³", "a10", "a9", "٣"]
+    assert sorted(names, key=natural_key) == ["9", "10", "a9", "a10", "²", "³", "٣"]

@@ -110,9 +110,9 @@ def test_interrupted_encode_starts_over(run: Path) -> None:
 @pytest.mark.parametrize(
     ("out", "reason"),
     [
-        ("run", "belongs to the run itself. Choose another folder"),
-        ("run/reel", "belongs to the run itself. Choose another folder"),
-        ("run/work", "belongs to the run itself. Choose another folder"),
+        ("run", "which this command reads. Choose a place outside of it"),
+        ("run/reel", "which this command reads. Choose a place outside of it"),
+        ("run/work", "which this command reads. Choose a place outside of it"),
         ("second/reel", "holds a reel already. Choose another folder, or delete that reel"),
     ],
 )

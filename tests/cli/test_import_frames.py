@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 
 from splatreel.base.errors import ReelError
+from splatreel.base.ply_table import read_comments
 from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verification import verify_reel
 from splatreel.formats.ply import write_ply
-from splatreel.formats.ply_table import read_comments
 from splatreel.sequence.reel import SequenceEncoder
 from tests.sequence.films import BALL, WALL, cameras, frame, write_film
 from tests.sequence.test_viewpoints import entry

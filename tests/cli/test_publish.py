@@ -58,7 +58,7 @@ def test_reel_of_a_reconstruction_goes_to_a_folder(tmp_path: Path, capsys: pytes
 @pytest.mark.parametrize(
     ("arguments", "code", "words"),
     [
-        (["{reel}", "{reel}"], 2, "is the reel itself"),
+        (["{reel}", "{reel}"], 2, "lies in the reel itself"),
         (["{reel}", "https://example.org/reel"], 2, "web servers take no files"),
         (["{reel}", "{web}", "--keep", "-1"], 2, "--keep -1: give hours"),
         (["{reel}", "{web}", "--keep", "nan"], 2, "--keep nan: give hours"),

@@ -43,15 +43,31 @@ def test_one_column_of_scales_makes_spheres(tmp_path: Path) -> None:
     np.testing.assert_allclose(np.log(points.scales), np.repeat(held["log_scales"], 3, 1), rtol=1e-5, atol=1e-6)
 
 
+@pytest.mark.parametrize("name", ["rgb_colors", "unnorm_rotations"])
+def test_an_array_without_frames_is_constant(tmp_path: Path, name: str) -> None:
+    held = arrays()
+    np.savez(tmp_path / "each.npz", **held | {name: np.repeat(held[name][:1], 3, 0)})
+    np.savez(tmp_path / "once.npz", **held | {name: held[name][0]})
+    each, once = (open_frames(tmp_path / file) for file in ("each.npz", "once.npz"))
+    for frame in range(3):
+        np.testing.assert_array_equal(once.read(frame).sh, each.read(frame).sh)
+        np.testing.assert_array_equal(once.read(frame).quats, each.read(frame).quats)
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
         ({"log_scales": None}, "has no log_scales"),
-        ({"log_scales": np.zeros((4, 3))}, "log_scales has shape"),
-        ({"log_scales": np.zeros((5, 2))}, "log_scales has shape"),
-        ({"log_scales": np.zeros((4, 1))}, "log_scales has shape"),
-        ({"means3D": np.zeros((3, 5))}, "means3D has shape"),
-        ({"means3D": np.zeros((0, 5, 3))}, "has shape"),
+        ({"log_scales": np.zeros((4, 3))}, "log_scales has the shape 4 x 3, expected N x 3 or N x 1"),
+        ({"log_scales": np.zeros((5, 2))}, "log_scales has the shape"),
+        ({"log_scales": np.zeros((4, 1))}, "log_scales has the shape"),
+        (
+            {"rgb_colors": np.zeros((4, 3))},
+            "rgb_colors has the shape 4 x 3, expected T x N x 3 or N x 3 .*means3D: 3 x 5 x 3",
+        ),
+        ({"means3D": np.float64(1)}, "means3D has the shape of a single number"),
+        ({"means3D": np.zeros((3, 5))}, "means3D has the shape"),
+        ({"means3D": np.zeros((0, 5, 3))}, "has the shape 0 x 5 x 3, expected T x N x 3"),
     ],
 )
 def test_foreign_npz_is_refused(tmp_path: Path, changes: dict[str, Any], said: str) -> None:

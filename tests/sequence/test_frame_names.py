@@ -16,12 +16,15 @@ from splatreel.sequence.frame_names import order_frames
         ["12.0001", "12.0002", "12.0003"],
         ["shot.9", "shot.10"],
         ["f1/point_cloud/iteration_7", "f2/point_cloud/iteration_7"],
+        ["0", "9" * 18],
+        [f"{'7' * 5000}_1", f"{'7' * 5000}_2"],
         ["frame1_1700000033", "frame2_1700000067", "frame3_1700000100"],
     ],
 )
 def test_frames_are_ordered_by_the_number_that_differs(names: list[str]) -> None:
     order = order_frames(list(reversed(names)), "film", "refuse")
-    assert (order.names, order.fps, order.step) == (names, None, 1)
+    assert (order.names, order.fps) == (names, None)
+    assert order.step == (1 if "9" * 18 not in names else 10**18 - 1)
 
 
 @pytest.mark.parametrize(
@@ -56,6 +59,10 @@ def test_numbers_may_go_up_in_larger_steps(names: list[str], step: float) -> Non
         (["a1", "a01"], "frame 1 twice"),
         (["a1", "b"], "the name b has no number"),
         (["a1", "a2", "b3"], "files called aN and files called bN"),
+        (["f0", "f" + 20 * "9"], "the number 99999999999999999999 in a name has more than 18 digits"),
+        (["f0", "f1", "f" + 5000 * "9"], "in a name has more than 18 digits, expected one that counts frames"),
+        (["0.1", 400 * "9" + ".2"], "in a name has more than 18 digits"),
+        (["f" + 5000 * "9", "f0" + 5000 * "9"], "frame 9999999999999999999999999999999999999999 twice"),
     ],
 )
 def test_unclear_orders_and_gaps_are_named(names: list[str], said: str) -> None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import filecmp
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -43,6 +43,8 @@ class NewFolder:
         """
         if self.existing is None:
             return
+        if self.refusal is not None and not self.existing.is_dir():
+            raise self.refusal
         for root in [self.path / name for name in folders] or [self.path]:
             for file in sorted(root.rglob("*")):
                 # Names with a dot are those of files that are being written.
@@ -113,13 +115,41 @@ def new_folder(out: Path, refusal: SplatreelError) -> Iterator[NewFolder]:
     existing = out if is_taken(out) else None
     if existing is not None and not out.is_dir():
         raise refusal
-    out.parent.mkdir(parents=True, exist_ok=True)
-    with scratch(out.parent, out.name) as place:
+    with created(out.parent), scratch(out.parent, out.name) as place:
         made = NewFolder(place / "new", existing, refusal)
         made.path.mkdir()
         yield made
+        if made.existing is None and not _moved(made.path, out):
+            made.existing = out  # another process finished the folder meanwhile
         made.finish()
-        if existing is None:
-            if out.is_dir():
-                out.rmdir()  # it is empty
-            move(made.path, out)
+
+
+def _moved(folder: Path, out: Path) -> bool:
+    """Move a folder to `out`. Return False if `out` has files by now."""
+    try:
+        if out.is_dir():
+            out.rmdir()
+        move(folder, out)
+    except OSError:
+        if is_taken(out):
+            return False
+        raise
+    return True
+
+
+@contextmanager
+def created(folder: Path) -> Iterator[None]:
+    """Create a folder and its parents. If the block fails, delete those of them that are still empty.
+
+    Raises:
+        OSError: The folder cannot be created.
+    """
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        yield
+    except BaseException:
+        for path in missing:
+            with suppress(OSError):  # it has files, or another process deleted it
+                path.rmdir()
+        raise

@@ -27,7 +27,7 @@ MEDIA = re.compile(
 
 def natural_key(name: str) -> tuple[str | int, ...]:
     """Return a key that sorts names by their numbers, such as `2.jpg` before `10.jpg`."""
-    return tuple(int(part) if part.isdigit() else part for part in re.split("([0-9]+)", name))
+    return tuple(int(part) if part.isascii() and part.isdigit() else part for part in re.split("([0-9]+)", name))
 
 
 def list_folder(folder: Path) -> list[Path]:

@@ -13,6 +13,7 @@ from tyro.extras import SubcommandApp
 from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import CaptureOptions, parse_frames, parse_names, parse_numbers, reel_folder
+from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
@@ -74,6 +75,8 @@ def codec(
         from splatreel.evaluation.bench.microbenchmarks import bench_codec
 
         return show(bench_codec(points, frames, repeats), json)
+    if out is not None:
+        check_out("--out", out, run / "reel", run / "work")
     if capture is None or every < 1:
         raise UsageError("bench codec RUN needs the CAPTURE after it, and --every 1 or more.")
     from splatreel.base.display import console
@@ -138,6 +141,7 @@ def oracle(
         threads: Number of threads; by default one per core.
     """
     use_threads(threads)
+    check_out("--out", out, capture, below=False)
     span, held_out, chosen = parse_frames(frames), parse_names(hold_out, "--hold-out"), parse_numbers(at, "--at")
     if every < 1:
         raise UsageError(f"--every {every} is out of range. Choose 1 or more.")
@@ -196,6 +200,7 @@ def reconstruct(
         json: Print one JSON object per line.
     """
     use_threads(threads)
+    check_out("--out", out, capture, below=False)
     request = images.source(capture)
     if repeats < 1 or against == quality:
         raise UsageError("bench reconstruct needs --repeats 1 or more, and an --against that is another quality.")

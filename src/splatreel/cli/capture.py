@@ -15,6 +15,7 @@ from splatreel.base.command_line import install_command, option, quoted
 from splatreel.base.errors import ReconstructionError, UsageError
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out, parse_left_out
+from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import already_complete, counted, say
 
 if TYPE_CHECKING:
@@ -54,6 +55,8 @@ def capture_check(
         page: HTML file to write, such as check.html: the verdict, the cameras in plan and elevation, and an image of each.
         masks: Folder of masks, or its address. The verdict is then about their subject, and the page shows them.
     """
+    if page is not None:
+        check_out("--page", page)
     import numpy as np
 
     from splatreel.base.display import console
@@ -310,6 +313,7 @@ def capture_board(file: Positional[Path], /, board: str = "5x7:0.035") -> None:
     from splatreel.calibration.boards.board import parse_board
     from splatreel.calibration.boards.board_print import write_board
 
+    check_out("FILE", file)
     made = parse_board(board)
     width, height = write_board(made, file)
     squares = f"{made.columns} x {made.rows} squares of {1000 * made.square:g} mm"
@@ -373,6 +377,7 @@ def capture_convert(
     from splatreel.capture.conversion import convert_capture
     from splatreel.capture.opening import open_capture
 
+    check_out("OUT", out, capture)
     source, existed = open_capture(capture, width=width, frames=parse_frames(frames)), is_taken(out)
     with closing(source), closing(console()) as progress:
         names = convert_capture(source, out, format, progress)
@@ -410,6 +415,7 @@ def capture_film(
         threads: Number of threads; by default one per core.
     """
     use_threads(threads)
+    check_out("OUT", out)
     from splatreel.base.display import console
     from splatreel.capture.builtin.synthetic import HELD_OUT, film_with_progress, make_cameras
 

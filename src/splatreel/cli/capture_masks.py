@@ -11,6 +11,7 @@ from splatreel.base.command_line import quoted
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import CaptureAddress, parse_frames, parse_left_out
+from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import counted, say
 
 if TYPE_CHECKING:
@@ -49,6 +50,7 @@ def capture_masks(
         threads: Number of threads; by default one per core.
     """
     use_threads(threads)
+    check_out("--out", out, capture, below=False)
     if width < 1:
         raise UsageError(f"--width {width}: give pixels, 1 or more.")
     from splatreel.capture.opening import CaptureSource

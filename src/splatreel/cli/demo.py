@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.demo_player import demo_player
 from splatreel.cli.options import Set, with_set
+from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import say, serving
 from splatreel.cli.reconstruct import Device, configure, with_renditions
 from splatreel.cli.serve import wait_for_viewers
@@ -58,6 +59,7 @@ def demo(
         threads: Number of threads; by default one per core.
     """
     use_threads(threads)
+    check_out("--out", out)
     config = with_renditions(with_set(demo_config(quality, seed), settings), ())
     from splatreel.base.display import console
 

@@ -9,6 +9,7 @@ from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from splatreel.base.errors import UsageError
 from splatreel.cli.options import ReelAddress, reel_folder
+from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import already_complete, playable, say
 from splatreel.cli.reel_texts import ReelTexts
 
@@ -54,7 +55,9 @@ def edit(
         return
     if not wanted and not given:
         raise UsageError("Nothing to change. Write operations, such as crop=sphere:0,0,0,2, or name a --list.")
-    _edit_points(reel_folder(reel), wanted, out, given)
+    source = reel_folder(reel)
+    check_out("--out", out, source)
+    _edit_points(source, wanted, out, given)
 
 
 def _edit_texts(reel: str | Path, given: dict[str, str]) -> None:

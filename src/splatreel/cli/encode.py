@@ -9,8 +9,8 @@ from tyro.conf import Positional
 
 from splatreel.base.errors import UsageError
 from splatreel.cli.info import describe
-from splatreel.cli.new_reel import new_reel
 from splatreel.cli.options import Set, parse_renditions, parse_set
+from splatreel.cli.outputs import check_out, new_reel
 from splatreel.cli.printing import already_complete, say
 from splatreel.config import COARSENESS, Codec, EncodeConfig, Rate, Source
 from splatreel.config.settings import changed
@@ -56,7 +56,8 @@ def encode(
     from splatreel.run.device_choice import pick_device
     from splatreel.run.output.reencode import reencode
 
-    _check_folder(run, out)
+    check_out("--out", out, run, below=False)
+    check_out("--out", out, run / "reel", run / "work")
     options = {
         "h265.crf": crf,
         "h265.position_bits": position_bits,
@@ -130,8 +131,3 @@ def _check_rate(config: EncodeConfig, rate: Rate | None, mbps: float | None, pap
         raise UsageError(f"{papers[0]} is of the paper's codec. Choose --codec h265, or leave it out.")
     if mbps is not None and (rate is not None or not 0 < mbps < 1e5):
         raise UsageError(f"--target-mbps {mbps:g}: give a positive rate, and no --rate beside it.")
-
-
-def _check_folder(run: Path, out: Path) -> None:
-    if out.resolve() in (run.resolve(), (run / "reel").resolve(), (run / "work").resolve()):
-        raise UsageError(f"--out {out}: belongs to the run itself. Choose another folder.")

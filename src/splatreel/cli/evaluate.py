@@ -18,6 +18,7 @@ from splatreel.cli.options import (
     parse_names,
     reel_folder,
 )
+from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import say
 
 
@@ -72,6 +73,7 @@ def evaluate(
     from splatreel.run.store import Store
 
     place = reel_folder(reel)
+    check_out("--out", out, place)
     options: dict[str, Any] = {"left_out": parse_left_out(leave_out), "masks": masks, "names": names}
     source, chosen = open_reel_capture(place, capture, width=width, scale=scale, frames=span, **options)
     work = work_of(place, ReelReader(place).manifest)

@@ -10,7 +10,9 @@ from tyro.conf import OmitArgPrefixes, arg
 
 from splatreel.base.atomic import sweep
 from splatreel.base.errors import UsageError
+from splatreel.base.new_folder import created
 from splatreel.cli.options import AXES, ReelAddress, megabytes, parse_frames, reel_folder
+from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import counted, say
 from splatreel.formats.reader_limits import FrameKind, Program, ProgramName
 
@@ -82,6 +84,7 @@ def export(
         changes: Changes of exported Gaussians.
         max_memory: Megabytes that decoding a file may take; by default what a correct file of its length needs.
     """
+    check_out("--out", out, reel_folder(reel))
     reader = _program(program)
     kind = _kind(out, format) if reader is None else _kind_for(reader, program or "", out, format)
     if out.suffix == ".html":
@@ -105,24 +108,20 @@ def export(
     crop = None if changes.crop is None else parse_volume("--crop", changes.crop, source.manifest)
     one = kind is not None and bool(out.suffix)
     times = _times(source, reel, one, frame, at, frames, every)
-    place = out.parent if out.suffix else out
-    place.mkdir(parents=True, exist_ok=True)
-    sweep(place, out.name if out.suffix else "")
-    if out.suffix == ".mp4":
-        _write_film(source, times, out, width, path)
-        return
-    from splatreel.formats.registry import FRAME_FORMATS
-
-    up = _up(changes.up, FRAME_FORMATS[kind].up if kind else FILM_UP)
-    film = GaussianExport(source, times, up, crop, reader)
-    film.check_content()
-    if kind is None:
-        _write_gaussian_film(film, out, every)
-    elif one:
-        count = film.write_file(out, kind, times[0])
-        say(f"{out}: {count:,} Gaussians {f'of frame {frame}' if frame is not None else f'at {at:g} s'}")
-    else:
-        _write_folder(film, out, kind, every)
+    with created(out.parent if out.suffix else out):
+        sweep(out.parent if out.suffix else out, out.name if out.suffix else "")
+        if out.suffix == ".mp4":
+            _write_film(source, times, out, width, path)
+            return
+        film = GaussianExport(source, times, _up(changes.up, kind), crop, reader)
+        film.check_content()
+        if kind is None:
+            _write_gaussian_film(film, out, every)
+        elif one:
+            count = film.write_file(out, kind, times[0])
+            say(f"{out}: {count:,} Gaussians {f'of frame {frame}' if frame is not None else f'at {at:g} s'}")
+        else:
+            _write_folder(film, out, kind, every)
     _say_losses(film, out, kind)
 
 
@@ -204,10 +203,13 @@ def _times(
     return [index / source.fps for index in range(first, end, every)]
 
 
-def _up(asked: str | None, usual: str) -> np.ndarray | None:
-    """Return the up direction of the files; None for that of the capture."""
+def _up(asked: str | None, kind: str | None) -> np.ndarray | None:
+    """Return the up direction of files of a kind, or of films; None for that of the capture."""
     import numpy as np
 
+    from splatreel.formats.registry import FRAME_FORMATS
+
+    usual = FRAME_FORMATS[kind].up if kind else FILM_UP
     return None if asked == "capture" else np.array(AXES[asked or usual], float)
 
 

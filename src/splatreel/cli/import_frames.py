@@ -13,9 +13,9 @@ from tyro.conf import OmitArgPrefixes, Positional
 
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.new_reel import new_reel
 from splatreel.cli.options import AXES
 from splatreel.cli.options import megabytes as memory_limit
+from splatreel.cli.outputs import check_out, new_reel
 from splatreel.cli.printing import already_complete, counted, playable, say
 from splatreel.cli.reel_texts import ReelTexts
 from splatreel.config import COARSENESS, EncodeConfig, Quality, Rate
@@ -111,6 +111,7 @@ def import_frames(
     _check_options(fps, length, up)
     if fit and cameras and up:
         raise UsageError("--fit takes the up axis from --cameras. Leave out --up.")
+    check_out("--out", out, frames)
     edit, words = changes.edit(), ReelTexts(title=title).given()
     use_threads(threads)
     from splatreel.base.display import console

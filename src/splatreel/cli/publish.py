@@ -60,8 +60,8 @@ def open_target(reel: Path, url: str) -> Address:
     from splatreel.storage.address import Address
 
     address = Address(url, writes=True)
-    if address.path is not None and address.path.resolve() == reel.resolve():
-        raise UsageError(f"{url}: is the reel itself. Name another folder, or a bucket.")
+    if address.path is not None and address.path.resolve().is_relative_to(reel.resolve()):
+        raise UsageError(f"{url}: lies in the reel itself. Name another folder, or a bucket.")
     return address
 
 

@@ -51,7 +51,7 @@ def write_clip(clip: Clip, out: Path, progress: Callable[[int], None] = lambda d
             return _ClipWriter(clip, made.path).write(update)
     except OSError as error:
         raise ReelError(
-            f"{out}: cannot be written ({error.strerror or error}). Free space or name a folder."
+            f"{out}: cannot be written ({error.strerror or error}). Fix the permissions or name another folder."
         ) from error
 
 

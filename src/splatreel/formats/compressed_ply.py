@@ -16,8 +16,8 @@ import numpy as np
 
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import GaussiansError
+from splatreel.base.ply_table import Columns
 from splatreel.formats.ply import mode_comments
-from splatreel.formats.ply_table import Columns
 from splatreel.scene.gaussians import C0, Gaussians
 from splatreel.scene.morton import neighbor_order
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget, points_memory
+from splatreel.base.ply_table import Columns
 from splatreel.base.untrusted import read_file
-from splatreel.formats.ply_table import Columns
 from splatreel.scene.gaussians import C0
 
 MOST_BYTES, MOST_SECTIONS = 1 << 34, 1 << 16

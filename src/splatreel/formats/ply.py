@@ -9,7 +9,7 @@ import numpy as np
 
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import GaussiansError
-from splatreel.formats.ply_table import Columns, read_elements
+from splatreel.base.ply_table import Columns, read_elements
 from splatreel.formats.remarks import Remarks
 from splatreel.formats.splat_columns import Encoding, gaussians_of
 from splatreel.scene.gaussians import Gaussians

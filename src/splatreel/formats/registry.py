@@ -11,12 +11,12 @@ import numpy as np
 
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget
+from splatreel.base.ply_table import Columns, read_comments, read_elements
 from splatreel.formats.compressed_ply import is_packed, unpack_columns, write_compressed_ply
 from splatreel.formats.glb import write_glb
 from splatreel.formats.ksplat import read_ksplat
 from splatreel.formats.plausible import check_plausible
 from splatreel.formats.ply import splat_mode, write_ply
-from splatreel.formats.ply_table import Columns, read_comments, read_elements
 from splatreel.formats.remarks import Remarks
 from splatreel.formats.sog import META, is_sog_antialiased, read_sog, write_sog
 from splatreel.formats.splat import read_splat, write_splat

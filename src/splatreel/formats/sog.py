@@ -25,9 +25,9 @@ from splatreel.base.archives import naming_damage, read_member
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget, allowed_memory, points_memory
+from splatreel.base.ply_table import Columns
 from splatreel.base.untrusted import check_regular, numbers, parse_json, read_file
 from splatreel.formats.compressed_ply import smallest_three
-from splatreel.formats.ply_table import Columns
 from splatreel.formats.splat import to_bytes
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.morton import neighbor_order

@@ -16,8 +16,8 @@ import numpy as np
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import MemoryBudget, points_memory
+from splatreel.base.ply_table import Columns
 from splatreel.base.untrusted import read_file
-from splatreel.formats.ply_table import Columns
 from splatreel.scene.gaussians import C0, Gaussians
 
 MOST_BYTES = 1 << 34

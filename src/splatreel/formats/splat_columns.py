@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from splatreel.base.errors import GaussiansError
+from splatreel.base.ply_table import Columns
 from splatreel.formats.moving_columns import refusal_of
-from splatreel.formats.ply_table import Columns
 from splatreel.formats.remarks import Remarks
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import C0, Gaussians

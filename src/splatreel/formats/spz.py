@@ -26,8 +26,8 @@ from splatreel.base.atomic import write_bytes
 from splatreel.base.command_line import install_command
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget, points_memory
+from splatreel.base.ply_table import Columns
 from splatreel.base.untrusted import open_regular, read_file
-from splatreel.formats.ply_table import Columns
 from splatreel.formats.splat import to_bytes
 from splatreel.scene.gaussians import Gaussians
 

@@ -17,8 +17,8 @@ import numpy as np
 
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget
+from splatreel.base.ply_table import Columns
 from splatreel.base.untrusted import read_json
-from splatreel.formats.ply_table import Columns
 from splatreel.formats.remarks import Remarks
 from splatreel.formats.sog import is_sog_antialiased, read_sog
 

@@ -10,6 +10,7 @@ from typing import Any
 
 from splatreel.base.atomic import lock, open_lock, sweep
 from splatreel.base.errors import InUseError, ReconstructionError
+from splatreel.base.new_folder import created
 from splatreel.run.run_record import check_record, has_record, save_record
 
 
@@ -106,16 +107,18 @@ class RunLock:
 def lock_reel(reel: Path) -> Iterator[None]:
     """Lock the folder of a reel that does not belong to a run. Entering creates it, and removes files that a killed process left.
 
+    If the block fails before it wrote a file, the folder is deleted again.
+
     Raises:
         InUseError: Another process writes the reel.
     """
-    reel.mkdir(parents=True, exist_ok=True)
-    handle = open_lock(reel)
-    try:
-        if not lock(handle):
-            raise InUseError(f"{reel}: another process is writing this reel. Wait for it or choose another --out.")
-        for folder in (reel, *(place for place in reel.iterdir() if place.is_dir())):
-            sweep(folder)
-        yield
-    finally:
-        os.close(handle)
+    with created(reel):
+        handle = open_lock(reel)
+        try:
+            if not lock(handle):
+                raise InUseError(f"{reel}: another process is writing this reel. Wait for it or choose another --out.")
+            for folder in (reel, *(place for place in reel.iterdir() if place.is_dir())):
+                sweep(folder)
+            yield
+        finally:
+            os.close(handle)

@@ -22,7 +22,9 @@ SHAPES = {
     "logit_opacities": ("N", 1),
     "log_scales": ("N", 3),
 }
-"""Arrays that are read. Other entries describe the training."""
+"""Arrays that are read, of T frames and N points. Other entries describe the training."""
+CONSTANT = ("rgb_colors", "unnorm_rotations")
+"""Arrays that may lack the frames, as methods write that keep colors or rotations constant."""
 ROUND = ("N", 1)
 """Shape of `log_scales` for spheres, which have one size for all axes."""
 
@@ -49,7 +51,10 @@ class Dynamic3DGS:
         self._check()
         points = self._rows["means3D"].shape[1]
         budget.check(points_memory(points), self.size, str(path), f"{points:,} points")
-        fixed = read_arrays(path, ("logit_opacities", "log_scales"), GaussiansError, budget.limit(self.size))
+        still = [name for name in CONSTANT if len(self._rows[name].shape) == 2]
+        names = ("logit_opacities", "log_scales", *still)
+        fixed = read_arrays(path, names, GaussiansError, budget.limit(self.size))
+        self._constant = {name: fixed[name] for name in still}
         logits, logarithms = fixed["logit_opacities"][:, 0], fixed["log_scales"]
         self._opacities = 1 / (1 + np.exp(-np.clip(logits.astype(np.float64), -80, 80)))
         scales = np.exp(np.minimum(logarithms.astype(np.float64), 80)).astype(np.float32)
@@ -60,7 +65,8 @@ class Dynamic3DGS:
 
     def read(self, frame: int, origin: np.ndarray | None = None) -> Gaussians:
         """Return the Gaussians of a frame."""
-        rows = {name: self._rows[name][frame].astype(np.float64) for name, shape in SHAPES.items() if shape[0] == "T"}
+        rows = {name: self._rows[name][frame] for name in ("means3D", *CONSTANT) if name not in self._constant}
+        rows = {name: row.astype(np.float64) for name, row in (rows | self._constant).items()}
         found = Gaussians(
             means=rows["means3D"] - (0.0 if origin is None else origin),
             quats=rotations.normalize(rows["unnorm_rotations"]),
@@ -74,7 +80,16 @@ class Dynamic3DGS:
     def _check(self) -> None:
         sizes = dict(zip("TN", self._rows["means3D"].shape, strict=False))
         for name, shape in SHAPES.items():
-            shape = ROUND if name == "log_scales" and self._rows[name].shape[1:] == ROUND[1:] else shape
-            wanted = tuple(sizes.get(size, -1) if isinstance(size, str) else size for size in shape)
-            if self._rows[name].shape != wanted or not all(wanted):
-                raise GaussiansError(f"{self.path}: {name} has shape {self._rows[name].shape}, expected {shape}.")
+            found = self._rows[name].shape
+            allowed = [shape, *([ROUND] if name == "log_scales" else []), *([shape[1:]] if name in CONSTANT else [])]
+            wanted = [tuple(sizes.get(size, -1) if isinstance(size, str) else size for size in one) for one in allowed]
+            if found not in wanted or not all(found):
+                expected, means = " or ".join(map(_sizes, allowed)), _sizes(self._rows["means3D"].shape)
+                raise GaussiansError(
+                    f"{self.path}: {name} has the shape {_sizes(found)}, expected {expected} (frames T, points N; means3D: {means}). "
+                    "Save it in this shape."
+                )
+
+
+def _sizes(shape: tuple[int | str, ...]) -> str:
+    return " x ".join(map(str, shape)) or "of a single number"

@@ -18,6 +18,8 @@ Gaps = Literal["refuse", "hold"]
 """Treatment of missing frame numbers: refuse the sequence, or hold the previous frame."""
 MOST_FRAMES = 1_000_000
 """Maximum number of frames, including held ones."""
+MOST_DIGITS = 18
+"""Maximum digits of a number that counts frames, which fits into 64 bits."""
 SECONDS = 0.1, 1000.0
 """Frame rates at which numbers with a decimal point are seconds."""
 COMMON_RATES = (15, 24000 / 1001, 24, 25, 30000 / 1001, 30, 48, 50, 60000 / 1001, 60, 90, 100, 120, 240)
@@ -58,12 +60,13 @@ def order_frames(names: Sequence[str], place: str, gaps: Gaps) -> Order:
     fields = {name: re.findall(r"[0-9]+", name) for name in names}
     _check_alike(fields, place)
     columns = list(zip(*fields.values(), strict=True))
-    varying = [i for i, column in enumerate(columns) if len(set(map(int, column))) > 1]
+    varying = [i for i, column in enumerate(columns) if len({number.lstrip("0") for number in column}) > 1]
     times = _seconds(fields, varying)
     if times is not None:
         return _by_time(times, place, gaps)
     if not varying:
-        raise GaussiansError(f"{place}: holds frame {int(columns[-1][0])} twice. Remove one of them.")
+        raise GaussiansError(f"{place}: holds frame {columns[-1][0].lstrip('0') or '0':.40} twice. Remove one of them.")
+    _check_lengths(columns, varying, place)
     chosen = _choose_field(columns, varying, place, next(iter(names)))
     numbers = {name: int(numbers[chosen]) for name, numbers in fields.items()}
     return _without_gaps(numbers, place, gaps)
@@ -84,9 +87,19 @@ def _check_alike(fields: dict[str, list[str]], place: str) -> None:
         )
 
 
+def _check_lengths(columns: list[tuple[str, ...]], varying: list[int], place: str) -> None:
+    """Raise `GaussiansError` for a number that is too long to count frames."""
+    long = next((word for i in varying for word in columns[i] if len(word.lstrip("0")) > MOST_DIGITS), None)
+    if long is not None:
+        raise GaussiansError(
+            f"{place}: the number {long:.40} in a name has more than {MOST_DIGITS} digits, expected one that counts frames. Rename "
+            "the files."
+        )
+
+
 def _choose_field(columns: list[tuple[str, ...]], varying: list[int], place: str, example: str) -> int:
     """Return the field that numbers the frames. Several fields may vary if they give the same order."""
-    values = [np.array([int(number) for number in columns[i]], float) for i in varying]
+    values = [np.array([int(number) for number in columns[i]], np.int64) for i in varying]
     orders = {tuple(np.argsort(value, kind="stable").tolist()) for value in values}
     unique = [i for i, value in zip(varying, values, strict=True) if len(np.unique(value)) == len(value)]
     if len(varying) > 1 and (len(orders) > 1 or not unique):
@@ -108,6 +121,8 @@ def _seconds(fields: dict[str, list[str]], varying: list[int]) -> dict[str, floa
     if len(decimals) != 1 or not set(varying) <= {decimals[0], decimals[0] + 1}:
         return None
     whole = decimals[0]
+    if max(len(numbers[whole]) for numbers in fields.values()) > MOST_DIGITS:
+        return None
     if whole not in varying and int(fields[example][whole]) != 0:
         return None
     times = {name: float(f"{numbers[whole]}.{numbers[whole + 1]}") for name, numbers in fields.items()}

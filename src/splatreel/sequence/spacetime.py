@@ -9,9 +9,9 @@ import numpy as np
 
 from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import UNRAISED, MemoryBudget
+from splatreel.base.ply_table import Columns, read_elements
 from splatreel.base.untrusted import read_file
 from splatreel.formats.plausible import check_plausible
-from splatreel.formats.ply_table import Columns, read_elements
 from splatreel.formats.remarks import Remarks
 from splatreel.formats.splat_columns import drop_nan
 from splatreel.scene import rotations

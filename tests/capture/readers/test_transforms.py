@@ -177,6 +177,47 @@ def test_synthetic_scenes_of_blender(tmp_path: Path) -> None:
     np.testing.assert_allclose(capture.point_colors, [[1, 0, 0.2], [0, 0, 0]], atol=1e-6)
 
 
+TEXT = (
+    "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n{more}end_header\n"
+)
+COLORS = "".join(f"property {{}} {name}\n" for name in ("red", "green", "blue"))
+
+
+@pytest.mark.parametrize(
+    ("more", "rows", "colors"),
+    [
+        (
+            f"{COLORS.replace('{}', 'uchar')}property uchar alpha\nelement face 1\nproperty list uchar uint vertex_indices\n",
+            ["0 0 1 255 0 51 255", "nan 0 1 0 0 0 255", "-1 0 2 0 0 0 255", "3 0 1 2"],
+            [[1, 0, 0.2], [0, 0, 0]],
+        ),
+        (COLORS.replace("{}", "float"), ["0 0 1 1 0 0.2", "nan 0 1 0 0 0", "-1 0 2 0 0 0"], [[1, 0, 0.2], [0, 0, 0]]),
+        (COLORS.replace("{}", "float"), ["0 0 1 255 0 51", "nan 0 1 0 0 0", "-1 0 2 0 0 0"], [[1, 0, 0.2], [0, 0, 0]]),
+        ("", ["0 0 1", "nan 0 1", "-1 0 2"], None),
+    ],
+    ids=["faces", "unit floats", "byte floats", "no colors"],
+)
+def test_points_of_other_programs(tmp_path: Path, more: str, rows: list[str], colors: list[list[float]] | None) -> None:
+    """BlenderNeRF writes faces behind the points, and other programs write other types or no color."""
+    timed(tmp_path)
+    (tmp_path / "points3d.ply").write_text(TEXT.format(more=more) + "\n".join(rows) + "\n")
+    capture = open_capture(tmp_path)
+    assert capture.points is not None
+    np.testing.assert_allclose(capture.points, [[0, 0, 1], [-1, 0, 2]])
+    if colors is None:
+        assert capture.point_colors is None
+    else:
+        np.testing.assert_allclose(capture.point_colors, colors, atol=1e-6)
+
+
+@pytest.mark.parametrize("text", ["ply\n", TEXT.format(more="") + "0 0 1\n", TEXT.replace(" z", " w").format(more="")])
+def test_damaged_points_are_named(tmp_path: Path, text: str) -> None:
+    timed(tmp_path)
+    (tmp_path / "points3d.ply").write_text(text)
+    with pytest.raises(CaptureError, match=r"points3d\.ply: .* [Ee]xport it again or remove it"):
+        open_capture(tmp_path)
+
+
 def test_a_moving_camera_is_refused(tmp_path: Path) -> None:
     """The layout of D-NeRF."""
     frames = [{"file_path": f"./train/r_{c}", "time": c / 3, "transform_matrix": matrix(c).tolist()} for c in range(4)]

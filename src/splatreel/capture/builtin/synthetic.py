@@ -20,8 +20,8 @@ import av
 import numpy as np
 
 from splatreel.base import threads
-from splatreel.base.atomic import move, scratch
 from splatreel.base.errors import CaptureError, UsageError
+from splatreel.base.new_folder import is_taken, new_folder
 from splatreel.base.progress import Progress
 from splatreel.base.untrusted import read_json
 from splatreel.capture.builtin import toyroom
@@ -101,26 +101,25 @@ def make_capture(
             f"{width}x{height}, {frames} frames at {fps} fps: width and height must be even and at least 16."
         )
     recipe = {"version": VERSION, "width": width, "height": height, "frames": frames, "fps": fps, "seed": seed}
-    if path.exists():
-        if _is_made_by(path, recipe):
-            return path
-        raise CaptureError(
-            f"{path}: exists and is not the built-in capture of {recipe}. Remove it or choose another folder."
-        )
+    if _is_made_by(path, recipe):
+        return path
+    refusal = CaptureError(
+        f"{path}: exists and is not the built-in capture of {recipe}. Remove it or choose another folder."
+    )
+    if is_taken(path):
+        raise refusal
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with scratch(path.parent, path.name) as temporary:
-            folder = temporary / path.name
-            folder.mkdir()
+        with new_folder(path, refusal) as made:
             if not trace and _is_shipped(recipe):
                 for file in SHIPPED.iterdir():
                     # Without the permissions of the package, which may be read-only.
-                    shutil.copyfile(file, folder / file.name)
+                    shutil.copyfile(file, made.path / file.name)
             else:
-                _write(folder, recipe, progress or (lambda share: None))
-            move(folder, path)
+                _write(made.path, recipe, progress or (lambda share: None))
     except OSError as error:
-        raise CaptureError(f"{path}: cannot be written ({error}). Free some space or choose another folder.") from error
+        raise CaptureError(
+            f"{path}: cannot be written ({error.strerror or error}). Fix the permissions or choose another folder."
+        ) from error
     return path
 
 

@@ -21,7 +21,8 @@ from typing import Any
 import numpy as np
 
 from splatreel.base.command_line import option, quoted
-from splatreel.base.errors import CaptureError
+from splatreel.base.errors import CaptureError, GaussiansError
+from splatreel.base.ply_table import read_elements
 from splatreel.base.untrusted import is_number, numbers, read_json
 from splatreel.capture.base import Request
 from splatreel.capture.files import natural_key
@@ -30,7 +31,6 @@ from splatreel.capture.readers.calibrated import CalibratedCapture
 from splatreel.capture.readers.calibrations.calibrated_rig import Rig, RigCamera, naming, pose
 from splatreel.capture.readers.calibrations.media import Media, find_media
 from splatreel.capture.readers.calibrations.transforms_lens import transforms_lens
-from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.video import VIDEO_SUFFIXES
 
 META, TRAIN, TEST = "transforms.json", "transforms_train.json", "transforms_test.json"
@@ -268,16 +268,25 @@ def _existing(file: Path) -> Path:
 
 
 def _points(file: Path | None) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return the points of a PLY file, [P, 3] float32, and their colors 0..1."""
+    """Return the finite points of a PLY file, [P, 3] float32, and their colors 0..1 if it has any."""
     if file is None:
         return None, None
-    model = import_pycolmap().Reconstruction()
     try:
-        model.import_PLY(str(file))
-    except Exception as error:  # pycolmap passes on all exceptions of its C++ reader
-        raise CaptureError(f"{file}: cannot be read as points ({error}). Export it again or remove it.") from error
-    points = [point for _, point in sorted(model.points3D.items())]
-    if not points:
+        columns = read_elements(file, ("vertex",)).get("vertex", {})
+    except GaussiansError as error:
+        raise CaptureError(f"{error} Its points are optional: export it again or remove it.") from error
+    if not all(name in columns for name in "xyz"):
+        raise CaptureError(f"{file}: has no points (element vertex with x, y, z). Export it again or remove it.")
+    positions = np.stack([columns[name] for name in "xyz"], 1).astype(np.float32)
+    kept = np.isfinite(positions).all(1)
+    if not kept.any():
         return None, None
-    positions = np.array([point.xyz for point in points], np.float32)
-    return positions, np.array([point.color for point in points], np.float32) / 255
+    channels = [columns[name][kept] for name in ("red", "green", "blue") if name in columns]
+    return positions[kept], _colors(np.stack(channels, 1)) if len(channels) == 3 else None
+
+
+def _colors(channels: np.ndarray) -> np.ndarray:
+    """Return colors as float32 from 0 to 1. Integers fill the range of their type; other numbers are 0..1 or 0..255."""
+    floats = 255 if np.nanmax(channels, initial=0) > 1 else 1
+    most = np.iinfo(channels.dtype).max if channels.dtype.kind in "iu" else floats
+    return np.clip(np.nan_to_num(channels.astype(np.float32) / most), 0, 1)

@@ -1,3 +1,4 @@
+import time
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -6,7 +7,7 @@ import pytest
 
 from splatreel.base.errors import CaptureError
 from splatreel.capture.opening import open_capture
-from splatreel.capture.readers.calibrations.toml_cameras import read_toml
+from splatreel.capture.readers.calibrations.toml_cameras import is_toml, read_toml
 from tests.capture import blobs, folders
 
 cv2 = pytest.importorskip("cv2")
@@ -159,3 +160,10 @@ def test_hostile_lines_are_refused_at_once(tmp_path: Path, line: str, message: s
     (tmp_path / "a.toml").write_text(line)
     with pytest.raises(CaptureError, match=rf"a\.toml: .*{message}"):
         read_toml(tmp_path / "a.toml")
+
+
+def test_blank_lines_take_linear_time() -> None:
+    """Quadratic time was a minute for this text."""
+    started = time.process_time()
+    assert not is_toml(Path("a.toml"), b"\n" * 100_000)
+    assert time.process_time() - started < 5

@@ -27,7 +27,7 @@ from splatreel.capture.readers.calibrations.calibrated_rig import (
     read_text,
 )
 
-KEYS = (rb"(?m)^\s*matrix\s*=", rb"(?m)^\s*translation\s*=", rb"(?m)^\s*size\s*=")
+KEYS = (rb"(?m)^[ \t]*matrix[ \t]*=", rb"(?m)^[ \t]*translation[ \t]*=", rb"(?m)^[ \t]*size[ \t]*=")
 
 DEEPEST = 16
 """Maximum number of dots in a key. The parser takes quadratic time for long ones."""

@@ -27,8 +27,8 @@ _TYPES = {
     **dict.fromkeys(("double", "float64"), "f8"),
 }
 _ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": ""}
-_NAN = re.compile(rb"-?nan\([^)]*\)|[+-]?1\.#(?:IND|QNAN)\w*", re.I)
-"""NaN as C runtimes of Windows write it."""
+_NAN = re.compile(rb"[+-]?nan\(\w*\)|[+-]?1\.#(?:IND|QNAN)\w*", re.I)
+"""NaN as C runtimes write it. Parentheses hold word characters only, so that a search takes linear time."""
 
 Columns = dict[str, np.ndarray]
 """Columns of an element by property name, [count] each."""
@@ -132,6 +132,10 @@ def _with_property(element: _Element, words: list[str], path: Path) -> _Element:
     name = words[-1]
     if any(name == other for other, _ in element.properties):
         raise GaussiansError(f"{path}: names the property {name!r:.40} twice.")
+    if is_list and _TYPES[kinds[0]][0] == "f":
+        raise GaussiansError(
+            f"{path}: the lengths of its list {name!r:.40} are of type {kinds[0]}, expected an integer type. Export it again."
+        )
     listed = (_TYPES[kinds[0]], _TYPES[kinds[1]]) if is_list else None
     return _Element(
         element.name,
@@ -148,6 +152,8 @@ def _count(word: str, path: Path) -> int:
 
 
 def _check_plain(element: _Element, path: Path) -> None:
+    if element.count and not element.properties:
+        raise GaussiansError(f"{path}: its element {element.name} has no properties. Export it again.")
     if any(element.lists):
         raise GaussiansError(
             f"{path}: its element {element.name} has a property that is a list, expected plain numbers."
@@ -183,15 +189,21 @@ def _skip_lists(body: bytes, at: int, element: _Element, order: str, path: Path)
     kinds = [
         (np.dtype(order + kind), listed) for (_, kind), listed in zip(element.properties, element.lists, strict=True)
     ]
-    for _ in range(element.count):
+    for row in range(element.count):
         for kind, listed in kinds:
             size = kind.itemsize
             if listed is not None:
                 length = np.dtype(order + listed[0])
                 if at + length.itemsize > len(body):
                     raise GaussiansError(f"{path}: ends within its element {element.name}. Copy it again.")
-                size = length.itemsize + int(np.frombuffer(body, length, 1, at)[0]) * kind.itemsize
-            at += max(size, 0)
+                items = int(np.frombuffer(body, length, 1, at)[0])
+                if items < 0:
+                    raise GaussiansError(
+                        f"{path}: row {row} of its element {element.name} (counted from 0) claims a list of {items} items. "
+                        "Export it again."
+                    )
+                size = length.itemsize + items * kind.itemsize
+            at += size
         if at > len(body):
             raise GaussiansError(f"{path}: ends within its element {element.name}. Copy it again.")
     return at
@@ -219,9 +231,9 @@ def _split_lines(
 def _parse_lines(lines: list[bytes], element: _Element, path: Path) -> Columns:
     width = len(element.properties)
     odd = next((row for row, line in enumerate(lines) if len(line.split()) != width), None)
-    numbers = np.zeros(0) if odd is not None else _numbers(_NAN.sub(b"nan", b" ".join(lines)))
+    numbers = np.zeros(0) if odd is not None else _numbers(b" ".join(lines))
     if len(numbers) != element.count * width:
-        row = odd if odd is not None else next(i for i, line in enumerate(lines) if len(_numbers(line)) != width)
+        row = odd if odd is not None else next((i for i, line in enumerate(lines) if len(_numbers(line)) != width), 0)
         raise GaussiansError(
             f"{path}: row {row} of its element {element.name} (counted from 0) is {lines[row].decode('latin-1')!r:.80}, "
             f"expected {width} numbers."
@@ -235,7 +247,7 @@ def _numbers(text: bytes) -> np.ndarray:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("error", DeprecationWarning)  # how older versions of numpy report other words
-            return np.fromstring(text.decode("latin-1"), np.float64, sep=" ") if text else np.zeros(0)
+            return np.fromstring(_NAN.sub(b"nan", text).decode("latin-1"), np.float64, sep=" ") if text else np.zeros(0)
     except (ValueError, DeprecationWarning):
         return np.zeros(0)
 
