@@ -6,13 +6,15 @@ import dataclasses
 import json as json_format
 import sys
 from pathlib import Path
+from typing import Annotated
 
-from tyro.conf import OmitArgPrefixes, Positional
+from tyro.conf import OmitArgPrefixes, Positional, arg
 from tyro.extras import SubcommandApp
 
 from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.options import CaptureOptions, parse_frames, parse_names, parse_numbers, reel_folder
+from splatreel.cli.help_text import join_lines
+from splatreel.cli.options import CaptureFolder, CaptureOptions, parse_frames, parse_names, parse_numbers, reel_folder
 from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
@@ -44,8 +46,8 @@ def kernels(
 
 
 def codec(
-    run: Positional[Path | None] = None,
-    capture: Positional[Path | None] = None,
+    run: Annotated[Positional[Path | None], arg(metavar="[RUN]")] = None,
+    capture: Annotated[Positional[Path | None], arg(metavar="[CAPTURE]")] = None,
     /,
     points: int = 10_000,
     frames: int = 35,
@@ -103,7 +105,7 @@ def codec(
 
 
 def oracle(
-    capture: Positional[Path],
+    capture: CaptureFolder,
     /,
     out: Path,
     at: str | None = None,
@@ -167,7 +169,7 @@ def oracle(
 
 
 def reconstruct(
-    capture: Positional[Path],
+    capture: CaptureFolder,
     /,
     out: Path,
     images: OmitArgPrefixes[CaptureOptions] = CaptureOptions(),  # noqa: B008 - it is frozen
@@ -232,8 +234,7 @@ def build() -> SubcommandApp:
     """Return the app with all kinds of measurements."""
     app = SubcommandApp()
     app.__doc__ = "Measure speed on this machine, and the best possible quality of single frames."
-    app.command(kernels)
-    app.command(codec)
-    app.command(oracle)
-    app.command(reconstruct)
+    for verb in (kernels, codec, oracle, reconstruct):
+        join_lines(verb)
+        app.command(verb)
     return app

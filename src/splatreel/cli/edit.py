@@ -15,7 +15,7 @@ from splatreel.cli.reel_texts import ReelTexts
 
 def edit(
     reel: ReelAddress,
-    operations: Annotated[Positional[tuple[str, ...]], arg(metavar="OPERATION...")] = (),
+    operations: Annotated[Positional[tuple[str, ...]], arg(metavar="[OPERATION...]")] = (),
     /,
     out: Path | None = None,
     list_: Annotated[Path | None, arg(name="list")] = None,

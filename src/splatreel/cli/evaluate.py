@@ -5,16 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from tyro.conf import Positional
-
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.options import CaptureAddress, megabytes, parse_frames, parse_left_out, parse_names, reel_folder
+from splatreel.cli.options import (
+    CaptureAddress,
+    ReelFolder,
+    megabytes,
+    parse_frames,
+    parse_left_out,
+    parse_names,
+    reel_folder,
+)
 from splatreel.cli.printing import say
 
 
 def evaluate(
-    reel: Positional[Path],
+    reel: ReelFolder,
     capture: CaptureAddress,
     /,
     out: Path,

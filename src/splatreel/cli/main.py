@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Sequence
 
+from tyro.conf import DisallowNone
 from tyro.extras import SubcommandApp
 
 from splatreel import __version__
@@ -31,6 +33,7 @@ from splatreel.cli.encode import encode
 from splatreel.cli.evaluate import evaluate
 from splatreel.cli.export import export
 from splatreel.cli.failure import explain, interruption, termination
+from splatreel.cli.help_text import join_lines
 from splatreel.cli.import_frames import import_frames
 from splatreel.cli.info import info
 from splatreel.cli.options import check_arguments
@@ -44,22 +47,30 @@ from splatreel.cli.warmup import warmup
 DESCRIPTION = "Volumetric video from many static cameras: reconstruct, compress, stream and play groups of Gaussians."
 
 
-def build() -> SubcommandApp:
-    """Return the app with all verbs, in the order in which users meet them."""
+def build(chosen: Sequence[str] = ()) -> SubcommandApp:
+    """Return the app with all verbs, in the order in which users meet them.
+
+    Args:
+        chosen: Arguments of the command line. The verb among them gets its whole help, the others the first paragraph for the list.
+    """
+    words = list(chosen)
     capture = SubcommandApp()
-    capture.__doc__ = "Check, calibrate, synchronize and convert a capture; make masks; film the built-in scene."
-    verbs = {"check": capture_check, "calibrate": capture_calibrate, "board": capture_board, "sync": capture_sync}
+    capture.__doc__ = "Synchronize, calibrate, check and convert a capture; make masks; film the built-in scene."
+    verbs = {"sync": capture_sync, "calibrate": capture_calibrate, "board": capture_board, "check": capture_check}
     verbs |= {"masks": capture_masks, "convert": capture_convert, "film": capture_film}
     for name, verb in verbs.items():
-        capture.command(name=name)(verb)
+        summary = join_lines(verb)
+        capture.command(name=name, help=None if words[:2] == ["capture", name] else summary)(verb)
     app = SubcommandApp()
-    app.command(demo)
-    app.command(capture, name="capture")
-    for verb in (reconstruct, config, encode):
-        app.command(verb)
-    app.command(name="import")(import_frames)
-    for verb in (edit, info, verify, serve, view, publish, export, evaluate, devices, warmup):
-        app.command(verb)
+    verbs = {"demo": demo, "capture": capture, "reconstruct": reconstruct, "config": config, "encode": encode}
+    verbs |= {"import": import_frames, "edit": edit, "info": info, "verify": verify, "serve": serve, "view": view}
+    verbs |= {"publish": publish, "export": export, "evaluate": evaluate, "devices": devices, "warmup": warmup}
+    for name, verb in verbs.items():
+        if isinstance(verb, SubcommandApp):
+            app.command(verb, name=name)
+        else:
+            summary = join_lines(verb)
+            app.command(name=name, help=None if words[:1] == [name] else summary)(verb)
     app.command(bench.build(), name="bench")
     return app
 
@@ -85,7 +96,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 say(f"splatreel {__version__}", flush=True)
                 return 0
             check_arguments(arguments)
-            build().cli(prog="splatreel", description=DESCRIPTION, args=arguments)
+            arguments = [re.sub("^--licence(?==|$)", "--license", argument) for argument in arguments]
+            build(arguments).cli(prog="splatreel", description=DESCRIPTION, args=arguments, config=[DisallowNone])
     except BrokenPipeError:
         # The reader of the pipe is gone; print nothing at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
