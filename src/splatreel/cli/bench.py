@@ -9,11 +9,9 @@ from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
-from tyro.extras import SubcommandApp
 
 from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.help_text import join_lines
 from splatreel.cli.options import CaptureFolder, CaptureOptions, parse_frames, parse_names, parse_numbers, reel_folder
 from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Device, configure
@@ -228,13 +226,3 @@ def show(rows: list[dict[str, float | int | str]], json: bool) -> None:
             rest = ", ".join(f"{name} {value:,}" for name, value in row.items() if name not in ("what", "ms"))
             time = f"{row['ms']:>10,.1f} ms" if "ms" in row else " " * 13
             say(f"{row['what']:<16} {time}   {rest}")
-
-
-def build() -> SubcommandApp:
-    """Return the app with all kinds of measurements."""
-    app = SubcommandApp()
-    app.__doc__ = "Measure speed on this machine, and the best possible quality of single frames."
-    for verb in (kernels, codec, oracle, reconstruct):
-        join_lines(verb)
-        app.command(verb)
-    return app

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 from tyro.conf import DisallowNone
 from tyro.extras import SubcommandApp
@@ -47,31 +47,56 @@ from splatreel.cli.warmup import warmup
 DESCRIPTION = "Volumetric video from many static cameras: reconstruct, compress, stream and play groups of Gaussians."
 
 
+GROUPS = {
+    "capture": "Synchronize, calibrate, check and convert a capture; make masks; film the built-in scene.",
+    "bench": "Measure speed on this machine, and the best possible quality of single frames.",
+}
+"""Descriptions of verbs of two words, by their first word."""
+VERBS: dict[str, Callable[..., None]] = {
+    "demo": demo,
+    "capture sync": capture_sync,
+    "capture calibrate": capture_calibrate,
+    "capture board": capture_board,
+    "capture check": capture_check,
+    "capture masks": capture_masks,
+    "capture convert": capture_convert,
+    "capture film": capture_film,
+    "reconstruct": reconstruct,
+    "config": config,
+    "encode": encode,
+    "import": import_frames,
+    "edit": edit,
+    "info": info,
+    "verify": verify,
+    "serve": serve,
+    "view": view,
+    "publish": publish,
+    "export": export,
+    "evaluate": evaluate,
+    "devices": devices,
+    "warmup": warmup,
+    "bench kernels": bench.kernels,
+    "bench codec": bench.codec,
+    "bench oracle": bench.oracle,
+    "bench reconstruct": bench.reconstruct,
+}
+"""Functions of the verbs, in the order in which users meet them."""
+
+
 def build(chosen: Sequence[str] = ()) -> SubcommandApp:
-    """Return the app with all verbs, in the order in which users meet them.
+    """Return the app with all verbs.
 
     Args:
         chosen: Arguments of the command line. The verb among them gets its whole help, the others the first paragraph for the list.
     """
-    words = list(chosen)
-    capture = SubcommandApp()
-    capture.__doc__ = "Synchronize, calibrate, check and convert a capture; make masks; film the built-in scene."
-    verbs = {"sync": capture_sync, "calibrate": capture_calibrate, "board": capture_board, "check": capture_check}
-    verbs |= {"masks": capture_masks, "convert": capture_convert, "film": capture_film}
-    for name, verb in verbs.items():
-        summary = join_lines(verb)
-        capture.command(name=name, help=None if words[:2] == ["capture", name] else summary)(verb)
-    app = SubcommandApp()
-    verbs = {"demo": demo, "capture": capture, "reconstruct": reconstruct, "config": config, "encode": encode}
-    verbs |= {"import": import_frames, "edit": edit, "info": info, "verify": verify, "serve": serve, "view": view}
-    verbs |= {"publish": publish, "export": export, "evaluate": evaluate, "devices": devices, "warmup": warmup}
-    for name, verb in verbs.items():
-        if isinstance(verb, SubcommandApp):
-            app.command(verb, name=name)
-        else:
-            summary = join_lines(verb)
-            app.command(name=name, help=None if words[:1] == [name] else summary)(verb)
-    app.command(bench.build(), name="bench")
+    app, groups = SubcommandApp(), {name: SubcommandApp() for name in GROUPS}
+    for words, verb in VERBS.items():
+        group, _, name = words.rpartition(" ")
+        if group and not vars(groups[group]).get("__doc__"):
+            groups[group].__doc__ = GROUPS[group]
+            app.command(groups[group], name=group)
+        summary, whole = join_lines(verb), list(chosen[: len(words.split())]) == words.split()
+        (groups[group] if group else app).command(name=name, help=None if whole else summary)(verb)
     return app
 
 
