@@ -6,10 +6,11 @@ python benchmarks/oracle.py CAPTURE --width 320 --frames 0:60 --reel OUT
 import dataclasses
 import time
 from pathlib import Path
+from typing import Annotated
 
 import tyro
 
-from record import machine, record
+from record import RESULTS, machine, record
 from splatreel.base.display import console
 from splatreel.base.process import peak_memory_bytes
 from splatreel.capture.opening import open_capture
@@ -33,11 +34,15 @@ def main(
     seed: int = 0,
     out: Path | None = None,
     name: str | None = None,
+    record_: Annotated[bool, tyro.conf.arg(name="record")] = False,
     note: str = "",
 ) -> None:
-    """Reconstruct frames on their own, evaluate on the held-out cameras, record. Options as in `splatreel bench oracle`.
+    """Reconstruct frames on their own, and evaluate on the held-out cameras. Other options are those of `splatreel bench oracle`.
 
-    name: of the capture in the record, in one word; its folder's unless given.
+    Args:
+        name: Name of the capture in the record, one word; by default that of its folder.
+        record_: Append the record to those of this project, benchmarks/results.jsonl, instead of OUT/results.jsonl.
+        note: Note in the record.
     """
     before, started = machine(), time.monotonic()
     held_out, chosen = parse_names(hold_out, "--hold-out"), parse_numbers(at, "--at")
@@ -65,7 +70,7 @@ def main(
     }
     wall = {"seconds_wall": round(time.monotonic() - started, 1)}
     values = summary(result, config.keyframe.sh_degree) | {"quality": quality, "seed": seed} | shape | wall
-    record(f"oracle {name or source.name} {width}", values, note)
+    record(f"oracle {name or source.name} {width}", values, note, RESULTS if record_ else out / "results.jsonl")
     print(result.to_markdown())
 
 

@@ -101,21 +101,51 @@ def test_first_page_plays_the_sample_with_the_player_of_the_package(
     sample = shutil.copytree(ROOT / "tests" / "data" / "golden-predictive", tmp_path / "sample")
     monkeypatch.setattr(hooks, "SAMPLE", sample)
     text, site = first_page(hooks), tmp_path / "site"
-    hooks.on_post_build(SimpleNamespace(site_dir=str(site)))
-    assert "images/demo.jpg" not in text
+    assert hooks.finish_site(site) == []
+    assert "images/reel.webp" not in text
     assert "autoplay" in text
     for address in re.findall(r'src="([^"]+)"', text):
         assert (site / address).is_file(), address
-    assert (site / "sample" / "groups" / "0000.safetensors").is_file()
-    assert (site / "player" / "decode-worker.js").is_file()
+    assert (site / "sample" / "reel" / "groups" / "0000.safetensors").is_file()
+    assert (site / "sample" / "decode-worker.js").is_file()
+    assert (site / "sample" / "index.html").is_file()  # opens reel/manifest.json beside it
+
+
+def test_player_replaces_no_page(hooks: ModuleType, tmp_path: Path) -> None:
+    assert f"{hooks.LIVE}.md" not in navigation()
+    page = tmp_path / hooks.LIVE / "index.html"
+    page.parent.mkdir()
+    page.write_text("<p>A page.</p>", encoding="utf-8")
+    assert len(hooks.finish_site(tmp_path)) == 1
+    assert page.read_text(encoding="utf-8") == "<p>A page.</p>"
+
+
+def test_broken_links_of_a_finished_site_are_found(hooks: ModuleType, tmp_path: Path) -> None:
+    (tmp_path / "sub").mkdir()
+    good = '<h1 id="top">A</h1><a href="sub/#part">b</a><a href="https://a.b/c">c</a><a href="/root/sub/">d</a>'
+    bad = '<a href="none/">a</a><a href="sub/#none">b</a><img src="none.png"><a href="/root/none">c</a><a href="#none">d</a>'
+    (tmp_path / "index.html").write_text(good, encoding="utf-8")
+    (tmp_path / "sub" / "index.html").write_text('<p id="part"><a href="../#top">e</a></p>', encoding="utf-8")
+    assert hooks.broken_links(tmp_path, "/root/") == []
+    (tmp_path / "index.html").write_text(bad, encoding="utf-8")
+    found = hooks.broken_links(tmp_path, "/root/")
+    assert found[:5] == [f"index.html: {link}" for link in ("#none", "/root/none", "none.png", "none/", "sub/#none")]
+    assert found[5:] == ["sub/index.html: ../#top"]
+
+
+def test_pages_do_not_let_the_theme_ask_other_hosts(hooks: ModuleType) -> None:
+    """The script of the theme asks api.github.com about the repository if this mark is there."""
+    link = '<a href="https://github.com/a/b" title="Go to repository" class="md-source" data-md-component="source">'
+    assert "data-md-component" not in hooks.on_post_page(link)
+    assert "https://github.com/a/b" in hooks.on_post_page(link)
 
 
 def test_first_page_of_a_checkout_without_the_sample_shows_the_image(
     hooks: ModuleType, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(hooks, "SAMPLE", tmp_path / "none")
-    hooks.on_post_build(SimpleNamespace(site_dir=str(tmp_path / "site")))
-    assert "images/demo.jpg" in first_page(hooks)
+    assert hooks.finish_site(tmp_path / "site") == []
+    assert "images/reel.webp" in first_page(hooks)
     assert not (tmp_path / "site").exists()
 
 

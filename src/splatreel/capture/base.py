@@ -31,6 +31,13 @@ WIDEST = 16384
 """Maximum image width and height in pixels."""
 MIN_CAMERAS = 3
 """Fewer cameras do not determine the geometry of a scene."""
+LAYOUTS = {
+    "Calibrated": "another program's calibration",
+    "Colmap": "COLMAP",
+    "Panoptic": "Panoptic Sports",
+    "Transforms": "transforms.json",
+}
+"""Names of layouts that differ from the names of their readers' classes."""
 FAR_OFF = 1e4
 """A camera has a broken pose if it is this many times farther from the others than they are apart."""
 
@@ -201,7 +208,8 @@ class Capture(ABC):
     @property
     def layout(self) -> str:
         """Name of the layout of files."""
-        return type(self).__name__.removesuffix("Capture")
+        name = type(self).__name__.removesuffix("Capture")
+        return LAYOUTS.get(name, name)
 
     @property
     def training_cameras(self) -> list[Camera]:

@@ -6,13 +6,13 @@ import dataclasses
 import json as json_format
 import sys
 from pathlib import Path
+from typing import Annotated
 
-from tyro.conf import OmitArgPrefixes, Positional
-from tyro.extras import SubcommandApp
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.options import CaptureOptions, parse_frames, parse_names, parse_numbers, reel_folder
+from splatreel.cli.options import CaptureFolder, CaptureOptions, parse_frames, parse_names, parse_numbers, reel_folder
 from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Device, configure
@@ -45,8 +45,8 @@ def kernels(
 
 
 def codec(
-    run: Positional[Path | None] = None,
-    capture: Positional[Path | None] = None,
+    run: Annotated[Positional[Path | None], arg(metavar="[RUN]")] = None,
+    capture: Annotated[Positional[Path | None], arg(metavar="[CAPTURE]")] = None,
     /,
     points: int = 10_000,
     frames: int = 35,
@@ -106,7 +106,7 @@ def codec(
 
 
 def oracle(
-    capture: Positional[Path],
+    capture: CaptureFolder,
     /,
     out: Path,
     at: str | None = None,
@@ -171,7 +171,7 @@ def oracle(
 
 
 def reconstruct(
-    capture: Positional[Path],
+    capture: CaptureFolder,
     /,
     out: Path,
     images: OmitArgPrefixes[CaptureOptions] = CaptureOptions(),  # noqa: B008 - it is frozen
@@ -231,14 +231,3 @@ def show(rows: list[dict[str, float | int | str]], json: bool) -> None:
             rest = ", ".join(f"{name} {value:,}" for name, value in row.items() if name not in ("what", "ms"))
             time = f"{row['ms']:>10,.1f} ms" if "ms" in row else " " * 13
             say(f"{row['what']:<16} {time}   {rest}")
-
-
-def build() -> SubcommandApp:
-    """Return the app with all kinds of measurements."""
-    app = SubcommandApp()
-    app.__doc__ = "Measure speed on this machine, and the best possible quality of single frames."
-    app.command(kernels)
-    app.command(codec)
-    app.command(oracle)
-    app.command(reconstruct)
-    return app

@@ -14,7 +14,7 @@ from splatreel.base import threads
 from splatreel.base.command_line import install_command, option, quoted
 from splatreel.base.errors import ReconstructionError, UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.options import CaptureAddress, parse_frames, parse_held_out, parse_left_out
+from splatreel.cli.options import CaptureAddress, CaptureFolder, NewFolder, parse_frames, parse_held_out, parse_left_out
 from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import already_complete, counted, say
 
@@ -212,7 +212,7 @@ def _cover(
 
 
 def capture_calibrate(
-    capture: Positional[Path],
+    capture: CaptureFolder,
     /,
     also: Path | None = None,
     leave_out: str | None = None,
@@ -300,7 +300,7 @@ def _calibrate_by_board(
         say(f"  left out, since either half of the frames places them elsewhere: {', '.join(found.lost)}")
 
 
-def capture_board(file: Positional[Path], /, board: str = "5x7:0.035") -> None:
+def capture_board(file: Annotated[Positional[Path], arg(metavar="FILE")], /, board: str = "5x7:0.035") -> None:
     """Write a ChArUco board or checkerboard to print, for `capture calibrate --board`.
 
     Print it at 100 %, not fitted to the page, and glue it onto something flat. Larger squares are seen from further away.
@@ -322,7 +322,7 @@ def capture_board(file: Positional[Path], /, board: str = "5x7:0.035") -> None:
     say(f"  {quoted(['splatreel', 'capture', 'calibrate', 'CAPTURE', '--board', made.spec])}")
 
 
-def capture_sync(capture: Positional[Path], /, leave_out: str | None = None, dry_run: bool = False) -> None:
+def capture_sync(capture: CaptureFolder, /, leave_out: str | None = None, dry_run: bool = False) -> None:
     """Find when the videos of a folder start, by sound, or else by motion, flashes or timecode. Writes splatreel.json.
 
     Clocks that drift get a rate. A calibrated capture whose videos are in step to half a frame is not changed.
@@ -357,7 +357,7 @@ def capture_sync(capture: Positional[Path], /, leave_out: str | None = None, dry
 
 def capture_convert(
     capture: CaptureAddress,
-    out: Positional[Path],
+    out: NewFolder,
     /,
     width: int | None = None,
     frames: str | None = None,
@@ -392,7 +392,7 @@ def capture_convert(
 
 
 def capture_film(
-    out: Positional[Path],
+    out: NewFolder,
     /,
     width: int = 256,
     height: int = 192,

@@ -16,7 +16,7 @@ from splatreel.cli.reel_texts import ReelTexts
 
 def edit(
     reel: ReelAddress,
-    operations: Annotated[Positional[tuple[str, ...]], arg(metavar="OPERATION...")] = (),
+    operations: Annotated[Positional[tuple[str, ...]], arg(metavar="[OPERATION...]")] = (),
     /,
     out: Path | None = None,
     list_: Annotated[Path | None, arg(name="list")] = None,
@@ -30,7 +30,7 @@ def edit(
 
     Remove floaters: edit REEL min-cameras=3 min-opacity=0.03 --out CLEAN
 
-    Stand it upright, in meters: edit REEL up=y distance=cam00,cam05,1.8 floor --out METERS
+    Stand it upright, in meters: edit REEL up=y distance=cam01,cam05,1.8 floor --out METERS
 
     Keep some seconds, brighter: edit REEL cut=2s:5s exposure=0.5 sound=music.wav --out PART
 

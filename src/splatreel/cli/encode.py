@@ -5,11 +5,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from tyro.conf import Positional
-
 from splatreel.base.errors import UsageError
 from splatreel.cli.info import describe
-from splatreel.cli.options import Set, parse_renditions, parse_set
+from splatreel.cli.options import RunFolder, Set, parse_renditions, parse_set
 from splatreel.cli.outputs import check_out, new_reel
 from splatreel.cli.printing import already_complete, say
 from splatreel.config import COARSENESS, Codec, EncodeConfig, Rate, Source
@@ -18,7 +16,7 @@ from splatreel.config.settings import settings as known_settings
 
 
 def encode(
-    run: Positional[Path],
+    run: RunFolder,
     /,
     out: Path,
     codec: Codec | None = None,
@@ -37,7 +35,7 @@ def encode(
     Args:
         run: Output folder of `reconstruct` or `demo`, with its work folder.
         out: Folder of the new reel.
-        codec: predictive, or h265 as in the paper, which the options from --crf on are for.
+        codec: predictive, or h265 as in the paper; --crf, --position-bits, --scale-bits, --sh-entries and --source need h265.
         rate: Rate of the predictive codec: high has twice the precision of medium, low about half its bytes.
         renditions: Rates, such as high,medium,low, that all groups are written in for a player to choose from. Layers have the best
             one.

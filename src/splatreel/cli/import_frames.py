@@ -7,9 +7,9 @@ from contextlib import closing
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Annotated, Literal
 
-from tyro.conf import OmitArgPrefixes, Positional
+from tyro.conf import OmitArgPrefixes, Positional, arg
 
 from splatreel.base.errors import UsageError
 from splatreel.base.threads import use as use_threads
@@ -65,7 +65,7 @@ class ChangeOptions:
 
 
 def import_frames(
-    frames: Positional[Path],
+    frames: Annotated[Positional[Path], arg(metavar="FRAMES")],
     /,
     out: Path,
     fps: float | None = None,

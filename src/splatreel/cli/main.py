@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
+from tyro.conf import DisallowNone
 from tyro.extras import SubcommandApp
 
 from splatreel import __version__
@@ -31,6 +33,7 @@ from splatreel.cli.encode import encode
 from splatreel.cli.evaluate import evaluate
 from splatreel.cli.export import export
 from splatreel.cli.failure import explain, interruption, termination
+from splatreel.cli.help_text import join_lines
 from splatreel.cli.import_frames import import_frames
 from splatreel.cli.info import info
 from splatreel.cli.options import check_arguments
@@ -44,23 +47,56 @@ from splatreel.cli.warmup import warmup
 DESCRIPTION = "Volumetric video from many static cameras: reconstruct, compress, stream and play groups of Gaussians."
 
 
-def build() -> SubcommandApp:
-    """Return the app with all verbs, in the order in which users meet them."""
-    capture = SubcommandApp()
-    capture.__doc__ = "Check, calibrate, synchronize and convert a capture; make masks; film the built-in scene."
-    verbs = {"check": capture_check, "calibrate": capture_calibrate, "board": capture_board, "sync": capture_sync}
-    verbs |= {"masks": capture_masks, "convert": capture_convert, "film": capture_film}
-    for name, verb in verbs.items():
-        capture.command(name=name)(verb)
-    app = SubcommandApp()
-    app.command(demo)
-    app.command(capture, name="capture")
-    for verb in (reconstruct, config, encode):
-        app.command(verb)
-    app.command(name="import")(import_frames)
-    for verb in (edit, info, verify, serve, view, publish, export, evaluate, devices, warmup):
-        app.command(verb)
-    app.command(bench.build(), name="bench")
+GROUPS = {
+    "capture": "Synchronize, calibrate, check and convert a capture; make masks; film the built-in scene.",
+    "bench": "Measure speed on this machine, and the best possible quality of single frames.",
+}
+"""Descriptions of verbs of two words, by their first word."""
+VERBS: dict[str, Callable[..., None]] = {
+    "demo": demo,
+    "capture sync": capture_sync,
+    "capture calibrate": capture_calibrate,
+    "capture board": capture_board,
+    "capture check": capture_check,
+    "capture masks": capture_masks,
+    "capture convert": capture_convert,
+    "capture film": capture_film,
+    "reconstruct": reconstruct,
+    "config": config,
+    "encode": encode,
+    "import": import_frames,
+    "edit": edit,
+    "info": info,
+    "verify": verify,
+    "serve": serve,
+    "view": view,
+    "publish": publish,
+    "export": export,
+    "evaluate": evaluate,
+    "devices": devices,
+    "warmup": warmup,
+    "bench kernels": bench.kernels,
+    "bench codec": bench.codec,
+    "bench oracle": bench.oracle,
+    "bench reconstruct": bench.reconstruct,
+}
+"""Functions of the verbs, in the order in which users meet them."""
+
+
+def build(chosen: Sequence[str] = ()) -> SubcommandApp:
+    """Return the app with all verbs.
+
+    Args:
+        chosen: Arguments of the command line. The verb among them gets its whole help, the others the first paragraph for the list.
+    """
+    app, groups = SubcommandApp(), {name: SubcommandApp() for name in GROUPS}
+    for words, verb in VERBS.items():
+        group, _, name = words.rpartition(" ")
+        if group and not vars(groups[group]).get("__doc__"):
+            groups[group].__doc__ = GROUPS[group]
+            app.command(groups[group], name=group)
+        summary, whole = join_lines(verb), list(chosen[: len(words.split())]) == words.split()
+        (groups[group] if group else app).command(name=name, help=None if whole else summary)(verb)
     return app
 
 
@@ -85,7 +121,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 say(f"splatreel {__version__}", flush=True)
                 return 0
             check_arguments(arguments)
-            build().cli(prog="splatreel", description=DESCRIPTION, args=arguments)
+            arguments = [re.sub("^--licence(?==|$)", "--license", argument) for argument in arguments]
+            build(arguments).cli(prog="splatreel", description=DESCRIPTION, args=arguments, config=[DisallowNone])
     except BrokenPipeError:
         # The reader of the pipe is gone; print nothing at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

@@ -29,8 +29,20 @@ Set = Annotated[tuple[str, ...], tyro.conf.UseAppendAction, tyro.conf.arg(name="
 ReelAddress = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="REEL")]
 """Folder or URL of a reel to read."""
 
-OptionalReel = Annotated[tyro.conf.Positional[str | None], tyro.conf.arg(metavar="REEL")]
+OptionalReel = Annotated[tyro.conf.Positional[str | None], tyro.conf.arg(metavar="[REEL]")]
 """Folder or URL of a reel to read, which may be left out."""
+
+RunFolder = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OUT")]
+"""Output folder of `reconstruct` or `demo`."""
+
+ReelFolder = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="REEL")]
+"""Folder of a reel on this machine."""
+
+CaptureFolder = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="CAPTURE")]
+"""Folder of a capture on this machine."""
+
+NewFolder = Annotated[tyro.conf.Positional[Path], tyro.conf.arg(metavar="OUT")]
+"""Folder to write."""
 
 CaptureAddress = Annotated[tyro.conf.Positional[str], tyro.conf.arg(metavar="CAPTURE")]
 """Folder of a capture to read, or an address such as s3://BUCKET/CAPTURE."""

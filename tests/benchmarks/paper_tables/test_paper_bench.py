@@ -1,5 +1,8 @@
 import json
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
@@ -108,6 +111,43 @@ def test_command_refuses_captures_of_one_name(benchmarks: Path, tmp_path: Path) 
     paths = tuple(tmp_path / folder / "film" for folder in ("a", "b"))
     with pytest.raises(UsageError, match="captures with different folder names"):
         main(paths, out=tmp_path / "out", table=("6",))
+
+
+@pytest.fixture
+def measured(benchmarks: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[str]]:
+    """Return a function that runs the command without reconstructions. It returns the frames, then the files with records."""
+    import paper
+
+    opened = []
+
+    def open_capture(path: Path, width: int = 64, frames: tuple[int, int] = (0, 5)) -> SimpleNamespace:
+        opened.append(frames)
+        return SimpleNamespace(width=width, height=48, frames=frames[1] - frames[0], close=lambda: None)
+
+    made = SimpleNamespace(plan=lambda _: "plan", record=list)
+    monkeypatch.setattr(paper, "open_capture", open_capture)
+    monkeypatch.setattr(paper, "PaperBench", lambda *_: made)
+    monkeypatch.setattr(paper, "write_table", lambda *_: "a table")
+    monkeypatch.setattr(paper, "RESULTS", tmp_path / "project.jsonl")
+    (tmp_path / "out").mkdir()
+
+    def run(**options: Any) -> list[str]:
+        paper.main((tmp_path / "toy",), out=tmp_path / "out", table=("6",), **options)
+        return [f"{opened[-1][0]}:{opened[-1][1]}", *sorted(path.name for path in tmp_path.rglob("*.jsonl"))]
+
+    return run
+
+
+def test_records_of_the_project_change_only_if_asked(measured: Callable) -> None:
+    assert measured()[1:] == ["results.jsonl"]
+    assert measured(record_=True)[1:] == ["project.jsonl", "results.jsonl"]
+
+
+def test_frames_are_a_range_as_everywhere(measured: Callable) -> None:
+    assert measured(frames="1:3")[0] == "1:3"
+    assert measured(frames="1:300")[0] == "1:5"
+    with pytest.raises(UsageError, match="is not a range of frames"):
+        measured(frames="3")
 
 
 def test_command_refuses_baselines_without_time(benchmarks: Path, tmp_path: Path) -> None:

@@ -23,6 +23,11 @@ def test_a_chart_draws_each_line_within_its_frame() -> None:
     assert len(re.findall('class="border"', text)) == 1
 
 
+def test_a_given_range_has_its_first_number_and_not_its_last() -> None:
+    text = line_chart({"loss": [(1.02, 0.5), (2, 0.3), (3, 0.1)]}, "group", "loss", x_range=(1, 3))
+    assert re.findall('text-anchor="middle">([^<]+)<', text) == ["1", "2"]
+
+
 def test_a_single_line_needs_no_keys() -> None:
     assert "keys" not in line_chart({"PSNR": [(3, 30.0)]}, "frame", "dB")
 

@@ -46,3 +46,20 @@ def test_motion_flicker_and_compression_are_named_with_their_numbers() -> None:
     assert "Moving parts are rendered with 21.0 dB, which is poor" in text
     assert "flicker by 1.60 gray levels there, otherwise by 0.80" in text
     assert "Compression costs 0.50 dB" in text
+
+
+def test_the_lowest_cameras_are_named() -> None:
+    first = findings(report(cameras=cameras(31, 30.2, 30.5, 31, 32)), 30)[0]
+    assert first.endswith("; lowest: cam01 (30.2 dB), cam02 (30.5 dB).")
+    assert "lowest" not in findings(report(cameras=cameras(31)), 30)[0]
+
+
+def test_a_fall_over_time_is_named() -> None:
+    falling = [32.5 - 2.4 * i / 59 + 0.1 * (i % 3) for i in range(60)]
+    text = " ".join(findings(report(per_frame=frames(*falling)), 30))
+    assert (
+        "The PSNR falls over time: the median is 32.3 dB in the first quarter of the frames and 30.5 dB in the last"
+        in text
+    )
+    for even in (falling[::-1], [31 + 0.5 * (i % 2) for i in range(60)], [32.0] * 30 + [30.0] * 10 + [32.0] * 20):
+        assert "falls over time" not in " ".join(findings(report(per_frame=frames(*even)), 30))

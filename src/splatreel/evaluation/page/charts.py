@@ -14,7 +14,13 @@ MARKED = 40
 Series = Mapping[str, Sequence[tuple[float, float]]]
 
 
-def line_chart(series: Series, x_label: str, y_label: str, borders: Sequence[float] = ()) -> str:
+def line_chart(
+    series: Series,
+    x_label: str,
+    y_label: str,
+    borders: Sequence[float] = (),
+    x_range: tuple[float, float] | None = None,
+) -> str:
     """Return a chart as an SVG element.
 
     Args:
@@ -22,6 +28,7 @@ def line_chart(series: Series, x_label: str, y_label: str, borders: Sequence[flo
         x_label: Label of the horizontal axis.
         y_label: Label of the vertical axis.
         borders: Places of vertical lines, such as the first frames of groups.
+        x_range: Ends of the horizontal axis, of which the second one has no number; by default those of the lines.
 
     Raises:
         ValueError: There are no points.
@@ -31,8 +38,10 @@ def line_chart(series: Series, x_label: str, y_label: str, borders: Sequence[flo
         raise ValueError("there is nothing to draw")
     xs = [x for points in lines.values() for x, _ in points]
     ys = [y for points in lines.values() for _, y in points]
-    x_ticks, y_ticks = [x for x in ticks(min(xs), max(xs)) if x == round(x)], ticks(min(ys), max(ys))
-    low, high = (min(xs), max(max(xs), min(xs) + 1e-9)), (y_ticks[0], y_ticks[-1])
+    left, right = x_range or (min(xs), max(xs))
+    x_ticks = [x for x in ticks(left, right) if x == round(x) and (x_range is None or x < right)]
+    y_ticks = ticks(min(ys), max(ys))
+    low, high = (left, max(right, left + 1e-9)), (y_ticks[0], y_ticks[-1])
 
     def x_of(value: float) -> float:
         return round(LEFT + (value - low[0]) / (low[1] - low[0]) * (WIDTH - LEFT - RIGHT), 1)

@@ -20,9 +20,13 @@ from splatreel.method.init.layout import upright
 THUMBNAIL = 320
 """Longer side of a camera's image, in pixels."""
 BRIGHTNESS = 0.25
-"""Difference from the median brightness of all cameras, as a share, from which on a camera is named."""
+"""Smallest difference from the median brightness of all cameras, as a share, for which a camera is named."""
 MANY, FAINTEST = 100, 0.06
-"""Number of points in common from which on a line is fully visible, and the opacity of the faintest line."""
+"""Number of points in common at which a line is fully visible, and the opacity of the faintest line."""
+LINES = 2
+"""Number of lines from a camera, to those with the most points in common. Lines of all pairs would be a tangle."""
+WEAKEST = 3
+"""Number of cameras that are named as those with the fewest points in common."""
 DIMMED = 0.2
 """Brightness of the surroundings of a masked subject, as a share."""
 PARTNERS = 3
@@ -58,7 +62,7 @@ def check_page(facts: CheckFacts) -> str:
     levels = facts.images.mean((1, 2, 3))
     sections = [
         section("Verdict", html_list(map(_verdict_line, facts.verdict.split("\n"))), "findings"),
-        section("Notes", html_list([*facts.sentences, *_uneven_exposures(facts, levels)])),
+        section("Notes", html_list([*facts.sentences, *_weakest(facts.coverage), *_uneven_exposures(facts, levels)])),
         section("Cameras", _rig(facts)),
         section("Coverage and exposure", _table(facts, levels)),
         section("Synchronization", _synchronization(capture)),
@@ -81,27 +85,42 @@ def _rig(facts: CheckFacts) -> str:
 
 
 def _links(facts: CheckFacts) -> list[tuple[int, int, float]]:
-    """Return lines between training cameras with points in common, up to `MANY` of them fully visible."""
+    """Return lines from each training camera to its best partners. A line with `MANY` points in common is fully visible."""
     if facts.coverage is None or facts.coverage.pairs is None:
         return []
     training = [camera.name for camera in facts.capture.training_cameras]
     numbers = [training.index(name) for name in facts.coverage.names]
-    rows, columns = np.nonzero(np.triu(facts.coverage.pairs, 1))
-    counts = facts.coverage.pairs[rows, columns]
-    return [
-        (numbers[a], numbers[b], max(min(float(count) / MANY, 1.0), FAINTEST))
-        for a, b, count in zip(rows, columns, counts, strict=True)
-    ]
+    best = {
+        (min(camera, other), max(camera, other)): count
+        for camera in range(len(numbers))
+        for other, count in _partners(facts.coverage, camera)[:LINES]
+    }
+    return [(numbers[a], numbers[b], max(min(count / MANY, 1.0), FAINTEST)) for (a, b), count in best.items()]
 
 
-def _partners(coverage: Coverage, camera: int) -> str:
-    """Return the cameras with which one has the most points in common."""
+def _partners(coverage: Coverage, camera: int) -> list[tuple[int, int]]:
+    """Return the numbers of the cameras with which one has the most points in common, and the numbers of these points."""
     if coverage.pairs is None:
-        return ""
+        return []
     counts = np.array(coverage.pairs[camera])
     counts[camera] = 0
-    best = [other for other in np.argsort(-counts, kind="stable")[:PARTNERS] if counts[other]]
-    return ", ".join(f"{coverage.names[other]} {counts[other]:,}" for other in best) or "none"
+    best = np.argsort(-counts, kind="stable")[:PARTNERS]
+    return [(int(other), int(counts[other])) for other in best if counts[other]]
+
+
+def _weakest(coverage: Coverage | None) -> list[str]:
+    """Return a sentence that names the cameras with the fewest points in common with others."""
+    if coverage is None or len(coverage.names) <= WEAKEST:
+        return []
+    order = np.argsort(coverage.shared, kind="stable")[:WEAKEST]
+    named = ", ".join(f"{coverage.names[c]} ({coverage.shared[c]:,})" for c in order)
+    return [f"the cameras with the fewest points in common with others: {named}"]
+
+
+def _named_partners(coverage: Coverage, camera: int) -> str:
+    if coverage.pairs is None:
+        return ""
+    return ", ".join(f"{coverage.names[other]} {count:,}" for other, count in _partners(coverage, camera)) or "none"
 
 
 def _synchronization(capture: Capture) -> str:
@@ -110,12 +129,14 @@ def _synchronization(capture: Capture) -> str:
     rows = []
     for name, start in sorted(sidecar.starts.items()):
         found = sidecar.sync.get(name)
-        certain = "" if found is None or found.clear is None else f"{found.clear:.1f} times (needs {found.needed:.1f})"
+        certain = (
+            "" if found is None or found.clear is None else f"{found.clear:.1f} times ({found.needed:.1f} is needed)"
+        )
         shown = f"{start:.3f}"
         if (rate := sidecar.rates.get(name, 1.0)) != 1:
             shown += f", then {rate:.5f} a second"
         rows.append((name, shown, "" if found is None else found.other, "" if found is None else found.by, certain))
-    heads = ("Camera", "Seconds at the start", "Aligned with", "By", "As clear as any other alignment")
+    heads = ("Camera", "Seconds at the start", "Aligned with", "By", "Better than at any other time by")
     return html_table(heads, rows, "counts") if rows else ""
 
 
@@ -136,7 +157,7 @@ def _table(facts: CheckFacts, levels: np.ndarray) -> str:
     known = {}
     if (coverage := facts.coverage) is not None:
         known = {
-            name: (f"{coverage.angles[c]:.1f}", f"{coverage.shared[c]:,}", _partners(coverage, c))
+            name: (f"{coverage.angles[c]:.1f}", f"{coverage.shared[c]:,}", _named_partners(coverage, c))
             for c, name in enumerate(coverage.names)
         }
     rows = []

@@ -11,10 +11,16 @@ from splatreel.method.coverage.coverage import FAIR, rating
 
 CAMERA_BELOW = 3.0
 """A camera stands out if its PSNR is this many dB below the median of the others."""
+LOWEST = 3
+"""Largest number of cameras that are named as those with the lowest PSNR."""
 MOMENT_BELOW = 2.0
 """A moment fails if its PSNR is this many dB below the median of the frames."""
 MOMENTS = 3
 """Largest number of moments that are named, the worst first."""
+FALL = 1.0
+"""Smallest fall of the PSNR in dB, between the medians of the first and the last quarter of the frames, that is worth a remark."""
+FALL_FRAMES = 16
+"""Smallest number of frames in which a fall is looked for."""
 CODING_LOSS = 0.2
 """Loss by compression in dB that is worth a remark."""
 
@@ -42,10 +48,11 @@ def findings(report: Report, fps: float) -> list[str]:
         fps: Frames per second, for times.
     """
     kind = "Held-out cameras" if report.held_out else "Training cameras"
-    found = [f"{kind} are rendered with {report.psnr:.1f} dB, which is {rating(report.psnr)}."]
+    found = [f"{kind} are rendered with {report.psnr:.1f} dB, which is {rating(report.psnr)}{_lowest(report)}."]
     if not report.held_out:
         found.append("No camera was held out, so the quality of novel views was not measured.")
-    return [*found, *_cameras(report), *_moments(report, fps), *_motion(report), *_flicker(report), *_coding(report)]
+    found += [*_cameras(report), *_fall(report), *_moments(report, fps)]
+    return [*found, *_motion(report), *_flicker(report), *_coding(report)]
 
 
 def failing_moments(report: Report) -> list[Moment]:
@@ -64,6 +71,15 @@ def failing_moments(report: Report) -> list[Moment]:
     return moments
 
 
+def _lowest(report: Report) -> str:
+    """Name the cameras with the lowest PSNR, where there are several."""
+    if len(report.cameras) < 2:
+        return ""
+    order = sorted(report.cameras, key=lambda camera: camera["psnr"])[: min(LOWEST, len(report.cameras) // 2)]
+    named = ", ".join(f"{camera['name']} ({camera['psnr']:.1f} dB)" for camera in order)
+    return f"; lowest: {named}"
+
+
 def _cameras(report: Report) -> list[str]:
     found = []
     for camera in report.cameras:
@@ -74,6 +90,22 @@ def _cameras(report: Report) -> list[str]:
                 "`splatreel capture check`."
             )
     return found
+
+
+def _fall(report: Report) -> list[str]:
+    """Return a sentence about a PSNR that gets lower and lower in the course of the video."""
+    values = [frame["psnr"] for frame in report.per_frame]
+    if len(values) < FALL_FRAMES:
+        return []
+    edges = [len(values) * quarter // 4 for quarter in range(5)]
+    quarters = [statistics.median(values[a:b]) for a, b in pairwise(edges)]
+    fall = quarters[0] - quarters[-1]
+    if fall < FALL or any(later > earlier + FALL / 4 for earlier, later in pairwise(quarters)):
+        return []
+    return [
+        f"The PSNR falls over time: the median is {quarters[0]:.1f} dB in the first quarter of the frames and {quarters[-1]:.1f} dB in "
+        "the last. The light or a camera may change slowly, or more moves at the end."
+    ]
 
 
 def _moments(report: Report, fps: float) -> list[str]:

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import suppress
 from html import escape
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 from PIL import Image
 
@@ -18,7 +17,16 @@ from splatreel.evaluation.page.findings import failing_moments, findings
 from splatreel.evaluation.page.html import html_list, html_page, html_table, jpeg_url, rig_drawings, section, with_code
 from splatreel.evaluation.page.rig_plan import RigPlan
 from splatreel.evaluation.page.run_facts import RunFacts
-from splatreel.evaluation.report import LPIPS_MISSING, Report, megabytes, report_numbers, write_text
+from splatreel.evaluation.report import (
+    LPIPS_MISSING,
+    Report,
+    camera_table,
+    megabytes,
+    named_seconds,
+    report_numbers,
+    report_size,
+    write_text,
+)
 from splatreel.play.standalone import standalone_page
 
 LARGEST_REEL = 64 << 20
@@ -76,8 +84,8 @@ def _subtitle(facts: RunFacts) -> str:
 def _summary(facts: RunFacts) -> str:
     """Return the most important numbers and the findings."""
     report, manifest = facts.report, facts.manifest
-    size = sum(entry.bytes for entry in (*manifest.layers, *manifest.groups))
-    tiles = [("Size", megabytes(report.reel_bytes if report else size))]
+    size = report_size(report) if report else sum(entry.bytes for entry in manifest.files)
+    tiles = [("Reel", megabytes(size))]
     if report is not None:
         moving = (report.moving or {}).get("psnr")
         tiles = [
@@ -120,27 +128,31 @@ def _charts(facts: RunFacts) -> str:
     """Return the curves of the run and over its groups."""
     groups = facts.groups()
     firsts = [group.first for group in groups]
-    charts: list[tuple[str, Series, str, str, Sequence[float]]] = []
+    charts: list[str] = []
+
+    def add(title: str, series: Series, x: str, y: str, **options: Any) -> None:
+        if any(series.values()):
+            charts.append(f"<section><h3>{title}</h3>{line_chart(series, x, y, **options)}</section>")
+
     if facts.report is not None:
         per_frame = [(frame["frame"], frame["psnr"]) for frame in facts.report.per_frame]
-        charts.append(("PSNR of each frame", {"PSNR": per_frame}, "frame", "PSNR in dB", firsts))
-    charts.append(("Training loss", _losses(facts), "group", "training loss", []))
-    groups = groups if len(groups) > 1 else []  # a single point is no curve
-    points = {
-        "static": [(group.index + 1, group.static) for group in groups],
-        "dynamic": [(group.index + 1, group.dynamic) for group in groups],
-    }
-    charts.append(("Points of each group", points, "group", "points", []))
-    sizes = {"kilobytes": [(group.index + 1, group.bytes / 1e3) for group in groups]}
-    charts.append(("Kilobytes of each group", sizes, "group", "kilobytes", []))
-    seconds = {"seconds": [(group.index + 1, group.seconds) for group in groups if group.seconds is not None]}
-    charts.append(("Seconds of each group", seconds, "group", "seconds", []))
-    parts = [
-        f"<section><h3>{title}</h3>{line_chart(series, x, y, borders)}</section>"
-        for title, series, x, y, borders in charts
-        if any(series.values())
-    ]
-    return f'<div class="charts">{"".join(parts)}</div>' if parts else ""
+        add("PSNR of each frame", {"PSNR": per_frame}, "frame", "PSNR in dB", borders=firsts)
+    if len(groups) > 1:
+        add("Training loss", _losses(facts), "group", "training loss", x_range=(1, len(groups) + 1))
+        number = [group.index + 1 for group in groups]
+        points = {
+            "static": list(zip(number, (group.static for group in groups), strict=True)),
+            "dynamic": list(zip(number, (group.dynamic for group in groups), strict=True)),
+        }
+        add("Points of each group", points, "group", "points")
+        sizes = [(group.index + 1, group.bytes / 1e3) for group in groups]
+        add("Kilobytes of each group", {"kilobytes": sizes}, "group", "kilobytes")
+        seconds = [(group.index + 1, group.seconds) for group in groups if group.seconds is not None]
+        add("Seconds of each group", {"seconds": seconds}, "group", "seconds")
+    else:  # a single point is no curve
+        losses = {name: [(100 * (x - 1), loss) for x, loss in points] for name, points in _losses(facts).items()}
+        add("Training loss", losses, "% of the training", "training loss")
+    return f'<div class="charts">{"".join(charts)}</div>' if charts else ""
 
 
 def _losses(facts: RunFacts) -> dict[str, list[tuple[float, float]]]:
@@ -213,15 +225,11 @@ def _numbers(report: Report | None) -> str:
         return ""
     rows = [(number.name, number.value, number.meaning) for number in report_numbers(report)]
     missing = f"<p>{with_code(LPIPS_MISSING)}</p>" if report.lpips_frames == 0 else ""
-    cameras = [
-        (c["name"], f"{c['psnr']:.2f}", f"{c['ssim']:.4f}", "" if c.get("lpips") is None else f"{c['lpips']:.4f}")
-        for c in report.cameras
-    ]
     return "".join(
         [
             f"<p>{escape(report.views())}</p>{missing}",
             html_table(("Number", "Value", "Meaning"), rows),
-            f"<h3>Cameras</h3>{html_table(('Camera', 'PSNR dB', 'SSIM', 'LPIPS (VGG)'), cameras, 'counts')}",
+            f"<h3>Cameras</h3>{html_table(*camera_table(report), 'counts')}",
         ]
     )
 
@@ -258,6 +266,6 @@ def _run(facts: RunFacts) -> str:
         ("Machine", "; ".join(facts.history.machines)),
         ("Written by", facts.manifest.generator),
     ]
-    rows += [(f"Time of {name}", f"{value:,.1f} s") for name, value in facts.seconds.items()]
+    rows += [(f"Time of {name}", f"{value:,.1f} s") for name, value in named_seconds(facts.seconds).items()]
     notes = html_list(facts.history.notes)
     return html_table(("What", "Value"), [row for row in rows if row[1]]) + (f"<h3>Notes</h3>{notes}" if notes else "")

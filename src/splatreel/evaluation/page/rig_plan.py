@@ -16,6 +16,10 @@ DOTS = 400
 """Maximum number of points of the scene in a drawing."""
 ARROW = 16
 """Length of a camera's arrow in pixels."""
+NAMED = 60
+"""Number of cameras up to which a drawing has names. A name that would cover another one or a camera is left out."""
+LETTER, LINE = 6.2, 11.0
+"""Width of a letter and height of a line in pixels, for names."""
 
 
 @dataclass(frozen=True)
@@ -81,6 +85,7 @@ class RigPlan:
         x, y = place(focus[None])[0].tolist()
         parts.append(f'<path class="focus" d="M{x - 6} {y}h12M{x} {y - 6}v12"/>')
         forward = np.stack([camera.forward for camera in everything]) @ frame.T
+        taken = [(x - 5, y - 5, x + 5, y + 5) for x, y in ends]
         for camera, (x, y), (dx, dy) in zip(everything, ends, forward.tolist(), strict=True):
             kind = "held" if camera in self.held_out else "train"
             arrow = f"M{x} {y}l{round(ARROW * dx, 1)} {round(-ARROW * dy, 1)}"
@@ -90,8 +95,35 @@ class RigPlan:
                 else f'<circle cx="{x}" cy="{y}" r="4"/>'
             )
             parts.append(f'<g class="{kind}"><title>{escape(camera.name)}</title><path d="{arrow}"/>{mark}</g>')
-            if kind == "held" or len(everything) <= 12:
-                # Names must not leave the drawing.
-                at = f'x="{x - 6}" text-anchor="end"' if x > SIDE / 2 else f'x="{x + 6}"'
-                parts.append(f'<text {at} y="{y - 6}">{escape(camera.name)}</text>')
+        if len(everything) <= NAMED:
+            # Names of held-out cameras come first: there are few of them.
+            order = sorted(range(len(everything)), key=lambda c: everything[c] not in self.held_out)
+            for c in order:
+                name = everything[c].name
+                if at := _free_place(len(name) * LETTER, *ends[c], forward[c, 1], taken):
+                    parts.append(f'<text class="name" x="{at[0]:.1f}" y="{at[1]:.1f}">{escape(name)}</text>')
         return "".join([*parts, "</svg>"])
+
+
+def _free_place(
+    width: float, x: float, y: float, ahead: float, taken: list[tuple[float, float, float, float]]
+) -> tuple[float, float] | None:
+    """Return the start of the baseline of a name beside a camera at (x, y), and mark it as taken; None without room.
+
+    Args:
+        width: Width of the name.
+        x: Place of the camera.
+        y: Place of the camera.
+        ahead: Upward part of the camera's direction. The name is rather behind the camera than before it.
+        taken: Boxes (left, top, right, bottom) of other names and of cameras.
+    """
+    behind, before = (y + LINE + 6, y - 7) if ahead > 0 else (y - 7, y + LINE + 6)
+    middle, side = x - width / 2, y + LINE / 2 - 1
+    for left, base in ((middle, behind), (x + 8, side), (x - 8 - width, side), (middle, before), (x + 8, behind)):
+        box = left, base - LINE, left + width, base + 2
+        inside = left >= 0 and left + width <= SIDE and box[1] >= 0 and box[3] <= SIDE
+        free = all(box[0] >= c or box[2] <= a or box[1] >= d or box[3] <= b for a, b, c, d in taken)
+        if inside and free:
+            taken.append(box)
+            return left, base
+    return None
