@@ -12,15 +12,17 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from itertools import chain
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 from splatreel.base.errors import SplatreelError, StorageError, UsageError
-from splatreel.base.untrusted import Kind
 from splatreel.storage import web
 from splatreel.storage.bucket import CREDENTIALS, Bucket
 from splatreel.storage.transport import PLAIN, Disk, Headers, Transport, Verdict, is_plain, judge
+
+if TYPE_CHECKING:
+    from splatreel.base.untrusted import Kind
 
 T = TypeVar("T")
 PAUSES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
@@ -228,6 +230,8 @@ class Address:
                 Verdict.PASSING: "Check the address and the connection, and try again.",
             }
             message += f" {advice[verdict]}"
+        elif verdict is Verdict.REFUSED:
+            message += " Change its permissions."
         error = self._kind(message)
         if isinstance(error, StorageError):
             error.lasting = verdict is not Verdict.PASSING
