@@ -182,7 +182,7 @@ def test_missing_files_are_reported(
         code, text = error_of(capsys, verb[0], "nowhere", *verb[1:])
         assert code == 1
         assert text == (
-            "Error: nowhere/manifest.json: cannot be read (No such file or directory). Is this a complete reel?\n"
+            "Error: nowhere/manifest.json: does not exist. Is the name right, and is the folder complete?\n"
         )
 
 

@@ -416,7 +416,9 @@ def test_unreachable_folder_is_reported_before_the_first_group(tmp_path):
     folder._transport.sizes = refuse
     background = BackgroundPublication(Publication(tmp_path / "reel", folder), told, pauses=(60.0,))
     assert told.event.wait(120)
-    assert told.lines == [f"{tmp_path}/there: cannot be listed (Forbidden). Retrying after the next group."]
+    assert told.lines == [
+        f"{tmp_path}/there: cannot be listed (Forbidden). Change its permissions. Retrying after the next group."
+    ]
     background.stop()
 
 
@@ -443,6 +445,26 @@ def test_failures_are_reported_once_and_do_not_block(tmp_path):
     writer.finish()
     assert background.finish() is not None
     assert verify_reel(tmp_path / "there").groups == 3
+
+
+def test_refused_access_is_tried_again_after_the_next_group(tmp_path):
+    told, writer = Told(), new_writer(tmp_path / "reel")
+    folder = Address(tmp_path / "there")
+    sizes = folder._transport.sizes
+
+    def refuse(prefix: str) -> dict[str, int]:
+        raise PermissionError("Forbidden")
+
+    folder._transport.sizes = refuse
+    background = BackgroundPublication(Publication(tmp_path / "reel", folder), told)
+    assert told.event.wait(120)
+    folder._transport.sizes = sizes
+    write_group(writer, 0)
+    background.changed()
+    wait_for(lambda: len(told.lines) == 2)
+    assert told.lines[1] == f"{tmp_path}/there: is reachable again; everything so far is published."
+    assert verify_reel(tmp_path / "there").groups == 1
+    background.stop()
 
 
 def test_finish_gives_up_after_repeated_failures(tmp_path):

@@ -29,13 +29,13 @@ def test_verify_accepts_a_good_reel(reel):
 
 
 def test_verify_names_a_missing_reel(tmp_path):
-    with pytest.raises(ReelError, match=r"manifest\.json: cannot be read"):
+    with pytest.raises(ReelError, match=r"manifest\.json: does not exist"):
         verify_reel(tmp_path)
 
 
 def test_verify_names_a_missing_file(reel):
     (reel / "groups/0001.safetensors").unlink()
-    with pytest.raises(ReelError, match=r"0001\.safetensors: cannot be read"):
+    with pytest.raises(ReelError, match=r"0001\.safetensors: does not exist"):
         verify_reel(reel)
 
 

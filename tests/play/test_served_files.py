@@ -71,7 +71,7 @@ def test_remote_reel_grows_and_fetches_pages_once(tmp_path, monkeypatch):
     publication.update()
     files, fetched = RemoteFiles("memory://growing/reel"), []
     source = files._address.fetch
-    files._address.fetch = lambda uri, *limits: (fetched.append(uri), source(uri, *limits))[1]
+    files._address.fetch = lambda file, most, least=0: (fetched.append(file), source(file, most, least))[1]
     for index in range(1, 9):
         add_chapter_group(writer, index, 4)
         publication.update()

@@ -205,3 +205,18 @@ def test_full_disk_is_not_retried(tmp_path, monkeypatch):
         Address(tmp_path, report=told.append).write("a", b"1")
     assert caught.value.lasting
     assert told == []
+
+
+def test_slow_reads_are_not_repeated_for_ever(tmp_path, monkeypatch):
+    """An attempt after which `PATIENCE` has passed is the last one."""
+    monkeypatch.setattr("splatreel.storage.web.PATIENCE", -1.0)
+    address, attempts = Address(tmp_path, report=lambda _: None, pauses=9 * (0.0,)), []
+
+    def time_out(name, begin, end):
+        attempts.append(name)
+        raise TimeoutError("slow")
+
+    monkeypatch.setattr(address._transport, "read", time_out)
+    with pytest.raises(StorageError, match="slow"):
+        address.read("a", 1)
+    assert attempts == ["a"]

@@ -102,7 +102,8 @@ def test_redirect_to_another_host_is_refused(url):
     ],
 )
 def test_redirect_from_https_to_http_is_refused(asked, newurl, said):
-    handler, request = _SameHost(*urlsplit(asked)[:2], ReelError), urllib.request.Request(asked)
+    split, request = urlsplit(asked), urllib.request.Request(asked)
+    handler = _SameHost(split.scheme, split.netloc, ReelError)
     if said is None:
         assert handler.redirect_request(request, io.BytesIO(), 302, "Found", HTTPMessage(), newurl).full_url == newurl
     else:

@@ -286,7 +286,7 @@ class BackgroundPublication:
         self._published: Published | None = None
         self.failure: SplatreelError | None = None
         self._bug: BaseException | None = None
-        publication.address = publication.address.with_retries(self._report_first, _Endless(self), self._pause)
+        publication.address = publication.address.with_retries(self._report_first, self._until_complete, self._pause)
         self._thread = threading.Thread(target=self._run, name="splatreel-publication", daemon=True)
         self._thread.start()
 
@@ -321,7 +321,7 @@ class BackgroundPublication:
             self._stopped = True
             self._condition.notify()
 
-    def pauses(self) -> Iterator[float]:
+    def _until_complete(self) -> Iterator[float]:
         """Yield the seconds between retries of a transfer: without end until the reel is complete, then all once more."""
         for pause in chain(self._pauses, repeat(self._pauses[-1])):
             if self._ending:
@@ -375,16 +375,6 @@ class BackgroundPublication:
             self._condition.wait_for(lambda: self._stopped or self._ending != ending, timeout=seconds)
             if self._stopped:
                 raise CancelledError("Publishing was stopped.")
-
-
-class _Endless:
-    """Pauses of a publication, which are asked for anew by each transfer."""
-
-    def __init__(self, publication: BackgroundPublication) -> None:
-        self._publication = publication
-
-    def __iter__(self) -> Iterator[float]:
-        return self._publication.pauses()
 
 
 def transfer_in_threads(action: Callable[[T], object], items: Iterable[T], threads: int) -> Iterator[T]:

@@ -12,19 +12,23 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable
 from itertools import chain
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 from urllib.parse import urlsplit
 from urllib.request import url2pathname
 
 from splatreel.base.errors import SplatreelError, StorageError, UsageError
-from splatreel.base.untrusted import Kind
 from splatreel.storage import web
 from splatreel.storage.bucket import CREDENTIALS, Bucket
 from splatreel.storage.transport import PLAIN, Disk, Headers, Transport, Verdict, is_plain, judge
 
+if TYPE_CHECKING:
+    from splatreel.base.untrusted import Kind
+
 T = TypeVar("T")
 PAUSES = (0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 """Seconds between attempts. A random share of up to a half is added, so that many machines do not retry together."""
+Pauses = Iterable[float] | Callable[[], Iterable[float]]
+"""Seconds before retries, or a function that returns them for each access."""
 _URL = re.compile(r"[A-Za-z][A-Za-z0-9+.-]+://", re.ASCII)
 _WEB = ("http://", "https://")
 _READ = "cannot be read"
@@ -93,7 +97,7 @@ class Address:
         kind: Kind = StorageError,
         *,
         report: Callable[[str], None] = log_retry,
-        pauses: Iterable[float] | None = None,
+        pauses: Pauses | None = None,
         wait: Callable[[float], None] = time.sleep,
         writes: bool = False,
     ) -> None:
@@ -133,7 +137,7 @@ class Address:
     def with_retries(
         self,
         report: Callable[[str], None] | None = None,
-        pauses: Iterable[float] | None = None,
+        pauses: Pauses | None = None,
         wait: Callable[[float], None] | None = None,
     ) -> Address:
         """Return the same address with other retries. None keeps what this one has."""
@@ -195,7 +199,7 @@ class Address:
     def _try(self, name: str, what: str, action: Callable[[], T], optional: bool = False) -> Any:
         """Return the result of `action`; None for a missing file if `optional`."""
         begun = time.monotonic()
-        pauses = PAUSES if self._pauses is None else self._pauses
+        pauses = PAUSES if self._pauses is None else self._pauses() if callable(self._pauses) else self._pauses
         for pause in chain(() if self._is_down else pauses, (None,)):
             try:
                 result = action()
@@ -228,6 +232,8 @@ class Address:
                 Verdict.PASSING: "Check the address and the connection, and try again.",
             }
             message += f" {advice[verdict]}"
+        elif verdict is Verdict.REFUSED:
+            message += " Change its permissions."
         error = self._kind(message)
         if isinstance(error, StorageError):
             error.lasting = verdict is not Verdict.PASSING

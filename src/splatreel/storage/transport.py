@@ -12,10 +12,12 @@ import ssl
 from collections.abc import Iterator
 from http.client import InvalidURL
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from splatreel.base.atomic import remove, replacing, sweep
-from splatreel.base.untrusted import Kind, open_regular
+
+if TYPE_CHECKING:
+    from splatreel.base.untrusted import Kind
 
 _NAME = re.compile(r"[^/\\.\x00-\x1f][^/\\\x00-\x1f]*(/[^/\\.\x00-\x1f][^/\\\x00-\x1f]*)*")
 
@@ -62,6 +64,8 @@ class Disk:
 
     def read(self, name: str, begin: int, end: int) -> bytes:
         """Return a part of a file. A pipe, a device or a folder is an error."""
+        from splatreel.base.untrusted import open_regular  # it needs numpy, which `splatreel --help` does without
+
         with open_regular(self._path / name, self._kind) as file:
             file.seek(begin)
             return file.read(end - begin)

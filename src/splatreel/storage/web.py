@@ -11,11 +11,14 @@ import time
 import urllib.error
 import urllib.request
 from http.client import HTTPConnection, HTTPResponse, HTTPSConnection
+from typing import TYPE_CHECKING
 from urllib.parse import unquote, urljoin, urlsplit
 
 from splatreel.base.errors import UsageError
-from splatreel.base.untrusted import Kind
 from splatreel.storage.transport import Headers
+
+if TYPE_CHECKING:
+    from splatreel.base.untrusted import Kind
 
 TIMEOUT = 30.0
 """Seconds without data after which a server counts as unreachable."""

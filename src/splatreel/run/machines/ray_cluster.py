@@ -78,7 +78,7 @@ def reconstruct_on_cluster(
     Args:
         spec: The run. All nodes read its capture by the same path or address.
         address: auto, or HOST:PORT of the cluster's head.
-        url: Address of a folder where nodes exchange checkpoints (see `open_folder`); None if all nodes share the spec's folder.
+        url: Address of a folder where nodes exchange checkpoints (`Address`); None if all nodes share the spec's folder.
         options: Options of the cluster.
         progress: Display of the progress of all nodes.
         present: Adds poster and thumbnails to the reel.
