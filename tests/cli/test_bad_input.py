@@ -133,7 +133,7 @@ SPOILED: dict[str, tuple[Callable[[Path], object], list[str]]] = {
         jumped,
         [
             "cam00.mp4 has 3",
-            "cam02.mp4 has 3 frames, of which the last is at time step 8",
+            "cam02.mp4 has 3 frames, which span 8 time steps",
             "--frames 0:3",
             "capture sync",
         ],

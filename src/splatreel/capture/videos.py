@@ -179,7 +179,7 @@ class Videos:
         video, steps = self._files[name], self._ends[name]
         if video.frames == steps:
             return f"{video.path.name} has {steps}"
-        return f"{video.path.name} has {video.frames} frames, of which the last is at time step {steps}"
+        return f"{video.path.name} has {video.frames} frames, which span {steps} time steps"
 
     def _check_truncated(self, end: int) -> None:
         """Raise `CaptureError` if a truncated video ends before time step `end`. Otherwise, name the video."""
