@@ -131,7 +131,12 @@ SPOILED: dict[str, tuple[Callable[[Path], object], list[str]]] = {
     ),
     "a jump of five frames": (
         jumped,
-        ["cam00.mp4 has 3", "cam02.mp4 has 8", "--frames 0:3", "capture sync"],
+        [
+            "cam00.mp4 has 3",
+            "cam02.mp4 has 3 frames, which span 8 time steps",
+            "--frames 0:3",
+            "capture sync",
+        ],
     ),
     "mirrored poses": (
         lambda s: change_poses(s, lambda p: p * np.array([1, -1, 1, 1, 1] * 3 + [1, 1])),

@@ -167,16 +167,19 @@ class Videos:
         least = self._ends[low]
         rest = f", and --frames 0:{self.frames} those that most have" if self.frames > least else ""
         counts = ", ".join(self._described_end(name) for name in (low, high))
+        whole = all(self._files[name].frames == self._ends[name] for name in (low, high))
+        problem = "have unequal frame counts" if whole else "end at different times"
         raise CaptureError(
-            f"{self._path}: the videos have unequal frame counts: {counts}. If they start together, --frames 0:{least} chooses the "
+            f"{self._path}: the videos {problem}: {counts}. If they start together, --frames 0:{least} chooses the "
             f"frames all of them have{rest}. If they do not, `splatreel capture sync` finds by their sound when each one starts."
         )
 
     def _described_end(self, name: str) -> str:
         """Return the number of frames of a video, and the time steps that they cover if these are more or fewer."""
         video, steps = self._files[name], self._ends[name]
-        covered = "" if video.frames == steps else f" for {steps} time steps"
-        return f"{video.path.name} has {video.frames}{covered}"
+        if video.frames == steps:
+            return f"{video.path.name} has {steps}"
+        return f"{video.path.name} has {video.frames} frames, which span {steps} time steps"
 
     def _check_truncated(self, end: int) -> None:
         """Raise `CaptureError` if a truncated video ends before time step `end`. Otherwise, name the video."""
