@@ -52,7 +52,7 @@ class Background:
 
     def lit(self, frame: np.ndarray) -> np.ndarray:
         """Return the background [H, W, 3] float32 in the light and exposure of a frame [H, W, 3] uint8."""
-        return self.image * _light_change(frame, self.image, self.known)
+        return np.minimum(self.image * _light_change(frame, self.image, self.known), 255)
 
     def without(self, doubtful: np.ndarray) -> Background:
         """Return the background with the pixels of `doubtful` [H, W] bool unknown."""
@@ -121,12 +121,13 @@ def _typical_noise(film: np.ndarray) -> float:
 def same_light(film: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
     """Return samples [S, H, W, 3] uint8 in one light, and how certain their pixels are, [S, H, W] float32.
 
-    The light is that of the sample which is like most others. Where all samples have about the same light, they stay as they are, and
+    The light is that of a sample that is like most others and not too bright for the camera. Where all samples have about the same light, they stay as they are, and
     the second value is None.
     """
     brightness = np.stack([_log_light(sample)[0] for sample in film])
     apart = np.array([[np.median(np.abs(one - other)) for other in brightness] for one in brightness])
-    typical = int(apart.mean(1).argmin())
+    saturated = (largest_channel(film) >= SATURATED).mean((1, 2))  # they do not tell how they look in less light
+    typical = int((apart.mean(1) + saturated).argmin())
     changed = (np.abs(brightness - brightness[typical]) > SWITCHED).mean((1, 2)) > SWITCHED_SHARE
     if not changed.any():
         return film, None
@@ -159,7 +160,7 @@ def _light_change(frame: np.ndarray, background: np.ndarray, known: np.ndarray) 
     start = _light_levels(seen - behind, usable)[..., None]
     usable = usable * (np.abs(ratio - start).max(-1) < LIGHT_RANGE)
     if usable.sum() < 0.05 * usable.size:
-        return np.ones((1, 1, 1), np.float32)
+        return np.full((1, 1, 1), _factor_of_saturated(np.exp(seen_colors), np.exp(behind_colors)), np.float32)
     rest = ratio - start
     common = np.array([_weighted_median(rest[..., k].ravel(), usable.ravel()) for k in range(3)], np.float32)
     change = np.broadcast_to(start + common, ratio.shape)
@@ -169,6 +170,13 @@ def _light_change(frame: np.ndarray, background: np.ndarray, known: np.ndarray) 
         shift = cv2.GaussianBlur((rest - common) * near[..., None], (0, 0), LIGHT_REACH * small[0])
         change = start + common + shift / (weight + 0.1)[..., None]
     return np.exp(cv2.resize(change.astype(np.float32), (width, height), interpolation=cv2.INTER_LINEAR))
+
+
+def _factor_of_saturated(seen: np.ndarray, behind: np.ndarray) -> float:
+    """Return the factor between the colors [h, w, 3] of blocks, of which most are too bright for the camera; 1 if none explains them."""
+    factors = np.exp(np.arange(-LARGEST_SWITCH, LARGEST_SWITCH, LIGHT_STEP / 2))
+    errors = np.array([np.median(np.abs(np.minimum(behind * factor, 255) - seen)) for factor in [1.0, *factors]])
+    return float(factors[errors[1:].argmin()]) if errors[1:].min() < 0.5 * errors[0] else 1.0
 
 
 def _light_levels(level: np.ndarray, usable: np.ndarray) -> np.ndarray:

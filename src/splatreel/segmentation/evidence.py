@@ -7,7 +7,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from splatreel.segmentation.background import Background, largest_channel
+from splatreel.segmentation.background import SATURATED, Background, largest_channel
 
 LIMIT = 3.0
 """Largest evidence of a pixel, as log odds."""
@@ -25,6 +25,8 @@ SHADOW_ODDS = -0.75
 """Evidence of a pixel that looks like the background in a shadow. Other cameras overrule it where they see a body."""
 SHADOW_EDGE = 3.0
 """Change of brightness between neighboring pixels of a soft shadow, gray levels. It adds to the noise."""
+DIMMED = 0.9
+"""Factor of light below which a saturated background has no known color."""
 BLUR = 0.7
 """Standard deviation of the filter that reduces noise before images are compared, pixels."""
 
@@ -41,7 +43,10 @@ def subject_evidence(frame: np.ndarray, background: Background) -> np.ndarray:
     found = np.clip(difference / UNSURE - 1, -1, 1) * LIMIT
     shadow = _shadow_likeness(seen, behind, np.hypot(background.noise, HUE_FLOOR))
     found = np.where(found > SHADOW_ODDS, found + (SHADOW_ODDS - found) * shadow, found)
-    return np.where(background.known, found, 0).astype(np.float32)
+    # A background that is too bright for the camera has no known color in less light.
+    bright = largest_channel(background.image)
+    unknown = ~background.known | ((bright >= SATURATED) & (largest_channel(behind) < DIMMED * bright))
+    return np.where(unknown, 0, found).astype(np.float32)
 
 
 def difference(frame: np.ndarray, background: Background) -> np.ndarray:
