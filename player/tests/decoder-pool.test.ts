@@ -278,3 +278,35 @@ test("closing ends all workers", () => {
     [true, true],
   );
 });
+
+test("the page prepares the request of a private file, and the worker sends it", async () => {
+  const ready: ((token: string) => void)[] = [];
+  const request = () =>
+    new Promise<{ headers: HeadersInit }>((resolve) =>
+      ready.push((token) => resolve({ headers: { Authorization: token } })),
+    );
+  const ask = (name: string): void => pool.start(name, { ...source(name), access: { request } }, 100, receiver(name));
+  const posted = (): unknown[] => FakeWorker.all.flatMap((worker) => worker.posted.slice(1));
+  ask("a");
+  ask("b");
+  pool.cancel("b"); // before it was requested
+  await new Promise(setImmediate);
+  assert.deepEqual([log, pool.keys, pool.free, posted()], [["free"], ["a"], true, []]);
+  ready.forEach((answer) => answer("token"));
+  await new Promise(setImmediate);
+  assert.deepEqual(
+    posted().map((message) => (message as { source: { request: unknown; access?: unknown } }).source),
+    [{ ...source("a"), request: { credentials: undefined, headers: { authorization: "token" } } }],
+  );
+  say("a", { file: FILE, milliseconds: 1 });
+  pool.start(
+    "c",
+    { ...source("c"), access: { request: () => Promise.reject(new Error("no token")) } },
+    1,
+    receiver("c"),
+  );
+  await new Promise(setImmediate);
+  assert.deepEqual(log.slice(1, 3), ["a done", "free"]);
+  assert.match(log[3], /^c failed .*c cannot be requested: no token/);
+  assert.deepEqual([pool.keys, pool.free], [[], true]);
+});

@@ -210,3 +210,37 @@ test("a manifest is never cached, is retried twice at most, and may arrive in pi
   await assert.rejects(time.until(downloadText(URL, watcher, life.signal)), { name: "ReelError" });
   assert.equal(host.asked.length, 3);
 });
+
+test("a page adds headers, cookies or another address to each request of a private file", async () => {
+  const access = {
+    credentials: "include",
+    request: async (url: string) => ({
+      url: `${url}?signed`,
+      headers: new Headers({ Authorization: `Bearer ${host.asked.length}` }),
+    }),
+  } as const;
+  const other = { ...source, access };
+  host.answer(pieces([BODY.slice(0, 400)], "broken"), ranged(BODY));
+  assert.deepEqual(await time.until(download(other, watcher, life.signal)), BODY);
+  assert.deepEqual(
+    host.asked.map(({ url, range, authorization, credentials }) => [url, range, authorization, credentials]),
+    [
+      [`${URL}?signed`, null, "Bearer 0", "include"],
+      [`${URL}?signed`, "bytes=400-", "Bearer 1", "include"],
+    ],
+  );
+  host.answer(whole("{}"));
+  await time.until(downloadText(URL, watcher, life.signal, access));
+  assert.deepEqual([host.asked[0].authorization, host.asked[0].credentials], ["Bearer 0", "include"]);
+  const failing = { request: () => Promise.reject(new Error("no token")) };
+  await assert.rejects(time.until(downloadText(URL, watcher, life.signal, failing)), {
+    name: "ReelError",
+    plain: PLAIN.refused,
+    message: /0000\.safetensors cannot be requested: no token/,
+  });
+  host.answer((options) => (options.mode === "no-cors" ? new Response() : unreachable(options)));
+  await assert.rejects(
+    time.until(downloadText("https://other.example/manifest.json", watcher, life.signal, access)),
+    /Allow-Credentials: true and Access-Control-Allow-Headers: authorization/,
+  );
+});

@@ -33,9 +33,10 @@ interface Keyboard {
   release(key: string): void;
 }
 
-async function keyboard(): Promise<Keyboard> {
+/** refused: actions that have no effect. */
+async function keyboard(refused: string[] = [], open = true): Promise<Keyboard> {
   const fake = new FakePlayer({ groups: 60 });
-  await fake.start();
+  if (open) await fake.start();
   const [host, done] = [new EventTarget(), [] as string[]];
   const actions = Object.fromEntries(
     [
@@ -52,7 +53,7 @@ async function keyboard(): Promise<Keyboard> {
       "section",
       "volume",
       "context",
-    ].map((name) => [name, () => void done.push(name)]),
+    ].map((name) => [name, () => (done.push(name), !refused.includes(name))]),
   );
   const life = new AbortController();
   attachKeys(host as HTMLElement, fake.player, actions as unknown as Actions, life.signal);
@@ -67,6 +68,7 @@ async function keyboard(): Promise<Keyboard> {
       ...more,
     });
     Object.assign(event, { composedPath: () => [target] });
+    if (target instanceof Target) target.dispatchEvent(event);
     host.dispatchEvent(event);
     return event.defaultPrevented;
   };
@@ -193,4 +195,25 @@ test("the camera moves while keys are down, and stops when they are released or 
   page.dispatchEvent(new Event("blur"));
   await fake.pass(1000);
   assert.ok(Math.abs(await moves()) < 0.01);
+});
+
+test("keys that had no effect are left to the page", async () => {
+  const { press, done } = await keyboard(["escape", "headset", "toggle"]);
+  assert.deepEqual([press("Escape"), press("v"), press(" "), press("r")], [false, false, false, true]);
+  assert.deepEqual(done, ["escape", "headset", "toggle", "reset"]);
+});
+
+test("without a reel, keys of time and view are left to the page", async () => {
+  const { press, done } = await keyboard([], false);
+  for (const key of ["ArrowLeft", "End", "5", "w", "o", "r", "p", "ArrowUp"]) assert.equal(press(key), false, key);
+  for (const key of [" ", "f", "?", "Escape"]) assert.equal(press(key), true, key);
+  assert.deepEqual(done, ["toggle", "fullscreen", "help", "escape"]);
+});
+
+test("keys that the page has used are not used again", async () => {
+  const { press, done } = await keyboard();
+  const button = new Target("div");
+  button.addEventListener("keydown", (event) => event.preventDefault());
+  assert.equal(press("f", {}, button), true);
+  assert.deepEqual(done, []);
 });

@@ -207,6 +207,12 @@ test("truncated text and other text than JSON are rejected with a message", asyn
       message: /not JSON/,
     });
   }
-  const manifest = await loadManifest("manifest.json", quiet, new AbortController().signal, undefined, Promise.resolve(TEXTS[0]));
+  const manifest = await loadManifest(
+    "manifest.json",
+    quiet,
+    new AbortController().signal,
+    undefined,
+    Promise.resolve(TEXTS[0]),
+  );
   assert.equal(manifest.url, "https://page.example/manifest.json");
 });

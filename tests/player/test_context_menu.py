@@ -1,10 +1,12 @@
 """The context menu, double taps at the sides, a hold, a part that repeats, and the media session."""
 
+import time
+
 import pytest
 from playwright.sync_api import CDPSession, Page
 
 from splatreel.play.server import Server
-from tests.player.pages import PLAYER, let_frames_pass, let_time_pass, open_player
+from tests.player.pages import PLAYER, let_frames_pass, let_time_pass, open_body, open_player
 from tests.player.screens import described
 
 pytestmark = pytest.mark.browser
@@ -13,9 +15,12 @@ REEL = "document.querySelector('splat-reel')"
 
 
 def tap_twice(fingers: CDPSession, x: int, y: int) -> None:
-    for _ in range(2):
-        fingers.send("Input.dispatchTouchEvent", {"type": "touchStart", "touchPoints": [{"x": x, "y": y}]})
-        fingers.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
+    """Tap twice, 100 milliseconds apart by the times of the events, however long a busy machine takes to send them."""
+    now = time.time()
+    for begin in (now, now + 0.1):
+        for after, kind, points in ((0, "touchStart", [{"x": x, "y": y}]), (0.02, "touchEnd", [])):
+            event = {"type": kind, "touchPoints": points, "timestamp": begin + after}
+            fingers.send("Input.dispatchTouchEvent", event)
 
 
 def test_a_right_click_opens_the_menu_and_a_right_drag_pans(page: Page, server: Server):
@@ -102,3 +107,25 @@ def test_the_media_session_shows_what_plays(page: Page, server: Server):
     assert page.evaluate(f"{PLAYER}.currentTime") == pytest.approx(0.3)
     page.evaluate(f"{REEL}.remove()")
     page.wait_for_function("navigator.mediaSession.metadata === null && handlers.play === null")
+
+
+@pytest.mark.parametrize("style", ["transform: scale(0.5); transform-origin: 0 0", "zoom: 0.5", "zoom: 2"])
+def test_a_scaled_page_has_the_menu_and_the_new_middle_where_the_pointer_is(page: Page, server: Server, style: str):
+    size = "width: 400px; height: 260px"
+    reel = f"<splat-reel src='reel/manifest.json' controls style='aspect-ratio: auto; {size}'></splat-reel>"
+    open_body(page, server, f"<div style='{style}'>{reel}</div>")
+    page.mouse.click(60, 40, button="right")
+    menu = page.locator("splat-reel").get_by_role("menu")
+    menu.wait_for()
+    box = menu.bounding_box()
+    assert box is not None
+    assert [box["x"], box["y"]] == pytest.approx([60, 40], abs=1)
+    page.keyboard.press("Escape")
+    page.evaluate(f"{PLAYER}.camera.calm = true")
+    scale = page.evaluate(f"{PLAYER}.canvas.getBoundingClientRect().width / 400")
+    asked = page.evaluate_handle(
+        f"(() => {{ const asked = []; const {{ stage }} = {PLAYER}; const of = stage.depthAt.bind(stage);"
+        "stage.depthAt = (x, y) => (asked.push(x / stage.view.width, y / stage.view.height), of(x, y)); return asked; })()"
+    )
+    page.mouse.dblclick(scale * 100, scale * 65)
+    assert asked.json_value()[:2] == pytest.approx([0.25, 0.25], abs=0.01)

@@ -4,10 +4,11 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page
 
-from splatreel.play.server import Server
+from splatreel.play.server import Server, serve
 from splatreel.play.timeline import open_reel
+from tests.flashes import GOLDEN as SOUND
 from tests.golden import GOLDEN
-from tests.player.pages import PLAYER, open_player, wait_until_near
+from tests.player.pages import PLAYER, open_body, open_player, wait_until_near
 
 pytestmark = pytest.mark.browser
 
@@ -154,3 +155,38 @@ def test_less_motion_for_those_who_ask_for_it(browser: Browser, server: Server):
     open_player(page, server, "")
     assert page.evaluate(f"[{REEL}.paused, {PLAYER}.camera.calm]") == [True, True]
     page.close()
+
+
+def test_escape_closes_what_is_around_the_player_if_nothing_in_it_is_open(page: Page, server: Server):
+    size = "style='width: 300px; height: 200px; aspect-ratio: auto'"
+    reel = f"<splat-reel src='reel/manifest.json' controls {size}></splat-reel>"
+    open_body(page, server, f"<dialog>{reel}</dialog><script>document.querySelector('dialog').showModal()</script>")
+    opened = "document.querySelector('dialog').open"
+    page.locator("splat-reel .settings").click()
+    page.locator("splat-reel .menu").wait_for()
+    page.keyboard.press("Escape")
+    assert page.locator("splat-reel .menu").is_hidden()
+    assert page.evaluate(opened) is True
+    page.locator("splat-reel canvas").focus()
+    page.keyboard.press("Escape")
+    page.wait_for_function(f"!{opened}")
+
+
+def test_the_bar_is_one_tab_stop_and_arrows_lead_through_it(page: Page):
+    with serve(SOUND, port=0) as server:
+        page.set_viewport_size({"width": 640, "height": 360})
+        open_player(page, server)
+        focus = f"{REEL}.shadowRoot.activeElement?.className"
+        stops = []
+        for _ in range(3):
+            page.keyboard.press("Tab")
+            stops.append(page.evaluate(focus))
+        assert stops == ["", "play", None]
+        page.locator("splat-reel .play").focus()
+        for name in ("mute", "level", "reset", "settings"):
+            page.keyboard.press("ArrowRight")
+            assert page.evaluate(focus) == name
+        assert page.evaluate(f"[{REEL}.volume, {REEL}.currentTime]") == [1, 0]
+        page.locator("splat-reel .full").focus()
+        page.keyboard.press("Tab")
+        assert page.evaluate(focus) is None, "no other button is a tab stop"

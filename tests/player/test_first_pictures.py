@@ -10,10 +10,18 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser, Page, Route
 
+from splatreel.play.player_page import STATIC
 from splatreel.play.server import Server, serve
 from splatreel.play.timeline import open_reel
 from tests.golden import GOLDEN
-from tests.player.pages import PLAYER, let_frames_pass, open_player, wait_for_picture, wait_until
+from tests.player.pages import (
+    PLAYER,
+    expect_problems,
+    let_frames_pass,
+    open_player,
+    wait_for_picture,
+    wait_until,
+)
 from tests.player.test_browser import picture, psnr
 
 pytestmark = pytest.mark.browser
@@ -157,6 +165,35 @@ def test_the_page_shows_that_it_loads_before_the_player_is_there(page: Page, ser
     page.unroute("**/player.js")
     wait_for_picture(page)
     page.wait_for_function("document.querySelector('main > div') === null")
+
+
+def test_a_page_whose_player_does_not_arrive_says_so(page: Page, server: Server):
+    expect_problems(page, "ERR_FAILED")
+    page.route("**/player.js", lambda route: route.abort())
+    page.goto(server.url)
+    page.get_by_role("alert").get_by_text("player.js does not arrive").wait_for()
+    page.wait_for_timeout(600)  # past the time at which the spinner shows
+    assert page.evaluate("document.getAnimations().length") == 0
+
+
+def test_a_page_whose_player_is_late_says_so_until_it_comes(page: Page, server: Server):
+    held: list[Route] = []
+    page.clock.install()
+    page.route("**/player.js", lambda route: held.append(route))
+    page.goto(server.url + "?autoplay=0")
+    page.clock.fast_forward(30_000)
+    page.get_by_role("alert").get_by_text("has not arrived yet").wait_for()
+    wait_until(page, lambda: held)
+    held.pop().continue_()
+    page.unroute("**/player.js")
+    page.clock.resume()
+    page.wait_for_function("document.querySelector('main > splat-reel') && !document.querySelector('main > div')")
+
+
+def test_a_page_from_a_disk_says_how_to_open_the_reel(page: Page):
+    expect_problems(page, "file:", "ERR_FAILED", "CORS")
+    page.goto((STATIC / "index.html").as_uri())
+    page.get_by_role("alert").get_by_text("splatreel view REEL").wait_for()
 
 
 @pytest.mark.parametrize(

@@ -20,6 +20,7 @@ from tests.player.engines import (
 )
 from tests.player.hosts import host
 from tests.player.test_browser import psnr
+from tests.player.test_three import PROMISES, expect_promises
 
 pytestmark = pytest.mark.browser
 
@@ -119,3 +120,7 @@ def test_destroy_frees_all(opened: Page) -> None:
 
 def test_errors_are_events(page: Page, site: str) -> None:
     expect_errors_as_events(page, site)
+
+
+def test_playing_is_a_promise_and_a_destroyed_reel_is_never_ready(opened: Page) -> None:
+    expect_promises(opened.evaluate(f"({PROMISES})(reel, () => reel.entity.destroy())"))

@@ -76,6 +76,19 @@ def test_an_error_can_be_read_and_tried_again(page: Page, server: Server, size: 
     assert "404" in panel.locator("details div").inner_text()
 
 
+def test_controls_that_are_of_no_use_make_way_for_an_error(page: Page, server: Server) -> None:
+    """A reel that failed has no time and nothing to pause. The card has the whole picture."""
+    expect_problems(page, "404")
+    page.route("**/groups/*", lambda route: route.fulfill(status=404))
+    reel = open_embed(page, server, (480, 270))
+    page.evaluate("document.querySelector('splat-reel').play().catch(() => undefined)")
+    reel.get_by_role("alert").wait_for()
+    assert reel.get_by_role("button", name="Pause").count() == 0
+    assert reel.locator(".bar").is_hidden()
+    for part in ("h2", "p", "button", "summary"):
+        assert_in_sight(reel.get_by_role("alert").locator(part), (480, 270))
+
+
 @pytest.mark.parametrize("size", [(200, 80), (300, 90), (200, 96)])
 def test_an_error_in_a_strip_is_seen_as_a_whole(page: Page, server: Server, size: tuple[int, int]) -> None:
     expect_problems(page, "404")

@@ -288,3 +288,43 @@ def test_dispose_frees_all(opened: Page) -> None:
 
 def test_errors_are_events(page: Page, site: str) -> None:
     expect_errors_as_events(page, site)
+
+
+PROMISES = """async (reel, dispose) => {
+  const outcome = (promise) => promise.then(() => "done", ({ name, message }) => `${name}: ${message}`);
+  const interrupted = outcome(reel.play());
+  reel.pause();
+  const started = outcome(reel.play());
+  await until(() => !reel.paused && reel.currentTime > 0);
+  const pending = outcome(new Promise((resolve, reject) => reel.player.addEventListener("pause", resolve)));
+  dispose();
+  await pending;
+  return [await interrupted, await started, await outcome(reel.whenReady()), await outcome(reel.play())];
+}"""
+
+
+def expect_promises(found: list[str]) -> None:
+    """Check the outcomes of an interrupted and a running `play()`, and of `whenReady()` and `play()` after the end."""
+    assert found[0].startswith("AbortError")
+    assert found[1] == "done"
+    assert "disposed" in found[2]
+    assert found[3].startswith("NotSupportedError")
+
+
+def test_playing_is_a_promise_and_a_disposed_reel_is_never_ready(opened: Page) -> None:
+    expect_promises(opened.evaluate(f"({PROMISES})(reel, () => (reel.dispose(), scene.remove(reel)))"))
+    waiting = "(reel) => [reel.whenReady(), reel.dispose()][0].then(() => 'done', ({ message }) => message)"
+    assert "disposed" in opened.evaluate(f"({waiting})(new reel.constructor('reel/manifest.json'))")
+
+
+def test_a_second_renderer_is_told_to_take_a_clone(opened: Page) -> None:
+    with opened.expect_console_message(lambda message: message.type == "warning") as told:
+        opened.evaluate(
+            """async () => {
+              const other = new THREE.WebGLRenderer();
+              for (let i = 0; i < 3; i++) other.render(scene, camera);
+              other.dispose();
+            }"""
+        )
+    assert "reel/manifest.json is drawn by one renderer only" in told.value.text
+    assert "reel.clone()" in told.value.text

@@ -91,3 +91,36 @@ def test_no_hover_sticks_to_what_was_tapped(phone: Page, server: Server):
     wait_for_transitions(phone)
     assert reset.evaluate("(button) => button.matches(':hover')") is True
     assert reset.evaluate("(button) => getComputedStyle(button).backgroundColor").endswith(", 0)")  # nothing to see
+
+
+def test_a_menu_that_goes_on_fades_at_its_end(phone: Page, server: Server):
+    open_player(phone, server)
+    phone.locator("splat-reel .settings").tap()
+    menu = phone.locator("splat-reel .menu")
+    menu.wait_for()
+    mask = "(menu) => getComputedStyle(menu).maskImage"
+    phone.wait_for_function(f"({mask})({REEL}.shadowRoot.querySelector('.menu')) !== 'none'")
+    menu.evaluate("(menu) => menu.scrollTo(0, menu.scrollHeight)")
+    phone.wait_for_function(f"({mask})({REEL}.shadowRoot.querySelector('.menu')) === 'none'")
+
+
+def test_the_help_of_a_phone_begins_with_gestures_and_folds_the_keys_away(phone: Page, server: Server):
+    open_player(phone, server)
+    phone.locator("splat-reel .settings").tap()
+    phone.locator("splat-reel").get_by_role("button", name="Keys and gestures").tap()
+    dialog = phone.locator("splat-reel").get_by_role("dialog")
+    dialog.get_by_text("Double tap at a side").wait_for()
+    assert dialog.locator("kbd:visible").count() == 0
+    dialog.get_by_text("Keyboard").tap()
+    dialog.locator("kbd").first.wait_for()
+
+
+def test_fields_to_share_are_as_high_as_their_buttons(page: Page, server: Server):
+    open_player(page, server)
+    page.locator("splat-reel .settings").click()
+    page.locator("splat-reel").get_by_role("button", name="Share").click()
+    page.locator("splat-reel .field textarea").first.wait_for()
+    heights = "(all) => all.map((one) => one.getBoundingClientRect().height)"
+    fields = page.locator("splat-reel .field:not([hidden]) :is(textarea, button)").evaluate_all(heights)
+    assert len(fields) >= 4
+    assert max(fields) - min(fields) < 1

@@ -5,6 +5,9 @@ export interface Asked {
   range: string | null;
   cache: string | undefined;
   mode: string | undefined;
+  /** Value of the header Authorization, and whether cookies go to other hosts. */
+  authorization: string | null;
+  credentials: string | undefined;
   /** Milliseconds. */
   at: number;
 }
@@ -19,8 +22,9 @@ export class FakeHost {
 
   constructor() {
     globalThis.fetch = async (url, options = {}) => {
-      const range = new Headers(options.headers).get("range");
-      this.asked.push({ url: String(url), range, cache: options.cache, mode: options.mode, at: performance.now() });
+      const [range, authorization] = ["range", "authorization"].map((name) => new Headers(options.headers).get(name));
+      const { cache, mode, credentials } = options;
+      this.asked.push({ url: String(url), range, authorization, cache, mode, credentials, at: performance.now() });
       options.signal?.throwIfAborted();
       return (this.answers.length > 1 ? this.answers.shift()! : this.answers[0])(options, String(url));
     };
