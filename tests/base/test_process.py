@@ -6,7 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from splatreel.base.process import steady_clock
+from splatreel.base import process
+from splatreel.base.process import check_address_space, steady_clock
 
 TAKE_AND_FREE = """
 import numpy as np
@@ -57,3 +58,12 @@ def test_durations_are_not_measured_by_a_clock_that_can_be_set() -> None:
     scripts = [*(root / "player" / "src").rglob("*.ts"), *(root / "player" / "packages").glob("*/src/**/*.ts")]
     assert scripts
     assert [file.name for file in scripts if re.search(r"Date\.now|new Date\(", file.read_text("utf-8"))] == []
+
+
+def test_a_low_limit_of_virtual_memory_is_an_error_before_native_code_aborts(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(process, "address_space_limit", lambda: None)
+    check_address_space(1 << 60)
+    monkeypatch.setattr(process, "address_space_limit", lambda: 1 << 50)
+    check_address_space(1 << 30)
+    with pytest.raises(MemoryError, match="of virtual memory are left"):
+        check_address_space(1 << 51)

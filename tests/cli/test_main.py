@@ -392,3 +392,26 @@ def test_open_file_limit_is_not_reported_as_damage(tmp_path: Path, capfd: pytest
     error = capfd.readouterr().err
     assert "this process cannot open more files. Raise the limit (ulimit -n" in error
     assert "damaged" not in error
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="limits of Linux")
+def test_a_low_limit_of_virtual_memory_is_named(tmp_path: Path) -> None:
+    """OpenBLAS tried forever to get its memory, and the number of processes was blamed."""
+    code = (
+        "import resource, sys; from splatreel.cli.main import main; "
+        "resource.setrlimit(resource.RLIMIT_AS, (700_000_000,) * 2); sys.exit(main(['info', 'reel']))"
+    )
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)}
+    ended = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, env=environment, cwd=tmp_path, timeout=100
+    )
+    assert ended.returncode == 1
+    assert "the limit of virtual memory of 700 MB is too low. Raise it (ulimit -v unlimited" in ended.stderr
+
+
+@pytest.mark.parametrize("error", [MemoryError(), RuntimeError("can't start new thread")])
+def test_errors_below_a_limit_of_virtual_memory_name_it(monkeypatch: pytest.MonkeyPatch, error: Exception) -> None:
+    monkeypatch.setattr("splatreel.cli.failure.address_space_limit", lambda: 2_000_000_000)
+    known = explain(error, ["import", "film"])
+    assert known is not None
+    assert known[0].startswith("Error: the limit of virtual memory of 2,000 MB is too low. Raise it (ulimit -v")

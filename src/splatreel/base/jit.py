@@ -15,6 +15,7 @@ from numba import types
 
 from splatreel.base import threads
 from splatreel.base.compile_cache import choose_compile_cache
+from splatreel.base.process import check_address_space
 
 choose_compile_cache()
 logger = logging.getLogger("splatreel")
@@ -23,6 +24,9 @@ FAST: dict[str, Any] = {"fastmath": True, "cache": True, "error_model": "numpy",
 """Options for training and rendering kernels."""
 EXACT: dict[str, Any] = {"cache": True, "error_model": "numpy", "nogil": True}
 """Options for the codec: without `fastmath`, because the format specifies the order of floating-point sums."""
+
+_COMPILE_BYTES, _LOAD_BYTES = 256 << 20, 64 << 20
+"""Virtual memory that LLVM may need to compile a kernel, or to load it."""
 
 BOOL, INT, FLOAT, DOUBLE = types.boolean, types.int64, types.float32, types.float64
 """Scalar types of kernel arguments."""
@@ -130,6 +134,7 @@ class Kernel:
                     _warmup.wait_for(self.name)
                 elif not self.is_cached():
                     announce_compilation()
+                check_address_space(_LOAD_BYTES if self.is_cached() else _COMPILE_BYTES)
                 self.dispatcher.compile(self.signature)
                 self.dispatcher.disable_compile()
             self._call = self.dispatcher

@@ -73,6 +73,38 @@ def peak_memory_bytes() -> int | None:
     return peak if sys.platform == "darwin" else peak * 1024
 
 
+def address_space_limit() -> int | None:
+    """Return the limit of virtual memory (`ulimit -v`) in bytes, or None without one."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    limit = resource.getrlimit(resource.RLIMIT_AS)[0]
+    return None if limit == resource.RLIM_INFINITY else limit
+
+
+def check_address_space(needed: int) -> None:
+    """Check the virtual memory that is left below the system's limit.
+
+    Native libraries do not report when they reach this limit: LLVM ends the process, and OpenBLAS tries again forever.
+
+    Args:
+        needed: Bytes that a library is about to use.
+
+    Raises:
+        MemoryError: The limit leaves less.
+    """
+    if (limit := address_space_limit()) is None:
+        return
+    try:
+        with open("/proc/self/statm") as file:
+            used = int(file.read().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    except OSError:  # another system than Linux
+        used = 0
+    if limit - used < needed:
+        raise MemoryError(f"{limit - used:,} bytes of virtual memory are left, and {needed:,} are needed")
+
+
 @contextmanager
 def signals_held(*numbers: int) -> Iterator[None]:
     """Block signals inside the `with` block; this thread receives them afterwards.

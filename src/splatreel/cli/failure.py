@@ -12,6 +12,7 @@ from types import FrameType
 
 from splatreel.base.command_line import missing_package, quoted
 from splatreel.base.errors import SplatreelError
+from splatreel.base.process import address_space_limit
 
 ADVICE = {
     "--width": "smaller images (--width)",
@@ -28,6 +29,8 @@ LIGHTER = {
     **dict.fromkeys(("view", "bench codec", "bench kernels"), ("--width",)),
 }
 """Options of each verb that save memory."""
+
+_ADDRESSES = "the limit of virtual memory of {:,.0f} MB is too low. Raise it (ulimit -v unlimited; in a batch system, the job's memory)"
 
 INTERRUPTED, TERMINATED = 130, 143
 """Exit codes that shells use for a program ended by Ctrl-C, and by SIGTERM."""
@@ -91,6 +94,8 @@ def explain(error: BaseException, arguments: Sequence[str]) -> tuple[str, int] |
     if isinstance(error, SplatreelError):
         return f"Error: {error}", error.exit_code
     if _is_out_of_memory(error):
+        if "CUDA" not in str(error) and (limit := address_space_limit()) is not None:
+            return f"Error: {_ADDRESSES.format(limit / 1e6)}, then run\n  {command}", 1
         gpu = "CUDA" in str(error)
         return f"Error: out of {'GPU ' if gpu else ''}memory. {_lighter(arguments, gpu)}", 1
     if (folder := _damaged_cache(error)) is not None:
@@ -149,9 +154,9 @@ def _system_limit(error: BaseException | None) -> str | None:
             where = f"{found.filename}: cannot be opened, as " if found.filename else ""
             return f"{where}this process cannot open more files. Raise the limit (ulimit -n 1024)"
         if isinstance(found, RuntimeError) and "can't start new thread" in str(found):
-            return (
-                "the system starts no more threads. Raise the limit of processes (ulimit -u) or of memory (ulimit -v)"
-            )
+            if (limit := address_space_limit()) is not None:
+                return _ADDRESSES.format(limit / 1e6)
+            return "the system starts no more threads. Raise the limit of processes (ulimit -u)"
         found = found.__cause__ or found.__context__
     return None
 

@@ -12,7 +12,7 @@ from tyro.extras import SubcommandApp
 
 from splatreel import __version__
 from splatreel.base.compile_cache import choose_compile_cache
-from splatreel.base.process import keep_freed_memory, open_standard_streams, quiet_threads
+from splatreel.base.process import check_address_space, keep_freed_memory, open_standard_streams, quiet_threads
 from splatreel.base.progress import printable
 from splatreel.cli import bench
 from splatreel.cli.capture import (
@@ -43,6 +43,9 @@ from splatreel.cli.reconstruct import reconstruct
 from splatreel.cli.serve import serve, view
 from splatreel.cli.verify import verify
 from splatreel.cli.warmup import warmup
+
+_LIBRARY_BYTES = 900_000_000
+"""Virtual memory that NumPy, SciPy and their threads take on a small machine."""
 
 DESCRIPTION = "Volumetric video from many static cameras: reconstruct, compress, stream and play groups of Gaussians."
 
@@ -122,6 +125,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 return 0
             check_arguments(arguments)
             arguments = [re.sub("^--licence(?==|$)", "--license", argument) for argument in arguments]
+            check_address_space(_LIBRARY_BYTES)
             build(arguments).cli(prog="splatreel", description=DESCRIPTION, args=arguments, config=[DisallowNone])
     except BrokenPipeError:
         # The reader of the pipe is gone; print nothing at exit.

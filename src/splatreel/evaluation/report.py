@@ -10,6 +10,7 @@ from pathlib import Path
 
 from splatreel.base.atomic import replacing
 from splatreel.base.errors import UsageError
+from splatreel.base.progress import printable
 from splatreel.base.untrusted import is_number, read_json
 from splatreel.method.coverage.coverage import SCALE
 from splatreel.run.steps import STEPS
@@ -366,7 +367,12 @@ def _or_not(value: float | None, style: str, unit: str = "") -> str:
 
 def markdown_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> list[str]:
     """Return the lines of a Markdown table."""
-    return [f"| {' | '.join(cells)} |" for cells in (heads, ["---"] * len(heads), *rows)]
+    return [f"| {' | '.join(map(_cell, cells))} |" for cells in (heads, ["---"] * len(heads), *rows)]
+
+
+def _cell(text: str) -> str:
+    """Return text for a cell of a table. Names of cameras are untrusted: they may hold bars, lines and HTML."""
+    return " ".join(printable(text).split()).replace("|", "\\|").replace("<", "&lt;")
 
 
 def write_text(path: Path, text: str) -> None:

@@ -1,6 +1,8 @@
 import base64
 import io
+import json
 import re
+import shutil
 from html import unescape
 from html.parser import HTMLParser
 from pathlib import Path
@@ -166,3 +168,36 @@ def test_a_damaged_report_counts_as_missing(tmp_path: Path) -> None:
     assert facts.report is None
     assert facts.record == {}
     assert facts.quality() == ""
+
+
+HOSTILE = (
+    "<img src=x onerror=alert(1)>",
+    '"><script>alert(1)</script>',
+    "' onmouseover='alert(1)",
+    "</title></style><!--<script>",
+    "a\u202egnp.exe\u2066\x1b[31m\x00\x85",
+    "``<b>`<i>`",
+    "| a |\n| --- |",
+    100_000 * "ä",
+)
+
+
+@pytest.mark.parametrize("text", HOSTILE, ids=range(len(HOSTILE)))
+def test_hostile_names_change_no_page(run: Path, tmp_path: Path, text: str) -> None:
+    """Names of cameras come from captures, and notes quote names of files."""
+    before = (run / "report.html").read_text()
+    usual, out = parse(before), tmp_path / "run"
+    shutil.copytree(run, out)
+    for file in (out / "report.json", out / "work" / "logs" / "history.jsonl"):
+        quoted = json.dumps(text)[1:-1]
+        changed = file.read_text().replace("cam01", quoted)
+        assert quoted in changed
+        file.write_text(changed)
+    (out / "report.html").unlink()
+    write_report_page(out, run / "reel")
+    page = (out / "report.html").read_text()
+    found = parse(page)
+    assert {name for name, _ in found.attributes} <= {name for name, _ in usual.attributes}
+    assert page.count("<script") == before.count("<script")
+    assert not set("\u202e\u2066\x1b\x00\x85") & set(page)
+    assert len(page) < len(before) + 200_000

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 from PIL import Image
@@ -12,6 +11,7 @@ from PIL import Image
 from splatreel.capture.base import Capture
 from splatreel.capture.masked_capture import LIKELY
 from splatreel.capture.sidecar import read_sidecar
+from splatreel.evaluation.page.escaping import escape
 from splatreel.evaluation.page.html import html_list, html_page, html_table, jpeg_url, rig_drawings, section
 from splatreel.evaluation.page.rig_plan import RigPlan
 from splatreel.method.coverage.coverage import Coverage

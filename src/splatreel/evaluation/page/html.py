@@ -6,11 +6,11 @@ import base64
 import io
 import re
 from collections.abc import Iterable, Sequence
-from html import escape
 from pathlib import Path
 
 from PIL import Image
 
+from splatreel.evaluation.page.escaping import escape
 from splatreel.evaluation.page.rig_plan import RigPlan
 
 STYLE = Path(__file__).with_name("report.css")

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+import html
 from contextlib import suppress
-from html import escape
 from pathlib import Path
 from typing import Any, Literal
 
@@ -13,6 +13,7 @@ from splatreel.base.command_line import quoted
 from splatreel.base.errors import ReelError
 from splatreel.evaluation.comparison_images import image_file
 from splatreel.evaluation.page.charts import Series, line_chart
+from splatreel.evaluation.page.escaping import escape
 from splatreel.evaluation.page.findings import failing_moments, findings
 from splatreel.evaluation.page.html import html_list, html_page, html_table, jpeg_url, rig_drawings, section, with_code
 from splatreel.evaluation.page.rig_plan import RigPlan
@@ -114,7 +115,7 @@ def _player(facts: RunFacts, player: Player) -> str:
         size = sum(entry.bytes for entry in manifest.files)
         with suppress(ReelError):  # the paper's codec cannot be embedded
             if size <= LARGEST_REEL:
-                return _opened_on_demand(f'srcdoc="{escape(standalone_page(facts.reel))}"')
+                return _opened_on_demand(f'srcdoc="{html.escape(standalone_page(facts.reel))}"')
     return f"<p>Play it with <code>{escape(quoted(['splatreel', 'serve', facts.reel]))}</code>.</p>"
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from html import escape
 
 import numpy as np
 
+from splatreel.evaluation.page.escaping import escape
 from splatreel.scene.camera import Camera, focus_point
 
 SIDE = 360
