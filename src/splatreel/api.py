@@ -17,6 +17,8 @@ from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
 from splatreel.codec.reader import find_reel
 from splatreel.config import Config, Quality, preset
+from splatreel.config.presets import unusual_settings
+from splatreel.config.settings import without_effect
 from splatreel.kernels.image import render_image
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
@@ -66,6 +68,8 @@ def reconstruct(
 
         settings = preset(config) if isinstance(config, str) else config
         with _opened(capture) as source, _shown(progress, cancel) as display:
+            for name, text in without_effect(settings, unusual_settings(settings)).items():
+                display.note(f"{name} {text}")
             return pipeline.reconstruct(
                 *(source, Path(out), settings),
                 sound=sound,

@@ -79,12 +79,12 @@ def test_videos_without_features_are_refused(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_cameras_of_one_lens_need_fewer_matches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     colmap = pytest.importorskip("pycolmap")
-    # Five cameras need all details: the film of the package is compressed too much.
+    # Few cameras need all details: the film of the package is compressed too much. Of five cameras, the noise of a pixel decides.
     monkeypatch.setattr(synthetic, "QUALITY", {"crf": "6", "preset": "medium"})
     room, tmp_path = make_capture(tmp_path / "room", frames=2), tmp_path / "videos"
     tmp_path.mkdir()
     known = open_capture(room, held_out=[])
-    names = ["cam01", "cam04", "cam06", "cam11", "cam13"]
+    names = ["cam01", "cam03", "cam04", "cam06", "cam11", "cam13"]
     for name in names:
         shutil.copy(room / f"{name}.mp4", tmp_path)
     found = calibrate(tmp_path, Silent(), same_lens=True)

@@ -177,9 +177,7 @@ def test_a_truncated_video_is_used_to_its_last_whole_frame(tmp_path: Path) -> No
 
 def test_unequal_ends_name_the_frames_that_a_video_has(scene: Path) -> None:
     write(scene / "cam02.mp4", 2, thirtieths(*range(4), *range(7, 14)))
-    with pytest.raises(
-        CaptureError, match=r"cam00\.mp4 has 10, cam02\.mp4 has 11 frames, which span 14 time steps\."
-    ):
+    with pytest.raises(CaptureError, match=r"cam00\.mp4 has 10, cam02\.mp4 has 11 frames, which span 14 time steps\."):
         open_capture(scene)
 
 

@@ -96,6 +96,7 @@ def test_renditions(run: Path, capsys: pytest.CaptureFixture[str]) -> None:
 )
 def test_options_of_another_codec(run: Path, options: list[str]) -> None:
     assert main(["encode", "run", "--out", "x", *options]) == 2
+    assert main(["encode", "run", "--out", "x", "--rate", "low", "--set", "encode.coarseness=1"]) == 2
     assert not Path("x").exists()
 
 
@@ -194,6 +195,8 @@ def test_settings_of_a_codec(run: Path, capsys: pytest.CaptureFixture[str]) -> N
     refused = {
         "group.length=3": "--set group.length: takes effect in training only. Give a setting of encode.",
         "encode.h265.crf=52": "--set encode.h265.crf 52 is out of range. Choose 0 to 51.",
+        "encode.sh_entries=64": "--set encode.sh_entries has no effect with encode.codec=predictive. It needs encode.codec=h265. "
+        "Change the other setting too, or leave this one out.",
     }
     for text, message in refused.items():
         assert main(["encode", "run", "--out", "x", "--set", text]) == 2

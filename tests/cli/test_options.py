@@ -70,6 +70,19 @@ def test_settings() -> None:
         (["evaluate", "reel", "x", "--out", "y", "--max-memory", "0"], "--max-memory 0: give megabytes, 1 or more"),
         (["verify", "reel", "--max-memory", "0"], "--max-memory 0: give megabytes, 1 or more"),
         (
+            ["reconstruct", "x", "--out", "y", "--set", "layering.lambda_nn=0.7"],
+            "--set layering.lambda_nn has no effect with layering.lift=vote. It needs layering.lift=optimize. Change the other "
+            "setting too, or leave this one out.",
+        ),
+        (
+            ["reconstruct", "x", "--out", "y", "--renditions", "high,low", "--set", "encode.coarseness=1"],
+            "--set encode.coarseness has no effect with encode.renditions=high,low",
+        ),
+        (
+            ["demo", "--out", "y", "--set", "encode.h265.crf=30"],
+            "--set encode.h265.crf has no effect with encode.codec=predictive",
+        ),
+        (
             ["reconstruct", "x", "--out", "y", "--codec", "h265", "--renditions", "high,low"],
             "--renditions are of the predictive codec. Choose --codec predictive",
         ),

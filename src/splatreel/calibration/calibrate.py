@@ -27,7 +27,15 @@ from splatreel.base.progress import Progress, Span
 from splatreel.calibration.boards.board import Board
 from splatreel.calibration.boards.board_scale import board_scale
 from splatreel.calibration.boards.board_sightings import find_board
-from splatreel.calibration.calibration_agreement import FIELD, CalibratedRig, rig_of, trusted, unanimous
+from splatreel.calibration.calibration_agreement import (
+    FIELD,
+    ONE_LENS_ZOOMED,
+    ZOOMED,
+    CalibratedRig,
+    rig_of,
+    trusted,
+    unanimous,
+)
 from splatreel.calibration.calibration_record import write_record
 from splatreel.calibration.learned_matches import INSTALL, Matcher
 from splatreel.calibration.moment_solver import MomentSolver
@@ -202,7 +210,8 @@ def _solve(colmap: ModuleType, solver: MomentSolver, videos: FrameSource, names:
     """Return the refined model of the cameras on which moments agree, or the reason why there is none."""
     models = solver.solve(videos, names)
     rigs = [rig_of(model) for model in models]
-    best, kept = trusted(rigs, FEW) if rigs else (0, set[str]())
+    zoom = ONE_LENS_ZOOMED if solver.one_lens else ZOOMED
+    best, kept = trusted(rigs, FEW, zoom) if rigs else (0, set[str]())
     sure = [name for name in kept if rigs[best][name].points >= FEW]
     if solver.matcher is not None and len(kept := unanimous(rigs)) < max(map(len, rigs), default=0):
         return _explain_failure(names, rigs, kept, MIN_CAMERAS)  # repeated patterns mislead learned matches

@@ -18,6 +18,9 @@ FIELD = 5.0, 170.0
 """Plausible fields of view of video cameras along the longer side, degrees."""
 TURNED, MOVED, ZOOMED = 2.0, 0.1, 0.1
 """Tolerances: degrees, share of the distance between cameras, share of the focal length."""
+ONE_LENS_ZOOMED = 0.25
+"""Tolerance of the focal length for cameras of one lens. An error of it moves all cameras alike, and few
+cameras tell little about it."""
 FEWEST = 3
 """Minimum number of shared cameras to compare two calibrations."""
 
@@ -70,8 +73,8 @@ def rig_of(model: Any) -> CalibratedRig:
     return rig
 
 
-def agreeing(one: CalibratedRig, other: CalibratedRig) -> set[str]:
-    """Return the cameras on which two calibrations agree."""
+def agreeing(one: CalibratedRig, other: CalibratedRig, zoom: float = ZOOMED) -> set[str]:
+    """Return the cameras on which two calibrations agree. `zoom`: tolerance of the focal length, as a share of it."""
     names = sorted(set(one) & set(other))
     if len(names) < FEWEST:
         return set()
@@ -88,7 +91,7 @@ def agreeing(one: CalibratedRig, other: CalibratedRig) -> set[str]:
     moved = np.linalg.norm(moved - np.median(moved, 0), axis=1) / max(float(np.median(gaps)), 1e-12)
     focals, their_focals = (np.array([rig[name].focal for name in names]) for rig in (one, other))
     zoomed = np.abs(focals - their_focals) / np.maximum(np.abs(their_focals), 1e-12)
-    fits = (turned < TURNED) & (moved < MOVED) & (zoomed < ZOOMED)
+    fits = (turned < TURNED) & (moved < MOVED) & (zoomed < zoom)
     return {name for name, fit in zip(names, fits, strict=True) if fit}
 
 
@@ -98,15 +101,15 @@ def unanimous(rigs: list[CalibratedRig]) -> set[str]:
     return set.intersection(*pairs) if pairs else set()
 
 
-def trusted(rigs: list[CalibratedRig], few: int) -> tuple[int, set[str]]:
+def trusted(rigs: list[CalibratedRig], few: int, zoom: float = ZOOMED) -> tuple[int, set[str]]:
     """Return the index of the best calibration and its trusted cameras: plausible lenses, confirmed by another calibration.
 
     A camera with fewer than `few` points must agree in all calibrations. With a single calibration every camera needs
-    as many points.
+    as many points. `zoom`: see `agreeing`.
     """
     found: list[set[str]] = []
     for number, rig in enumerate(rigs):
-        alike = [agreeing(rig, other) for n, other in enumerate(rigs) if n != number]
+        alike = [agreeing(rig, other, zoom) for n, other in enumerate(rigs) if n != number]
         found.append({name for name, placed in rig.items() if _believed(name, placed, alike, few)})
     best = max(range(len(rigs)), key=lambda n: (len(found[n]), sum(rigs[n][name].points for name in found[n])))
     return best, found[best]

@@ -34,6 +34,7 @@ class MomentSolver:
 
     Attributes:
         databases: Features and matches of each moment.
+        one_lens: All cameras have the same lens and zoom.
         folder: Folder for temporary files, with a folder `images`.
 
     Args:
@@ -58,6 +59,7 @@ class MomentSolver:
         self.folder = folder
         self.progress = progress
         self.matcher = matcher
+        self.one_lens = same_lens
         self.lenses = colmap.CameraMode.SINGLE if same_lens else colmap.CameraMode.PER_IMAGE
         self.images = folder / "images"
         self.known = folder / "photos.db"
@@ -110,8 +112,8 @@ class MomentSolver:
 
         Cameras of one lens are placed several times, until two attempts agree on all of them.
         """
-        models, one_lens = list[Any](), self.lenses == self.colmap.CameraMode.SINGLE
-        for attempt in range(ATTEMPTS if one_lens else 1):
+        models = list[Any]()
+        for attempt in range(ATTEMPTS if self.one_lens else 1):
             found = self._map(database, seed + MOMENTS * (attempt // 2), distorts=attempt % 2 == 0)
             confirmed = [b for a in models for b in found if len(agreeing(rig_of(a), rig_of(b))) == cameras]
             models += found

@@ -5,10 +5,10 @@ from __future__ import annotations
 import json as json_format
 import shutil
 import textwrap
-from typing import Any
 
 from splatreel.cli.printing import say
 from splatreel.config import Config, Quality, preset
+from splatreel.config.setting_values import shown
 from splatreel.config.settings import sections, settings
 
 WIDEST = 120
@@ -39,13 +39,7 @@ def config(quality: Quality = "standard", json: bool = False) -> None:
             if setting.section == section:
                 value, usual = shown(setting.of(chosen)), shown(setting.of(standard))
                 say(f"\n  {setting.name} = {value}{'' if value == usual else f'   (standard: {usual})'}")
-                text = f"{setting.doc} Takes {setting.kind}."
+                needs = "".join(f" Has an effect only with {need}." for need in setting.needs)
+                text = f"{setting.doc} Takes {setting.kind}.{needs}"
                 say(textwrap.fill(text, width, initial_indent="      ", subsequent_indent="      "))
     return None
-
-
-def shown(value: Any) -> str:
-    """Return a value in the form that --set takes."""
-    if isinstance(value, tuple):
-        return ",".join(value) or "none"
-    return str(value).lower() if value is None or isinstance(value, bool) else str(value)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.demo_player import demo_player
-from splatreel.cli.options import Set, with_set
+from splatreel.cli.options import Set, check_effect, parse_set, with_set
 from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import say, serving
 from splatreel.cli.reconstruct import Device, configure, with_renditions
@@ -61,6 +61,7 @@ def demo(
     use_threads(threads)
     check_out("--out", out)
     config = with_renditions(with_set(demo_config(quality, seed), settings), ())
+    check_effect(config, {name: f"--set {name}" for name in parse_set(settings)})
     from splatreel.base.display import console
 
     progress = console()

@@ -7,10 +7,10 @@ from typing import Any
 
 from splatreel.base.errors import UsageError
 from splatreel.cli.info import describe
-from splatreel.cli.options import RunFolder, Set, parse_renditions, parse_set
+from splatreel.cli.options import RunFolder, Set, check_effect, parse_renditions, parse_set
 from splatreel.cli.outputs import check_out, new_reel
 from splatreel.cli.printing import already_complete, say
-from splatreel.config import COARSENESS, Codec, EncodeConfig, Rate, Source
+from splatreel.config import COARSENESS, Codec, Config, EncodeConfig, Rate, Source
 from splatreel.config.settings import changed
 from splatreel.config.settings import settings as known_settings
 
@@ -72,6 +72,11 @@ def encode(
     )
     config = changed(start, {name: value for name, (_, value) in asked.items()})
     _check_rate(config, rate, target_mbps, papers)
+    check_effect(Config(encode=config), {f"encode.{name}": option for name, (option, _) in asked.items()})
+    if "coarseness" in asked and (rate is not None or target_mbps is not None):
+        raise UsageError(
+            "--rate and --target-mbps have no effect with --set encode.coarseness. Leave out one of the two."
+        )
     progress = console()
     try:
         with new_reel(out) as made:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, overload
@@ -15,7 +15,7 @@ from splatreel.base.command_line import quoted
 from splatreel.base.errors import UsageError
 from splatreel.cli.reel_texts import TEXT_OPTIONS
 from splatreel.config import COARSENESS, Config, Rate
-from splatreel.config.settings import changed, parse_settings
+from splatreel.config.settings import changed, parse_settings, without_effect
 
 if TYPE_CHECKING:
     from splatreel.capture.opening import CaptureSource
@@ -143,6 +143,20 @@ def with_set(config: Config, texts: tuple[str, ...]) -> Config:
         return changed(config, values)
     except UsageError as error:
         raise UsageError(f"--set {error}") from error
+
+
+def check_effect(config: Config, options: Mapping[str, str]) -> None:
+    """Check that options have an effect.
+
+    Args:
+        config: Config with all options.
+        options: Options by the name of their setting, such as --set encode.coarseness.
+
+    Raises:
+        UsageError: An option has no effect in the config.
+    """
+    for name, text in without_effect(config, options).items():
+        raise UsageError(f"{options[name]} {text}. Change the other setting too, or leave this one out.")
 
 
 def parse_frames(text: str | None) -> tuple[int, int] | None:

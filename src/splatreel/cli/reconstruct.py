@@ -13,7 +13,15 @@ from splatreel.base.threads import use as use_threads
 from splatreel.cli.capture_masks import AUTO, is_complete, make_masks
 from splatreel.cli.follow_options import FollowOptions
 from splatreel.cli.machine_options import MachineOptions
-from splatreel.cli.options import CaptureAddress, CaptureOptions, Set, parse_renditions, with_set
+from splatreel.cli.options import (
+    CaptureAddress,
+    CaptureOptions,
+    Set,
+    check_effect,
+    parse_renditions,
+    parse_set,
+    with_set,
+)
 from splatreel.cli.printing import say
 from splatreel.cli.publish import publishing
 from splatreel.cli.reel_texts import ReelTexts
@@ -50,7 +58,9 @@ class ConfigOptions:
             UsageError: A value is not possible.
         """
         config = with_set(configure(self.quality, self.codec, self.deformation, self.seed), self.settings)
-        return with_renditions(config, parse_renditions(self.renditions))
+        config = with_renditions(config, parse_renditions(self.renditions))
+        check_effect(config, {name: f"--set {name}" for name in parse_set(self.settings)})
+        return config
 
 
 @dataclass(frozen=True)

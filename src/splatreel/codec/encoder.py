@@ -70,7 +70,7 @@ class ReelEncoder:
         precision = replace(precision, low=gaussians.means.min(0).astype(np.float64))  # the parts share a grid
         parts = split_layer(gaussians, precision.classes, self._cameras)
         encoded = [
-            encode_layer_again(group, first_frame, gaussians[part], precision[part], bool(config.sh_entries))
+            encode_layer_again(group, first_frame, gaussians[part], precision[part], config.sh_entries != 0)
             for part in parts
         ]
         order = np.concatenate([part[order] for part, (_, order) in zip(parts, encoded, strict=True)])

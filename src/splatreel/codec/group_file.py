@@ -52,7 +52,7 @@ def encode_layer(
     """
     if config.codec == "predictive" and len(gaussians):
         precision = choose_precision(gaussians.scales, importance, config.coarseness, False, steps)
-        return encode_layer_again(group, first_frame, gaussians, precision, bool(config.sh_entries))
+        return encode_layer_again(group, first_frame, gaussians, precision, config.sh_entries != 0)
     sections, order = encode_gaussians(gaussians, config, weights=_colors(importance))
     return pack_file(FileHeader("layer", group, len(gaussians), first_frame), sections), order
 
@@ -84,7 +84,7 @@ def encode_group(
     """
     if config.codec == "predictive" and len(group.dynamic):
         precision = choose_precision(group.dynamic.scales, importance, config.coarseness, True, steps)
-        return encode_group_again(group, precision, bool(config.sh_entries))
+        return encode_group_again(group, precision, config.sh_entries != 0)
     sections, order = encode_gaussians(group.dynamic, config, config.h265.source != "ori", _colors(importance))
     if len(order):
         moving = group.dx[:, order], group.dq[:, order], group.dynamic[order]

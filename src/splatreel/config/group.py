@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from splatreel.base.errors import UsageError
-from splatreel.config.setting_values import Count, Range, Share, Weight, check
+from splatreel.config.setting_values import Count, Needs, Range, Share, Weight, check
 
 Deformation = Literal["trajectory", "hashgrid"]
 
@@ -40,7 +40,7 @@ class GroupConfig:
     faint_share: Share = 0.01
     """Share of all blending weight. Twice during training, the faintest points that hold this share together are removed. 0 keeps
     all."""
-    lambda_sh: Weight = 0.05
+    lambda_sh: Annotated[Weight, Needs("keyframe.sh_degree", but=(0,))] = 0.05
     """Weight of the higher SH bands' magnitude, per pixel of an image. These bands learn mostly noise on moving things, which show
     each camera another pose."""
     progressive_share: Share = 0.0

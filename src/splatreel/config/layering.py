@@ -5,10 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-from splatreel.config.setting_values import Count, Range, Share, Weight, check
+from splatreel.config.setting_values import Count, Needs, Range, Share, Weight, check
 
 PAPER_WIDTH = 1352
 """Image width in pixels that the thresholds of flow and gradients refer to, as in the paper."""
+
+
+SEPARATED = Needs("layering.enabled", (True,))
+OPTIMIZED = Needs("layering.lift", ("optimize",))
+ADAPTED = Needs("layering.adapt_every", but=(0,))
 
 
 @dataclass(frozen=True)
@@ -17,32 +22,34 @@ class LayeringConfig:
 
     enabled: bool = True
     """Separate static from dynamic points; otherwise all points move, as in config. 1 of the paper's Table 8."""
-    flow: Literal["dis", "raft"] = "dis"
+    flow: Annotated[
+        Literal["dis", "raft"], Needs("layering.enabled", (True,), other=Needs("group.tracks", (True,)))
+    ] = "dis"
     """Optical flow: dis is part of OpenCV; raft needs weights that you provide."""
-    segment: Literal["grabcut", "sam2", "none"] = "none"
+    segment: Annotated[Literal["grabcut", "sam2", "none"], SEPARATED] = "none"
     """Segmentation that completes motion masks to whole objects; sam2 needs weights that you provide."""
-    flow_threshold: Weight = 2.0
+    flow_threshold: Annotated[Weight, SEPARATED] = 2.0
     """Flow in pixels, at a width of 1352, above which a pixel moves (lambda_raft)."""
-    flow_frames: Count = 7
+    flow_frames: Annotated[Count, SEPARATED] = 7
     """Number of frames of the group that flow is computed to; the paper uses 1, the next keyframe."""
-    lift: Literal["optimize", "vote"] = "vote"
+    lift: Annotated[Literal["optimize", "vote"], SEPARATED] = "vote"
     """Method that turns masks into labels of points: the paper's optimization of rendered labels, or votes by each point's share in
     the masks."""
-    lambda_nn: Weight = 0.5
+    lambda_nn: Annotated[Weight, OPTIMIZED] = 0.5
     """Weight of different labels of neighbors, for lift `optimize` (lambda_seg^nn)."""
-    lambda_dyn: Weight = 0.3
+    lambda_dyn: Annotated[Weight, OPTIMIZED] = 0.3
     """Weight of static labels, for lift `optimize` (lambda_seg^dyn)."""
     adapt_every: Annotated[int, Range(0)] = 100
     """Iterations between two adaptive conversions of static points to dynamic ones; 0 turns off conversion, cloning and pruning."""
-    adapt_gradient: Weight = 3e-4
+    adapt_gradient: Annotated[Weight, ADAPTED] = 3e-4
     """Mean gradient above which static points become dynamic (lambda_adp^grad), in normalized device units at a width of 1352.
     Splats of smaller images are larger and have larger gradients."""
-    adapt_neighbors: Weight = 0.6
+    adapt_neighbors: Annotated[Weight, ADAPTED, SEPARATED] = 0.6
     """Share of dynamic neighbors above which static points become dynamic (lambda_adp^nn)."""
-    adapt_changed_share: Share = 0.3
+    adapt_changed_share: Annotated[Share, ADAPTED, SEPARATED] = 0.3
     """Share of a static point's visible area that must lie where images of the group change for the point to be converted. 0 converts
     anywhere, as the paper does."""
-    relighting: bool = True
+    relighting: Annotated[bool, SEPARATED] = True
     """Put static points whose light changes into the group, so that their colors can follow."""
 
     def __post_init__(self) -> None:

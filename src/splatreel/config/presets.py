@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 from splatreel.base.errors import UsageError
 from splatreel.config.config import Config
-from splatreel.config.settings import changed
+from splatreel.config.settings import changed, settings
 
 Quality = Literal["draft", "standard", "paper"]
 
@@ -90,3 +90,9 @@ def preset(quality: Quality) -> Config:
     if quality not in PRESETS:
         raise UsageError(f"Unknown quality {quality!r}. Choose draft, standard or paper.")
     return changed(Config(), PRESETS[quality])
+
+
+def unusual_settings(config: Config) -> list[str]:
+    """Return the names of settings whose value is that of no preset."""
+    usual = [preset(quality) for quality in PRESETS]
+    return [name for name, one in settings().items() if one.of(config) not in [one.of(other) for other in usual]]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import types
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cache
 from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
@@ -25,6 +25,42 @@ class Range:
     def __str__(self) -> str:
         """Return the range in words."""
         return f"{self.low} or more" if self.high is None else f"{self.low} to {self.high}"
+
+
+def shown(value: Any) -> str:
+    """Return a value in the form that --set takes."""
+    if isinstance(value, tuple):
+        return ",".join(value) or "none"
+    return str(value).lower() if value is None or isinstance(value, bool) else str(value)
+
+
+@dataclass(frozen=True)
+class Needs:
+    """Condition on another setting, without which a setting has no effect. It stands beside the setting's type.
+
+    Attributes:
+        name: Full name of the other setting. The other setting must have an effect itself.
+        values: Values of the other setting with which the setting has an effect.
+        but: All values except these, if there are no `values`.
+        other: Condition that is enough, too.
+        always: Values of the setting itself that have an effect in any case.
+    """
+
+    name: str
+    values: tuple[Any, ...] = ()
+    but: tuple[Any, ...] = ()
+    other: Needs | None = None
+    always: tuple[Any, ...] = ()
+
+    def holds(self, value: Any) -> bool:
+        """Return True if the setting has an effect with a value of the other setting."""
+        return value in self.values if self.values else value not in self.but
+
+    def __str__(self) -> str:
+        """Return the condition in words."""
+        values = " or ".join(map(shown, self.values or self.but))
+        own = f"{self.name}{'=' if self.values else ' other than '}{values}"
+        return own if self.other is None else f"{own} or {self.other}"
 
 
 Count = Annotated[int, Range(1)]
@@ -119,7 +155,8 @@ def _real(text: str) -> float | None:
 def kind_of(hint: Any) -> Kind:
     """Return the kind of a field by its annotation."""
     if get_origin(hint) is Annotated:
-        return Kind(get_args(hint)[0], limits=get_args(hint)[1])
+        limits = [extra for extra in get_args(hint)[1:] if isinstance(extra, Range)]
+        return replace(kind_of(get_args(hint)[0]), limits=limits[0]) if limits else kind_of(get_args(hint)[0])
     if get_origin(hint) is Literal:
         return Kind(str, choices=get_args(hint))
     if get_origin(hint) is tuple:
@@ -130,11 +167,16 @@ def kind_of(hint: Any) -> Kind:
     return Kind(hint)
 
 
+def needs_of(hint: Any) -> tuple[Needs, ...]:
+    """Return the conditions in the annotation of a field or section."""
+    return tuple(extra for extra in get_args(hint)[1:] if isinstance(extra, Needs))
+
+
 @cache
 def kinds(section: type) -> dict[str, Kind]:
     """Return the kinds of a section's own settings by name, without those of sections in it."""
-    hints = get_type_hints(section, include_extras=True)
-    return {field.name: kind_of(hints[field.name]) for field in fields(section) if not is_dataclass(hints[field.name])}
+    hints, plain = get_type_hints(section, include_extras=True), get_type_hints(section)
+    return {field.name: kind_of(hints[field.name]) for field in fields(section) if not is_dataclass(plain[field.name])}
 
 
 def check(section: Any, prefix: str) -> None:

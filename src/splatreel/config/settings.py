@@ -15,7 +15,7 @@ from typing import Any, TypeVar, cast, get_type_hints
 
 from splatreel.base.errors import UsageError
 from splatreel.config.config import Config
-from splatreel.config.setting_values import Kind, kinds
+from splatreel.config.setting_values import Kind, Needs, kinds, needs_of, shown
 
 T = TypeVar("T")
 NEAREST = 3
@@ -32,11 +32,13 @@ class Setting:
         name: Full name, such as `group.lambda_arap`.
         kind: Type and range of its values.
         doc: Documentation.
+        needs: Conditions on other settings, without which it has no effect.
     """
 
     name: str
     kind: Kind
     doc: str
+    needs: tuple[Needs, ...] = ()
 
     @property
     def section(self) -> str:
@@ -46,6 +48,28 @@ class Setting:
     def of(self, config: Config) -> Any:
         """Return the value that a config has."""
         return attrgetter(self.name)(config)
+
+    def obstacle(self, config: Config) -> tuple[str, Needs] | None:
+        """Return why the setting has no effect in a config; None if it has one.
+
+        Returns:
+            Another setting with its value, such as `encode.codec=predictive`, and the condition that it does not meet.
+        """
+        for need in self.needs:
+            if self.of(config) not in need.always and (found := _unmet(need, config)) is not None:
+                return found
+        return None
+
+
+def _unmet(need: Needs, config: Config) -> tuple[str, Needs] | None:
+    """Return the obstacle of a condition, see `Setting.obstacle`; None if the condition or its alternative is met."""
+    other = settings()[need.name]
+    value = other.of(config)
+    found = other.obstacle(config) if need.holds(value) else (f"{need.name}={shown(value)}", need)
+    if found is None or need.other is None:
+        return found
+    second = _unmet(need.other, config)
+    return None if second is None else (f"{found[0]} and {second[0]}", need)
 
 
 @cache
@@ -67,13 +91,25 @@ def _sections_in(section: type, name: str) -> Iterator[tuple[str, str]]:
             yield from _sections_in(hint, f"{name}.{field}".removeprefix("."))
 
 
-def _settings_of(section: type, prefix: str) -> Iterator[Setting]:
+def _settings_of(section: type, prefix: str, needs: tuple[Needs, ...] = ()) -> Iterator[Setting]:
     hints, own, docs = get_type_hints(section), kinds(section), _docs(section)
+    extras = get_type_hints(section, include_extras=True)
     for field in dataclasses.fields(section):
+        all_needs = needs + needs_of(extras[field.name])
         if field.name in own:
-            yield Setting(prefix + field.name, own[field.name], docs[field.name])
+            yield Setting(prefix + field.name, own[field.name], docs[field.name], all_needs)
         else:
-            yield from _settings_of(hints[field.name], f"{prefix}{field.name}.")
+            yield from _settings_of(hints[field.name], f"{prefix}{field.name}.", all_needs)
+
+
+def without_effect(config: Config, names: Iterable[str]) -> dict[str, str]:
+    """Return the settings of a list that have no effect in a config, by name, each with the end of a sentence about it."""
+    obstacles = {name: settings()[name].obstacle(config) for name in names}
+    return {
+        name: f"has no effect with {found[0]}. It needs {found[1]}"
+        for name, found in obstacles.items()
+        if found is not None
+    }
 
 
 def _docs(section: type) -> dict[str, str]:
