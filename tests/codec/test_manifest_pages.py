@@ -274,7 +274,7 @@ def test_verify_names_missing_and_damaged_pages(tmp_path):
     with pytest.raises(ReelError, match=r"000002\.json: is damaged"):
         verify_reel(reel)
     page.unlink()
-    with pytest.raises(ReelError, match=r"000002\.json: cannot be read"):
+    with pytest.raises(ReelError, match=r"000002\.json: does not exist"):
         verify_reel(reel)
 
 
