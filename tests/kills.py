@@ -28,6 +28,7 @@ import numpy as np
 from safetensors.numpy import load
 
 from tests.capture import folders
+from tests.capture.growing.recorder import Recorder
 from tests.files import contents
 from tests.method.captures import WallCapture
 from tests.method.small import FEW
@@ -266,11 +267,13 @@ def _difference(name: str, wanted: bytes | None, found: bytes | None) -> str:
 def commands(folder: Path) -> Iterator[Command]:
     """Each of what takes long, on a tiny capture. What needs a finished run has the first command's, left by `try_command`."""
     capture, music, gaussians, scene = (folder / name for name in ("capture", "music.wav", "gaussians", "scene"))
+    pictures = folder / "pictures"
     filming = os.fork()  # threads that draw would not be there in processes that are forked later, and be waited for
     if filming == 0:
         try:
             _film(capture, music)
             films.write_film(gaussians, [films.frame(number) for number in range(FRAMES)])
+            _record(pictures)
             scenes.write_capture(scene, FRAMES)
         finally:
             os._exit(not scene.exists())
@@ -296,15 +299,7 @@ def commands(folder: Path) -> Iterator[Command]:
     yield Command("masks", lambda out: ["capture", "masks", str(scene), f"--out={out / 'masks'}", "--width=64"])
     person = ["reconstruct", str(scene), "--masks=auto", "--hold-out=none", *sizes]
     yield Command("subject", lambda out: [*person, f"--out={out}"], reel)
-    followed = [
-        "reconstruct",
-        str(capture),
-        "--follow",
-        "--follow-timeout=0.5",
-        "--sound=none",
-        "--hold-out=cam01",
-        *sizes,
-    ]
+    followed = ["reconstruct", str(pictures), "--follow", "--follow-timeout=0.5", "--hold-out=none", *sizes]
     yield Command("follow", lambda out: [*followed, f"--out={out}", f"--publish={out / 'public'}"], reel)
     yield Command("frames", lambda out: ["export", str(made / "reel"), f"--out={out / 'frames'}", "--format=spz"])
 
@@ -318,6 +313,16 @@ def _film(capture: Path, music: Path) -> None:
     with wave.open(str(music), "wb") as file:
         file.setparams((1, 2, 48000, 0, "NONE", ""))
         file.writeframes((8000 * np.sin(np.arange(12000) / 20)).astype("<i2").tobytes())
+
+
+def _record(folder: Path) -> None:
+    """Write a capture of images that may still grow."""
+    wall = WallCapture(FRAMES, cameras=5)
+
+    def image(camera: int, frame: int) -> np.ndarray:
+        return wall.read(frame, 1, [wall.cameras[camera].name])[0, 0]
+
+    Recorder(folder, "pictures", image, cameras=wall.cameras, fps=30).write(FRAMES)
 
 
 def _report(out: Path) -> dict[str, bytes]:
