@@ -28,9 +28,11 @@ import numpy as np
 from safetensors.numpy import load
 
 from tests.capture import folders
+from tests.capture.growing.recorder import Recorder
 from tests.files import contents
 from tests.method.captures import WallCapture
 from tests.method.small import FEW
+from tests.segmentation import scenes
 from tests.sequence import films
 
 FRAMES = 4
@@ -163,12 +165,14 @@ def attempt(command: Command, out: Path, fatal: int | None = None, most: int | N
     """
     shared = mmap.mmap(-1, 128)
     log = out.parent / f"{out.name}.log"
+    read, write = os.pipe()  # a limit of files would cut the log
     sys.stdout.flush()
     child = os.fork()
     if child == 0:
         code = 99
         try:
-            handle = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+            os.close(read)
+            handle = write if most is not None else os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
             os.dup2(handle, 1)
             os.dup2(handle, 2)
             if most is not None:
@@ -183,9 +187,12 @@ def attempt(command: Command, out: Path, fatal: int | None = None, most: int | N
             traceback.print_exc()
         finally:
             os._exit(code)
+    os.close(write)
+    with os.fdopen(read, errors="replace") as pipe:
+        said = pipe.read() if most is not None else ""
     code = os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
     stage = shared[8:].rstrip(b"\0").decode()
-    return Attempt(code, struct.unpack("<Q", shared[:8])[0], stage, log.read_text(errors="replace"))
+    return Attempt(code, struct.unpack("<Q", shared[:8])[0], stage, said or log.read_text(errors="replace"))
 
 
 def chain(command: Command, out: Path, kills: int, moments: int, rng: np.random.Generator) -> Counter[str]:
@@ -259,14 +266,17 @@ def _difference(name: str, wanted: bytes | None, found: bytes | None) -> str:
 
 def commands(folder: Path) -> Iterator[Command]:
     """Each of what takes long, on a tiny capture. What needs a finished run has the first command's, left by `try_command`."""
-    capture, music, gaussians = folder / "capture", folder / "music.wav", folder / "gaussians"
+    capture, music, gaussians, scene = (folder / name for name in ("capture", "music.wav", "gaussians", "scene"))
+    pictures = folder / "pictures"
     filming = os.fork()  # threads that draw would not be there in processes that are forked later, and be waited for
     if filming == 0:
         try:
             _film(capture, music)
             films.write_film(gaussians, [films.frame(number) for number in range(FRAMES)])
+            _record(pictures)
+            scenes.write_capture(scene, FRAMES)
         finally:
-            os._exit(not gaussians.exists())
+            os._exit(not scene.exists())
     assert os.waitpid(filming, 0)[1] == 0
     sizes = [f"--set={name}={json.dumps(value)}" for name, value in FEW.items()]
     run = ["reconstruct", str(capture), f"--sound={music}", "--hold-out=cam01", *sizes]
@@ -284,6 +294,13 @@ def commands(folder: Path) -> Iterator[Command]:
     yield Command("evaluate", lambda out: ["evaluate", str(made / "reel"), str(capture), f"--out={out}"], _report)
     yield Command("film", lambda out: ["export", str(made / "reel"), f"--out={out / 'film.mp4'}"])
     yield Command("page", lambda out: ["export", str(made / "reel"), f"--out={out / 'page.html'}"])
+    yield Command("edit", lambda out: ["edit", str(made / "reel"), "scale=2", f"--out={out / 'reel'}"])
+    yield Command("convert", lambda out: ["capture", "convert", str(capture), str(out / "converted")])
+    yield Command("masks", lambda out: ["capture", "masks", str(scene), f"--out={out / 'masks'}", "--width=64"])
+    person = ["reconstruct", str(scene), "--masks=auto", "--hold-out=none", *sizes]
+    yield Command("subject", lambda out: [*person, f"--out={out}"], reel)
+    followed = ["reconstruct", str(pictures), "--follow", "--follow-timeout=0.5", "--hold-out=none", *sizes]
+    yield Command("follow", lambda out: [*followed, f"--out={out}", f"--publish={out / 'public'}"], reel)
     yield Command("frames", lambda out: ["export", str(made / "reel"), f"--out={out / 'frames'}", "--format=spz"])
 
 
@@ -296,6 +313,16 @@ def _film(capture: Path, music: Path) -> None:
     with wave.open(str(music), "wb") as file:
         file.setparams((1, 2, 48000, 0, "NONE", ""))
         file.writeframes((8000 * np.sin(np.arange(12000) / 20)).astype("<i2").tobytes())
+
+
+def _record(folder: Path) -> None:
+    """Write a capture of images that may still grow."""
+    wall = WallCapture(FRAMES, cameras=5)
+
+    def image(camera: int, frame: int) -> np.ndarray:
+        return wall.read(frame, 1, [wall.cameras[camera].name])[0, 0]
+
+    Recorder(folder, "pictures", image, cameras=wall.cameras, fps=30).write(FRAMES)
 
 
 def _report(out: Path) -> dict[str, bytes]:
@@ -313,6 +340,7 @@ def _report(out: Path) -> dict[str, bytes]:
 def run(kills: dict[str, int], seed: int) -> list[Found]:
     """Kill each of these commands so many times, and say what became of it."""
     import splatreel.cli.main  # each process begins with what is imported here
+    import splatreel.edit.clip_writer
     import splatreel.evaluation.evaluate
     import splatreel.play.film
     import splatreel.play.presentation_writer
@@ -335,7 +363,22 @@ def run(kills: dict[str, int], seed: int) -> list[Found]:
         return results
 
 
-NAMES = ("sequence", "chapters", "encode", "import", "publish", "evaluate", "film", "page", "frames")
+NAMES = (
+    "sequence",
+    "chapters",
+    "encode",
+    "import",
+    "publish",
+    "evaluate",
+    "film",
+    "page",
+    "edit",
+    "convert",
+    "masks",
+    "subject",
+    "follow",
+    "frames",
+)
 
 if __name__ == "__main__":
     asked = dict(text.split("=") for text in sys.argv[1:])

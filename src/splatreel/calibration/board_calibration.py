@@ -27,7 +27,7 @@ from splatreel.calibration.calibrate import move_into_place
 from splatreel.calibration.calibration_agreement import CalibratedCamera, CalibratedRig, agreeing
 from splatreel.calibration.uncalibrated import camera_files, open_uncalibrated, uncalibrated_files
 from splatreel.capture.base import MIN_CAMERAS
-from splatreel.capture.readers.colmap_model import import_pycolmap
+from splatreel.capture.readers.colmap_model import import_pycolmap, write_model
 
 FRAMES = 6
 """Minimum number of sightings of a camera."""
@@ -224,5 +224,4 @@ def _write_model(colmap: ModuleType, rig: BoardRig, names: list[str], folder: Pa
         model.add_camera_with_trivial_rig(lens)
         image = colmap.Image(name=f"{name}.png", camera_id=number, image_id=number)
         model.add_image_with_trivial_frame(image, colmap.Rigid3d(rig.poses[name]))
-    folder.mkdir()
-    model.write_binary(str(folder))
+    write_model(model, folder)

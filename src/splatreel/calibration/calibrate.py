@@ -45,7 +45,7 @@ from splatreel.calibration.rig_refinement import refine_by_moments, refine_lense
 from splatreel.calibration.uncalibrated import MODEL, CameraFiles, open_uncalibrated, uncalibrated_files
 from splatreel.capture.base import MIN_CAMERAS
 from splatreel.capture.file_capture import FrameSource
-from splatreel.capture.readers.colmap_model import import_pycolmap, require_pycolmap
+from splatreel.capture.readers.colmap_model import import_pycolmap, require_pycolmap, write_model
 from splatreel.capture.sidecar import write_failure
 
 Distance = tuple[str, str, float]
@@ -184,8 +184,7 @@ def _place(
         return f"{' and '.join(sorted(unsure))} could not be placed, whose distance is given. Give that of two others."
     if isinstance(scale, tuple):
         set_distance(colmap, model, scale)
-    (folder / "model").mkdir()
-    model.write_binary(str(folder / "model"))
+    write_model(model, folder / "model")
     points = {name: placed.points[name] for name in sorted(kept)}
     error = float(model.compute_mean_reprojection_error())
     return Calibration(points, sorted(set(files) - kept), error, placed.moments, notes)

@@ -10,7 +10,7 @@ from PIL import Image
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Progress
 from splatreel.capture.image_sequences import image_files
-from splatreel.capture.images import image_size, read_whole_image
+from splatreel.capture.images import encode_image, image_size, read_whole_image
 
 PHOTO_FOLDER = "also/"
 """Folder of the photographs among the cameras' images, which have no folder."""
@@ -39,7 +39,7 @@ def write_photos(files: list[Path], images: Path, progress: Progress) -> list[st
         image.thumbnail((LONGEST, LONGEST), Image.Resampling.LANCZOS)
         name = f"{PHOTO_FOLDER}{image.width}x{image.height}/{number:05d}.jpg"
         (images / name).parent.mkdir(parents=True, exist_ok=True)
-        image.save(images / name, quality=95)
+        (images / name).write_bytes(encode_image(image, ".jpg", quality=95))
         names.append(name)
         progress.update(number + 1)
     return names
@@ -47,4 +47,4 @@ def write_photos(files: list[Path], images: Path, progress: Progress) -> list[st
 
 def write_image(file: Path, image: np.ndarray) -> None:
     """Write a frame [H, W, 3] uint8 as a PNG file."""
-    Image.fromarray(image).save(file, compress_level=1)
+    file.write_bytes(encode_image(image, file.suffix, compress_level=1))

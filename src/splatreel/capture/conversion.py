@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any, Literal
 
 import numpy as np
-from PIL import Image
 from scipy.spatial.transform import Rotation
 
 from splatreel.base import threads
@@ -23,6 +22,7 @@ from splatreel.base.errors import CaptureError
 from splatreel.base.new_folder import new_folder
 from splatreel.base.progress import Progress
 from splatreel.capture.base import Capture
+from splatreel.capture.images import encode_image
 from splatreel.capture.lens import import_cv2
 from splatreel.capture.readers.easyvolcap import EXTRINSICS, INTRINSICS
 from splatreel.capture.sidecar import SIDECAR
@@ -69,8 +69,9 @@ def convert_capture(capture: Capture, out: Path, kind: Format, progress: Progres
 
 def _write_easyvolcap(folder: Path, cameras: dict[str, Camera]) -> None:
     cv2 = import_cv2("Writing EasyVolcap's cameras")
-    intrinsics = cv2.FileStorage(str(folder / INTRINSICS), cv2.FILE_STORAGE_WRITE)
-    extrinsics = cv2.FileStorage(str(folder / EXTRINSICS), cv2.FILE_STORAGE_WRITE)
+    # In memory, since OpenCV says nothing of a full disk.
+    intrinsics = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
+    extrinsics = cv2.FileStorage(".yml", cv2.FILE_STORAGE_WRITE | cv2.FILE_STORAGE_MEMORY)
     for storage in (intrinsics, extrinsics):
         storage.write("names", list(cameras))
     for name, camera in cameras.items():
@@ -82,8 +83,8 @@ def _write_easyvolcap(folder: Path, cameras: dict[str, Camera]) -> None:
         extrinsics.write(f"R_{name}", Rotation.from_matrix(rotation).as_rotvec()[:, None])
         extrinsics.write(f"Rot_{name}", rotation)
         extrinsics.write(f"T_{name}", translation)
-    intrinsics.release()
-    extrinsics.release()
+    for name, storage in ((INTRINSICS, intrinsics), (EXTRINSICS, extrinsics)):
+        (folder / name).write_text(storage.releaseAndGetString(), encoding="utf-8")
 
 
 def _write_model(folder: Path, cameras: dict[str, Camera], capture: Capture, kind: Format) -> None:
@@ -134,4 +135,4 @@ def _write_images(folder: Path, capture: Capture, names: dict[str, str], kind: F
 
 
 def _save(file: Path, pixels: np.ndarray, kind: Format) -> None:
-    Image.fromarray(pixels).save(file, **QUALITY[kind])
+    file.write_bytes(encode_image(pixels, file.suffix, **QUALITY[kind]))

@@ -278,3 +278,19 @@ def _unreadable(path: Path, error: Exception) -> CaptureError:
     if not path.exists():
         return CaptureError(f"{path}: is missing, though the capture's description names it. Copy it there.")
     return CaptureError(f"{path}: cannot be read as an image ({error}). Replace the file or leave it out.")
+
+
+def encode_image(image: np.ndarray | Image.Image, suffix: str, **options: Any) -> bytes:
+    """Return the content of an image file.
+
+    Pillow writes to a file without a look at how much of it the disk took, so that a full disk cuts images silently.
+
+    Args:
+        image: Pixels [H, W] or [H, W, 3] uint8, or an image of Pillow.
+        suffix: Suffix of the file, which names the format.
+        **options: Options of Pillow for the format.
+    """
+    made = BytesIO()
+    picture = image if isinstance(image, Image.Image) else Image.fromarray(image)
+    picture.save(made, Image.registered_extensions()[suffix], **options)
+    return made.getvalue()

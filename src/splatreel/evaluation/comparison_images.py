@@ -7,10 +7,10 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from PIL import Image
 
-from splatreel.base.atomic import replacing
+from splatreel.base.atomic import write_bytes
 from splatreel.capture.base import Capture
+from splatreel.capture.images import encode_image
 from splatreel.play.renderers import draw_on_cpu
 from splatreel.play.timeline import Moment, Timeline
 from splatreel.scene.camera import Camera
@@ -82,6 +82,4 @@ def comparison(truth: np.ndarray, render: np.ndarray) -> np.ndarray:
 
 def write_png(path: Path, image: np.ndarray) -> None:
     """Write a uint8 image [H, W, 3] atomically."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with replacing(path) as temporary:
-        Image.fromarray(image).save(temporary, format="PNG")
+    write_bytes(path, encode_image(image, ".png"))

@@ -13,12 +13,13 @@ import numpy as np
 from PIL import Image
 
 from splatreel.base import threads
-from splatreel.base.atomic import remove, replacing, write_bytes
+from splatreel.base.atomic import remove, write_bytes
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Progress
 from splatreel.base.untrusted import check_regular
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import LOCAL
+from splatreel.capture.images import encode_image
 from splatreel.capture.mask_files import RECORD, read_mask_record
 from splatreel.capture.mask_shares import describe_shares
 from splatreel.capture.own_frames import CountedSource
@@ -251,8 +252,7 @@ def _standing(names: list[str], model: SubjectModel) -> list[str]:
 
 
 def _save(file: Path, mask: np.ndarray) -> None:
-    with replacing(file) as temporary:
-        Image.fromarray(mask).save(temporary, "PNG")
+    write_bytes(file, encode_image(mask, ".png"))
 
 
 def _share(file: Path) -> float:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import errno
 import importlib.util
+import os
 import re
 import shutil
 import signal
@@ -128,6 +130,23 @@ def import_pycolmap() -> ModuleType:
             if ended_by is not None and threading.current_thread() is threading.main_thread():
                 signal.signal(signal.SIGTERM, ended_by)
     return pycolmap
+
+
+def write_model(model: Any, folder: Path) -> None:
+    """Write a pycolmap.Reconstruction into a new folder, and read it again, since COLMAP says nothing of a full disk.
+
+    Raises:
+        OSError: The folder cannot be written, or the disk is full.
+    """
+    folder.mkdir()
+    model.write_binary(str(folder))
+    try:
+        again = import_pycolmap().Reconstruction(str(folder))
+    except Exception as error:  # pycolmap passes on all exceptions of its C++ reader
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder)) from error
+    sizes = [(one.num_cameras(), one.num_images(), one.num_points3D()) for one in (model, again)]
+    if sizes[0] != sizes[1]:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC), str(folder))
 
 
 def require_pycolmap() -> None:
