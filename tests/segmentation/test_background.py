@@ -1,8 +1,9 @@
 """Backgrounds of static cameras."""
 
 import numpy as np
+import pytest
 
-from splatreel.segmentation.background import fit_background
+from splatreel.segmentation.background import fit_background, same_light
 from tests.segmentation import scenes
 
 
@@ -36,3 +37,26 @@ def test_background_follows_exposure_and_a_slow_change_of_light() -> None:
     ramp = np.linspace(0.85, 1.1, behind.shape[1])[None, :, None]
     lit = found.lit((behind * ramp).clip(0, 255).astype(np.uint8))
     assert np.median(np.abs(lit - behind * ramp)) < 0.5 * np.median(np.abs(behind - behind * ramp))
+
+
+@pytest.mark.parametrize("factor", [0.5, 0.7, 1.3])
+@pytest.mark.parametrize("part", [1.0, 0.5], ids=["room", "half"])
+def test_background_follows_lamps_that_are_switched(factor: float, part: float) -> None:
+    behind = scenes.backdrop(1).astype(np.float32)
+    lamp = np.where(np.arange(scenes.WIDTH) < part * scenes.WIDTH, factor, 1)[:, None]
+    film = np.stack([noisy((behind * (lamp if t < 4 else 1)).clip(0, 255), t) for t in range(10)])
+    film[:, 20:40, 30:45] = np.random.default_rng(0).uniform(20, 200, (10, 20, 15, 3))
+    found = fit_background(*same_light(film))
+    for frame in (film[0], film[9]):
+        error = np.abs(found.lit(frame) - frame).max(-1)
+        error[15:45, 25:50] = 0
+        error[:, abs(np.arange(scenes.WIDTH) - part * scenes.WIDTH) < 9] = 0  # the border of the lamp's light
+        assert (error > 15).mean() < 0.03
+
+
+def test_samples_of_one_light_stay_as_they_are() -> None:
+    film = np.stack([noisy(scenes.backdrop(2), t) for t in range(6)])
+    film[:, 10:50, 20:40] = np.random.default_rng(0).uniform(20, 200, (6, 40, 20, 3))
+    same, certainty = same_light(film)
+    assert same is film
+    assert certainty is None

@@ -2,6 +2,7 @@
 
 import io
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,8 @@ from splatreel.base.progress import Silent
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.mask_files import RECORD
 from splatreel.capture.opening import open_capture
+from splatreel.capture.own_frames import OwnFrames
+from splatreel.segmentation.clean_plate import fitting_plates
 from splatreel.segmentation.mask_writer import MODEL, WrittenMasks, write_masks
 from tests.segmentation import scenes
 
@@ -126,3 +129,53 @@ def test_damaged_record_is_named(scene: Path, tmp_path: Path) -> None:
     (tmp_path / RECORD).write_text("{")
     with pytest.raises(CaptureError, match=RECORD):
         make(scene, tmp_path)
+
+
+def test_pictures_that_a_camera_lacks_leave_its_other_masks_as_they_are(
+    scene: Path, masks: Path, tmp_path: Path
+) -> None:
+    capture = open_capture(scene, held_out=[])
+    assert isinstance(capture, FileCapture)
+    source, lacks = capture.source, np.isin(np.arange(FRAMES), (4, 5, 6))
+    own = source.own_frames  # type: ignore[attr-defined]
+    stand_ins = np.array([0, 1, 2, 3, 3, 3, 7, 7])
+
+    def own_frames(name: str) -> OwnFrames:
+        return replace(own(name), numbers=stand_ins) if name == "3" else own(name)
+
+    source.own_frames = own_frames  # type: ignore[attr-defined]
+    source.missing = lambda first, count, name: (lacks & (name == "3"))[first : first + count]  # type: ignore[method-assign]
+    read = source.read_camera
+
+    def read_camera(out: np.ndarray, first: int, name: str) -> None:
+        for place, image in enumerate(out):
+            read(image[None], int(stand_ins[first + place]) if name == "3" else first + place, name)
+
+    source.read_camera = read_camera  # type: ignore[method-assign]
+    write_masks(capture, tmp_path / "masks", Silent())
+    made, expected = make_images(tmp_path / "masks"), make_images(masks)
+    assert set(expected) - set(made) == {f"3/{t:06d}.png" for t in (4, 5, 6)}
+    for t in (0, 3, 7):
+        name = f"3/{t:06d}.png"
+        pair = [np.asarray(Image.open(io.BytesIO(files[name]))) > 127 for files in (made, expected)]
+        assert scenes.overlap(*pair) > 0.6, name
+
+
+def test_clean_plates_that_contradict_the_capture_are_said_and_not_used() -> None:
+    images = scenes.film(6)[0]
+    names = [f"c{c}" for c in range(scenes.CAMERAS)]
+    plates = [scenes.backdrop(c)[None] for c in range(scenes.CAMERAS)]
+    there = np.ones(images.shape[:2], bool)
+    used, notes = fitting_plates(names, plates, images, there)
+    assert all(plate is not None for plate in used)
+    assert notes == []
+    plates[0], plates[1] = plates[1], plates[0]
+    plates[3] = (0.5 * plates[3]).astype(np.uint8)
+    h, w = scenes.HEIGHT // 4, scenes.WIDTH // 4
+    plates[4] = np.asarray(Image.fromarray(plates[4][0, h:-h, w:-w]).resize((scenes.WIDTH, scenes.HEIGHT)))[None]
+    used, notes = fitting_plates(names, plates, images, there)
+    assert [plate is None for plate in used] == [True, True, False, True, True, False]
+    said = [" ".join(note.split()[3:8]) for note in notes]
+    assert said[0] == "of c0 shows what camera"
+    assert "another light, 0.5 times" in notes[2]
+    assert "another zoom" in notes[3]

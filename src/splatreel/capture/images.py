@@ -202,7 +202,7 @@ def _mask_levels(path: Path, image: Image.Image) -> np.ndarray:
 
 def _brightest_of_16_bits(path: Path, files: Files) -> int:
     """Return the largest level of an image of 16 bits, of which Pillow reads the upper 8."""
-    with av.open(files.source(path)) as opened:
+    with av.open(files.source(path), mode="r") as opened:
         frame = next(opened.decode(video=0))
     return int(frame.reformat(format="rgb48le").to_ndarray().max())
 

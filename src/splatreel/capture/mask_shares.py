@@ -124,7 +124,7 @@ def _size_ratios(cameras: Sequence[Camera], masks: np.ndarray) -> np.ndarray:
     Masks that reach the border of their image may be cut off there, so they are not too small.
     """
     found = np.full(len(cameras), np.nan)
-    shown = np.flatnonzero(masks.mean((1, 2)) >= EMPTY)
+    shown = np.flatnonzero(masks.mean((1, 2)) >= EMPTY).tolist()
     if len(shown) < 3:
         return found
     centers, rays = [], []

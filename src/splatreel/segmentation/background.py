@@ -121,8 +121,8 @@ def _typical_noise(film: np.ndarray) -> float:
 def same_light(film: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
     """Return samples [S, H, W, 3] uint8 in one light, and how certain their pixels are, [S, H, W] float32.
 
-    The light is that of a sample that is like most others and not too bright for the camera. Where all samples have about the same light, they stay as they are, and
-    the second value is None.
+    The light is that of a sample that is like most others and not too bright for the camera. Where all samples have about the
+    same light, they stay as they are, and the second value is None.
     """
     brightness = np.stack([_log_light(sample)[0] for sample in film])
     apart = np.array([[np.median(np.abs(one - other)) for other in brightness] for one in brightness])
@@ -173,7 +173,7 @@ def _light_change(frame: np.ndarray, background: np.ndarray, known: np.ndarray) 
 
 
 def _factor_of_saturated(seen: np.ndarray, behind: np.ndarray) -> float:
-    """Return the factor between the colors [h, w, 3] of blocks, of which most are too bright for the camera; 1 if none explains them."""
+    """Return the factor between the colors [h, w, 3] of blocks, most of them too bright for the camera; 1 if none explains them."""
     factors = np.exp(np.arange(-LARGEST_SWITCH, LARGEST_SWITCH, LIGHT_STEP / 2))
     errors = np.array([np.median(np.abs(np.minimum(behind * factor, 255) - seen)) for factor in [1.0, *factors]])
     return float(factors[errors[1:].argmin()]) if errors[1:].min() < 0.5 * errors[0] else 1.0
