@@ -101,7 +101,7 @@ def group_trainer(
     Raises:
         CaptureError: Shapes or values of the images do not fit.
         GaussiansError: The tracks do not have a position for each Gaussian and frame, or the Gaussians have values that are not finite.
-        UsageError: The device or the preset does not exist, or `near` is no positive number.
+        UsageError: The device or the preset does not exist, or `near` is not a positive number.
         MissingDependencyError: PyTorch is not installed.
     """
     array = image_array(images, cameras, "The group")

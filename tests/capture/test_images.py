@@ -185,7 +185,7 @@ def test_file_that_is_no_image_is_named(tmp_path: Path) -> None:
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes")
 def test_pipe_in_place_of_an_image_does_not_block(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "a.png")
-    with pytest.raises(CaptureError, match=r"a\.png: is no file"):
+    with pytest.raises(CaptureError, match=r"a\.png: is not a file"):
         image_size(tmp_path / "a.png")
-    with pytest.raises(CaptureError, match=r"a\.png: is no file"):
+    with pytest.raises(CaptureError, match=r"a\.png: is not a file"):
         read_image(tmp_path / "a.png", 4, 4)

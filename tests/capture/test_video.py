@@ -137,7 +137,7 @@ def test_display_at_an_angle_is_refused(tmp_path: Path) -> None:
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="pipes")
 def test_pipe_does_not_block(tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "cam00.mp4")
-    with pytest.raises(CaptureError, match=r"cam00\.mp4: is no file"):
+    with pytest.raises(CaptureError, match=r"cam00\.mp4: is not a file"):
         VideoFile(tmp_path / "cam00.mp4")
 
 

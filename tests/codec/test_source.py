@@ -139,7 +139,7 @@ def test_missing_bucket_is_an_error(bucket):
 
 def test_unknown_protocol_is_refused():
     pytest.importorskip("fsspec", reason="needs the extra cloud")
-    with pytest.raises(ReelError, match=r"nix://a/b: is no address of a folder"):
+    with pytest.raises(ReelError, match=r"nix://a/b: is not the address of a folder"):
         ReelReader("nix://a/b")
 
 
@@ -184,7 +184,7 @@ def test_slow_response_header_hits_the_deadline(monkeypatch):
 
 @pytest.mark.parametrize("address", ["http://[", "http://host:port/reel", "http://host:99999999/"])
 def test_invalid_url_is_refused(address):
-    with pytest.raises(ReelError, match=r"is no address|cannot be fetched"):
+    with pytest.raises(ReelError, match=r"is not an address|cannot be fetched"):
         ReelReader(address)
 
 
@@ -194,5 +194,5 @@ def test_pipe_in_a_reel_does_not_block(tmp_path, uri):
     reel = shutil.copytree(GOLDEN, tmp_path / "reel")
     (reel / uri).unlink()
     os.mkfifo(reel / uri)
-    with pytest.raises(ReelError, match=f"{uri}: is no file"):
+    with pytest.raises(ReelError, match=f"{uri}: is not a file"):
         ReelReader(reel).group(0)

@@ -112,7 +112,7 @@ def image_array(images: np.ndarray, cameras: Sequence[Camera], name: str) -> np.
         array = np.asarray(images)
     except (ValueError, TypeError) as error:  # rows of different lengths, or tensors on a GPU
         raise CaptureError(
-            f"{name}: the images are no array ({error}). Give [T, C, H, W, 3] in main memory."
+            f"{name}: the images are not an array ({error}). Give [T, C, H, W, 3] in main memory."
         ) from error
     if array.ndim != 5 or array.shape[-1] != 3 or array.shape[1] != len(cameras) or not array.size:
         raise CaptureError(

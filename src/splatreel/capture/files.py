@@ -67,7 +67,7 @@ class LocalFiles:
 
 def _check_regular(path: Path) -> None:
     if path.exists() and not path.is_file():  # opening a pipe would block
-        raise CaptureError(f"{path}: is no file. Remove it from the capture.")
+        raise CaptureError(f"{path}: is not a file. Remove it from the capture.")
 
 
 LOCAL = LocalFiles()

@@ -51,7 +51,7 @@ def read_mask_record(folder: Path) -> dict[str, Any] | None:
     except (OSError, ValueError) as error:
         raise CaptureError(f"{file}: cannot be read ({error}). Delete the folder, and make the masks again.") from error
     if not isinstance(record, dict):
-        raise CaptureError(f"{file}: is no record of masks. Delete the folder, and make the masks again.")
+        raise CaptureError(f"{file}: is not a record of masks. Delete the folder, and make the masks again.")
     return record
 
 
@@ -85,7 +85,7 @@ class MaskFiles:
                 f"{capture.path}: is still being written. Masks need a finished capture: leave out --masks or --follow."
             )
         if not self.folder.is_dir():
-            raise CaptureError(f"{folder}: is no folder of masks. Give the folder that holds masks for each camera.")
+            raise CaptureError(f"{folder}: is not a folder of masks. Give the folder that holds masks for each camera.")
         self._record = read_mask_record(self.folder)
         self._masks = {
             camera.name: self._of_camera(camera.name, source.own_frames(camera.name))
@@ -228,7 +228,7 @@ class MaskFiles:
 
 
 def _check_levels(file: Path, number: int, mask: np.ndarray) -> None:
-    """Raise `CaptureError` for an image that is no mask."""
+    """Raise `CaptureError` for an image that is not a mask."""
     if int((mask.max(2) - mask.min(2)).max()) > MOST_COLOR:
         raise CaptureError(f"{file}: frame {number} is colored. Masks are gray: white is the subject, black is not.")
     brightest = int(mask.max())

@@ -121,8 +121,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 say(f"splatreel {__version__}", flush=True)
                 return 0
             check_arguments(arguments)
-            arguments = [re.sub("^--licence(?==|$)", "--license", argument) for argument in arguments]
-            build(arguments).cli(prog="splatreel", description=DESCRIPTION, args=arguments, config=[DisallowNone])
+            words = [re.sub("^--licence(?==|$)", "--license", argument) for argument in arguments]
+            build(words).cli(prog="splatreel", description=DESCRIPTION, args=words, config=[DisallowNone])
     except BrokenPipeError:
         # The reader of the pipe is gone; print nothing at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())

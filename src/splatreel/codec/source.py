@@ -65,7 +65,7 @@ def open_source(location: str | Path) -> Source:
         try:
             return _Web(text)
         except ValueError as error:
-            raise ReelError(f"{text}: is no address ({error}). Correct it.") from error
+            raise ReelError(f"{text}: is not an address ({error}). Correct it.") from error
     try:
         path = local_path(location)
         if path is None:
@@ -103,7 +103,7 @@ class _Directory:
         try:
             with open(self.root / uri, "rb", opener=_without_waiting) as file:
                 if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-                    raise ReelError(f"{self.name(uri)}: is no file. Is this a complete reel?")
+                    raise ReelError(f"{self.name(uri)}: is not a file. Is this a complete reel?")
                 return _bounded(file.read(limit + 1), limit, self.name(uri))
         except OSError as error:
             raise ReelError(f"{self.name(uri)}: cannot be read ({error.strerror}). Is this a complete reel?") from error

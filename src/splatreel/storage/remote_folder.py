@@ -135,7 +135,7 @@ def _open(url: str, protocol: str) -> tuple[Any, str]:
         advice = f"Run\n  pip install{package}" if package else f"{error}"
         raise MissingDependencyError(f"{url}: a Python package for {protocol}:// is missing. {advice}") from error
     except ValueError as error:
-        raise UsageError(f"{url}: is no address of a folder ({error}). Correct it.") from error
+        raise UsageError(f"{url}: is not the address of a folder ({error}). Correct it.") from error
     except Exception as error:
         raise StorageError(f"{url}: cannot be reached ({error}).", lasting=_is_lasting(error)) from error
 

@@ -183,7 +183,7 @@ def _common(names: list[str]) -> str:
 
 def _read(folder: Path, name: str) -> bytes:
     if not is_plain(name):
-        raise StorageError(f"{name!r:.200}: is no path within a folder.", lasting=True)
+        raise StorageError(f"{name!r:.200}: is not a path within a folder.", lasting=True)
     try:
         return (folder / name).read_bytes()
     except OSError as error:

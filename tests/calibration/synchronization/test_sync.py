@@ -184,5 +184,5 @@ def test_sync_needs_two_videos(tmp_path: Path) -> None:
 def test_pipe_among_videos_does_not_block(tmp_path: Path) -> None:
     for name in ("a.mp4", "b.mp4"):
         os.mkfifo(tmp_path / name)
-    with pytest.raises(CaptureError, match=r"a\.mp4: is no file"):
+    with pytest.raises(CaptureError, match=r"a\.mp4: is not a file"):
         synchronize(tmp_path, Silent())

@@ -100,7 +100,7 @@ def read_xml(file: Path) -> ElementTree.Element:
     try:
         return ElementTree.fromstring(text)  # a text is not decoded again, whatever encoding it declares
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise CaptureError(f"{file}: is no complete XML file ({error}). Export the calibration again.") from error
+        raise CaptureError(f"{file}: is not a complete XML file ({error}). Export the calibration again.") from error
 
 
 def floats(text: str | None, count: int) -> np.ndarray:
@@ -128,7 +128,7 @@ def image_size(values: Any) -> tuple[int, int]:
     """Return width and height. Raise ValueError unless both are positive numbers."""
     width, height = numbers(list(values), 2)
     if min(width, height) < 1 or max(width, height) > 1 << 20:
-        raise ValueError(f"{width:g} x {height:g} is no size of an image")
+        raise ValueError(f"{width:g} x {height:g} is not the size of an image")
     return round(width), round(height)
 
 
