@@ -21,7 +21,7 @@ RED = 0.15
 SMALLEST = 2e-4
 """Share of the image below which what is seen of the ball is a sliver."""
 THERE = 0.5
-"""The share of its pixels from which on the ball is there; here intersection over union of the red ones."""
+"""The share of its pixels above which the ball is there; here intersection over union of the red ones."""
 
 
 def red(image: np.ndarray) -> np.ndarray:

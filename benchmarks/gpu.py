@@ -42,7 +42,7 @@ from splatreel.run.gpu_speed import iteration_ms
 from splatreel.run.machine_speed import LARGE, SMALL, Probe
 
 FAR_OFF = 0.02
-"""Relative difference between the devices from which on an iteration is wrong, and not only rounded otherwise."""
+"""Relative difference between the devices above which an iteration is wrong, and not only rounded otherwise."""
 NO_GPU = "not run: there is no GPU for wgpu or NVRTC"
 Found = dict[str, Any]
 

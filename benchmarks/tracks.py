@@ -32,13 +32,13 @@ from splatreel.scene.gaussians import Gaussians
 
 FILMS = {"cove": cove, "dominoes": dominoes, "juggle": juggle, "kitchen": kitchen, "studio": studio, "yard": yard}
 SPACING, OFF = 1.6, 3.0
-"""Pixels between two points at their median depth, and from a solid, from which on a point is no longer on it."""
+"""Pixels between two points at their median depth, and from a solid, above which a point is no longer on it."""
 STATIC_PIXELS = 1.0
 """Pixels; a solid that goes less far is left out."""
 LOOKS = (8, 16, 24, 34)
 """Frames of which the share is told by itself."""
 SKY = 100.0
-"""Depth from which on nothing stands."""
+"""Depth above which nothing stands."""
 
 
 def main(films: tuple[str, ...] = tuple(FILMS), frames: int = 35, out: Path = Path("out"), note: str = "") -> None:

@@ -197,6 +197,22 @@ def test_nothing_is_left_to_do_and_no_path_of_one_machine_is_named() -> None:
     assert not found, "\n".join(found)
 
 
+def test_sentences_have_the_word_order_of_english() -> None:
+    """No "X is no file" in place of "X is not a file", and no "from which on"."""
+    odd = re.compile(r"\b(?:is|are) no (?!longer\b)[a-z]|\bfrom which on\b|\bthe own \b", re.IGNORECASE)
+    dated = {ROOT / "docs" / "history", ROOT / "docs" / "experiments"}
+    found = []
+    for path in tracked_text_files():
+        if (
+            path.suffix in (".py", ".md")
+            and not dated & {*path.parents}
+            and "tests" not in path.relative_to(ROOT).parts
+        ):
+            text = re.sub(r"(?i)\bthere\s+(?:is|are)\s+no\b", "", path.read_text(encoding="utf-8"))
+            found += [f"{path.relative_to(ROOT)}: {match[0]}" for match in odd.finditer(text)]
+    assert not found, "\n".join(found)
+
+
 IMPORT_ALL = """
 import importlib, json, sys, threading
 seen = {}

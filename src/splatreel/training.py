@@ -109,7 +109,7 @@ def group_trainer(
         CaptureError: Shapes or values of the images do not fit, or the cameras cannot be used.
         GaussiansError: There are no dynamic Gaussians, all are behind the near plane, the tracks do not
             have a position for each Gaussian and frame, or the Gaussians have values that are not finite.
-        UsageError: The device or the preset does not exist, or `near` is no positive number.
+        UsageError: The device or the preset does not exist, or `near` is not a positive number.
         MissingDependencyError: PyTorch is not installed.
     """
     array = image_array(images, cameras, "The group")

@@ -51,7 +51,7 @@ def test_fingerprint_follows_the_images() -> None:
     ("changes", "message"),
     [
         ({"images": images()[0]}, r"shape \(4, 6, 8, 3\), expected \[T, 4, H, W, 3\]"),
-        ({"images": [images()[0], images()[0, :3]]}, "are no array"),
+        ({"images": [images()[0], images()[0, :3]]}, "are not an array"),
         ({"images": images()[:, :3]}, "expected .* for 4 cameras"),
         ({"images": images(np.float32) * 255}, "frame 0 has values from .* Give uint8, or floats 0..1"),
         ({"images": images(np.float32) * np.nan}, "frame 0 has values from nan"),

@@ -292,7 +292,7 @@ def test_images_that_are_no_masks_are_refused(scene: Path, tmp_path: Path, image
 
 
 def test_folder_is_needed(scene: Path, tmp_path: Path) -> None:
-    with pytest.raises(CaptureError, match=r"none: is no folder of masks"):
+    with pytest.raises(CaptureError, match=r"none: is not a folder of masks"):
         masked(scene, tmp_path / "none")
 
 

@@ -140,7 +140,7 @@ def test_reconstruction_is_published_while_it_grows_despite_failures(
     assert f"splatreel publish {out / 'reel'} s3://no-such-bucket/reel" in said
     assert verify_reel(out / "reel").groups == 2
     assert main([*command, "nix://a/b"]) == 2
-    assert "is no address of a folder" in capsys.readouterr().err
+    assert "is not the address of a folder" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("fault", [503, "cuts"])

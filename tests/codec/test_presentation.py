@@ -75,7 +75,7 @@ def test_each_limit_is_optional() -> None:
     ("field", "change", "said"),
     [
         ("title", "x" * 201, "201 characters"),
-        ("author", 7, "no text"),
+        ("author", 7, "not text"),
         ("poster", [], "not an object"),
         ("poster", {"uri": "../poster.jpg"}, "plain relative paths"),
         ("poster", {"bytes": 1 << 40}, "bytes"),

@@ -87,7 +87,7 @@ def test_verify_finds_nan(reel):
     header["__metadata__"]["splatreel"] = json.dumps(own)
     text = json.dumps(header).encode()
     replace_file(reel, "layers", 0, struct.pack("<Q", len(text)) + text + data[8 + size :])
-    with pytest.raises(ReelError, match="NaN is no finite number"):
+    with pytest.raises(ReelError, match="NaN is not a finite number"):
         verify_reel(reel)
 
 

@@ -157,32 +157,12 @@ def names(text: str) -> Iterator[str]:
                 yield word
 
 
-FOREIGN = frozenset(
-    [
-        "NAME.py",
-        "NAME.ts",
-        "test_NAME.py",
-        "vVERSION",
-        "cam_N",
-        "cam00.ts",
-        "decoder.js",
-        "utils.py",
-        "AudioDecoder",
-        "decodeAudioData",
-        "CameraFrame",
-        "GSplatProcessor",
-        "antiAlias",
-        "from_gltf",
-        "from_usd",
-        "camera_data.py",
-        "nerfstudio_dataparser.py",
-        "export_perframe_3DGS.py",
-        "control_x_",
-        "motion_xyz_",
-        "rot_r_",
-        "transforms_val",
-    ]
-)
+FOREIGN = {
+    *("NAME.py", "NAME.ts", "test_NAME.py", "utils.py", "vVERSION", "cam_N", "cam00.ts", "decoder.js"),
+    *("AudioDecoder", "decodeAudioData", "CameraFrame", "GSplatProcessor", "antiAlias", "from_gltf", "from_usd"),
+    *("camera_data.py", "nerfstudio_dataparser.py", "export_perframe_3DGS.py"),
+    *("control_x_", "motion_xyz_", "rot_r_", "transforms_val"),
+}
 """Names of other programs, and placeholders."""
 
 

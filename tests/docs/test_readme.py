@@ -3,11 +3,24 @@ import shlex
 from pathlib import Path
 
 import pytest
+from PIL import Image
 
 from splatreel.cli.main import build
 
 ROOT = Path(__file__).parent.parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def test_the_first_picture_moves_and_leads_to_the_sample_on_the_site() -> None:
+    """The site's hook puts the player with the sample at this address (tests/docs/test_site.py)."""
+    found = re.search(r"\[!\[[^\]]+\]\(([^)]+)\)\]\(([^)]+)\)", README)
+    assert found is not None
+    (site,) = re.findall(r"^site_url: (\S+)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
+    assert found[2] == f"{site}sample/"
+    assert (ROOT / found[1]).stat().st_size < 1_500_000
+    with Image.open(ROOT / found[1]) as image:
+        assert getattr(image, "n_frames", 1) > 20
+    assert README.index("    make demo") < README.index("\n## ")
 
 
 def test_the_python_example_runs(capsys: pytest.CaptureFixture[str]) -> None:

@@ -122,14 +122,14 @@ def test_player_replaces_no_page(hooks: ModuleType, tmp_path: Path) -> None:
 
 def test_broken_links_of_a_finished_site_are_found(hooks: ModuleType, tmp_path: Path) -> None:
     (tmp_path / "sub").mkdir()
-    good = '<h1 id="top">A</h1><a href="sub/#part">b</a><a href="https://a.b/c">c</a><a href="/root/sub/">d</a>'
-    bad = '<a href="none/">a</a><a href="sub/#none">b</a><img src="none.png"><a href="/root/none">c</a><a href="#none">d</a>'
+    good = '<h1 id="top">A</h1><a href="sub/#part">b</a><a href="https://a.b/c">c</a><a href="/base/sub/">d</a>'
+    bad = '<a href="none/">a</a><a href="sub/#none">b</a><img src="none.png"><a href="/base/none">c</a><a href="#none">d</a>'
     (tmp_path / "index.html").write_text(good, encoding="utf-8")
     (tmp_path / "sub" / "index.html").write_text('<p id="part"><a href="../#top">e</a></p>', encoding="utf-8")
-    assert hooks.broken_links(tmp_path, "/root/") == []
+    assert hooks.broken_links(tmp_path, "/base/") == []
     (tmp_path / "index.html").write_text(bad, encoding="utf-8")
-    found = hooks.broken_links(tmp_path, "/root/")
-    assert found[:5] == [f"index.html: {link}" for link in ("#none", "/root/none", "none.png", "none/", "sub/#none")]
+    found = hooks.broken_links(tmp_path, "/base/")
+    assert found[:5] == [f"index.html: {link}" for link in ("#none", "/base/none", "none.png", "none/", "sub/#none")]
     assert found[5:] == ["sub/index.html: ../#top"]
 
 

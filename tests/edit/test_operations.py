@@ -106,7 +106,7 @@ def test_sound_without_an_edit_of_time_is_copied(reel: Path, tmp_path: Path) -> 
         ("rotate=90", "as the axis"),
         ("up=0,0,0", "axis that is not zero"),
         ("scale=-1", "Give a number"),
-        ("distance=cam00,cam09,2", "'cam09' is no camera; choose from cam00"),
+        ("distance=cam00,cam09,2", "'cam09' is not a camera; choose from cam00"),
         ("distance=cam00,2", "distance=CAMERA,CAMERA,METERS"),
         ("move=1,2", "3 numbers"),
         ("exposure=much", "from -8 to 8"),
@@ -144,10 +144,10 @@ def test_edit_lists_are_read(tmp_path: Path) -> None:
     file.write_text(json.dumps({"format": "splatreel-edit", "version": 1, "operations": ["cut=0:2", "reverse"]}))
     assert read_edit_list(file) == ["cut=0:2", "reverse"]
     for wrong, message in (
-        ({"format": "splatreel-path"}, "is no edit list"),
+        ({"format": "splatreel-path"}, "is not an edit list"),
         ({"format": "splatreel-edit", "version": 2}, "has version 2"),
         ({"format": "splatreel-edit", "version": 1, "operations": [1]}, "not a list of texts"),
-        ([1], "is no edit list"),
+        ([1], "is not an edit list"),
     ):
         file.write_text(json.dumps(wrong))
         with pytest.raises(UsageError, match=message):

@@ -1,4 +1,4 @@
-"""Training folders of dynamic methods: their PLY file is no frame, because other files move its points."""
+"""Training folders of dynamic methods: their PLY file is not a frame, because other files move its points."""
 
 import zipfile
 from pathlib import Path

@@ -146,7 +146,7 @@ def test_missing_bucket_is_an_error(bucket):
 
 def test_unknown_protocol_is_refused():
     pytest.importorskip("fsspec", reason="needs the extra cloud")
-    with pytest.raises(ReelError, match=r"nix://a/b: is no address of a folder"):
+    with pytest.raises(ReelError, match=r"nix://a/b: is not the address of a folder"):
         ReelReader("nix://a/b")
 
 

@@ -55,7 +55,7 @@ def read_elements(path: str | Path, wanted: tuple[str, ...], budget: MemoryBudge
         budget: Memory that reading may take.
 
     Raises:
-        GaussiansError: The file is no PLY file, is damaged, takes too much memory, or a wanted element holds lists.
+        GaussiansError: The file is not a PLY file, is damaged, takes too much memory, or a wanted element holds lists.
     """
     path = Path(path)
     try:

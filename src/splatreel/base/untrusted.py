@@ -314,9 +314,9 @@ def numbers(value: object, *shape: int) -> np.ndarray:
     def check(part: object, left: tuple[int, ...]) -> None:
         if not left:
             if not is_number(part):
-                raise ValueError(f"{part!r:.40} is no finite number")
+                raise ValueError(f"{part!r:.40} is not a finite number")
         elif not isinstance(part, list) or len(part) != left[0]:
-            raise ValueError(f"{part!r:.40} is no list of {left[0]}")
+            raise ValueError(f"{part!r:.40} is not a list of {left[0]}")
         else:
             for one in part:
                 check(one, left[1:])

@@ -216,7 +216,7 @@ def _rig(found: BoardRig, counts: dict[str, int]) -> CalibratedRig:
 
 
 def _write_model(colmap: ModuleType, rig: BoardRig, names: list[str], folder: Path) -> None:
-    """Write a COLMAP model of some cameras, without points, since the board is no part of the scene."""
+    """Write a COLMAP model of some cameras, without points, since the board is not part of the scene."""
     model = colmap.Reconstruction()
     for number, name in enumerate(names, 1):
         lens: Any = rig.lenses[name]

@@ -128,7 +128,7 @@ def image_array(images: np.ndarray, cameras: Sequence[Camera], name: str) -> np.
         array = np.asarray(images)
     except (ValueError, TypeError) as error:  # rows of different lengths, or tensors on a GPU
         raise CaptureError(
-            f"{name}: the images are no array ({error}). Give [T, C, H, W, 3] in main memory."
+            f"{name}: the images are not an array ({error}). Give [T, C, H, W, 3] in main memory."
         ) from error
     if wrong := [camera for camera in cameras if not isinstance(camera, Camera)]:
         raise CaptureError(f"{name}: a camera is of type {type(wrong[0]).__name__}. Give splatreel.Camera objects.")

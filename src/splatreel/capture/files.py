@@ -53,6 +53,7 @@ class Files:
 
 LOCAL = Files()
 
+
 BRIEFLY = {"analyzeduration": "100000", "fpsprobesize": "0"}
 """FFmpeg options that analyze only the first frames of a file instead of five megabytes."""
 

@@ -118,7 +118,7 @@ def scan(
         index: The same container without image data (`IndexOnly`), used wherever no image is needed.
 
     Raises:
-        CaptureError: The orientation is no quarter turn.
+        CaptureError: The orientation is not a quarter turn.
     """
     fps = float(stream.average_rate or stream.guessed_rate or 0)
     demuxed, packets_of = container, stream
@@ -229,7 +229,7 @@ def _decodable(pts: np.ndarray, key: np.ndarray) -> np.ndarray:
 
 
 def frame_orientation(frame: av.VideoFrame, name: str) -> Orientation:
-    """Return the orientation that a file declares for a decoded image. Raise `CaptureError` if it is no quarter turn."""
+    """Return the orientation that a file declares for a decoded image. Raise `CaptureError` if it is not a quarter turn."""
     data: Any = cast(Any, frame.side_data).get(Type.DISPLAYMATRIX)
     orientation = STORED if data is None else display_orientation(bytes(data))
     if orientation is None:

@@ -17,7 +17,7 @@ TICK = 10
 TOGETHER, SPREAD = 0.25, 0.5
 """Maximum difference of consecutive times of one moment, and of all of its times, as shares of the usual step."""
 DENSE = 0.5
-"""Share of the numbers up to the highest from which on digits behind a point are a number of their own, not decimals."""
+"""Share of the numbers up to the highest above which digits behind a point are a number of their own, not decimals."""
 
 Keys = dict[str, list[tuple[int, ...]]]
 """Keys of the images by camera. Images of the same moment have the same key, and keys are in order of time."""

@@ -90,7 +90,7 @@ class MaskFiles:
                 f"{capture.path}: is still being written. Masks need a finished capture: leave out --masks or --follow."
             )
         if not self.folder.is_dir():
-            raise CaptureError(f"{folder}: is no folder of masks. Give the folder that holds masks for each camera.")
+            raise CaptureError(f"{folder}: is not a folder of masks. Give the folder that holds masks for each camera.")
         self._record = read_mask_record(self.folder)
         self._pairings: dict[str, list[str]] = {}
         self._masks = {
@@ -259,7 +259,7 @@ class MaskFiles:
 
 
 def _check_levels(file: Path, number: int, mask: np.ndarray) -> None:
-    """Raise `CaptureError` for an image that is no mask."""
+    """Raise `CaptureError` for an image that is not a mask."""
     if int((mask.max(2) - mask.min(2)).max()) > MOST_COLOR:
         raise CaptureError(
             f"{file}: frame {number} is colored. Masks are gray: white is the subject, black is not. A cut-out "

@@ -39,7 +39,7 @@ EXIF = dict(enumerate((ALL[0], ALL[4], ALL[2], ALL[6], ALL[5], ALL[3], ALL[7], A
 
 
 def display_orientation(matrix: bytes) -> Orientation | None:
-    """Return the orientation of FFmpeg's display matrix, or None if it is no quarter turn.
+    """Return the orientation of FFmpeg's display matrix, or None if it is not a quarter turn.
 
     Args:
         matrix: Nine 32-bit integers. The first two of each row are a linear map of row vectors.

@@ -222,7 +222,7 @@ class VideoFile:
             stream = main_video(container)
             if stream is None:
                 raise CaptureError(
-                    f"{self.path}: holds no video stream. The file is no video or truncated: "
+                    f"{self.path}: holds no video stream. The file is not a video, or is truncated: "
                     f"copy it again or leave the camera out."
                 )
             if self.path.suffix.lower() not in SUFFIXES:

@@ -32,7 +32,7 @@ def _number(text: str) -> float:
     """Return the value of a number's text. Raise `ValueError` if it is not finite as a 64-bit floating-point number."""
     value = float(text)
     if not math.isfinite(value):
-        raise ValueError(f"{text:.12} is no finite number")
+        raise ValueError(f"{text:.12} is not a finite number")
     return int(text) if text.removeprefix("-").isdigit() else value
 
 

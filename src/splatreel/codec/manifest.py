@@ -372,7 +372,7 @@ def _parse_camera(value: object) -> Camera:
         if K[0, 0] <= 0 or K[1, 1] <= 0:
             raise ReelError(f"has the focal lengths {K[0, 0]:g} and {K[1, 1]:g} in its K, expected pixels.")
         if not 0.5 < np.linalg.det(viewmat[:3, :3]) < 2:
-            raise ReelError("has a viewmat that is no rotation and translation.")
+            raise ReelError("has a viewmat that is not a rotation and translation.")
         return Camera(
             name=name,
             viewmat=viewmat,

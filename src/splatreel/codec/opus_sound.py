@@ -174,7 +174,7 @@ def decode_sound(init: bytes, segments: list[bytes], channels: int) -> Iterator[
                     raise ReelError("has a packet without a time.")
                 yield round(frame.pts * frame.time_base * RATE), _samples(frame)
     except (FFmpegError, ValueError, EOFError) as error:
-        raise ReelError(f"is no sound that can be decoded ({error}).") from error
+        raise ReelError(f"is not sound that can be decoded ({error}).") from error
 
 
 def check_sound_size(segment: SoundSegment) -> None:

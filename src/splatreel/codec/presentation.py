@@ -215,7 +215,7 @@ def _parse(document: dict[str, Any], name: str, parse: Callable[[dict[str, Any]]
 def _parse_text(document: dict[str, Any], name: str) -> str:
     value = document.get(name, "")
     if not isinstance(value, str):
-        raise ReelError(f"has a {name} that is no text.")
+        raise ReelError(f"its {name} is not text.")
     return check_text(name, value)
 
 

@@ -13,7 +13,7 @@ from splatreel.base.errors import UsageError
 
 @dataclass(frozen=True)
 class Range:
-    """Numbers from low to high, both included. A high of None is no limit."""
+    """Numbers from low to high, both included. A high of None means no limit."""
 
     low: float
     high: float | None = None

@@ -10,7 +10,7 @@ from splatreel.scene import rotations
 from splatreel.scene.volumes import CaptureVolume
 
 FLAT = 0.8
-"""Cosine between up and the thinnest axis from which on a point is part of a horizontal surface."""
+"""Cosine between up and the thinnest axis above which a point is part of a horizontal surface."""
 BINS = 200
 """Heights that are told apart, between the lowest and the highest horizontal surface."""
 FEWEST = 20

@@ -86,12 +86,12 @@ def read_edit_list(file: Path) -> list[str]:
     """Return the operations of an edit list file.
 
     Raises:
-        UsageError: The file cannot be read, or is no edit list.
+        UsageError: The file cannot be read, or is not an edit list.
     """
     document = read_json(file, UsageError, most=1 << 20)
     right = isinstance(document, dict) and document.get("format") == FORMAT
     if not right:
-        raise UsageError(f'{file}: is no edit list: its "format" is not "{FORMAT}".')
+        raise UsageError(f'{file}: is not an edit list: its "format" is not "{FORMAT}".')
     if document.get("version") != 1:
         raise UsageError(
             f"{file}: has version {document.get('version')!r:.60}; this Splatreel reads 1. Update Splatreel."
@@ -179,7 +179,7 @@ def _distance(clip: Clip, value: str) -> Clip:
     cameras = {camera.name: camera for camera in clip.outline.header.cameras}
     missing = [name for name in parts[:2] if name not in cameras]
     if missing:
-        raise fail("distance", value, f"{missing[0]!r:.60} is no camera; choose from {', '.join(sorted(cameras))}")
+        raise fail("distance", value, f"{missing[0]!r:.60} is not a camera; choose from {', '.join(sorted(cameras))}")
     found = float(np.linalg.norm(cameras[parts[0]].center - cameras[parts[1]].center))
     if found <= 0:
         raise fail("distance", value, "Name two cameras that are apart")

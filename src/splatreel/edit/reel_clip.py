@@ -34,7 +34,7 @@ class ReelClip:
         location: Folder or address of the reel.
 
     Raises:
-        ReelError: The location is no reel.
+        ReelError: The location is not a reel.
         UsageError: The reel is still being written, or has unknown renditions.
     """
 

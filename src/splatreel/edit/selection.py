@@ -13,7 +13,7 @@ from splatreel.edit.clip import Clip, ClipGroup, ClipLayer
 from splatreel.scene.volumes import Volume
 
 VISIBLE = 0.5
-"""Share of its highest opacity from which on a point counts as visible."""
+"""Share of its highest opacity above which a point counts as visible."""
 
 
 class Selection(Protocol):

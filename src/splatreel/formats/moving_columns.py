@@ -1,4 +1,4 @@
-"""Columns of PLY files that are no plain Gaussians: names, and the methods that write them.
+"""Columns of PLY files that are not plain Gaussians: names, and the methods that write them.
 
 The names are those that the methods' own code writes. The table states the repository of each.
 """

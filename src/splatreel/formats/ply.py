@@ -102,7 +102,7 @@ def read_columns(path: str | Path) -> Columns:
     """Return the columns of the points of a PLY file.
 
     Raises:
-        GaussiansError: The file is no PLY file, is damaged, or holds no points.
+        GaussiansError: The file is not a PLY file, is damaged, or holds no points.
     """
     columns = read_elements(path, ("vertex",)).get("vertex")
     if columns is None:

@@ -48,8 +48,8 @@ class Encoding:
 def encoding_of(columns: Columns) -> Encoding:
     """Return how opacities and scales are stored.
 
-    Opacities that all lie in 0..1 are no logits, which would all be half transparent. Scales that are all positive are
-    no logarithms if they would all be about 1, or if the opacities are no logits.
+    Opacities that all lie in 0..1 are not logits, which would all be half transparent. Scales that are all positive are
+    not logarithms if they would all be about 1, or if the opacities are not logits.
     """
     opacity, names = columns.get("opacity"), _first_of(SIZES, columns)
     count = len(opacity) if opacity is not None else 0

@@ -108,7 +108,7 @@ def _check_counts(counts: Any, levels: list[Ranges]) -> None:
 
 def _whole(value: Any, least: int = 0, most: int = 1 << 40) -> int:
     if type(value) is not int or not least <= value <= most:
-        raise ValueError(f"{value!r:.20} is no whole number from {least} to {most}")
+        raise ValueError(f"{value!r:.20} is not a whole number from {least} to {most}")
     return value
 
 
@@ -116,7 +116,7 @@ def _inside(path: Path, name: Any) -> Path:
     """Return a file beside or below the lod-meta.json."""
     parts = PurePosixPath(name).parts
     if not parts or ".." in parts or PurePosixPath(name).is_absolute() or "\\" in name:
-        raise ValueError(f"{name!r:.80} is no file below {path.parent}")
+        raise ValueError(f"{name!r:.80} is not a file below {path.parent}")
     return path.parent.joinpath(*parts)
 
 

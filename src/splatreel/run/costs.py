@@ -94,7 +94,7 @@ class Workload:
         return points * min(1.0, math.sqrt(size))
 
     def decoded(self, frames: int) -> float:
-        """Return the megapixels of all images of so many frames."""
+        """Return the megapixels of all images of a number of frames."""
         return self.cameras * frames * self.megapixels
 
     def smaller(self) -> float:

@@ -88,7 +88,7 @@ def check_memory(capture: Capture, config: Config) -> None:
 
 
 def fitting_width(capture: Capture, config: Config, memory: float) -> int | None:
-    """Return the largest width of images, a multiple of 16, that fits into so many bytes; None if even small images do not fit."""
+    """Return the largest width of images, a multiple of 16, that fits into a number of bytes; None if even small images do not fit."""
     widths = range(NARROWEST, capture.width, 16)
     heights = (round(capture.height * width / capture.width) for width in widths)
     fitting = [w for w, h in zip(widths, heights, strict=True) if _needed(capture, config, w, h) <= memory]

@@ -44,7 +44,7 @@ class Clearance:
             return NONE
         x, y, z = numbers(value["focus"], 3).tolist()
         if not is_number(value["share"]):
-            raise TypeError("share is no number")
+            raise TypeError("share is not a number")
         return Clearance((x, y, z), value["share"])
 
     def depth(self, camera: Camera) -> float:

@@ -64,7 +64,7 @@ def parse_volume(name: str, value: str, rig: VolumeRig) -> Volume:
     """Return a volume: a box, a sphere, an upright cylinder, or what a share of the cameras sees.
 
     Raises:
-        UsageError: The value is no volume. The error begins with the name.
+        UsageError: The value is not a volume. The error begins with the name.
     """
     kind, _, numbers = value.partition(":")
     if kind == "box":

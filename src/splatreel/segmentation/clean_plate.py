@@ -44,7 +44,7 @@ def read_clean_plates(folder: Path, capture: FileCapture) -> list[np.ndarray]:
     """
     if not folder.is_dir():
         raise CaptureError(
-            f"{folder}: is no folder. Give --clean-plate a folder with an image or a video for each camera."
+            f"{folder}: is not a folder. Give --clean-plate a folder with an image or a video for each camera."
         )
     return [_of_camera(folder, camera.name, capture) for camera in capture.cameras]
 

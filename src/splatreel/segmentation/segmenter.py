@@ -18,13 +18,13 @@ from splatreel.segmentation.smoothing import decide, with_doubts, without_halo, 
 from splatreel.segmentation.uncovering import uncover
 
 FULL_TRUST = 8
-"""Number of other cameras from which on their agreement weighs as much as the image itself."""
+"""Number of other cameras at which their agreement weighs as much as the image itself."""
 COLOR_SAMPLES = 10
 """Number of samples from which colors are learned."""
 CERTAIN = 0.9
-"""Decision from which on a pixel teaches the colors of the subject or its surroundings."""
+"""Decision above which a pixel teaches the colors of the subject or its surroundings."""
 ALWAYS, STILL = 2.8, 0.9
-"""Mean support by the other cameras, and share of the samples that look alike, from which on a pixel's background is somebody who
+"""Mean support by the other cameras, and share of the samples that look alike, above which a pixel's background is somebody who
 never moves."""
 NEAR = 0.08
 """Distance from the subject within which its surroundings teach colors, as a share of the image width."""

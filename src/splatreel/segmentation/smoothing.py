@@ -16,7 +16,7 @@ Rows = tuple[Row, Row, Row]
 RADIUS = 6
 """Radius of the neighborhood, in pixels of an image 320 wide."""
 EDGE = 5e-4
-"""Variance of colors, 0..1, from which on a border within the neighborhood counts."""
+"""Smallest variance of colors, 0..1, at which a border within the neighborhood counts."""
 COUPLING, ROUNDS = 6.0, 4
 """Weight of the neighborhood, as log odds, and the number of rounds in which decisions spread."""
 SPECK, HOLE = 0.0003, 0.002

@@ -31,7 +31,7 @@ SIDE = 768
 REACH = 3
 """Frames before and after an image that it is averaged with where they look alike."""
 NOISE_MULTIPLE = 4.0
-"""Difference from which on images do not look alike, in multiples of the first quartile of the differences."""
+"""Difference above which images do not look alike, in multiples of the first quartile of the differences."""
 EXACT_IMAGES = {
     "check_poses": False,
     "check_coverage": False,

@@ -68,7 +68,9 @@ def find_members(place: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.Zip
     members = {}
     names = [PurePosixPath(info.filename) for info in archive.infolist()]
     if scene := next((name for name in names if name.name in (LOD_META, TILESET)), None):
-        raise GaussiansError(f"{place}: {scene} describes parts of one scene, which are no frames. Unpack the archive.")
+        raise GaussiansError(
+            f"{place}: {scene} describes parts of one scene, which are not frames. Unpack the archive."
+        )
     models = [name for name in names if is_mark(name)]
     for info in archive.infolist():
         name = PurePosixPath(info.filename)

@@ -159,7 +159,7 @@ def _by_time(times: dict[str, float], place: str, gaps: Gaps) -> Order:
 
 
 def _without_gaps(numbers: dict[str, int], place: str, gaps: Gaps) -> Order:
-    """Order names by number, with the previous name repeated for each missing number. A constant step is no gap."""
+    """Order names by number, with the previous name repeated for each missing number. A constant step is not a gap."""
     names = sorted(numbers, key=lambda name: numbers[name])
     steps = [numbers[after] - numbers[before] for before, after in pairwise(names)]
     if len(set(steps)) <= 1:

@@ -1,4 +1,4 @@
-"""Recognition of training folders of dynamic methods, whose PLY file is no frame: a network or a second file moves its points.
+"""Recognition of training folders of dynamic methods, whose PLY file is not a frame: a network or a second file moves its points.
 
 The names of files are those that the methods' own code writes. The table states the repository of each.
 """
@@ -107,7 +107,7 @@ def _check(file: PurePath, find: Find, subject: str) -> None:
         for mark in marks:
             if found := next(iter(sorted(other for other in find(folder, mark.pattern) if other != file)), None):
                 raise GaussiansError(
-                    f"{subject}: is no frame, but part of a model of {mark.method}: {found} moves or adds points. {mark.remedy}"
+                    f"{subject}: is not a frame, but part of a model of {mark.method}: {found} moves or adds points. {mark.remedy}"
                 )
 
 

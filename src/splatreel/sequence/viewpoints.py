@@ -75,7 +75,7 @@ def _shifted(camera: Camera, origin: np.ndarray | None) -> Camera:
 def _camera(entry: dict[str, Any], index: int, file: Path, origin: np.ndarray | None) -> Camera:
     """Parse a camera: center `position`, camera-to-world `rotation` [3, 3], fx and fy in pixels, central principal point."""
     if not all(is_number(entry[name]) for name in ("width", "height", "fx", "fy")):
-        raise ValueError(f"width, height, fx or fy of camera {index} is no number")
+        raise ValueError(f"width, height, fx or fy of camera {index} is not a number")
     width, height = int(entry["width"]), int(entry["height"])
     turn = numbers(entry["rotation"], 3, 3).T
     viewmat = np.eye(4)

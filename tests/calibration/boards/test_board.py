@@ -126,7 +126,7 @@ def test_a_board_has_a_text(spec: str) -> None:
         ("5x7:35", "squares of 35 meters, not 0.001 to 5"),
         ("6x8:0.03:checkerboard", "looks alike if it is turned by half"),
         ("20x20:0.03", "has 50 markers, and the board '20x20:0.03' 200. Use a larger one, such as 20x20:0.03:4X4_1000"),
-        ("5x7:0.03:chess", "'chess' is no kind of board. There are checkerboard and the dictionaries 4X4_100,"),
+        ("5x7:0.03:chess", "'chess' is not a kind of board. There are checkerboard and the dictionaries 4X4_100,"),
     ],
 )
 def test_impossible_boards_are_refused(spec: str, said: str) -> None:

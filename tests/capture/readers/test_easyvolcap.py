@@ -124,5 +124,5 @@ def test_start_times_need_videos(scene: Path) -> None:
 
 def test_foreign_camera_file_is_named(scene: Path) -> None:
     (scene / "intri.yml").write_text("")
-    with pytest.raises(CaptureError, match=r"intri\.yml: is no YAML file of OpenCV's.*Export the cameras again"):
+    with pytest.raises(CaptureError, match=r"intri\.yml: is not a YAML file of OpenCV's.*Export the cameras again"):
         open_capture(scene)

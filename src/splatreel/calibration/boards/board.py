@@ -194,7 +194,7 @@ def dictionary(kind: str) -> Any:
     number = getattr(aruco, f"DICT_{kind}", None)
     if number is None:
         known = ", ".join(sorted(name.removeprefix("DICT_") for name in dir(aruco) if name.startswith("DICT_")))
-        raise UsageError(f"{kind!r} is no kind of board. There are {CHECKERBOARD} and the dictionaries {known}.")
+        raise UsageError(f"{kind!r} is not a kind of board. There are {CHECKERBOARD} and the dictionaries {known}.")
     return aruco.getPredefinedDictionary(number)
 
 

@@ -23,7 +23,7 @@ FISHEYE = 0.97
 FOCALS = 0.3 * 1.25 ** np.arange(12)
 """Tried focal lengths of a camera, in units of the longer side of its images: fields of view of 118 to 8 degrees."""
 ROBUST = 1.0
-"""Error in pixels from which on an observation counts less."""
+"""Error in pixels above which an observation counts less."""
 
 Pose = np.ndarray
 """Rigid transform, [3, 4]."""

@@ -20,7 +20,7 @@ LOOKS = 240
 LONGEST = 1920
 """Longer side in pixels to which larger frames are reduced for the search."""
 SHARED, OWN = 24, 12
-"""Number of sightings to use of a camera: those that other cameras share, and any. The time is divided into so many parts, and the
+"""Number of sightings to use of a camera: those that other cameras share, and any. The time has as many parts, and the
 stillest sighting of each is taken. A moving board is blurred, and elsewhere for a camera that is late by part of a frame."""
 
 

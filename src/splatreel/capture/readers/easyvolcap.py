@@ -89,7 +89,7 @@ class _Numbers:
         self.file = file
         self._storage = OpenCVStorage(file)
         if not self._storage.known:
-            raise CaptureError(f"{file}: is no YAML file of OpenCV's. Export the cameras again.")
+            raise CaptureError(f"{file}: is not a YAML file of OpenCV's. Export the cameras again.")
 
     def names(self) -> list[str]:
         names = self._storage.strings("names")

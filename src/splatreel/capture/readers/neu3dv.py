@@ -149,7 +149,7 @@ def _camera(path: Path, name: str, size: tuple[int, int], row: np.ndarray) -> Ca
     check_rotation(rotation, f"{whose}: its pose (right, down, forward)")
     if min(height, width, focal) <= 0:
         raise CaptureError(
-            f"{whose} is no LLFF pose: its height, width and focal length {height:g}, {width:g}, {focal:g} are not positive, so that "
+            f"{whose} is not an LLFF pose: height, width and focal length {height:g}, {width:g}, {focal:g} are not positive, so that "
             f"the lens is unknown. Write the camera's true numbers there, such as by LLFF's imgs2poses; or delete the file and run "
             f"`splatreel capture calibrate`."
         )

@@ -82,7 +82,7 @@ def _read_meta(file: Path) -> list[_View]:
         K, w2c = np.asarray(meta["k"], np.float64), np.asarray(meta["w2c"], np.float64)
         width, height, paths = meta["w"], meta["h"], meta["fn"]
         if not (is_number(width) and is_number(height)):
-            raise TypeError("w or h is no number")
+            raise TypeError("w or h is not a number")
         width, height = int(width), int(height)
     except (ValueError, KeyError, TypeError, IndexError, OverflowError) as error:
         raise CaptureError(f"{file}: is not a Panoptic Sports description ({error!r}).") from error

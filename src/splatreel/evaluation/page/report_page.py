@@ -150,7 +150,7 @@ def _charts(facts: RunFacts) -> str:
         add("Kilobytes of each group", {"kilobytes": sizes}, "group", "kilobytes")
         seconds = [(group.index + 1, group.seconds) for group in groups if group.seconds is not None]
         add("Seconds of each group", {"seconds": seconds}, "group", "seconds")
-    else:  # a single point is no curve
+    else:  # a single point is not a curve
         losses = {name: [(100 * (x - 1), loss) for x, loss in points] for name, points in _losses(facts).items()}
         add("Training loss", losses, "% of the training", "training loss")
     return f'<div class="charts">{"".join(charts)}</div>' if charts else ""

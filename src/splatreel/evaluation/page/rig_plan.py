@@ -100,23 +100,23 @@ class RigPlan:
             order = sorted(range(len(everything)), key=lambda c: everything[c] not in self.held_out)
             for c in order:
                 name = everything[c].name
-                if at := _free_place(len(name) * LETTER, *ends[c], forward[c, 1], taken):
+                if at := _free_place(len(name) * LETTER, ends[c], float(forward[c, 1]), taken):
                     parts.append(f'<text class="name" x="{at[0]:.1f}" y="{at[1]:.1f}">{escape(name)}</text>')
         return "".join([*parts, "</svg>"])
 
 
 def _free_place(
-    width: float, x: float, y: float, ahead: float, taken: list[tuple[float, float, float, float]]
+    width: float, camera: list[float], ahead: float, taken: list[tuple[float, float, float, float]]
 ) -> tuple[float, float] | None:
-    """Return the start of the baseline of a name beside a camera at (x, y), and mark it as taken; None without room.
+    """Return the start of the baseline of a name beside a camera, and mark its place as taken; None without room.
 
     Args:
         width: Width of the name.
-        x: Place of the camera.
-        y: Place of the camera.
+        camera: Place of the camera, (x, y).
         ahead: Upward part of the camera's direction. The name is rather behind the camera than before it.
         taken: Boxes (left, top, right, bottom) of other names and of cameras.
     """
+    x, y = camera
     behind, before = (y + LINE + 6, y - 7) if ahead > 0 else (y - 7, y + LINE + 6)
     middle, side = x - width / 2, y + LINE / 2 - 1
     for left, base in ((middle, behind), (x + 8, side), (x - 8 - width, side), (middle, before), (x + 8, behind)):

@@ -3,7 +3,7 @@
 Two cameras that agree on a place predict where a third camera shows it. If a slightly different pose of the third camera would make
 most predictions right, the camera was moved after its calibration: its pose is corrected. A camera whose features hardly ever lie on
 the others' epipolar lines is somewhere else, or has the video of another camera. A camera that looks from a place where no other does
-has little in common with the others at any pose. That is no evidence.
+has little in common with the others at any pose. That is not evidence.
 """
 
 from __future__ import annotations

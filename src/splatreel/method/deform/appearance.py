@@ -40,7 +40,7 @@ class Appearance:
             frames: Number of frames, T.
             count: Number of points, N.
             device: Device of the tensors.
-            start: [T, N, 3] initial change of c_base at every frame; None is no change.
+            start: [T, N, 3] initial change of c_base at every frame; None means no change.
             cuts: Result of `detect_cuts`.
         """
         bends = {frame for cut in cuts for frame in (cut - 1, cut)}

@@ -20,7 +20,7 @@ BLOCK_TOLERANCE = 0.02
 MIN_STATIC_SHARE = 0.15
 """Minimum share of such blocks. Frames with fewer give no estimate."""
 MIN_GRAY, MAX_GRAY = 16, 250
-"""Minimum gray level of a block's mean, and gray level from which on a pixel is overexposed. Ratios outside are unreliable."""
+"""Minimum gray level of a block's mean, and gray level above which a pixel is overexposed. Ratios outside are unreliable."""
 SPREAD_TOLERANCE = 0.04
 """Blocks that differ from the others by at most this logarithm show how uniform a change is."""
 MIN_SPREADS = 4.0
@@ -30,7 +30,7 @@ MAD_TO_SIGMA = 1.4826
 MIN_STANDARD_ERRORS = 3.0
 """Standard errors by which cameras must agree on a change of the scene's light."""
 WHITE_FADE_FROM = 240
-"""Gray level from which on a correction fades, so that white stays white."""
+"""Gray level above which a correction fades, so that white stays white."""
 WHITE_FADE_CHANGES = 0.15, 0.3
 """Logarithms of a change: up to the first, corrections of white fade, since white is overexposed in either light. From the
 second on they do not: the pixel is a white wall that was gray."""

@@ -7,7 +7,7 @@ import numpy as np
 from splatreel.method.images.change import difference, per_camera
 
 MAX_DIFFERENCE = 8 / 255
-"""Mean absolute color difference around a pixel, 0..1, from which on a frame does not contribute."""
+"""Mean absolute color difference around a pixel, 0..1, above which a frame does not contribute."""
 
 
 def temporal_mean(frames: np.ndarray) -> np.ndarray:
@@ -27,7 +27,7 @@ def mean_of_alike(frames: np.ndarray, max_difference: float = MAX_DIFFERENCE) ->
 
     Args:
         frames: [T, H, W, 3] uint8.
-        max_difference: Mean absolute color difference, 0..1, from which on an image does not contribute.
+        max_difference: Mean absolute color difference, 0..1, above which an image does not contribute.
     """
     first = frames[0].astype(np.float32)
     total, weight = first.copy(), np.ones(first.shape[:2], np.float32)

@@ -91,7 +91,7 @@ class Layout:
         numbers(value["up"], 3)
         numbers(value["bounds"], 2, 3)
         if not (is_number(value["near"]) and is_number(value["unit"]) and isinstance(value.get("region", ""), str)):
-            raise TypeError("near or unit is not a number, or region is no text")
+            raise TypeError("near or unit is not a number, or region is not text")
         plain = {name: value[name] for name in value if name not in ("clearance", "background", "backgrounds")}
         clearance = Clearance.from_dict(value.get("clearance"))
         behind = {name: _color(color) for name, color in dict(value.get("backgrounds", {})).items()}
@@ -117,7 +117,7 @@ def check_region(text: str, cameras: Sequence[Camera]) -> None:
     """Check the text of a region.
 
     Raises:
-        UsageError: It is no volume.
+        UsageError: It is not a volume.
     """
     if text:
         parse_volume("region", text, _VolumeRig(upright(cameras), cameras, 0.0))

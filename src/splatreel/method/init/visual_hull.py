@@ -18,12 +18,12 @@ MOST_DOUBTS = 0.3
 MARGIN = 1 / 120
 """Width by which masks are dilated, as a share of the image width. Edges of masks are uncertain by a pixel or two."""
 DARKEST = 64
-"""Gray level from which on a pixel of a mask belongs to the subject."""
+"""Gray level above which a pixel of a mask belongs to the subject."""
 
 OPAQUE = 250
-"""Opacity from which on a pixel shows nothing of the background."""
+"""Opacity above which a pixel shows nothing of the background."""
 WIDE = 30.0
-"""Median angle between neighboring cameras, degrees, from which on a rig is sparse (docs/experiments/2026-11-27-few-cameras.md).
+"""Median angle between neighboring cameras, degrees, above which a rig is sparse (docs/experiments/2026-11-27-few-cameras.md).
 Between denser cameras other views contradict points that do not belong to the subject."""
 
 

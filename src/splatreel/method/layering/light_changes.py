@@ -35,7 +35,7 @@ MIN_SEEN_PIXELS = 0.3
 BLOCK = 4096
 """Points whose views are compared at a time."""
 DARK_OFFSET = 8.0
-"""Gray levels added to all brightness, so that noise of dark pixels is no change of light."""
+"""Gray levels added to all brightness, so that noise of dark pixels is not a change of light."""
 MAX_CHANGED_SHARE = 0.2
 """Maximum share of points that change light; if there are more, the strongest changes count."""
 

@@ -24,7 +24,7 @@ PATCH_POINTS, PATCH_STRIDE = 24, 3
 NEIGHBORS = (1, 2, 3, 4, 6, 8, 10, 12)
 """Ranks, by distance, of the neighbors whose motions a patch tries."""
 MAX_FLOW_DIFFERENCE = 0.06
-"""Color difference, 0..1, from which on flow is considered wrong."""
+"""Color difference, 0..1, above which flow is considered wrong."""
 MAX_RESIDUAL = 0.85
 """A rigid motion must leave less than this share of that difference."""
 COLOR_RATE = 0.2

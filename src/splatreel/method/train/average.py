@@ -52,7 +52,7 @@ class Average:
         self._count = 0
 
     def next_weight(self, done: int) -> float:
-        """Count the values after an iteration. Return their weight in the mean; 0 if they are no sample."""
+        """Count the values after an iteration. Return their weight in the mean; 0 if they are not a sample."""
         if not self.has_begun(done) or done % AVERAGE_EVERY:
             return 0.0
         self._count += 1

@@ -82,7 +82,7 @@ class KeyframeDraw:
         camera: Camera to draw.
         whole: The whole image is compared, and the color gains are learned.
         metered: The gradients of points are measured.
-        average: Weight of the result in the running mean; 0 if the iteration is no sample of it.
+        average: Weight of the result in the running mean; 0 if the iteration is not a sample of it.
         rates: Learning rates of the attributes, in the order of `points.NAMES`.
     """
 

@@ -120,7 +120,7 @@ def size_ends(megapixels: float, coarse_share: float, afforded: float) -> list[f
     Args:
         megapixels: Size of the images.
         coarse_share: Share of training at half size.
-        afforded: See `Config.training_megapixels`; 0 is no limit.
+        afforded: See `Config.training_megapixels`; 0 means no limit.
     """
     ends = [1.0]
     while afforded and (share := afforded / megapixels) < ends[-1] - coarse_share:

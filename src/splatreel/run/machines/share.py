@@ -42,7 +42,7 @@ def share_of_task(variables: Mapping[str, str]) -> Share:
     """Return the share of a task of a Slurm job array, from its environment variables.
 
     Raises:
-        UsageError: The process is no such task.
+        UsageError: The process is not such a task.
     """
     names = ("SLURM_ARRAY_TASK_ID", "SLURM_ARRAY_TASK_MIN", "SLURM_ARRAY_TASK_COUNT")
     missing = [name for name in names if not variables.get(name, "").isdecimal()]

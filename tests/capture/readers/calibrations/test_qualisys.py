@@ -78,7 +78,7 @@ def test_video_cameras_are_read_in_meters(tmp_path: Path) -> None:
         ("Miqus Video", "Oqus 300", r"take\.qca\.txt: holds no camera that films"),
         ('centerPointU="5300.0" ', "", r"camera 26580: has no 'centerPointU'"),
         ("<transform", "<placed", r"camera 26580: has no 'transform'"),
-        ("</calibration>", "", r"take\.qca\.txt: is no complete XML file"),
+        ("</calibration>", "", r"take\.qca\.txt: is not a complete XML file"),
         ("<calibration>", "<!DOCTYPE x><calibration>", r"declares a document type"),
     ],
 )

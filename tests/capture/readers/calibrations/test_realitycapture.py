@@ -72,7 +72,7 @@ def test_images_with_xmp_files(tmp_path: Path, model: str, bends: tuple[float, .
         (xmp(0, "division", BENDS, True), r"IMG_0\.xmp: has the lens division"),
         (xmp(0, "brown3", BENDS, True, 'xcr:Skew="0.1"'), r"with skew 0\.1"),
         (xmp(0, "brown3", BENDS[:4], True), r"IMG_0\.xmp: cannot be read \('-0\.2 0\.06 0\.01 0\.2' is not 6 numbers"),
-        ("<x capturingreality.com/ns/xcr", r"IMG_0\.xmp: is no complete XML file"),
+        ("<x capturingreality.com/ns/xcr", r"IMG_0\.xmp: is not a complete XML file"),
         ('<x a="capturingreality.com/ns/xcr"/>', r"its XMP files hold no poses"),
         ("<x/>", r"holds none of these"),
     ],

@@ -118,11 +118,11 @@ def test_videos_beside_the_file_are_read(tmp_path: Path) -> None:
         ("size = [160, 120]", "size = 160", r"camera cam_0: cannot be read"),
         ("distortions", "distortion", r"camera cam_0: has no 'distortions'"),
         ("[[150.0, 0.0", "[[-150.0, 0.0", r"focal lengths must be positive"),
-        ("[[150.0, 0.0", "[[nan, 0.0", r"cam_0: cannot be read \(nan is no finite number"),
+        ("[[150.0, 0.0", "[[nan, 0.0", r"cam_0: cannot be read \(nan is not a finite number"),
         ("0.01]", "0.01, 0, 0, 0, 0.5]", r"has 9 distortion coefficients .*of which 8 are supported"),
         ("rotation = ", "turn = ", r"calibration\.toml: no camera has a pose \(none\)"),
         ("[cam_", 'name = "a"\n[cam_', r"calibration\.toml: two cameras have one name \(a, a, a, cam_3\)"),
-        ("[cam_0]", "[cam_0", r"calibration\.toml: is no TOML file"),
+        ("[cam_0]", "[cam_0", r"calibration\.toml: is not a TOML file"),
     ],
 )
 def test_unusable_files_are_named(tmp_path: Path, old: str, new: str, message: str) -> None:
@@ -150,9 +150,9 @@ def test_two_files_must_agree(tmp_path: Path) -> None:
     [
         (".".join(["a"] * 100_000) + " = 1", "a key with more than 16 dots"),
         ("[" + " . ".join(['"a b"', "c"] * 50_000) + "]", "a key with more than 16 dots"),
-        ("a" * 1_000_000, "is no TOML file"),
-        ("a = " + "9" * 5000, "is no TOML file"),
-        ("a = " + "[" * 5000, "is no TOML file"),
+        ("a" * 1_000_000, "is not a TOML file"),
+        ("a = " + "9" * 5000, "is not a TOML file"),
+        ("a = " + "[" * 5000, "is not a TOML file"),
     ],
     ids=["dotted", "quoted", "long", "digits", "nested"],
 )

@@ -124,7 +124,7 @@ def image_size(values: Any) -> tuple[int, int]:
     """Return width and height. Raise ValueError unless both are positive numbers."""
     width, height = numbers(list(values), 2)
     if min(width, height) < 1 or max(width, height) > 1 << 20:
-        raise ValueError(f"{width:g} x {height:g} is no size of an image")
+        raise ValueError(f"{width:g} x {height:g} is not the size of an image")
     return round(width), round(height)
 
 

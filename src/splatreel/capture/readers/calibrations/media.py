@@ -87,7 +87,7 @@ def find_media(path: Path, names: list[str], origin: Path, partial: bool = False
 def _pairs(
     names: list[str], group: _Group, simplify: Callable[[list[str]], list[Any]], partial: bool
 ) -> dict[str, str]:
-    """Return the own name of each camera's media, or nothing if they do not fit the cameras one to one."""
+    """Return the name of each camera's media, or nothing if they do not fit the cameras one to one."""
     own = list(group.files)
     wanted, offered = simplify(names), simplify(own)
     if len(set(wanted)) < len(names) or len(set(offered)) < len(own):

@@ -48,7 +48,7 @@ def read_toml(file: Path) -> Rig:
     try:
         content = tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # also integers of thousands of digits
-        raise CaptureError(f"{file}: is no TOML file ({error}). Export the calibration again.") from error
+        raise CaptureError(f"{file}: is not a TOML file ({error}). Export the calibration again.") from error
     nested = content.get("cameras")
     tables = {f"cam_{key}": table for key, table in nested.items()} if isinstance(nested, dict) else content
     found = {key: table for key, table in tables.items() if isinstance(table, dict) and "matrix" in table}
