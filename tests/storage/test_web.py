@@ -191,7 +191,7 @@ def test_slow_response_header_hits_the_deadline(monkeypatch):
 
 @pytest.mark.parametrize("address", ["http://[", "http://host:port/reel", "http://host:99999999/"])
 def test_invalid_url_is_refused(address):
-    with pytest.raises(ReelError, match=r"is no address|cannot be read"):
+    with pytest.raises(ReelError, match=r"is not an address|cannot be read"):
         ReelReader(address)
 
 

@@ -53,7 +53,7 @@ def read_mask_record(folder: Path) -> dict[str, Any] | None:
 
     record = read_json(file, damaged, RECORD_BYTES)
     if not isinstance(record, dict):
-        raise damaged(f"{file}: is no record of masks")
+        raise damaged(f"{file}: is not a record of masks")
     return record
 
 

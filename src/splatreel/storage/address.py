@@ -52,7 +52,7 @@ def local_path(address: str | Path) -> Path | None:
     try:
         split = urlsplit(text)
     except ValueError as error:
-        raise UsageError(f"{text}: is no address ({error}). Correct it.") from error
+        raise UsageError(f"{text}: is not an address ({error}). Correct it.") from error
     if split.scheme.lower() != "file":
         return None
     if split.netloc not in ("", "localhost"):
@@ -124,7 +124,7 @@ class Address:
         try:
             return web.Web(url, self._kind)
         except ValueError as error:
-            raise UsageError(f"{self._shown}: is no address ({error}). Correct it.") from error
+            raise UsageError(f"{self._shown}: is not an address ({error}). Correct it.") from error
 
     def __str__(self) -> str:
         """Return the address for messages, without passwords and signatures."""

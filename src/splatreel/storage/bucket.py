@@ -117,7 +117,7 @@ def _open(url: str, shown: str, protocol: str) -> tuple[Any, str]:
         advice = f"Run\n  pip install{package}" if package else f"{error}"
         raise MissingDependencyError(f"{shown}: a Python package for {protocol}:// is missing. {advice}") from error
     except ValueError as error:
-        raise UsageError(f"{shown}: is no address of a folder ({error}). Correct it.") from error
+        raise UsageError(f"{shown}: is not the address of a folder ({error}). Correct it.") from error
 
 
 def header_arguments(protocol: str, headers: Headers) -> dict[str, Any]:
