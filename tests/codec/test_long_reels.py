@@ -18,6 +18,7 @@ from splatreel.codec.reel_sizes import reel_info
 from splatreel.codec.verification import verify_reel
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
+from splatreel.storage.address import Address
 from tests.codec.reels import QUICK, add_chapter_group, new_group, new_writer, points, write_chapters
 from tests.files import contents
 
@@ -296,15 +297,14 @@ def test_outdated_reader_is_told_to_reopen(tmp_path):
 
 def test_page_dropped_during_open_is_no_error(tmp_path, monkeypatch):
     writer = grown(tmp_path, 9)
-    source = type(ReelReader(tmp_path)._source)
-    read = source.read
+    fetch = Address.fetch
 
-    def late(self, uri, limit):
-        if uri == "pages/000000.json":
+    def late(self, file, *limits):
+        if file == "pages/000000.json":
             writer.drop_before(4)
-        return read(self, uri, limit)
+        return fetch(self, file, *limits)
 
-    monkeypatch.setattr(source, "read", late)
+    monkeypatch.setattr(Address, "fetch", late)
     assert ReelReader(tmp_path).manifest.first_group == 4
 
 

@@ -8,7 +8,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
@@ -133,7 +133,7 @@ class MaskFiles:
         for file in self.sources(first, count):
             digest.update(file.relative_to(self.folder).as_posix().encode())
             with self._files.raw(file) as data:
-                digest.update(hashlib.file_digest(data, "sha256").digest())
+                digest.update(hashlib.file_digest(cast(Any, data), "sha256").digest())
         return digest.hexdigest()[:16]
 
     def close(self) -> None:
