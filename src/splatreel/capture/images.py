@@ -15,7 +15,7 @@ from av.video.reformatter import Interpolation
 from PIL import Image, ImageCms, UnidentifiedImageError
 
 from splatreel.base.errors import CaptureError
-from splatreel.capture.files import LOCAL, Files
+from splatreel.capture.files import LOCAL, Files, open_media
 from splatreel.capture.orientation import EXIF, STORED, Orientation
 from splatreel.capture.srgb import over_black
 
@@ -202,7 +202,7 @@ def _mask_levels(path: Path, image: Image.Image) -> np.ndarray:
 
 def _brightest_of_16_bits(path: Path, files: Files) -> int:
     """Return the largest level of an image of 16 bits, of which Pillow reads the upper 8."""
-    with av.open(files.source(path), mode="r") as opened:
+    with open_media(files, path) as opened:
         frame = next(opened.decode(video=0))
     return int(frame.reformat(format="rgb48le").to_ndarray().max())
 
