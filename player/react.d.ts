@@ -13,7 +13,9 @@ type Properties =
   | "playbackRate"
   | "volume"
   | "rendition"
-  | "section";
+  | "section"
+  | "crossOrigin"
+  | "request";
 type CameraAttributes =
   | "camera-orbit"
   | "camera-target"

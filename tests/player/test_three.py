@@ -296,9 +296,7 @@ PROMISES = """async (reel, dispose) => {
   reel.pause();
   const started = outcome(reel.play());
   await until(() => !reel.paused && reel.currentTime > 0);
-  const pending = outcome(new Promise((resolve, reject) => reel.player.addEventListener("pause", resolve)));
   dispose();
-  await pending;
   return [await interrupted, await started, await outcome(reel.whenReady()), await outcome(reel.play())];
 }"""
 

@@ -132,7 +132,13 @@ function explain(words: string): void {
   const text = document.createElement("p");
   text.textContent = words;
   text.role = "alert";
-  Object.assign(text.style, { maxWidth: "40em", margin: "16px", padding: "8px 16px", borderRadius: "10px", color: "#fff" });
+  Object.assign(text.style, {
+    maxWidth: "40em",
+    margin: "16px",
+    padding: "8px 16px",
+    borderRadius: "10px",
+    color: "#fff",
+  });
   Object.assign(text.style, { background: "rgb(0 0 0 / 0.72)", font: "15px/1.4 system-ui, sans-serif" });
   show(text);
 }
