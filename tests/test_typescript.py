@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from tests.test_house import MAX_FILE_LINES, sorter_of
+from tests.test_house import sorter_of
 
 ROOT = Path(__file__).parent.parent
 PLAYER = ROOT / "player"
@@ -152,8 +152,3 @@ def test_the_documentation_of_a_package_names_each_of_its_files(package: str) ->
     files = {file.removesuffix(".ts") for name, _, file in names if name == package and not file.endswith(".d.ts")}
     assert not files - told, f"in no row of {document}"
     assert not {name for name in told - files if name != "wasm"}, "not in the package"
-
-
-def test_files_fit() -> None:
-    files = [path for root in PACKAGES.values() for path in root.rglob("*.ts")]
-    assert not [path for path in files if len(path.read_text(encoding="utf-8").splitlines()) > MAX_FILE_LINES]
