@@ -19,7 +19,7 @@ from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.evaluation.bench.oracle import held_out_views
 from splatreel.evaluation.evaluate import evaluate
-from splatreel.kernels.projected import Splats
+from splatreel.kernels.splat import Splats
 from splatreel.method.train.group_trainer import GroupResult, GroupTrainer
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
 from splatreel.method.train.losses import psnr

@@ -17,7 +17,7 @@ from record import record
 from splatreel.base import threads
 from splatreel.evaluation.bench.timing import median_ms
 from splatreel.kernels import splat, twin
-from splatreel.kernels.projected import Projection
+from splatreel.kernels.splat import Projection
 
 SCENES = ((20_000, 320, 240), (20_000, 640, 480), (100_000, 640, 480))
 SMALL = (500, 64, 48)  # all the twin can hold: it meets every pixel with every splat

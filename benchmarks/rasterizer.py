@@ -18,7 +18,7 @@ import numpy as np
 import tyro
 
 from record import record
-from splatreel.kernels.cpu import binning, deform, project, rasterize
+from splatreel.kernels import binning, deform, project, rasterize
 
 SCENES = ((20_000, 320, 240), (100_000, 640, 480))
 POINTS = 5000

@@ -12,7 +12,7 @@ from splatreel.base import jit, threads
 
 PROGRAM = """
 import numpy as np
-from splatreel.kernels.cpu import motion
+from splatreel.kernels import motion
 kernel = motion._normalize
 before = kernel.is_cached()
 units = np.empty((3, 5), np.float32)

@@ -10,7 +10,7 @@ from splatreel.gpu import uniforms
 from splatreel.gpu.device import Gpu
 from splatreel.gpu.drawing import Drawing
 from splatreel.gpu.wgpu_device import WgpuGpu
-from splatreel.kernels.cpu import binning, deform, project, rasterize, similarity
+from splatreel.kernels import binning, deform, project, rasterize, similarity
 from tests.gpu.devices import DEVICES, software_adapter, software_gpu
 
 NEAR, LAMBDA = 0.01, 0.2

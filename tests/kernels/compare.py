@@ -6,7 +6,7 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from splatreel.kernels.projected import Splats
+from splatreel.kernels.splat import Splats
 
 Outputs = Tensor | tuple[Tensor, ...]
 

@@ -11,7 +11,7 @@ import torch
 from splatreel.base.errors import MissingDependencyError
 from splatreel.kernels import cuda_backend as cuda
 from splatreel.kernels import splat, twin
-from splatreel.kernels.projected import Splats
+from splatreel.kernels.splat import Splats
 from tests.kernels.compare import camera, gaussians, splats
 
 needs_cuda = pytest.mark.skipif(not torch.cuda.is_available(), reason="no CUDA device: the gsplat path was not tested")

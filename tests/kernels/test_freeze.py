@@ -7,7 +7,7 @@ import torch
 from splatreel.base.errors import GaussiansError
 from splatreel.kernels import cuda_backend as cuda
 from splatreel.kernels import splat, twin
-from splatreel.kernels.projected import Splats
+from splatreel.kernels.splat import Splats
 
 WIDTH, HEIGHT = 100, 70
 

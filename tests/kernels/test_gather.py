@@ -7,7 +7,7 @@ from splatreel.base.errors import GaussiansError
 from splatreel.kernels import twin
 from splatreel.kernels.backend import Backend
 from splatreel.kernels.cpu_backend import CpuBackend
-from splatreel.kernels.projected import Projection, Splats
+from splatreel.kernels.splat import Projection, Splats
 from splatreel.kernels.splat import gather
 from tests.kernels.compare import assert_close, splats
 

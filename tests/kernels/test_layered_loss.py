@@ -5,7 +5,7 @@ import torch
 
 from splatreel.base.errors import GaussiansError
 from splatreel.kernels import splat
-from splatreel.kernels.projected import Splats
+from splatreel.kernels.splat import Splats
 from tests.kernels.test_freeze import HEIGHT, WIDTH, splats
 
 GAIN, BACKGROUND = torch.tensor([0.9, 1.0, 1.1]), torch.tensor([0.1, 0.2, 0.3])

@@ -17,8 +17,8 @@ from hypothesis import strategies as st
 from splatreel.base import threads
 from splatreel.base.errors import GaussiansError
 from splatreel.kernels import splat, twin
-from splatreel.kernels.cpu import binning
-from splatreel.kernels.projected import Splats
+from splatreel.kernels import binning
+from splatreel.kernels.splat import Splats
 from tests.kernels.compare import assert_parity, splats
 
 
@@ -211,7 +211,7 @@ def test_second_process_loads_cached_kernels():
     """A second process loads the compiled kernels from the cache on disk and does not compile again."""
     program = (
         "import time, numpy as np; start = time.process_time()\n"
-        "from splatreel.kernels.cpu import binning, blending, rasterize\n"
+        "from splatreel.kernels import binning, blending, rasterize\n"
         "f = np.float32; m = np.full((3, 2), 8, f); c = np.tile(np.array([.2, 0, .2], f), (3, 1)); o = np.ones(3, f)\n"
         "bins = binning.bin_splats(m, c, o, o, np.ones(3, np.int32), 16, 16); colors = np.ones((3, 3), f)\n"
         "image, alpha = rasterize.forward(bins, colors)\n"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from splatreel.kernels import rigid
-from splatreel.kernels.cpu.rigid import CAP, PAIRS
+from splatreel.kernels.rigid import CAP, PAIRS
 from splatreel.kernels.rigid import Template, Views
 from splatreel.scene import rotations
 from tests.method.scenes import ring

@@ -7,7 +7,7 @@ import pytest
 from numba import config
 from numba.core.registry import cpu_target
 
-from splatreel.kernels.cpu.rows import _features, lanes
+from splatreel.kernels.rows import _features, lanes
 
 CONTEXT = cpu_target.target_context
 

@@ -19,7 +19,7 @@ PROGRAM = """
 import json, re, sys
 import llvmlite.binding as llvm
 import numba
-from splatreel.kernels.cpu import blending, deform, project
+from splatreel.kernels import blending, deform, project
 
 def assembly(kernel):
     options = {name: kernel.dispatcher.targetoptions[name] for name in ("fastmath", "error_model", "nogil", "nrt") if

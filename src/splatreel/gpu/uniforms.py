@@ -45,7 +45,7 @@ def fill_view(
         antialias: Blur splats by 0.1 square pixels instead of 0.3, and reduce their opacity accordingly.
 
     Source:
-        `kernels.cpu.project.Pinhole`.
+        `kernels.project.Pinhole`.
     """
     fx, fy, cx, cy = (float(K[index]) for index in ((0, 0), (1, 1), (0, 2), (1, 2)))
     margin_x, margin_y = 0.15 * width / fx, 0.15 * height / fy

@@ -1,5 +1,1 @@
-"""All fast code, one public function per operation.
-
-`splat`, `motion` and `adam` take tensors on any device. `image`, `carve`, `translation`, `rigid` and `sceneflow` take numpy
-arrays.
-"""
+"""All fast code: functions on arrays, one file an operation. `splat` draws and checks; training calls the files below it."""

@@ -1,12 +1,11 @@
-"""Rendering Gaussians to a numpy image on the CPU, without torch."""
+"""Rendering Gaussians to an image."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from splatreel.base.errors import GaussiansError
-from splatreel.kernels.cpu import binning, harmonics, project, rasterize
-from splatreel.kernels.cpu.project import BLUR, FINE_BLUR
+from splatreel.kernels import harmonics, splat
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -39,7 +38,7 @@ def render_image(
     degree = gaussians.sh_degree if degree is None else degree
     if not 0 <= degree <= gaussians.sh_degree:
         raise GaussiansError(f"render_image: SH degree {degree} is not within 0..{gaussians.sh_degree}.")
-    return _over(background, *rasterize.forward(*_binned(gaussians, camera, near, degree, antialias)))
+    return _over(background, *splat.rasterize(_splats(gaussians, camera, near, degree, antialias), *_size(camera)))
 
 
 class Backdrop:
@@ -59,29 +58,27 @@ class Backdrop:
         self.near = near
         self.background = background
         self.antialias = antialias
-        bins, colors = _binned(gaussians, camera, near, gaussians.sh_degree, antialias)
-        self._frozen = rasterize.Frozen(bins, colors, *rasterize.forward(bins, colors))
+        self._frozen = splat.freeze(_splats(gaussians, camera, near, gaussians.sh_degree, antialias), *_size(camera))
 
     def with_others(self, gaussians: Gaussians) -> np.ndarray:
         """Return the image [H, W, 3] float32 of other Gaussians drawn among these, in the order of all their depths."""
-        bins, colors = _binned(gaussians, self.camera, self.near, gaussians.sh_degree, self.antialias)
-        return _over(self.background, *rasterize.forward(bins, colors, self._frozen))
+        splats = _splats(gaussians, self.camera, self.near, gaussians.sh_degree, self.antialias)
+        return _over(self.background, *splat.rasterize(splats, *_size(self.camera), self._frozen))
 
 
-def _binned(
-    gaussians: Gaussians, camera: Camera, near: float, degree: int, antialias: bool
-) -> tuple[binning.Bins, np.ndarray]:
-    """Return Gaussians sorted into the tiles of an image, and their colors."""
+def _size(camera: Camera) -> tuple[int, int]:
+    return camera.width, camera.height
+
+
+def _splats(gaussians: Gaussians, camera: Camera, near: float, degree: int, antialias: bool) -> splat.Splats:
+    """Return Gaussians projected to an image, with the colors that its camera sees."""
     gaussians.check_finite()
-    width, height = camera.width, camera.height
-    view = project.Pinhole(camera.viewmat, camera.K, width, height, near, FINE_BLUR if antialias else BLUR)
-    means2d, conics, depths, radii = project.forward(gaussians.means, gaussians.quats, gaussians.scales, view)
+    shapes = gaussians.means, gaussians.quats, gaussians.scales
+    projected = splat.project(*shapes, camera.viewmat, camera.K, *_size(camera), near, antialias)
     colors = harmonics.forward(degree, gaussians.means - camera.center, gaussians.sh)
     colors = np.maximum(colors + np.float32(0.5), 0)
     opacities = gaussians.opacities
-    if antialias:
-        opacities = opacities * np.sqrt(np.maximum(project.kept_area(*conics.T), 0))
-    return binning.bin_splats(means2d, conics, opacities, depths, radii, width, height), colors
+    return projected.colored(colors, splat.antialiased(opacities, projected.conics) if antialias else opacities)
 
 
 def _over(background: tuple[float, float, float], image: np.ndarray, alpha: np.ndarray) -> np.ndarray:

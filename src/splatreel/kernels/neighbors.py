@@ -1,30 +1,34 @@
-"""Nearest neighbors of points, by a k-d tree on the CPU for tensors of any device."""
+"""Nearest neighbors of points, by a k-d tree."""
 
 from __future__ import annotations
 
 from typing import Any
 
 import numpy as np
-import torch
 from scipy.spatial import KDTree
-from torch import Tensor
 
 from splatreel.base import threads
+from splatreel.base.errors import GaussiansError
 
 
-def nearest_neighbors(points: Tensor, k: int, queries: Tensor | None) -> tuple[Tensor, Tensor]:
-    """Return indices and distances of the nearest points, see `splat.nearest_neighbors`.
+def nearest_neighbors(points: np.ndarray, k: int, queries: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Return the k nearest points of each query: indices [Q, k] int64 and distances [Q, k] float32, nearest first.
 
-    All pairs of 50,000 points take a GPU longer than the tree takes a CPU.
+    Args:
+        points: [N, 3].
+        k: Number of neighbors.
+        queries: [Q, 3]. None: the points themselves, without each point's match with itself.
+
+    Raises:
+        GaussiansError: There are fewer than k points.
     """
-    asked = points if queries is None else queries
+    available = len(points) - (queries is None)
+    if not 1 <= k <= available:
+        raise GaussiansError(f"nearest_neighbors: asked for {k} neighbors where there are {available}.")
     ranks: Any = np.arange(1, k + 1 + (queries is None))  # a list, so that one neighbor still gives a column
-    tree = KDTree(points.detach().cpu().numpy())
-    found = tree.query(asked.detach().cpu().numpy(), k=ranks, workers=threads.count())
+    found = KDTree(points).query(points if queries is None else queries, k=ranks, workers=threads.count())
     distances, indices = np.asarray(found[0], np.float32), np.asarray(found[1], np.int64)
-    if queries is None:
-        indices, distances = _without_self(indices, distances)
-    return torch.from_numpy(indices).to(points.device), torch.from_numpy(distances).to(points.device)
+    return (indices, distances) if queries is not None else _without_self(indices, distances)
 
 
 def _without_self(indices: np.ndarray, distances: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

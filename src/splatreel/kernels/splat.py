@@ -1,48 +1,90 @@
-"""Differentiable Gaussian splatting on torch tensors.
+"""Gaussian splatting on arrays: projection, drawing, and the gradient of a drawing to its splats.
 
-The tensors' device picks the backend: numba kernels with hand-written gradients on the CPU, gsplat on CUDA. Both follow gsplat's rules.
-0.3 px^2 is added to the diagonal of the 2D covariance. Alpha is min(0.999, opacity exp(-sigma)), and alphas below 1/255 are skipped.
-A pixel is full once its transmittance would fall to 1e-4. Pixel centers are at +0.5. `twin` has a readable torch version of every
-function with the same signature, which the tests compare with.
+The kernels follow gsplat's rules. 0.3 px^2 is added to the diagonal of the 2D covariance. Alpha is min(0.999, opacity exp(-sigma)), and
+alphas below 1/255 are skipped. A pixel is full once its transmittance would fall to 1e-4. Pixel centers are at +0.5. Training calls
+`deform`, `binning`, `rasterize` and `layered` directly, which check nothing.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatreel.base.errors import GaussiansError
-from splatreel.kernels import neighbors
-from splatreel.kernels.backend import Pinhole, antialiased
-from splatreel.kernels.backends import backend_of
-from splatreel.kernels.projected import FrozenSplats, Projection, Splats
+from splatreel.kernels import binning
+from splatreel.kernels import project as projection
+from splatreel.kernels import rasterize as drawing
+from splatreel.kernels.blending import CHANNELS
+from splatreel.kernels.neighbors import nearest_neighbors
 
-__all__ = ["antialiased"]
+__all__ = ["nearest_neighbors"]
 
 
-class Rendered(NamedTuple):
-    """An image of Gaussians.
+class Projection(NamedTuple):
+    """Gaussians projected to an image. Rows of culled Gaussians are zero.
 
-    image: [H, W, 3] over black. alpha: [H, W]. means2d: [N, 2] pixels, part of the graph. radii: [N] int32, 0 for culled Gaussians.
+    Attributes:
+        means2d: [N, 2] pixels.
+        conics: [N, 3], xx, xy, yy of the inverse 2D covariance.
+        depths: [N] along the camera's z, world units.
+        radii: [N] int32, the longer half side of the box where alpha may reach 1/255, pixels; 0 for culled Gaussians.
     """
 
-    image: Tensor
-    alpha: Tensor
-    means2d: Tensor
-    radii: Tensor
+    means2d: np.ndarray
+    conics: np.ndarray
+    depths: np.ndarray
+    radii: np.ndarray
+
+    def colored(self, colors: np.ndarray, opacities: np.ndarray) -> Splats:
+        """Return the splats with colors [N, C] and opacities [N]."""
+        return Splats(self.means2d, self.conics, colors, opacities, self.depths, self.radii)
+
+
+class Splats(NamedTuple):
+    """Projected Gaussians of one view with their colors.
+
+    Attributes:
+        means2d: [N, 2], see `Projection`.
+        conics: [N, 3], see `Projection`.
+        colors: [N, C] with any number of channels, or three where a function says so.
+        opacities: [N], 0..1.
+        depths: [N], see `Projection`.
+        radii: [N] int32, see `Projection`.
+    """
+
+    means2d: np.ndarray
+    conics: np.ndarray
+    colors: np.ndarray
+    opacities: np.ndarray
+    depths: np.ndarray
+    radii: np.ndarray
+
+    def rows(self, index: np.ndarray) -> Splats:
+        """Return the rows of an index [M] int64."""
+        return Splats(*[array[index] for array in self])
+
+    def relative_to(self, background: np.ndarray | None) -> Splats:
+        """Return the splats with colors relative to a background color [3]; None is black.
+
+        The background is to be added to the blended image. This blends it behind everything without using alpha:
+        sum w c + (1 - sum w) b = sum w (c - b) + b.
+        """
+        return self if background is None else self._replace(colors=self.colors - background)
+
+    @staticmethod
+    def join(a: Splats, b: Splats) -> Splats:
+        """Concatenate two sets of splats."""
+        return Splats(*[np.concatenate(pair) for pair in zip(a, b, strict=True)])
 
 
 def project(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    viewmat: Tensor | np.ndarray,
-    K: Tensor | np.ndarray,
+    means: np.ndarray,
+    quats: np.ndarray,
+    scales: np.ndarray,
+    viewmat: np.ndarray,
+    K: np.ndarray,
     width: int,
     height: int,
     near: float = 0.01,
@@ -52,10 +94,10 @@ def project(
 
     Args:
         means: [N, 3] world.
-        quats: [N, 4] wxyz of any length; gradients go through the normalization.
+        quats: [N, 4] wxyz of any length.
         scales: [N, 3] standard deviations, world units.
-        viewmat: [4, 4] world to camera; gets no gradient.
-        K: [3, 3] pixels; gets no gradient.
+        viewmat: [4, 4] world to camera.
+        K: [3, 3] pixels.
         width: Pixels.
         height: Pixels.
         near: Smallest depth drawn, world units.
@@ -64,291 +106,159 @@ def project(
     Raises:
         GaussiansError: A value is NaN or infinite.
     """
-    _check_finite(means=means, quats=quats, scales=scales)
-    return backend_of(means).project(means, quats, scales, viewmat, K, width, height, near, antialias)
+    check_finite(means=means, quats=quats, scales=scales)
+    blur = projection.FINE_BLUR if antialias else projection.BLUR
+    view = projection.Pinhole(_floats(viewmat), _floats(K), width, height, near, blur)
+    return Projection(*projection.forward(_floats(means), _floats(quats), _floats(scales), view))
 
 
-def spherical_harmonics(degree: int, directions: Tensor, coefficients: Tensor) -> Tensor:
-    """Return the sum [N, 3] of the harmonics up to a degree in the 3DGS order, without the 0.5 of 3DGS colors.
+def antialiased(opacities: np.ndarray, conics: np.ndarray) -> np.ndarray:
+    """Return opacities [N] reduced by the area that antialiasing adds to splats with conics [N, 3].
 
-    Args:
-        degree: 0..3.
-        directions: [N, 3] of any length, from the camera to the point.
-        coefficients: [N, K, 3], K >= (degree + 1)^2.
+    Without this factor a splat thinner than a pixel covers as much as one of a pixel, and images of other sizes than the training
+    images look too thick or too thin. The factor is sqrt(det C / det(C + 0.1)).
 
-    Raises:
-        GaussiansError: There are too few coefficients for the degree.
+    Source: Mip-Splatting, section 4.2 (gsplat's `antialiased` uses 0.3).
     """
-    if not 0 <= degree <= 3 or coefficients.shape[1] < (degree + 1) ** 2:
-        raise GaussiansError(
-            f"SH degree {degree} needs {(degree + 1) ** 2} coefficients, there are {coefficients.shape[1]}; choose 0..3."
-        )
-    return backend_of(coefficients).spherical_harmonics(degree, directions, coefficients)
+    return opacities * np.sqrt(np.maximum(projection.kept_area(*conics.T), 1e-6))
 
 
-def view_colors(means: Tensor, center: Tensor, base: Tensor, rest: Tensor) -> Tensor:
-    """Return the colors [N, 3] of points seen from a camera: 0.5 plus the harmonics, at least 0.
-
-    Args:
-        means: [N, 3]; gets no gradient.
-        center: [3], the camera's position; gets no gradient.
-        base: [N, 1, 3], the first coefficients.
-        rest: [N, K - 1, 3], the other coefficients in the 3DGS order; K is 1, 4, 9 or 16.
-    """
-    return backend_of(means).view_colors(means, center, base, rest)
-
-
-def deformed(
-    points: Sequence[Tensor],
-    offsets: tuple[Tensor, Tensor] | None,
-    shade: Tensor | None,
-    pinhole: Pinhole,
-    center: Tensor,
-    near: float,
-    antialias: bool = False,
-) -> Splats:
-    """Deform points, project them and compute their colors.
-
-    Args:
-        points: means [N, 3], quats [N, 4], log_scales [N, 3], logit_opacities [N], sh_base [N, 1, 3] and sh_rest [N, K - 1, 3].
-        offsets: dx [N, 3] and dq [N, 4] of any length. The result has means x + dx and quats q * dq. None: no motion.
-        shade: [N, 4], added to c_base and to the logit of the opacity. None: no change.
-        pinhole: viewmat, K, width and height, as for `project`.
-        center: [3], the camera's position.
-        near: Smallest depth drawn, world units.
-        antialias: See `antialiased`.
+def bin(splats: Splats, width: int, height: int) -> binning.Bins:
+    """Sort splats into the tiles of an image.
 
     Raises:
         GaussiansError: A value is NaN or infinite.
-
-    Source: paper, section 4.2.
     """
-    means, quats, log_scales, *_ = points
-    moved = {} if offsets is None else {"dx": offsets[0], "dq": offsets[1]}
-    _check_finite(means=means, quats=quats, log_scales=log_scales, **moved)
-    return backend_of(means).deform(points, offsets, shade, pinhole, center, near, antialias)
+    _check_splats(splats)
+    means2d, conics, _, opacities, depths, radii = splats
+    shapes = _floats(means2d), _floats(conics), _floats(opacities), _floats(depths)
+    return binning.bin_splats(*shapes, np.ascontiguousarray(radii, np.int32), width, height)
 
 
-def rasterize(splats: Splats, width: int, height: int, absolute: Tensor | None = None) -> tuple[Tensor, Tensor]:
+def rasterize(
+    splats: Splats, width: int, height: int, frozen: drawing.Frozen | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Blend projected Gaussians front to back over black. Return the image [H, W, C] and alpha [H, W].
 
     Args:
         splats: N splats.
         width: Pixels.
         height: Pixels.
-        absolute: [N, 2] zeros. Their gradient is the sum of the absolute gradients of `means2d`: over tiles of 16 x 16 pixels and
-            every three channels on the CPU, over pixels on CUDA. Gradients that cancel each other count, as missing detail does.
-
-    Raises:
-        GaussiansError: A value is NaN or infinite.
-
-    Source: Ye et al. 2024, "AbsGS: Recovering fine details for 3D Gaussian Splatting", for `absolute`.
-    """
-    _check_splats(splats)
-    return backend_of(splats.means2d).rasterize(splats, width, height, absolute)
-
-
-def freeze(splats: Splats, width: int, height: int) -> FrozenSplats:
-    """Draw splats that will not change, with colors [M, 3], for `rasterize_among`.
+        frozen: Splats to draw among, in the order of all their depths; C must be 3. Tiles that no other splat touches keep their image.
 
     Raises:
         GaussiansError: A value is NaN or infinite.
     """
-    _check_splats(splats)
-    return backend_of(splats.means2d).freeze(splats, width, height)
+    bins = bin(splats, width, height)
+    parts = [drawing.forward(bins, part, frozen) for part in _split(splats.colors)]
+    return _join([image for image, _ in parts], splats.colors.shape[1]), parts[0][1]
 
 
-def remove(frozen: FrozenSplats, gone: Tensor) -> FrozenSplats:
-    """Return frozen splats without some of them. On the CPU this is the same object, redrawn where the removed splats were.
-
-    Args:
-        frozen: The splats.
-        gone: [K] int64, rows of the splats that `freeze` drew, no matter what was removed before.
-    """
-    return backend_of(frozen.image).remove(frozen, gone)
-
-
-def rasterize_among(splats: Splats, frozen: FrozenSplats) -> tuple[Tensor, Tensor, Tensor]:
-    """Blend projected Gaussians with frozen splats, in the order of all their depths. Only tiles that they touch are drawn again.
-
-    The image and the gradients equal those of `rasterize` of all splats together.
-
-    Args:
-        splats: N splats with colors [N, 3].
-        frozen: What `freeze` returned.
-
-    Returns:
-        The image [H, W, 3], alpha [H, W], and tiles [ceil(H / 16), ceil(W / 16)] bool: the tiles that were drawn again.
-
-    Raises:
-        GaussiansError: A value is NaN or infinite.
-    """
-    _check_splats(splats)
-    return backend_of(splats.means2d).rasterize_among(splats, frozen)
-
-
-def render(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    sh: Tensor,
-    viewmat: Tensor | np.ndarray,
-    K: Tensor | np.ndarray,
+def rasterize_gradient(
+    splats: Splats,
     width: int,
     height: int,
-    *,
-    near: float = 0.01,
-    degree: int | None = None,
-    antialias: bool = False,
-) -> Rendered:
-    """Render Gaussians with colors in spherical harmonics.
+    image: np.ndarray,
+    alpha: np.ndarray,
+    d_image: np.ndarray,
+    d_alpha: np.ndarray | None = None,
+    frozen: drawing.Frozen | None = None,
+) -> drawing.Gradients:
+    """Return the gradient to N splats of a value whose gradient to the drawing is known.
 
-    Call `means2d.retain_grad()` on the result before backward to get screen-space gradients, in loss per pixel.
+    `Gradients.absolute` sums the absolute gradients of `means2d` over tiles of 16 x 16 pixels and every three channels. There,
+    gradients that cancel each other count, as missing detail does.
 
     Args:
-        means: [N, 3] world.
-        quats: [N, 4] wxyz.
-        scales: [N, 3] standard deviations, world units.
-        opacities: [N], 0..1.
-        sh: [N, K, 3].
-        viewmat: [4, 4] world to camera.
-        K: [3, 3] pixels.
+        splats: N splats.
         width: Pixels.
         height: Pixels.
-        near: Smallest depth drawn, world units.
-        degree: SH degree used. None: all that `sh` has.
-        antialias: See `antialiased`.
-    """
-    bands = round(sh.shape[1] ** 0.5) - 1 if degree is None else degree
-    projection = project(means, quats, scales, viewmat, K, width, height, near, antialias)
-    pose = torch.as_tensor(viewmat, dtype=torch.float32, device=means.device)
-    center = -pose[:3, :3].T @ pose[:3, 3]
-    colors = (spherical_harmonics(bands, means - center, sh) + 0.5).clamp_min(0)
-    if antialias:
-        opacities = antialiased(opacities, projection.conics)
-    image, alpha = rasterize(projection.colored(colors, opacities), width, height)
-    return Rendered(image, alpha, projection.means2d, projection.radii)
-
-
-def photometric_loss(
-    image: Tensor, target: Tensor, lambda_dssim: float = 0.2, gain: Tensor | None = None, tiles: Tensor | None = None
-) -> Tensor:
-    """Return (1 - lambda) mean|image * gain - target| + lambda (1 - mean SSIM).
-
-    SSIM has an 11 x 11 Gaussian window of sigma 1.5 and zero padding.
-
-    Args:
-        image: [H, W, 3], 0..1.
-        target: [H, W, 3], float 0..1 or uint8; gets no gradient.
-        lambda_dssim: Weight of the SSIM term.
-        gain: [3], factors of the channels. None: 1.
-        tiles: [ceil(H / 16), ceil(W / 16)] bool, the only tiles that change, as `rasterize_among` returns them. The loss may then
-            differ by a constant. Pixels outside these tiles get no gradient, and `gain` must not require one. None: all tiles.
+        image: [H, W, C] that `rasterize` returned.
+        alpha: [H, W] that `rasterize` returned.
+        d_image: [H, W, C], the gradient to the image.
+        d_alpha: [H, W], the gradient to alpha. None: 0.
+        frozen: The splats that `rasterize` drew among; they get no gradient.
 
     Raises:
-        GaussiansError: The shapes do not fit, or a gain with a gradient is combined with tiles.
+        GaussiansError: A value is NaN or infinite.
 
-    Source: 3D Gaussian Splatting, section 5.1.
+    Source: Ye et al. 2024, "AbsGS: Recovering fine details for 3D Gaussian Splatting", for `Gradients.absolute`.
     """
-    if image.shape != target.shape or image.shape[-1] != 3:
-        shapes = f"image {tuple(image.shape)}, target {tuple(target.shape)}"
-        raise GaussiansError(f"photometric_loss: {shapes}; both must be [H, W, 3].")
-    if tiles is not None and gain is not None and gain.requires_grad:
-        raise GaussiansError(
-            "photometric_loss: the gradient of a gain needs all tiles; pass no tiles, or gain.detach()."
-        )
-    return backend_of(image).photometric_loss(image, target, lambda_dssim, gain, tiles)
+    bins, nothing = bin(splats, width, height), drawing.no_gradient((height, width))
+    to_alpha = nothing if d_alpha is None else _floats(d_alpha)
+    parts = []
+    for colors, drawn, d_drawn in zip(_split(splats.colors), _split(image), _split(d_image), strict=True):
+        parts.append(drawing.backward(bins, colors, drawn, d_drawn, alpha, to_alpha, frozen))
+        to_alpha = nothing  # all parts share one alpha: count its gradient once
+    if len(parts) == 1 and splats.colors.shape[1] == CHANNELS:
+        return parts[0]
+    total = drawing.Gradients(*(np.sum(some, 0) for some in zip(*parts, strict=True)))
+    return total._replace(colors=_join([part.colors for part in parts], splats.colors.shape[1]))
 
 
-def layered_loss(
-    splats: Splats,
-    frozen: FrozenSplats,
-    target: Tensor,
-    lambda_dssim: float = 0.2,
-    gain: Tensor | None = None,
-    background: Tensor | None = None,
-    where: Tensor | None = None,
-) -> Tensor:
-    """Return the `photometric_loss` of splats drawn among frozen splats, up to a constant. Only the redrawn tiles are compared.
-
-    This is much faster than `rasterize_among` and `photometric_loss` where few tiles change. Two threads must not call it for the same
-    frozen splats at once.
-
-    Args:
-        splats: N splats with colors [N, 3].
-        frozen: What `freeze` returned.
-        target: [H, W, 3], float 0..1 or uint8; gets no gradient.
-        lambda_dssim: Weight of the SSIM term.
-        gain: [3], factors of the channels; gets no gradient.
-        background: [3], added to the image before the gain; gets no gradient.
-        where: [N] bool. If given, the splats are the whole scene, with the frozen splats among them, and all splats get gradients. The
-            tiles that one of the marked splats touches are compared. Splats that move must be marked. None: draw among `frozen`.
+def freeze(splats: Splats, width: int, height: int) -> drawing.Frozen:
+    """Draw splats that will not change, with colors [M, 3], to draw others among them.
 
     Raises:
         GaussiansError: A value is NaN or infinite.
     """
-    _check_splats(splats)
-    return backend_of(splats.means2d).layered_loss(splats, frozen, target, lambda_dssim, gain, background, where)
+    bins, colors = bin(splats, width, height), _floats(splats.colors)
+    return drawing.Frozen(bins, colors, *drawing.forward(bins, colors))
 
 
-def gather(projection: Projection, opacities: Tensor, images: Tensor) -> Tensor:
+def gather(projected: Projection, opacities: np.ndarray, images: np.ndarray) -> np.ndarray:
     """Return the sum of images over the pixels of each splat, [N, K], weighted by the splat's share of each pixel.
 
-    The sum is the gradient of a drawn image with respect to the colors of the splats. It takes less time than this gradient, because
-    the gradients with respect to all other properties are left out. The result has no gradient.
+    The sum is the gradient of a drawn image to the colors of the splats. It takes less time than `rasterize_gradient`, because the
+    gradients to all other properties are left out.
 
     Args:
-        projection: N projected points.
+        projected: N projected points.
         opacities: [N], 0..1.
         images: [H, W, K].
 
     Raises:
         GaussiansError: A value is NaN or infinite.
     """
-    check_finite(means2d=projection.means2d, conics=projection.conics, opacities=opacities)
-    return backend_of(projection.means2d).gather(projection, opacities, images)
-
-
-def nearest_neighbors(points: Tensor, k: int, queries: Tensor | None = None) -> tuple[Tensor, Tensor]:
-    """Return the k nearest points of each query: indices [Q, k] int64 and distances [Q, k], nearest first.
-
-    Args:
-        points: [N, 3].
-        k: Number of neighbors.
-        queries: [Q, 3]. None: the points themselves, without each point's match with itself.
-
-    Raises:
-        GaussiansError: There are fewer than k points.
-    """
-    available = len(points) - (queries is None)
-    if not 1 <= k <= available:
-        raise GaussiansError(f"nearest_neighbors: asked for {k} neighbors where there are {available}.")
-    return neighbors.nearest_neighbors(points, k, queries)
+    height, width = images.shape[:2]
+    bins = bin(projected.colored(np.zeros((len(opacities), 0), np.float32), opacities), width, height)
+    return drawing.gather(bins, _floats(images))
 
 
 def _check_splats(splats: Splats) -> None:
-    """Check everything that gets gradients, as `_check_finite` does."""
-    _check_finite(means2d=splats.means2d, conics=splats.conics, colors=splats.colors, opacities=splats.opacities)
+    check_finite(means2d=splats.means2d, conics=splats.conics, colors=splats.colors, opacities=splats.opacities)
 
 
-def _check_finite(**tensors: Tensor) -> None:
-    """Check inputs, except those that a GPU trains on: looking at them would wait for the GPU. Training calls `check_finite`."""
-    if not torch.is_grad_enabled() or not any(tensor.is_cuda and tensor.requires_grad for tensor in tensors.values()):
-        check_finite(**tensors)
-
-
-def check_finite(**tensors: Tensor) -> None:
-    """Check that tensors hold no NaN and no infinity.
+def check_finite(**arrays: np.ndarray) -> None:
+    """Check that arrays hold no NaN and no infinity.
 
     Raises:
-        GaussiansError: One does. The error names the tensor.
+        GaussiansError: One does. The error names the array.
     """
-    for name, tensor in tensors.items():
-        values = tensor.detach()
+    for name, array in arrays.items():
+        with np.errstate(over="ignore", invalid="ignore"):
+            total = float(np.sum(array))
         # The sum is quick, but may overflow.
-        if not math.isfinite(values.sum().item()) and not torch.isfinite(values).all():
-            bad = int((~torch.isfinite(values)).sum())
+        if not math.isfinite(total) and not np.isfinite(array).all():
+            bad = np.count_nonzero(~np.isfinite(array))
             raise GaussiansError(
                 f"Gaussians: {name} holds {bad} values that are NaN or infinite; lower the learning rate."
             )
+
+
+def _floats(values: np.ndarray) -> np.ndarray:
+    return np.ascontiguousarray(values, np.float32)
+
+
+def _split(values: np.ndarray) -> list[np.ndarray]:
+    """Divide values [..., C] into parts of three channels, the last one padded with zeros."""
+    channels = values.shape[-1]
+    if channels == CHANNELS:
+        return [_floats(values)]
+    padded = np.pad(values, [(0, 0)] * (values.ndim - 1) + [(0, -channels % CHANNELS)])
+    return [_floats(padded[..., k : k + CHANNELS]) for k in range(0, channels, CHANNELS)]
+
+
+def _join(parts: list[np.ndarray], channels: int) -> np.ndarray:
+    """Undo `_split`."""
+    return parts[0] if channels == CHANNELS else np.ascontiguousarray(np.concatenate(parts, -1)[..., :channels])

@@ -18,20 +18,20 @@ from splatreel.base import jit
 from splatreel.base.progress import Progress
 
 MODULES = (
-    "kernels.cpu.binning",
-    "kernels.cpu.project",
-    "kernels.cpu.harmonics",
-    "kernels.cpu.blending",
-    "kernels.cpu.rasterize",
-    "kernels.cpu.similarity",
-    "kernels.cpu.deform",
-    "kernels.cpu.adam",
-    "kernels.cpu.rigid",
-    "kernels.cpu.sceneflow",
-    "kernels.cpu.layered",
-    "kernels.cpu.motion",
-    "kernels.cpu.photo_consistency",
-    "kernels.cpu.hashgrid",
+    "kernels.binning",
+    "kernels.project",
+    "kernels.harmonics",
+    "kernels.blending",
+    "kernels.rasterize",
+    "kernels.similarity",
+    "kernels.deform",
+    "kernels.adam",
+    "kernels.rigid",
+    "kernels.sceneflow",
+    "kernels.layered",
+    "kernels.motion",
+    "kernels.photo_consistency",
+    "kernels.hashgrid",
 )
 """Modules with kernels, in the order in which a reconstruction needs them."""
 NOTE_AFTER, NOTE_EVERY = 1.0, 5.0

@@ -10,8 +10,9 @@ import math
 import numpy as np
 from numba import njit
 
+from splatreel.base.errors import GaussiansError
 from splatreel.base.jit import B1, F2, F3, array, range_kernel
-from splatreel.kernels.cpu.scalars import ONE, ZERO, F
+from splatreel.kernels.scalars import ONE, ZERO, F
 
 GRIDS = array(np.uint32, 2)
 GRAIN = 512
@@ -21,8 +22,26 @@ PRIME_Y, PRIME_Z = np.uint32(2654435761), np.uint32(805459861)
 
 
 def forward(coords: np.ndarray, table: np.ndarray, resolutions: np.ndarray) -> np.ndarray:
-    """Return features [N, L * F]. coords: [N, 3], clamped to 0..1. table: [L, T, F]. resolutions: [L, 3], cells along each axis."""
+    """Return trilinear features [N, L * F] of every level of a multiresolution hash grid.
+
+    A level whose corners fit into T rows is stored densely. Other levels are hashed.
+
+    Args:
+        coords: [N, 3], clamped to 0..1.
+        table: [L, T, F], T a power of two.
+        resolutions: [L, 3] ints, cells along each axis.
+
+    Raises:
+        GaussiansError: The shapes do not fit.
+
+    Source: Instant-NGP, section 3.
+    """
     levels, size, features = table.shape
+    if resolutions.shape != (levels, 3) or resolutions.min() < 1 or size & (size - 1):
+        raise GaussiansError(
+            f"hashgrid: table {table.shape} and resolutions {resolutions.shape}, least {resolutions.min()}, do not fit; "
+            "they must be [L, T, F], T a power of two, and [L, 3], at least 1."
+        )
     out = np.empty((len(coords), levels * features), np.float32)
     _forward.over(levels, coords, table, resolutions.astype(np.uint32), is_dense(resolutions, size), out)
     return out

@@ -14,8 +14,8 @@ import numpy as np
 from numba import njit, types
 
 from splatreel.base.jit import F1, F2, FLOAT, I1, range_kernel
-from splatreel.kernels.cpu.rows import choose, stack_floats
-from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
+from splatreel.kernels.rows import choose, stack_floats
+from splatreel.kernels.scalars import HALF, ONE, TWO, ZERO, F
 
 LIMITS = types.UniTuple(FLOAT, 4)
 GRAIN = 4096

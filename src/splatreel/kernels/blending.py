@@ -17,9 +17,9 @@ from numba import njit, types
 from numba.core import cgutils
 
 from splatreel.base.jit import BOOL, F2, F3, I1, L1, U2, range_kernel
-from splatreel.kernels.cpu.binning import DEPTH, MIN_ALPHA, STRIP, TILE
-from splatreel.kernels.cpu.rows import Memory, Row, Sums, counted, prefetch, row_loop, spread, stack_floats
-from splatreel.kernels.cpu.scalars import HALF, ONE, ZERO, F, U
+from splatreel.kernels.binning import DEPTH, MIN_ALPHA, STRIP, TILE
+from splatreel.kernels.rows import Memory, Row, Sums, counted, prefetch, row_loop, spread, stack_floats
+from splatreel.kernels.scalars import HALF, ONE, ZERO, F, U
 
 MAX_ALPHA = F(0.999)
 MIN_TRANSMITTANCE = F(1e-4)

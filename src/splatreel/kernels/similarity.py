@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit, types
 
 from splatreel.base.jit import B1, B2, F1, F2, F3, FLOAT, L1, U2, Kernel, kernel, range_kernel
-from splatreel.kernels.cpu.scalars import ONE, TWO, ZERO, F, U
+from splatreel.kernels.scalars import ONE, TWO, ZERO, F, U
 
 RADIUS = 5
 _window = np.exp(-0.5 * (np.arange(2 * RADIUS + 1) - RADIUS) ** 2 / 1.5**2)

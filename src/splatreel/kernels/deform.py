@@ -13,9 +13,9 @@ import numpy as np
 from numba import njit, types
 
 from splatreel.base.jit import BOOL, F1, F2, F3, I1, range_kernel
-from splatreel.kernels.cpu.harmonics import color_one, color_one_backward
-from splatreel.kernels.cpu.motion import product, unit_gradient
-from splatreel.kernels.cpu.project import (
+from splatreel.kernels.harmonics import color_one, color_one_backward
+from splatreel.kernels.motion import product, unit_gradient
+from splatreel.kernels.project import (
     CONIC,
     FINE_BLUR,
     GRAIN,
@@ -35,8 +35,8 @@ from splatreel.kernels.cpu.project import (
     store_splats,
     unit_quaternion,
 )
-from splatreel.kernels.cpu.rows import choose, stack_floats
-from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
+from splatreel.kernels.rows import choose, stack_floats
+from splatreel.kernels.scalars import HALF, ONE, TWO, ZERO, F
 
 FINE = F(FINE_BLUR)
 QUAT_FLOATS = 4 * LANES

@@ -19,10 +19,10 @@ import torch
 import torch.nn.functional as functional
 from torch import Tensor
 
-from splatreel.kernels.cpu import harmonics
-from splatreel.kernels.cpu.hashgrid import PRIME_Y, PRIME_Z, is_dense
-from splatreel.kernels.cpu.similarity import SSIM_C1, SSIM_C2, WINDOW
-from splatreel.kernels.projected import Projection, Splats
+from splatreel.kernels import harmonics
+from splatreel.kernels.hashgrid import PRIME_Y, PRIME_Z, is_dense
+from splatreel.kernels.similarity import SSIM_C1, SSIM_C2, WINDOW
+from splatreel.kernels.splat import Projection, Splats
 
 Skin = tuple[Tensor, Tensor]
 """index [N, K] int64 and share [N, K]: the nodes that each point moves with, and their weights. Neither gets a gradient."""

@@ -8,8 +8,8 @@ import numpy as np
 from numba import njit
 
 from splatreel.base.jit import BOOL, F1, F2, F3, INT, range_kernel
-from splatreel.kernels.cpu.rows import stack_floats
-from splatreel.kernels.cpu.scalars import HALF, ONE, ZERO, F
+from splatreel.kernels.rows import stack_floats
+from splatreel.kernels.scalars import HALF, ONE, ZERO, F
 
 GRAIN = 512
 """Smallest number of points that is worth a thread."""

@@ -11,8 +11,8 @@ from contextlib import contextmanager
 import numpy as np
 
 from splatreel.base.jit import F2, F3, F4, L1, range_kernel
-from splatreel.kernels.cpu import rasterize, similarity
-from splatreel.kernels.cpu.binning import TILE, Bins, tiles_of
+from splatreel.kernels import rasterize, similarity
+from splatreel.kernels.binning import TILE, Bins, tiles_of
 
 GRAIN = 64
 """Smallest number of tiles that is worth a thread."""

@@ -10,10 +10,10 @@ import numpy as np
 
 from splatreel.base import threads
 from splatreel.base.jit import F1, F2, I1, range_kernel
-from splatreel.kernels.cpu import blending
-from splatreel.kernels.cpu.binning import LOG2_E, LOG_OPACITY, Bins, tiles_of
-from splatreel.kernels.cpu.blending import CHANNELS, GATHERED, PARTS
-from splatreel.kernels.cpu.scalars import HALF, TWO, ZERO, F
+from splatreel.kernels import blending
+from splatreel.kernels.binning import LOG2_E, LOG_OPACITY, Bins, tiles_of
+from splatreel.kernels.blending import CHANNELS, GATHERED, PARTS
+from splatreel.kernels.scalars import HALF, TWO, ZERO, F
 
 SHARES = 4
 """Parts of the tiles per thread. A thread that finishes early takes over parts of threads that other programs delay."""

@@ -15,7 +15,7 @@ import numpy as np
 from numba import njit
 
 from splatreel.base.jit import B1, F1, F2, I1, I2, INT, U2, kernel, range_kernel
-from splatreel.kernels.cpu.scalars import HALF, ONE, TWO, ZERO, F
+from splatreel.kernels.scalars import HALF, ONE, TWO, ZERO, F
 
 TILE = 16
 STRIP = TILE // 2

@@ -1,1 +1,0 @@
-"""Numba kernels on numpy arrays. No module here imports torch, except `autograd`."""
