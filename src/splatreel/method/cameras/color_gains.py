@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-import torch
-from torch import Tensor
+import numpy as np
 
 from splatreel.kernels import adam
 from splatreel.method.deform.knot_adam import Adam, Restore
@@ -18,7 +17,6 @@ class CameraGains:
 
     Args:
         cameras: Number of cameras.
-        device: Device of the gains.
         enabled: False keeps all gains at one.
         rate: Learning rate.
 
@@ -26,61 +24,32 @@ class CameraGains:
         adam: Optimizer of the gains.
     """
 
-    def __init__(self, cameras: int, device: torch.device, enabled: bool = True, rate: float = 2e-3) -> None:
+    def __init__(self, cameras: int, enabled: bool = True, rate: float = 2e-3) -> None:
         """Start with gains of one."""
         self.enabled = enabled
-        self._start(torch.ones(cameras, 3, device=device), rate)
-
-    def _start(self, values: Tensor, rate: float) -> None:
-        self.adam = Adam(values, rate, eps=1e-8)
-        self._seen: list[tuple[int, Tensor]] = []
+        self.adam = Adam(np.ones((cameras, 3), np.float32), rate, eps=1e-8)
 
     @property
-    def values(self) -> Tensor:
-        """Gains [cameras, 3], without a gradient."""
-        return self.adam.tensor.detach()
+    def values(self) -> np.ndarray:
+        """Gains [cameras, 3] that a rendered image is multiplied by to match a camera's colors."""
+        return self.adam.parameter
 
     def restart(self) -> None:
         """Forget the optimizer's momentum, as a run that is continued from a checkpoint does."""
-        self._start(self.values, self.adam.rate)
+        self.adam = Adam(self.values, self.adam.rate, self.adam.eps)
 
-    def of(self, camera: int) -> Tensor | None:
-        """Return the gain [3] that a rendered image is multiplied by to match a camera's colors; None if gains are off.
-
-        The gain is a leaf tensor. The next step follows its gradient.
-        """
-        if not self.enabled:
-            return None
-        gain = self.values[camera].clone().requires_grad_()
-        self._seen.append((camera, gain))
-        return gain
-
-    def step(self) -> None:
-        """Make one optimizer step with the gradients of all gains that were handed out since the last one."""
-        known = [(camera, gain.grad) for camera, gain in self._seen if gain.grad is not None]
-        self._seen.clear()
-        if not known:
-            return
-        self.follow(known)
-
-    def follow(self, known: Iterable[tuple[int, Tensor]]) -> None:
+    def follow(self, known: Iterable[tuple[int, np.ndarray]]) -> None:
         """Make one optimizer step. known: cameras, and the gradients [3] to their gains."""
-        gradient = torch.zeros_like(self.values)
+        gradient = np.zeros_like(self.values)
         for camera, slope in known:
             gradient[camera] += slope
-        adam.adam([self.adam.follow(gradient, 0)])
-        self.values.div_(self.values.mean(0))
+        adam.adam([self.adam.follow(gradient)])
+        self.values[:] /= self.values.mean(0)
 
     def snapshot(self) -> Restore:
         """Return a function that restores the gains and their optimizer."""
-        gains = self.adam.snapshot()
+        return self.adam.snapshot()
 
-        def restore() -> None:
-            gains()
-            self._seen.clear()
-
-        return restore
-
-    def load(self, values: Tensor) -> None:
+    def load(self, values: np.ndarray) -> None:
         """Set the gains [cameras, 3]."""
-        self.values.copy_(values)
+        self.values[:] = values

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatreel.method.deform.knot_adam import Restore
-from splatreel.method.deform.protocol import Deformation
+from splatreel.method.deform.protocol import Deformation, Slope
 
 RATE = 0.03
 """Frames that an offset may change in one step at first. In the end it is a tenth of that."""
@@ -77,7 +76,7 @@ class TimeOffsets:
         """Forget the optimizer's momentum, as a run that is continued from a checkpoint does."""
         self._slopes, self._squares, self._rounds = (np.zeros(len(self.values)) for _ in range(3))
         self._halfway = self.values.copy()
-        self._pending: list[tuple[int, Tensor]] = []
+        self._pending: list[tuple[int, float]] = []
 
     def moment(self, frame: int, camera: int, frames: int) -> float:
         """Return the time when a camera took a frame, in frames of the group, clipped to the group."""
@@ -88,18 +87,18 @@ class TimeOffsets:
         """Number of slopes, at least 1, until the next step of the offsets."""
         return len(self.values) - len(self._pending)
 
-    def note(self, camera: int, slope: Tensor, share: float) -> None:
+    def note(self, camera: int, slope: float, share: float) -> None:
         """Collect a slope. A step follows when there are as many slopes as cameras.
 
         Args:
             camera: Index of the camera.
-            slope: Gradient [] of the loss by the camera's time.
+            slope: Gradient of the loss by the camera's time.
             share: Share of the training that is done, 0..1.
         """
         self._pending.append((camera, slope))
         if len(self._pending) == len(self.values):
             cameras, slopes = zip(*self._pending, strict=True)
-            self._step(np.array(cameras), torch.stack(slopes).double().cpu().numpy(), RATE * 0.1**share)
+            self._step(np.array(cameras), np.array(slopes), RATE * 0.1**share)
             self._pending.clear()
             if share < 0.5:
                 self._halfway = self.values.copy()
@@ -133,15 +132,20 @@ class TimeOffsets:
         self.values = np.clip(self.values - self.values.mean(), -MOST_FRAMES, MOST_FRAMES)
 
 
-def slope(model: Deformation, means: Tensor, moment: float, frames: int, offsets: tuple[Tensor, Tensor]) -> Tensor:
-    """Return the gradient [] of the loss by a camera's time, per frame.
+def neighborhood(moment: float, frames: int) -> tuple[float, float]:
+    """Return the times around a moment between which `slope` compares the motion, in frames of a group of `frames` frames."""
+    return max(moment - 0.5, 0.0), min(moment + 0.5, frames - 1.0)
+
+
+def slope(model: Deformation, means: np.ndarray, moment: float, frames: int, slopes: Sequence[Slope]) -> float:
+    """Return the gradient of the loss by a camera's time, per frame.
 
     Args:
         model: Deformation of the points.
         means: Points [N, 3] at the keyframe.
         moment: Time in frames of the group.
         frames: Number of frames of the group, at least two.
-        offsets: dx and dq at the moment, with the gradients of the loss.
+        slopes: Gradient of the loss at the moment, see `Deformation.gradient`.
     """
-    before, after = max(moment - 0.5, 0.0), min(moment + 0.5, frames - 1.0)
-    return model.change(means, (before, after), offsets) / (after - before)
+    before, after = neighborhood(moment, frames)
+    return model.change(means, (before, after), slopes) / (after - before)

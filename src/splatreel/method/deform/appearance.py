@@ -7,21 +7,19 @@ the spline has a knot at every frame.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from itertools import pairwise
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatreel.kernels import adam, motion, splat
-from splatreel.method.deform.knot_adam import KnotAdam, Moment, Restore
+from splatreel.method.deform.knot_adam import KnotAdam, Restore
 from splatreel.method.deform.spline import Spline
 
 FRAMES_PER_KNOT = 5.0
-RATES = (8e-3, 8e-3, 8e-3, 8e-2)
+RATES = np.array([8e-3, 8e-3, 8e-3, 8e-2], np.float32)
 """Learning rates of c_base and of the logit of the opacity."""
-LAMBDA = (3e-3, 3e-3, 3e-3, 1e-4)
+LAMBDA = np.array([3e-3, 3e-3, 3e-3, 1e-4], np.float32)
 """Weights of the mean absolute change. A change must pay for its bytes."""
 CUT_GRAY_LEVELS, CUT_RATIO, CUT_SHARE = 40, 1.5, 0.002
 """A pixel changes strongly if it changes by `CUT_GRAY_LEVELS`. At a cut, `CUT_RATIO` times as many pixels do as in the frames
@@ -31,71 +29,63 @@ before and after, and at least the share `CUT_SHARE` of all."""
 class Appearance:
     """Change of color and opacity of N points over the frames of a group."""
 
-    def __init__(
-        self, frames: int, count: int, device: torch.device, start: Tensor | None = None, cuts: Iterable[int] = ()
-    ) -> None:
+    def __init__(self, frames: int, count: int, start: np.ndarray | None = None, cuts: Iterable[int] = ()) -> None:
         """Create splines.
 
         Args:
             frames: Number of frames, T.
             count: Number of points, N.
-            device: Device of the tensors.
             start: [T, N, 3] initial change of c_base at every frame; None means no change.
             cuts: Result of `detect_cuts`.
         """
         bends = {frame for cut in cuts for frame in (cut - 1, cut)}
         self.spline = Spline(frames, bends, FRAMES_PER_KNOT)
-        self.rates = torch.tensor(RATES, device=device)
-        self.weights = torch.tensor(LAMBDA, device=device)
-        controls = torch.zeros(self.spline.knots, count, 4, device=device)
+        controls = np.zeros((self.spline.knots, count, 4), np.float32)
         if start is not None:
-            controls[..., :3] = self.spline.fit(start) / self.rates[:3]
+            controls[..., :3] = self.spline.fit(start) / RATES[:3]
         self.adam = KnotAdam(controls, rate=1.0, eps=1e-12)
-        self.moments: list[tuple[int, np.ndarray, Tensor]] = []
 
     @property
-    def controls(self) -> Tensor:
+    def controls(self) -> np.ndarray:
         """Control values [knots, N, 4], in units of the learning rates."""
         return self.adam.values
 
-    def at(self, frame: float) -> Tensor:
-        """Return the change [N, 4] of c_base and of the logit of the opacity: a leaf, whose gradient the next step follows."""
-        knot, weights = self.spline.at(frame)
-        shade = motion.spline(self.adam.current(knot, knot + 4), knot, weights) * self.rates
-        if torch.is_grad_enabled():
-            self.moments.append((knot, weights, shade.requires_grad_()))
+    def prepare(self, times: Iterable[float]) -> None:
+        """Take the optimizer steps that `at` waits for. It then only reads the splines, so that threads can share them."""
+        for knot in (self.spline.at(time)[0] for time in times):
+            self.adam.current(knot, knot + 4)
+
+    def at(self, time: float) -> np.ndarray:
+        """Return the change [N, 4] of c_base and of the logit of the opacity at a time, in frames of the group."""
+        knot, weights = self.spline.at(time)
+        shade = motion.spline(self.adam.current(knot, knot + 4)[knot : knot + 4], weights)
+        shade *= RATES
         return shade
 
     @property
-    def highest(self) -> Tensor:
+    def highest(self) -> np.ndarray:
         """Maximum change [N] of the logit of the opacity. A spline stays within its control values."""
-        return self.controls[..., 3].amax(0) * self.rates[3]
+        return self.controls[..., 3].max(0) * RATES[3]
 
-    def step(self, share: float, pace: float = 1.0) -> None:
-        """Take an optimizer step, see `Deformation.step`. Changes also pay `LAMBDA` times their mean absolute value."""
-        known = [
-            (knot, weights, (shade.grad + shade.detach().sign() * (self.weights / shade.numel())) * self.rates)
-            for knot, weights, shade in self.moments
-            if shade.grad is not None
-        ]
-        self.moments.clear()
-        adam.adam(self.follow(known, share, pace))
+    def steps(self, time: float, shade: np.ndarray, d_shade: np.ndarray, share: float, pace: float) -> list[adam.Step]:
+        """Return the optimizer steps that follow a gradient. Changes also pay `LAMBDA` times their mean absolute value.
 
-    def follow(self, known: Sequence[Moment], share: float, pace: float) -> list[adam.Step]:
-        """Return the optimizer step for gradients at some moments, or nothing. share, pace: see `Deformation.step`."""
+        Args:
+            time: Time of the gradient, in frames of the group.
+            shade: [N, 4], the result of `at`.
+            d_shade: [N, 4], gradient to it. It is changed.
+            share: Share of training that is over, 0..1.
+            pace: Factor for the learning rates.
+        """
+        adam.add_signs(shade, LAMBDA / np.float32(max(shade.size, 1)), d_shade)
+        d_shade *= RATES
         self.adam.rate = pace * 0.05**share
-        taken = self.adam.at(known)
+        taken = self.adam.at([(*self.spline.at(time), d_shade)])
         return [] if taken is None else [taken]
 
     def snapshot(self) -> Restore:
         """Copy everything that training changes."""
-        controls = self.adam.snapshot()
-
-        def restore() -> None:
-            controls()
-            self.moments.clear()
-
-        return restore
+        return self.adam.snapshot()
 
     def check(self) -> None:
         """Check all values.
@@ -105,34 +95,30 @@ class Appearance:
         """
         splat.check_finite(shade=self.controls)
 
-    def keep(self, index: Tensor) -> None:
+    def keep(self, index: np.ndarray) -> None:
         """Keep the rows of an index or mask."""
-        self.moments.clear()
         self.adam.rewrite(lambda rows: rows[:, index], lambda rows: rows[:, index])
 
-    def append(self, count: int, parents: Tensor | None) -> None:
+    def append(self, count: int, parents: np.ndarray | None) -> None:
         """Add points, see `Deformation.append`. New points do not change."""
-        self.moments.clear()
-        added = self.controls[:, parents] if parents is not None else None
-        zeros = self.controls.new_zeros(len(self.controls), count, 4)
-        self.adam.rewrite(
-            lambda rows: torch.cat([rows, zeros if added is None else added], 1),
-            lambda rows: torch.cat([rows, zeros], 1),
-        )
+        zeros = np.zeros((len(self.controls), count, 4), np.float32)
+        added = zeros if parents is None else self.controls[:, parents]
+        self.adam.rewrite(lambda rows: np.concatenate([rows, added], 1), lambda rows: np.concatenate([rows, zeros], 1))
 
 
-def detect_cuts(images: Tensor) -> list[int]:
+def detect_cuts(images: np.ndarray) -> list[int]:
     """Return the frames of images [T, C, H, W, 3] uint8 in which far more pixels change strongly than before and after.
 
     Motion changes about as many pixels in neighboring frames. A quarter of the pixels is read.
     """
     few = images[:, :, ::2, ::2]
-    shares = [_strong(before.short(), now.short()) for before, now in pairwise(few)]
+    shares = [_strong(before, now) for before, now in pairwise(few)]
     around = [max(shares[max(i - 1, 0) : i] + shares[i + 1 : i + 2], default=1.0) for i in range(len(shares))]
     cut = [share > max(CUT_RATIO * other, CUT_SHARE) for share, other in zip(shares, around, strict=True)]
     return [i + 1 for i in range(len(cut)) if cut[i]]
 
 
-def _strong(before: Tensor, now: Tensor) -> float:
+def _strong(before: np.ndarray, now: np.ndarray) -> float:
     """Return the share of the pixels of all cameras that change strongly."""
-    return float(((now - before).abs().amax(-1) > CUT_GRAY_LEVELS).float().mean())
+    changed = np.maximum(before, now) - np.minimum(before, now) > CUT_GRAY_LEVELS
+    return float((changed[..., 0] | changed[..., 1] | changed[..., 2]).mean())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from torch import Tensor
+import numpy as np
 
 from splatreel.method.deform.hashgrid import HashGrid
 from splatreel.method.deform.protocol import Deformation
@@ -12,7 +12,13 @@ MODELS = {"trajectory": Trajectory, "hashgrid": HashGrid}
 
 
 def make_deformation(
-    name: str, means: Tensor, frames: int, unit: float, seed: int, tracks: Tensor | None, fixed: Tensor | None
+    name: str,
+    means: np.ndarray,
+    frames: int,
+    unit: float,
+    seed: int,
+    tracks: np.ndarray | None,
+    fixed: np.ndarray | None,
 ) -> Deformation:
     """Create a model by its name. Without points it is `trajectory`, which needs none.
 

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Protocol
+from collections.abc import Iterable, Sequence
+from typing import Any, Protocol, TypeAlias
 
-import torch
-from torch import Tensor
+import numpy as np
 
+from splatreel.kernels.adam import Step
 from splatreel.method.deform.knot_adam import Restore
+
+Slope: TypeAlias = Any
+"""Gradient of a loss to a model, of a type of the model."""
 
 
 class Deformation(Protocol):
@@ -17,21 +21,10 @@ class Deformation(Protocol):
     bool never have offsets.
     """
 
-    def offsets(self, means: Tensor, frame: float) -> tuple[Tensor, Tensor]:
-        """Return offsets for canonical means [N, 3].
+    def prepare(self, times: Iterable[float]) -> None:
+        """Take the optimizer steps that offsets at some times wait for.
 
-        Returns:
-            dx [N, 3] in world units, and dq [N, 4], wxyz about (1, 0, 0, 0), not normalized.
-        """
-        ...
-
-    def change(self, means: Tensor, span: tuple[float, float], offsets: tuple[Tensor, Tensor]) -> Tensor:
-        """Return the change [] of a loss over a span of time, to first order.
-
-        Args:
-            means: [N, 3] canonical positions.
-            span: First and last frame of the span.
-            offsets: dx and dq that `offsets` returned, with the gradients of the loss.
+        `offsets`, `gradient` and `change` of these times then only read the model, so that threads can share it.
         """
         ...
 
@@ -39,10 +32,42 @@ class Deformation(Protocol):
         """Prepare for the first training on frames up to `frame`."""
         ...
 
-    def step(self, share: float, pace: float = 1.0) -> None:
-        """Take an optimizer step and clear the gradients.
+    def offsets(self, means: np.ndarray, frame: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return offsets for canonical means [N, 3].
+
+        Returns:
+            dx [N, 3] in world units, and dq [N, 4], wxyz about (1, 0, 0, 0), not normalized.
+        """
+        ...
+
+    def gradient(
+        self, means: np.ndarray, moments: Sequence[tuple[float, float]], d_dx: np.ndarray, d_dq: np.ndarray
+    ) -> list[Slope]:
+        """Return the gradient of a loss to the model.
 
         Args:
+            means: [N, 3] canonical positions, which get no gradient.
+            moments: Factors and times. The gradient to the offsets at each time is that factor times d_dx and d_dq.
+            d_dx: [N, 3].
+            d_dq: [N, 4].
+        """
+        ...
+
+    def change(self, means: np.ndarray, span: tuple[float, float], slopes: Sequence[Slope]) -> float:
+        """Return the change of a loss over a span of time, to first order.
+
+        Args:
+            means: [N, 3] canonical positions.
+            span: First and last frame of the span.
+            slopes: Gradient of the loss at one moment, with a factor of 1.
+        """
+        ...
+
+    def steps(self, slopes: Sequence[Slope], share: float, pace: float) -> list[Step]:
+        """Return the optimizer steps that follow a sum of gradients.
+
+        Args:
+            slopes: Results of `gradient`.
             share: Share of training that is over, 0..1.
             pace: Factor for the learning rates.
         """
@@ -60,11 +85,11 @@ class Deformation(Protocol):
         """
         ...
 
-    def keep(self, index: Tensor) -> None:
+    def keep(self, index: np.ndarray) -> None:
         """Keep the rows of the points of an index [M] or mask [N]."""
         ...
 
-    def append(self, means: Tensor, parents: Tensor | None) -> None:
+    def append(self, means: np.ndarray, parents: np.ndarray | None) -> None:
         """Add points.
 
         Args:
@@ -74,11 +99,11 @@ class Deformation(Protocol):
         ...
 
 
-def movable(means: Tensor, fixed: Tensor | None) -> Tensor:
+def movable(means: np.ndarray, fixed: np.ndarray | None) -> np.ndarray:
     """Return the factors [N, 1] of the offsets: 0 for points that are `fixed` [N] bool, else 1."""
-    return torch.ones_like(means[:, :1]) if fixed is None else (~fixed)[:, None].to(means)
+    return np.ones((len(means), 1), np.float32) if fixed is None else (~fixed)[:, None].astype(np.float32)
 
 
-def movable_with(moves: Tensor, means: Tensor, parents: Tensor | None) -> Tensor:
+def movable_with(moves: np.ndarray, means: np.ndarray, parents: np.ndarray | None) -> np.ndarray:
     """Return the factors [M, 1] of added points: those of their parents, or 1 for new points."""
     return movable(means, None) if parents is None else moves[parents]

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import torch
-from torch import Tensor
 
 SMOOTHING = 0.05
 """Weight of a spline's second differences relative to the paths it is fitted to."""
@@ -48,7 +46,7 @@ class Spline:
         self._whole: dict[float, tuple[int, np.ndarray]] = {frame: self._decide(frame) for frame in range(frames)}
 
     @classmethod
-    def along(cls, paths: Tensor, parts: Tensor | None = None) -> Spline:
+    def along(cls, paths: np.ndarray, parts: np.ndarray | None = None) -> Spline:
         """Return the spline with knots to follow paths, more densely where a part turns sharply.
 
         Args:
@@ -59,12 +57,12 @@ class Spline:
         if paths.shape[1] == 0:
             return even
         missed = even.values(even.fit(paths)) - paths
-        parts = torch.zeros(paths.shape[1], device=paths.device) if parts is None else parts
+        parts = np.zeros(paths.shape[1]) if parts is None else parts
         bends: set[int] = set()
-        for part in parts.unique():
+        for part in np.unique(parts):
             rows = parts == part
             if rows.sum() >= PART * len(parts):
-                bends |= _bends(missed[:, rows].median(1).values.norm(dim=1).cpu().numpy())
+                bends |= _bends(np.linalg.norm(np.quantile(missed[:, rows], 0.5, axis=1, method="lower"), axis=1))
         return cls(len(paths), bends)
 
     def at(self, frame: float) -> tuple[int, np.ndarray]:
@@ -75,18 +73,17 @@ class Spline:
         knot = int(np.clip(np.searchsorted(self.breaks, frame, side="right") - 1, 0, len(self.breaks) - 2))
         return knot, _basis(frame, self._extended[knot + 1 : knot + 7])
 
-    def values(self, controls: Tensor) -> Tensor:
+    def values(self, controls: np.ndarray) -> np.ndarray:
         """Return the spline at every frame, [T, N, D], for control values [knots, N, D]."""
-        rows = torch.from_numpy(self._rows()).to(controls)
-        return (rows @ controls.flatten(1)).view(-1, *controls.shape[1:])
+        return (self._rows() @ controls.reshape(self.knots, -1)).reshape(self.frames, *controls.shape[1:])
 
-    def fit(self, paths: Tensor) -> Tensor:
+    def fit(self, paths: np.ndarray) -> np.ndarray:
         """Return the control values [knots, N, D] of the smoothest spline close to paths [T, N, D], one value per frame."""
         rows = self._rows()
         bend = np.diff(np.eye(self.knots, dtype=np.float32), 2, axis=0)
         system = rows.T @ rows + SMOOTHING * bend.T @ bend + 1e-4 * np.eye(self.knots, dtype=np.float32)
-        solve = torch.from_numpy(np.linalg.solve(system, rows.T).astype(np.float32)).to(paths.device)
-        return (solve @ paths.flatten(1)).view(self.knots, *paths.shape[1:])
+        solve = np.linalg.solve(system, rows.T).astype(np.float32)
+        return (solve @ paths.reshape(len(paths), -1)).reshape(self.knots, *paths.shape[1:])
 
     def _rows(self) -> np.ndarray:
         """Return the weights [T, knots] float32 of the control values at every frame."""

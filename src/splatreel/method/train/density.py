@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatreel.config import Config, KeyframeConfig
 from splatreel.config.layering import PAPER_WIDTH
 from splatreel.kernels import splat
 from splatreel.method.layering.lift import NEIGHBORS
 from splatreel.method.train.dynamic_points import DynamicPoints
-from splatreel.method.train.losses import GROWTH
-from splatreel.method.train.render import Comparable, StaticCache, View, contributions, relative_distances
-from splatreel.method.train.trainable_points import TrainablePoints, children, halves
+from splatreel.method.train.render import StaticCache, contributions, relative_distances
+from splatreel.method.train.trainable_points import TrainablePoints, children, halves, sigmoid
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.volumes import Volume
 
@@ -28,6 +25,9 @@ ABSOLUTE_GRADIENT = 4e-4
 detail cancel each other in the signed sum, but not in this one (AbsGS)."""
 FINE_WIDTH = 320
 """Width, pixels, above which images show more detail, and the threshold of the absolute gradient falls with its square root."""
+GROWTH = 0.6
+"""Share of a keyframe's iterations in which points are added. Opacities cost something only after that, since it hinders
+growth."""
 LARGEST_SCALE = 0.5
 """Largest scale of a point, in typical viewing distances, multiplied by `relative_distances`."""
 
@@ -35,51 +35,41 @@ LARGEST_SCALE = 0.5
 class GradientMeter:
     """Mean length of every point's screen-space positional gradient over the views that see it, in normalized device units."""
 
-    def __init__(self, count: int, device: torch.device) -> None:
+    def __init__(self, count: int) -> None:
         """Start with no views of `count` points."""
-        self.sum = torch.zeros(count, device=device)
-        self.seen = torch.zeros(count, device=device)
+        self.sum, self.seen = np.zeros((2, count), np.float32)
 
-    def add(self, grad: Tensor, width: int, height: int, index: Tensor | None = None) -> None:
+    def add(self, grad: np.ndarray, width: int, height: int, index: np.ndarray | None = None) -> None:
         """Add the gradients of one view.
 
         Args:
             grad: [M, 2] dL/d(pixels).
             width: Image width, pixels.
             height: Image height, pixels.
-            index: [M] points that the rows of `grad` belong to; None means all points.
+            index: [M] different points that the rows of `grad` belong to; None means all points.
         """
-        length = torch.hypot(grad[:, 0] * (width / 2), grad[:, 1] * (height / 2))
-        if index is None:
-            self.sum += length
-            self.seen += length > 0
-        else:
-            self.sum.index_add_(0, index, length)
-            self.seen.index_add_(0, index, (length > 0).float())
+        length = np.hypot(grad[:, 0] * (width / 2), grad[:, 1] * (height / 2))
+        rows = slice(None) if index is None else index
+        self.sum[rows] += length
+        self.seen[rows] += length > 0
 
-    def mean(self) -> Tensor:
+    def mean(self) -> np.ndarray:
         """Return the mean [N]."""
-        return self.sum / self.seen.clamp_min(1)
+        return self.sum / np.maximum(self.seen, 1)
 
 
-def select_growth(meter: GradientMeter, threshold: float, budget: int) -> Tensor:
+def select_growth(meter: GradientMeter, threshold: float, budget: int) -> np.ndarray:
     """Return the mask of the points to densify: at most `budget` points, with the largest gradients above the threshold."""
     gradient = meter.mean()
     grow = gradient > threshold
     if int(grow.sum()) > budget:
         if budget <= 0:
-            return torch.zeros_like(grow)
-        cut = torch.topk(gradient, budget).values[-1]
-        grow &= gradient >= cut
+            return np.zeros_like(grow)
+        grow &= gradient >= np.partition(gradient, -budget)[-budget]
     return grow
 
 
-def inside(region: Volume, means: Tensor) -> Tensor:
-    """Return [N] bool, the points [N, 3] that are within a volume."""
-    return torch.from_numpy(region.contains(means.detach().cpu().numpy())).to(means.device)
-
-
-def too_large(scales: Tensor, distances: Tensor, unit: float) -> Tensor:
+def too_large(scales: np.ndarray, distances: np.ndarray, unit: float) -> np.ndarray:
     """Return the mask [N] of points that are too large for their distance.
 
     Args:
@@ -87,7 +77,7 @@ def too_large(scales: Tensor, distances: Tensor, unit: float) -> Tensor:
         distances: [N], see `relative_distances`.
         unit: Typical viewing distance, world units.
     """
-    return scales.amax(1) > LARGEST_SCALE * unit * distances
+    return scales.max(1) > LARGEST_SCALE * unit * distances
 
 
 PRUNE_EVERY = 500
@@ -122,22 +112,13 @@ class KeyframeDensity:
         self.region = region
         self.hull: Volume | None = None
         """Volume outside of which points are removed; None is everywhere."""
-        self.generator = torch.Generator().manual_seed(seed)
-        self.distances = torch.ones(len(points), device=points.means.device)
+        self.rng = np.random.default_rng(seed)
+        self.distances = np.ones(len(points), np.float32)
 
     def restart(self, images: TrainingImages) -> None:
         """Restart the measurements, after points were added or removed or the images changed."""
-        self.meter = GradientMeter(len(self.points), self.points.means.device)
+        self.meter = GradientMeter(len(self.points))
         self.distances = relative_distances(self.points.means, images.views, images.unit, self.config.far_step_scale)
-
-    def measure(self, share: float, drawing: Comparable, view: View) -> None:
-        """Add the gradients of an iteration. share: share of training that is over after it, 0..1."""
-        if share > GROWTH:
-            return
-        measured = drawing.absolute if self.config.detail else None
-        grad = drawing.means2d.grad if measured is None else measured.grad
-        assert grad is not None
-        self.meter.add(grad[: drawing.moving], view.width, view.height)
 
     def is_due(self, done: int, share: float, averaged: bool) -> bool:
         """Return whether `update` adds or prunes points, see there."""
@@ -171,25 +152,25 @@ class KeyframeDensity:
         points = self.points
         points.check()
         if self.region is not None:
-            self.meter.sum *= inside(self.region, points.means)
+            self.meter.sum *= self.region.contains(points.means)
         grow = select_growth(self.meter, threshold, self.room)
         dropped = self._dropped(unit, share)
-        large = points.scales.detach().amax(1) > SPLIT_FROM * unit
+        large = points.scales.max(1) > SPLIT_FROM * unit
         split, clone = grow & large & ~dropped, grow & ~large & ~dropped
-        parts = halves(points, split) if absolute else children(points, split, self.generator)
+        parts = halves(points, split) if absolute else children(points, split, self.rng)
         clones = points.rows(clone)
         points.keep(~(dropped | split))
-        points.append({name: torch.cat([clones[name], parts[name]]) for name in clones})
+        points.append({name: np.concatenate([clones[name], parts[name]]) for name in clones})
 
     @property
     def room(self) -> int:
         """Number of points that may still be added."""
         return self.max_points - len(self.points)
 
-    def add(self, params: Mapping[str, Tensor], images: TrainingImages) -> None:
-        """Add points, without those outside of the region. params: unconstrained tensors, as in `TrainablePoints`."""
+    def add(self, params: Mapping[str, np.ndarray], images: TrainingImages) -> None:
+        """Add points, without those outside of the region. params: unconstrained arrays, as in `TrainablePoints`."""
         if self.region is not None:
-            kept = inside(self.region, params["means"])
+            kept = self.region.contains(params["means"])
             params = {name: value[kept] for name, value in params.items()}
         self.points.append(params)
         self.restart(images)
@@ -198,23 +179,22 @@ class KeyframeDensity:
         """Prune points, but never all of them."""
         self.points.check()
         dropped = self._dropped(unit, share)
-        if bool(dropped.any()) and not bool(dropped.all()):
+        if dropped.any() and not dropped.all():
             self.points.keep(~dropped)
 
-    def _dropped(self, unit: float, share: float) -> Tensor:
+    def _dropped(self, unit: float, share: float) -> np.ndarray:
         """Return [N] bool, the points that are too faint, too large for their distance, or outside of the hull.
 
         The threshold of opacity rises until half of training. At the end size does not matter, since no point could fill the
         hole in a plain wall.
         """
         faint = CULL_OPACITY * min(1.0, max(0.1, 2 * share))
-        with torch.no_grad():
-            dropped = self.points.opacities < faint
-            if share < 1:
-                dropped |= too_large(self.points.scales, self.distances, unit)
+        dropped = self.points.opacities < faint
+        if share < 1:
+            dropped |= too_large(self.points.scales, self.distances, unit)
         if self.hull is not None:
-            within = inside(self.hull, self.points.means)
-            dropped |= ~within if bool(within.any()) else False
+            within = self.hull.contains(self.points.means)
+            dropped |= ~within if within.any() else False
         return dropped
 
 
@@ -249,7 +229,7 @@ class GroupDensity:
         self,
         points: DynamicPoints,
         static: StaticCache,
-        convertible: Tensor,
+        convertible: np.ndarray,
         config: Config,
         iterations: int,
         rng: np.random.Generator,
@@ -280,24 +260,13 @@ class GroupDensity:
 
     def restart(self) -> None:
         """Restart the measurements, after points were added or removed."""
-        device = self.points.means.device
-        self.moving_meter = GradientMeter(len(self.points), device)
-        self.static_meter = GradientMeter(len(self.static), device)
+        self.moving_meter = GradientMeter(len(self.points))
+        self.static_meter = GradientMeter(len(self.static))
 
-    def measured_static(self, iteration: int) -> Tensor | None:
+    def measured_static(self, iteration: int) -> np.ndarray | None:
         """Return [S] bool, the static points whose gradients an iteration measures; None if it draws moving tiles only."""
         due = self.measures(iteration) and iteration % MEASURE_EVERY == 0
         return self.convertible & self.static.alive if due else None
-
-    def measure(self, iteration: int, drawing: Comparable, view: View) -> None:
-        """Add the gradients of an iteration, after its backward pass."""
-        if not self.measures(iteration):
-            return
-        grad = drawing.means2d.grad
-        assert grad is not None
-        self.moving_meter.add(grad[: drawing.moving], view.width, view.height)
-        if drawing.index is not None:
-            self.static_meter.add(grad[drawing.moving :], view.width, view.height, drawing.index)
 
     def update(self, done: int, images: TrainingImages) -> bool:
         """Add and prune points after `done` iterations, if due. Return whether anything was due."""
@@ -327,17 +296,17 @@ class GroupDensity:
         converted = self._within_budget(convert & self.convertible, pull_static)
         growing = pull_moving > threshold
         if self.region is not None:
-            growing &= inside(self.region, self.points.means)
+            growing &= self.region.contains(self.points.means)
         clones = self._within_budget(growing, pull_moving)
         self.points.clone(clones)
         self.convert(converted)
 
-    def convert(self, index: Tensor) -> None:
+    def convert(self, index: np.ndarray) -> None:
         """Make static points [M] int64 dynamic."""
         if len(index) == 0:
             return
         rows = {name: value[index] for name, value in self.static.params.items()}
-        alive = self.static.alive.clone()
+        alive = self.static.alive.copy()
         alive[index] = False
         self.static.set_alive(alive)
         self.points.append(rows)
@@ -345,26 +314,24 @@ class GroupDensity:
     def prune(self, images: TrainingImages) -> None:
         """Drop points that hardly show and points that are too large for their distance."""
         config, points = self.config.keyframe, self.points
-        with torch.no_grad():
-            keep = points.highest_logits().sigmoid() >= CULL_OPACITY
-            distances = relative_distances(points.means, images.views, images.unit, config.far_step_scale)
-            keep &= ~too_large(points.canonical.scales, distances, images.unit)
-        if not bool(keep.all()):
-            points.keep(torch.nonzero(keep)[:, 0])
+        keep = sigmoid(points.highest_logits()) >= CULL_OPACITY
+        distances = relative_distances(points.means, images.views, images.unit, config.far_step_scale)
+        keep &= ~too_large(points.canonical.scales, distances, images.unit)
+        if not keep.all():
+            points.keep(np.flatnonzero(keep))
 
     def drop_faint(self, images: TrainingImages) -> None:
         """Drop the points that together fill a small share of the images (`GroupConfig.faint_share`): often half of all points."""
-        total = torch.zeros(len(self.points), device=self.points.means.device)
+        total = np.zeros(len(self.points), np.float32)
         for k in range(FAINT_IMAGES):
             frame = k * (images.count - 1) // (FAINT_IMAGES - 1)
             camera = int(self.rng.integers(len(images.views)))
             view = images.views[camera]
-            with torch.no_grad():
-                splats = self.points.at(frame, view, images.near)
+            splats = self.points.at(frame, view, images.near)
             total += contributions(splats, view, self.static.view(camera))
-        order = total.argsort()
-        held = total[order].cumsum(0) / total.sum().clamp_min(1e-9)
-        self.points.keep(order[held >= self.config.group.faint_share].sort().values)
+        order = total.argsort(kind="stable")
+        held = total[order].cumsum() / max(total.sum(), np.float32(1e-9))
+        self.points.keep(np.sort(order[held >= self.config.group.faint_share]))
 
     def _is_regular(self, done: int) -> bool:
         return self.every > 0 and done % self.every == 0
@@ -376,22 +343,22 @@ class GroupDensity:
         """Return whether points are converted at the end of this interval."""
         return self.every > 0 and self._converts((iteration // self.every + 1) * self.every)
 
-    def _within_budget(self, chosen: Tensor, pull: Tensor) -> Tensor:
+    def _within_budget(self, chosen: np.ndarray, pull: np.ndarray) -> np.ndarray:
         """Return up to `budget` points [M] int64 of a mask, those with the largest gradients, and reduce the budget."""
-        index = torch.nonzero(chosen)[:, 0]
+        index = np.flatnonzero(chosen)
         if len(index) > self.budget:
-            index = index[torch.topk(pull[index], self.budget).indices]
+            index = index[np.argsort(-pull[index], kind="stable")[: self.budget]]
         self.budget -= len(index)
         return index
 
-    def _surrounded(self, alive: Tensor) -> Tensor:
+    def _surrounded(self, alive: np.ndarray) -> np.ndarray:
         """Return [S] bool, the static points of whose nearest neighbors more than lambda_adp^nn are dynamic."""
-        index = torch.nonzero(alive)[:, 0]
-        everything = torch.cat([self.static.means[index], self.points.means.detach()])
+        index = np.flatnonzero(alive)
+        everything = np.concatenate([self.static.means[index], self.points.means])
         k = min(NEIGHBORS, len(everything) - 1)
-        surrounded = torch.zeros_like(alive)
+        surrounded = np.zeros_like(alive)
         if len(index) and k > 0:
             neighbors = splat.nearest_neighbors(everything, k)[0][: len(index)]
-            dynamic = (neighbors >= len(index)).float().mean(1)
+            dynamic = (neighbors >= len(index)).mean(1)
             surrounded[index] = dynamic > self.config.layering.adapt_neighbors
         return surrounded

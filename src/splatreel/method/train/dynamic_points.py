@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-import torch
-from torch import Tensor
+import numpy as np
 
 from splatreel.config import GroupConfig
-from splatreel.kernels.projected import Splats
+from splatreel.kernels.adam import Step
+from splatreel.kernels.splat import Splats
 from splatreel.method.deform.appearance import Appearance, detect_cuts
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots
 from splatreel.method.deform.models import make_deformation
-from splatreel.method.deform.protocol import Deformation
+from splatreel.method.deform.protocol import Deformation, Slope
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.render import View, deformed
 from splatreel.method.train.trainable_points import TrainablePoints
@@ -41,9 +41,9 @@ class Changes:
         shade: [N, 4] as `Appearance.at`; None if appearance is fixed.
     """
 
-    dx: Tensor
-    dq: Tensor
-    shade: Tensor | None
+    dx: np.ndarray
+    dq: np.ndarray
+    shade: np.ndarray | None
 
 
 class DynamicPoints:
@@ -63,30 +63,37 @@ class DynamicPoints:
 
     @staticmethod
     def of(start: GroupStart, images: TrainingImages, config: GroupConfig, seed: int) -> DynamicPoints:
-        """Create the points from which a group's training starts, on the device of its images."""
-        device = images.pixels.device
+        """Create the points from which a group's training starts."""
         rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * images.unit}
-        canonical = TrainablePoints.from_gaussians(start.dynamic, rates, device)
-        tracks, shades = (None if a is None else torch.from_numpy(a).to(device) for a in (start.tracks, start.shades))
-        fixed = None if shades is None else shades.any(2).any(0)
-        means = canonical.means.detach()
-        deformation = make_deformation(config.deformation, means, images.count, images.unit, seed, tracks, fixed)
+        canonical, shades = TrainablePoints.from_gaussians(start.dynamic, rates), start.shades
+        fixed = None if shades is None else shades.any((0, 2))
+        scene = canonical.means, images.count, images.unit
+        deformation = make_deformation(config.deformation, *scene, seed, start.tracks, fixed)
         if not config.appearance:
             return DynamicPoints(canonical, deformation, None)
         cuts = detect_cuts(images.pixels)
-        return DynamicPoints(canonical, deformation, Appearance(images.count, len(canonical), device, shades, cuts))
+        return DynamicPoints(canonical, deformation, Appearance(images.count, len(canonical), shades, cuts))
 
     def __len__(self) -> int:
         """Return the number of points."""
         return len(self.canonical)
 
     @property
-    def means(self) -> Tensor:
+    def means(self) -> np.ndarray:
         """Positions at the keyframe, [N, 3] world."""
         return self.canonical.means
 
+    def prepare(self, moment: float, others: Iterable[float] = ()) -> None:
+        """Take the optimizer steps that changes at a moment, and motion at other times, wait for.
+
+        Until the next step, threads may read them together. Reading takes the missing steps itself otherwise.
+        """
+        self.deformation.prepare([moment, *others])
+        if self.appearance is not None:
+            self.appearance.prepare([moment])
+
     def changes(self, moment: float) -> Changes:
-        """Return the changes at a moment, in frames of the group. The next step follows gradients of the returned tensors."""
+        """Return the changes at a moment, in frames of the group."""
         dx, dq = self.deformation.offsets(self.means, moment)
         return Changes(dx, dq, None if self.appearance is None else self.appearance.at(moment))
 
@@ -98,23 +105,35 @@ class DynamicPoints:
         """Project the points at a moment, in frames of the group."""
         return self.splats(self.changes(moment), view, near)
 
-    def highest_logits(self) -> Tensor:
+    def highest_logits(self) -> np.ndarray:
         """Return the logits [N] of the opacities, each at the moment of its maximum."""
         logits = self.canonical.params["logit_opacities"]
         return logits if self.appearance is None else logits + self.appearance.highest
 
-    def step(self, share: float, pace: float = 1.0) -> None:
-        """Follow the gradients and clear them.
+    def steps(
+        self,
+        moment: float,
+        canonical: Sequence[np.ndarray],
+        slopes: Sequence[Slope],
+        shading: tuple[np.ndarray, np.ndarray] | None,
+        share: float,
+        pace: float,
+    ) -> list[Step]:
+        """Return the optimizer steps that follow the gradients of an iteration.
 
         Args:
+            moment: Time that was drawn, in frames of the group.
+            canonical: Gradients to the canonical points, in the order of `trainable_points.NAMES`.
+            slopes: Gradients to the motion, see `Deformation.gradient`.
+            shading: `Changes.shade` at the moment and the gradient to it, which is changed; ignored if appearance is fixed.
             share: Share of training that is over, 0..1.
             pace: Factor for the learning rates.
         """
         self.canonical.scale_rates({}, default=pace * 0.1**share)
-        self.canonical.step()
-        self.deformation.step(share, pace)
-        if self.appearance is not None:
-            self.appearance.step(share, pace)
+        found = self.canonical.follow(canonical) + self.deformation.steps(slopes, share, pace)
+        if self.appearance is not None and shading is not None:
+            found += self.appearance.steps(moment, *shading, share, pace)
+        return found
 
     def snapshot(self) -> Restore:
         """Copy everything that training changes."""
@@ -129,7 +148,7 @@ class DynamicPoints:
         for part in self._parts:
             part.check()
 
-    def keep(self, index: Tensor) -> None:
+    def keep(self, index: np.ndarray) -> None:
         """Keep the rows of an index [M] int64, in its order; keep all if the index is empty."""
         if len(index) == 0:
             return
@@ -138,12 +157,12 @@ class DynamicPoints:
         if self.appearance is not None:
             self.appearance.keep(index)
 
-    def clone(self, index: Tensor) -> None:
+    def clone(self, index: np.ndarray) -> None:
         """Add copies of rows [M] int64, with their motion and appearance."""
         self._append(self.canonical.rows(index), index)
 
-    def append(self, params: Mapping[str, Tensor]) -> None:
-        """Add points at rest. params: unconstrained tensors, as in `TrainablePoints`."""
+    def append(self, params: Mapping[str, np.ndarray]) -> None:
+        """Add points at rest. params: unconstrained arrays, as in `TrainablePoints`."""
         self._append(params, None)
 
     @property
@@ -151,7 +170,7 @@ class DynamicPoints:
         parts: list[TrainablePoints | Deformation | Appearance] = [self.canonical, self.deformation]
         return parts if self.appearance is None else [*parts, self.appearance]
 
-    def _append(self, params: Mapping[str, Tensor], parents: Tensor | None) -> None:
+    def _append(self, params: Mapping[str, np.ndarray], parents: np.ndarray | None) -> None:
         count = len(params["means"])
         if count == 0:
             return

@@ -10,12 +10,10 @@ from collections.abc import Callable
 
 import cv2
 import numpy as np
-import torch
-from torch import Tensor
 
-from splatreel.kernels.projected import Splats
+from splatreel.kernels import splat
+from splatreel.kernels.splat import Splats
 from splatreel.method.train.ray_depths import RayDepths
-from splatreel.method.train.regularizers import Depths
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0
@@ -28,10 +26,10 @@ SIZE = 0.7
 """Standard deviation of an added point, pixels."""
 OPACITY = 0.3
 """Opacity of an added point."""
-MIN_ALPHA = 0.5
-"""Alpha above which a pixel has a depth."""
+MIN_ALPHA, LEAST_ALPHA = 0.5, 1e-3
+"""Alpha above which a pixel has a depth, and the least one that a sum of depths is divided by."""
 
-Draw = Callable[[int], tuple[Splats, Tensor]]
+Draw = Callable[[int], tuple[Splats, np.ndarray]]
 """Function that returns the projected points of a camera and the image [H, W, 3] that the camera would take of them."""
 
 
@@ -40,10 +38,9 @@ def adds_after(done: int, total: int) -> bool:
     return done in [round(at * total) for at in ADDED_AT]
 
 
-@torch.no_grad()
 def points_at_errors(
-    draw: Draw, images: TrainingImages, gains: Tensor, bands: int, count: int, rng: np.random.Generator
-) -> dict[str, Tensor]:
+    draw: Draw, images: TrainingImages, gains: np.ndarray, bands: int, count: int, rng: np.random.Generator
+) -> dict[str, np.ndarray]:
     """Return new points in random pixels. The probability of a pixel is its absolute error times its loss of similarity (1 - SSIM).
 
     A point takes the color of its pixel, and the depth that neighboring views agree on (`RayDepths`), else the rendered depth.
@@ -57,38 +54,38 @@ def points_at_errors(
         rng: Source of the pixels.
 
     Returns:
-        Unconstrained tensors of up to `count` points, as in `TrainablePoints`.
+        Unconstrained arrays of up to `count` points, as in `TrainablePoints`.
     """
     found, ray_depths = [], RayDepths(images)
     for camera, view in enumerate(images.views):
         splats, image = draw(camera)
-        target = images.target(0, camera, image, None).float() / 255
-        depths = Depths.of(splats, view, images.near)
-        known = (depths.alpha > MIN_ALPHA).cpu().numpy()
-        pixels = _choose(_errors(image.cpu().numpy(), target.cpu().numpy()) * known, count // len(images.views), rng)
-        rendered = (images.near * depths.moments[..., 0].exp()).cpu().numpy()
-        depth = torch.from_numpy(ray_depths.agreed(camera, pixels, rendered, known).astype(np.float32)).to(image.device)
-        chosen = torch.from_numpy(pixels).to(image.device)
-        found.append((*_unproject(view, chosen, depth), target.flatten(0, 1)[chosen] / gains[camera]))
-    means, sizes, colors = (torch.cat(column) for column in zip(*found, strict=True))
+        target = images.target(0, camera, image, None).astype(np.float32) / 255
+        rendered, alpha = _rendered_depths(splats, view, images.near)
+        known = alpha > MIN_ALPHA
+        pixels = _choose(_errors(image, target) * known, count // len(images.views), rng)
+        depth = ray_depths.agreed(camera, pixels, rendered, known).astype(np.float32)
+        found.append((*_unproject(view, pixels, depth), target.reshape(-1, 3)[pixels] / gains[camera]))
+    means, sizes, colors = (np.concatenate(column) for column in zip(*found, strict=True))
     added = len(means)
-    quats = means.new_zeros(added, 4)
-    quats[:, 0] = 1
     return {
         "means": means,
-        "quats": quats,
-        "log_scales": sizes.log()[:, None].repeat(1, 3),
-        "logit_opacities": means.new_full((added,), math.log(OPACITY / (1 - OPACITY))),
+        "quats": np.tile(np.array([1, 0, 0, 0], np.float32), (added, 1)),
+        "log_scales": np.tile(np.log(sizes)[:, None], (1, 3)),
+        "logit_opacities": np.full(added, math.log(OPACITY / (1 - OPACITY)), np.float32),
         "sh_base": ((colors - 0.5) / C0)[:, None],
-        "sh_rest": means.new_zeros(added, bands, 3),
+        "sh_rest": np.zeros((added, bands, 3), np.float32),
     }
 
 
-def _errors(image: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Return the absolute error times the loss of similarity (1 - SSIM) at every pixel [H, W] of images [H, W, 3], 0..1.
+def _rendered_depths(splats: Splats, view: View, near: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return the geometric mean of the depths that each pixel shows, world units, and alpha, both [H, W]."""
+    logs = np.log(np.maximum(splats.depths, near) / near)
+    sums, alpha = splat.rasterize(splats._replace(colors=logs[:, None]), view.width, view.height)
+    return near * np.exp(sums[..., 0] / np.maximum(alpha, LEAST_ALPHA)), alpha
 
-    OpenCV's filters give the same bits in every run. Those of torch depend on the address of the image.
-    """
+
+def _errors(image: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Return the absolute error times the loss of similarity (1 - SSIM) at every pixel [H, W] of images [H, W, 3], 0..1."""
     first, second = (_blurred(x) for x in (image, target))
     variances = _blurred(image * image) - first * first, _blurred(target * target) - second * second
     covariance = _blurred(image * target) - first * second
@@ -109,10 +106,10 @@ def _choose(weights: np.ndarray, count: int, rng: np.random.Generator) -> np.nda
     return rng.choice(len(flat), count, replace=False, p=flat / flat.sum()) if count else np.zeros(0, np.int64)
 
 
-def _unproject(view: View, pixels: Tensor, depth: Tensor) -> tuple[Tensor, Tensor]:
+def _unproject(view: View, pixels: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the positions [M, 3] of pixels [M] at depths [M], and the sizes [M] there, world units."""
     row, column = pixels // view.width, pixels % view.width
     x = (column + 0.5 - view.K[0, 2]) / view.K[0, 0] * depth
     y = (row + 0.5 - view.K[1, 2]) / view.K[1, 1] * depth
-    local = torch.stack([x, y, depth], 1)
+    local = np.stack([x, y, depth], 1).astype(np.float32)
     return (local - view.viewmat[:3, 3]) @ view.viewmat[:3, :3], SIZE * depth / view.K[0, 0]

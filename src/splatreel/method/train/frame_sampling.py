@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
-from torch import Tensor
 
 LEAST_DRAWS, MOST_DRAWS = 0.5, 3.0
 """Range of how often a frame is drawn per round."""
@@ -35,7 +33,7 @@ class FrameSchedule:
         self.warm = progressive * iterations
         self.rng = np.random.default_rng(seed)
         self._round: list[int] = []
-        self._losses: Tensor | None = None
+        self._losses = np.full(available.shape, np.nan, np.float32)
 
     def frontier(self, iteration: int) -> int:
         """Return the last frame that may be drawn: floor(T n / N) of the paper."""
@@ -66,21 +64,17 @@ class FrameSchedule:
             self._round = self.rng.permutation(images).tolist() or [int(self.rng.integers(self.frames * self.cameras))]
         return divmod(self._round.pop(), self.cameras)
 
-    def record_loss(self, frame: int, camera: int, loss: Tensor) -> None:
-        """Record the loss of an image. It stays on its device until the round is over."""
-        if self._losses is None:
-            self._losses = torch.full((self.frames, self.cameras), torch.nan, device=loss.device)
-        self._losses[frame, camera] = loss.detach()
+    def record_loss(self, frame: int, camera: int, loss: float) -> None:
+        """Record the loss of an image."""
+        self._losses[frame, camera] = loss
 
     def draws_per_round(self) -> np.ndarray:
         """Return how often each frame is drawn per round, [T], mean 1: its loss relative to other frames of the same cameras."""
-        share = np.ones(self.frames)
-        if self._losses is not None:
-            losses = self._losses.cpu().numpy().astype(np.float64)
-            seen = np.isfinite(losses)
-            mean = np.where(seen, losses, 0).sum(0) / np.maximum(seen.sum(0), 1)
-            relative = np.where(seen, losses / np.maximum(mean, 1e-12), 0).sum(1) / np.maximum(seen.sum(1), 1)
-            share = np.where(seen.any(1), np.clip(relative, LEAST_DRAWS, MOST_DRAWS), 1.0)
+        losses = self._losses.astype(np.float64)
+        seen = np.isfinite(losses)
+        mean = np.where(seen, losses, 0).sum(0) / np.maximum(seen.sum(0), 1)
+        relative = np.where(seen, losses / np.maximum(mean, 1e-12), 0).sum(1) / np.maximum(seen.sum(1), 1)
+        share = np.where(seen.any(1), np.clip(relative, LEAST_DRAWS, MOST_DRAWS), 1.0)
         return share / share.mean()
 
     def _near(self, last: int) -> int:

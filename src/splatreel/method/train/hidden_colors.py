@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import math
 
-import torch
-from torch import Tensor
+import numpy as np
 
 from splatreel.kernels import splat
 from splatreel.method.train.render import StaticCache, contributions, deformed
@@ -25,7 +24,6 @@ LEAST = 1e-4
 """Weight of a point that no view shows, as a share of one that a view shows."""
 
 
-@torch.no_grad()
 def spread_colors(points: TrainablePoints, images: TrainingImages, static: StaticCache | None) -> None:
     """Give points that no view shows well the mean color of their neighbors. It depends on the view as little as they are seen.
 
@@ -38,21 +36,21 @@ def spread_colors(points: TrainablePoints, images: TrainingImages, static: Stati
     if count < 1:
         return
     params = points.params
-    own = (seen_shares(points, images, static) / SEEN).clamp(0, 1).square()
-    index, distance = splat.nearest_neighbors(points.means.detach(), count)
-    closeness = 1 / (distance + distance[:, 0].median().clamp_min(1e-9))
-    base = params["sh_base"][:, 0].clone()
+    own = np.square((seen_shares(points, images, static) / SEEN).clip(0, 1))
+    index, distance = splat.nearest_neighbors(points.means, count)
+    closeness = 1 / (distance + max(np.quantile(distance[:, 0], 0.5, method="lower"), np.float32(1e-9)))
+    base = params["sh_base"][:, 0].copy()
     known, color = own, base
     for _ in range(PASSES):
         weight = (known[index] + LEAST) * closeness
-        around = (weight[..., None] * color[index]).sum(1) / weight.sum(1, keepdim=True)
-        color = torch.lerp(around, base, own[:, None])
-        known = torch.maximum(own, known[index].mean(1) / 2)
+        around = (weight[..., None] * color[index]).sum(1) / weight.sum(1, keepdims=True)
+        color = own[:, None] * base + (1 - own[:, None]) * around
+        known = np.maximum(own, known[index].mean(1) / 2)
     params["sh_base"][:, 0] = color
-    params["sh_rest"].mul_(own[:, None, None])
+    params["sh_rest"] *= own[:, None, None]
 
 
-def seen_shares(points: TrainablePoints, images: TrainingImages, static: StaticCache | None) -> Tensor:
+def seen_shares(points: TrainablePoints, images: TrainingImages, static: StaticCache | None) -> np.ndarray:
     """Return how much of each point's broad side is shown, [N]: the largest share over the views, 0..1.
 
     Args:
@@ -60,19 +58,18 @@ def seen_shares(points: TrainablePoints, images: TrainingImages, static: StaticC
         images: Training images of a keyframe.
         static: Static points in front of some of them; None if there are none.
     """
-    _, middle, broad = points.scales.detach().sort(1).values.unbind(1)
-    found = torch.zeros_like(middle)
+    _, middle, broad = np.sort(points.scales, 1).T
+    found = np.zeros_like(middle)
     for camera, view in enumerate(images.views):
         splats = deformed(points.params, None, None, view, images.near)
-        with torch.enable_grad():
-            shown = contributions(splats, view, None if static is None else static.view(camera))
-        size = view.K[0, 0] / splats.depths.clamp_min(images.near)
-        area = 2 * math.pi * ((middle * size).square() + 0.1).sqrt() * ((broad * size).square() + 0.1).sqrt()
-        found = torch.maximum(found, shown / (points.opacities.detach() * area).clamp_min(1e-6))
-    return found.clamp_max(1)
+        shown = contributions(splats, view, None if static is None else static.view(camera))
+        size = view.K[0, 0] / np.maximum(splats.depths, images.near)
+        area = 2 * math.pi * np.sqrt(np.square(middle * size) + 0.1) * np.sqrt(np.square(broad * size) + 0.1)
+        found = np.maximum(found, shown / np.maximum(points.opacities * area, 1e-6))
+    return np.minimum(found, 1)
 
 
 def bound_colors(points: TrainablePoints) -> None:
     """Keep the constant part of all colors within 0..1."""
-    with torch.no_grad():
-        points.params["sh_base"].clamp_(-0.5 / C0, 0.5 / C0)
+    base = points.params["sh_base"]
+    np.clip(base, -0.5 / C0, 0.5 / C0, out=base)

@@ -11,8 +11,7 @@ from __future__ import annotations
 
 import math
 
-import torch
-from torch import Tensor
+import numpy as np
 
 from splatreel.method.train.trainable_points import TrainablePoints
 
@@ -66,10 +65,10 @@ class OpacityResets:
 def reset_opacities(points: TrainablePoints) -> None:
     """Lower all opacities to at most `RESET_OPACITY`, and restart their optimizer state."""
     highest = math.log(RESET_OPACITY / (1 - RESET_OPACITY))
-    points.adams["logit_opacities"].rewrite(lambda logits: logits.clamp_max(highest), torch.zeros_like)
+    points.adams["logit_opacities"].rewrite(lambda logits: np.minimum(logits, np.float32(highest)), np.zeros_like)
 
 
-def faintest(points: TrainablePoints) -> Tensor:
+def faintest(points: TrainablePoints) -> np.ndarray:
     """Return the mask [N] of the faintest `PRUNED_SHARE` of all points."""
-    opacities = points.opacities.detach()
-    return opacities < torch.quantile(opacities, PRUNED_SHARE)
+    opacities = points.opacities
+    return opacities < np.quantile(opacities, PRUNED_SHARE)

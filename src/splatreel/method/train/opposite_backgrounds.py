@@ -9,7 +9,6 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from splatreel.base.paged_arrays import frame_array
 from splatreel.capture.masked_capture import is_doubtful
@@ -24,34 +23,32 @@ def with_opposite(images: TrainingImages, alpha: np.ndarray) -> TrainingImages:
         images: Images of a subject. Their views have the backgrounds.
         alpha: [T, C, H, W] uint8, opacity of the subject. Pixels in doubt become unknown.
     """
-    if (doubtful := is_doubtful(alpha)).any():
-        unknown = torch.from_numpy(doubtful).to(images.pixels.device)
+    if (unknown := is_doubtful(alpha)).any():
         images = replace(images, unknown=unknown if images.unknown is None else unknown | images.unknown)
     pixels, views = images.pixels, [opposite_view(view) for view in images.views]
     changes = [_change(view) for view in images.views]
-    array = None if pixels.is_cuda else frame_array(tuple(pixels.shape))
-    other = torch.empty_like(pixels) if array is None else torch.from_numpy(array)
+    other = frame_array(pixels.shape)
     for frame, opacity in enumerate(alpha):
         for camera, change in enumerate(changes):
-            behind = 1 - torch.from_numpy(opacity[camera]).to(pixels.device) / 255
+            behind = 1 - opacity[camera] / np.float32(255)
             color = pixels[frame, camera] + behind[..., None] * change
-            other[frame, camera] = color.round().clamp(0, 255).to(torch.uint8)
-    return replace(images, opposite=replace(images, pixels=other, views=views, array=array))
+            other[frame, camera] = color.round().clip(0, 255)
+    return replace(images, opposite=replace(images, pixels=other, views=views, array=other))
 
 
 def opposite_view(view: View) -> View:
     """Return a view with the opposite color behind all points."""
-    gain = torch.ones_like(view.center) if view.gain is None else view.gain
+    gain = np.ones(3, np.float32) if view.gain is None else view.gain
     return replace(view, background=(1 - _behind(view)) / gain)
 
 
-def _behind(view: View) -> torch.Tensor:
+def _behind(view: View) -> np.ndarray:
     """Return the color [3] behind the subject in the images of a view, 0..1."""
     if view.background is None:
-        return torch.zeros_like(view.center)
+        return np.zeros(3, np.float32)
     return view.background if view.gain is None else view.background * view.gain
 
 
-def _change(view: View) -> torch.Tensor:
+def _change(view: View) -> np.ndarray:
     """Return the difference [3] of the opposite background and the background of a view, 0..255."""
     return 255 * (1 - 2 * _behind(view))

@@ -83,15 +83,13 @@ class RayDepths:
         """
         self.views = images.views
         self.near = images.near
-        self.poses = [view.viewmat.cpu().numpy().astype(np.float64) for view in self.views]
-        self.intrinsics = [view.K.cpu().numpy().astype(np.float64) for view in self.views]
-        self.grays = [
-            cv2.cvtColor(image.cpu().numpy(), cv2.COLOR_RGB2GRAY).astype(np.float32) / 255 for image in images.pixels[0]
-        ]
+        self.poses = [view.viewmat.astype(np.float64) for view in self.views]
+        self.intrinsics = [view.K.astype(np.float64) for view in self.views]
+        self.grays = [cv2.cvtColor(image, cv2.COLOR_RGB2GRAY).astype(np.float32) / 255 for image in images.pixels[0]]
         if images.unknown is not None:
-            for gray, unknown in zip(self.grays, images.unknown[0].cpu().numpy(), strict=True):
+            for gray, unknown in zip(self.grays, images.unknown[0], strict=True):
                 gray[unknown] = np.nan
-        centers = np.stack([view.center.cpu().numpy() for view in self.views])
+        centers = np.stack([view.center for view in self.views])
         self.nearest = nearest_poses(centers, np.stack([pose[2, :3] for pose in self.poses]), NEIGHBORS)
 
     def agreed(self, camera: int, pixels: np.ndarray, depth: np.ndarray, known: np.ndarray) -> np.ndarray:

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from typing import Protocol
 
-from torch import Tensor
-
 from splatreel.base.errors import GaussiansError, GpuError, ReconstructionError
 from splatreel.base.progress import Progress
 from splatreel.gpu.shared_gpu import SharedGpu
@@ -64,23 +62,20 @@ class Recovery:
         """Release the saved state. It refers to the training, and the training to this object, so both would stay in memory."""
         self._restore = None
 
-    def check_iteration(self, done: int, loss: Tensor, training: Training) -> None:
+    def check_iteration(self, done: int, loss: float, training: Training) -> None:
         """Check an iteration, and save the state if due.
-
-        On a GPU only saved states are checked, since reading a value waits for the GPU.
 
         Args:
             done: Number of finished iterations.
-            loss: Loss [] of the last iteration.
+            loss: Loss of the last iteration.
             training: The training.
 
         Raises:
             GaussiansError: If a value is NaN or infinite.
         """
-        due = done >= self._done + KEEP_EVERY
-        if (due or not loss.is_cuda) and not math.isfinite(loss.item()):
-            raise GaussiansError(f"the training error is {loss.item()}")
-        if due:
+        if not math.isfinite(loss):
+            raise GaussiansError(f"the training error is {loss}")
+        if done >= self.next_save:
             self.save_state(done, training)
             if self._attempts == 1 and done > self._failed:
                 self.pace = 1.0

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import Protocol
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
-import torch
-from torch import Tensor
+import numpy as np
 
-from splatreel.kernels import splat
-from splatreel.kernels.projected import FrozenSplats, Splats
+from splatreel.kernels import deform, rasterize, splat
+from splatreel.kernels.project import BLUR, FINE_BLUR, Pinhole
+from splatreel.kernels.splat import Splats
 from splatreel.method.init.layout import Layout
 from splatreel.method.train.trainable_points import NAMES, to_params
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
+NO_CHANGE = tuple(np.zeros((0, size), np.float32) for size in (3, 4, 4))
+"""dx, dq and shade of points that do not change, see `deform.DeformedPoints`."""
+
 
 @dataclass(frozen=True)
 class View:
-    """A camera as tensors.
+    """A camera as arrays that kernels take.
 
     Attributes:
         viewmat: [4, 4] world to camera.
@@ -32,39 +35,41 @@ class View:
         gain: [3] color gain of the camera that the background is divided by; None if the gain changes the background too.
     """
 
-    viewmat: Tensor
-    K: Tensor
-    center: Tensor
+    viewmat: np.ndarray
+    K: np.ndarray
+    center: np.ndarray
     width: int
     height: int
     antialias: bool = False
     clear: float = 0.0
-    background: Tensor | None = None
-    gain: Tensor | None = None
+    background: np.ndarray | None = None
+    gain: np.ndarray | None = None
+    _pinholes: dict[float, Pinhole] = field(default_factory=dict, init=False, repr=False, compare=False)
 
     @staticmethod
     def of(
-        camera: Camera,
-        device: torch.device,
-        antialias: bool = False,
-        layout: Layout | None = None,
-        gain: Tensor | None = None,
+        camera: Camera, antialias: bool = False, layout: Layout | None = None, gain: np.ndarray | None = None
     ) -> View:
         """Convert a camera. A layout adds clearance and background. `gain` is the camera's color gain [3]; None is 1."""
-        arrays = camera.viewmat, camera.K, camera.center
-        viewmat, K, center = (torch.from_numpy(array.copy()).to(device) for array in arrays)
+        viewmat, K, center = (np.array(each, np.float32) for each in (camera.viewmat, camera.K, camera.center))
         plain = View(viewmat, K, center, camera.width, camera.height, antialias)
         if layout is None:
             return plain
-        gain = torch.ones(3, device=device) if gain is None else gain.clone()
-        color = layout.background_of(camera, gain.cpu().numpy())
-        background = torch.tensor(color, dtype=torch.float32, device=device) if any(color) else None
-        plain = replace(plain, clear=layout.clearance.depth(camera), background=background)
+        gain = np.ones(3, np.float32) if gain is None else np.array(gain, np.float32)
+        color = np.array(layout.background_of(camera, gain), np.float32)
+        plain = replace(plain, clear=layout.clearance.depth(camera), background=color if color.any() else None)
         return replace(plain, gain=gain) if layout.backgrounds else plain
+
+    def pinhole(self, near: float) -> Pinhole:
+        """Return the view as projection takes it. near: smallest depth drawn, world units."""
+        if near not in self._pinholes:
+            blur = FINE_BLUR if self.antialias else BLUR
+            self._pinholes[near] = Pinhole(self.viewmat, self.K, self.width, self.height, near, blur)
+        return self._pinholes[near]
 
     def halved(self) -> View:
         """Return the view of images at half size (`halved`)."""
-        K = self.K.clone()
+        K = self.K.copy()
         K[:2] /= 2
         return replace(self, K=K, width=self.width // 2, height=self.height // 2)
 
@@ -81,107 +86,19 @@ class StaticView:
     """
 
     splats: Splats
-    index: Tensor
-    frozen: FrozenSplats
-    rows: Tensor
+    index: np.ndarray
+    frozen: rasterize.Frozen
+    rows: np.ndarray
 
-    def keep(self, kept: Tensor) -> StaticView:
-        """Return the view with the points of a mask [M] bool only."""
-        if bool(kept.all()):
+    def keep(self, kept: np.ndarray) -> StaticView:
+        """Return the view with the points of a mask [M] bool only. The frozen splats are changed."""
+        if kept.all():
             return self
-        index, frozen = torch.nonzero(kept)[:, 0], splat.remove(self.frozen, self.rows[~kept])
-        return StaticView(self.splats.rows(index), self.index[index], frozen, self.rows[index])
+        rasterize.remove(self.frozen, self.rows[~kept])
+        return StaticView(self.splats.rows(np.flatnonzero(kept)), self.index[kept], self.frozen, self.rows[kept])
 
 
-class Comparable(Protocol):
-    """A drawing that can be compared with a training image."""
-
-    @property
-    def means2d(self) -> Tensor:
-        """Screen positions [M, 2], pixels: a tensor of the graph that keeps its gradient."""
-        ...
-
-    @property
-    def moving(self) -> int:
-        """Number of moving points. They are the first rows of `means2d`."""
-        ...
-
-    @property
-    def index(self) -> Tensor | None:
-        """Static points of the remaining rows of `means2d`; None if static points get no gradient."""
-        ...
-
-    @property
-    def absolute(self) -> Tensor | None:
-        """Tensor [moving, 2] whose gradient is the absolute gradient of `splat.rasterize`; None if it is not measured."""
-        ...
-
-    def loss(self, target: Tensor, lambda_dssim: float, gain: Tensor | None) -> Tensor:
-        """Return the photometric loss [] against an image [H, W, 3] uint8 of a camera with a color gain [3]."""
-        ...
-
-
-@dataclass(frozen=True)
-class Drawing:
-    """A complete drawing of a view.
-
-    Attributes:
-        image: [H, W, 3] colors.
-        alpha: [H, W] opacity.
-        means2d: See `Comparable`.
-        moving, index, absolute: See `Comparable`.
-        tiles: [ceil(H / 16), ceil(W / 16)] bool, tiles that were drawn with gradients; None if all were.
-    """
-
-    image: Tensor
-    alpha: Tensor
-    means2d: Tensor
-    moving: int
-    index: Tensor | None = None
-    absolute: Tensor | None = None
-    tiles: Tensor | None = None
-
-    def loss(self, target: Tensor, lambda_dssim: float, gain: Tensor | None) -> Tensor:
-        """Return the photometric loss over the whole image; see `Comparable.loss`."""
-        return splat.photometric_loss(self.image, target, lambda_dssim, gain)
-
-
-@dataclass(frozen=True)
-class MovingTiles:
-    """Moving splats in front of a view's static ones, drawn during the comparison and only in the tiles they touch.
-
-    Attributes:
-        splats: The moving splats; all static splats follow if `where` is given.
-        static: The view's static splats.
-        background: [3] color behind all points; None is black.
-        moving: Number of moving splats.
-        where: [M] bool, splats whose tiles are drawn; None draws the tiles of moving splats.
-    """
-
-    splats: Splats
-    static: StaticView
-    background: Tensor | None
-    moving: int
-    where: Tensor | None = None
-    absolute: None = None
-
-    @property
-    def means2d(self) -> Tensor:
-        """See `Comparable`."""
-        return self.splats.means2d
-
-    @property
-    def index(self) -> Tensor | None:
-        """See `Comparable`."""
-        return None if self.where is None else self.static.index
-
-    def loss(self, target: Tensor, lambda_dssim: float, gain: Tensor | None) -> Tensor:
-        """Return the photometric loss, up to a constant for the tiles that are not drawn. The gain gets no gradient."""
-        frozen = self.static.frozen
-        return splat.layered_loss(self.splats, frozen, target, lambda_dssim, gain, self.background, self.where)
-
-
-def relative_distances(means: Tensor, views: list[View], unit: float, reach: float) -> Tensor:
+def relative_distances(means: np.ndarray, views: list[View], unit: float, reach: float) -> np.ndarray:
     """Return the distance [N] of points to the nearest view, in viewing distances, clamped to 1..reach.
 
     Step sizes and size limits of far points are scaled by it. In pixels they are then the same at any distance.
@@ -192,72 +109,55 @@ def relative_distances(means: Tensor, views: list[View], unit: float, reach: flo
         unit: Typical viewing distance, world units.
         reach: Largest distance returned.
     """
-    centers = torch.stack([view.center for view in views])
-    return (torch.cdist(means.detach(), centers).amin(1) / unit).clamp(1, reach)
-
-
-def splats(
-    means: Tensor,
-    quats: Tensor,
-    scales: Tensor,
-    opacities: Tensor,
-    sh: tuple[Tensor, Tensor],
-    view: View,
-    near: float,
-) -> Splats:
-    """Project points and evaluate their colors for a view.
-
-    Args:
-        means: [N, 3] positions.
-        quats: [N, 4] rotations.
-        scales: [N, 3] standard deviations.
-        opacities: [N] 0..1.
-        sh: Constant part [N, 1, 3] and higher bands [N, K - 1, 3].
-        view: View to project to.
-        near: Near plane, world units.
-    """
-    pinhole = view.viewmat, view.K, view.width, view.height
-    projected = splat.project(means, quats, scales, *pinhole, near, view.antialias)
-    colors = splat.view_colors(means, view.center, *sh)
-    if view.antialias:
-        opacities = splat.antialiased(opacities, projected.conics)
-    return projected.colored(colors, opacities).relative_to(view.background)
+    squares = np.full(len(means), np.inf, np.float32)
+    for view in views:
+        squares = np.minimum(squares, np.square(means - view.center).sum(1))
+    return (np.sqrt(squares) / unit).clip(1, reach)
 
 
 def deformed(
-    params: dict[str, Tensor], offsets: tuple[Tensor, Tensor] | None, shade: Tensor | None, view: View, near: float
+    params: Mapping[str, np.ndarray],
+    offsets: tuple[np.ndarray, np.ndarray] | None,
+    shade: np.ndarray | None,
+    view: View,
+    near: float,
 ) -> Splats:
-    """Project deformed points for a view.
+    """Deform points, project them and compute their colors, which are relative to the background (paper section 4.2).
 
     Args:
-        params: Unconstrained tensors, as in `TrainablePoints`.
-        offsets: Change of positions and rotations, see `splat.deformed`; None for none.
-        shade: Change of color and opacity, see `splat.deformed`; None for none.
+        params: Unconstrained arrays, as in `TrainablePoints`.
+        offsets: dx [N, 3] and dq [N, 4] of any length. The result has means x + dx and quats q * dq. None: no motion.
+        shade: [N, 4], added to c_base and to the logit of the opacity. None: no change.
         view: View to project to.
         near: Near plane, world units.
+
+    Raises:
+        GaussiansError: If a value is NaN or infinite.
     """
-    pinhole = view.viewmat, view.K, view.width, view.height
-    points = [params[name] for name in NAMES]
-    seen = splat.deformed(points, offsets, shade, pinhole, view.center, near, view.antialias)
-    return seen.relative_to(view.background)
+    dx, dq = NO_CHANGE[:2] if offsets is None else offsets
+    splat.check_finite(means=params["means"], quats=params["quats"], log_scales=params["log_scales"], dx=dx, dq=dq)
+    changes = dx, dq, NO_CHANGE[2] if shade is None else shade
+    moment = deform.DeformedPoints._make([*(params[name] for name in NAMES), *changes])
+    opacities, seen = deform.forward(moment, view.center, view.pinhole(near))
+    splats = Splats(seen.means2d, seen.conics, seen.colors, opacities, seen.depths, seen.radii)
+    return splats.relative_to(view.background)
 
 
 class StaticCache:
     """Frozen static points. Each view projects, colors and sorts them once."""
 
-    def __init__(self, gaussians: Gaussians, views: list[View], near: float, device: torch.device) -> None:
+    def __init__(self, gaussians: Gaussians, views: list[View], near: float) -> None:
         """Store static points, all of them living.
 
         Args:
             gaussians: S static points.
             views: Views to draw.
             near: Near plane, world units.
-            device: Device of the tensors.
         """
         self.views = views
         self.near = near
-        self.params = to_params(gaussians, device)
-        self.alive = torch.ones(len(gaussians), dtype=torch.bool, device=device)
+        self.params = to_params(gaussians)
+        self.alive = np.ones(len(gaussians), bool)
         self._views: dict[int, StaticView] = {}
 
     def __len__(self) -> int:
@@ -265,33 +165,32 @@ class StaticCache:
         return len(self.alive)
 
     @property
-    def means(self) -> Tensor:
+    def means(self) -> np.ndarray:
         """Positions [S, 3]."""
         return self.params["means"]
 
-    def set_alive(self, alive: Tensor) -> None:
+    def set_alive(self, alive: np.ndarray) -> None:
         """Hide points that became dynamic. alive: [S] bool, a subset of the points that are alive now."""
-        self.alive = alive.clone()
+        self.alive = alive.copy()
         self._views = {camera: view.keep(alive[view.index]) for camera, view in self._views.items()}
 
-    def revive(self, alive: Tensor) -> None:
+    def revive(self, alive: np.ndarray) -> None:
         """Replace the mask of living points, [S] bool. Unlike `set_alive`, it may show hidden points again."""
         self.alive = alive
         self._views.clear()
 
-    @torch.no_grad()
-    def view(self, camera: int) -> StaticView:
-        """Return the living points that view number `camera` sees."""
-        if camera not in self._views:
-            index = torch.nonzero(self.alive)[:, 0]
-            points = activate({name: value[index] for name, value in self.params.items()})
-            view = self.views[camera]
-            projected = splats(*points, view, max(self.near, view.clear))
-            seen = torch.nonzero(projected.radii > 0)[:, 0]
-            shown, rows = projected.rows(seen), torch.arange(len(seen), device=seen.device)
+    def view(self, place: int) -> StaticView:
+        """Return the living points that view number `place` sees."""
+        if place not in self._views:
+            index = np.flatnonzero(self.alive)
+            view = self.views[place]
+            living = {name: value[index] for name, value in self.params.items()}
+            projected = deformed(living, None, None, view, max(self.near, view.clear))
+            seen = np.flatnonzero(projected.radii > 0)
+            shown = projected.rows(seen)
             frozen = splat.freeze(shown, view.width, view.height)
-            self._views[camera] = StaticView(shown, index[seen], frozen, rows)
-        return self._views[camera]
+            self._views[place] = StaticView(shown, index[seen], frozen, np.arange(len(seen)))
+        return self._views[place]
 
     def set_views(self, views: list[View]) -> None:
         """Replace the views."""
@@ -299,62 +198,17 @@ class StaticCache:
         self._views.clear()
 
 
-def activate(params: dict[str, Tensor]) -> tuple[Tensor, Tensor, Tensor, Tensor, tuple[Tensor, Tensor]]:
-    """Convert unconstrained tensors to the means, quats, scales, opacities and sh that `splats` takes."""
-    sh = params["sh_base"], params["sh_rest"]
-    return params["means"], params["quats"], params["log_scales"].exp(), params["logit_opacities"].sigmoid(), sh
+def draw(splats: Splats, view: View, static: StaticView | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """Draw splats, together with a view's static ones if given. Return the image [H, W, 3] and alpha [H, W]."""
+    frozen = None if static is None else static.frozen
+    image, alpha = splat.rasterize(splats, view.width, view.height, frozen)
+    return image if view.background is None else image + view.background, alpha
 
 
-def draw(moving: Splats, view: View, static: StaticView | None = None, layered: bool = True) -> Drawing:
-    """Rasterize moving points together with a view's static ones.
-
-    Args:
-        moving: Moving splats.
-        view: View to draw.
-        static: The view's static splats; None draws the moving ones only.
-        layered: Draw only tiles that a moving point touches, and copy the static image elsewhere. The image and the gradients
-            of the moving points are the same; static points get no gradient.
-    """
-    count = len(moving.means2d)
-    parts = moving if static is None or layered else Splats.join(moving, static.splats)
-    if parts.means2d.requires_grad:
-        parts.means2d.retain_grad()
-    if static is not None and layered:
-        image, alpha, tiles = splat.rasterize_among(parts, static.frozen)
-        return Drawing(_add_background(view.background, image), alpha, parts.means2d, count, tiles=tiles)
-    absolute = torch.zeros_like(parts.means2d, requires_grad=parts.means2d.requires_grad) if static is None else None
-    image, alpha = splat.rasterize(parts, view.width, view.height, absolute)
-    index = None if static is None else static.index
-    return Drawing(_add_background(view.background, image), alpha, parts.means2d, count, index, absolute)
-
-
-def moving_tiles(moving: Splats, view: View, static: StaticView, also: Tensor | None = None) -> MovingTiles:
-    """Prepare a comparison of the tiles that moving points touch.
-
-    Args:
-        moving: Moving splats.
-        view: View to draw.
-        static: The view's static splats.
-        also: [S] bool, static points that get gradients and whose tiles are drawn too; None for none.
-    """
-    count, parts, where = len(moving.means2d), moving, None
-    if also is not None:
-        parts = Splats.join(moving, static.splats)
-        where = torch.cat([also.new_ones(count), also[static.index]])
-    if parts.means2d.requires_grad:
-        parts.means2d.retain_grad()
-    return MovingTiles(parts, static, view.background, count, where)
-
-
-def _add_background(background: Tensor | None, image: Tensor) -> Tensor:
-    """Add the background to an image that was blended relative to it."""
-    return image if background is None else image + background
-
-
-def contributions(moving: Splats, view: View, static: StaticView | None) -> Tensor:
-    """Return the pixels that every moving point fills in a view, [N]: the sum of its blending weights."""
-    marks = torch.zeros_like(moving.colors, requires_grad=True)
-    marked = moving._replace(means2d=moving.means2d.detach().requires_grad_(), colors=marks)
-    draw(marked, replace(view, background=None), static).image[..., 0].sum().backward()
-    assert marks.grad is not None
-    return marks.grad[:, 0]
+def contributions(splats: Splats, view: View, static: StaticView | None) -> np.ndarray:
+    """Return the pixels that every splat fills in a view, [N]: the sum of its blending weights, with static points in front of some."""
+    frozen, size = None if static is None else static.frozen, (view.width, view.height)
+    black = splats._replace(colors=np.zeros_like(splats.colors))
+    image, alpha = splat.rasterize(black, *size, frozen)
+    weights = splat.rasterize_gradient(black, *size, image, alpha, np.ones_like(image), frozen=frozen)
+    return weights.colors[:, 0]

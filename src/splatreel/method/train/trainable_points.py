@@ -1,128 +1,113 @@
-"""Trainable Gaussians: leaf tensors, their optimizer, and operations that change the rows of both."""
+"""Trainable Gaussians: unconstrained arrays, their optimizer, and operations that change the rows of both."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatreel.kernels import splat
-from splatreel.method.deform.knot_adam import Adam, Restore, merge_snapshots, step
+from splatreel.kernels.adam import Step
+from splatreel.method.deform.knot_adam import Adam, Restore, merge_snapshots
 from splatreel.scene.gaussians import Gaussians
 
 NAMES = ("means", "quats", "log_scales", "logit_opacities", "sh_base", "sh_rest")
 
 
 class TrainablePoints:
-    """Gaussians as unconstrained leaf tensors, each with an Adam optimizer.
+    """Gaussians as unconstrained arrays, each with an Adam optimizer.
 
     Learning rates are per attribute. The rate of `means` is in world units.
     """
 
-    def __init__(self, params: Mapping[str, Tensor], rates: Mapping[str, float]) -> None:
-        """Copy unconstrained tensors.
+    def __init__(self, params: Mapping[str, np.ndarray], rates: Mapping[str, float]) -> None:
+        """Copy unconstrained arrays.
 
         Args:
-            params: Tensors by name, see `params`.
+            params: Arrays by name, see `params`.
             rates: Learning rates by name.
         """
         self.base_rates = dict(rates)
         self.adams = {name: Adam(params[name], rates[name], eps=1e-15) for name in NAMES}
 
     @staticmethod
-    def from_gaussians(gaussians: Gaussians, rates: Mapping[str, float], device: torch.device) -> TrainablePoints:
+    def from_gaussians(gaussians: Gaussians, rates: Mapping[str, float]) -> TrainablePoints:
         """Create trainable points from plain Gaussians."""
-        return TrainablePoints(to_params(gaussians, device), rates)
+        return TrainablePoints(to_params(gaussians), rates)
 
     def __len__(self) -> int:
         """Return the number of points."""
         return len(self.means)
 
     @property
-    def params(self) -> dict[str, Tensor]:
-        """Unconstrained tensors by name.
+    def params(self) -> dict[str, np.ndarray]:
+        """Unconstrained arrays by name.
 
         They are means [N, 3], quats [N, 4], log_scales [N, 3], logit_opacities [N], sh_base [N, 1, 3] and sh_rest [N, K - 1,
         3].
         """
-        return {name: adam.tensor for name, adam in self.adams.items()}
+        return {name: adam.parameter for name, adam in self.adams.items()}
 
     @property
-    def means(self) -> Tensor:
+    def means(self) -> np.ndarray:
         """Positions [N, 3]."""
-        return self.adams["means"].tensor
+        return self.adams["means"].parameter
 
     @property
-    def quats(self) -> Tensor:
+    def quats(self) -> np.ndarray:
         """Rotations [N, 4], not normalized."""
-        return self.adams["quats"].tensor
+        return self.adams["quats"].parameter
 
     @property
-    def scales(self) -> Tensor:
+    def scales(self) -> np.ndarray:
         """Standard deviations [N, 3]."""
-        return self.adams["log_scales"].tensor.exp()
+        return np.exp(self.adams["log_scales"].parameter)
 
     @property
-    def opacities(self) -> Tensor:
+    def opacities(self) -> np.ndarray:
         """Opacities [N], 0..1."""
-        return self.adams["logit_opacities"].tensor.sigmoid()
+        return sigmoid(self.adams["logit_opacities"].parameter)
 
     @property
-    def sh(self) -> tuple[Tensor, Tensor]:
+    def sh(self) -> tuple[np.ndarray, np.ndarray]:
         """Constant part of the color [N, 1, 3], and its higher bands [N, K - 1, 3]."""
-        return self.adams["sh_base"].tensor, self.adams["sh_rest"].tensor
+        return self.adams["sh_base"].parameter, self.adams["sh_rest"].parameter
 
     def scale_rates(self, factors: Mapping[str, float], default: float = 1.0) -> None:
         """Set every learning rate to its base rate times a factor."""
         for name, adam in self.adams.items():
             adam.rate = self.base_rates[name] * factors.get(name, default)
 
-    def step(self, position_scale: Tensor | None = None) -> None:
-        """Follow the gradients and clear them. position_scale: [N, 1], factor for the steps of positions."""
-        before = None if position_scale is None else self.means.detach().clone()
-        step(self.adams.values())
-        if before is not None and position_scale is not None:
-            with torch.no_grad():
-                self.means.copy_(torch.lerp(before, self.means, position_scale))
+    def follow(self, gradients: Sequence[np.ndarray]) -> list[Step]:
+        """Return the optimizer steps for gradients to all arrays, in the order of `NAMES`."""
+        return [adam.follow(gradient) for adam, gradient in zip(self.adams.values(), gradients, strict=True)]
 
-    def price_sh(self, price: float) -> None:
-        """Add the gradient of `price` times the L1 norm of the higher SH bands."""
-        rest = self.adams["sh_rest"].tensor
-        if price and rest.grad is not None:
-            rest.grad.add_(rest.detach().sign(), alpha=price)
-
-    def clear(self) -> None:
-        """Clear the gradients."""
-        for adam in self.adams.values():
-            adam.tensor.grad = None
-
-    def keep(self, index: Tensor) -> None:
+    def keep(self, index: np.ndarray) -> None:
         """Keep the rows of an index or mask, in its order, with their optimizer state."""
         for adam in self.adams.values():
             adam.rewrite(lambda rows: rows[index], lambda rows: rows[index])
 
-    def append(self, params: Mapping[str, Tensor]) -> None:
+    def append(self, params: Mapping[str, np.ndarray]) -> None:
         """Add rows. Their optimizer state starts at zero."""
         for name, adam in self.adams.items():
-            new = params[name].detach()
-            zeros = torch.zeros_like(new)
+            new = params[name]
+            zeros = np.zeros_like(new)
             adam.rewrite(
-                lambda rows, new=new: torch.cat([rows, new]), lambda rows, zeros=zeros: torch.cat([rows, zeros])
+                lambda rows, new=new: np.concatenate([rows, new]),
+                lambda rows, zeros=zeros: np.concatenate([rows, zeros]),
             )
 
-    def rows(self, index: Tensor) -> dict[str, Tensor]:
+    def rows(self, index: np.ndarray) -> dict[str, np.ndarray]:
         """Return copies of the rows of an index or mask."""
-        return {name: tensor.detach()[index].clone() for name, tensor in self.params.items()}
+        return {name: array[index] for name, array in self.params.items()}
 
     def snapshot(self) -> Restore:
         """Copy all rows with their optimizer state."""
         return merge_snapshots([adam.snapshot() for adam in self.adams.values()])
 
     def check(self) -> None:
-        """Check all values. On a GPU this is the only check, since reading a value waits for the GPU.
+        """Check all values.
 
         Raises:
             GaussiansError: If a value is NaN or infinite.
@@ -135,8 +120,8 @@ class TrainablePoints:
         return to_gaussians(self.params)
 
 
-def to_params(gaussians: Gaussians, device: torch.device) -> dict[str, Tensor]:
-    """Convert plain Gaussians to unconstrained tensors."""
+def to_params(gaussians: Gaussians) -> dict[str, np.ndarray]:
+    """Convert plain Gaussians to unconstrained arrays."""
     opacities = np.clip(gaussians.opacities, 1e-4, 1 - 1e-4)
     arrays = {
         "means": gaussians.means,
@@ -146,19 +131,26 @@ def to_params(gaussians: Gaussians, device: torch.device) -> dict[str, Tensor]:
         "sh_base": gaussians.sh[:, :1],
         "sh_rest": gaussians.sh[:, 1:],
     }
-    return {name: torch.from_numpy(np.array(value, np.float32)).to(device) for name, value in arrays.items()}
+    return {name: np.array(value, np.float32, order="C") for name, value in arrays.items()}
 
 
-def to_gaussians(params: Mapping[str, Tensor]) -> Gaussians:
-    """Convert unconstrained tensors to plain Gaussians."""
-    p = {name: tensor.detach().cpu() for name, tensor in params.items()}
+def to_gaussians(params: Mapping[str, np.ndarray]) -> Gaussians:
+    """Convert unconstrained arrays to plain Gaussians, which share no memory with them."""
     return Gaussians(
-        p["means"].numpy(),
-        torch.nn.functional.normalize(p["quats"], dim=-1).numpy(),
-        p["log_scales"].exp().numpy(),
-        p["logit_opacities"].sigmoid().numpy(),
-        torch.cat([p["sh_base"], p["sh_rest"]], 1).numpy(),
+        params["means"].copy(),
+        normalize(params["quats"]),
+        np.exp(params["log_scales"]),
+        sigmoid(params["logit_opacities"]),
+        np.concatenate([params["sh_base"], params["sh_rest"]], 1),
     )
+
+
+def activate(
+    params: Mapping[str, np.ndarray],
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+    """Convert unconstrained arrays to means, quats, scales, opacities, and the two parts of sh."""
+    sh = params["sh_base"], params["sh_rest"]
+    return params["means"], params["quats"], np.exp(params["log_scales"]), sigmoid(params["logit_opacities"]), sh
 
 
 def default_rates(unit: float, pace: float = 1.0) -> dict[str, float]:
@@ -180,13 +172,11 @@ def default_rates(unit: float, pace: float = 1.0) -> dict[str, float]:
     }
 
 
-def children(points: TrainablePoints, split: Tensor, generator: torch.Generator) -> dict[str, Tensor]:
+def children(points: TrainablePoints, split: np.ndarray, rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Return two children of every split point, sampled from the parent's Gaussian and 1.6 times smaller (3DGS section 5.2)."""
-    rows = points.rows(split)
-    twice = {name: torch.cat([value, value]) for name, value in rows.items()}
-    noise = torch.randn(twice["means"].shape, generator=generator).to(twice["means"].device)
-    offset = noise * twice["log_scales"].exp()
-    twice["means"] = twice["means"] + rotate(torch.nn.functional.normalize(twice["quats"], dim=-1), offset)
+    twice = {name: np.concatenate([value, value]) for name, value in points.rows(split).items()}
+    offset = rng.standard_normal(twice["means"].shape, np.float32) * np.exp(twice["log_scales"])
+    twice["means"] = twice["means"] + rotate(normalize(twice["quats"]), offset)
     twice["log_scales"] = twice["log_scales"] - math.log(1.6)
     return twice
 
@@ -196,25 +186,35 @@ LONG_AXIS_OFFSET, LONG_AXIS_SCALE, OTHER_SCALE, HALF_OPACITY = 0.5, 0.5, 0.85, 0
 standard deviations; and their opacity, as a share of its opacity."""
 
 
-def halves(points: TrainablePoints, split: Tensor) -> dict[str, Tensor]:
+def halves(points: TrainablePoints, split: np.ndarray) -> dict[str, np.ndarray]:
     """Return two halves of every split point, side by side on its longest axis. They draw nearly what the point draws.
 
     Source: Deng et al. 2025, "Improving Densification in 3D Gaussian Splatting for High-Fidelity Rendering", long-axis split.
     """
     rows = points.rows(split)
-    axis = torch.eye(3, dtype=rows["means"].dtype, device=rows["means"].device)[rows["log_scales"].argmax(1)]
-    offset = LONG_AXIS_OFFSET * axis * rows["log_scales"].exp()
-    offset = rotate(torch.nn.functional.normalize(rows["quats"], dim=-1), offset)
-    twice = {name: torch.cat([value, value]) for name, value in rows.items()}
-    twice["means"] = torch.cat([rows["means"] + offset, rows["means"] - offset])
+    axis = np.eye(3, dtype=np.float32)[rows["log_scales"].argmax(1)]
+    offset = rotate(normalize(rows["quats"]), LONG_AXIS_OFFSET * axis * np.exp(rows["log_scales"]))
+    twice = {name: np.concatenate([value, value]) for name, value in rows.items()}
+    twice["means"] = np.concatenate([rows["means"] + offset, rows["means"] - offset])
     smaller = axis * math.log(LONG_AXIS_SCALE) + (1 - axis) * math.log(OTHER_SCALE)
-    twice["log_scales"] = twice["log_scales"] + smaller.repeat(2, 1)
-    twice["logit_opacities"] = torch.logit(HALF_OPACITY * torch.sigmoid(twice["logit_opacities"]))
+    twice["log_scales"] = twice["log_scales"] + np.tile(smaller, (2, 1))
+    opacities = HALF_OPACITY * sigmoid(twice["logit_opacities"])
+    twice["logit_opacities"] = np.log(opacities / (1 - opacities))
     return twice
 
 
-def rotate(quats: Tensor, vectors: Tensor) -> Tensor:
+def sigmoid(logits: np.ndarray) -> np.ndarray:
+    """Return 1 / (1 + exp(-logits))."""
+    return 1 / (1 + np.exp(np.minimum(-logits, 80)))
+
+
+def normalize(quats: np.ndarray) -> np.ndarray:
+    """Return quaternions [N, 4] of length 1."""
+    return quats / np.maximum(np.sqrt(np.square(quats).sum(1, keepdims=True)), 1e-12)
+
+
+def rotate(quats: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Rotate vectors [N, 3] by unit quaternions [N, 4]."""
     w, xyz = quats[:, :1], quats[:, 1:]
-    cross = 2 * torch.linalg.cross(xyz, vectors)
-    return vectors + w * cross + torch.linalg.cross(xyz, cross)
+    cross = 2 * np.cross(xyz, vectors)
+    return vectors + w * cross + np.cross(xyz, cross)

@@ -6,8 +6,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatreel.base import threads
 from splatreel.base.paged_arrays import frame_array, release_pages
@@ -28,11 +26,11 @@ class TrainingImages:
         opposite: The same images over the opposite backgrounds, for a subject before few cameras; None for all others.
     """
 
-    pixels: Tensor
+    pixels: np.ndarray
     views: list[View]
     near: float
     unit: float
-    unknown: Tensor | None = None
+    unknown: np.ndarray | None = None
     array: np.ndarray | None = None
     opposite: TrainingImages | None = None
 
@@ -52,7 +50,7 @@ class TrainingImages:
             return self, 0
         return self.opposite, len(self.views)
 
-    def target(self, frame: int, camera: int, drawn: Tensor, gain: Tensor | None) -> Tensor:
+    def target(self, frame: int, camera: int, drawn: np.ndarray, gain: np.ndarray | None) -> np.ndarray:
         """Return a target image [H, W, 3] uint8. Unknown pixels repeat the drawing, so that they cause no loss.
 
         Args:
@@ -64,9 +62,9 @@ class TrainingImages:
         image = self.pixels[frame, camera]
         if self.unknown is None:
             return image
-        shown = drawn.detach() if gain is None else drawn.detach() * gain.detach()
-        as_shown = (shown.clamp(0, 1) * 255).round().to(torch.uint8)
-        return torch.where(self.unknown[frame, camera][..., None], as_shown, image)
+        shown = drawn if gain is None else drawn * gain
+        as_shown = (shown.clip(0, 1) * 255).round().astype(np.uint8)
+        return np.where(self.unknown[frame, camera][..., None], as_shown, image)
 
     def sizes(self, iterations: int, coarse_share: float, afforded: float) -> list[tuple[int, TrainingImages]]:
         """Return the resolutions that training uses, smallest first, each with the iteration at which its use ends.
@@ -92,23 +90,22 @@ class TrainingImages:
             self.opposite.release_pages()
 
     def halved(self) -> TrainingImages:
-        """Return the images at half size. Frames are converted one at a time, since a group's images as floats take much memory."""
+        """Return the images at half size."""
         count, cameras, height, width, channels = self.pixels.shape
-        shape = (count, cameras, height // 2, width // 2, channels)
-        array = None if self.pixels.is_cuda else frame_array(shape)
-        small = self.pixels.new_empty(shape) if array is None else torch.from_numpy(array)
+        small = frame_array((count, cameras, height // 2, width // 2, channels))
 
         def halve(frame: int) -> None:
-            small[frame].copy_(halved(self.pixels[frame]))
+            small[frame] = halved(self.pixels[frame])
             self.release_pages()
 
         threads.map_parallel(halve, range(count))
         unknown = self.unknown
         if unknown is not None:  # unknown if any of the four pixels is
-            unknown = torch.nn.functional.max_pool2d(unknown.float(), 2) > 0
+            even = unknown[..., : 2 * (height // 2), : 2 * (width // 2)]
+            unknown = even.reshape(count, cameras, height // 2, 2, width // 2, 2).any((3, 5))
         views = [view.halved() for view in self.views]
         opposite = None if self.opposite is None else self.opposite.halved()
-        return replace(self, pixels=small, views=views, unknown=unknown, array=array, opposite=opposite)
+        return replace(self, pixels=small, views=views, unknown=unknown, array=small, opposite=opposite)
 
 
 def size_ends(megapixels: float, coarse_share: float, afforded: float) -> list[float]:
@@ -129,12 +126,8 @@ def size_ends(megapixels: float, coarse_share: float, afforded: float) -> list[f
     return [*ends, coarse_share] if coarse_share else ends
 
 
-def halved(images: Tensor) -> Tensor:
+def halved(images: np.ndarray) -> np.ndarray:
     """Average images [C, H, W, 3] uint8 over blocks of 2 x 2 pixels. An odd row or column is cut off."""
-    if images.is_cuda:
-        small = torch.nn.functional.avg_pool2d(images.permute(0, 3, 1, 2).float(), 2)
-        return small.round().to(torch.uint8).permute(0, 2, 3, 1).contiguous()
     height, width = images.shape[1] // 2, images.shape[2] // 2
-    even = images[:, : 2 * height, : 2 * width].numpy()
-    small = [cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) for image in even]
-    return torch.from_numpy(np.stack(small))
+    even = images[:, : 2 * height, : 2 * width]
+    return np.stack([cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA) for image in even])

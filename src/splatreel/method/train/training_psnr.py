@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatreel.method.cameras.time_offsets import TimeOffsets
 from splatreel.method.train.dynamic_points import DynamicPoints
-from splatreel.method.train.losses import psnr
 from splatreel.method.train.render import StaticCache, draw
 from splatreel.method.train.training_images import TrainingImages
 
@@ -16,12 +15,17 @@ SAMPLES = 12
 """Training images over which the PSNR of a group is averaged."""
 
 
-@torch.no_grad()
+def psnr(image: np.ndarray, target: np.ndarray) -> float:
+    """Return the PSNR, dB, of an image [H, W, 3] 0..1 against its target, uint8."""
+    error = np.square(image.clip(0, 1) - target.astype(np.float32) / 255).mean()
+    return -10 * math.log10(max(float(error), 1e-12))
+
+
 def training_psnr(
     points: DynamicPoints,
     static: StaticCache,
     images: TrainingImages,
-    gains: Tensor,
+    gains: np.ndarray,
     time_offsets: TimeOffsets,
     available: np.ndarray,
 ) -> float:
@@ -41,6 +45,6 @@ def training_psnr(
         cameras = np.flatnonzero(available[frame])
         camera = int(cameras[(k * 7) % len(cameras)])
         view, moment = images.views[camera], time_offsets.moment(frame, camera, images.count)
-        image = draw(points.at(moment, view, images.near), view, static.view(camera)).image
+        image, _ = draw(points.at(moment, view, images.near), view, static.view(camera))
         values.append(psnr(image * gains[camera], images.pixels[frame, camera]))
     return float(np.mean(values))
