@@ -1,7 +1,11 @@
 """Training from arrays, one iteration at a time, for programs that need no runs and reels. `examples/train_group.py` is an example.
 
 `reconstruct_frame` trains the Gaussians of one frame. `group_trainer` trains how Gaussians move over several frames. Both take
-images and cameras in memory, as `splatreel.capture_from_arrays` does, and need PyTorch.
+images and cameras in memory, as `splatreel.capture_from_arrays` does.
+
+Both also take losses of your own, which are added to those of the method. A loss is a function from `Seen` to its value and a dict of
+gradients: to `image`, the drawing as the camera would take it, or to any of `Seen.points`. It is called once in every iteration. A
+training with such a loss runs on the CPU. `examples/own_loss.py` and `examples/own_loss_torch.py` are examples.
 """
 
 from __future__ import annotations
@@ -23,6 +27,7 @@ from splatreel.scene.projection import project
 
 if TYPE_CHECKING:
     from splatreel.method.train.group_trainer import GroupTrainer
+    from splatreel.method.train.terms.custom import LossFunction
 
 __all__ = ["group_trainer", "reconstruct_frame"]
 
@@ -34,6 +39,7 @@ def reconstruct_frame(
     *,
     points: np.ndarray | None = None,
     point_colors: np.ndarray | None = None,
+    losses: Sequence[LossFunction] = (),
     device: str = "auto",
     progress: Progress | None = None,
 ) -> Gaussians:
@@ -48,19 +54,22 @@ def reconstruct_frame(
         config: Settings, or the name of a preset: draft, standard or paper.
         points: Sparse points of the scene, [P, 3]; None triangulates them.
         point_colors: Their colors, [P, 3], 0..1.
-        device: auto, cpu or cuda.
+        losses: Losses of your own, see above.
+        device: auto, cpu, gpu or cuda.
         progress: Receives one step for each iteration. A progress that raises an error stops the training.
 
     Raises:
         CaptureError: Shapes or values of the images or points do not fit, or the cameras cannot be used.
         ReconstructionError: No initial points were found.
         GaussiansError: Training ended in NaN or infinity.
-        UsageError: The device or the preset does not exist.
-        MissingDependencyError: PyTorch is not installed.
+        UsageError: The device or the preset does not exist, or a loss returns gradients of a wrong name or shape.
+        MissingDependencyError: A package of the extra `recon` is not installed.
     """
     with needing_packages():
+        from splatreel.method.train.losses import KEYFRAME
         from splatreel.method.train.single_frame import reconstruct_single_frame
-        from splatreel.run.device_choice import pick_device
+        from splatreel.method.train.terms.custom import with_functions
+        from splatreel.run.device_choice import pick_gpu
 
         array = image_array(np.asarray(images)[None], cameras, "The frame")[0]
         points, point_colors = point_arrays(points, point_colors, "The frame")
@@ -69,7 +78,8 @@ def reconstruct_frame(
             *(list(cameras), array, preset(config) if isinstance(config, str) else config),
             points=points,
             point_colors=point_colors,
-            device=pick_device(device),
+            gpu=pick_gpu(device)[0],
+            losses=with_functions(KEYFRAME, losses),
             progress=progress,
         )
     return replace(gaussians, near=layout.near)
@@ -84,6 +94,7 @@ def group_trainer(
     *,
     near: float | None = None,
     tracks: np.ndarray | None = None,
+    losses: Sequence[LossFunction] = (),
     device: str = "auto",
     seed: int = 0,
 ) -> GroupTrainer:
@@ -102,15 +113,17 @@ def group_trainer(
             iterations.
         near: Near plane, world units. None: the farthest of the Gaussians, or one in front of nearly all of them.
         tracks: Positions of the dynamic Gaussians at every frame, [T, N, 3], from which training starts; None starts at rest.
-        device: auto, cpu or cuda.
+        losses: Losses of your own, see above.
+        device: auto, cpu, gpu or cuda.
         seed: Seed of all random choices.
 
     Raises:
         CaptureError: Shapes or values of the images do not fit, or the cameras cannot be used.
         GaussiansError: There are no dynamic Gaussians, all are behind the near plane, the tracks do not
             have a position for each Gaussian and frame, or the Gaussians have values that are not finite.
-        UsageError: The device or the preset does not exist, or `near` is not a positive number.
-        MissingDependencyError: PyTorch is not installed.
+        UsageError: The device or the preset does not exist, `near` is not a positive number, or a loss returns gradients of a wrong
+            name or shape.
+        MissingDependencyError: A package of the extra `recon` is not installed.
     """
     array = image_array(images, cameras, "The group")
     static = Gaussians.empty(dynamic.sh_degree) if static is None else static
@@ -122,20 +135,20 @@ def group_trainer(
     if near is not None and not 0 < near < np.inf:
         raise UsageError(f"The near plane is {near}. Give a positive distance in world units.")
     with needing_packages():
-        import torch
-
         from splatreel.method.cameras.color_gains import CameraGains
         from splatreel.method.init.initial_points import near_plane
         from splatreel.method.init.layout import viewing_distance
         from splatreel.method.tracking.tracking import GroupStart
         from splatreel.method.train.group_trainer import GroupTrainer
+        from splatreel.method.train.losses import GROUP
         from splatreel.method.train.render import View
+        from splatreel.method.train.terms.custom import with_functions
         from splatreel.method.train.training_images import TrainingImages
-        from splatreel.run.device_choice import pick_device
+        from splatreel.run.device_choice import pick_gpu
         from splatreel.scene.static_points import StaticPoints
 
         settings = (preset(config) if isinstance(config, str) else config).for_video(len(array))
-        place = pick_device(device)
+        gpu, _ = pick_gpu(device)
         unit = viewing_distance(list(cameras), means)
         near = near_plane(list(cameras), means) if near is None else near
         if (farthest := max(float(project(camera, means)[1].max()) for camera in cameras)) <= near:
@@ -143,14 +156,16 @@ def group_trainer(
                 f"All Gaussians are behind the near plane: it is at {near:g}, and the farthest Gaussian at depth {farthest:g}. Give a "
                 f"smaller near plane, in world units."
             )
-        views = [View.of(camera, place, settings.antialias) for camera in cameras]
+        views = [View.of(camera, settings.antialias) for camera in cameras]
         return GroupTrainer(
-            TrainingImages(torch.from_numpy(np.ascontiguousarray(array)).to(place), views, near, unit),
+            TrainingImages(np.ascontiguousarray(array), views, near, unit),
             GroupStart(dynamic, None if tracks is None else np.asarray(tracks, np.float32)),
             StaticPoints(static, np.ones(len(static), bool)),
             settings,
-            gains=CameraGains(len(cameras), place, enabled=False),
+            gains=CameraGains(len(cameras), enabled=False),
             seed=seed,
+            gpu=gpu,
+            losses=with_functions(GROUP, losses),
         )
 
 

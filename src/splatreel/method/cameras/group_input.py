@@ -6,7 +6,6 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-import torch
 
 from splatreel.base import threads
 from splatreel.base.paged_arrays import frame_array, release_pages
@@ -33,14 +32,13 @@ class GroupInput:
         rig: Cameras as they are known so far.
         light: Factors [T, 3] float32 as in `Group.light`; None where the light does not change.
         layout: Near plane, viewing distance, clearance and background of the scene.
-        device: Device that trains.
         seed: Seed of the run.
         antialias: True if splats are drawn antialiased (see `render_image`).
         missing: [T, C] bool, images that the cameras lack and that images of nearby frames stand in for; None if all exist.
             They are not trained on.
         plates: Images [C, H, W, 3] uint8 of the scene that all chapters share, which the exposures of a chapter are measured
             against; None outside of chapters.
-        gpu: GPU that runs iterations of training; None runs them on `device`, with torch.
+        gpu: GPU that runs iterations of training; None runs them on the CPU.
         alpha: [T, C, H, W] uint8, opacity of a subject before few cameras; None for all others.
     """
 
@@ -49,7 +47,6 @@ class GroupInput:
     rig: Rig
     light: np.ndarray | None
     layout: Layout
-    device: torch.device
     seed: int
     antialias: bool
     missing: np.ndarray | None = None

@@ -10,12 +10,12 @@ from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
-import torch
 
 from splatreel.base.progress import Progress
 from splatreel.capture.masked_capture import PALETTE, is_doubtful
 from splatreel.capture.srgb import over_color
 from splatreel.config import preset
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels.image import render_image
 from splatreel.method.train.single_frame import Subject, reconstruct_single_frame
 from splatreel.scene.camera import Camera, angles_apart, middle_camera
@@ -67,9 +67,9 @@ def leave_one_out(
     points: np.ndarray | None,
     colors: np.ndarray | None,
     near: float | None,
-    device: torch.device,
     progress: Progress,
     alpha: np.ndarray | None = None,
+    gpu: SharedGpu | None = None,
 ) -> Trial:
     """Leave the middle camera out of a small reconstruction. It takes some seconds, whatever the size of the capture.
 
@@ -80,9 +80,9 @@ def leave_one_out(
         points: Sparse points [P, 3] of the capture, if it has any.
         colors: Their colors [P, 3] 0..1.
         near: Near plane of the capture, if it has one.
-        device: Device that trains.
         progress: Display of the progress.
         alpha: [C, H, W] uint8, opacity of the subject; None tries the whole scene.
+        gpu: GPU that trains; None trains on the CPU.
     """
     left, angles = middle_camera(cameras, focus), angles_apart(cameras, focus)
     others = np.argsort(angles[left], kind="stable")[: min(OTHERS, len(cameras) - 1)].tolist()
@@ -106,7 +106,7 @@ def leave_one_out(
         point_colors=colors,
         near=near,
         subject=subject,
-        device=device,
+        gpu=gpu,
         progress=_StepsOnly(progress),
     )
     drawn = render_image(

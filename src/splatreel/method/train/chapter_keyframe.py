@@ -50,7 +50,7 @@ def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progre
         return KeyframeResult(Gaussians.empty(keyframe.sh_degree), data.gains, static.alive)
     gains = known_gains(data, config)
     trainer = KeyframeTrainer(
-        starting_points(points, colors, keyframe, data.unit, data.device),
+        starting_points(points, colors, keyframe, data.unit),
         gains,
         keyframe,
         static=static.living,
@@ -73,7 +73,7 @@ def start_chapter(data: GroupInput, static: StaticPoints, config: Config, progre
         data.unknown,
         None if data.alpha is None else data.alpha[0],
     )
-    return KeyframeResult(trainer.points.gaussians(), gains.values.cpu().numpy(), static.alive)
+    return KeyframeResult(trainer.points.gaussians(), gains.values.copy(), static.alive)
 
 
 def missing_in(data: GroupInput, static: StaticPoints) -> np.ndarray:
@@ -103,7 +103,7 @@ def _remove_departed(
     """
     for _ in range(MAX_PASSES):
         everything = Gaussians.concatenate([static.living, before])
-        seen = shares(everything, data.cameras, missing, data.near, data.device)[: len(static.living)]
+        seen = shares(everything, data.cameras, missing, data.near)[: len(static.living)]
         gone = seen > DEPARTED_SHARE  # unseen points are NaN, which compares false
         if not gone.any():
             break
@@ -117,7 +117,7 @@ def _occluders(data: GroupInput, found: InitialPoints, missing: np.ndarray, conf
     points, colors = _places(data, found, missing)
     if len(points) == 0:
         return Gaussians.empty(config.keyframe.sh_degree)
-    covers = starting_points(points, colors, config.keyframe, data.unit, data.device).gaussians()
+    covers = starting_points(points, colors, config.keyframe, data.unit).gaussians()
     return Gaussians(covers.means, covers.quats, covers.scales, np.full(len(points), 0.95), covers.sh)
 
 

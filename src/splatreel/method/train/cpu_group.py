@@ -1,36 +1,39 @@
-"""Iterations of a group on the CPU, without autograd."""
+"""Iterations of a group on the CPU."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import torch
 
-from splatreel.kernels import adam, arrays
-from splatreel.method.deform.trajectory import Slopes
-from splatreel.method.train.cpu_motion import CpuMotion, Moment
-from splatreel.method.train.cpu_program import CpuProgram, array, check_loss
-from splatreel.method.train.losses import rigidity, smoothness, view_dependence, weight_of
+from splatreel.kernels import adam, deform
+from splatreel.kernels.binning import bin_splats
+from splatreel.kernels.splat import Splats
+from splatreel.method.deform.protocol import Slope
+from splatreel.method.train.cpu_program import CpuProgram, check_loss, splat_gradients
 from splatreel.method.train.programs import Draw, GroupState, Outcome
 from splatreel.method.train.regularizers import Neighbors
+from splatreel.method.train.terms.photometric import Compared, Picture, compare
+from splatreel.method.train.terms.term import Due, GroupIteration, reported_loss
+from splatreel.method.train.trainable_points import NAMES
+
+FIXED = np.zeros((0, 4), np.float32)
+"""Shade of points whose appearance is fixed."""
 
 
 class _Gradients(NamedTuple):
-    """Result of a draw: gradients to the canonical points and to the splines, and what density control measures."""
+    """Result of a draw: gradients to the points by name, to the models of motion and appearance, and of screen positions [M, 2]."""
 
-    canonical: Sequence[np.ndarray]
-    splines: list[Slopes]
+    points: dict[str, np.ndarray]
+    slopes: list[Slope]
     shade: np.ndarray
+    d_shade: np.ndarray
     screen: np.ndarray
-    moment: Moment
     outcome: Outcome
 
 
 class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
-    """Program of a group, see `Program`. The losses are those of `programs.GROUP_COSTS`.
+    """Program of a group, see `Program`.
 
     Attributes:
         neighbors: Nearest neighbors; None for fewer than two points.
@@ -39,96 +42,115 @@ class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
 
     def __init__(self, state: GroupState) -> None:
         """Prepare a program; `upload` follows."""
-        points, density, images, config, losses, gains, learns_time = state
-        super().__init__(images)
+        super().__init__(state.images, state.losses, state.config)
         self.neighbors: Neighbors | None = None
-        self.learns_time = learns_time
-        self._points = points
-        self._density = density
-        self._config = config
-        self._losses = losses
-        self._gains = gains
-
-    def upload(self) -> None:
-        """See `Program`."""
-        super().upload()
-        self._motion = CpuMotion(self._points, self.images.count, self.learns_time)
-        self._canonical = [array(one.tensor) for one in self._points.canonical.adams.values()]
+        self.learns_time = state.learns_time
+        self._points = state.points
+        self._density = state.density
+        self._lambda_dssim = state.config.lambda_dssim
+        self._gains = state.gains
 
     def prepare(self, draw: Draw) -> int:
         """See `CpuProgram`."""
         place = self.images.of_iteration(draw.iteration)[1] + draw.camera
         self._density.static.view(place)
-        self._motion.catch_up(draw)
+        times = [draw.moment, *(self._neighborhood(draw.moment) if self.learns_time else ())]
+        if draw.span is not None:
+            times += draw.span[:2]
+        self._points.deformation.extend_to(draw.last)
+        self._points.deformation.prepare(times)
+        if self._points.appearance is not None:
+            self._points.appearance.prepare([draw.moment])
         return place
 
     def gradients(self, draw: Draw, place: int) -> _Gradients:
         """See `CpuProgram`."""
-        weight = partial(weight_of, losses=self._losses, step=draw, config=self._config)
-        view, pinhole, center, _ = self.seen(place)
-        moment = self._motion.at(draw.moment)
-        points = arrays.DeformedPoints._make([*self._canonical, moment.dx, moment.dq, moment.shade])
-        opacities, seen = arrays.deform(points, center, pinhole)
-        loss, screen, d_splats = self._compare(draw, place, seen, opacities)
-        *d_canonical, d_dq, d_shade = arrays.deform_gradient(points, seen, center, pinhole, *d_splats)
-        self._price_bands(weight(view_dependence) / (view.width * view.height), points.rest, d_canonical[-1])
+        model, canonical, due = self._points.deformation, self._points.canonical.params, self.due(draw)
+        view, shown = self.images.all_views[place], self.images.of_iteration(draw.iteration)[0]
+        pinhole, means = view.pinhole(self.images.near), canonical["means"]
+        dx, dq = model.offsets(means, draw.moment)
+        shade = FIXED if self._points.appearance is None else self._points.appearance.at(draw.moment)
+        points = deform.DeformedPoints._make([*(canonical[name] for name in NAMES), dx, dq, shade])
+        opacities, projected = deform.forward(points, view.center, pinhole)
+        colors = projected.colors if view.background is None else projected.colors - view.background
+        splats = Splats(projected.means2d, projected.conics, colors, opacities, projected.depths, projected.radii)
+        seen = GroupIteration(
+            iteration=draw.iteration,
+            share=draw.share,
+            camera=draw.camera,
+            moment=draw.moment,
+            view=view,
+            near=self.images.near,
+            unit=self.images.unit,
+            target=shown.pixels[draw.frame, draw.camera],
+            points={**canonical, "dx": dx, "dq": dq},
+            splats=splats,
+            deformation=model,
+            neighbors=self.neighbors,
+            rank=draw.rank,
+            span=draw.span,
+        )
+        compared = self._compare(draw, place, seen, due)
+        d_splats = splat_gradients(compared, seen, due)
+        found = list(deform.backward(points, projected, view.center, pinhole, *d_splats))
+        seen.gradients = {**dict(zip(NAMES, found, strict=False)), "dx": found[0], "dq": found[6]}
+        for term, weight in due:
+            term.add_to_points(seen, weight)
+        gradients = {name: seen.gradients[name] for name in NAMES}
+        slopes = model.gradient(means, [(1.0, draw.moment)], seen.gradients["dx"], seen.gradients["dq"])
+        slope = 0.0
+        if self.learns_time:
+            before, after = self._neighborhood(draw.moment)
+            slope = model.change(means, (before, after), slopes) / (after - before)
+        outcome = Outcome(reported_loss(seen, due), slope)
+        return _Gradients(gradients, slopes + seen.slopes, shade, found[7], compared.splats[0], outcome)
 
-        d_dx = d_canonical[0]
-        if draw.rank is not None and self.neighbors is not None:
-            d_rigid = self._motion.rigidity(moment, self.neighbors, draw.rank, weight(rigidity))
-            d_dx, d_dq = d_dx + d_rigid[0], d_dq + d_rigid[1]
-        slopes = self._motion.slopes(d_dx, d_dq)
-        splines = [(*self._motion.knots(draw.moment), slopes)]
-        if draw.span is not None:
-            splines += self._motion.smoothness(draw.span, weight(smoothness))
-        slope = self._motion.time_slope(draw.moment, slopes) if self.learns_time else 0.0
-        return _Gradients(d_canonical, splines, d_shade, screen, moment, Outcome(loss, slope))
-
-    def _compare(
-        self, draw: Draw, place: int, seen: arrays.ProjectedPoints, opacities: np.ndarray
-    ) -> tuple[float, np.ndarray, list[np.ndarray]]:
-        """Draw the points among the static ones and compare the image.
-
-        Returns:
-            The loss, the gradients [M, 2] to screen positions, and those to means2d, conics, colors and opacities of the moving points.
-        """
-        view, _, _, background = self.seen(place)
-        static = self._density.static.view(place)
-        colors = seen.colors if background is None else seen.colors - background
-        splats, where, n = (seen.means2d, seen.conics, colors, opacities, seen.depths, seen.radii), None, len(opacities)
+    def _compare(self, draw: Draw, place: int, seen: GroupIteration, due: Due) -> Compared:
+        """Draw the points among the static ones and compare the image. Static points follow the others in the gradients."""
+        view, static = self.images.all_views[place], self._density.static.view(place)
+        splats, where, frozen = seen.splats, None, static.frozen
         if draw.metered_static:
-            splats = tuple(np.concatenate([a, array(b)]) for a, b in zip(splats, static.splats, strict=True))
             measured = (self._density.convertible & self._density.static.alive)[static.index]
-            where = np.concatenate([np.ones(n, bool), array(measured)])
+            where, frozen = np.concatenate([np.ones(len(splats.means2d), bool), measured]), None
+            splats = Splats.join(splats, static.splats)
         means2d, conics, colors, opaque, depths, radii = splats
-        bins = arrays.bin_splats(means2d, conics, opaque, depths, radii, view.width, view.height)
-        shown = self.images.of_iteration(draw.iteration)[0]
-        target, gain = array(shown.pixels[draw.frame, draw.camera]), array(self._gains.values[draw.camera])
-        unknown = None if shown.unknown is None else array(shown.unknown[draw.frame, draw.camera])
-        options = self._config.lambda_dssim, gain, background, where, draw.whole, unknown
-        loss, found = arrays.layered_loss(bins, colors, static.frozen.held, target, *options)
-        check_loss(loss, splats[:4])
-        gradients = found.means2d, found.conics, found.colors, found.opacities
-        return loss, found.means2d, [part[:n] for part in gradients]
-
-    @staticmethod
-    def _price_bands(price: float, rest: np.ndarray, d_rest: np.ndarray) -> None:
-        """Add the gradient of the L1 norm of the higher SH bands, see `losses.view_dependence`."""
-        size = rest.shape[1] * rest.shape[2]
-        if price and size:
-            arrays.add_signs(rest.reshape(-1, size), np.full(size, price, np.float32), d_rest.reshape(-1, size))
+        bins = bin_splats(means2d, conics, opaque, depths, radii, view.width, view.height)
+        seen.bins = bins if where is None else None
+        shown, gain = self.images.of_iteration(draw.iteration)[0], self._gains.values[draw.camera]
+        unknown = None if shown.unknown is None else shown.unknown[draw.frame, draw.camera]
+        picture = Picture(
+            bins=bins,
+            colors=colors,
+            frozen=frozen,
+            background=view.background,
+            gain=gain,
+            where=where,
+            whole=draw.whole,
+            learns_gain=False,
+            unknown=unknown,
+            fill=lambda drawn: shown.target(draw.frame, draw.camera, drawn, gain),
+        )
+        found = compare(picture, static.frozen, self._lambda_dssim, seen, due)
+        check_loss(seen.photometric or 0.0, splats[:4])
+        return found
 
     def follow(self, draw: Draw, place: int, found: _Gradients) -> Outcome:
         """See `CpuProgram`."""
         if draw.metered:
-            view, screen = self.seen(place).view, torch.from_numpy(found.screen)
+            view = self.images.all_views[place]
             moving, index = len(self._points), self._density.static.view(place).index
-            self._density.moving_meter.add(screen[:moving], view.width, view.height)
+            self._density.moving_meter.add(found.screen[:moving], view.width, view.height)
             if draw.metered_static:
-                self._density.static_meter.add(screen[moving:], view.width, view.height, index)
+                self._density.static_meter.add(found.screen[moving:], view.width, view.height, index)
         canonical = self._points.canonical
         canonical.scale_rates({}, default=draw.pace * 0.1**draw.share)
-        each = zip(canonical.adams.values(), found.canonical, strict=True)
-        steps = [one.follow(torch.from_numpy(gradient), 0) for one, gradient in each]
-        adam.adam(steps + self._motion.steps(draw, found.moment, found.splines, found.shade))
+        steps = canonical.follow([found.points[name] for name in NAMES])
+        steps += self._points.deformation.steps(found.slopes, draw.share, draw.pace)
+        if self._points.appearance is not None:
+            steps += self._points.appearance.steps(draw.moment, found.shade, found.d_shade, draw.share, draw.pace)
+        adam.adam(steps)
         return found.outcome
+
+    def _neighborhood(self, time: float) -> tuple[float, float]:
+        """Return the times between which the motion is compared for the slope of a time offset."""
+        return max(time - 0.5, 0.0), min(time + 0.5, self.images.count - 1.0)

@@ -3,42 +3,32 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatreel.base.errors import GaussiansError, GpuError
 from splatreel.base.progress import Progress
 from splatreel.config import KeyframeConfig
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels import splat
-from splatreel.kernels.projected import Splats
+from splatreel.kernels.splat import Splats
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots
 from splatreel.method.train.average import Average
 from splatreel.method.train.cpu_keyframe import CpuKeyframeProgram
 from splatreel.method.train.density import KeyframeDensity
 from splatreel.method.train.error_points import ADDED_SHARE, adds_after, points_at_errors
-from splatreel.method.train.gpu_keyframe import GpuKeyframeProgram
-from splatreel.method.train.hidden_colors import bound_colors, spread_colors
-from splatreel.method.train.losses import (
-    GROWTH,
-    KEYFRAME,
-    LAMBDA_DSSIM,
-    KeyframeStep,
-    Loss,
-    backward,
-    psnr,
-    reported_loss,
-)
+from splatreel.method.train.gpu_keyframe import keyframe_program
+from splatreel.method.train.gpu_program import unsupported
+from splatreel.method.train.hidden_colors import spread_colors
+from splatreel.method.train.losses import GROWTH, KEYFRAME, Terms, psnr
 from splatreel.method.train.opacity_resets import OpacityResets
 from splatreel.method.train.programs import MOST_DRAWS, KeyframeDraw, KeyframeProgram, KeyframeState
 from splatreel.method.train.recovery import Recovery
-from splatreel.method.train.render import Comparable, StaticCache, View, deformed, draw, moving_tiles
+from splatreel.method.train.render import StaticCache, View, deformed, draw
 from splatreel.method.train.trainable_points import NAMES, TrainablePoints, default_rates
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0, Gaussians
@@ -66,9 +56,7 @@ class KeyframeResult:
     alive: np.ndarray | None = None
 
 
-def starting_points(
-    positions: np.ndarray, colors: np.ndarray, config: KeyframeConfig, unit: float, device: torch.device
-) -> TrainablePoints:
+def starting_points(positions: np.ndarray, colors: np.ndarray, config: KeyframeConfig, unit: float) -> TrainablePoints:
     """Create Gaussians at sparse points, as large as the distance to their neighbors.
 
     Args:
@@ -76,29 +64,26 @@ def starting_points(
         colors: [P, 3] 0..1.
         config: Keyframe settings.
         unit: Typical viewing distance, world units.
-        device: Device of the tensors.
 
     Source:
         3DGS, section 5.1.
     """
-    points = torch.from_numpy(np.asarray(positions, np.float32)).to(device)
-    neighbors = min(3, len(points) - 1)
+    points = np.asarray(positions, np.float32)
+    count, neighbors = len(points), min(3, len(points) - 1)
     if neighbors > 0:
         distances = splat.nearest_neighbors(points, neighbors)[1]
-        size = distances.square().mean(1).sqrt().clamp(2e-3 * unit, 0.07 * unit)
+        size = np.clip(np.sqrt(np.square(distances).mean(1)), np.float32(2e-3 * unit), np.float32(0.07 * unit))
     else:
-        size = torch.full((len(points),), 0.02 * unit, device=device)
-    count = len(points)
-    quats = torch.zeros(count, 4, device=device)
+        size = np.full(count, 0.02 * unit, np.float32)
+    quats = np.zeros((count, 4), np.float32)
     quats[:, 0] = 1
-    base = (torch.from_numpy(np.asarray(colors, np.float32)).to(device) - 0.5) / C0
     params = {
         "means": points,
         "quats": quats,
-        "log_scales": size.log()[:, None].repeat(1, 3),
-        "logit_opacities": torch.full((count,), math.log(0.1 / 0.9), device=device),
-        "sh_base": base[:, None],
-        "sh_rest": torch.zeros(count, (config.sh_degree + 1) ** 2 - 1, 3, device=device),
+        "log_scales": np.repeat(np.log(size)[:, None], 3, 1),
+        "logit_opacities": np.full(count, math.log(0.1 / 0.9), np.float32),
+        "sh_base": ((np.asarray(colors, np.float32) - np.float32(0.5)) / np.float32(C0))[:, None],
+        "sh_rest": np.zeros((count, (config.sh_degree + 1) ** 2 - 1, 3), np.float32),
     }
     return TrainablePoints(params, default_rates(unit, config.rate_scale))
 
@@ -114,7 +99,7 @@ class KeyframeTrainer:
         *,
         static: Gaussians | None = None,
         max_points: int,
-        losses: Sequence[Loss[KeyframeStep]] | None = None,
+        losses: Terms | None = None,
         seed: int = 0,
         region: Volume | None = None,
         gpu: SharedGpu | None = None,
@@ -127,10 +112,10 @@ class KeyframeTrainer:
             config: Keyframe settings.
             static: Frozen static points; None if there are none.
             max_points: Maximum number of points.
-            losses: List of losses; None is `losses.KEYFRAME`.
+            losses: List of terms; None is `losses.KEYFRAME`.
             seed: Seed of all random choices.
             region: Volume in which points are densified; None is everywhere.
-            gpu: GPU that runs the iterations; None runs them on the device of the points.
+            gpu: GPU that runs the iterations; None runs them on the CPU.
         """
         self.points = points
         self.gains = gains
@@ -156,14 +141,11 @@ class KeyframeTrainer:
         self._start_program(images, static, progress)
         while self.done < end:
             try:
-                if self.program is None:
-                    loss = self._iterate(images, static, total, average)
-                else:
-                    loss = self._run_batch(images, total, end, average, self.program)
+                loss = self._run_batch(images, total, end, average)
                 self._finish_iteration(images, static, total, average)
                 if self.done % SHOW_EVERY == 0 or self.done == end:
                     self.check()
-                    progress.update(self.done, loss=float(loss), points=len(self.points))
+                    progress.update(self.done, loss=loss, points=len(self.points))
                     if self.watch is not None:
                         self.watch(self._gaussians_now)
             except (GaussiansError, GpuError) as error:
@@ -179,16 +161,6 @@ class KeyframeTrainer:
         if images.opposite is not None:
             spread_colors(self.points, images, static)
 
-    def _iterate(self, images: TrainingImages, static: StaticCache | None, total: int, average: Average) -> Tensor:
-        """Run one iteration with torch, and return its photometric loss []."""
-        camera = self._next_camera(images)
-        loss, drawing = self.step(images, camera, static, self.done / total)
-        self.done += 1
-        self.recovery.check_iteration(self.done, loss, self)
-        self._anneal(self.done / total)
-        self.density.measure(self.done / total, drawing, images.views[camera])
-        return loss
-
     def _finish_iteration(
         self, images: TrainingImages, static: StaticCache | None, total: int, average: Average
     ) -> None:
@@ -200,8 +172,6 @@ class KeyframeTrainer:
             spread_colors(self.points, images, static)
         if self._changes_detail(total):
             self._change_detail(images, total)
-        if averaged and self.program is None:
-            average.add(self.done, self.points.params.values())
         if changes and self.program is not None:
             average.restart()
             self.program.upload()
@@ -211,21 +181,16 @@ class KeyframeTrainer:
         return self._cameras.pop()
 
     def _start_program(self, images: TrainingImages, static: StaticCache | None, progress: Progress) -> None:
-        """Choose what runs the iterations: the GPU if there is one, else the CPU, or torch where neither has a program."""
+        """Choose what runs the iterations: the GPU if there is one that can, else the CPU."""
         state = KeyframeState(self.points, static, self.density, images, self.config, self.losses, self.gains)
-        self.program, why = None, state.unsupported_by_gpu
         try:
             opened = None if self.gpu is None else self.gpu.open()
-            if opened is not None and why is not None:
+            why = None if opened is None else unsupported(opened, state)
+            if why is not None:
                 progress.note(f"this keyframe is trained on the CPU: {why}")
-            if opened is not None and why is None:
-                self.program = GpuKeyframeProgram(opened, state)
-            elif state.unsupported is None and not images.pixels.is_cuda:
-                self.program = CpuKeyframeProgram(state)
-            elif opened is None and not images.pixels.is_cuda:
-                progress.note(f"this keyframe is trained with torch, which takes longer: {state.unsupported}")
-            if self.program is not None:
-                self.program.upload()
+            runs_on_cpu = opened is None or why is not None
+            self.program = CpuKeyframeProgram(state) if runs_on_cpu else keyframe_program(opened, state)
+            self.program.upload()
         except GpuError as error:
             self._recover(error, progress)
             self._start_program(images, static, progress)
@@ -244,21 +209,20 @@ class KeyframeTrainer:
             self.program.download()
         return self.points.gaussians()
 
-    def _run_batch(
-        self, images: TrainingImages, total: int, end: int, average: Average, program: KeyframeProgram
-    ) -> Tensor:
-        """Run iterations of the program until something is due, and return the loss [] of the last one."""
+    def _run_batch(self, images: TrainingImages, total: int, end: int, average: Average) -> float:
+        """Run iterations of the program until something is due, and return the loss of the last one."""
+        assert self.program is not None
         draws = [self._plan(images, self.done, total, average)]
         while not self._stops(self.done + len(draws), total, end, average) and len(draws) < MOST_DRAWS:
             draws.append(self._plan(images, self.done + len(draws), total, average))
-        loss = torch.tensor(program.run(draws)[-1].loss)
+        loss = self.program.run(draws)[-1].loss
         self.done += len(draws)
         self._anneal(self.done / total)
         if self._needs_host(self.done, total, end, average):
-            program.give_meters()
-            program.download()
+            self.program.give_meters()
+            self.program.download()
             if self.done == end:
-                average.set_means(program.averages())
+                average.set_means(self.program.averages())
         self.recovery.check_iteration(self.done, loss, self)
         return loss
 
@@ -298,62 +262,16 @@ class KeyframeTrainer:
         self.points.check()
         splat.check_finite(gains=self.gains.values)
 
-    def step(
-        self, images: TrainingImages, camera: int, static: StaticCache | None, share: float
-    ) -> tuple[Tensor, Comparable]:
-        """Run one iteration: draw a view, compare it and follow the gradients.
-
-        Args:
-            images: Training images.
-            camera: Number of the camera.
-            static: Static points; None if there are none.
-            share: Share of training that is over, 0..1.
-
-        Returns:
-            The photometric loss [], and the drawing with its gradients.
-        """
-        shown, place = images.of_iteration(self.done)
-        view, place = shown.views[camera], place + camera
-        splats = deformed(self.points.params, None, None, view, images.near)
-        if static is None or self._compares_all(images, self.done):
-            splats, gain = _with_gain(splats, view, self.gains.of(camera))
-            drawing = draw(splats, view, static.view(place) if static else None)
-            target = shown.target(0, camera, drawing.image, gain)
-        else:
-            splats, gain = _with_gain(splats, view, self.gains.values[camera])
-            drawing, target = moving_tiles(splats, view, static.view(place)), shown.pixels[0, camera]
-        drawn = KeyframeStep(
-            iteration=self.done,
-            share=share,
-            view=view,
-            drawing=drawing,
-            target=target,
-            gain=gain,
-            lambda_dssim=LAMBDA_DSSIM,
-            unit=images.unit,
-            points=self.points,
-            splats=splats,
-            near=images.near,
-        )
-        loss = reported_loss(backward(self.losses, drawn, self.config))
-        self.points.step(self.density.distances[:, None])
-        if images.opposite is not None:
-            bound_colors(self.points)
-        self.gains.step()
-        return loss, drawing
-
-    @torch.no_grad()
     def psnr(self, images: TrainingImages) -> float:
         """Return the mean PSNR, dB, over the training images, without static points."""
         drawn = [self._draw(images, camera)[1] for camera in range(len(images.views))]
         return float(np.mean([psnr(image, target) for image, target in zip(drawn, images.pixels[0], strict=True)]))
 
-    def _draw(self, images: TrainingImages, camera: int) -> tuple[Splats, Tensor]:
+    def _draw(self, images: TrainingImages, camera: int) -> tuple[Splats, np.ndarray]:
         """Return the projected points of a camera, without static points, and the image [H, W, 3] that the camera would take."""
         view, gain = images.views[camera], self.gains.values[camera]
-        splats, factor = _with_gain(deformed(self.points.params, None, None, view, images.near), view, gain)
-        image = draw(splats, view).image
-        return splats, image if factor is None else image * factor
+        splats, factor = with_gain(deformed(self.points.params, None, None, view, images.near), view, gain)
+        return splats, draw(splats, view)[0] * factor
 
     def _changes_detail(self, total: int, done: int | None = None) -> bool:
         """Return whether `_change_detail` has work after `done` iterations of `total`; None asks about now."""
@@ -374,7 +292,7 @@ class KeyframeTrainer:
     def _static_cache(self, images: TrainingImages) -> StaticCache | None:
         if self.static is None or len(self.static) == 0:
             return None
-        return StaticCache(self.static, images.all_views, images.near, self.points.means.device)
+        return StaticCache(self.static, images.all_views, images.near)
 
     def _compares_all(self, images: TrainingImages, iteration: int) -> bool:
         """Return whether an iteration compares the whole image."""
@@ -395,12 +313,14 @@ class KeyframeTrainer:
         self.points.scale_rates(self._rate_factors(share))
 
 
-def _with_gain(splats: Splats, view: View, gain: Tensor | None) -> tuple[Splats, Tensor | None]:
-    """Return the splats to draw, and the factor [3] on the drawing, for a camera's color gain [3]; None is 1.
+def with_gain(splats: Splats, view: View, gain: np.ndarray) -> tuple[Splats, np.ndarray]:
+    """Return the splats to draw, and the factor [3] on the drawing, for a camera's color gain [3].
 
     A background without a gain was divided by the gain that was known when the view was made. The splats then carry the rest of
     the gain, so that the gain is learned from them alone.
     """
-    if view.gain is None or gain is None:
+    if view.gain is None:
         return splats, gain
-    return splats.with_gain(gain / view.gain, view.background), view.gain
+    factor, behind = gain / view.gain, view.background
+    colors = splats.colors * factor if behind is None else (splats.colors + behind) * factor - behind
+    return splats._replace(colors=colors), view.gain

@@ -1,44 +1,31 @@
-"""Programs that run whole iterations of training on a GPU or on the CPU, and what varies between iterations.
+"""Programs that run whole iterations of training on the CPU or on a GPU, and what varies between iterations.
 
-Where no program can train, the trainers run their iterations with torch (`GroupTrainer.step`, `KeyframeTrainer.step`).
+A trainer plans draws, with all random choices. A program executes them. The program of the CPU runs every list of terms.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar
 
-from torch import Tensor
+import numpy as np
 
 from splatreel.config import GroupConfig, KeyframeConfig
 from splatreel.method.cameras.color_gains import CameraGains
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.train.density import GroupDensity, KeyframeDensity
 from splatreel.method.train.dynamic_points import DynamicPoints
-from splatreel.method.train.losses import (
-    Cost,
-    GroupStep,
-    KeyframeStep,
-    Loss,
-    before_surfaces,
-    bent_surfaces,
-    opacity,
-    photometric,
-    rigidity,
-    smoothness,
-    view_dependence,
-)
+from splatreel.method.train.losses import Terms
+from splatreel.method.train.regularizers import Neighbors
 from splatreel.method.train.render import StaticCache
+from splatreel.method.train.terms.photometric import Photometric
+from splatreel.method.train.terms.surfaces import Roughness, Spread
 from splatreel.method.train.trainable_points import TrainablePoints
 from splatreel.method.train.training_images import TrainingImages
 
 MOST_DRAWS = 64
 """Largest number of draws of a batch."""
-KEYFRAME_COSTS = opacity, before_surfaces, bent_surfaces
-"""Functions of losses whose gradients the programs of keyframes compute beside those of `photometric`."""
-GROUP_COSTS = rigidity, smoothness, view_dependence
-"""The same of the programs of groups."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +37,7 @@ class Draw:
         share: Share of training that is over, 0..1.
         pace: Factor for the learning rates.
         frame: Frame to draw.
+        last: Last frame that the schedule may draw so far.
         camera: Camera to draw.
         moment: Time of the image, in frames of the group.
         whole: The whole image is compared; otherwise the tiles that moving points touch.
@@ -63,6 +51,7 @@ class Draw:
     share: float
     pace: float
     frame: int
+    last: int
     camera: int
     moment: float
     whole: bool
@@ -104,7 +93,7 @@ class KeyframeState(NamedTuple):
         density: Density control.
         images: Images.
         config: Settings.
-        losses: List of losses.
+        losses: List of terms.
         gains: Color gains, trained too.
     """
 
@@ -113,7 +102,7 @@ class KeyframeState(NamedTuple):
     density: KeyframeDensity
     images: TrainingImages
     config: KeyframeConfig
-    losses: Sequence[Loss[KeyframeStep]]
+    losses: Terms
     gains: CameraGains
 
     @property
@@ -122,18 +111,13 @@ class KeyframeState(NamedTuple):
         return self.config.detail and self.static is None
 
     @property
-    def unsupported(self) -> str | None:
-        """Reason why no program can train the keyframe; None if one can."""
-        if self.static is not None and any(loss.cost in (before_surfaces, bent_surfaces) for loss in self.losses):
-            return "losses of surfaces do not look at static points"
-        return unsupported_losses(self.losses, KEYFRAME_COSTS)
-
-    @property
     def unsupported_by_gpu(self) -> str | None:
-        """Reason why the program of GPUs cannot train the keyframe; None if it can."""
+        """Reason why the kernels of GPUs cannot train the keyframe; None if they can."""
         if any(view.gain is not None for view in self.images.views):
             return "captures with masks are trained on the CPU or with CUDA"
-        return self.unsupported
+        if self.static is not None and any(isinstance(term, Spread | Roughness) for term in self.losses):
+            return "terms of surfaces do not look at static points"
+        return terms_without_kernels(self.losses)
 
 
 class GroupState(NamedTuple):
@@ -144,7 +128,7 @@ class GroupState(NamedTuple):
         density: Density control, which knows the static points.
         images: Images.
         config: Settings.
-        losses: List of losses.
+        losses: List of terms.
         gains: Color gains, which stay fixed.
         learns_time: Slopes of the time offsets are measured.
     """
@@ -153,26 +137,26 @@ class GroupState(NamedTuple):
     density: GroupDensity
     images: TrainingImages
     config: GroupConfig
-    losses: Sequence[Loss[GroupStep]]
+    losses: Terms
     gains: CameraGains
     learns_time: bool
 
     @property
-    def unsupported(self) -> str | None:
-        """Reason why no program can train the motion of the group; None if one can."""
+    def unsupported_by_gpu(self) -> str | None:
+        """Reason why the kernels of GPUs cannot train the motion of the group; None if they can."""
         model = self.points.deformation
         if not isinstance(model, Trajectory):
             return "the hash grid runs on the CPU or with CUDA"
         if model.reached < model.knots - 1:
             return "groups without tracks are trained on the CPU or with CUDA"
-        return unsupported_losses(self.losses, GROUP_COSTS)
+        return terms_without_kernels(self.losses)
 
 
 class Outcome(NamedTuple):
     """Result of a draw.
 
     Attributes:
-        loss: Photometric loss.
+        loss: Photometric loss, or the sum of all terms of a list without one.
         slope: Change of the loss per frame of the camera's time offset; 0 if it was not measured.
     """
 
@@ -180,17 +164,12 @@ class Outcome(NamedTuple):
     slope: float
 
 
-def unsupported_losses(losses: Sequence[Loss[Any]], costs: Sequence[Cost[Any]]) -> str | None:
-    """Return why programs cannot compute a list of losses; None if they can.
-
-    Args:
-        losses: List of losses. Programs compute the photometric loss once in every iteration, with a weight of one.
-        costs: Functions of the other losses that programs compute, with any weights and schedules.
-    """
-    plain = [loss for loss in losses if loss.cost is photometric]
-    if len(plain) != 1 or plain[0] != Loss(plain[0].name, photometric):
+def terms_without_kernels(losses: Terms) -> str | None:
+    """Return why the kernels of GPUs cannot compute a list of terms; None if they can."""
+    plain = [term for term in losses if isinstance(term, Photometric)]
+    if len(plain) != 1 or plain[0] != Photometric(plain[0].name):
         return "the kernels do not compute the photometric loss other than once in every iteration"
-    others = [loss.name for loss in losses if loss.cost is not photometric and loss.cost not in costs]
+    others = [term.name for term in losses if not term.wgsl]
     return f"the kernels do not compute the loss {', '.join(others)}" if others else None
 
 
@@ -225,6 +204,20 @@ class Program(Protocol[D]):
 class KeyframeProgram(Program[KeyframeDraw], Protocol):
     """Iterations of a keyframe."""
 
-    def averages(self) -> list[Tensor]:
+    def averages(self) -> list[np.ndarray]:
         """Return the running means of the points' parameters since `upload`, see `KeyframeDraw.average`."""
         ...
+
+
+class GroupProgram(Program[Draw], Protocol):
+    """Iterations of a group.
+
+    Attributes:
+        images: Images in use, set before `upload`.
+        neighbors: Nearest neighbors, set before `upload`; None for fewer than two points.
+        learns_time: Slopes of the time offsets are measured.
+    """
+
+    images: TrainingImages
+    neighbors: Neighbors | None
+    learns_time: bool

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-import torch
 
 from splatreel.base.progress import Progress, Silent
 from splatreel.config import Config
@@ -16,6 +15,7 @@ from splatreel.method.init.initial_points import InitialPoints, initial_points, 
 from splatreel.method.init.layout import Layout, border_color, measure
 from splatreel.method.init.visual_hull import VisualHull, is_sparse, without_background
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer, starting_points
+from splatreel.method.train.losses import Terms
 from splatreel.method.train.opposite_backgrounds import with_opposite
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
@@ -48,7 +48,8 @@ def reconstruct_single_frame(
     point_colors: np.ndarray | None = None,
     near: float | None = None,
     subject: Subject | None = None,
-    device: torch.device | None = None,
+    gpu: SharedGpu | None = None,
+    losses: Terms | None = None,
     progress: Progress | None = None,
 ) -> tuple[Gaussians, Layout]:
     """Reconstruct one frame as a static scene, like the first keyframe of a run (paper section 5.1). It is not encoded.
@@ -61,7 +62,8 @@ def reconstruct_single_frame(
         point_colors: [P, 3] 0..1, colors of `points`.
         near: Minimum distance of content from a camera, world units.
         subject: What masks show, if there are any.
-        device: Device to train on; the CPU by default.
+        gpu: GPU that runs the iterations; None runs them on the CPU.
+        losses: List of terms; None is `losses.KEYFRAME`.
         progress: Receives one step per iteration.
 
     Raises:
@@ -71,8 +73,8 @@ def reconstruct_single_frame(
     config = config.for_video(1)
     keyframe = config.keyframe
     seeds, layout = lay_out(cameras, images, config, points, point_colors, near, subject)
-    gains = CameraGains(len(cameras), device or torch.device("cpu"), config.correct_colors)
-    trainer = first_keyframe_trainer(seeds.points, seeds.colors, layout, cameras, gains, config)
+    gains = CameraGains(len(cameras), config.correct_colors)
+    trainer = first_keyframe_trainer(seeds.points, seeds.colors, layout, cameras, gains, config, gpu, losses)
     progress = progress or Silent()
     alpha = subject.alpha if subject is not None and is_sparse(cameras) else None
     if alpha is not None:
@@ -118,8 +120,9 @@ def first_keyframe_trainer(
     gains: CameraGains,
     config: Config,
     gpu: SharedGpu | None = None,
+    losses: Terms | None = None,
 ) -> KeyframeTrainer:
-    """Create a trainer of all points of a frame, on the device of the gains.
+    """Create a trainer of all points of a frame.
 
     Args:
         positions: [P, 3] world.
@@ -128,14 +131,17 @@ def first_keyframe_trainer(
         cameras: Training cameras.
         gains: Color gains.
         config: Settings.
-        gpu: GPU that runs the iterations; None runs them on the device of the gains, with torch.
+        gpu: GPU that runs the iterations; None runs them on the CPU.
+        losses: List of terms; None is `losses.KEYFRAME`.
     """
     keyframe = config.keyframe
-    points = starting_points(positions, colors, keyframe, layout.unit, gains.values.device)
+    points = starting_points(positions, colors, keyframe, layout.unit)
     pixels = cameras[0].width * cameras[0].height
     most = min(keyframe.max_points, round(keyframe.points_per_pixel * pixels))
     region = layout.volume(cameras)
-    return KeyframeTrainer(points, gains, keyframe, max_points=most, seed=config.seed, region=region, gpu=gpu)
+    return KeyframeTrainer(
+        points, gains, keyframe, max_points=most, losses=losses, seed=config.seed, region=region, gpu=gpu
+    )
 
 
 def train_frame(
@@ -164,13 +170,12 @@ def train_frame(
         unknown: [C, H, W] bool, pixels without a valid value; None if all are valid.
         alpha: [C, H, W] uint8, opacity of a subject before few cameras; None for all others.
     """
-    device = trainer.points.means.device
     views = [
-        View.of(camera, device, config.antialias, layout, gain)
+        View.of(camera, config.antialias, layout, gain)
         for camera, gain in zip(cameras, trainer.gains.values, strict=True)
     ]
-    mask = None if unknown is None else torch.from_numpy(unknown[None]).to(device)
-    training_images = TrainingImages(torch.from_numpy(images).to(device)[None], views, layout.near, layout.unit, mask)
+    mask = None if unknown is None else unknown[None]
+    training_images = TrainingImages(images[None], views, layout.near, layout.unit, mask)
     if alpha is not None:
         training_images = with_opposite(training_images, alpha[None])
     begin = 0

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Protocol
 
 import numpy as np
-import torch
 
 from splatreel.base.progress import Progress
 from splatreel.config import Config
@@ -71,7 +70,7 @@ def refine_keyframe(
 ) -> KeyframeResult:
     """Train the dynamic points of a later keyframe, starting from the previous group, in front of frozen static points."""
     keyframe = config.keyframe
-    points = TrainablePoints.from_gaussians(dynamic, default_rates(data.unit, keyframe.rate_scale), data.device)
+    points = TrainablePoints.from_gaussians(dynamic, default_rates(data.unit, keyframe.rate_scale))
     most = len(points) + max(1000, len(points) // 3)
     gains, behind = known_gains(data, config), static.living
     trainer = KeyframeTrainer(
@@ -110,15 +109,14 @@ def group_trainer(
         config: Settings.
         may_move: [S] bool, static points that may be converted; None allows all living points.
     """
-    images = torch.from_numpy(data.images).to(data.device)
     gains = known_gains(data, config)
     views = [
-        View.of(camera, data.device, data.antialias, data.layout, gain)
+        View.of(camera, data.antialias, data.layout, gain)
         for camera, gain in zip(data.cameras, gains.values, strict=True)
     ]
     time_offsets = TimeOffsets(len(data.cameras), config.group.time_offsets)
     time_offsets.load(data.time_offsets)
-    shown = TrainingImages(images, views, data.near, data.unit, array=None if images.is_cuda else data.images)
+    shown = TrainingImages(data.images, views, data.near, data.unit, array=data.images)
     return GroupTrainer(
         shown if data.alpha is None else with_opposite(shown, data.alpha),
         start,
@@ -136,8 +134,8 @@ def group_trainer(
 
 def known_gains(data: GroupInput, config: Config) -> CameraGains:
     """Return the color gains that are known so far, to be refined."""
-    gains = CameraGains(len(data.cameras), data.device, config.correct_colors)
-    gains.load(torch.from_numpy(data.gains).to(data.device))
+    gains = CameraGains(len(data.cameras), config.correct_colors)
+    gains.load(data.gains)
     return gains
 
 
@@ -155,4 +153,4 @@ def _trained(
     trainer.density.hull = data.hull
     alpha = None if data.alpha is None else data.alpha[0]
     train_frame(trainer, data.cameras, images, data.layout, iterations, coarse, config, progress, unknown, alpha)
-    return KeyframeResult(trainer.points.gaussians(), trainer.gains.values.cpu().numpy())
+    return KeyframeResult(trainer.points.gaussians(), trainer.gains.values.copy())

@@ -1,0 +1,145 @@
+"""The photometric loss, and the drawing that it compares with a training image."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import ClassVar, NamedTuple
+
+import numpy as np
+
+from splatreel.kernels import layered, rasterize, similarity
+from splatreel.kernels.binning import TILE, Bins, tiles_of
+from splatreel.method.train.terms.term import Due, Iteration, Term, sum_of_weights
+
+
+@dataclass(frozen=True)
+class Photometric(Term[Iteration]):
+    """Photometric loss of 3DGS: absolute differences and structural similarity, mean over pixels and colors.
+
+        (1 - lambda_dssim) |image - target|  +  lambda_dssim (1 - SSIM)
+
+    Programs compute it while they draw (`compare`). `kernels/similarity.py` has the formula.
+
+    Source:
+        3DGS, equation 7.
+    """
+
+    wgsl: ClassVar[tuple[str, ...]] = ("windows", "similarity", "photometric")
+
+    def value(self, seen: Iteration) -> float:
+        """See `Term`."""
+        return seen.photometric or 0.0
+
+
+class Picture(NamedTuple):
+    """Splats of one view that are drawn and compared.
+
+    Attributes:
+        bins: The splats, sorted into tiles.
+        colors: [N, 3], relative to the background.
+        frozen: Static splats of the view to draw among; None if there are none, or if `bins` has them too.
+        background: [3]; None is black.
+        gain: [3] factor on the drawing; None is 1.
+        where: [N] bool, splats whose tiles are compared; None compares those of all splats of `bins`.
+        whole: The whole image is compared.
+        learns_gain: The gradient to the gain is wanted.
+        unknown: [H, W] bool, pixels without a target; None if all have one.
+        fill: Function from a drawing before the gain to the target whose unknown pixels repeat the drawing.
+    """
+
+    bins: Bins
+    colors: np.ndarray
+    frozen: rasterize.Frozen | None
+    background: np.ndarray | None
+    gain: np.ndarray | None
+    where: np.ndarray | None
+    whole: bool
+    learns_gain: bool
+    unknown: np.ndarray | None
+    fill: Callable[[np.ndarray], np.ndarray]
+
+
+class Compared(NamedTuple):
+    """Gradients of a comparison.
+
+    Attributes:
+        splats: Gradients to means2d [N, 2], conics [N, 3], colors [N, 3] and opacities [N].
+        gain: [3] gradient to the gain; zeros if it was not wanted.
+        absolute: [N, 2] see `rasterize.Gradients`.
+    """
+
+    splats: list[np.ndarray]
+    gain: np.ndarray
+    absolute: np.ndarray
+
+
+def compare(
+    picture: Picture, static: rasterize.Frozen | None, lambda_dssim: float, seen: Iteration, due: Due
+) -> Compared:
+    """Draw a picture, compare it with `seen.target`, and set `seen.photometric`.
+
+    Args:
+        picture: Splats of a view.
+        static: Static splats of the view, also if `picture.bins` has them; None if there are none.
+        lambda_dssim: Weight of 1 - SSIM in the photometric loss.
+        seen: The iteration.
+        due: Terms that run in it.
+    """
+    weight = sum_of_weights(Photometric, due)
+    others = [(term, factor) for term, factor in due if term.reads_image]
+    if not weight and not others:
+        return _nothing(picture)
+    if static is not None and not others and not picture.learns_gain:
+        return _compare_tiles(picture, static, lambda_dssim, seen, weight)
+    return _compare_image(picture, lambda_dssim, seen, weight, others)
+
+
+def _compare_tiles(
+    picture: Picture, static: rasterize.Frozen, lambda_dssim: float, seen: Iteration, weight: float
+) -> Compared:
+    """Draw and compare only tiles that splats touch, in the image of the static splats."""
+    options = lambda_dssim, picture.gain, picture.background, picture.where, picture.whole, picture.unknown
+    seen.photometric, found = layered.loss_and_gradient(picture.bins, picture.colors, static, seen.target, *options)
+    return _scaled(found, np.zeros(3, np.float32), weight)
+
+
+def _compare_image(picture: Picture, lambda_dssim: float, seen: Iteration, weight: float, others: Due) -> Compared:
+    """Draw the whole image. The photometric loss compares the tiles that it would compare without other terms of the image."""
+    bins, background, gain = picture.bins, picture.background, picture.gain
+    image, alpha = rasterize.forward(bins, picture.colors, picture.frozen)
+    if picture.unknown is not None:
+        seen.target = picture.fill(image if background is None else image + background)
+    d_image, d_gain = np.zeros_like(image), np.zeros(3, np.float32)
+    if weight:
+        tiles = bins.counts > 0 if picture.where is None else tiles_of(bins, picture.where)
+        compared = None if picture.whole else tiles.reshape(-(-bins.height // TILE), -1)
+        found = similarity.loss_and_gradient(image, seen.target, lambda_dssim, gain, compared, background)
+        seen.photometric, d_image, d_gain = found.loss, found.d_image, found.d_gain
+        if weight != 1:
+            d_image, d_gain = np.float32(weight) * d_image, np.float32(weight) * d_gain
+    if others:
+        drawn = image if background is None else image + background
+        seen.image = drawn.copy() if gain is None else drawn * gain
+        seen.d_image = np.zeros_like(image)
+        for term, factor in others:
+            term.add_to_drawing(seen, factor)
+        d_gain = d_gain + (seen.d_image * drawn).sum((0, 1))
+        d_image = d_image + (seen.d_image if gain is None else seen.d_image * gain)
+    none = rasterize.no_gradient(alpha.shape)
+    return _scaled(rasterize.backward(bins, picture.colors, image, d_image, alpha, none, picture.frozen), d_gain)
+
+
+def _scaled(found: rasterize.Gradients, d_gain: np.ndarray, weight: float = 1.0) -> Compared:
+    splats = [found.means2d, found.conics, found.colors, found.opacities]
+    if weight == 1:
+        return Compared(splats, d_gain, found.absolute)
+    factor = np.float32(weight)
+    return Compared([factor * part for part in splats], factor * d_gain, factor * found.absolute)
+
+
+def _nothing(picture: Picture) -> Compared:
+    """Return gradients of zero."""
+    sizes = (2,), (3,), (3,), ()
+    zeros = [np.zeros((len(picture.colors), *size), np.float32) for size in sizes]
+    return Compared(zeros, np.zeros(3, np.float32), np.zeros((len(picture.colors), 2), np.float32))
