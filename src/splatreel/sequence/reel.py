@@ -6,7 +6,6 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from splatreel.base.errors import GaussiansError
 from splatreel.base.progress import Progress
@@ -93,11 +92,10 @@ def share_equal(before: Gaussians | None, points: Gaussians) -> Gaussians:
 
 
 class SequenceEncoder:
-    """Writer of the frames of a sequence into a reel. `device` draws the images that measure importance."""
+    """Writer of the frames of a sequence into a reel."""
 
-    def __init__(self, writer: ReelWriter, device: torch.device) -> None:
+    def __init__(self, writer: ReelWriter) -> None:
         self.writer = writer
-        self.device = device
         self._moving: int | None = None
 
     def write(self, frames: Frames, progress: Progress) -> None:
@@ -167,7 +165,7 @@ class SequenceEncoder:
         moments = (Gaussians.concatenate([group.at(time), static]) for time in times)
         views = math.ceil(IMAGES / len(times))
         reel = self.writer.manifest
-        return weigh(moments, list(reel.cameras), reel.near, self.device, reel.antialias, views)
+        return weigh(moments, list(reel.cameras), reel.near, reel.antialias, views)
 
 
 def _raise_importance_of_absent_points(weights: np.ndarray, passing: np.ndarray) -> None:
@@ -186,7 +184,6 @@ def write_reel(
     frames: Frames,
     writer: ReelWriter,
     progress: Progress,
-    device: torch.device,
     holds: Limits | None = None,
     present: PresentationHook = no_presentation,
 ) -> Comparison:
@@ -196,12 +193,11 @@ def write_reel(
         frames: Source sequence.
         writer: Writer of the new reel.
         progress: Progress display.
-        device: Device that measures importance.
         holds: Limits of the views.
         present: Function that adds further presentation.
     """
     writer.present(replace(writer.manifest.presentation, limits=holds))
-    SequenceEncoder(writer, device).write(frames, progress)
+    SequenceEncoder(writer).write(frames, progress)
     present(writer, None)
     writer.finish()
     return compare(frames, writer.path, progress, writer.manifest.antialias)

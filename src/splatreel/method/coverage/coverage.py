@@ -7,11 +7,11 @@ from dataclasses import asdict, dataclass, field
 from typing import Any
 
 import numpy as np
-import torch
 
 from splatreel.base.progress import Progress
 from splatreel.base.untrusted import is_number, numbers
 from splatreel.capture.mask_shares import LARGE, mask_shares
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.coverage.silhouettes import TURN, Silhouettes
 from splatreel.method.coverage.trial import Trial, leave_one_out, narrow_camera, resize_image
 from splatreel.method.init.layout import clearance_of
@@ -211,7 +211,8 @@ def cover(
     points: np.ndarray | None = None,
     point_colors: np.ndarray | None = None,
     near: float | None = None,
-    device: torch.device | None,
+    with_trial: bool = True,
+    gpu: SharedGpu | None = None,
     progress: Progress,
     alpha: np.ndarray | None = None,
 ) -> Coverage:
@@ -223,7 +224,8 @@ def cover(
         points: Sparse points [P, 3] of the capture, if it has any.
         point_colors: Their colors [P, 3] 0..1.
         near: Near plane of the capture, if it has one.
-        device: Device of the trial; None makes no trial.
+        with_trial: Leave a camera out and predict its view.
+        gpu: GPU that trains the trial; None trains on the CPU.
         progress: Display of the progress.
         alpha: Opacity [M, C, H, W] uint8 of the subject at that moment and at others; None for the whole scene.
     """
@@ -235,9 +237,9 @@ def cover(
     seen = tracks.points if points is None else np.asarray(points, np.float64)
     focus = np.array(clearance_of(cameras, seen).focus) if len(seen) >= FEWEST_SHARED else focus_point(cameras)
     trial = None
-    if device is not None:
-        given = points, point_colors, near
-        trial = leave_one_out(cameras, shown, focus, *given, device, progress, None if alpha is None else alpha[0])
+    if with_trial:
+        given, subject = (points, point_colors, near), None if alpha is None else alpha[0]
+        trial = leave_one_out(cameras, shown, focus, *given, progress, subject, gpu)
     distance = float(np.median([np.linalg.norm(camera.center - focus) for camera in cameras]))
     seen_by = _places(tracks, distance)
     fits, doubt = None, None

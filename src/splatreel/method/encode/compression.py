@@ -103,7 +103,7 @@ def compress_layer(
     """
     count = len(points)
     seen = Gaussians.concatenate([points, moving, static])
-    importance = weigh([seen], data.cameras, data.near, data.device, data.antialias)[:count]
+    importance = weigh([seen], data.cameras, data.near, data.antialias)[:count]
     others, moved = seen[count:], len(moving)
     encoded, steps = encode_layer_by_slope(coding.encoder, data, points, others, moved, importance, coding.trial)
     return CompressedLayer.of(data.span, points, importance, steps, encoded)
@@ -119,6 +119,6 @@ def compress_group(data: GroupInput, group: Group, static: StaticPoints, coding:
         coding: Encoder of the reel.
     """
     encoder = coding.encoder
-    importance = group_importance(coding.header, encoder.config, static.points, group, data.device)[0]
+    importance = group_importance(coding.header, encoder.config, static.points, group)[0]
     files, steps = encode_group_by_slope(encoder, data, group, static, importance, coding.trial)
     return CompressedGroup(group, importance, steps, files)

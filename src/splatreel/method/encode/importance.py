@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-import torch
 
 from splatreel.codec.header import ReelHeader
 from splatreel.config import EncodeConfig
-from splatreel.kernels import splat
+from splatreel.kernels import harmonics, project, rasterize, splat
 from splatreel.method.cameras.group_input import ENOUGH_SIDE
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
@@ -25,9 +24,7 @@ Importance = tuple[np.ndarray | None, np.ndarray | None]
 """Importance of a group's dynamic points [N, 3], and of all static points so far [S, 3]; None where the codec does not use it."""
 
 
-def group_importance(
-    reel: ReelHeader, config: EncodeConfig, static: Gaussians, group: Group, device: torch.device
-) -> Importance:
+def group_importance(reel: ReelHeader, config: EncodeConfig, static: Gaussians, group: Group) -> Importance:
     """Measure the importance of a group's points over its frames.
 
     Args:
@@ -35,13 +32,12 @@ def group_importance(
         config: Settings of the encoder.
         static: All static points that `group.alive` refers to. Those that are not alive have importance 0.
         group: The group.
-        device: Device on which views are drawn.
     """
     if config.codec == "h265" and not (config.h265.weighted_codebook and config.sh_entries):
         return None, None
     times = np.linspace(0, group.frames - 1, min(GROUP_MOMENTS, group.frames))
     moments = (Gaussians.concatenate([group.at(time), static[group.alive]]) for time in times)
-    found = weigh(moments, list(reel.cameras), reel.near, device, reel.antialias, GROUP_VIEWS)
+    found = weigh(moments, list(reel.cameras), reel.near, reel.antialias, GROUP_VIEWS)
     of_static = np.zeros((len(static), 3), np.float32)
     of_static[group.alive] = found[len(group.dynamic) :]
     return found[: len(group.dynamic)], of_static
@@ -51,7 +47,6 @@ def weigh(
     moments: Iterable[Gaussians],
     cameras: list[Camera],
     near: float,
-    device: torch.device,
     antialias: bool = False,
     views: int = VIEWS,
 ) -> np.ndarray:
@@ -65,7 +60,6 @@ def weigh(
         moments: The same N points at several moments.
         cameras: Cameras to draw.
         near: Near plane, world units.
-        device: Device on which views are drawn.
         antialias: See `View`.
         views: Maximum number of cameras drawn per moment.
     """
@@ -77,22 +71,43 @@ def weigh(
         # Every moment uses other cameras, spread over all of them.
         for camera, drawn in list(zip(cameras, smaller, strict=True))[number % apart :: apart][:views]:
             pixels = camera.width * camera.height / (drawn.width * drawn.height)
-            squares = squares + pixels * _squares(points, drawn, near, device, antialias, rng)
+            squares = squares + pixels * _squares(points, drawn, near, antialias, rng)
     return np.sqrt(squares).astype(np.float32)
 
 
 def _squares(
-    points: Gaussians, camera: Camera, near: float, device: torch.device, antialias: bool, rng: np.random.Generator
+    points: Gaussians, camera: Camera, near: float, antialias: bool, rng: np.random.Generator
 ) -> np.ndarray:
     """Return one sample of the squared derivatives, [N, 3]."""
-    arrays = points.means, points.quats, points.scales, points.opacities, points.sh
-    means, quats, scales, opacities, sh = (torch.from_numpy(array).to(device) for array in arrays)
-    for tensor in (means, scales, sh):
-        tensor.requires_grad_()
-    size = camera.width, camera.height
-    view, how = (camera.viewmat, camera.K, *size), {"near": near, "antialias": antialias}
-    image = splat.render(means, quats, scales, opacities, sh, *view, **how).image
-    signs = torch.from_numpy(rng.choice(np.array([-1, 1], np.float32), image.shape)).to(device)
-    of_scales, of_sh, of_means = torch.autograd.grad((image * signs).sum(), (scales, sh, means))
-    gradients = of_scales * scales.detach(), of_sh[:, 0], of_means
-    return np.stack([gradient.square().sum(1).cpu().numpy() for gradient in gradients], 1)
+    blur = project.FINE_BLUR if antialias else project.BLUR
+    view = project.Pinhole(camera.viewmat, camera.K, camera.width, camera.height, near, blur)
+    shape = points.means, points.quats, points.scales
+    projected = splat.project(*shape, view.viewmat, view.K, view.width, view.height, near, antialias)
+    directions = points.means - camera.center
+    colors = harmonics.forward(points.sh_degree, directions, points.sh) + np.float32(0.5)
+    opacities = splat.antialiased(points.opacities, projected.conics) if antialias else points.opacities
+    splats = projected.colored(np.maximum(colors, 0), opacities)
+    image, alpha = splat.rasterize(splats, view.width, view.height)
+    signs = rng.choice(np.array([-1, 1], np.float32), image.shape)
+    found = splat.rasterize_gradient(splats, view.width, view.height, image, alpha, signs)
+    d_conics = found.conics
+    if antialias:
+        d_conics = d_conics + _antialias_gradient(points.opacities, projected.conics, found.opacities)
+    none = rasterize.no_gradient((len(points),))
+    d_means, _, d_scales = project.backward(
+        *shape, projected.conics, found.means2d, d_conics, none, projected.radii, view
+    )
+    d_colors = np.where(colors >= 0, found.colors, np.float32(0))
+    d_directions, d_sh = harmonics.backward(points.sh_degree, directions, points.sh, d_colors, to_directions=True)
+    if d_directions is not None:
+        d_means += d_directions
+    return np.stack([np.square(slopes).sum(1) for slopes in (d_scales * points.scales, d_sh[:, 0], d_means)], 1)
+
+
+def _antialias_gradient(opacities: np.ndarray, conics: np.ndarray, d_opacities: np.ndarray) -> np.ndarray:
+    """Return the gradient [N, 3] to conics through `splat.antialiased`, from the gradient [N] to its result."""
+    xx, xy, yy = conics.T
+    kept = project.kept_area(xx, xy, yy)
+    d_kept = np.where(kept >= 1e-6, 0.5 * d_opacities * opacities / np.sqrt(np.maximum(kept, 1e-6)), np.float32(0))
+    blur = project.FINE_BLUR
+    return d_kept[:, None] * np.stack([blur**2 * yy - blur, -2 * blur**2 * xy, blur**2 * xx - blur], 1)

@@ -17,14 +17,12 @@ from dataclasses import asdict, dataclass, replace
 from typing import Protocol
 
 import numpy as np
-import torch
 
 from splatreel.codec import group_file
 from splatreel.codec.container import unpack_file
 from splatreel.codec.encoder import EncodedLayer, ReelEncoder
 from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.config import EncodeConfig
-from splatreel.kernels import splat
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.coverage.trial import Trial
 from splatreel.scene import rotations
@@ -285,17 +283,9 @@ def _held_out_error(data: GroupInput, subject: Subject, trained: list[np.ndarray
     return UNTRIED_ERROR_RATIO * error if trial is None else max(error, math.sqrt(error * 10 ** (-trial.psnr / 10)))
 
 
-@torch.no_grad()
 def _draw(data: GroupInput, points: Gaussians, view: int) -> np.ndarray:
     """Draw a training view [H, W, 3] with its camera's color gain."""
-    camera = data.cameras[view]
-    arrays = points.means, points.quats, points.scales, points.opacities, points.sh
-    means, quats, scales, opacities, sh = (torch.from_numpy(array).to(data.device) for array in arrays)
-    size = camera.viewmat, camera.K, camera.width, camera.height
-    found = splat.render(means, quats, scales, opacities, sh, *size, near=data.near, antialias=data.antialias)
-    background = torch.tensor(data.background_of(camera), dtype=torch.float32, device=data.device)
-    image = (found.image + (1 - found.alpha[..., None]) * background).cpu().numpy()
-    return np.clip(image * data.gains[view], 0, 1)
+    return np.clip(data.draw(points, data.cameras[view]) * data.gains[view], 0, 1)
 
 
 def attribute_bytes(data: bytes) -> dict[str, int]:

@@ -88,7 +88,7 @@ def find_layers(data: GroupInput, dynamic: Gaussians, static: StaticPoints, conf
         moves[: len(dynamic)] |= near_cameras(dynamic.means, data.cameras, data.layout.clearance)
     light = np.zeros((data.span.count, len(points)), np.float32)
     if config.relighting:
-        light[:, ~moves] = changes_of_light(points[~moves], data.cameras, data.images, data.near, data.device)
+        light[:, ~moves] = changes_of_light(points[~moves], data.cameras, data.images, data.near)
     return separate(static, dynamic, moves, light)
 
 
@@ -110,7 +110,7 @@ def label_points(data: GroupInput, points: Gaussians, config: LayeringConfig) ->
         masks = segmenter.complete(masks, data.images[0])
     if not masks.any():
         return np.zeros(len(points), bool)
-    labels = lift(points, data.cameras, masks, data.near, config, data.device)
+    labels = lift(points, data.cameras, masks, data.near, config)
     return labels > DYNAMIC_LABEL
 
 
@@ -144,7 +144,7 @@ def convertible(data: GroupInput, static: StaticPoints, least: float) -> np.ndar
     if not least:
         return static.alive
     data = data.smaller()
-    found = shares(static.living, data.cameras, changed_pixels(data.images), data.near, data.device)
+    found = shares(static.living, data.cameras, changed_pixels(data.images), data.near)
     return static.without(found < least).alive  # unseen points are NaN, which compares false
 
 

@@ -5,31 +5,12 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatreel.base.errors import ReconstructionError
 from splatreel.config import LayeringConfig
-from splatreel.kernels import splat
-from splatreel.kernels.projected import Projection
+from splatreel.kernels import adam, rasterize, splat
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
-
-
-class SplatTensors(NamedTuple):
-    """Points without colors: means [N, 3], quats [N, 4], scales [N, 3] and opacities [N]."""
-
-    means: Tensor
-    quats: Tensor
-    scales: Tensor
-    opacities: Tensor
-
-    @classmethod
-    def of(cls, points: Gaussians, device: torch.device | str = "cpu") -> SplatTensors:
-        """Convert points. On the CPU the tensors share their memory."""
-        arrays = (points.means, points.quats, points.scales, points.opacities)
-        return cls(*(torch.from_numpy(array).to(device) for array in arrays))
-
 
 LEAST_CONTRIBUTION = 0.05
 """Minimum contribution over all cameras, pixels, for a point to count as seen."""
@@ -46,26 +27,21 @@ bytes."""
 class _Contributions(NamedTuple):
     """inside: [N] contribution of each point to masked pixels over all cameras, pixels; total: [N] to all pixels."""
 
-    inside: Tensor
-    total: Tensor
+    inside: np.ndarray
+    total: np.ndarray
 
     @property
-    def seen(self) -> Tensor:
+    def seen(self) -> np.ndarray:
         return self.total > LEAST_CONTRIBUTION
 
     @property
-    def share(self) -> Tensor:
+    def share(self) -> np.ndarray:
         """Share of each point's contribution that lies in the masks, [N]."""
-        return self.inside / self.total.clamp_min(LEAST_CONTRIBUTION)
+        return self.inside / np.maximum(self.total, LEAST_CONTRIBUTION)
 
 
 def lift(
-    points: Gaussians,
-    cameras: list[Camera],
-    masks: np.ndarray,
-    near: float,
-    config: LayeringConfig,
-    device: torch.device | str = "cpu",
+    points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: float, config: LayeringConfig
 ) -> np.ndarray:
     """Return a motion label per point, [N] float32 in 0..1. A label above `DYNAMIC_LABEL` is dynamic; points that no camera sees get 0.
 
@@ -75,7 +51,6 @@ def lift(
         masks: [C, H, W] bool, of the cameras' size.
         near: Near plane, world units.
         config: Layering settings.
-        device: Device on which points are drawn.
 
     Raises:
         ReconstructionError: If masks and cameras do not match.
@@ -87,98 +62,93 @@ def lift(
         )
     if len(points) == 0 or not masks.any():
         return np.zeros(len(points), np.float32)
-    splats = SplatTensors.of(points, device)
-    targets = torch.from_numpy(np.asarray(masks, np.float32)).to(device)
-    weights = _contributions(splats, cameras, targets, near)
+    weights = _contributions(points, cameras, masks, near)
     by_vote = config.lift == "vote"
-    labels = _vote(splats.means, weights, NEIGHBORS) if by_vote else _minimize(splats, cameras, targets, near, config)
-    return torch.where(weights.seen, labels, 0).cpu().numpy().astype(np.float32)
+    labels = _vote(points.means, weights, NEIGHBORS) if by_vote else _minimize(points, cameras, masks, near, config)
+    return np.where(weights.seen, labels, np.float32(0))
 
 
-def shares(
-    points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: float, device: torch.device | str = "cpu"
-) -> np.ndarray:
-    """Return the share of each point's contribution that lies in masks, [N] 0..1; NaN where no camera sees the point.
+def shares(points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: float) -> np.ndarray:
+    """Return the share of each point's contribution that lies in masks, [N] float32 0..1; NaN where no camera sees the point.
 
     Args:
         points: N points.
         cameras: All cameras.
         masks: [C, H, W] bool.
         near: Near plane, world units.
-        device: Device on which points are drawn.
     """
     if len(points) == 0:
         return np.zeros(0, np.float32)
-    weights = _contributions(SplatTensors.of(points, device), cameras, torch.from_numpy(masks).float().to(device), near)
-    return torch.where(weights.seen, weights.share, torch.nan).cpu().numpy()
+    weights = _contributions(points, cameras, masks, near)
+    return np.where(weights.seen, weights.share, np.float32(np.nan))
 
 
-def gather_images(splats: SplatTensors, camera: Camera, images: Tensor, near: float) -> Tensor:
+def gather_images(points: Gaussians, camera: Camera, images: np.ndarray, near: float) -> np.ndarray:
     """Return the sum of images [H, W, K] over the pixels of each point, [N, K], weighted by the point's share of every pixel.
 
     Args:
-        splats: N points.
+        points: N points.
         camera: Camera of the images.
-        images: [H, W, K].
+        images: [H, W, K] float32.
         near: Near plane, world units.
     """
-    return splat.gather(_project(splats, camera, near), splats.opacities, images)
+    return splat.gather(_project(points, camera, near), points.opacities, images)
 
 
-def _contributions(splats: SplatTensors, cameras: list[Camera], masks: Tensor, near: float) -> _Contributions:
-    sums = torch.zeros(len(splats.means), 2, device=masks.device)
+def _contributions(points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: float) -> _Contributions:
+    sums = np.zeros((len(points), 2), np.float32)
     for camera, mask in zip(cameras, masks, strict=True):
-        sums += gather_images(splats, camera, torch.stack([mask, torch.ones_like(mask)], -1), near)
+        sums += gather_images(points, camera, np.stack([mask, np.ones_like(mask)], -1).astype(np.float32), near)
     return _Contributions(sums[:, 0], sums[:, 1])
 
 
-def _draw(splats: SplatTensors, colors: Tensor, camera: Camera, near: float) -> Tensor:
-    """Blend colors [N, C] to an image [H, W, C]. Only the colors get gradients."""
-    seen = _project(splats, camera, near).colored(colors, splats.opacities)
-    return splat.rasterize(seen, camera.width, camera.height)[0]
-
-
-@torch.no_grad()
-def _project(splats: SplatTensors, camera: Camera, near: float) -> Projection:
+def _project(points: Gaussians, camera: Camera, near: float) -> splat.Projection:
     view = camera.viewmat, camera.K, camera.width, camera.height
-    return splat.project(splats.means, splats.quats, splats.scales, *view, near)
+    return splat.project(points.means, points.quats, points.scales, *view, near)
 
 
-def _vote(means: Tensor, weights: _Contributions, neighbors: int) -> Tensor:
+def _vote(means: np.ndarray, weights: _Contributions, neighbors: int) -> np.ndarray:
     """Return the share [N] of each point's contribution that lies in the masks, averaged with its nearest seen neighbors."""
     seen = weights.seen
-    votes = torch.where(seen, weights.share, 0)
+    votes = np.where(seen, weights.share, np.float32(0))
     count = min(neighbors, len(means) - 1)
     if count < 1:
         return votes
     index = splat.nearest_neighbors(means, count)[0]
-    around = torch.cat([torch.arange(len(means), device=means.device)[:, None], index], 1)
-    return votes[around].sum(1) / seen[around].sum(1).clamp_min(1)
+    around = np.concatenate([np.arange(len(means))[:, None], index], 1)
+    return votes[around].sum(1) / np.maximum(seen[around].sum(1, dtype=np.float32), 1)
 
 
 def _minimize(
-    splats: SplatTensors, cameras: list[Camera], masks: Tensor, near: float, config: LayeringConfig
-) -> Tensor:
+    points: Gaussians, cameras: list[Camera], masks: np.ndarray, near: float, config: LayeringConfig
+) -> np.ndarray:
     """Return the labels [N] that minimize the paper's L_m, by one random view per iteration.
 
     The sums over points are divided by the number of views, since each iteration has only one view's share of the first term.
     """
-    rng = np.random.default_rng(0)
-    count = len(splats.means)
-    labels = torch.full((count,), 0.5, device=splats.means.device, requires_grad=True)
-    nearest = splat.nearest_neighbors(splats.means, 1)[0][:, 0] if count > 1 else torch.zeros(1, dtype=torch.int64)
-    optimizer = torch.optim.Adam([labels], lr=LIFT_RATE)
+    rng, count = np.random.default_rng(0), len(points)
+    labels, ones = np.full(count, 0.5, np.float32), np.ones(1, np.float32)
+    trained = adam.Trained(labels, np.zeros_like(labels), np.zeros_like(labels))
+    nearest = splat.nearest_neighbors(points.means, 1)[0][:, 0] if count > 1 else np.zeros(1, np.int64)
     for iteration in range(ITERATIONS):
         view = int(rng.integers(len(cameras)))
-        rendered = _draw(splats, labels[:, None], cameras[view], near)[..., 0]
-        alike = (labels - labels[nearest]).abs().sum()
-        moving = (labels - 1).abs().sum()
-        loss = (rendered - masks[view]).abs().sum()
-        loss = loss + (config.lambda_nn * alike + config.lambda_dyn * moving) / len(cameras)
-        optimizer.param_groups[0]["lr"] = LIFT_RATE * 0.1 ** (iteration / ITERATIONS)
-        optimizer.zero_grad()
-        loss.backward()
-        optimizer.step()
-        with torch.no_grad():
-            labels.clamp_(0, 1)
-    return labels.detach()
+        slopes = _slopes_of_drawing(points, labels, cameras[view], masks[view], near)
+        alike = np.sign(labels - labels[nearest])
+        of_nearest = np.bincount(nearest, alike, count).astype(np.float32)
+        moving = np.sign(labels - 1)
+        slopes += (config.lambda_nn * (alike - of_nearest) + config.lambda_dyn * moving) / len(cameras)
+        rate = LIFT_RATE * 0.1 ** (iteration / ITERATIONS)
+        adam.adam([adam.Step(trained, slopes, ones, 0, count, (rate, 0.9, 0.999, 1e-8, iteration + 1))])
+        np.clip(labels, 0, 1, out=labels)
+    return labels
+
+
+def _slopes_of_drawing(
+    points: Gaussians, labels: np.ndarray, camera: Camera, mask: np.ndarray, near: float
+) -> np.ndarray:
+    """Return the gradient [N] of the L1 distance between drawn labels [N] and a mask [H, W] bool to the labels."""
+    colors = np.repeat(labels[:, None], 3, 1)
+    splats = _project(points, camera, near).colored(colors, points.opacities)
+    bins = splat.bin(splats, camera.width, camera.height)
+    drawn = rasterize.forward(bins, colors)[0][..., :1]
+    return rasterize.gather(bins, np.sign(drawn - mask[..., None].astype(np.float32)))[:, 0]

@@ -10,10 +10,9 @@ from functools import partial
 
 import cv2
 import numpy as np
-import torch
 
 from splatreel.base import threads
-from splatreel.method.layering.lift import SplatTensors, gather_images
+from splatreel.method.layering.lift import gather_images
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -40,9 +39,7 @@ MAX_CHANGED_SHARE = 0.2
 """Maximum share of points that change light; if there are more, the strongest changes count."""
 
 
-def changes_of_light(
-    points: Gaussians, cameras: list[Camera], frames: np.ndarray, near: float, device: torch.device | str = "cpu"
-) -> np.ndarray:
+def changes_of_light(points: Gaussians, cameras: list[Camera], frames: np.ndarray, near: float) -> np.ndarray:
     """Return the logarithm [T, N] float32 of the brightness of static points, relative to the keyframe; 0 for no change.
 
     Points are 0 in all frames if the views disagree, or if they change like most of an image.
@@ -52,12 +49,11 @@ def changes_of_light(
         cameras: All cameras.
         frames: [T, C, H, W, 3] uint8, the keyframe first.
         near: Near plane, world units.
-        device: Device on which points are drawn.
     """
     found = np.zeros((len(frames), len(points)), np.float32)
     if len(frames) <= MIN_FRAMES or len(points) == 0:
         return found
-    shown = _brightness_of(points, cameras, frames, near, device)
+    shown = _brightness_of(points, cameras, frames, near)
     changed = (np.abs(shown) > MIN_CHANGE).sum(2) >= MIN_FRAMES  # unseen points are NaN, which compares false
     index = np.flatnonzero(changed.sum(0) >= MIN_VIEWS)
     parts = (shown[:, index[start : start + BLOCK]] for start in range(0, len(index), BLOCK))
@@ -69,14 +65,9 @@ def changes_of_light(
     return found
 
 
-def _brightness_of(
-    points: Gaussians, cameras: list[Camera], frames: np.ndarray, near: float, device: torch.device | str
-) -> np.ndarray:
+def _brightness_of(points: Gaussians, cameras: list[Camera], frames: np.ndarray, near: float) -> np.ndarray:
     """Return the log brightness [C, N, T] of each point in each view, relative to the keyframe; NaN where not seen."""
-    splats, shown = (
-        SplatTensors.of(points, device),
-        np.full((len(cameras), len(points), len(frames)), np.nan, np.float32),
-    )
+    shown = np.full((len(cameras), len(points), len(frames)), np.nan, np.float32)
     for row, camera, film in zip(shown, cameras, frames.swapaxes(0, 1), strict=True):
         small = _shrunk(camera)
         bright = partial(_brightness, width=small.width, height=small.height)
@@ -84,7 +75,7 @@ def _brightness_of(
         images -= images[..., :1].copy()
         images -= np.median(images[::3, ::3], (0, 1))  # remove exposure and light of the whole scene
         images = np.concatenate([images, np.ones_like(images[..., :1])], 2)
-        sums = gather_images(splats, small, torch.from_numpy(images).to(device), near).cpu().numpy()
+        sums = gather_images(points, small, images, near)
         seen = sums[:, -1] > MIN_SEEN_PIXELS
         row[seen] = sums[seen, :-1] / sums[seen, -1:]
     return shown
