@@ -1,7 +1,7 @@
 """Splatreel: volumetric video from many static cameras.
 
 The public names below are imported on first use. `import splatreel` is therefore fast, and playing a reel does not
-import torch. `splatreel.readers` has the parts of capture readers, and `splatreel.training` trains from arrays.
+load what reconstruction needs. `splatreel.readers` has the parts of capture readers, and `splatreel.training` trains from arrays.
 """
 
 import importlib
@@ -62,7 +62,7 @@ _HOMES = {
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name on first use. torch's threads then sleep while they wait, unless torch was imported before."""
+    """Import a public name on first use. Idle threads of OpenMP libraries that are imported later sleep."""
     if name not in _HOMES:
         raise AttributeError(f"module 'splatreel' has no attribute {name!r}")
     from splatreel.base.process import quiet_threads

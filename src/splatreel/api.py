@@ -58,7 +58,7 @@ def reconstruct(
         CancelledError: `cancel` was set.
         ReconstructionError: OUT belongs to another capture or configuration, OUT is in use, or a checkpoint is damaged.
         UsageError: The device or the preset does not exist.
-        MissingDependencyError: PyTorch, or a package or weights that the settings need, are missing.
+        MissingDependencyError: OpenCV, or a package or weights that the settings need, are missing.
         StorageError: The disk is full or cannot be written.
         CaptureError: The capture cannot be read.
     """
@@ -108,7 +108,7 @@ def evaluate(
     Raises:
         CancelledError: `cancel` was set.
         UsageError: Cameras or frames do not match.
-        MissingDependencyError: PyTorch is missing, or the weights of LPIPS are damaged.
+        MissingDependencyError: OpenCV is missing, or the weights of LPIPS are damaged.
         CaptureError: The capture cannot be read.
         ReelError: The reel cannot be read.
     """

@@ -16,7 +16,7 @@ from splatreel.base.progress import printable
 _PLAIN = re.compile(r"[\w@+=:,./-]+", re.ASCII)
 _PLAIN_ON_WINDOWS = re.compile(r"[\w@+=:,./\\-]+")
 
-EXTRAS = {"torch": "recon", "cv2": "recon", "pycolmap": "recon", "gsplat": "cuda", "viser": "viewer"}
+EXTRAS = {"cv2": "recon", "pycolmap": "recon", "gsplat": "cuda", "viser": "viewer"}
 """Extra of the package that installs an optional module."""
 
 
@@ -50,10 +50,11 @@ def install_command(extra: str, *packages: str) -> str:
 
 
 def missing_package(module: str | None) -> str | None:
-    """Return the message about an optional module that is not installed; None for a module that no extra installs."""
-    if module not in EXTRAS:
+    """Return the message about an optional module that is not installed; None for a module that is not optional."""
+    if module != "torch" and module not in EXTRAS:
         return None
-    return f"the Python package {module!r} is needed and not installed. Run\n  {install_command(EXTRAS[module])}"
+    command = install_command(EXTRAS[module]) if module in EXTRAS else f"pip install {module}"
+    return f"the Python package {module!r} is needed and not installed. Run\n  {command}"
 
 
 def _named(argument: object) -> str:

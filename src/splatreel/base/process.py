@@ -28,9 +28,9 @@ def open_standard_streams() -> None:
 
 
 def quiet_threads() -> None:
-    """Let torch's idle threads sleep, so that they do not take cores from the kernels' threads.
+    """Let idle threads of OpenMP sleep, so that they do not take cores from the kernels' threads.
 
-    Torch's OpenMP runtime reads these variables when it loads. Call this function before importing torch.
+    The runtime of a library, such as PyTorch for RAFT, reads these variables when it loads. Call this function before.
     """
     os.environ.setdefault("GOMP_SPINCOUNT", "0")
     os.environ.setdefault("KMP_BLOCKTIME", "0")

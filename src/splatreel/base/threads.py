@@ -1,6 +1,6 @@
 """The number of threads that the program uses, and the thread pool that runs kernels.
 
-Kernels, torch, OpenCV and the decoders run one after another, so they share one number.
+Kernels, matrix products, OpenCV and the decoders run one after another, so they share one number.
 """
 
 from __future__ import annotations
@@ -21,6 +21,8 @@ from splatreel.base.errors import UsageError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
+VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+"""Environment variables in which libraries find their number of threads when they are loaded."""
 _limit: int | None = None
 _caller = threading.local()
 
@@ -77,7 +79,7 @@ def use(threads: int | None) -> None:
             "or leave it out to use all of them."
         )
     _limit = threads
-    for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM"):
+    for name in VARIABLES:
         os.environ[name] = str(threads)
     for module, setter in (("torch", "set_num_threads"), ("cv2", "setNumThreads")):
         if module in sys.modules:
@@ -88,17 +90,11 @@ def use(threads: int | None) -> None:
 def limited(threads: int) -> Iterator[None]:
     """Set the number of threads inside a `with` block, for measurements."""
     global _limit
-    before, torch = _limit, sys.modules.get("torch")
-    torch_threads = torch.get_num_threads() if torch else 0
-    _limit = threads
-    if torch:
-        torch.set_num_threads(threads)
+    before, _limit = _limit, threads
     try:
         yield
     finally:
         _limit = before
-        if torch:
-            torch.set_num_threads(torch_threads)
 
 
 def map_parallel(function: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:

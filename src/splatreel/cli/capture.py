@@ -171,7 +171,7 @@ def _judge(
     check_memory(source, Config())
     check_images(source, names, frames)
     _say_each(source.doubts, said)
-    if any(importlib.util.find_spec(name) is None for name in ("cv2", "torch")):
+    if importlib.util.find_spec("cv2") is None:
         _say_each([f"poses are not compared with the images, which needs {install_command('recon')}"], said)
         return None
     from splatreel.method.cameras.poses import inspect_poses
@@ -203,12 +203,10 @@ def _cover(
     """Measure how cameras cover the scene, or a subject. Arguments: as `_judge`, images [C, H, W, 3] uint8."""
     from splatreel.base.display import console
     from splatreel.method.coverage.coverage import cover
-    from splatreel.run.device_choice import pick_device
 
-    device = None if quick else pick_device("auto")
     with closing(console()) as progress:
         known = {"points": source.points, "point_colors": source.point_colors, "near": source.near}
-        return cover(cameras, images, **known, device=device, progress=progress, alpha=alpha)
+        return cover(cameras, images, **known, with_trial=not quick, progress=progress, alpha=alpha)
 
 
 def capture_calibrate(

@@ -15,7 +15,7 @@ def devices(measure: bool = True) -> None:
     from splatreel.gpu import adapters as gpus
     from splatreel.gpu.shared_gpu import SharedGpu
     from splatreel.run import gpu_speed
-    from splatreel.run.device_choice import pick_device
+    from splatreel.run.device_choice import pick_gpu
     from splatreel.run.machine_speed import describe_processor
 
     say(f"CPU   {describe_processor()}")
@@ -38,7 +38,8 @@ def devices(measure: bool = True) -> None:
             except GpuError as error:
                 say(f"      training fails: {error}")
     chosen, why = gpus.choose_adapter(found)
-    if pick_device("auto").type == "cuda":
+    training = pick_gpu("auto")[0]
+    if training is not None and training.kind == "cuda":
         say("--device auto uses CUDA with gsplat.")
     elif chosen is not None:
         say(f"--device auto uses {why}")

@@ -51,7 +51,6 @@ def encode(
     from splatreel.base.display import console
     from splatreel.codec.reel_sizes import reel_info
     from splatreel.play.presentation_writer import PresentationWriter
-    from splatreel.run.device_choice import pick_device
     from splatreel.run.output.reencode import reencode
 
     check_out("--out", out, run, below=False)
@@ -84,7 +83,6 @@ def encode(
                 run / "work",
                 made.path,
                 config,
-                pick_device("auto"),
                 # The search for a rate writes reels that are not final.
                 progress if target_mbps is not None else made.checked(progress, "layers", "groups"),
                 target_mbps,

@@ -27,7 +27,7 @@ def estimated(spec: RunSpec, workers: int | None) -> str:
     from splatreel.run.machines.local_processes import division_of
 
     with spec.opened() as run:
-        found = estimate(run, division_of(run, workers), measure_run_speed(run.device, run.gpu))
+        found = estimate(run, division_of(run, workers), measure_run_speed(run.gpu))
         processor = f"Processor: {describe_processor()}."
         return "\n".join([_time(run, found), *_stages(found), processor, *_memory(run, found), *_notes(run)])
 
@@ -44,7 +44,7 @@ def estimated_jobs(spec: RunSpec) -> str:
 
     with spec.opened() as run:
         count = threads.count()
-        found = estimate_jobs(run, count, count, None, measure_run_speed(run.device, run.gpu))
+        found = estimate_jobs(run, count, count, None, measure_run_speed(run.gpu))
         gibibytes = math.ceil(1.2 * found.memory / 2**30)
         return "\n".join(
             [
@@ -79,7 +79,7 @@ def estimated_on_cluster(spec: RunSpec, address: str, options: ClusterOptions) -
         need = needed_memory(run.capture, run.config)
         plan = share_nodes(ray.nodes(), len(run.chapters), spec.device, need, options.threads)
         scene, chapter = plan.scene.cores, plan.chapter.cores
-        found = estimate_jobs(run, scene, chapter, plan.at_once, measure_run_speed(run.device, run.gpu))
+        found = estimate_jobs(run, scene, chapter, plan.at_once, measure_run_speed(run.gpu))
         shown = f"  the scene      about {format_rounded(found.scene)} on a node, with {counted(scene, 'thread')}"
         return "\n".join(
             [

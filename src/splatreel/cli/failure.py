@@ -204,7 +204,7 @@ def _is_too_large(error: BaseException) -> bool:
 
 
 def _is_out_of_memory(error: BaseException) -> bool:
-    """Return True for errors of Python, the system, torch (CPU and CUDA), and libraries that cannot be loaded."""
+    """Return True for errors of Python, the system, PyTorch (gsplat), and libraries that cannot be loaded."""
     if isinstance(error, MemoryError) or (isinstance(error, OSError) and error.errno == errno.ENOMEM):
         return True
     signs = ("can't allocate memory", "not enough memory", "CUDA out of memory", "annot allocate memory")

@@ -179,13 +179,12 @@ def _write(
 ) -> tuple[Comparison, bool]:
     """Write the points of a sequence to a new reel. Return the comparison, and whether the reel was complete already."""
     from splatreel.codec.writer import ReelWriter
-    from splatreel.run.device_choice import pick_device
     from splatreel.sequence.reel import write_reel
 
     with new_reel(out) as made:
         writer = ReelWriter(made.path, header, config=EncodeConfig(coarseness=COARSENESS[rate]))
         checked = made.checked(progress, "layers", "groups")
-        found = write_reel(film, writer, checked, pick_device("auto"), limits, present)
+        found = write_reel(film, writer, checked, limits, present)
     return found, made.existing is not None
 
 

@@ -66,7 +66,7 @@ def run_report(reel: str | Path, always: bool = False) -> dict[str, ServedReport
     from splatreel.storage.address import local_path
 
     folder = local_path(reel)
-    if folder is None or importlib.util.find_spec("torch") is None:
+    if folder is None or importlib.util.find_spec("cv2") is None:
         return {}
     out = folder.resolve().parent
     of_a_run = folder.resolve().name == "reel" and (out / "work").is_dir()
@@ -102,14 +102,13 @@ def view(
 
         run(Server(folder, "127.0.0.1", port), browser=open)
     else:
-        from splatreel.play.renderers import renderer as choose
+        from splatreel.play.renderers import draw_on_cpu
         from splatreel.play.timeline import open_reel
         from splatreel.play.viewer import Viewer
+        from splatreel.run.device_choice import cuda_renderer
 
-        run(
-            Viewer(open_reel(folder, most=megabytes(max_memory)), choose(renderer), port=port, width=width),
-            browser=open,
-        )
+        draw = cuda_renderer() if renderer == "cuda" else draw_on_cpu
+        run(Viewer(open_reel(folder, most=megabytes(max_memory)), draw, port=port, width=width), browser=open)
 
 
 def run(player: Server | Viewer, browser: bool, pages: Iterable[str] = (), phones: str | None = None) -> None:

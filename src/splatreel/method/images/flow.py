@@ -213,11 +213,12 @@ class RaftFlow:
         Raises:
             MissingDependencyError: If torchvision or the weights are missing.
         """
+        model = model if model is not None else _load_raft(weights)
         import torch
 
         self.device = torch.device(device or ("cuda" if torch.cuda.is_available() else "cpu"))
         self.updates = updates
-        self.model = (model if model is not None else _load_raft(weights)).to(self.device).eval()
+        self.model = model.to(self.device).eval()
 
     def __call__(
         self, a: np.ndarray, b: np.ndarray, guess: np.ndarray | None = None, wanted: np.ndarray | None = None
@@ -237,9 +238,9 @@ class RaftFlow:
 
 
 def _load_raft(weights: Path | None) -> Any:
+    raft_large, path = RAFT.import_module().raft_large, RAFT.find_weights(weights)
     import torch
 
-    raft_large, path = RAFT.import_module().raft_large, RAFT.find_weights(weights)
     model = raft_large(weights=None)
     try:
         model.load_state_dict(torch.load(path, map_location="cpu", weights_only=True))

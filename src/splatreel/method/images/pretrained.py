@@ -75,7 +75,7 @@ class Pretrained:
 
 
 def cached_weights(file: str) -> Path:
-    """Return the path at which torch stores a downloaded file of weights."""
-    import torch
-
-    return Path(torch.hub.get_dir()) / "checkpoints" / file
+    """Return the path at which PyTorch's hub stores a downloaded file of weights. It follows the hub's environment variables."""
+    caches = os.environ.get("XDG_CACHE_HOME", "~/.cache")
+    home = os.environ.get("TORCH_HOME", os.path.join(caches, "torch"))
+    return Path(home).expanduser() / "hub" / "checkpoints" / file

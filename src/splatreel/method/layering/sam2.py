@@ -134,9 +134,9 @@ def object_prompts(mask: np.ndarray, objects: int, points: int, seed: int) -> li
 
 
 def _load_predictor(weights: Path | None, config: str, device: str | None) -> Any:
+    build, path = SAM2.import_module().build_sam2_video_predictor, SAM2.find_weights(weights)
     import torch
 
-    build, path = SAM2.import_module().build_sam2_video_predictor, SAM2.find_weights(weights)
     try:
         return build(config, str(path), device=device or ("cuda" if torch.cuda.is_available() else "cpu"))
     except (
