@@ -38,7 +38,8 @@ class Adam:
         """Copy an array and start its moments at zero."""
         self.rate = rate
         self.eps = eps
-        self._set(np.array(parameter, np.float32, order="C"), *np.zeros((2, *parameter.shape), np.float32), steps=0)
+        mean, square = (np.zeros_like(parameter, np.float32) for _ in range(2))
+        self._set(np.array(parameter, np.float32), mean, square, steps=0)
 
     def snapshot(self) -> Restore:
         """Copy the parameter and its moments."""
