@@ -1,62 +1,74 @@
-"""Comparison of a kernel with its twin: same inputs, equal results and gradients."""
+"""Scenes for the tests of kernels, and the comparison of a kernel's results and gradients with known ones."""
 
 from collections.abc import Callable, Sequence
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatreel.kernels.splat import Splats
 
-Outputs = Tensor | tuple[Tensor, ...]
+Arrays = tuple[np.ndarray, ...]
+Gradient = Callable[[Arrays], tuple[np.ndarray | None, ...]]
+"""From the gradients to the float outputs of a kernel to the gradients to its inputs; None where it computes none."""
+Kernel = Callable[..., tuple[Arrays, Gradient]]
+"""From inputs to outputs, and their gradient."""
 
 
-def assert_parity(
-    fast: Callable[..., Outputs], slow: Callable[..., Outputs], inputs: Sequence[Tensor], tolerance: float = 1e-5
-) -> None:
-    """Assert that `fast` in float32 equals `slow` in float64: all outputs and gradients, relative to the largest value."""
-    singles = [tensor.clone().requires_grad_() for tensor in inputs]
-    doubles = [tensor.double().requires_grad_() for tensor in inputs]
-    fast_outputs, slow_outputs = _floats(fast(*singles)), _floats(slow(*doubles))
-    assert len(fast_outputs) == len(slow_outputs)
-    for index, (a, b) in enumerate(zip(fast_outputs, slow_outputs, strict=True)):
-        assert_close(a, b, tolerance, f"output {index}")
-    generator = torch.Generator().manual_seed(1)
-    weights = [torch.randn(output.shape, generator=generator) for output in fast_outputs]
-    torch.autograd.backward(fast_outputs, weights)
-    torch.autograd.backward(slow_outputs, [weight.double() for weight in weights])
-    for index, (a, b) in enumerate(zip(singles, doubles, strict=True)):
-        assert (a.grad is None) == (b.grad is None)
-        if a.grad is not None and b.grad is not None:
-            assert_close(a.grad, b.grad, tolerance, f"gradient to input {index}")
+def assert_close(found: np.ndarray, expected: np.ndarray, tolerance: float, what: str) -> None:
+    """Compare relative to the largest expected value."""
+    assert found.shape == expected.shape, what
+    if found.size:
+        error = float(np.abs(found.astype(np.float64) - expected).max())
+        assert error <= tolerance * max(float(np.abs(expected).max()), 1e-6), f"{what}: off by {error}"
 
 
-def assert_close(a: Tensor, b: Tensor, tolerance: float, what: str) -> None:
-    assert a.shape == b.shape, what
-    if a.numel():
-        error = float((a.detach().double() - b.detach()).abs().max())
-        assert error <= tolerance * max(float(b.detach().abs().max()), 1e-6), f"{what}: off by {error}"
+def slopes(outputs: Arrays) -> Arrays:
+    """Return a gradient to each output of floats, the same one in every process."""
+    state = np.random.RandomState(1)
+    return tuple(np.asarray(state.randn(*output.shape), np.float32) for output in outputs if output.dtype.kind == "f")
+
+
+def assert_equals_differences(kernel: Kernel, inputs: Sequence[np.ndarray], step: float, tolerance: float) -> None:
+    """Compare the gradient to every input with central differences, along the gradient and along a random direction."""
+    outputs, gradient = kernel(*inputs)
+    weights, state = slopes(outputs), np.random.RandomState(2)
+
+    def value(k: int, direction: np.ndarray) -> float:
+        moved = [*inputs]
+        moved[k] = (inputs[k] + direction).astype(np.float32)
+        floats = [output for output in kernel(*moved)[0] if output.dtype.kind == "f"]
+        return sum(float(np.sum(w * o, dtype=np.float64)) for w, o in zip(weights, floats, strict=True))
+
+    for k, (before, slope) in enumerate(zip(inputs, gradient(weights), strict=True)):
+        if slope is None or not slope.size:
+            continue
+        steepest = slope / max(np.sqrt(np.mean(slope**2)), 1e-20)
+        for direction in (steepest, state.randn(*slope.shape)):
+            size = step * max(float(np.sqrt(np.mean(before**2))), 1e-3)
+            moved = (size * direction).astype(np.float32)
+            found = float(np.sum(slope * moved, dtype=np.float64))
+            expected = (value(k, moved) - value(k, -moved)) / 2
+            room = tolerance * float(np.linalg.norm(slope) * np.linalg.norm(moved)) / np.sqrt(slope.size) ** 0.5
+            assert abs(found - expected) <= room, f"input {k}: {found}, by differences {expected}, room {room}"
 
 
 def splats(n: int, channels: int, width: int, height: int, seed: int = 0) -> Splats:
     """Return splats. Some are off the image, at equal depth, or culled."""
-    rng = np.random.default_rng(seed)
-    means2d = rng.uniform(-6, 6, (n, 2)) + rng.uniform(0, 1, (n, 2)) * [width, height]
-    half = rng.normal(0, 2.5, (n, 2, 2))
+    state = np.random.RandomState(seed)
+    means2d = state.uniform(-6, 6, (n, 2)) + state.uniform(0, 1, (n, 2)) * [width, height]
+    half = state.normal(0, 2.5, (n, 2, 2))
     conics = np.linalg.inv(half @ half.transpose(0, 2, 1) + 0.3 * np.eye(2))[:, [0, 0, 1], [0, 1, 1]]
-    depths = np.round(rng.uniform(1, 5, n), 1)
-    radii = (rng.uniform(size=n) > 0.1).astype(np.int32)
-    arrays = means2d, conics, rng.uniform(0, 1, (n, channels)), rng.uniform(0, 1, n), depths
-    means2d, conics, colors, opacities, depths = (torch.from_numpy(array.astype(np.float32)) for array in arrays)
-    return Splats(means2d, conics, colors, opacities, depths, torch.from_numpy(radii))
+    depths = np.round(state.uniform(1, 5, n), 1)
+    radii = (state.uniform(size=n) > 0.1).astype(np.int32)
+    arrays = means2d, conics, state.uniform(0, 1, (n, channels)), state.uniform(0, 1, n), depths
+    return Splats(*(array.astype(np.float32) for array in arrays), radii)
 
 
-def gaussians(n: int, bands: int = 16, seed: int = 0) -> list[Tensor]:
+def gaussians(n: int, bands: int = 16, seed: int = 0) -> list[np.ndarray]:
     """Return means, quats (not normalized), scales, opacities and sh of Gaussians around the origin."""
-    g = torch.Generator().manual_seed(seed)
-    scales, opacities = torch.rand(n, 3, generator=g) * 0.3 + 0.02, torch.rand(n, generator=g)
-    means, quats, sh = (torch.randn(*shape, generator=g) for shape in ((n, 3), (n, 4), (n, bands, 3)))
-    return [means * 1.2, quats, scales, opacities, sh * 0.3]
+    state = np.random.RandomState(seed)
+    scales, opacities = state.rand(n, 3) * 0.3 + 0.02, state.rand(n)
+    means, quats, sh = (state.randn(*shape) for shape in ((n, 3), (n, 4), (n, bands, 3)))
+    return [array.astype(np.float32) for array in (means * 1.2, quats, scales, opacities, sh * 0.3)]
 
 
 def camera(width: int, height: int, distance: float = 3.0) -> tuple[np.ndarray, np.ndarray]:
@@ -67,8 +79,3 @@ def camera(width: int, height: int, distance: float = 3.0) -> tuple[np.ndarray, 
     viewmat[:3, 3] = (0.1, 0.2, distance)
     K = np.array([[1.1 * width, 0, width / 2 + 2], [0, 1.2 * width, height / 2 - 1], [0, 0, 1]])
     return viewmat.astype(np.float32), K.astype(np.float32)
-
-
-def _floats(outputs: Outputs) -> list[Tensor]:
-    parts = outputs if isinstance(outputs, tuple) else (outputs,)
-    return [part for part in parts if part.is_floating_point()]

@@ -1,17 +1,8 @@
-"""Readable torch versions of all kernels of `splat`, `motion` and `adam`, differentiated by autograd.
-
-They are dense, for small scenes and tests. The CUDA backend uses some of them.
-"""
-
-# pyright: reportPrivateImportUsage=false
-# (torch documents `_foreach_mul_` and its like, and its own optimizers use them, but the names are not exported)
+"""Readable torch versions of the kernels with gradients, differentiated by autograd. They are dense, for small scenes."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from functools import cache, cached_property
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -22,10 +13,29 @@ from torch import Tensor
 from splatreel.kernels import harmonics
 from splatreel.kernels.hashgrid import PRIME_Y, PRIME_Z, is_dense
 from splatreel.kernels.similarity import SSIM_C1, SSIM_C2, WINDOW
-from splatreel.kernels.splat import Projection, Splats
 
 Skin = tuple[Tensor, Tensor]
 """index [N, K] int64 and share [N, K]: the nodes that each point moves with, and their weights. Neither gets a gradient."""
+
+
+class Projection(NamedTuple):
+    """As `splat.Projection`."""
+
+    means2d: Tensor
+    conics: Tensor
+    depths: Tensor
+    radii: Tensor
+
+
+class Splats(NamedTuple):
+    """As `splat.Splats`."""
+
+    means2d: Tensor
+    conics: Tensor
+    colors: Tensor
+    opacities: Tensor
+    depths: Tensor
+    radii: Tensor
 
 
 def project(
@@ -39,8 +49,8 @@ def project(
     near: float = 0.01,
     antialias: bool = False,
 ) -> Projection:
-    """Twin of `splat.project`."""
-    pose, lens = (torch.as_tensor(m, dtype=means.dtype, device=means.device) for m in (viewmat, K))
+    """Twin of `project.forward`."""
+    pose, lens = (torch.as_tensor(m, dtype=means.dtype) for m in (viewmat, K))
     fx, fy, cx, cy = lens[0, 0], lens[1, 1], lens[0, 2], lens[1, 2]
     X, Y, Z = (means @ pose[:3, :3].T + pose[:3, 3]).unbind(-1)
     in_front = near <= Z
@@ -52,16 +62,14 @@ def project(
     zero = torch.zeros_like(Z)
     jacobian = torch.stack([fx / Z, zero, -fx / Z * u, zero, fy / Z, -fy / Z * v], -1).view(-1, 2, 3)
     rotated = jacobian @ pose[:3, :3] @ _rotation(quats) * scales[:, None]
-    covariance = rotated @ rotated.mT + (0.1 if antialias else 0.3) * torch.eye(
-        2, dtype=means.dtype, device=means.device
-    )
+    covariance = rotated @ rotated.mT + (0.1 if antialias else 0.3) * torch.eye(2, dtype=means.dtype)
     cxx, cxy, cyy = covariance[:, 0, 0], covariance[:, 0, 1], covariance[:, 1, 1]
     determinant = cxx * cyy - cxy * cxy
     conics = torch.stack([cyy, -cxy, cxx], -1) / determinant[:, None]
     means2d = torch.stack([fx * X / Z + cx, fy * Y / Z + cy], -1)
 
     extent = (3.33 * torch.stack([cxx, cyy], -1).sqrt()).ceil()
-    size = torch.tensor([width, height], device=means.device)
+    size = torch.tensor([width, height])
     inside = ((means2d + extent > 0) & (means2d - extent < size)).all(-1)
     seen = in_front & inside & (determinant > 0)
     radii = torch.where(seen, extent.amax(-1), zero).int()
@@ -79,7 +87,7 @@ def _rotation(quats: Tensor) -> Tensor:
 
 
 def spherical_harmonics(degree: int, directions: Tensor, coefficients: Tensor) -> Tensor:
-    """Twin of `splat.spherical_harmonics`."""
+    """Twin of `harmonics.forward`."""
     x, y, z = functional.normalize(directions, dim=-1).unbind(-1)
     xx, yy, zz = x * x, y * y, z * z
     polynomials = [torch.ones_like(x), -y, z, -x, x * y, y * z, 2 * zz - xx - yy, x * z, xx - yy]
@@ -91,12 +99,10 @@ def spherical_harmonics(degree: int, directions: Tensor, coefficients: Tensor) -
     return (basis[..., None] * coefficients[:, :bands]).sum(1)
 
 
-def view_colors(
-    means: Tensor, center: Tensor, base: Tensor, rest: Tensor, evaluate: Callable[..., Tensor] = spherical_harmonics
-) -> Tensor:
-    """Twin of `splat.view_colors`."""
+def view_colors(means: Tensor, center: Tensor, base: Tensor, rest: Tensor) -> Tensor:
+    """Twin of `harmonics.colors`."""
     degree = round((1 + rest.shape[1]) ** 0.5) - 1
-    return (evaluate(degree, means.detach() - center, torch.cat([base, rest], 1)) + 0.5).clamp_min(0)
+    return (spherical_harmonics(degree, means.detach() - center, torch.cat([base, rest], 1)) + 0.5).clamp_min(0)
 
 
 def deformed(
@@ -108,7 +114,7 @@ def deformed(
     near: float,
     antialias: bool = False,
 ) -> Splats:
-    """Twin of `splat.deformed`."""
+    """Twin of `deform.forward`."""
     means, quats, log_scales, logits, base, rest = points
     if shade is not None:
         base, logits = base + shade[:, None, :3], logits + shade[:, 3]
@@ -128,8 +134,8 @@ def rasterize(splats: Splats, width: int, height: int) -> tuple[Tensor, Tensor]:
     order = torch.argsort(depths.detach(), stable=True)
     order = order[radii[order] > 0]
     ys, xs = torch.meshgrid(
-        torch.arange(height, dtype=means2d.dtype, device=means2d.device) + 0.5,
-        torch.arange(width, dtype=means2d.dtype, device=means2d.device) + 0.5,
+        torch.arange(height, dtype=means2d.dtype) + 0.5,
+        torch.arange(width, dtype=means2d.dtype) + 0.5,
         indexing="ij",
     )
     dx, dy = xs.reshape(-1, 1) - means2d[order, 0], ys.reshape(-1, 1) - means2d[order, 1]
@@ -144,16 +150,8 @@ def rasterize(splats: Splats, width: int, height: int) -> tuple[Tensor, Tensor]:
     return image.view(height, width, -1), (1 - transmittance[:, -1]).view(height, width)
 
 
-def rasterize_among(splats: Splats, frozen: Splats, width: int, height: int) -> tuple[Tensor, Tensor]:
-    """Twin of `splat.rasterize_among`: draw all splats together."""
-    return rasterize(Splats.join(splats, Splats(*[tensor.detach() for tensor in frozen])), width, height)
-
-
-def photometric_loss(
-    image: Tensor, target: Tensor, lambda_dssim: float = 0.2, gain: Tensor | None = None, tiles: Tensor | None = None
-) -> Tensor:
-    """Twin of `splat.photometric_loss`, also used on CUDA. It ignores `tiles`: all pixels count and get gradients."""
-    del tiles
+def photometric_loss(image: Tensor, target: Tensor, lambda_dssim: float = 0.2, gain: Tensor | None = None) -> Tensor:
+    """Twin of `similarity.loss_and_gradient`."""
     if target.dtype == torch.uint8:
         target = target.to(image.dtype) / 255
     if gain is not None:
@@ -169,49 +167,25 @@ def photometric_loss(
 def _blur(maps: Tensor) -> Tensor:
     """Blur maps [M, 3, H, W] with the SSIM window, zeros outside."""
     flat = maps.reshape(-1, 1, *maps.shape[-2:])
-    window = _window(maps.dtype, maps.device)
+    window = torch.as_tensor(WINDOW, dtype=maps.dtype)
     across = functional.conv2d(flat, window.view(1, 1, 1, -1), padding=(0, len(window) // 2))
     return functional.conv2d(across, window.view(1, 1, -1, 1), padding=(len(window) // 2, 0)).view(maps.shape)
 
 
-@cache
-def _window(dtype: torch.dtype, device: torch.device) -> Tensor:
-    """Return the SSIM window [11], copied once, since a copy waits for the GPU."""
-    return torch.as_tensor(WINDOW, dtype=dtype, device=device)
-
-
-def nearest_neighbors(points: Tensor, k: int, queries: Tensor | None = None) -> tuple[Tensor, Tensor]:
-    """Twin of `splat.nearest_neighbors`. Brute force, 4096 queries at a time."""
-    asked = points if queries is None else queries
-    indices, distances = [], []
-    for start in range(0, len(asked), 4096):
-        table = torch.cdist(asked[start : start + 4096], points, compute_mode="donot_use_mm_for_euclid_dist")
-        if queries is None:
-            rows = torch.arange(len(table), device=points.device)
-            table[rows, rows + start] = math.inf
-        nearest = table.topk(k, largest=False)
-        indices.append(nearest.indices)
-        distances.append(nearest.values)
-    if not indices:
-        empty = torch.zeros((0, k), device=points.device)
-        return empty.long(), empty
-    return torch.cat(indices), torch.cat(distances)
-
-
 def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) -> Tensor:
-    """Twin of `motion.hashgrid`, also used on CUDA."""
+    """Twin of `hashgrid.forward`."""
     levels, size, features = table.shape
     cells = np.asarray(resolutions)
     dense = is_dense(cells, size)
     outputs = []
     for level in range(levels):
-        resolution = torch.as_tensor(cells[level], dtype=torch.int64, device=coords.device)
+        resolution = torch.as_tensor(cells[level], dtype=torch.int64)
         position = coords.clamp(0, 1) * resolution
         cell = torch.minimum(position.detach().long(), resolution - 1)
         fraction = position - cell
-        total = torch.zeros((len(coords), features), dtype=table.dtype, device=table.device)
+        total = torch.zeros((len(coords), features), dtype=table.dtype)
         for corner in range(8):
-            offset = torch.tensor([corner & 1, corner >> 1 & 1, corner >> 2], device=coords.device)
+            offset = torch.tensor([corner & 1, corner >> 1 & 1, corner >> 2])
             x, y, z = (cell + offset).unbind(-1)
             if dense[level]:
                 row = x + (resolution[0] + 1) * (y + (resolution[1] + 1) * z)
@@ -224,7 +198,7 @@ def hashgrid(coords: Tensor, table: Tensor, resolutions: Tensor | np.ndarray) ->
 
 
 def spline(controls: Tensor, knot: int, weights: np.ndarray) -> Tensor:
-    """Twin of `motion.spline`, with gradients. Also used on CUDA, where a copy of the weights would wait for the GPU."""
+    """Twin of `motion.spline`."""
     first, *others = weights.tolist()
     value = first * controls[knot]
     for k, weight in enumerate(others, 1):
@@ -235,23 +209,15 @@ def spline(controls: Tensor, knot: int, weights: np.ndarray) -> Tensor:
 def offsets(
     controls: tuple[Tensor, Tensor], knot: int, weights: np.ndarray, skin: Skin, unit: float
 ) -> tuple[Tensor, Tensor]:
-    """Twin of `motion.offsets`, with gradients. Also used on CUDA."""
+    """Twin of `motion.offsets`."""
     nodes, points = (spline(level, knot, weights) for level in controls)
     index, share = skin
     total = points + (nodes[index] * share[..., None]).sum(1)
     return unit * total[:, :3], torch.cat([total[:, 3:4] + 1, total[:, 4:]], 1)
 
 
-def offsets_gradient(d_dx: Tensor, d_dq: Tensor, skin: Skin, nodes: int, unit: float) -> tuple[Tensor, Tensor]:
-    """Twin of `motion.offsets_gradient`, also used on CUDA."""
-    index, share = skin
-    d_points = torch.cat([unit * d_dx, d_dq], 1)
-    spread = (share[..., None] * d_points[:, None]).flatten(0, 1)
-    return d_points.new_zeros(nodes, 7).index_add_(0, index.flatten(), spread), d_points
-
-
 def turn(quats: Tensor, dq: Tensor) -> Tensor:
-    """Return the Hamilton products quats * dq / |dq| of quaternions [N, 4], wxyz. Also used on CUDA."""
+    """Return the Hamilton products quats * dq / |dq| of quaternions [N, 4], wxyz."""
     return multiply(quats, functional.normalize(dq, dim=-1))
 
 
@@ -264,7 +230,7 @@ def multiply(a: Tensor, b: Tensor) -> Tensor:
 
 
 def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbor: Tensor, weights: Tensor, unit: float) -> Tensor:
-    """Twin of `motion.arap`, also used on CUDA."""
+    """Twin of `motion.arap`."""
     half = (means - means[neighbor]).detach() / 2
     dq, rotation = functional.normalize(dq, dim=-1), _rotation(dq)
     rotated = ((rotation + rotation[neighbor]) @ half[..., None])[..., 0]
@@ -275,98 +241,3 @@ def arap(means: Tensor, dx: Tensor, dq: Tensor, neighbor: Tensor, weights: Tenso
     stretch = 2 * half.norm(dim=1) - apart.square().sum(1).add(1e-12).sqrt()
     turned = (dq - dq[neighbor]).abs().sum(1)
     return (weights * (turned + (shift.abs().sum(1) + stretch.abs()) / unit)).mean()
-
-
-@dataclass(frozen=True)
-class Trained:
-    """A parameter and the moments of its gradient, mean and square. All are [R, ...], contiguous and changed in place."""
-
-    parameter: Tensor
-    mean: Tensor
-    square: Tensor
-
-    @cached_property
-    def flat(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Flat arrays [n] that share the memory of parameter, mean and square. CPU only."""
-        parameter, mean, square = (t.numpy().reshape(-1) for t in (self.parameter, self.mean, self.square))
-        return parameter, mean, square
-
-
-class Step(NamedTuple):
-    """One step of Adam for one tensor.
-
-    gradient [G, ...] belongs to consecutive blocks of G rows from row `start` on, one block per factor in factors [f] float32. The
-    gradient of block k is factors[k] * gradient. Other rows from `begin` to `end` have a gradient of 0. Rows before `begin` and from
-    `end` on do not change.
-    moment: the learning rate, the decays of mean and square, eps, and the number of this step, from 1.
-    """
-
-    trained: Trained
-    gradient: Tensor
-    factors: np.ndarray
-    start: int
-    end: int
-    moment: tuple[float, float, float, float, int]
-    begin: int = 0
-
-
-class Missed(NamedTuple):
-    """Steps without gradient that consecutive rows of a tensor have missed, from row `begin` on.
-
-    lengths [R] float32: sum of the lengths of a row's missed steps, in units of mean / (sqrt(square) + epsilon) at its last step.
-    epsilons [R] float32: mean epsilon of these steps, likewise.
-    decays, square_decays: [R] float32, factors of mean and square over the missed steps.
-    """
-
-    trained: Trained
-    begin: int
-    lengths: np.ndarray
-    epsilons: np.ndarray
-    decays: np.ndarray
-    square_decays: np.ndarray
-
-
-@torch.no_grad()
-def adam(steps: Sequence[Step]) -> None:
-    """Twin of `adam.adam`, also used on CUDA. Lists of tensors need few calls, which is what takes time on a GPU."""
-    if not steps:
-        return
-    parameters, means, squares = (
-        [getattr(step.trained, name)[step.begin : step.end] for step in steps]
-        for name in ("parameter", "mean", "square")
-    )
-    rates, decays, square_decays, epsilons, numbers = zip(*(step.moment for step in steps), strict=True)
-    torch._foreach_mul_(means, decays)
-    torch._foreach_mul_(squares, square_decays)
-    blocks = [block for step in steps for block in _blocks(step)]
-    rows_of_mean, rows_of_square, slopes, weights, square_weights = zip(*blocks, strict=True)
-    torch._foreach_add_(rows_of_mean, torch._foreach_mul(slopes, weights))
-    torch._foreach_addcmul_(rows_of_square, slopes, slopes, square_weights)
-    denominators = torch._foreach_sqrt(squares)
-    torch._foreach_div_(denominators, [math.sqrt(1 - d**n) for d, n in zip(square_decays, numbers, strict=True)])
-    torch._foreach_add_(denominators, epsilons)
-    lengths = [-rate / (1 - d**n) for rate, d, n in zip(rates, decays, numbers, strict=True)]
-    torch._foreach_addcdiv_(parameters, means, denominators, lengths)
-
-
-@torch.no_grad()
-def catch_up(missed: Missed) -> None:
-    """Twin of `adam.catch_up`."""
-    trained, begin, *columns = missed
-    rows = slice(begin, begin + len(missed.lengths))
-    parameter, mean, square = (values[rows] for values in (trained.parameter, trained.mean, trained.square))
-    shape = -1, *(1 for _ in parameter.shape[1:])
-    lengths, epsilons, decays, square_decays = (torch.from_numpy(column).to(mean).view(shape) for column in columns)
-    parameter.sub_(lengths * mean / (square.sqrt() + epsilons))
-    mean.mul_(decays)
-    square.mul_(square_decays)
-
-
-def _blocks(step: Step) -> Iterator[tuple[Tensor, Tensor, Tensor, float, float]]:
-    """Yield each block of a step: its rows of mean and square, their gradient, and the weights of gradient and its square."""
-    trained, gradient, factors, start, end, (_, decay, square_decay, _, _), _ = step
-    for k, factor in enumerate(factors.tolist()):
-        rows = slice(start + k * len(gradient), min(start + (k + 1) * len(gradient), end))
-        mean = trained.mean[rows]
-        slope = gradient[: len(mean)]
-        yield mean, trained.square[rows], slope, factor * (1 - decay), factor**2 * (1 - square_decay)

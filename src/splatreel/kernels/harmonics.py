@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numba import njit
 
+from splatreel.base.errors import GaussiansError
 from splatreel.base.jit import BOOL, F1, F2, F3, INT, range_kernel
 from splatreel.kernels.rows import stack_floats
 from splatreel.kernels.scalars import HALF, ONE, ZERO, F
@@ -35,7 +36,20 @@ C3 = (
 
 
 def forward(degree: int, directions: np.ndarray, coefficients: np.ndarray) -> np.ndarray:
-    """Return the sum [N, 3] of the bands up to a degree. directions: [N, 3] of any length. coefficients: [N, K, 3]."""
+    """Return the sum [N, 3] of the harmonics up to a degree in the 3DGS order, without the 0.5 of 3DGS colors.
+
+    Args:
+        degree: 0..3.
+        directions: [N, 3] of any length, from the camera to the point.
+        coefficients: [N, K, 3], K >= (degree + 1)^2.
+
+    Raises:
+        GaussiansError: There are too few coefficients for the degree.
+    """
+    if not 0 <= degree <= 3 or coefficients.shape[1] < (degree + 1) ** 2:
+        raise GaussiansError(
+            f"SH degree {degree} needs {(degree + 1) ** 2} coefficients, there are {coefficients.shape[1]}; choose 0..3."
+        )
     colors = np.empty((len(directions), 3), np.float32)
     _forward.over(len(colors), (degree + 1) ** 2, directions, coefficients, colors, grain=GRAIN)
     return colors

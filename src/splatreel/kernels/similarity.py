@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit, types
 
+from splatreel.base.errors import GaussiansError
 from splatreel.base.jit import B1, B2, F1, F2, F3, FLOAT, L1, U2, Kernel, kernel, range_kernel
 from splatreel.kernels.scalars import ONE, TWO, ZERO, F, U
 
@@ -65,7 +66,16 @@ def loss_and_gradient(
             not depend on these tiles, which are a constant.
         background: [3] float32. None: 0.
         zeros: Whether the gradient is zero in all other tiles. If not, it is undefined there.
+
+    Raises:
+        GaussiansError: The shapes do not fit.
+
+    Source: 3D Gaussian Splatting, section 5.1.
     """
+    if image.shape != target.shape or image.shape[-1] != 3:
+        raise GaussiansError(
+            f"The photometric loss of an image {image.shape} and a target {target.shape}: both must be [H, W, 3]."
+        )
     height, width, _ = image.shape
     lines = (height, width * 3)
     x, y = image.reshape(lines), target.reshape(lines)
