@@ -35,6 +35,8 @@ def gpu() -> Iterator[None]:
         patch.setattr(torch.cuda, "is_available", lambda: True)
         patch.setattr(torch.cuda, "mem_get_info", lambda device=None: (40 << 30, 80 << 30))
         patch.setattr(torch.cuda, "max_memory_allocated", lambda device=None: 1 << 30)
+        patch.setattr(torch.cuda, "get_device_name", lambda device=None: "stand-in")
+        patch.setattr(torch.cuda, "device_count", lambda: 1)
         patch.setattr(torch.cuda, "get_device_capability", lambda device=None: (9, 0))
         for nothing in ("synchronize", "reset_peak_memory_stats", "empty_cache"):
             patch.setattr(torch.cuda, nothing, lambda device=None: None)

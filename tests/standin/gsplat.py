@@ -9,13 +9,15 @@ import sys
 from types import ModuleType
 from typing import Any
 
+import numpy as np
 import pytest
 import torch
 from torch import Tensor
+from torch.autograd import Function
 
-from splatreel.kernels import twin
-from splatreel.kernels.cpu import autograd as cpu
-from splatreel.kernels.cpu.project import Pinhole
+from splatreel.kernels import binning, project, rasterize
+from splatreel.kernels.project import Pinhole
+from tests.kernels import twin
 from tests.standin.device import Remote, held
 
 TILE = 16
@@ -61,7 +63,7 @@ class Kernels:
 
     def _project(self, points, poses, lenses, width: int, height: int, blur: float) -> tuple[Tensor, ...]:
         pose, lens = (value[0].numpy().copy() for value in _ready(poses, lenses))
-        return cpu.Project.apply(*points, Pinhole(pose, lens, width, height, self.near, blur))  # pyright: ignore[reportReturnType]
+        return Project.apply(*points, Pinhole(pose, lens, width, height, self.near, blur))  # pyright: ignore[reportReturnType]
 
     def spherical_harmonics_fwd(self, degree, directions, coefficients, _) -> Tensor:
         return Remote(twin.spherical_harmonics(degree, *_ready(directions, coefficients)))
@@ -115,7 +117,51 @@ class Kernels:
         order = order.long()
         radii[order], depths[order] = self.radii[order], torch.arange(1.0, len(order) + 1)
         splat = means2d, conics, colors, opacities, depths, radii
-        return cpu.Rasterize.apply(*splat, width, height, absolute)  # pyright: ignore[reportReturnType]
+        return Rasterize.apply(*splat, width, height, absolute)  # pyright: ignore[reportReturnType]
+
+
+class Project(Function):
+    """The CPU's projection."""
+
+    @staticmethod
+    def forward(ctx: Any, means: Tensor, quats: Tensor, scales: Tensor, view: Pinhole) -> Any:
+        found = project.forward(*_arrays(means, quats, scales), view=view)
+        means2d, conics, depths, radii = map(torch.from_numpy, found)
+        ctx.view = view
+        ctx.save_for_backward(means, quats, scales, conics, radii)
+        ctx.mark_non_differentiable(radii)
+        return means2d, conics, depths, radii
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> Any:
+        means, quats, scales, conics, radii = ctx.saved_tensors
+        arrays = _arrays(means, quats, scales, conics, *gradients[:3])
+        return *map(torch.from_numpy, project.backward(*arrays, radii=radii.numpy(), view=ctx.view)), None
+
+
+class Rasterize(Function):
+    """The CPU's blending of three channels. The gradient of `absolute` is the sum of absolute gradients to means2d."""
+
+    @staticmethod
+    def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width: int, height: int, absolute) -> Any:
+        del absolute  # only its gradient counts
+        arrays = _arrays(means2d, conics, opacities, depths)
+        ctx.bins = binning.bin_splats(*arrays, radii.numpy(), width, height)
+        image, alpha = map(torch.from_numpy, rasterize.forward(ctx.bins, *_arrays(colors)))
+        ctx.save_for_backward(colors, image, alpha)
+        return image, alpha
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: Tensor) -> Any:
+        colors, image, alpha = _arrays(*ctx.saved_tensors)
+        d_image, d_alpha = _arrays(*gradients)
+        found = rasterize.backward(ctx.bins, colors, image, d_image, alpha, d_alpha)
+        parts = found.means2d, found.conics, found.colors, found.opacities
+        return *map(torch.from_numpy, parts), None, None, None, None, torch.from_numpy(found.absolute)
+
+
+def _arrays(*tensors: Tensor) -> list[np.ndarray]:
+    return [tensor.detach().contiguous().numpy() for tensor in tensors]
 
 
 def _ready(*values: Tensor) -> list[Tensor]:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from typing import Any
+
 from splatreel.base.errors import GpuError
 from splatreel.gpu.adapters import CUDA, Adapter
 from splatreel.gpu.device import Gpu
@@ -12,23 +15,26 @@ class SharedGpu:
 
     Attributes:
         adapter: The adapter.
+        kind: Value of `--device` that chooses it: gpu, or cuda with gsplat.
         failure: What failed; None if nothing did.
     """
 
-    def __init__(self, adapter: Adapter) -> None:
-        """Choose an adapter, without opening it."""
+    def __init__(self, adapter: Adapter, opener: Callable[[Adapter], Any] | None = None, kind: str = "gpu") -> None:
+        """Choose an adapter, without opening it. opener: function that opens it; None is `open_gpu`."""
         self.adapter = adapter
+        self.kind = kind
         self.failure: str | None = None
-        self._gpu: Gpu | None = None
+        self._opener = opener
+        self._gpu: Any = None
 
-    def open(self) -> Gpu | None:
-        """Return the opened device; None after a failure.
+    def open(self) -> Any:
+        """Return the opened device, a `Gpu` or one with programs of its own; None after a failure.
 
         Raises:
             GpuError: The driver refuses.
         """
         if self._gpu is None and self.failure is None:
-            self._gpu = open_gpu(self.adapter)
+            self._gpu = (self._opener or open_gpu)(self.adapter)
         return self._gpu
 
     def fail(self, error: GpuError) -> None:

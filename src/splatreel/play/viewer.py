@@ -82,7 +82,7 @@ class Viewer:
 
         Args:
             reel: Reel to show.
-            draw: Renderer, see `renderers.renderer`.
+            draw: Renderer, see `renderers.Draw`.
             host: Address to listen on.
             port: Port to listen on; 0 takes any free one.
             width: Maximum width of an image, in pixels.

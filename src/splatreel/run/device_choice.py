@@ -1,65 +1,43 @@
-"""Choice of the device that trains, and a check that the images of a group fit on it."""
+"""Choice of the device that trains: the CPU, any GPU through wgpu or NVRTC, or an NVIDIA GPU with gsplat."""
 
 from __future__ import annotations
 
 import importlib.util
-import math
-
-import torch
 
 from splatreel.base.command_line import install_command
-from splatreel.base.errors import MissingDependencyError, ReconstructionError, UsageError
+from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.gpu.adapters import adapters, choose_adapter, require_adapter
 from splatreel.gpu.shared_gpu import SharedGpu
-
-IMAGES_SHARE = 0.6
-"""Largest share of the GPU's free memory that images may take. Training needs the rest."""
-
+from splatreel.play.renderers import Draw
 
 NAMES = ("auto", "cpu", "gpu", "cuda")
 """Values of `--device`."""
 
 
-def pick_device(name: str) -> torch.device:
-    """Return the device of the tensors. With `pick_gpu`, the tensors are on the CPU, and the GPU runs whole iterations.
+def pick_gpu(name: str, bytes_of_buffer: int = 0) -> tuple[SharedGpu | None, str]:
+    """Return the GPU that trains, or None for the CPU, and a note for the user: why a GPU of this machine is not used.
 
     Args:
         name: cpu, cuda (with gsplat), gpu (through wgpu or NVRTC), or auto: CUDA if there is an NVIDIA GPU and gsplat is installed,
-            else the CPU.
-
-    Raises:
-        UsageError: The device does not exist.
-        MissingDependencyError: gsplat is not installed.
-    """
-    if name not in NAMES:
-        raise UsageError(f"Unknown device {name!r}. Choose auto, cpu, gpu or cuda.")
-    # PyTorch for AMD's ROCm also calls its devices cuda. gsplat cannot use them.
-    cuda = torch.cuda.is_available() and torch.version.hip is None
-    gsplat = importlib.util.find_spec("gsplat") is not None
-    if name == "cuda" and not cuda:
-        raise UsageError("--device cuda: PyTorch finds no CUDA device. Use --device cpu, or install PyTorch for CUDA.")
-    if name == "cuda" and not gsplat:
-        raise MissingDependencyError(
-            f"--device cuda: gsplat is not installed. Run `{install_command('cuda')}`, or use --device gpu, "
-            "which needs no compiler."
-        )
-    return torch.device("cuda" if name in ("auto", "cuda") and cuda and gsplat else "cpu")
-
-
-def pick_gpu(name: str, bytes_of_buffer: int = 0) -> tuple[SharedGpu | None, str]:
-    """Return the GPU that trains through wgpu or NVRTC, if any, and a note for the user: why a GPU of this machine is not used.
-
-    Args:
-        name: See `pick_device`. `auto` takes a GPU that CUDA does not take, but no software adapter.
+            else another GPU, but no software adapter, else the CPU.
         bytes_of_buffer: Bytes of the largest buffer that training needs.
 
     Raises:
-        UsageError: There is no GPU, or it is too small, and `name` is gpu.
+        UsageError: The device does not exist, or it is too small, and `name` is gpu.
+        MissingDependencyError: gsplat is not installed, and `name` is cuda.
     """
+    if name not in NAMES:
+        raise UsageError(f"Unknown device {name!r}. Choose auto, cpu, gpu or cuda.")
+    if name == "cpu":
+        return None, ""
+    if name == "cuda":
+        _require_cuda("--device cuda", "--device gpu, which needs no compiler")
+    if name == "cuda" or (name == "auto" and _has_gsplat() and _why_no_cuda() is None):
+        from splatreel.gsplat.device import shared_gpu
+
+        return shared_gpu(), ""
     if name == "gpu":
         adapter = require_adapter()
-    elif name != "auto" or pick_device(name).type == "cuda":
-        return None, ""
     else:
         found = adapters()
         adapter, why = choose_adapter(found)
@@ -88,20 +66,52 @@ def largest_buffer(width: int, height: int, points: int) -> int:
     return max(16 * width * height, 4 * 59 * points)
 
 
-def check_room(needed: int, free: int, width: int) -> None:
-    """Check that images fit into the memory of a GPU.
-
-    Args:
-        needed: Bytes of the images.
-        free: Free bytes of the GPU.
-        width: Width of the images in pixels, for the error.
+def cuda_renderer() -> Draw:
+    """Return the function of gsplat that draws for playback.
 
     Raises:
-        ReconstructionError: They do not fit. The error names a width that fits.
+        UsageError: There is no CUDA device.
+        MissingDependencyError: gsplat is not installed.
     """
-    if needed > IMAGES_SHARE * free:
-        fits = int(width * math.sqrt(IMAGES_SHARE * free / needed)) // 2 * 2
-        raise ReconstructionError(
-            f"The images of one group, {width} pixels wide, take {needed / 1e9:.1f} GB; the GPU has {free / 1e9:.1f} GB free, "
-            f"of which they may fill {IMAGES_SHARE:.0%}. Ask for --width {fits}, or use --device cpu."
+    _require_cuda("--renderer cuda", "--renderer cpu or webgl")
+    from splatreel.gsplat.device import draw
+
+    return draw
+
+
+def _require_cuda(option: str, instead: str) -> None:
+    """Raise an error that names an option and another one, unless gsplat can use a GPU."""
+    if not _has_gsplat():
+        raise MissingDependencyError(
+            f"{option}: gsplat is not installed. Run `{install_command('cuda')}`, or use {instead}."
         )
+    if why := _why_no_cuda():
+        raise UsageError(f"{option}: {why}. Use {instead.split(',')[0]}, or install PyTorch for CUDA.")
+
+
+def _has_gsplat() -> bool:
+    """Return whether gsplat and torch are installed, without importing them, which takes seconds."""
+    return all(importlib.util.find_spec(name) is not None for name in ("torch", "gsplat"))
+
+
+def _why_no_cuda() -> str | None:
+    """Return why gsplat, which is installed, finds no GPU; None if it finds one."""
+    import torch
+
+    # PyTorch for AMD's ROCm also calls its devices cuda. gsplat cannot use them.
+    there = torch.cuda.is_available() and torch.version.hip is None
+    return None if there else "PyTorch finds no CUDA device"
+
+
+def count_cuda_devices() -> int:
+    """Return the number of GPUs that gsplat can use."""
+    import torch
+
+    return torch.cuda.device_count()
+
+
+def release_cuda_memory() -> None:
+    """Give memory that PyTorch keeps for this process back to the GPU."""
+    import torch
+
+    torch.cuda.empty_cache()

@@ -1,4 +1,4 @@
-"""Time of a training iteration on a GPU through wgpu or NVRTC, and on the CPU for comparison."""
+"""Time of a training iteration on a GPU, and on the CPU for comparison."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import time
 from dataclasses import replace
 
 import numpy as np
-import torch
 
 from splatreel.base.errors import GpuError
 from splatreel.base.progress import Silent
@@ -18,32 +17,28 @@ from splatreel.method.train.trainable_points import TrainablePoints, default_rat
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.run.machine_speed import LARGE, SMALL, MachineSpeed, Probe, measure_speed, probe_scene
 
-CPU = torch.device("cpu")
 SECONDS = 2.0
 """Time that a measurement takes at least, after one batch to warm up."""
 BATCH = 10
 """Iterations between two looks at the clock."""
 
 
-def iteration_ms(
-    gpu: SharedGpu | None, probe: Probe = SMALL, seconds: float = SECONDS, device: torch.device = CPU
-) -> float:
+def iteration_ms(gpu: SharedGpu | None, probe: Probe = SMALL, seconds: float = SECONDS) -> float:
     """Return the milliseconds of a keyframe's training iteration, with all threads of the CPU or on a GPU.
 
     Args:
-        gpu: GPU that runs iterations; None measures torch on `device`.
+        gpu: GPU that runs iterations; None measures the CPU.
         probe: Points and image size.
         seconds: Shortest time of the measurement.
-        device: Device of the tensors.
 
     Raises:
         GpuError: The GPU fails.
     """
-    scene = probe_scene(probe, device)
-    points = TrainablePoints.from_gaussians(scene.gaussians, default_rates(scene.unit), device)
+    scene = probe_scene(probe)
+    points = TrainablePoints.from_gaussians(scene.gaussians, default_rates(scene.unit))
     image = np.random.default_rng(0).integers(0, 256, (1, 1, probe.height, probe.width, 3), np.uint8)
-    images = TrainingImages(torch.from_numpy(image).to(device), [scene.view], scene.near, scene.unit)
-    gains = CameraGains(1, device)
+    images = TrainingImages(image, [scene.view], scene.near, scene.unit)
+    gains = CameraGains(1)
     config = KeyframeConfig(densify_every=10**9, average_share=0.0, detail=False)
     trainer = KeyframeTrainer(points, gains, config, max_points=probe.points, gpu=gpu)
     taken = []
@@ -56,16 +51,15 @@ def iteration_ms(
     return 1e3 * float(np.median(taken[1:])) / BATCH
 
 
-def measure_run_speed(device: torch.device, gpu: SharedGpu | None) -> MachineSpeed:
+def measure_run_speed(gpu: SharedGpu | None) -> MachineSpeed:
     """Return the speed of this machine for a run: `measure_speed`, with the training of a GPU if one trains.
 
     A GPU's time is that of a whole iteration, which is compared with the step on the machine that costs were measured on.
 
     Args:
-        device: Device of the tensors.
-        gpu: GPU that runs iterations of training; None runs them on `device`.
+        gpu: GPU that runs iterations of training; None runs them on the CPU.
     """
-    speed = measure_speed(device)
+    speed = measure_speed()
     if gpu is None:
         return speed
     try:

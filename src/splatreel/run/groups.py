@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import torch
 
 from splatreel.capture.base import Capture
 from splatreel.capture.prefetch import FramePrefetcher
@@ -13,7 +12,6 @@ from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.init.layout import Layout
 from splatreel.method.init.visual_hull import is_sparse
 from splatreel.method.train.group_trainer import GroupResult
-from splatreel.run.device_choice import check_room
 from splatreel.run.job import Job
 from splatreel.run.output.group_output import Output
 from splatreel.run.output.keyframe_preview import KeyframePreview
@@ -82,8 +80,6 @@ def run_group(
     Returns:
         State for the next group.
     """
-    if job.device.type == "cuda":
-        check_room(frames.nbytes, torch.cuda.mem_get_info(job.device)[0], frames.shape[3])
     config, store = job.config, job.store.group(span.index)
     if missing is not None:  # an image that stands in for a frame without any is better than none
         missing = missing & ~missing.all(1, keepdims=True)
@@ -94,13 +90,12 @@ def run_group(
         before.rig,
         None,
         layout,
-        job.device,
         config.seed,
         config.antialias,
-        missing,
-        plates,
-        job.gpu,
-        alpha,
+        missing=missing,
+        plates=plates,
+        gpu=job.gpu,
+        alpha=alpha,
     )
 
     def save_offsets(found: GroupResult) -> None:

@@ -1,4 +1,4 @@
-"""Settings, device, checkpoints and progress display that all stages of a run share."""
+"""Settings, GPU, checkpoints and progress display that all stages of a run share."""
 
 from __future__ import annotations
 
@@ -6,8 +6,6 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-
-import torch
 
 from splatreel.base.process import give_back_freed_memory
 from splatreel.base.progress import Progress, Span
@@ -79,18 +77,16 @@ class Job:
 
     Attributes:
         config: Settings of the run.
-        device: Device that trains.
         progress: Display of the progress.
         store: Checkpoints of the run.
         plan: Expected seconds of the stages; None where the length is not known, as in a live run.
         part: Name of the part, such as chapter0003; empty for a run that has no parts.
         groups: Number of groups of the whole video, for the progress display.
-        gpu: GPU that runs iterations of training; None runs them on `device`, with torch.
+        gpu: GPU that runs iterations of training; None runs them on the CPU.
         seconds: Seconds spent so far by stage, summed over groups and interrupted runs.
     """
 
     config: Config
-    device: torch.device
     progress: Progress
     store: Store
     plan: Plan | None = None
@@ -107,7 +103,7 @@ class Job:
     @property
     def device_name(self) -> str:
         """Device that trains: cpu, cuda or gpu."""
-        return self.device.type if self.gpu is None else "gpu"
+        return "cpu" if self.gpu is None else self.gpu.kind
 
     @contextmanager
     def timed(self, stage: str) -> Iterator[None]:

@@ -12,8 +12,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-import torch
-
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import ReconstructionError
 from splatreel.base.progress import Progress
@@ -55,8 +53,7 @@ class ChapteredRun:
         out: Output folder, which gets the folders reel and work.
         config: Settings.
         sound: The soundtrack, as `reconstruct` takes it.
-        device: Device of the tensors.
-        gpu: GPU that runs iterations of training; None runs them on `device`, with torch.
+        gpu: GPU that runs iterations of training; None runs them on the CPU.
         gpu_note: Why a GPU of this machine is not used; empty if there is nothing to say.
     """
 
@@ -64,14 +61,13 @@ class ChapteredRun:
     out: Path
     config: Config
     sound: str
-    device: torch.device
     gpu: SharedGpu | None = None
     gpu_note: str = ""
 
     @property
     def device_name(self) -> str:
         """Device that trains: cpu, cuda or gpu."""
-        return self.device.type if self.gpu is None else "gpu"
+        return "cpu" if self.gpu is None else self.gpu.kind
 
     @property
     def store(self) -> Store:
@@ -122,7 +118,7 @@ class ChapteredRun:
 
     def job(self, progress: Progress, plan: Plan, part: str = "") -> Job:
         """Return what all stages of a part of the run share."""
-        return Job(self.config, self.device, progress, self.store, plan, part, len(self.groups), self.gpu)
+        return Job(self.config, progress, self.store, plan, part, len(self.groups), self.gpu)
 
     def sequence_plan(self) -> Plan:
         """Return the plan of a video of one chapter."""
@@ -261,7 +257,7 @@ class ChapterReelWriter:
         self.run = run
         self.present = present
         self.writer: ReelWriter = open_writer(run.store, run.out / "reel", run.config.encode, resume=True)
-        self._group_writer = GroupWriter(self.writer, run.store, run.device, encoded=True)
+        self._group_writer = GroupWriter(self.writer, run.store, encoded=True)
         self.written = self.writer.manifest.end_group
         for index in range(self.written):
             self._group_writer.skip(index)

@@ -13,12 +13,11 @@ from pathlib import Path
 
 import llvmlite.binding as llvm
 import numpy as np
-import torch
 
 from splatreel.base import threads
-from splatreel.kernels import splat
-from splatreel.method.train.render import View, deformed, draw
-from splatreel.method.train.trainable_points import TrainablePoints, default_rates
+from splatreel.kernels import binning, deform, rasterize, similarity
+from splatreel.method.train.render import NO_CHANGE, View
+from splatreel.method.train.trainable_points import to_params
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 
@@ -87,11 +86,10 @@ class MachineSpeed:
         return float(np.exp(np.interp(np.log(max(megapixels, 1e-6)), ends, np.log([self.small, self.large]))))
 
 
-def measure_speed(device: torch.device) -> MachineSpeed:
-    """Time both steps. This takes two seconds, and longer where kernels must be compiled first."""
-    small, large = (_seconds(probe, device) / probe.seconds for probe in (SMALL, LARGE))
-    on_cpu = small if device.type == "cpu" else _seconds(SMALL, torch.device("cpu")) / SMALL.seconds
-    return MachineSpeed(small, large, on_cpu / KERNEL_GAIN)
+def measure_speed() -> MachineSpeed:
+    """Time both steps on the CPU. This takes two seconds, and longer where kernels must be compiled first."""
+    small, large = (_seconds(probe) / probe.seconds for probe in (SMALL, LARGE))
+    return MachineSpeed(small, large, small / KERNEL_GAIN)
 
 
 def on_one_thread(work: Callable[[], None]) -> None:
@@ -100,17 +98,16 @@ def on_one_thread(work: Callable[[], None]) -> None:
         work()
 
 
-def _seconds(probe: Probe, device: torch.device) -> float:
-    """Return the seconds of a step. On the CPU it is processor time of one thread."""
-    step, found = _step(probe, device), list[float]()
+def _seconds(probe: Probe) -> float:
+    """Return the seconds of processor time that a step takes on one thread."""
+    step, found = _step(probe), list[float]()
 
     def work() -> None:
         step()
-        clock = time.process_time if device.type == "cpu" else time.perf_counter
         for _ in range(probe.repeats):
-            start = clock()
+            start = time.process_time()
             step()
-            found.append(clock() - start)
+            found.append(time.process_time() - start)
 
     on_one_thread(work)
     return min(found)
@@ -122,7 +119,7 @@ class ProbeScene:
 
     Attributes:
         gaussians: The points.
-        view: The camera, on the device that was asked for.
+        view: The camera.
         near: Near plane, world units.
         unit: Typical viewing distance, world units.
     """
@@ -133,8 +130,8 @@ class ProbeScene:
     unit: float
 
 
-def probe_scene(probe: Probe, device: torch.device | None = None) -> ProbeScene:
-    """Return small random points in a box in front of a camera. device: device of the view; None is the CPU."""
+def probe_scene(probe: Probe) -> ProbeScene:
+    """Return small random points in a box in front of a camera."""
     rng, count = np.random.default_rng(0), probe.points
     sh = rng.normal(0, 0.02, (count, 16, 3))
     sh[:, 0] = rng.normal(0, 0.5, (count, 3))
@@ -150,22 +147,27 @@ def probe_scene(probe: Probe, device: torch.device | None = None) -> ProbeScene:
     viewmat[2, 3] = DISTANCE
     width, height = probe.width, probe.height
     K = np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1]])
-    view = View.of(Camera("front", viewmat, K, width, height), device or torch.device("cpu"))
+    view = View.of(Camera("front", viewmat, K, width, height))
     return ProbeScene(gaussians, view, NEAR, DISTANCE)
 
 
-def _step(probe: Probe, device: torch.device) -> Callable[[], None]:
-    """Return one training step, gradients included."""
-    scene = probe_scene(probe, device)
-    points = TrainablePoints.from_gaussians(scene.gaussians, default_rates(DISTANCE), device)
-    target = torch.zeros((probe.height, probe.width, 3), dtype=torch.uint8, device=device)
+def _step(probe: Probe) -> Callable[[], None]:
+    """Return the gradients of one training step, as the CPU's program of a keyframe computes them."""
+    scene = probe_scene(probe)
+    points = deform.DeformedPoints._make([*to_params(scene.gaussians).values(), *NO_CHANGE])
+    pinhole, center = scene.view.pinhole(NEAR), scene.view.center
+    target = np.zeros((probe.height, probe.width, 3), np.uint8)
 
     def step() -> None:
-        drawing = draw(deformed(points.params, None, None, scene.view, NEAR), scene.view, None)
-        splat.photometric_loss(drawing.image, target, tiles=drawing.tiles).backward()
-        points.clear()
-        if device.type == "cuda":
-            torch.cuda.synchronize(device)
+        opacities, seen = deform.forward(points, center, pinhole)
+        splats = seen.means2d, seen.conics, opacities, seen.depths, seen.radii
+        bins = binning.bin_splats(*splats, probe.width, probe.height)
+        image, alpha = rasterize.forward(bins, seen.colors)
+        compared = similarity.loss_and_gradient(image, target, 0.2)
+        nothing = rasterize.no_gradient(alpha.shape)
+        found = rasterize.backward(bins, seen.colors, image, compared.d_image, alpha, nothing)
+        to_splats = found.means2d, found.conics, found.colors, found.opacities
+        deform.backward(points, seen, center, pinhole, *to_splats)
 
     return step
 

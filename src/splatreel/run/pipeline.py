@@ -15,7 +15,7 @@ from splatreel.config import Config
 from splatreel.config.records import with_former_defaults
 from splatreel.method.algorithm import Handover
 from splatreel.method.init.layout import check_region
-from splatreel.run.device_choice import largest_buffer, pick_device, pick_gpu
+from splatreel.run.device_choice import largest_buffer, pick_gpu
 from splatreel.run.groups import reconstruct_groups
 from splatreel.run.jobs import ChapteredRun, ChapterReelWriter, chapter_job, scene_job
 from splatreel.run.memory import check_memory
@@ -37,7 +37,7 @@ class Result:
         reel: Folder of the reel.
         work: Folder of the checkpoints.
         seconds: Seconds by stage, summed over groups and interrupted runs.
-        device: Type of the device that trained, cpu, cuda or gpu.
+        device: Device that trained, cpu, cuda or gpu.
     """
 
     reel: Path
@@ -89,7 +89,7 @@ def plan_run(capture: Capture, out: Path, config: Config, *, sound: str = "auto"
     config = with_former_defaults(config, recorded_settings(Path(out) / "work"))
     config = config.for_video(capture.frames)
     gpu, note = pick_gpu(device, largest_buffer(capture.width, capture.height, config.keyframe.max_points))
-    return ChapteredRun(capture, Path(out), config, sound, pick_device(device), gpu, note)
+    return ChapteredRun(capture, Path(out), config, sound, gpu, note)
 
 
 def reconstruct_run(run: ChapteredRun, progress: Progress, present: PresentationHook) -> Result:
@@ -119,7 +119,7 @@ def reconstruct_sequence(run: ChapteredRun, progress: Progress, present: Present
         static, seeds = StaticPoints.none(run.config.keyframe.sh_degree), job.store.initial_points()
         before = Handover(rig, static, seeds=seeds)
         make_output = RegionOutput if layout.region else ReelOutput
-        output = make_output(writer, GroupWriter(writer, job.store, job.device), present)
+        output = make_output(writer, GroupWriter(writer, job.store), present)
         reconstruct_groups(job, run.groups, run.capture, layout, before, output)
         present(writer, None)
         writer.finish()

@@ -46,9 +46,7 @@ def reconstruct_shared_scene(job: Job, capture: Capture, sound: Soundtrack | Non
     rig, layout, plates = _prepare_scene(job, capture, lock)
     save_header(job, capture, rig, layout, sound)
     config = job.config
-    data = GroupInput(
-        PLATE, plates.images[None], rig, None, layout, job.device, config.seed, config.antialias, gpu=job.gpu
-    )
+    data = GroupInput(PLATE, plates.images[None], rig, None, layout, config.seed, config.antialias, gpu=job.gpu)
     found = StepRun(job, store)("scene keyframe", _train, data, job, plates)
     _save_layer(job, data, found.points, plates)
 
@@ -125,7 +123,7 @@ def _train(data: GroupInput, job: Job, plates: CleanPlates) -> KeyframeResult:
 def _save_layer(job: Job, data: GroupInput, points: Gaussians, plates: CleanPlates) -> None:
     """Encode the points that the plates show, and save them as trained and as decoded."""
     store, scene = job.store, job.store.scene
-    hidden = shares(points, data.cameras, plates.unknown, data.near, data.device)
+    hidden = shares(points, data.cameras, plates.unknown, data.near)
     # The share is NaN for a point that no camera sees; the comparison is then false.
     known = points[~(hidden > UNKNOWN)]
     if len(known) == 0:

@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatreel.gpu import uniforms
 from splatreel.gpu.device import Gpu, Recording
@@ -16,17 +13,25 @@ from splatreel.method.deform.appearance import LAMBDA, RATES
 from splatreel.method.deform.knot_adam import KnotAdam
 from splatreel.method.deform.spline import Spline
 from splatreel.method.deform.trajectory import Trajectory
-from splatreel.method.train.gpu_program import GpuProgram, adam_row
-from splatreel.method.train.losses import rigidity, smoothness, view_dependence, weight_of
-from splatreel.method.train.programs import Draw, GroupState, Outcome
+from splatreel.method.train.gpu_program import GpuProgram, OwnPrograms, adam_row
+from splatreel.method.train.losses import weight_of
+from splatreel.method.train.programs import Draw, GroupProgram, GroupState, Outcome
 from splatreel.method.train.regularizers import Neighbors
+from splatreel.method.train.terms.rigidity import Rigidity
+from splatreel.method.train.terms.smoothness import Smoothness
+from splatreel.method.train.terms.view_dependence import ViewDependence
 
 KINDS = {"motion": "0u", "nodes": "1u", "appearance": "2u"}
 """Constants of the kernel `adam_knots`."""
 
 
+def group_program(opened: Gpu | OwnPrograms, state: GroupState) -> GroupProgram:
+    """Return the program of a group on an opened GPU."""
+    return GpuGroupProgram(opened, state) if isinstance(opened, Gpu) else opened.group_program(state)
+
+
 class GpuGroupProgram(GpuProgram):
-    """Program of a group, see `Program`. The losses are those of `programs.GROUP_COSTS`, fused."""
+    """Program of a group, see `Program`. The kernels of the losses are fused."""
 
     def __init__(self, gpu: Gpu, state: GroupState) -> None:
         """Prepare a program; `upload` follows."""
@@ -51,20 +56,20 @@ class GpuGroupProgram(GpuProgram):
         """See `Program`."""
         self.upload_points(self.images)
         alive = self._density.static.alive
-        self.upload_static(alive.numpy(), (alive & self._density.convertible).numpy())
+        self.upload_static(alive, alive & self._density.convertible)
         model, appearance = self._model, self._moving.appearance
         index, share = model.skin
         nodes, n = len(model.nodes), len(self._moving)
         starts, links = _links(index, share, nodes)
-        neighbors = self.neighbors or Neighbors(torch.zeros(0, n, dtype=torch.int64), torch.zeros(0, n))
-        sources, source_starts = _sources(neighbors.index.numpy(), n)
-        skin = np.stack([index.T.numpy().astype(np.uint32), _bits(share.T)], -1)
-        near = np.stack([neighbors.index.numpy().astype(np.uint32), _bits(neighbors.closeness)], -1)
+        neighbors = self.neighbors or Neighbors(np.zeros((0, n), np.int64), np.zeros((0, n), np.float32))
+        sources, source_starts = _sources(neighbors.index, n)
+        skin = np.stack([index.T.astype(np.uint32), _bits(share.T)], -1)
+        near = np.stack([neighbors.index.astype(np.uint32), _bits(neighbors.closeness)], -1)
         self._motion = self._stored(
             "motion",
             {
                 "skin": skin,
-                "moves": model.moves[:, 0].numpy(),
+                "moves": model.moves[:, 0],
                 "node_starts": starts,
                 "links": links,
                 "neighbors": near,
@@ -72,7 +77,7 @@ class GpuGroupProgram(GpuProgram):
                 "sources": sources,
                 "d_nodes": np.zeros(28 * nodes, np.float32),
                 "slopes": np.zeros(-(-n // self.gpu.group) + 1, np.float32),
-                "gains": self._gains.values.numpy(),
+                "gains": self._gains.values,
                 "gain_means": np.zeros(3 * len(self.images.views), np.float32),
                 "gain_squares": np.zeros(3 * len(self.images.views), np.float32),
             },
@@ -111,9 +116,8 @@ class GpuGroupProgram(GpuProgram):
         self.download_points()
         for adam, held in self._knots.values():
             knots, rows, width = adam.values.shape
-            for label, tensor in (("controls", adam.values), ("means", adam.mean), ("squares", adam.square)):
-                found = self.gpu.read(held[label], np.float32, (knots, width, rows))
-                tensor.copy_(torch.from_numpy(found).permute(0, 2, 1))
+            for label, array in (("controls", adam.values), ("means", adam.mean), ("squares", adam.square)):
+                array[...] = self.gpu.read(held[label], np.float32, (knots, width, rows)).transpose(0, 2, 1)
 
     def _prepare(self, draw: Draw, steps: list[int], knot_steps: dict[str, int]) -> tuple[np.ndarray, Buffers]:
         """Return the uniform block and the buffers of a draw. steps: numbers of the steps of Adam."""
@@ -122,11 +126,12 @@ class GpuGroupProgram(GpuProgram):
         static = self.static_buffers(block, place, draw.metered_static)
         target = self.target(block, draw.frame, place)
         self.set_loss(block, self._config.lambda_dssim)
-        weight = partial(weight_of, losses=self._losses, step=draw, config=self._config)
+        kinds = ViewDependence, Rigidity, Smoothness
+        bands, rigid, smooth = (weight_of(kind, self._losses, draw, self._config) for kind in kinds)
         pixels = self.drawing.size[0] * self.drawing.size[1]
-        block["loss"][3] = weight(view_dependence) / pixels
+        block["loss"][3] = bands / pixels
         between = draw.span[2] if draw.span else 0.0
-        block["motion"] = unit, weight(rigidity), weight(smoothness), between
+        block["motion"] = unit, rigid, smooth, between
         block["shade_rates"], block["shade_price"] = RATES, LAMBDA
         model, appearance = self._model, self._moving.appearance
         knots = 0 if appearance is None else appearance.spline.knots
@@ -208,7 +213,7 @@ class GpuGroupProgram(GpuProgram):
         for name, (adam, held) in self._knots.items():
             gradients = buffers["d_nodes" if name == "nodes" else "d_offsets"]
             step = kernel("adam_knots", KIND=KINDS[name])
-            to.run_each(step, adam.values.numel(), buffers | held | {"gradients": gradients})
+            to.run_each(step, adam.parameter.size, buffers | held | {"gradients": gradients})
         unused = {"means": buffers["gain_means"], "squares": buffers["gain_squares"]}  # gains do not change here
         to.run(kernel("finish"), (1, 1, 1), buffers | unused)
 
@@ -218,17 +223,17 @@ def _set_moment(block: np.ndarray, place: int, spline: Spline, moment: float) ->
     block["knots"][place, 0], block["weights"][place] = spline.at(moment)
 
 
-def _bits(values: Tensor) -> np.ndarray:
+def _bits(values: np.ndarray) -> np.ndarray:
     """Return the bits of float32 values as integers."""
-    return np.ascontiguousarray(values.numpy(), np.float32).view(np.uint32)
+    return np.ascontiguousarray(values, np.float32).view(np.uint32)
 
 
-def _planes(controls: Tensor) -> np.ndarray:
+def _planes(controls: np.ndarray) -> np.ndarray:
     """Return control values [knots, rows, D] as [knots, D, rows]."""
-    return controls.permute(0, 2, 1).contiguous().numpy()
+    return np.ascontiguousarray(controls.transpose(0, 2, 1))
 
 
-def _links(index: Tensor, share: Tensor, nodes: int) -> tuple[np.ndarray, np.ndarray]:
+def _links(index: np.ndarray, share: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndarray]:
     """Return the points of each node.
 
     Args:
@@ -239,11 +244,11 @@ def _links(index: Tensor, share: Tensor, nodes: int) -> tuple[np.ndarray, np.nda
     Returns:
         Starts [M + 1] of the nodes' ranges, and points with the bits of their weights, [N K, 2] uint32.
     """
-    flat = index.flatten().numpy()
+    flat = index.reshape(-1)
     order = np.argsort(flat, kind="stable")
     starts = np.searchsorted(flat[order], np.arange(nodes + 1)).astype(np.uint32)
     points = (order // max(index.shape[1], 1)).astype(np.uint32)
-    return starts, np.stack([points, _bits(share.flatten())[order]], -1)
+    return starts, np.stack([points, _bits(share.reshape(-1))[order]], -1)
 
 
 def _sources(neighbors: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:

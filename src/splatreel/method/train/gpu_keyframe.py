@@ -3,18 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import partial
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatreel.gpu import uniforms
 from splatreel.gpu.device import Gpu, Recording
 from splatreel.gpu.drawing import Buffers
-from splatreel.method.train.gpu_program import GpuProgram, adam_row, put_columns
-from splatreel.method.train.losses import LAMBDA_DSSIM, before_surfaces, bent_surfaces, opacity, weight_of
-from splatreel.method.train.programs import KeyframeDraw, KeyframeState, Outcome
+from splatreel.method.train.gpu_program import GpuProgram, OwnPrograms, adam_row, put_columns
+from splatreel.method.train.losses import LAMBDA_DSSIM, weight_of
+from splatreel.method.train.programs import KeyframeDraw, KeyframeProgram, KeyframeState, Outcome
+from splatreel.method.train.terms.opacity import Opacity
+from splatreel.method.train.terms.surfaces import Roughness, Spread
+
+
+def keyframe_program(opened: Gpu | OwnPrograms, state: KeyframeState) -> KeyframeProgram:
+    """Return the program of a keyframe on an opened GPU."""
+    return GpuKeyframeProgram(opened, state) if isinstance(opened, Gpu) else opened.keyframe_program(state)
 
 
 class GpuKeyframeProgram(GpuProgram):
@@ -25,7 +29,6 @@ class GpuKeyframeProgram(GpuProgram):
         super().__init__(gpu, state.points, state.static, state.images)
         self._state = state
         self._density = state.density
-        self._config = state.config
         self._losses = state.losses
         self._gains = state.gains
         self._shared: Buffers = {}
@@ -34,17 +37,17 @@ class GpuKeyframeProgram(GpuProgram):
         """See `Program`."""
         self.upload_points(self.images)
         if self._static is not None:
-            alive = self._static.alive.numpy()
+            alive = self._static.alive
             self.upload_static(alive, np.zeros_like(alive))
         adam = self._gains.adam
         size = self.drawing.columns * self.drawing.count
         self._shared = self._stored(
             "keyframe",
             {
-                "gains": self._gains.values.numpy(),
-                "gain_means": adam.mean.numpy(),
-                "gain_squares": adam.square.numpy(),
-                "distances": self._density.distances.numpy(),
+                "gains": self._gains.values,
+                "gain_means": adam.mean,
+                "gain_squares": adam.square,
+                "distances": self._density.distances,
                 "slopes": np.zeros(1, np.float32),
                 "averages": np.zeros(size, np.float32),
             },
@@ -74,27 +77,28 @@ class GpuKeyframeProgram(GpuProgram):
         self.download_points()
         shape = len(self.images.views), 3
         adam = self._gains.adam
-        for name, tensor in (("gains", self._gains.values), ("gain_means", adam.mean), ("gain_squares", adam.square)):
-            tensor.copy_(torch.from_numpy(self.gpu.read(self._shared[name], np.float32, shape)))
+        for name, array in (("gains", self._gains.values), ("gain_means", adam.mean), ("gain_squares", adam.square)):
+            array[...] = self.gpu.read(self._shared[name], np.float32, shape)
 
-    def averages(self) -> list[Tensor]:
+    def averages(self) -> list[np.ndarray]:
         """See `KeyframeProgram`."""
-        means = [torch.empty_like(tensor, requires_grad=False) for tensor in self._points.params.values()]
+        means = [np.empty_like(array) for array in self._points.params.values()]
         shape = self.drawing.columns, self.drawing.count
         put_columns(self.gpu.read(self._shared["averages"], np.float32, shape), means)
         return means
 
     def _prepare(self, draw: KeyframeDraw, steps: list[int], learned: int) -> tuple[np.ndarray, Buffers]:
         """Return the uniform block and the buffers of a draw. steps, learned: numbers of the steps of Adam."""
-        block, config = self.block(draw.camera), self._config
+        block = self.block(draw.camera)
         static = self.static_buffers(block, draw.camera, measured=False)
         target = self.target(block, 0, draw.camera)
         self.set_loss(block, LAMBDA_DSSIM)
-        weight = partial(weight_of, losses=self._losses, step=draw, config=config)
+        kinds = Opacity, Spread, Roughness
+        faint, before, bent = (weight_of(kind, self._losses, draw, self._state.config) for kind in kinds)
         width, height = self.drawing.size
-        block["loss"][2] = weight(opacity) / (width * height)
+        block["loss"][2] = faint / (width * height)
         near = self.images.near
-        block["surfaces"] = weight(before_surfaces), weight(bent_surfaces), near, self.images.unit / near
+        block["surfaces"] = before, bent, near, self.images.unit / near
         block["meters"][0] = draw.average
         flags = uniforms.SCALED_STEPS
         for flag, on in (

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatreel.base.errors import GaussiansError
 from splatreel.gpu import uniforms
@@ -15,15 +14,35 @@ from splatreel.gpu.device import Gpu, Recording
 from splatreel.gpu.drawing import Buffers, Drawing
 from splatreel.gpu.image_pool import ImagePool
 from splatreel.gpu.static_scene import StaticScene
-from splatreel.method.deform.knot_adam import DECAYS, Adam
-from splatreel.method.train.programs import MOST_DRAWS, Outcome
+from splatreel.method.deform.knot_adam import DECAYS
+from splatreel.method.train.programs import MOST_DRAWS, GroupState, KeyframeState, Outcome
 from splatreel.method.train.render import StaticCache
 from splatreel.method.train.trainable_points import NAMES, TrainablePoints
 from splatreel.method.train.training_images import TrainingImages
 
 FIRST_PAIRS = 8
 """Pairs per point that fit at first."""
-Tensors = Callable[[Adam], tuple[Tensor, Tensor, Tensor]]
+
+
+class OwnPrograms(Protocol):
+    """An opened GPU with programs of its own, such as `gsplat.device.GsplatGpu`."""
+
+    def unsupported(self, state: GroupState | KeyframeState) -> str | None:
+        """Return why the GPU cannot train a state; None if it can."""
+        ...
+
+    def group_program(self, state: GroupState) -> Any:
+        """Return the `Program` of a group."""
+        ...
+
+    def keyframe_program(self, state: KeyframeState) -> Any:
+        """Return the `KeyframeProgram` of a keyframe."""
+        ...
+
+
+def unsupported(opened: Gpu | OwnPrograms, state: GroupState | KeyframeState) -> str | None:
+    """Return why an opened GPU cannot train a state, so that the CPU does; None if it can."""
+    return state.unsupported_by_gpu if isinstance(opened, Gpu) else opened.unsupported(state)
 
 
 class GpuProgram:
@@ -65,7 +84,7 @@ class GpuProgram:
             self._pool = ImagePool(gpu, width, height, images.count * len(images.all_views))
             if self._scene is not None:
                 self._scene.forget_views()
-        self.drawing.set_points(_columns([adam.tensor for adam in adams]))
+        self.drawing.set_points(_columns([adam.parameter for adam in adams]))
         self.drawing.set_size(width, height)
         self.drawing.fit_pairs(FIRST_PAIRS * self.drawing.count)
         moments = {
@@ -92,32 +111,30 @@ class GpuProgram:
     def download_points(self) -> None:
         """Copy the canonical points and their moments to the host."""
         shape = self.drawing.columns, self.drawing.count
-        for buffer, tensors in (
-            (self.drawing.buffers["params"], [adam.tensor for adam in self._points.adams.values()]),
+        for buffer, arrays in (
+            (self.drawing.buffers["params"], [adam.parameter for adam in self._points.adams.values()]),
             (self._moments["means"], [adam.mean for adam in self._points.adams.values()]),
             (self._moments["squares"], [adam.square for adam in self._points.adams.values()]),
         ):
-            put_columns(self.gpu.read(buffer, np.float32, shape), tensors)
+            put_columns(self.gpu.read(buffer, np.float32, shape), arrays)
 
-    def read_meter(self) -> tuple[Tensor, Tensor]:
+    def read_meter(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the sums [N] of the lengths of screen-space gradients, and the number of views [N] that saw each point."""
         found = self.gpu.read(self.drawing.buffers["meter"], np.float32, (2, self.drawing.count))
-        return torch.from_numpy(found[0].copy()), torch.from_numpy(found[1].copy())
+        return found[0], found[1]
 
-    def read_static_meter(self) -> tuple[Tensor, Tensor]:
+    def read_static_meter(self) -> tuple[np.ndarray, np.ndarray]:
         """Return the same of the static points, [S]."""
         assert self._scene is not None
         found = self.gpu.read(self._scene.meter, np.float32, (2, self._scene.count))
-        return torch.from_numpy(found[0].copy()), torch.from_numpy(found[1].copy())
+        return found[0], found[1]
 
     def block(self, place: int) -> np.ndarray:
         """Return the uniform block of a view of `images.all_views`, without what the kind of training adds."""
         draw, view, cameras = uniforms.new_draw(), self.images.all_views[place], len(self.images.views)
-        pose, K = view.viewmat.numpy(), view.K.numpy()
-        near = self.images.near
-        uniforms.fill_view(draw, pose, K, view.width, view.height, near, view.antialias)
+        uniforms.fill_view(draw, view.viewmat, view.K, view.width, view.height, self.images.near, view.antialias)
         if view.background is not None:
-            draw["background"][:3] = view.background.numpy()
+            draw["background"][:3] = view.background
         draw["counts"] = self.drawing.count, (self.drawing.columns - 14) // 3, 0, self.drawing.capacity
         draw["numbers"][1] = place % cameras
         draw["links"][3] = cameras
@@ -149,10 +166,10 @@ class GpuProgram:
         assert images is not None
 
         def load() -> np.ndarray:
-            image = images.pixels[frame, camera].numpy()
+            image = images.pixels[frame, camera]
             unknown = np.zeros(image.shape[:2], np.uint8)
             if images.unknown is not None:
-                unknown[:] = 255 * images.unknown[frame, camera].numpy()
+                unknown[:] = 255 * images.unknown[frame, camera]
             return np.dstack([image, unknown])
 
         buffer, first = self._pool.get(frame, place, load)
@@ -214,18 +231,17 @@ def adam_row(rate: float, steps: int, eps: float) -> tuple[float, float, float, 
     return rate / (1 - decay**steps), 1 / (1 - square_decay**steps) ** 0.5, eps, 1.0
 
 
-def _columns(tensors: Sequence[Tensor]) -> np.ndarray:
-    """Return rows of several tensors [N, ...] as columns [P, N] float32."""
-    flat = [tensor.detach().flatten(1).T if tensor.ndim > 1 else tensor.detach()[None] for tensor in tensors]
-    return torch.cat(flat).contiguous().numpy()
+def _columns(arrays: Sequence[np.ndarray]) -> np.ndarray:
+    """Return rows of several arrays [N, ...] as columns [P, N] float32."""
+    return np.concatenate(
+        [np.ascontiguousarray(array.reshape(len(array), math.prod(array.shape[1:])).T) for array in arrays]
+    )
 
 
-def put_columns(columns: np.ndarray, tensors: Sequence[Tensor]) -> None:
-    """Copy columns [P, N] into tensors [N, ...], in place."""
+def put_columns(columns: np.ndarray, arrays: Sequence[np.ndarray]) -> None:
+    """Copy columns [P, N] into arrays [N, ...], in place."""
     start = 0
-    with torch.no_grad():
-        for tensor in tensors:
-            width = tensor[0].numel() if len(tensor) else 0
-            rows = torch.from_numpy(columns[start : start + width])
-            tensor.detach().copy_(rows.T.reshape(tensor.shape))
-            start += width
+    for array in arrays:
+        width = math.prod(array.shape[1:])
+        array[...] = columns[start : start + width].T.reshape(array.shape)
+        start += width

@@ -24,7 +24,7 @@ from splatreel.method.cameras.rig import Rig
 from splatreel.method.encode.compression import CompressedGroup, CompressedLayer
 from splatreel.method.encode.importance import group_importance, weigh
 from splatreel.method.init.layout import Layout
-from splatreel.run.device_choice import largest_buffer, pick_device, pick_gpu
+from splatreel.run.device_choice import largest_buffer, pick_gpu
 from splatreel.run.groups import restore_group, run_group
 from splatreel.run.job import Job
 from splatreel.run.live.lateness import Lateness, WhenLate
@@ -116,7 +116,7 @@ def reconstruct_following(
                 soundtrack.write(writer)
                 present(writer, group)
 
-            output = LiveOutput(writer, GroupWriter(writer, job.store, job.device), shown)
+            output = LiveOutput(writer, GroupWriter(writer, job.store), shown)
             run.make(rig, layout, output)
             soundtrack.finish(writer)
         present(writer, None)
@@ -147,7 +147,6 @@ class _LiveRun:
         self.follower = follower
         self.config = config
         self.live = live
-        self.device = pick_device(device)
         self.progress = progress
         self.store = store
         fps = follower.capture.fps
@@ -159,7 +158,7 @@ class _LiveRun:
         return LiveSpans(self.follower, self.config.group.length, self.config.group.overlap, first, skip)
 
     def job(self, config: Config) -> Job:
-        return Job(config, self.device, self.progress, self.store, gpu=self.gpu)
+        return Job(config, self.progress, self.store, gpu=self.gpu)
 
     def make(self, rig: Rig, layout: Layout, output: LiveOutput) -> None:
         """Reconstruct all groups that are not finished. rig: state of the cameras at group 0."""
@@ -301,7 +300,7 @@ def write_skipped_group(
     )
     encoder = output.encoder
     with job.timed("encode"):
-        importance = group_importance(output.header, encoder.config, static.points, group, job.device)[0]
+        importance = group_importance(output.header, encoder.config, static.points, group)[0]
         output.add_group(CompressedGroup(group, importance, STEPS, encoder.group(group, importance)))
     return Handover(before.rig, static, still, reference=edge)
 
@@ -317,7 +316,7 @@ def _rewrite_static(
     if not len(living):
         return none
     seen = Gaussians.concatenate([living, still])
-    importance = weigh([seen], before.rig.cameras, layout.near, job.device, job.config.antialias)[: len(living)]
+    importance = weigh([seen], before.rig.cameras, layout.near, job.config.antialias)[: len(living)]
     encoded = output.encoder.layer(span.index, span.first, living, importance)
     layer = CompressedLayer.of(span, living, importance, STEPS, encoded)
     output.add_layer(layer)

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from multiprocessing.context import SpawnProcess
 
-import torch
-
 from splatreel.base import threads
 from splatreel.base.errors import UsageError
 from splatreel.base.process import signals_held
 from splatreel.base.progress import Progress, Silent, parts_of
+from splatreel.run.device_choice import count_cuda_devices, release_cuda_memory
 from splatreel.run.jobs import ChapteredRun, scene_job
 from splatreel.run.machines.driver import Driver
 from splatreel.run.machines.reports import ChapterEnded, Noted, Reached, Report
@@ -59,8 +58,8 @@ def reconstruct_here(
             return reconstruct_run(run, progress, present)
         with run.lock():
             scene_job(run, parts_of(progress, run.costs())[0])
-            if run.device.type == "cuda":
-                torch.cuda.empty_cache()  # for the worker that uses the same GPU
+            if run.device_name == "cuda":
+                release_cuda_memory()  # for the worker that uses the same GPU
             driver = Driver(run, progress, present, division.workers)
             with driver, WorkerPool(spec, places(run, division.workers), division.threads, _need(run)) as pool:
                 pool.make(driver.todo, driver.receive)
@@ -87,8 +86,8 @@ def division_of(run: ChapteredRun, workers: int | None = None) -> Division:
             )
         workers = min(workers, chapters)
         return Division(workers, cores // workers)
-    if run.device.type == "cuda":
-        workers = max(1, min(torch.cuda.device_count(), chapters, cores))
+    if run.device_name == "cuda":
+        workers = max(1, min(count_cuda_devices(), chapters, cores))
         return Division(workers, cores // workers)
     if run.gpu is not None:  # one process uses the GPU, and all cores for the rest
         return Division(1, cores)
@@ -98,10 +97,10 @@ def division_of(run: ChapteredRun, workers: int | None = None) -> Division:
 
 def places(run: ChapteredRun, workers: int) -> list[str | None]:
     """Return the GPU of each worker, as CUDA_VISIBLE_DEVICES names it; None for a worker without a GPU."""
-    if run.device.type != "cuda":
+    if run.device_name != "cuda":
         return [None] * workers
     visible = os.environ.get("CUDA_VISIBLE_DEVICES")
-    names = visible.split(",") if visible else [str(index) for index in range(torch.cuda.device_count())]
+    names = visible.split(",") if visible else [str(index) for index in range(count_cuda_devices())]
     return [names[index % len(names)] for index in range(workers)]
 
 

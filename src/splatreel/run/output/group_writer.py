@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.predictive.precision import Steps
@@ -65,7 +64,6 @@ class GroupWriter:
     Attributes:
         writer: Writer of the reel.
         store: Checkpoints.
-        device: Device on which missing importance is measured.
         measured: Importance measured here, by group. Another writer of the same store can reuse it.
         encoded: Write the files that chapters encoded, instead of encoding again. The files of a region are encoded again.
     """
@@ -74,14 +72,12 @@ class GroupWriter:
         self,
         writer: ReelWriter,
         store: Store,
-        device: torch.device,
         measured: dict[int, Importance] | None = None,
         encoded: bool = False,
     ) -> None:
         """Create a writer, see the attributes. No group is written or skipped yet."""
         self.writer = writer
         self.store = store
-        self.device = device
         self.measured = {} if measured is None else measured
         self._firsts = store.chapter_firsts()
         self._shared = self._order = np.zeros(0, np.int64)
@@ -187,7 +183,7 @@ class GroupWriter:
         if index not in self.measured:
             static = self.store.static(index)
             reel = self.writer.manifest, self.writer.config
-            self.measured[index] = group_importance(*reel, static, stored.group, self.device)
+            self.measured[index] = group_importance(*reel, static, stored.group)
         return self.measured[index]
 
     def _write(self, prepared: PreparedGroup, files: dict[str, bytes] | None) -> None:

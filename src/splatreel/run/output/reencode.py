@@ -6,8 +6,6 @@ import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 
-import torch
-
 from splatreel.base.errors import ReconstructionError, UsageError
 from splatreel.base.progress import Progress
 from splatreel.codec.writer import ReelWriter
@@ -20,7 +18,6 @@ def reencode(
     work: Path,
     reel: Path,
     config: EncodeConfig,
-    device: torch.device,
     progress: Progress,
     mbps: float | None = None,
     present: PresentationHook = no_presentation,
@@ -31,7 +28,6 @@ def reencode(
         work: Folder of the checkpoints.
         reel: Folder of the reel.
         config: Settings of the encoder.
-        device: Device on which missing importance is measured.
         progress: Receives the number of groups written.
         mbps: Rate to reach, Mbit/s of video, by a search of the coarseness; None uses `config.coarseness`.
         present: Adds content beside the points, at the end.
@@ -51,7 +47,7 @@ def reencode(
     def write(coarseness: float) -> float:
         nonlocal group_writer
         writer = open_writer(store, reel, dataclasses.replace(config, coarseness=coarseness), resume=False)
-        group_writer = GroupWriter(writer, store, device, group_writer and group_writer.measured)
+        group_writer = GroupWriter(writer, store, group_writer and group_writer.measured)
         progress.stage("writing the groups", count)
         group_writer.write_all(count, progress.update)
         return megabits_per_second(writer)
