@@ -1,4 +1,4 @@
-"""The Python API: public names, paths, cancelling, and messages without PyTorch."""
+"""The Python API: public names, paths, cancelling, and messages without optional packages."""
 
 import inspect
 import io
@@ -49,11 +49,17 @@ def test_every_public_name_has_its_documentation() -> None:
     assert issubclass(splatreel.CancelledError, splatreel.SplatreelError)
 
 
-@pytest.mark.parametrize("call", ["reconstruct('room', 'out')", "open_reel(sys.argv[1])[0].to_torch()"])
-def test_missing_torch_gives_the_message_of_the_command_line(call: str) -> None:
+@pytest.mark.parametrize(
+    ("module", "call", "install"),
+    [
+        ("cv2", "reconstruct('room', 'out')", 'pip install "splatreel[recon]"'),
+        ("torch", "open_reel(sys.argv[1])[0].to_torch()", "pip install torch"),
+    ],
+)
+def test_missing_package_gives_the_message_of_the_command_line(module: str, call: str, install: str) -> None:
     code = f"""
 import sys
-sys.modules["torch"] = None
+sys.modules["{module}"] = None
 import splatreel
 try:
     splatreel.{call}
@@ -62,9 +68,7 @@ except splatreel.SplatreelError as error:
 """
     command = [sys.executable, "-c", code, str(PREDICTIVE)]
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-    assert (
-        printed == "the Python package 'torch' is needed and not installed. Run\n  pip install \"splatreel[recon]\"\n"
-    )
+    assert printed == f"the Python package {module!r} is needed and not installed. Run\n  {install}\n"
 
 
 def test_rendered_images_are_within_0_and_1() -> None:

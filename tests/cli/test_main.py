@@ -305,10 +305,12 @@ def test_no_gpu_memory() -> None:
 
 
 def test_package_that_is_not_installed() -> None:
-    assert explained(ModuleNotFoundError("No module named 'torch'", name="torch")) == (
-        "Error: the Python package 'torch' is needed and not installed. Run\n  pip install \"splatreel[recon]\"",
-        1,
-    )
+    needed = "Error: the Python package {!r} is needed and not installed. Run\n  {}"
+    for name, command in {"cv2": 'pip install "splatreel[recon]"', "torch": "pip install torch"}.items():
+        assert explained(ModuleNotFoundError(f"No module named {name!r}", name=name)) == (
+            needed.format(name, command),
+            1,
+        )
     assert explain(ModuleNotFoundError("No module named 'splatreel.oops'", name="splatreel.oops"), []) is None
 
 

@@ -76,8 +76,8 @@ def test_view_on_cpu_needs_the_viewer_extra(
 
 
 def test_drawing_on_cuda_needs_a_device(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    torch = pytest.importorskip("torch")
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr("splatreel.run.device_choice._has_gsplat", lambda: True)
+    monkeypatch.setattr("splatreel.run.device_choice._why_no_cuda", lambda: "PyTorch finds no CUDA device")
     assert main(["view", str(GOLDEN), "--renderer", "cuda", "--no-open"]) == 2
     assert "--renderer cpu" in capsys.readouterr().err
 

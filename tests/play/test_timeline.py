@@ -205,6 +205,7 @@ def test_a_reel_closes_and_describes_itself(reel, tmp_path):
         first = timeline[0]
         assert repr(first) == f"Moment({len(first)} points, SH degree {first.sh_degree})"
     assert not timeline.reel._groups
+    pytest.importorskip("torch")
     tensors = timeline.to_torch(0.0)
     np.testing.assert_array_equal(tensors["means"].numpy(), first.means)
     assert list(tensors) == ["means", "quats", "scales", "opacities", "sh"]

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from splatreel.base.errors import GaussiansError
 from splatreel.base.progress import Silent
@@ -21,14 +20,12 @@ from splatreel.sequence.reel import SequenceEncoder, header_of, write_reel
 from tests.sequence.films import BALL, WALL, cameras, scene, write_film
 from tests.sequence.films import frame as film_frame
 
-CPU = torch.device("cpu")
-
 
 def imported(folder: Path, reel: Path, frames: list[Gaussians]) -> Comparison:
     film = open_frames(write_film(folder, frames))
     header, limits = header_of(film.read(0), cameras(), None, 25)
     writer = ReelWriter(reel, header, config=EncodeConfig(coarseness=COARSENESS["high"]))
-    return write_reel(film, writer, Silent(), CPU, limits)
+    return write_reel(film, writer, Silent(), limits)
 
 
 def test_sequence_of_the_same_points_becomes_a_layer_and_groups(
@@ -145,7 +142,7 @@ def test_memory_is_bounded_by_a_group(tmp_path: Path, monkeypatch: pytest.Monkey
         film = CountedFrames(length)
         header, _ = header_of(film.read(0), cameras(), None, 25)
         writer = ReelWriter(tmp_path / str(length), header, config=EncodeConfig(coarseness=COARSENESS["low"]))
-        SequenceEncoder(writer, CPU).write(film, Silent())
+        SequenceEncoder(writer).write(film, Silent())
         counts.append(film.most)
     assert counts[1] <= counts[0] + 1
     assert counts[1] < 12

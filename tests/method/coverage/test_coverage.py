@@ -6,7 +6,6 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import torch
 
 from splatreel.base.errors import ReconstructionError
 from splatreel.base.progress import Silent
@@ -24,8 +23,6 @@ from tests.method.scenes import look_at
 from tests.method.small import small
 from tests.notes import Notes
 
-CPU = torch.device("cpu")
-
 
 @pytest.fixture(autouse=True)
 def few_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -36,7 +33,7 @@ def few_iterations(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_good_coverage_is_reported() -> None:
     cameras = corner.arc(5)
-    found = cover(cameras, corner.make_images(cameras), device=CPU, progress=Silent())
+    found = cover(cameras, corner.make_images(cameras), progress=Silent())
     assert found.trial is not None
     assert found.trial.camera == "cam2", "the middle one is left out"
     assert found.trial.holds
@@ -52,7 +49,7 @@ def test_cameras_that_have_nothing_in_common_are_told_that_new_views_will_be_unu
     cameras = corner.arc(4)
     noise = np.random.default_rng(0).integers(0, 256, (4, 12, 18, 3)).astype(np.uint8)
     images = noise.repeat(corner.HEIGHT // 12 + 1, 1).repeat(corner.WIDTH // 18 + 1, 2)
-    found = cover(cameras, images[:, : corner.HEIGHT, : corner.WIDTH], device=CPU, progress=Silent())
+    found = cover(cameras, images[:, : corner.HEIGHT, : corner.WIDTH], progress=Silent())
     assert found.trial is not None
     assert not found.trial.holds
     assert found.angle is not None
@@ -62,16 +59,16 @@ def test_cameras_that_have_nothing_in_common_are_told_that_new_views_will_be_unu
     assert any("hardly any points in common with two other cameras: cam0" in sentence for sentence in said)
 
 
-def test_no_trial_without_a_device() -> None:
+def test_no_trial_unless_asked_for() -> None:
     cameras = corner.arc(3)
-    found = cover(cameras, corner.make_images(cameras), device=None, progress=Silent())
+    found = cover(cameras, corner.make_images(cameras), with_trial=False, progress=Silent())
     assert found.trial is None
     assert len(found.sentences()) == 2
 
 
 def test_angles_are_measured_from_the_focus() -> None:
     cameras = [turned(degrees) for degrees in (0, 10, 25, 115)]
-    found = cover(cameras, np.zeros((4, 32, 48, 3), np.uint8), device=None, progress=Silent())
+    found = cover(cameras, np.zeros((4, 32, 48, 3), np.uint8), with_trial=False, progress=Silent())
     assert found.angles == pytest.approx([10, 10, 15, 90], abs=0.5)
     assert "10 to 90 degrees from the nearest other one" in found.sentences()[0]
     assert "(cam115 is the farthest)" in found.sentences()[0]
@@ -82,7 +79,7 @@ def test_angles_are_measured_from_the_focus() -> None:
 def test_cameras_with_the_same_pose_are_named() -> None:
     cameras = [turned(degrees) for degrees in (0, 10, 25)]
     cameras.append(replace(cameras[1], name="copy"))
-    found = cover(cameras, np.zeros((4, 32, 48, 3), np.uint8), device=None, progress=Silent())
+    found = cover(cameras, np.zeros((4, 32, 48, 3), np.uint8), with_trial=False, progress=Silent())
     assert found.twins == [["cam10", "copy"]]
     assert "cam10 and copy have the same pose" in found.sentences()[-1]
 
@@ -136,7 +133,7 @@ def test_room_behind_soft_edges_does_not_count_as_an_error_of_the_subject(monkey
     monkeypatch.setattr(trial, "render_image", lambda *_, **__: brightness * over_color(truth, mask, (0, 0, 0)) / 255)
 
     def tried() -> Trial:
-        return trial.leave_one_out(cameras, images, np.zeros(3), None, None, None, CPU, Silent(), alpha)
+        return trial.leave_one_out(cameras, images, np.zeros(3), None, None, None, Silent(), alpha)
 
     assert tried().psnr == trial.BEST
     brightness = 0.9

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.group_file import decode_group, decode_layer, encode_group, encode_layer
@@ -68,8 +67,7 @@ def seen(noise: float) -> GroupInput:
     blank = np.zeros((FRAMES, len(cameras), 64, 96, 3), np.uint8)
     layout = Layout(0.1, 4.0, [0.0, -1, 0], [[-3.0, -2, -1], [3, 2, 1]], background=(0.2, 0.3, 0.4))
     rig = replace(Rig.of(cameras), gains=np.full((len(cameras), 3), 1.1, np.float32))
-    span, cpu = GroupSpan(0, 0, FRAMES, FRAMES), torch.device("cpu")
-    data = GroupInput(span, blank, rig, None, layout, cpu, 0, False)
+    data = GroupInput(GroupSpan(0, 0, FRAMES, FRAMES), blank, rig, None, layout, 0, False)
     rng, group = np.random.default_rng(0), moving()
     for frame in range(FRAMES):
         for c, camera in enumerate(cameras):

@@ -2,14 +2,16 @@
 
 import sys
 import types
+from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
-import torch
 
 from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.method.images.flow import RAFT, DisFlow, RaftFlow, make_flow
+from splatreel.method.images.pretrained import cached_weights
 
 
 def textured(height: int = 96, width: int = 128, seed: int = 0) -> np.ndarray:
@@ -108,10 +110,17 @@ def test_make_flow_refuses_unknown_name() -> None:
         make_flow("farneback")
 
 
-class ConstantFlow(torch.nn.Module):
+class ConstantFlow:
     """Replacement of torchvision's RAFT. It checks its input, and returns worse flows before a known one."""
 
-    def forward(self, a: torch.Tensor, b: torch.Tensor, num_flow_updates: int) -> list[torch.Tensor]:
+    def to(self, device: Any) -> "ConstantFlow":
+        return self
+
+    def eval(self) -> "ConstantFlow":
+        return self
+
+    def __call__(self, a: Any, b: Any, num_flow_updates: int) -> list[Any]:
+        torch = pytest.importorskip("torch")
         assert a.shape == b.shape
         assert a.shape[2] % 8 == 0
         assert a.shape[3] % 8 == 0
@@ -124,6 +133,7 @@ class ConstantFlow(torch.nn.Module):
 
 
 def test_raft_pads_scales_and_crops() -> None:
+    pytest.importorskip("torch")
     flow = RaftFlow(model=ConstantFlow(), device="cpu", updates=3)(textured(90, 131), textured(90, 131))
     assert flow.shape == (90, 131, 2)
     assert (flow[..., 0] == 4).all()
@@ -131,6 +141,7 @@ def test_raft_pads_scales_and_crops() -> None:
 
 
 def test_raft_network_runs_with_random_weights() -> None:
+    torch = pytest.importorskip("torch")
     try:
         from torchvision.models.optical_flow import raft_small
     except (ImportError, RuntimeError):
@@ -141,12 +152,15 @@ def test_raft_network_runs_with_random_weights() -> None:
     assert np.isfinite(flow).all()
 
 
-def fake_torchvision(monkeypatch: pytest.MonkeyPatch) -> None:
+def fake_torchvision(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Replace torchvision by modules whose RAFT is a small network. Return torch, or skip the test."""
+    torch = pytest.importorskip("torch")
     names = ("torchvision", "torchvision.models", "torchvision.models.optical_flow")
     modules = {name: types.ModuleType(name) for name in names}
     monkeypatch.setattr(modules[names[2]], "raft_large", lambda weights: torch.nn.Linear(2, 2), raising=False)
     for name, module in modules.items():
         monkeypatch.setitem(sys.modules, name, module)
+    return torch
 
 
 def test_raft_without_torchvision_names_package(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -163,8 +177,21 @@ def test_raft_without_weights_names_path(monkeypatch: pytest.MonkeyPatch, tmp_pa
         RaftFlow()
 
 
+def test_weights_lie_in_the_cache_of_the_hub(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.delenv("TORCH_HOME", raising=False)
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    assert cached_weights("raft.pth") == tmp_path / "cache" / "torch" / "hub" / "checkpoints" / "raft.pth"
+    monkeypatch.setenv("TORCH_HOME", str(tmp_path / "home"))
+    assert cached_weights("raft.pth") == tmp_path / "home" / "hub" / "checkpoints" / "raft.pth"
+    torch = pytest.importorskip("torch")
+    assert cached_weights("raft.pth") == Path(torch.hub.get_dir()) / "checkpoints" / "raft.pth"
+    for name in ("TORCH_HOME", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name)
+    assert cached_weights("raft.pth") == Path(torch.hub.get_dir()) / "checkpoints" / "raft.pth"
+
+
 def test_raft_refuses_other_weights_and_loads_its_own(monkeypatch: pytest.MonkeyPatch, tmp_path) -> None:
-    fake_torchvision(monkeypatch)
+    torch = fake_torchvision(monkeypatch)
     (tmp_path / "text.pth").write_text("no weights")
     with pytest.raises(MissingDependencyError, match=r"text\.pth: not the weights"):
         RaftFlow(tmp_path / "text.pth")

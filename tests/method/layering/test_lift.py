@@ -1,14 +1,17 @@
 """Lifting of masks to labels of points."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from splatreel.base.errors import ReconstructionError
 from splatreel.config import LayeringConfig
+from splatreel.kernels.image import render_image
 from splatreel.method.layering import lift as lifting
 from splatreel.method.layering.lift import DYNAMIC_LABEL, lift, shares
 from splatreel.scene.camera import Camera
-from splatreel.scene.gaussians import Gaussians
+from splatreel.scene.gaussians import C0, Gaussians
 
 VOTE = LayeringConfig(lift="vote")
 OPTIMISE = LayeringConfig(lift="optimize")
@@ -98,6 +101,23 @@ def test_lift_one_point_and_no_point() -> None:
     assert lift(one, cameras(), np.ones((3, 48, 64), bool), NEAR, VOTE)[0] > 0.99
     assert lift(one, cameras(), np.ones((3, 48, 64), bool), NEAR, OPTIMISE)[0] > 0.9
     assert lift(Gaussians.empty(), cameras(), np.ones((3, 48, 64), bool), NEAR, VOTE).shape == (0,)
+
+
+def test_gradient_of_lifting_is_that_of_the_drawn_error() -> None:
+    """The error is linear in the labels as long as no pixel's error changes its sign."""
+    points, camera, mask = wall(), cameras()[1], right_masks()[1]
+    labels = np.random.default_rng(0).uniform(0.2, 0.8, len(points)).astype(np.float32)
+
+    def error(changed: np.ndarray) -> float:
+        colored = replace(points, sh=np.repeat((changed[:, None, None] - 0.5) / C0, 3, 2))
+        return float(np.abs(render_image(colored, camera, near=NEAR)[..., 0].astype(np.float64) - mask).sum())
+
+    slopes = lifting._slopes_of_drawing(points, labels, camera, mask, NEAR)
+    for row in (31, 330, 345, 400, len(points) - 1):
+        ends = [error(labels + way * (np.arange(len(points)) == row)) for way in (-0.01, 0.01)]
+        assert slopes[row] == pytest.approx((ends[1] - ends[0]) / 0.02, abs=0.01)
+    assert np.abs(slopes).max() > 1
+    assert slopes[-1] == 0
 
 
 def test_lift_refuses_masks_of_other_size() -> None:

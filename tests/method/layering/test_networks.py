@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from splatreel.base.errors import MissingDependencyError
 from splatreel.method.images.flow import RaftFlow
 from splatreel.method.layering.sam2 import Sam2Segmenter
 from tests.method.images.test_flow import textured
 
+torch = pytest.importorskip("torch")
 TINY = {
     "image_size": 128,
     "image_encoder.trunk.embed_dim": 16,

@@ -7,7 +7,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-import torch
 
 from splatreel.base.errors import MissingDependencyError
 from splatreel.method.layering.masks import make_segmenter
@@ -28,6 +27,7 @@ class Predictor:
         inference_state["start"] = frame_idx
 
     def propagate_in_video(self, state, start_frame_idx, reverse):
+        torch = pytest.importorskip("torch")
         assert start_frame_idx == state["start"]
         views = range(start_frame_idx, -1, -1) if reverse else range(start_frame_idx, len(state["views"]))
         for v in views:
@@ -90,6 +90,7 @@ def test_sam2_without_package_or_weights_raises(monkeypatch: pytest.MonkeyPatch,
     with pytest.raises(MissingDependencyError, match=r"weights\.pt does not exist"):
         make_segmenter("sam2")
     weights.write_bytes(b"")
+    pytest.importorskip("torch")
     segmenter = make_segmenter("sam2")
     assert isinstance(segmenter, Sam2Segmenter)
     assert segmenter.predictor[1] == str(weights)

@@ -11,7 +11,6 @@ import numpy as np
 from splatreel.base.progress import Progress
 from splatreel.base.untrusted import is_number, numbers
 from splatreel.capture.mask_shares import LARGE, mask_shares
-from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.coverage.silhouettes import TURN, Silhouettes
 from splatreel.method.coverage.trial import Trial, leave_one_out, narrow_camera, resize_image
 from splatreel.method.init.layout import clearance_of
@@ -212,7 +211,6 @@ def cover(
     point_colors: np.ndarray | None = None,
     near: float | None = None,
     with_trial: bool = True,
-    gpu: SharedGpu | None = None,
     progress: Progress,
     alpha: np.ndarray | None = None,
 ) -> Coverage:
@@ -225,7 +223,6 @@ def cover(
         point_colors: Their colors [P, 3] 0..1.
         near: Near plane of the capture, if it has one.
         with_trial: Leave a camera out and predict its view.
-        gpu: GPU that trains the trial; None trains on the CPU.
         progress: Display of the progress.
         alpha: Opacity [M, C, H, W] uint8 of the subject at that moment and at others; None for the whole scene.
     """
@@ -239,7 +236,7 @@ def cover(
     trial = None
     if with_trial:
         given, subject = (points, point_colors, near), None if alpha is None else alpha[0]
-        trial = leave_one_out(cameras, shown, focus, *given, progress, subject, gpu)
+        trial = leave_one_out(cameras, shown, focus, *given, progress, subject)
     distance = float(np.median([np.linalg.norm(camera.center - focus) for camera in cameras]))
     seen_by = _places(tracks, distance)
     fits, doubt = None, None
