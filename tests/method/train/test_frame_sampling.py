@@ -2,7 +2,6 @@
 
 import numpy as np
 import pytest
-import torch
 
 from splatreel.method.train.frame_sampling import FrameSchedule
 
@@ -38,7 +37,7 @@ def test_frame_with_larger_loss_is_drawn_more_often():
     schedule = FrameSchedule(np.ones((6, 8), bool), iterations=100, progressive=0.0, seed=0)
     for frame in range(6):
         for camera in range(8):  # some cameras have larger errors in every frame
-            schedule.record_loss(frame, camera, torch.tensor((2.0 if frame == 4 else 1.0) * (1 + camera)))
+            schedule.record_loss(frame, camera, (2.0 if frame == 4 else 1.0) * (1 + camera))
     wanted = schedule.draws_per_round()
     assert wanted.mean() == pytest.approx(1)
     assert wanted[4] == pytest.approx(2 * wanted[0])
@@ -50,7 +49,7 @@ def test_frame_with_larger_loss_is_drawn_more_often():
 def test_draws_per_round_are_limited():
     schedule = FrameSchedule(np.ones((4, 1), bool), iterations=10, progressive=0.0, seed=0)
     for frame, loss in enumerate((1e-9, 1.0, 1.0, 1e3)):
-        schedule.record_loss(frame, 0, torch.tensor(loss))
+        schedule.record_loss(frame, 0, loss)
     wanted = schedule.draws_per_round()
     assert wanted.max() / wanted.min() <= 6
     assert {schedule.draw(0)[0] for _ in range(60)} == {0, 1, 2, 3}
@@ -58,7 +57,7 @@ def test_draws_per_round_are_limited():
 
 def test_frames_without_loss_have_mean_draws():
     schedule = FrameSchedule(np.ones((3, 2), bool), iterations=10, progressive=0.0, seed=0)
-    schedule.record_loss(0, 0, torch.tensor(0.5))
+    schedule.record_loss(0, 0, 0.5)
     np.testing.assert_allclose(schedule.draws_per_round(), 1)
 
 

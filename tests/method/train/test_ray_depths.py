@@ -5,7 +5,6 @@ from dataclasses import replace
 import cv2
 import numpy as np
 import pytest
-import torch
 
 from splatreel.method.train import ray_depths
 from splatreel.method.train.error_points import points_at_errors
@@ -44,9 +43,9 @@ WALL = blots(1500, [-4, -3, 0.6], [4, 3, 0.6], 0.1, 0)
 
 
 def search(cameras: int = len(CAMERAS), images: np.ndarray = IMAGES, unknown: np.ndarray | None = None) -> RayDepths:
-    views = [View.of(camera, torch.device("cpu")) for camera in CAMERAS[:cameras]]
-    mask = None if unknown is None else torch.from_numpy(unknown)[None]
-    return RayDepths(TrainingImages(torch.from_numpy(images[:cameras])[None], views, 0.1, 4.0, mask))
+    views = [View.of(camera) for camera in CAMERAS[:cameras]]
+    mask = None if unknown is None else unknown[None]
+    return RayDepths(TrainingImages(images[:cameras][None], views, 0.1, 4.0, mask))
 
 
 def errors(found: np.ndarray, camera: int) -> np.ndarray:
@@ -92,16 +91,16 @@ def test_rendered_depths_are_kept_where_nothing_can_be_compared() -> None:
 
 def test_points_at_errors_take_the_depth_that_views_agree_on() -> None:
     """The points so far are a plain wall, 0.4 in front of the textured one."""
-    params = to_params(replace(WALL, sh=np.zeros_like(WALL.sh)), torch.device("cpu"))
-    views = [View.of(camera, torch.device("cpu")) for camera in CAMERAS]
-    images = TrainingImages(torch.from_numpy(IMAGES)[None], views, 0.1, 4.0)
+    params = to_params(replace(WALL, sh=np.zeros_like(WALL.sh)))
+    views = [View.of(camera) for camera in CAMERAS]
+    images = TrainingImages(IMAGES[None], views, 0.1, 4.0)
 
     def draw_camera(camera: int):
         splats = deformed(params, None, None, views[camera], 0.1)
-        return splats, draw(splats, views[camera]).image
+        return splats, draw(splats, views[camera])[0]
 
-    rng, gains = np.random.default_rng(0), torch.ones(len(CAMERAS), 3)
-    means = points_at_errors(draw_camera, images, gains, 3, 200, rng)["means"].numpy()
+    rng, gains = np.random.default_rng(0), np.ones((len(CAMERAS), 3), np.float32)
+    means = points_at_errors(draw_camera, images, gains, 3, 200, rng)["means"]
     central = means[np.abs(means[:, :2]).max(1) < 1.5]
     assert len(central) > 40
     assert np.mean(np.abs(central[:, 2] - 1) < 0.2) > 0.5, "rendered depths are 0.4 away"

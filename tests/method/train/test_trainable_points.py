@@ -1,71 +1,88 @@
 """Trainable points and their optimizer."""
 
-import torch
+import numpy as np
 
-from splatreel.method.train.trainable_points import NAMES, TrainablePoints, default_rates, to_gaussians, to_params
+from splatreel.kernels import adam
+from splatreel.method.train.trainable_points import (
+    NAMES,
+    TrainablePoints,
+    default_rates,
+    sigmoid,
+    to_gaussians,
+    to_params,
+)
 from tests.method.scenes import random_gaussians
 
 
 def make(count=5):
-    return TrainablePoints.from_gaussians(random_gaussians(count), default_rates(1.0), torch.device("cpu"))
+    return TrainablePoints.from_gaussians(random_gaussians(count), default_rates(1.0))
 
 
 def take_a_step(points):
-    torch.stack([(p**2).sum() for p in points.params.values()]).sum().backward()
-    points.step()
+    """Follow the gradient of the sum of all squares."""
+    adam.adam(points.follow([2 * value for value in points.params.values()]))
 
 
 def test_to_params_round_trip():
     gaussians = random_gaussians(20)
-    back = to_gaussians(to_params(gaussians, torch.device("cpu")))
+    back = to_gaussians(to_params(gaussians))
     for name in ("means", "quats", "scales", "opacities", "sh"):
-        torch.testing.assert_close(
-            torch.from_numpy(getattr(back, name)), torch.from_numpy(getattr(gaussians, name)), rtol=1e-4, atol=1e-5
-        )
+        np.testing.assert_allclose(getattr(back, name), getattr(gaussians, name), rtol=1e-4, atol=1e-5)
+
+
+def test_parameters_are_copies_in_float32():
+    gaussians = random_gaussians(20)
+    points = TrainablePoints.from_gaussians(gaussians, default_rates(1.0))
+    found = points.gaussians()
+    take_a_step(points)
+    assert (points.means != gaussians.means).any()
+    np.testing.assert_array_equal(found.means, gaussians.means)
+    for value in points.params.values():
+        assert value.dtype == np.float32
+        assert value.flags.c_contiguous
+
+
+def test_sigmoid_of_any_logit_is_finite():
+    with np.errstate(over="raise"):
+        np.testing.assert_allclose(sigmoid(np.array([-200, 0, 200], np.float32)), [0, 0.5, 1], atol=1e-30)
+
+
+def test_follow_takes_gradients_in_the_order_of_the_names():
+    points = make()
+    before = {name: value.copy() for name, value in points.params.items()}
+    adam.adam(points.follow([np.full_like(before[name], 1.0 if name == "quats" else 0.0) for name in NAMES]))
+    for name, value in points.params.items():
+        expected = before[name] - (default_rates(1.0)["quats"] if name == "quats" else 0)
+        np.testing.assert_allclose(value, expected, rtol=1e-5, atol=1e-6)
 
 
 def test_keep_preserves_optimizer_state():
     points = make()
     take_a_step(points)
-    before = points.adams["means"].mean.clone()
-    points.keep(torch.tensor([3, 1]))
+    before = points.adams["means"].mean.copy()
+    points.keep(np.array([3, 1]))
     assert len(points) == 2
-    torch.testing.assert_close(points.adams["means"].mean, before[[3, 1]])
+    np.testing.assert_array_equal(points.adams["means"].mean, before[[3, 1]])
 
 
 def test_append_starts_without_momentum():
     points = make()
     take_a_step(points)
-    points.append(points.rows(torch.tensor([0, 2])))
+    points.append(points.rows(np.array([0, 2])))
     state = points.adams["means"].mean
     assert len(points) == 7
     assert (state[5:] == 0).all()
     assert (state[:5] != 0).any()
-    before = {name: points.params[name].detach().clone() for name in NAMES}
+    before = {name: points.params[name].copy() for name in NAMES}
     take_a_step(points)
     assert all((points.params[name][5:] != before[name][5:]).any() for name in NAMES)
 
 
-def test_price_sh_shrinks_only_higher_bands():
+def test_rows_are_copies():
     points = make()
-    before = {name: tensor.detach().clone() for name, tensor in points.params.items()}
-    (0 * torch.stack([tensor.sum() for tensor in points.params.values()]).sum()).backward()
-    points.price_sh(0.1)
-    points.step()
-    for name in NAMES:
-        if name == "sh_rest":
-            assert points.params[name].abs().sum() < before[name].abs().sum()
-        else:
-            torch.testing.assert_close(points.params[name].detach(), before[name])
-
-
-def test_price_sh_without_gradient_or_price_changes_nothing():
-    points = make()
-    points.price_sh(0.1)
-    assert points.params["sh_rest"].grad is None
-    points.params["sh_rest"].grad = torch.zeros_like(points.params["sh_rest"])
-    points.price_sh(0.0)
-    assert not points.params["sh_rest"].grad.any()
+    rows = points.rows(np.arange(5))
+    take_a_step(points)
+    assert (rows["means"] != points.means).any()
 
 
 def test_scale_rates_multiplies_base_rates():

@@ -1,18 +1,18 @@
 """Image sizes of training and their durations."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
-import torch
 
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
 from tests.method.scenes import ring
 
-CPU = torch.device("cpu")
-
 
 def make_images(width: int, height: int) -> TrainingImages:
-    images = torch.full((1, 1, height, width, 3), 100, dtype=torch.uint8)
-    return TrainingImages(images, [View.of(ring(1, width=width, height=height)[0], CPU)], 0.1, 4.0)
+    images = np.full((1, 1, height, width, 3), 100, np.uint8)
+    return TrainingImages(images, [View.of(ring(1, width=width, height=height)[0])], 0.1, 4.0)
 
 
 def sizes(width: int, height: int, coarse: float, afforded: float) -> list[tuple[int, int]]:
@@ -42,3 +42,24 @@ def test_halved_views_project_to_half_pixels(width: int):
     assert shown.pixels.shape[2:4] == (40, 50)
     assert (shown.pixels == 100).all()
     assert (shown.views[0].width, shown.views[0].height) == (50, 40)
+
+
+def test_halved_pixel_is_unknown_if_one_of_its_four_is() -> None:
+    images, unknown = make_images(7, 5), np.zeros((1, 1, 5, 7), bool)
+    unknown[0, 0, 1, 3] = unknown[0, 0, 4, 0] = unknown[0, 0, 0, 6] = True
+    small = replace(images, unknown=unknown).halved()
+    assert small.unknown is not None
+    assert small.unknown[0, 0].tolist() == [[False, True, False], [False] * 3], "odd rows and columns are cut off"
+    assert small.pixels.shape == (1, 1, 2, 3, 3)
+
+
+def test_unknown_pixels_of_a_target_repeat_the_drawing() -> None:
+    images, unknown = make_images(4, 3), np.zeros((1, 1, 3, 4), bool)
+    unknown[0, 0, 1, 2] = True
+    drawn, gain = np.full((3, 4, 3), 0.5, np.float32), np.array([1, 0.5, 4], np.float32)
+    target = replace(images, unknown=unknown).target(0, 0, drawn, gain)
+    assert target.dtype == np.uint8
+    assert target[1, 2].tolist() == [128, 64, 255]
+    target[1, 2] = 100
+    assert (target == 100).all()
+    assert np.shares_memory(images.target(0, 0, drawn, None), images.pixels)

@@ -11,6 +11,7 @@ from splatreel.config.layering import PAPER_WIDTH
 from splatreel.kernels import splat
 from splatreel.method.layering.lift import NEIGHBORS
 from splatreel.method.train.dynamic_points import DynamicPoints
+from splatreel.method.train.losses import GROWTH
 from splatreel.method.train.render import StaticCache, contributions, relative_distances
 from splatreel.method.train.trainable_points import TrainablePoints, children, halves, sigmoid
 from splatreel.method.train.training_images import TrainingImages
@@ -25,9 +26,6 @@ ABSOLUTE_GRADIENT = 4e-4
 detail cancel each other in the signed sum, but not in this one (AbsGS)."""
 FINE_WIDTH = 320
 """Width, pixels, above which images show more detail, and the threshold of the absolute gradient falls with its square root."""
-GROWTH = 0.6
-"""Share of a keyframe's iterations in which points are added. Opacities cost something only after that, since it hinders
-growth."""
 LARGEST_SCALE = 0.5
 """Largest scale of a point, in typical viewing distances, multiplied by `relative_distances`."""
 

@@ -11,10 +11,10 @@ from collections.abc import Callable
 import cv2
 import numpy as np
 
-from splatreel.kernels import splat
 from splatreel.kernels.splat import Splats
 from splatreel.method.train.ray_depths import RayDepths
 from splatreel.method.train.render import View
+from splatreel.method.train.terms.depths import Depths
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene.gaussians import C0
 
@@ -26,8 +26,8 @@ SIZE = 0.7
 """Standard deviation of an added point, pixels."""
 OPACITY = 0.3
 """Opacity of an added point."""
-MIN_ALPHA, LEAST_ALPHA = 0.5, 1e-3
-"""Alpha above which a pixel has a depth, and the least one that a sum of depths is divided by."""
+MIN_ALPHA = 0.5
+"""Alpha above which a pixel has a depth."""
 
 Draw = Callable[[int], tuple[Splats, np.ndarray]]
 """Function that returns the projected points of a camera and the image [H, W, 3] that the camera would take of them."""
@@ -60,8 +60,8 @@ def points_at_errors(
     for camera, view in enumerate(images.views):
         splats, image = draw(camera)
         target = images.target(0, camera, image, None).astype(np.float32) / 255
-        rendered, alpha = _rendered_depths(splats, view, images.near)
-        known = alpha > MIN_ALPHA
+        depths = Depths.of(splats, view, images.near)
+        known, rendered = depths.alpha > MIN_ALPHA, images.near * np.exp(depths.moments[..., 0])
         pixels = _choose(_errors(image, target) * known, count // len(images.views), rng)
         depth = ray_depths.agreed(camera, pixels, rendered, known).astype(np.float32)
         found.append((*_unproject(view, pixels, depth), target.reshape(-1, 3)[pixels] / gains[camera]))
@@ -75,13 +75,6 @@ def points_at_errors(
         "sh_base": ((colors - 0.5) / C0)[:, None],
         "sh_rest": np.zeros((added, bands, 3), np.float32),
     }
-
-
-def _rendered_depths(splats: Splats, view: View, near: float) -> tuple[np.ndarray, np.ndarray]:
-    """Return the geometric mean of the depths that each pixel shows, world units, and alpha, both [H, W]."""
-    logs = np.log(np.maximum(splats.depths, near) / near)
-    sums, alpha = splat.rasterize(splats._replace(colors=logs[:, None]), view.width, view.height)
-    return near * np.exp(sums[..., 0] / np.maximum(alpha, LEAST_ALPHA)), alpha
 
 
 def _errors(image: np.ndarray, target: np.ndarray) -> np.ndarray:

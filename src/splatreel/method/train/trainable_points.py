@@ -145,14 +145,6 @@ def to_gaussians(params: Mapping[str, np.ndarray]) -> Gaussians:
     )
 
 
-def activate(
-    params: Mapping[str, np.ndarray],
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-    """Convert unconstrained arrays to means, quats, scales, opacities, and the two parts of sh."""
-    sh = params["sh_base"], params["sh_rest"]
-    return params["means"], params["quats"], np.exp(params["log_scales"]), sigmoid(params["logit_opacities"]), sh
-
-
 def default_rates(unit: float, pace: float = 1.0) -> dict[str, float]:
     """Return the learning rates of 3DGS times a pace.
 

@@ -2,23 +2,16 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from splatreel.method.cameras.time_offsets import TimeOffsets
 from splatreel.method.train.dynamic_points import DynamicPoints
+from splatreel.method.train.losses import psnr
 from splatreel.method.train.render import StaticCache, draw
 from splatreel.method.train.training_images import TrainingImages
 
 SAMPLES = 12
 """Training images over which the PSNR of a group is averaged."""
-
-
-def psnr(image: np.ndarray, target: np.ndarray) -> float:
-    """Return the PSNR, dB, of an image [H, W, 3] 0..1 against its target, uint8."""
-    error = np.square(image.clip(0, 1) - target.astype(np.float32) / 255).mean()
-    return -10 * math.log10(max(float(error), 1e-12))
 
 
 def training_psnr(
