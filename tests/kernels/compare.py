@@ -60,7 +60,7 @@ def splats(n: int, channels: int, width: int, height: int, seed: int = 0) -> Spl
     depths = np.round(state.uniform(1, 5, n), 1)
     radii = (state.uniform(size=n) > 0.1).astype(np.int32)
     arrays = means2d, conics, state.uniform(0, 1, (n, channels)), state.uniform(0, 1, n), depths
-    return Splats(*(array.astype(np.float32) for array in arrays), radii)
+    return Splats(*(np.ascontiguousarray(array, np.float32) for array in arrays), radii)
 
 
 def gaussians(n: int, bands: int = 16, seed: int = 0) -> list[np.ndarray]:

@@ -2,123 +2,97 @@
 
 import numpy as np
 import pytest
-import torch
 
 from splatreel.base.errors import GaussiansError
-from splatreel.kernels import cuda_backend as cuda
-from splatreel.kernels import splat, twin
+from splatreel.kernels import rasterize, splat
 from splatreel.kernels.splat import Splats
+from tests.kernels.compare import slopes
 
 WIDTH, HEIGHT = 100, 70
 
 
 def splats(count, seed, spread=None):
-    generator = torch.Generator().manual_seed(seed)
+    state = np.random.RandomState(seed)
     middle, size = spread or ((WIDTH / 2, HEIGHT / 2), 1.2)
-    means = torch.tensor(middle) + (torch.rand(count, 2, generator=generator) - 0.5) * size * torch.tensor(
-        [WIDTH, HEIGHT]
-    )
-    root = torch.rand(count, 3, generator=generator) * 0.5 + torch.tensor([0.2, -0.25, 0.2])
-    conics = torch.stack([root[:, 0] ** 2, 0.3 * root[:, 0] * root[:, 1], root[:, 2] ** 2], 1)
-    colors = torch.rand(count, 3, generator=generator)
-    opacities = torch.rand(count, generator=generator)
-    depths = torch.rand(count, generator=generator) + 1
-    return Splats(means, conics, colors, opacities, depths, torch.full((count,), 24, dtype=torch.int32))
+    means = np.array(middle) + (state.rand(count, 2) - 0.5) * size * np.array([WIDTH, HEIGHT])
+    root = state.rand(count, 3) * 0.5 + np.array([0.2, -0.25, 0.2])
+    conics = np.stack([root[:, 0] ** 2, 0.3 * root[:, 0] * root[:, 1], root[:, 2] ** 2], 1)
+    arrays = means, conics, state.rand(count, 3), state.rand(count), state.rand(count) + 1
+    return Splats(*(array.astype(np.float32) for array in arrays), np.full(count, 24, np.int32))
 
 
-def whole(moving, static):
-    return splat.rasterize(Splats.join(moving, static), WIDTH, HEIGHT)
+def draw(moving, frozen=None):
+    """Return the image, alpha and the gradients to the splats."""
+    image, alpha = splat.rasterize(moving, WIDTH, HEIGHT, frozen)
+    return image, alpha, splat.rasterize_gradient(moving, WIDTH, HEIGHT, image, alpha, *slopes((image, alpha)), frozen)
 
 
-def among(moving, static):
-    return splat.rasterize_among(moving, splat.freeze(static, WIDTH, HEIGHT))[:2]
-
-
-def oracle(moving, static):
-    return twin.rasterize_among(moving, static, WIDTH, HEIGHT)
-
-
-def masked(moving, static):
-    """Draw with the CUDA backend, with the twin in place of gsplat, which leaves masked tiles empty."""
-
-    class TwinAsGsplat(cuda.CudaBackend):
-        def rasterize(self, splats, width, height, absolute=None, tiles=None):
-            image, alpha = twin.rasterize(splats, width, height)
-            if tiles is None:
-                return image, alpha
-            drawn = torch.from_numpy(np.kron(tiles.numpy(), np.ones((16, 16), bool))[:HEIGHT, :WIDTH])
-            return image * drawn[..., None], alpha * drawn
-
-    backend = TwinAsGsplat()
-    return backend.rasterize_among(moving, backend.freeze(static, WIDTH, HEIGHT))[:2]
-
-
-def differentiated(draw, moving, static, target):
-    leaves = Splats(*[value.clone().requires_grad_(value.is_floating_point()) for value in moving])
-    image, alpha = draw(leaves, static)
-    (splat.photometric_loss(image, target) + alpha.mean()).backward()
-    return [image.detach(), alpha.detach(), *[leaf.grad for leaf in leaves[:4]]]
+def pixels(tiles):
+    """Return which pixels are in tiles [5, 7]."""
+    return np.kron(tiles.reshape(5, 7), np.ones((16, 16), bool))[:HEIGHT, :WIDTH]
 
 
 @pytest.mark.parametrize("faint", [True, False])
 @pytest.mark.parametrize("seed", range(5))
-def test_rasterize_among_equals_drawing_everything(seed, faint):
+def test_drawing_among_frozen_splats_equals_drawing_everything(seed, faint):
     static, moving = splats(400, seed), splats(30, seed + 100, ((30.0, 40.0), 0.3))
     static.depths[:20] = moving.depths[:20]  # at equal depth, moving splats are in front
     if not faint:
         static.opacities[:], moving.opacities[:] = 0.97, 0.9  # pixels fill up
-    target = torch.rand(HEIGHT, WIDTH, 3, generator=torch.Generator().manual_seed(seed))
-    expected = differentiated(whole, moving, static, target)
-    for draw in (among, oracle, masked) if faint else (among,):  # the twin rounds differently where pixels fill up
-        for a, b in zip(expected, differentiated(draw, moving, static, target), strict=True):
-            torch.testing.assert_close(a, b, rtol=1e-3, atol=2e-6)
+    image, alpha, expected = draw(Splats.join(moving, static))
+    drawn, opacity, found = draw(moving, splat.freeze(static, WIDTH, HEIGHT))
+    np.testing.assert_allclose(drawn, image, rtol=1e-3, atol=2e-6)
+    np.testing.assert_allclose(opacity, alpha, rtol=1e-3, atol=2e-6)
+    for a, b in zip(found, expected, strict=True):
+        np.testing.assert_allclose(a, b[:30], rtol=1e-3, atol=1e-5 * np.abs(b).max())
 
 
-def test_rasterize_among_draws_only_touched_tiles():
+def test_only_touched_tiles_are_drawn_again():
     static, moving = splats(400, 0), splats(30, 100, ((30.0, 40.0), 0.3))
     frozen = splat.freeze(static, WIDTH, HEIGHT)
-    image, alpha, tiles = splat.rasterize_among(moving, frozen)
-    assert tiles.shape == (5, 7)
-    assert 0.1 < tiles.float().mean() < 0.9
-    kept = ~torch.from_numpy(np.kron(tiles.numpy(), np.ones((16, 16), bool))[:HEIGHT, :WIDTH])
-    assert torch.equal(image[kept], frozen.image[kept])
-    assert torch.equal(alpha[kept], frozen.alpha[kept])
-    expected, _ = whole(moving, static)
-    assert (frozen.image - expected).abs().max() > 0.1
+    image, alpha = splat.rasterize(moving, WIDTH, HEIGHT, frozen)
+    tiles = splat.bin(moving, WIDTH, HEIGHT).counts > 0
+    assert 0.1 < tiles.mean() < 0.9
+    kept = ~pixels(tiles)
+    np.testing.assert_array_equal(image[kept], frozen.image[kept])
+    np.testing.assert_array_equal(alpha[kept], frozen.alpha[kept])
+    expected, _ = splat.rasterize(Splats.join(moving, static), WIDTH, HEIGHT)
+    assert np.abs(frozen.image - expected).max() > 0.1
     _, alone = splat.rasterize(moving, WIDTH, HEIGHT)
     assert not alone[kept].any()
 
 
-def test_rasterize_among_without_splats_keeps_frozen_image():
-    static, nothing = splats(50, 0), splats(0, 1)
-    frozen = splat.freeze(static, WIDTH, HEIGHT)
-    image, alpha, tiles = splat.rasterize_among(nothing, frozen)
-    assert not tiles.any()
-    assert torch.equal(image, frozen.image)
-    assert torch.equal(alpha, frozen.alpha)
+def test_drawing_no_splats_keeps_frozen_image():
+    frozen = splat.freeze(splats(50, 0), WIDTH, HEIGHT)
+    image, alpha, gradients = draw(splats(0, 1), frozen)
+    np.testing.assert_array_equal(image, frozen.image)
+    np.testing.assert_array_equal(alpha, frozen.alpha)
+    assert all(len(gradient) == 0 for gradient in gradients)
 
 
-def test_rasterize_among_without_frozen_splats_equals_rasterize():
-    moving, nothing = splats(50, 0), splats(0, 1)
-    for a, b in zip(among(moving, nothing), whole(moving, nothing), strict=True):
-        torch.testing.assert_close(a, b)
+def test_drawing_among_no_frozen_splats_is_drawing_alone():
+    moving = splats(50, 0)
+    for a, b in zip(draw(moving, splat.freeze(splats(0, 1), WIDTH, HEIGHT))[:2], draw(moving)[:2], strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-6)
 
 
-def test_freeze_rejects_nan():
+def test_removed_splats_are_not_drawn():
+    static = splats(400, 0)
+    frozen, rows = splat.freeze(static, WIDTH, HEIGHT), np.arange(400)
+    for gone in (rows[::7], rows[3:40:2]):
+        rasterize.remove(frozen, gone)
+        rows = rows[~np.isin(rows, gone)]
+        others = splat.freeze(static.rows(rows), WIDTH, HEIGHT)
+        np.testing.assert_allclose(frozen.image, others.image, atol=1e-6)
+        np.testing.assert_allclose(frozen.alpha, others.alpha, atol=1e-6)
+    assert len(rows) < 340
+
+
+def test_frozen_splats_and_splats_among_them_must_be_finite():
     static, moving = splats(5, 0), splats(5, 1)
     frozen = splat.freeze(static, WIDTH, HEIGHT)
-    moving.means2d[2, 1] = float("nan")
+    moving.means2d[2, 1] = np.nan
     with pytest.raises(GaussiansError, match="means2d holds 1 value"):
-        splat.rasterize_among(moving, frozen)
+        splat.rasterize(moving, WIDTH, HEIGHT, frozen)
     with pytest.raises(GaussiansError, match="means2d"):
         splat.freeze(moving, WIDTH, HEIGHT)
-
-
-def test_tile_spans_cover_square_of_radius():
-    spans = cuda.tile_spans(torch.tensor([[40.0, 20.0], [-9.0, 5.0]]), torch.tensor([5, 5]), WIDTH, HEIGHT)
-    assert spans.tolist() == [[2, 2, 0, 1], [0, -1, 0, -1]]
-    tiles = cuda.touched_tiles(spans, WIDTH, HEIGHT)
-    assert tiles.shape == (5, 7)
-    assert tiles.nonzero().tolist() == [[0, 2], [1, 2]]
-    spans = torch.tensor([[0, 1, 0, 4], [2, 6, 1, 1], [0, 6, 0, 4], [0, -1, 0, -1]])
-    assert cuda.touching(spans, tiles).tolist() == [1, 2]

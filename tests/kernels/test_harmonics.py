@@ -1,72 +1,57 @@
-"""Spherical harmonics compared with the twin and with known answers."""
+"""Spherical harmonics and their known answers."""
 
+import numpy as np
 import pytest
-import torch
 
 from splatreel.base.errors import GaussiansError
-from splatreel.kernels import splat, twin
-from tests.kernels.compare import assert_parity
+from splatreel.kernels import harmonics
+from tests.kernels.cases import normal
 
 
-@pytest.mark.parametrize("degree", [0, 1, 2, 3])
-@pytest.mark.parametrize("bands", [(0, 0), 16])  # exactly what the degree needs, and more
-def test_harmonics_equal_twin(degree, bands):
-    count = bands if isinstance(bands, int) else (degree + 1) ** 2
-    generator = torch.Generator().manual_seed(degree)
-    inputs = [torch.randn(200, 3, generator=generator), torch.randn(200, count, 3, generator=generator)]
-    fast, slow = (lambda *a, m=m: m.spherical_harmonics(degree, *a) for m in (splat, twin))
-    if degree == 0:  # a constant has no gradient to directions, and the twin returns None
-        inputs, directions = inputs[1:], inputs[0]
-        fast, slow = (lambda c, m=m: m.spherical_harmonics(0, directions.to(c.dtype), c) for m in (splat, twin))
-    assert_parity(fast, slow, inputs)
+def test_gradient_without_directions_is_the_same():
+    given = 3, normal(50, 3), normal(50, 16, 3, seed=1), normal(50, 3, seed=2)
+    _, with_directions = harmonics.backward(*given, to_directions=True)
+    nothing, without = harmonics.backward(*given, to_directions=False)
+    assert nothing is None
+    np.testing.assert_array_equal(with_directions, without)
 
 
-def test_harmonics_gradient_without_directions_is_the_same():
-    generator = torch.Generator().manual_seed(0)
-    directions, coefficients = torch.randn(50, 3, generator=generator), torch.randn(50, 16, 3, generator=generator)
-    gradients = []
-    for wanted in (True, False):
-        leaf = coefficients.clone().requires_grad_()
-        toward = directions.clone().requires_grad_(wanted)
-        splat.spherical_harmonics(3, toward, leaf).square().sum().backward()
-        assert (toward.grad is not None) == wanted
-        gradients.append(leaf.grad)
-    torch.testing.assert_close(*gradients)
-
-
-@pytest.mark.parametrize("bands", [1, 4, 9, 16])
-def test_view_colors_equal_twin(bands):
-    generator = torch.Generator().manual_seed(bands)
-    means, base = torch.randn(200, 3, generator=generator), 3 * torch.randn(200, 1, 3, generator=generator)
-    center, rest = torch.tensor([0.3, -2.0, 4.0]), 0.3 * torch.randn(200, bands - 1, 3, generator=generator)
-    fast, slow = (lambda *a, m=m: m.view_colors(means.to(a[0].dtype), center.to(a[0].dtype), *a) for m in (splat, twin))
-    assert 0.1 < (fast(base, rest) == 0).float().mean() < 0.5
-    assert_parity(fast, slow, [base, rest])
+def test_colors_are_half_a_unit_above_the_harmonics_and_not_negative():
+    means, center, base, rest = (
+        normal(200, 3),
+        normal(3, seed=1),
+        3 * normal(200, 1, 3, seed=2),
+        normal(200, 8, 3, seed=3),
+    )
+    colors = harmonics.colors(means, center, base, rest)
+    assert 0.1 < (colors == 0).mean() < 0.5
+    expected = harmonics.forward(2, means - center, np.concatenate([base, rest], 1)) + 0.5
+    np.testing.assert_allclose(colors, np.maximum(expected, 0), rtol=1e-4, atol=1e-5)
 
 
 def test_harmonics_are_orthonormal():
     """Over the sphere, squared basis functions integrate to 1, and products of two different ones to 0."""
-    directions = torch.randn(400_000, 3, generator=torch.Generator().manual_seed(0))
-    coefficients = torch.eye(16)[:, :, None].expand(-1, -1, 3)
-    basis = torch.stack(
-        [
-            splat.spherical_harmonics(3, directions, c[None].expand(len(directions), -1, -1).contiguous())[:, 0]
-            for c in coefficients
-        ]
-    )
-    gram = 4 * torch.pi * basis @ basis.T / len(directions)
-    torch.testing.assert_close(gram, torch.eye(16), atol=0.02, rtol=0)
+    directions = normal(200_000, 3)
+    one = np.zeros((len(directions), 16, 3), np.float32)
+    basis = []
+    for k in range(0, 16, 3):
+        for channel in range(min(3, 16 - k)):
+            one[:, k + channel, channel] = 1
+        basis.append(harmonics.forward(3, directions, one))
+        one[:] = 0
+    values = np.concatenate(basis, 1)[:, :16]
+    np.testing.assert_allclose(4 * np.pi * values.T @ values / len(directions), np.eye(16), atol=0.03)
 
 
-def test_harmonics_first_band_follows_3dgs():
-    coefficients = torch.zeros(3, 4, 3)
+def test_first_band_follows_3dgs():
+    coefficients = np.zeros((3, 4, 3), np.float32)
     coefficients[0, 1] = coefficients[1, 2] = coefficients[2, 3] = 1
-    directions = torch.tensor([[0.0, 5, 0], [0, 0, 2], [3, 0, 0]])  # y, z, x: any length
-    values = splat.spherical_harmonics(1, directions, coefficients)[:, 0]
-    torch.testing.assert_close(values, torch.tensor([-1.0, 1, -1]) * 0.48860251)
+    directions = np.float32([[0, 5, 0], [0, 0, 2], [3, 0, 0]])  # y, z, x: any length
+    values = harmonics.forward(1, directions, coefficients)[:, 0]
+    np.testing.assert_allclose(values, np.array([-1, 1, -1]) * 0.48860251, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("degree", "bands"), [(2, 4), (4, 25), (-1, 1)])
 def test_harmonics_reject_wrong_degree(degree, bands):
     with pytest.raises(GaussiansError, match="SH degree"):
-        splat.spherical_harmonics(degree, torch.ones(2, 3), torch.ones(2, bands, 3))
+        harmonics.forward(degree, np.ones((2, 3), np.float32), np.ones((2, bands, 3), np.float32))

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from splatreel.kernels import rigid
-from splatreel.kernels.rigid import CAP, PAIRS
-from splatreel.kernels.rigid import Template, Views
+from splatreel.kernels.rigid import CAP, PAIRS, Template, Views
 from splatreel.scene import rotations
 from tests.method.scenes import ring
 

@@ -13,7 +13,7 @@ from splatreel.base import jit
 from splatreel.base.progress import Silent
 from splatreel.kernels import warmup
 
-SOURCE = Path(warmup.__file__).parent / "cpu"
+SOURCE = Path(warmup.__file__).parent
 
 
 class Notes(Silent):
@@ -31,7 +31,7 @@ def test_warmup_lists_every_module_with_kernels() -> None:
         for path in SOURCE.glob("*.py")
         if " range_kernel(" in path.read_text(encoding="utf-8") or "@range_kernel(" in path.read_text(encoding="utf-8")
     }
-    assert {f"kernels.cpu.{name}" for name in with_kernels} == set(warmup.MODULES)
+    assert {f"kernels.{name}" for name in with_kernels} == set(warmup.MODULES)
     names = [kernel.name for kernel in warmup.kernels()]
     assert len(names) == len(set(names)) > 40
 
@@ -40,7 +40,7 @@ def test_warmup_compiles_in_another_process(tmp_path: Path) -> None:
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path), "NUMBA_CACHE_DIR": str(tmp_path)}
     program = (
         "from splatreel.base import jit; from splatreel.kernels import warmup; from splatreel.base.progress import Silent\n"
-        "names = ['kernels.cpu.motion.normalize', 'kernels.cpu.binning.mark']\n"
+        "names = ['kernels.motion.normalize', 'kernels.binning.mark']\n"
         "chosen = [kernel for kernel in warmup.kernels() if kernel.name in names]\n"
         "warmup.kernels = lambda: chosen\n"
         "with warmup.background_warmup(Silent()) as running:\n"
