@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from splatreel.evaluation import lpips_weights
 
@@ -46,6 +45,7 @@ def install_port(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def install_official(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Put a package `lpips` with the same weights on the path, and torchvision's networks into torch's download cache."""
+    torch = pytest.importorskip("torch")
     heads_folder, cache = site / "lpips" / "weights" / "v0.1", site / "hub" / "checkpoints"
     for folder in (heads_folder, cache):
         folder.mkdir(parents=True)
@@ -63,7 +63,7 @@ def install_official(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         torch.save(linear, heads_folder / files.heads)
         for path in (cache / files.backbone, heads_folder / files.heads):
             accept(monkeypatch, network, path)
-    monkeypatch.setattr(torch.hub, "get_dir", lambda: str(site / "hub"))
+    monkeypatch.setenv("TORCH_HOME", str(site))
     monkeypatch.syspath_prepend(str(site))
 
 

@@ -5,9 +5,7 @@ import numpy as np
 import pytest
 from numpy.lib.stride_tricks import sliding_window_view
 
-pytest.importorskip("torch")
-
-from splatreel.evaluation import perceptual
+from splatreel.base import threads
 from splatreel.evaluation.perceptual import Lpips, load_lpips
 from tests.evaluation import small_lpips
 
@@ -83,8 +81,15 @@ def test_images_too_small_for_the_networks_are_not_measured(networks: dict[str, 
 def test_without_weights_there_are_no_networks(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("splatreel.evaluation.lpips_weights.package_folder", lambda name: None)
     assert load_lpips() == {}
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    assert perceptual.load_lpips() == {}
+
+
+def test_bits_do_not_depend_on_the_number_of_threads(networks: dict[str, Lpips]) -> None:
+    pair = make_image(1, (96, 128, 3)), make_image(2, (96, 128, 3))
+    found = []
+    for count in (1, 3):
+        with threads.limited(count):
+            found.append({name: network(*pair) for name, network in networks.items()})
+    assert found[0] == found[1]
 
 
 def test_published_weights_give_the_published_distances() -> None:

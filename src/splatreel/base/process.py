@@ -28,10 +28,11 @@ def open_standard_streams() -> None:
 
 
 def quiet_threads() -> None:
-    """Let idle threads of OpenMP sleep, so that they do not take cores from the kernels' threads.
+    """Let idle threads of OpenMP sleep and OpenBLAS start none, so that they do not take cores from the kernels' threads.
 
-    The runtime of a library, such as PyTorch for RAFT, reads these variables when it loads. Call this function before.
+    The runtime of a library, such as NumPy or PyTorch for RAFT, reads these variables when it loads. Call this function before.
     """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     os.environ.setdefault("GOMP_SPINCOUNT", "0")
     os.environ.setdefault("KMP_BLOCKTIME", "0")
 

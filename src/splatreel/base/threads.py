@@ -21,7 +21,7 @@ from splatreel.base.errors import UsageError
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+VARIABLES = ("OMP_NUM_THREADS", "MKL_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 """Environment variables in which libraries find their number of threads when they are loaded."""
 _limit: int | None = None
 _caller = threading.local()

@@ -14,8 +14,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-import torch
-from torch import Tensor
 
 from splatreel.base.errors import MissingDependencyError, SplatreelError
 from splatreel.base.untrusted import load_arrays, read_file
@@ -32,12 +30,12 @@ class LpipsWeights:
     """Weights of LPIPS with one network.
 
     Attributes:
-        convolutions: Kernel [O, I, H, W] and bias [O] of each convolution.
-        heads: Weight of each channel, [1, C, 1, 1], of each layer that LPIPS compares.
+        convolutions: Kernel [H, W, I, O] and bias [O] of each convolution, float32.
+        heads: Weight of each channel [C], float32, of each layer that LPIPS compares.
     """
 
-    convolutions: list[tuple[Tensor, Tensor]]
-    heads: list[Tensor]
+    convolutions: list[tuple[np.ndarray, np.ndarray]]
+    heads: list[np.ndarray]
 
 
 @dataclass(frozen=True)
@@ -69,9 +67,9 @@ class LpipsFiles:
 
     @property
     def official_paths(self) -> tuple[Path, Path] | None:
-        """Paths of torchvision's network and of the heads of the package `lpips`; None if one is missing."""
+        """Paths of torchvision's network and of the heads of the package `lpips`; None if one, or torch, is missing."""
         folder = package_folder("lpips")
-        if folder is None:
+        if folder is None or package_folder("torch") is None:
             return None
         paths = cached_weights(self.backbone), folder / "weights" / "v0.1" / self.heads
         return paths if all(path.is_file() for path in paths) else None
@@ -139,8 +137,8 @@ def _from_port(files: LpipsFiles, path: Path) -> LpipsWeights:
     layers, heads = tree[files.port_key], [tree[f"NetLinLayer_{index}"]["Conv_0"] for index in range(5)]
     convolutions = [layers[f"Conv_{index}"] for index in range(len(files.positions))]
     return LpipsWeights(
-        [(_kernel(layer["kernel"]), torch.tensor(layer["bias"])) for layer in convolutions],
-        [_kernel(head["kernel"]) for head in heads],
+        [(_array(layer["kernel"]), _array(layer["bias"])) for layer in convolutions],
+        [_array(head["kernel"]).ravel() for head in heads],
     )
 
 
@@ -148,19 +146,24 @@ def _from_official(files: LpipsFiles, backbone: Path, heads: Path) -> LpipsWeigh
     """Return the weights of torchvision's network and of the heads of the package `lpips`."""
     network, linear = (_state_dict(path, files) for path in (backbone, heads))
     return LpipsWeights(
-        [(network[f"features.{i}.weight"], network[f"features.{i}.bias"]) for i in files.positions],
-        [linear[f"lin{index}.model.1.weight"] for index in range(5)],
+        [
+            (_array(network[f"features.{i}.weight"].transpose(2, 3, 1, 0)), _array(network[f"features.{i}.bias"]))
+            for i in files.positions
+        ],
+        [_array(linear[f"lin{index}.model.1.weight"]).ravel() for index in range(5)],
     )
 
 
-def _state_dict(path: Path, files: LpipsFiles) -> dict[str, Tensor]:
+def _state_dict(path: Path, files: LpipsFiles) -> dict[str, np.ndarray]:
+    import torch
+
     _verified(path, files)
-    return torch.load(path, map_location="cpu", weights_only=True)
+    return {name: tensor.numpy() for name, tensor in torch.load(path, map_location="cpu", weights_only=True).items()}
 
 
-def _kernel(kernel: np.ndarray) -> Tensor:
-    """Return a kernel [H, W, I, O] as [O, I, H, W]."""
-    return torch.tensor(np.ascontiguousarray(kernel.transpose(3, 2, 0, 1)))
+def _array(values: np.ndarray) -> np.ndarray:
+    """Return numbers as C-contiguous float32."""
+    return np.ascontiguousarray(values, np.float32)
 
 
 def _verified(path: Path, files: LpipsFiles) -> bytes:
