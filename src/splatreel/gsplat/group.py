@@ -8,8 +8,8 @@ from torch import Tensor
 
 from splatreel.gsplat import losses
 from splatreel.gsplat.drawing import Lens, Splats, rasterize, rasterize_among, splats_of
-from splatreel.gsplat.program import GsplatProgram, Meter, Slope, Trained, adam, retained, with_background
-from splatreel.method.deform.appearance import LAMBDA, RATES
+from splatreel.gsplat.program import GsplatProgram, Meter, Slope, Trained, adam, with_background
+from splatreel.method.deform.appearance import LAMBDA, RATES, Appearance
 from splatreel.method.deform.trajectory import Trajectory
 from splatreel.method.train.losses import weight_of
 from splatreel.method.train.programs import Draw, GroupState
@@ -75,7 +75,7 @@ class GsplatGroupProgram(GsplatProgram[Draw]):
         points = [one.leaf() for one in self.canonical]
         moved = self._offsets(draw.moment, leaves=True)
         shade = self._shade_at(draw.moment)
-        splats = retained(splats_of(points, moved, shade, lens, self.images.near))
+        splats = splats_of(points, moved, shade, lens, self.images.near)
         image, seen, index = self._draw(draw, place, lens, splats)
         gain = self._gains[draw.camera]
         config, unit = self._state.config, self.images.unit
@@ -103,7 +103,7 @@ class GsplatGroupProgram(GsplatProgram[Draw]):
             return with_background(rasterize(splats, lens)[0], lens), splats.means2d, None
         if not draw.metered_static:
             return with_background(rasterize_among(splats, frozen, lens)[0], lens), splats.means2d, None
-        both = retained(Splats.join(splats, frozen.splats))
+        both = Splats.join(splats, frozen.splats)
         return with_background(rasterize(both, lens)[0], lens), both.means2d, frozen.index
 
     def _follow(
@@ -147,7 +147,7 @@ class GsplatGroupProgram(GsplatProgram[Draw]):
         return slope
 
     @property
-    def _appearance(self):  # noqa: ANN202
+    def _appearance(self) -> Appearance:
         found = self._state.points.appearance
         assert found is not None
         return found

@@ -8,7 +8,7 @@ from torch import Tensor
 
 from splatreel.gsplat import losses
 from splatreel.gsplat.drawing import Lens, Splats, rasterize, rasterize_among, splats_of
-from splatreel.gsplat.program import GsplatProgram, Slope, Trained, adam, retained, with_background
+from splatreel.gsplat.program import GsplatProgram, Slope, Trained, adam, with_background
 from splatreel.method.train.losses import LAMBDA_DSSIM, weight_of
 from splatreel.method.train.programs import KeyframeDraw, KeyframeState
 from splatreel.method.train.terms.opacity import Opacity
@@ -58,7 +58,7 @@ class GsplatKeyframeProgram(GsplatProgram[KeyframeDraw]):
         learns = draw.whole and self._state.gains.enabled
         gain = self._gains.parameter[draw.camera].detach().clone().requires_grad_(learns)
         splats, factor = _with_gain(plain, lens, None if draw.whole and not learns else gain)
-        splats = retained(splats)
+        splats = splats._replace(means2d=splats.means2d.clone())  # measured without the losses of surfaces
         measures = draw.metered and self._state.measures_absolute
         absolute = torch.zeros_like(splats.means2d, requires_grad=False) if measures else None
         frozen = self.frozen(place)

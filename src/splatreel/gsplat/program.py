@@ -17,7 +17,7 @@ import torch
 from torch import Tensor
 
 from splatreel.base.errors import GaussiansError, GpuError
-from splatreel.gsplat.drawing import Frozen, Lens, Splats, freeze, splats_of
+from splatreel.gsplat.drawing import Frozen, Lens, freeze, splats_of
 from splatreel.method.deform.knot_adam import DECAYS, Adam, KnotAdam
 from splatreel.method.train.programs import Draw, KeyframeDraw, Outcome
 from splatreel.method.train.render import StaticCache
@@ -230,9 +230,3 @@ class GsplatProgram(ABC, Generic[D]):
 def with_background(image: Tensor, lens: Lens) -> Tensor:
     """Add the background to an image that was blended relative to it."""
     return image if lens.background is None else image + lens.background
-
-
-def retained(splats: Splats) -> Splats:
-    """Return splats whose screen positions keep their gradient."""
-    splats.means2d.retain_grad()
-    return splats
