@@ -1,7 +1,6 @@
 """Inputs of the stages of a group, for small films."""
 
 import numpy as np
-import torch
 
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
@@ -24,5 +23,4 @@ def group_input(
     """Return the input of a group with images [T, C, H, W, 3], of cameras of which only the poses are known."""
     layout = Layout(near, unit, [0.0, -1, 0], [[-1.0, -1, -1], [1.0, 1, 1]], clearance)
     rig, span = Rig.of(cameras), GroupSpan(index, 0, len(images), len(images))
-    cpu = torch.device("cpu")
-    return GroupInput(span, images, rig, None, layout, cpu, seed, False)
+    return GroupInput(span, images, rig, None, layout, seed, False)

@@ -5,7 +5,6 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-import torch
 
 from splatreel.base.progress import Progress, Silent
 from splatreel.codec.encoder import ReelEncoder
@@ -66,7 +65,7 @@ def reconstruct(
     header = header_of(rig.cameras, 30, config, layout, None)
     coding = Coding(ReelEncoder(config.encode, rig.cameras), header, None)
     span = GroupSpan(0, 0, max(frames - 1, 1), frames)
-    data = GroupInput(span, images, start.rig, None, layout, torch.device("cpu"), 0, config.antialias)
+    data = GroupInput(span, images, start.rig, None, layout, 0, config.antialias)
     run = Recorder()
     return run, reconstruct_group(data, start, config, coding, run, Watch())
 

@@ -65,13 +65,15 @@ class Roughness(Term[Iteration]):
 
         mean over rows of  exp(-contrast / EDGE_CONTRAST) |d|  +  the same over columns
 
-    Inverse depth is in units of the typical viewing distance. The contrast over two pixels makes a bend cheaper.
+    Inverse depth is in units of the typical viewing distance. The contrast over two pixels makes a bend cheaper. The depths of points
+    are held constant in the gradient: points fade or grow instead of moving.
 
     Source:
         Woodford et al. 2009, "Global stereo reconstruction under second-order smoothness priors".
     """
 
     wgsl: ClassVar[tuple[str, ...]] = ("surfaces",)
+    exact: ClassVar[bool] = False
 
     def value(self, seen: Iteration) -> float:
         """See `Term`."""
