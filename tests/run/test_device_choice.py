@@ -1,62 +1,97 @@
+"""The one choice of the device, with adapters and PyTorch that this test pretends are there."""
+
 import importlib.util
+import sys
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
-import torch
 
-from splatreel.base.errors import MissingDependencyError, ReconstructionError, UsageError
-from splatreel.run.device_choice import check_room, pick_device
+from splatreel.base.errors import MissingDependencyError, UsageError
+from splatreel.gpu.adapters import LEAST, Adapter
+from splatreel.run import device_choice
+from splatreel.run.device_choice import cuda_renderer, pick_gpu
+
+LIMITS = dict.fromkeys(LEAST, 1 << 30)
+CARD = Adapter("Card", "Vulkan", "DiscreteGPU", LIMITS, True, None)
+SOFTWARE = Adapter("llvmpipe", "Vulkan", "CPU", LIMITS, True, None)
 
 
-@pytest.fixture
-def gpu(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr(torch.version, "hip", None)
+@pytest.fixture(autouse=True)
+def machine(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A machine with a GPU for wgpu, without torch and gsplat."""
+    monkeypatch.setattr(device_choice, "adapters", lambda: (CARD, SOFTWARE))
+    monkeypatch.setattr(device_choice, "require_adapter", lambda: CARD)
+    with_packages(monkeypatch)
 
 
-def with_gsplat(monkeypatch: pytest.MonkeyPatch, there: bool) -> None:
+def with_packages(monkeypatch: pytest.MonkeyPatch, *there: str, cuda: bool = False, hip: str | None = None) -> None:
+    """Pretend that of torch and gsplat only these are installed."""
     find: Any = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: there or None if name == "gsplat" else find(name))
+    monkeypatch.setattr(
+        device_choice.importlib.util,
+        "find_spec",
+        lambda name: (name in there or None) if name in ("torch", "gsplat") else find(name),
+    )
+    fake = SimpleNamespace(
+        cuda=SimpleNamespace(is_available=lambda: cuda, get_device_name=lambda: "Card of PyTorch"),
+        version=SimpleNamespace(hip=hip),
+    )
+    monkeypatch.setitem(sys.modules, "torch", fake if "torch" in there else None)
+    opened = SimpleNamespace(shared_gpu=lambda: "with gsplat", draw="draws")
+    monkeypatch.setitem(sys.modules, "splatreel.gsplat.device", opened if "gsplat" in there else None)
 
 
-def test_without_a_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    assert pick_device("auto").type == pick_device("cpu").type == "cpu"
+def name_of(name: str, bytes_of_buffer: int = 0) -> tuple[Any, str]:
+    found, note = pick_gpu(name, bytes_of_buffer)
+    return getattr(getattr(found, "adapter", None), "name", found), note
+
+
+def test_without_torch(monkeypatch: pytest.MonkeyPatch) -> None:
+    assert name_of("cpu") == (None, "")
+    assert name_of("auto") == name_of("gpu") == ("Card", "")
+    for choose in (lambda: pick_gpu("cuda"), cuda_renderer):
+        with pytest.raises(MissingDependencyError, match=r"gsplat is not installed.*splatreel\[cuda\]"):
+            choose()
+    monkeypatch.setattr(device_choice, "adapters", lambda: (SOFTWARE,))
+    assert name_of("auto") == (None, "")
+
+
+def test_torch_alone_is_not_imported(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Importing it takes seconds."""
+    with_packages(monkeypatch, "torch")
+    monkeypatch.setitem(sys.modules, "torch", None)
+    assert name_of("auto") == ("Card", "")
+    with pytest.raises(MissingDependencyError, match="--device cuda: gsplat is not installed"):
+        pick_gpu("cuda")
+
+
+def test_gsplat_is_first_where_there_is_a_cuda_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    with_packages(monkeypatch, "torch", "gsplat", cuda=True)
+    assert name_of("auto") == name_of("cuda") == ("with gsplat", "")
+    assert name_of("cpu") == (None, "")
+    assert name_of("gpu") == ("Card", "")
+    assert cuda_renderer() == "draws"
+
+
+@pytest.mark.parametrize("hip", [None, "6.4"], ids=["none", "AMD's, which PyTorch for ROCm calls cuda"])
+def test_gsplat_without_a_cuda_device(monkeypatch: pytest.MonkeyPatch, hip: str | None) -> None:
+    with_packages(monkeypatch, "torch", "gsplat", cuda=hip is not None, hip=hip)
+    assert name_of("auto") == ("Card", "")
     with pytest.raises(UsageError, match="--device cuda: PyTorch finds no CUDA device"):
-        pick_device("cuda")
+        pick_gpu("cuda")
+    with pytest.raises(UsageError, match=r"--renderer cuda: PyTorch finds no CUDA device\. Use --renderer cpu or webgl"):
+        cuda_renderer()
 
 
-@pytest.mark.usefixtures("gpu")
-def test_gpu_needs_gsplat(monkeypatch: pytest.MonkeyPatch) -> None:
-    with_gsplat(monkeypatch, True)
-    assert pick_device("auto").type == pick_device("cuda").type == "cuda"
-    assert pick_device("cpu").type == "cpu"
-    with_gsplat(monkeypatch, False)
-    assert pick_device("auto").type == "cpu"
-    with pytest.raises(MissingDependencyError, match=r"--device cuda: gsplat is not installed.*splatreel\[cuda\]"):
-        pick_device("cuda")
-
-
-@pytest.mark.usefixtures("gpu")
-def test_amd_gpus_are_not_cuda(monkeypatch: pytest.MonkeyPatch) -> None:
-    """PyTorch for ROCm calls its devices cuda."""
-    with_gsplat(monkeypatch, True)
-    monkeypatch.setattr(torch.version, "hip", "6.4")
-    assert pick_device("auto").type == "cpu"
-    with pytest.raises(UsageError, match="--device cuda: PyTorch finds no CUDA device"):
-        pick_device("cuda")
+def test_buffers_that_are_too_large() -> None:
+    found, note = name_of("auto", 2 << 30)
+    assert found is None
+    assert "training runs on the CPU: Card allows buffers of 1,074 MB, training needs 2,147 MB" in note
+    with pytest.raises(UsageError, match=r"--device gpu: Card allows.*Use --device cpu, or ask for a smaller --width"):
+        pick_gpu("gpu", 2 << 30)
 
 
 def test_unknown_devices() -> None:
     with pytest.raises(UsageError, match="'tpu'"):
-        pick_device("tpu")
-
-
-def test_too_large_images_are_refused_with_a_width_that_fits() -> None:
-    gigabyte = 10**9
-    check_room(4 * gigabyte, 8 * gigabyte, 1352)
-    with pytest.raises(ReconstructionError) as found:
-        check_room(16 * gigabyte, 8 * gigabyte, 1000)
-    assert "1000 pixels wide, take 16.0 GB; the GPU has 8.0 GB free" in str(found.value)
-    assert "--width 546, or use --device cpu" in str(found.value)
-    check_room(round(16 * gigabyte * 0.546**2), 8 * gigabyte, 546)
+        pick_gpu("tpu")

@@ -1,55 +1,39 @@
-"""Reconstruction on CUDA with a stand-in for the GPU: tensors stay on one device, and iterations do not wait."""
+"""Whole reconstructions on a GPU: on a software adapter, and with gsplat on a stand-in, compared with the CPU's."""
 
-from collections import Counter
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
-from splatreel.base.errors import GaussiansError
 from splatreel.base.progress import Silent
 from splatreel.codec.verification import verify_reel
 from splatreel.config import EncodeConfig
 from splatreel.evaluation.uncompressed import uncompressed_frames
-from splatreel.kernels import splat
 from splatreel.kernels.image import render_image
-from splatreel.method.deform.hashgrid import HashGrid
-from splatreel.method.train.group_trainer import GroupTrainer
-from splatreel.method.train.keyframe_trainer import KeyframeTrainer
-from splatreel.method.train.trainable_points import TrainablePoints, default_rates
+from splatreel.method.train import gpu_program
 from splatreel.run import checkpoint
-from splatreel.run.device_choice import pick_device
 from splatreel.run.output.reencode import reencode
 from splatreel.run.pipeline import Result, reconstruct
-from tests.method.captures import WallCapture, blots
+from tests.gpu.devices import software_adapter
+from tests.method.captures import WallCapture
+from tests.method.small import small
 from tests.run.test_pipeline import CONFIG, FRAMES
-from tests.standin.device import WAITS
-from tests.standin.gpu import gpu, without_gsplat
+
+LONGER = small({"keyframe.first_iterations": 200, "group.iterations_per_frame": 20, "keyframe.refine_iterations": 20})
 
 
-@pytest.fixture
-def waits(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[Counter[str]]]:
-    """Return the number of waits for the device in each iteration, by trainer."""
-    counts: dict[str, list[Counter[str]]] = {}
-    for trainer in (KeyframeTrainer, GroupTrainer):
-        counts[trainer.__name__] = counted = []
+class Notes(Silent):
+    def __init__(self) -> None:
+        self.notes: list[str] = []
 
-        def step(*arguments: Any, original: Any = trainer.step, counted: list[Counter[str]] = counted) -> Any:
-            before = WAITS.copy()
-            result = original(*arguments)
-            counted.append(WAITS - before)
-            return result
-
-        monkeypatch.setattr(trainer, "step", step)
-    return counts
+    def note(self, text: str) -> None:
+        self.notes.append(text)
 
 
 def quality(result: Result, capture: WallCapture) -> float:
     """Return the PSNR before encoding, over all frames and cameras."""
     scenes, names, errors = uncompressed_frames(result.work, result.reel), [c.name for c in capture.cameras], []
-    for frame in range(FRAMES):
+    for frame in range(capture.frames):
         for camera, truth in zip(capture.cameras, capture.read(frame, 1, names)[0], strict=True):
             shown = render_image(scenes(frame), camera, near=capture.near or 0.01)
             errors.append(np.square(shown.clip(0, 1) - truth / 255).mean())
@@ -57,79 +41,56 @@ def quality(result: Result, capture: WallCapture) -> float:
 
 
 @pytest.mark.slow
-def test_run_on_a_gpu_is_as_one_on_the_cpu(tmp_path: Path, waits: dict[str, list[Counter[str]]]) -> None:
-    capture = WallCapture(FRAMES)
+def test_run_on_any_gpu_is_as_good_as_on_the_cpu(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A shrunken `standard`: keyframes, layering, tracks, motion, appearance, time offsets and density control."""
+    software_adapter()  # or skip
+    batches: list[str] = []
+    run_batch = gpu_program.GpuProgram.run_batch
+
+    def counted(self: gpu_program.GpuProgram, count: int, *rest: object):  # type: ignore[no-untyped-def]
+        batches.extend([type(self).__name__] * count)
+        return run_batch(self, count, *rest)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(gpu_program.GpuProgram, "run_batch", counted)
+    capture, progress = WallCapture(4, speed=0.1, smooth=True), Notes()
+    on_cpu = reconstruct(capture, tmp_path / "cpu", LONGER, device="cpu")
+    assert not batches
+    on_gpu = reconstruct(capture, tmp_path / "gpu", LONGER, device="gpu", progress=progress)
+    assert (on_cpu.device, on_gpu.device) == ("cpu", "gpu")
+    assert not [note for note in progress.notes if "CPU" in note], "nothing fell back"
+    assert batches.count("GpuKeyframeProgram") == 200 + 20
+    assert batches.count("GpuGroupProgram") == 20 * (3 + 2)
+    assert verify_reel(on_gpu.reel).groups == 2
+    # Densification makes the result a matter of chance: six seeds of the CPU scatter by 0.19 dB (standard deviation). Trainings without
+    # this chance are compared within 0.1 dB, in tests/method/train/test_programs.py.
+    assert quality(on_gpu, capture) > quality(on_cpu, capture) - 0.8
+
+
+@pytest.mark.slow
+def test_run_with_gsplat_is_as_one_on_the_cpu(tmp_path: Path) -> None:
+    pytest.importorskip("torch", reason="torch is not installed")
+    from tests.standin.gpu import gpu
+
+    capture, progress = WallCapture(FRAMES), Notes()
     on_cpu = reconstruct(capture, tmp_path / "cpu", CONFIG, device="cpu")
-    for counted in waits.values():
-        counted.clear()
     with gpu():
-        on_gpu = reconstruct(capture, tmp_path / "gpu", CONFIG)
+        on_gpu = reconstruct(capture, tmp_path / "gpu", CONFIG, progress=progress)
     assert (on_cpu.device, on_gpu.device) == ("cpu", "cuda")
+    assert not [note for note in progress.notes if "CPU" in note], "nothing fell back"
     assert verify_reel(on_gpu.reel).groups == 2
     assert quality(on_gpu, capture) == pytest.approx(quality(on_cpu, capture), abs=0.5)
-    keyframe, group = waits["KeyframeTrainer"], waits["GroupTrainer"]
-    first = CONFIG.keyframe.first_iterations
-    assert not any(keyframe[:first])
-    # Among static points, which of these the touched tiles hold is asked once; the first look of a view at them waits more often.
-    assert {sum(waited.values()) for waited in keyframe[-4:]} == {1}
-    waits_of_others = sorted(sum(waited.values()) for waited in group)[: -2 * len(capture.cameras)]
-    assert Counter(waits_of_others)[1] >= len(waits_of_others) - 1  # points were made dynamic once
 
 
 @pytest.mark.parametrize("device", ["cpu", "auto"])
-def test_gpu_without_gsplat_is_left_alone(tmp_path: Path, device: str) -> None:
+def test_cuda_without_gsplat_is_left_alone(tmp_path: Path, device: str) -> None:
+    pytest.importorskip("torch", reason="torch is not installed")
+    from tests.standin.gpu import without_gsplat
+
     with without_gsplat():
         result = reconstruct(WallCapture(FRAMES), tmp_path / "run", CONFIG, device=device)
         for kept in result.work.glob("group*/layer.safetensors"):  # so that encoding has to measure as well
             arrays = checkpoint.load_arrays(kept)
             checkpoint.save_arrays(kept, {name: value for name, value in arrays.items() if name != "importance"})
-        reencode(result.work, tmp_path / "again", EncodeConfig(), pick_device(device), Silent())
+        reencode(result.work, tmp_path / "again", EncodeConfig(), Silent())
     assert result.device == "cpu"
     assert verify_reel(result.reel).groups == verify_reel(tmp_path / "again").groups == 2
-
-
-@pytest.mark.slow
-def test_hash_grid_learns_the_same_on_a_gpu() -> None:
-    generator = torch.Generator().manual_seed(0)
-    means, wanted = torch.rand(40, 3, generator=generator), torch.rand(40, 3, generator=generator) / 10
-
-    def learned(device: str) -> tuple[torch.Tensor, torch.Tensor]:
-        places, target = means.to(device), wanted.to(device)
-        model = HashGrid(places, 5, 1.0, 0)
-        model.extend_to(4)
-        for step in range(3):
-            dx, dq = model.offsets(places, 2.5)
-            (dx - target).square().sum().backward()
-            model.step(step / 3)
-        dx, dq = model.offsets(places, 2.5)
-        return dx.detach().cpu(), dq.detach().cpu()
-
-    expected = learned("cpu")
-    with gpu():
-        torch.testing.assert_close(learned("cuda"), expected, atol=1e-6, rtol=1e-3)
-
-
-@pytest.mark.parametrize("device", ["cpu", "cuda"])
-def test_values_that_are_not_finite_are_found_where_nobody_waits_for_them(device: str) -> None:
-    with gpu():
-        points = TrainablePoints.from_gaussians(
-            blots(5, [0, 0, 0], [1, 1, 1], 0.1, 0), default_rates(1.0), torch.device(device)
-        )
-        points.check()
-        with torch.no_grad():
-            points.means[2, 1] = torch.nan
-        with pytest.raises(GaussiansError, match="means holds 1 values"):
-            points.check()
-        with pytest.raises(GaussiansError, match="means holds 1 values"):
-            points.gaussians()
-
-
-def test_gpu_that_does_not_train_is_asked_whether_values_are_finite() -> None:
-    """So that training views, which are measured when a group is done, tell of offsets that are not."""
-    with gpu():
-        points = torch.full((2, 3), torch.nan, device="cuda", requires_grad=True)
-        others = torch.ones(2, 4, device="cuda"), torch.ones(2, 3, device="cuda")
-        pinhole = np.eye(4), np.eye(3), 32, 32
-        splat.project(points, *others, *pinhole)
-        with torch.no_grad(), pytest.raises(GaussiansError, match="means holds 6 values"):
-            splat.project(points, *others, *pinhole)

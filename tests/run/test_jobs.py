@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from splatreel.base.errors import ReconstructionError
 from splatreel.base.progress import Silent
@@ -133,7 +132,7 @@ def test_progress_shares_cover_the_whole_job(tmp_path: Path) -> None:
 
 
 def test_run_of_chapters_is_encoded_again_from_its_checkpoints(whole: Result, tmp_path: Path) -> None:
-    reel = reencode(whole.work, tmp_path / "reel", CONFIG.encode, torch.device("cpu"), Silent())
+    reel = reencode(whole.work, tmp_path / "reel", CONFIG.encode, Silent())
     assert content(reel) == content(whole.reel)
 
 

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from splatreel.config import Config
 from splatreel.method.cameras.rig import Poses, Rig
@@ -35,7 +34,7 @@ class Keyframe:
 
 def job_of(tmp_path: Path, trace: Trace) -> Job:
     plan = Plan((("chapter keyframe", 4, 1.0), ("motion", 4, 3.0)))
-    return Job(Config(), torch.device("cpu"), trace, Store(tmp_path), plan, groups=5)
+    return Job(Config(), trace, Store(tmp_path), plan, groups=5)
 
 
 def test_result_is_computed_and_shown_once_then_loaded(tmp_path: Path) -> None:

@@ -14,7 +14,6 @@ from splatreel.config import Config, EncodeConfig
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.kernels.image import render_image
 from splatreel.play.timeline import open_reel
-from splatreel.run.device_choice import pick_device
 from splatreel.run.output.reencode import reencode
 from splatreel.run.pipeline import reconstruct
 from splatreel.scene.gaussians import C0, Gaussians
@@ -164,7 +163,7 @@ def test_reel_of_a_region_holds_the_points_within_it(regional: Path) -> None:
 
 def test_reel_of_a_region_is_written_and_encoded_from_its_checkpoints(regional: Path, tmp_path: Path) -> None:
     """The surroundings stay in the checkpoints, and out of every reel."""
-    again = reencode(regional.parent / "work", tmp_path / "again", EncodeConfig(), pick_device("cpu"), Silent())
+    again = reencode(regional.parent / "work", tmp_path / "again", EncodeConfig(), Silent())
     for one, other in zip(points_of(regional), points_of(again), strict=True):
         np.testing.assert_allclose(one, other)
     continued = reconstruct(wall(), regional.parent, small({"region": REGION, "keyframe.first_iterations": 40}))

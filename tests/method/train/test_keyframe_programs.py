@@ -31,7 +31,7 @@ def test_draws_of_a_keyframe_start_from_one_state() -> None:
             assert isinstance(program, CpuKeyframeProgram)
             plans = [trainer._plan(shown, 70 + k, 100, Average(0.0, 100)) for k in range(2)]
             draws = [replace(plan, camera=camera) for plan, camera in zip(plans, cameras, strict=True)]
-            alone = program.gradients(draws[1], program.prepare(draws[1])).compared.loss
+            alone = program.gradients(draws[1], program.prepare(draws[1])).loss
             with threads.limited(limit):
                 assert program.run(draws)[1].loss == alone, "the second draw does not see the first one's step"
             assert {adam.steps for adam in trainer.points.adams.values()} == {2}

@@ -3,7 +3,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-import torch
 
 from splatreel.run.costs import facing
 from splatreel.run.machine_speed import MachineSpeed
@@ -22,7 +21,6 @@ def a_run(frames: int, device: str = "cpu", chapter_frames: int = 300) -> Any:
     return SimpleNamespace(
         capture=WallCapture(frames),
         config=config,
-        device=torch.device(device),
         device_name=device,
         gpu=None,
         groups=groups,

@@ -10,7 +10,6 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
-import torch
 
 from splatreel.base import threads
 from splatreel.base.errors import ReconstructionError, UsageError
@@ -124,14 +123,12 @@ def test_failed_chapter_is_retried_by_the_same_command(out: Path, expected: dict
 def a_run(device: str, chapters: int = 6) -> Any:
     """Return a stand-in of a run."""
     config, capture = small({"group.length": 30}), WallCapture(60)
-    return SimpleNamespace(
-        device=torch.device(device), gpu=None, chapters=list(range(chapters)), config=config, capture=capture
-    )
+    return SimpleNamespace(device_name=device, gpu=None, chapters=list(range(chapters)), config=config, capture=capture)
 
 
 def test_each_gpu_of_a_machine_is_a_worker(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(threads, "count", lambda: 16)
-    monkeypatch.setattr(torch.cuda, "device_count", lambda: 4)
+    monkeypatch.setattr(local_processes, "count_cuda_devices", lambda: 4)
     monkeypatch.delenv("CUDA_VISIBLE_DEVICES", raising=False)
     assert division_of(a_run("cuda")) == Division(4, 4)
     assert places(a_run("cuda"), 4) == ["0", "1", "2", "3"]

@@ -4,7 +4,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from splatreel.base.errors import ReelError
 from splatreel.base.progress import Silent
@@ -24,7 +23,7 @@ from tests.codec.reels import new_group, points
 from tests.files import contents
 from tests.golden import camera, weights
 
-GROUPS, CPU = 4, torch.device("cpu")
+GROUPS = 4
 
 
 @pytest.fixture
@@ -60,9 +59,9 @@ def test_write_all_equals_writing_one_by_one(
 ) -> None:
     monkeypatch.setattr(group_writer.os, "cpu_count", lambda: workers)
     config = EncodeConfig(renditions=("high", "low"))
-    reencode(work, tmp_path / "threaded", config, CPU, Silent())
+    reencode(work, tmp_path / "threaded", config, Silent())
     writer = open_writer(Store(work), tmp_path / "single", config, resume=False)
-    one = GroupWriter(writer, Store(work), CPU)
+    one = GroupWriter(writer, Store(work))
     for index in range(GROUPS):
         one.write(index)
     writer.finish()
@@ -86,7 +85,7 @@ def test_continued_reel_equals_an_uninterrupted_one(
         first = 0
         for end in [*stops, GROUPS]:
             writer = open_writer(Store(work), reel, EncodeConfig(), resume=first > 0)
-            groups = GroupWriter(writer, Store(work), CPU)
+            groups = GroupWriter(writer, Store(work))
             for index in range(first):
                 groups.skip(index)
             for index in range(first, end):
@@ -110,6 +109,6 @@ def test_failed_group_keeps_earlier_groups(work: Path, tmp_path: Path) -> None:
     stored.group.dx[1, 3] = np.nan
     broken.save_group(stored)
     with pytest.raises(ReelError, match="NaN or infinity"):
-        reencode(work, tmp_path / "reel", EncodeConfig(), CPU, Silent())
+        reencode(work, tmp_path / "reel", EncodeConfig(), Silent())
     writer = open_writer(Store(work), tmp_path / "reel", EncodeConfig(), resume=True)
     assert 1 <= len(writer.manifest.groups) <= 2

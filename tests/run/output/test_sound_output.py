@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from splatreel.base.errors import CaptureError, ReconstructionError
 from splatreel.base.progress import Silent
@@ -87,7 +86,7 @@ def test_interrupted_run_has_same_soundtrack(folder: Path, whole: Path, tmp_path
 
 
 def test_reencoded_reel_has_same_soundtrack(whole: Path, tmp_path: Path) -> None:
-    reencode(whole / "work", tmp_path / "low", EncodeConfig(coarseness=2.0), torch.device("cpu"), Silent())
+    reencode(whole / "work", tmp_path / "low", EncodeConfig(coarseness=2.0), Silent())
     sounds = [ReelReader(reel).manifest.presentation.sound for reel in (whole / "reel", tmp_path / "low")]
     assert sounds[0] == sounds[1] is not None
     verify_reel(tmp_path / "low")
