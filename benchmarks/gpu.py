@@ -19,16 +19,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NoReturn
 
-import torch
 import tyro
 
-import kernels
 import kitchen
 from cuda_compiler import missing, prepare_compiler
 from curve import reconstruct_until
 from parity import differences, drawing
 from record import RESULTS, ROOT, record
-from splatreel.base import threads
 from splatreel.base.display import console
 from splatreel.base.process import keep_freed_memory
 from splatreel.capture.opening import open_capture
@@ -37,7 +34,7 @@ from splatreel.config.settings import changed
 from splatreel.gpu.adapters import CUDA, adapters, choose_adapter
 from splatreel.gpu.cuda_libraries import find_compilers
 from splatreel.gpu.shared_gpu import SharedGpu
-from splatreel.kernels import splat
+from splatreel.run.device_choice import pick_gpu
 from splatreel.run.gpu_speed import iteration_ms
 from splatreel.run.machine_speed import LARGE, SMALL, Probe
 
@@ -49,10 +46,8 @@ Found = dict[str, Any]
 
 @dataclass(frozen=True)
 class Sizes:
-    """Sizes of the measurements. scenes: points, width and height of kernels. settings: those that differ from the quality's."""
+    """Sizes of the measurements. settings: those that differ from the quality's."""
 
-    scenes: tuple[tuple[int, int, int], ...] = (*kernels.SCENES, (200_000, 1920, 1080))
-    parity: tuple[int, int, int] = (20_000, 320, 240)
     points: int = 100_000
     drawn: tuple[tuple[int, int], ...] = ((640, 360), (1920, 1080))
     repeats: int = 7
@@ -65,7 +60,7 @@ class Sizes:
 
 TINY_SETTINGS = {"keyframe.first_iterations": 12, "group.iterations_per_frame": 2, "check_coverage": False}
 TINY_PROBES = (Probe(60, 32, 24, -2.0, 1.0, 1),)
-TINY = Sizes(((60, 32, 24),), (60, 32, 24), 60, ((32, 18),), 1, TINY_PROBES, 32, 32, 3, TINY_SETTINGS)
+TINY = Sizes(60, ((32, 18),), 1, TINY_PROBES, 32, 32, 3, TINY_SETTINGS)
 """For the stand-in."""
 
 
@@ -88,8 +83,8 @@ class Bench:
 
     def record(self, name: str, found: Found) -> None:
         """Append a record. A step with numbers that are not finite, which JSON cannot hold, is recorded as failed."""
-        label: Found = {"device": self.device, "torch": torch.__version__, "cuda": torch.version.cuda}
-        label |= {name: version(name) for name in ("gsplat", "wgpu") if find_spec(name) is not None}
+        label: Found = {"device": self.device}
+        label |= {name: version(name) for name in ("torch", "gsplat", "wgpu") if find_spec(name) is not None}
         if found_compilers := find_compilers():
             label["nvrtc"] = found_compilers[0].name
         try:
@@ -111,7 +106,7 @@ def main(
 
     minutes: for all of it. Trainings share what is left, and are stopped when theirs is over.
     basketball: folder of the Panoptic capture; without it, that is left out.
-    steps: some of them, with commas: adapters, compile, tests, parity, wgpu-tests, iterations, kernels, drawing, basketball-standard,
+    steps: some of them, with commas: adapters, compile, tests, parity, wgpu-tests, iterations, drawing, basketball-standard,
     basketball-wgpu-standard, basketball-paper, film (which needs no GPU), kitchen-standard, kitchen-paper; all by default, and those of
     wgpu, which use NVRTC where there is no Vulkan, where CUDA or gsplat is missing.
     standin: try the script without a GPU, on tiny sizes; it needs --results, a file other than that of real measurements.
@@ -134,7 +129,7 @@ def main(
             bench = replace(bench, device=adapter.name)
         elif set(names) - set(WITHOUT_CUDA):
             prepare_compiler()
-            bench = replace(bench, device="stand-in" if standin else torch.cuda.get_device_name())
+            bench = replace(bench, device="stand-in" if standin else cuda().adapter.name)
         if basketball is None and any(name.startswith("basketball") for name in names):
             print("Basketball is left out: --basketball FOLDER would say where the Panoptic capture is.")
             names = [name for name in names if not name.startswith("basketball")]
@@ -157,6 +152,13 @@ def machine(standin: bool) -> contextlib.AbstractContextManager[None]:
     from tests.standin.gpu import gpu
 
     return gpu()
+
+
+def cuda() -> SharedGpu:
+    """Return the GPU that gsplat uses."""
+    gpu, _ = pick_gpu("cuda")
+    assert gpu is not None
+    return gpu
 
 
 def run_steps(bench: Bench, names: list[str]) -> bool:
@@ -205,11 +207,14 @@ def run_step(bench: Bench, name: str, share: float) -> bool:
 
 def usable() -> bool:
     """Return True if CUDA still works. After some errors, no call of the process succeeds."""
-    try:
-        torch.cuda.empty_cache()
-        torch.cuda.synchronize()
-    except RuntimeError:
-        return False
+    if "torch" in sys.modules:
+        import torch
+
+        try:
+            torch.cuda.empty_cache()
+            torch.cuda.synchronize()
+        except RuntimeError:
+            return False
     return True
 
 
@@ -224,17 +229,14 @@ def in_new_process(bench: Bench, names: list[str]) -> None:
 
 
 def compile_kernels(bench: Bench, found: Found, share: float) -> None:
-    """Compile the kernels of gsplat by using one of them."""
-    place = torch.zeros(1, 3, device="cuda")
-    splat.spherical_harmonics(0, place, torch.zeros(1, 1, 3, device="cuda"))
-    torch.cuda.synchronize()
+    """Compile the kernels of gsplat by one iteration."""
+    differences(TINY_PROBES[0], cuda())
     found |= {"arch": os.environ["TORCH_CUDA_ARCH_LIST"], "jobs": os.environ["MAX_JOBS"]}
 
 
 def cuda_tests(bench: Bench, found: Found, share: float) -> None:
-    """Run the tests marked `cuda` in a process of their own."""
-    command = [sys.executable, "-m", "pytest", "-m", "cuda", "-q", "tests/kernels/test_cuda.py"]
-    command += ["-p", "tests.standin.plugin"] if bench.standin else []
+    """Run the tests of the programs of gsplat in a process of their own. They use a real GPU if there is one."""
+    command = [sys.executable, "-m", "pytest", "-n", "0", "-m", "", "-q", "tests/gsplat"]
     ran = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, timeout=bench.left())
     lines = ran.stdout.strip().splitlines() or ["nothing was printed"]
     found["tests"] = lines[-1].strip("= ")
@@ -244,10 +246,10 @@ def cuda_tests(bench: Bench, found: Found, share: float) -> None:
 
 def parity(bench: Bench, found: Found, share: float) -> None:
     """Compare one iteration on both devices."""
-    points, width, height = bench.sizes.parity
-    found |= {"points": points, "width": width, "height": height}
-    found["largest_relative_difference"] = differences(points, width, height)
-    worst = max(max(parts.values()) for parts in found["largest_relative_difference"].values())
+    probe = bench.sizes.probes[0]
+    found |= {"points": probe.points, "width": probe.width, "height": probe.height}
+    found["largest_relative_difference"] = differences(probe, cuda())
+    worst = max(found["largest_relative_difference"].values())
     if not worst < FAR_OFF:
         raise RuntimeError(f"the GPU differs from the CPU by {worst:.2g} of the largest value")
 
@@ -278,32 +280,24 @@ def wgpu_tests(bench: Bench, found: Found, share: float) -> None:
 def iteration_times(bench: Bench, found: Found, share: float) -> None:
     """Measure the milliseconds of a keyframe's iteration: on the CPU, with gsplat, and on each adapter of wgpu and NVRTC."""
     rows = found["milliseconds"] = {}
-    programs: list[tuple[str, SharedGpu | None, str]] = [("cpu", None, "cpu")]
-    programs += [("cuda", None, "cuda")] if torch.cuda.is_available() and not bench.standin else []
+    programs: list[tuple[str, SharedGpu | None]] = [("cpu", None)]
+    programs += [("cuda", cuda())] if missing() is None and not bench.standin else []
     hardware = [each for each in adapters() if each.missing is None and not each.is_software]
     for each in hardware:
         route = f"nvrtc {each.name}" if each.interface == CUDA else f"wgpu {each.name} {each.interface}"
-        programs.append((route, SharedGpu(each), "cpu"))
+        programs.append((route, SharedGpu(each)))
     for probe in bench.sizes.probes:
-        for name, gpu, device in programs:
+        for name, gpu in programs:
             row = f"{probe.points} {probe.width}x{probe.height}, {name}"
-            rows[row] = round(iteration_ms(gpu, probe, 1.0, torch.device(device)), 3)
+            rows[row] = round(iteration_ms(gpu, probe, 1.0), 3)
     if not hardware:
         found["wgpu"] = NO_GPU
 
 
-def kernel_times(bench: Bench, found: Found, share: float) -> None:
-    """Measure the milliseconds of each part of a step on both devices."""
-    rows = found["milliseconds"] = {}
-    for points, width, height in bench.sizes.scenes:
-        for device in ("cuda", "cpu"):
-            row = kernels.measure(splat, points, width, height, bench.sizes.repeats, device)
-            rows[f"{points} {width}x{height}, {device}"] = row
-    found["threads"] = threads.count()
-
-
 def drawing_rates(bench: Bench, found: Found, share: float) -> None:
-    """Measure images per second of points that are on the GPU."""
+    """Measure images per second."""
+    import torch
+
     found["points"] = bench.sizes.points
     torch.cuda.reset_peak_memory_stats()
     for width, height in bench.sizes.drawn:
@@ -369,7 +363,6 @@ STEPS: dict[str, Callable[[Bench, Found, float], None]] = {
     "parity": parity,
     "wgpu-tests": wgpu_tests,
     "iterations": iteration_times,
-    "kernels": kernel_times,
     "drawing": drawing_rates,
     "basketball-standard": partial(basketball, quality="standard"),
     "basketball-wgpu-standard": basketball_wgpu,

@@ -11,7 +11,6 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-import torch
 
 ROOT = Path(__file__).parent.parent.parent
 
@@ -38,15 +37,14 @@ def test_all_of_it_runs_on_the_stand_in(gpu: ModuleType, tmp_path: Path) -> None
     names = ("basketball standard", "basketball wgpu standard", "basketball paper", "kitchen standard", "kitchen paper")
     trainings = [f"gpu {name}" for name in names]
     first = [f"gpu {name}" for name in ("adapters", "compile", "tests", "parity", "wgpu tests", "iterations")]
-    first += ["gpu kernels", "gpu drawing"]
+    first += ["gpu drawing"]
     assert list(found) == first + trainings
     assert {line["device"] for line in found.values()} == {"stand-in"}
     assert not [line for line in found.values() if "failed" in line]
-    assert found["gpu tests"]["tests"].startswith("5 passed")
-    for stage in ("keyframe", "group"):
-        parts = found["gpu parity"]["largest_relative_difference"][stage]
-        assert {"loss", "means", "sh_rest"} <= set(parts)
-        assert max(parts.values()) < 1e-4
+    assert " passed" in found["gpu tests"]["tests"]
+    parts = found["gpu parity"]["largest_relative_difference"]
+    assert {"means", "sh_rest"} <= set(parts)
+    assert max(parts.values()) < 1e-4
     for name in (name for name in trainings if "wgpu" not in name):
         line = found[name]
         assert line["finished"]
@@ -126,7 +124,7 @@ def test_when_the_time_is_over_no_step_begins(
     ("options", "code", "words"),
     [
         ({"standin": True}, 2, "--results FILE"),
-        ({"steps": "kernels,dance"}, 2, "no step 'dance'"),
+        ({"steps": "drawing,dance"}, 2, "no step 'dance'"),
         ({}, 1, "PyTorch"),
     ],
 )
@@ -138,7 +136,7 @@ def test_what_cannot_be_done_is_said(
     code: int,
     words: str,
 ) -> None:
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
+    monkeypatch.setattr(gpu, "missing", lambda: "PyTorch finds no CUDA device.")
     with pytest.raises(SystemExit) as ended:
         gpu.main(**options)
     assert ended.value.code == code

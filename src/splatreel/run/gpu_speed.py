@@ -34,13 +34,7 @@ def iteration_ms(gpu: SharedGpu | None, probe: Probe = SMALL, seconds: float = S
     Raises:
         GpuError: The GPU fails.
     """
-    scene = probe_scene(probe)
-    points = TrainablePoints.from_gaussians(scene.gaussians, default_rates(scene.unit))
-    image = np.random.default_rng(0).integers(0, 256, (1, 1, probe.height, probe.width, 3), np.uint8)
-    images = TrainingImages(image, [scene.view], scene.near, scene.unit)
-    gains = CameraGains(1)
-    config = KeyframeConfig(densify_every=10**9, average_share=0.0, detail=False)
-    trainer = KeyframeTrainer(points, gains, config, max_points=probe.points, gpu=gpu)
+    trainer, images = probe_training(gpu, probe)
     taken = []
     while sum(taken[1:]) < seconds:
         start = time.perf_counter()
@@ -49,6 +43,17 @@ def iteration_ms(gpu: SharedGpu | None, probe: Probe = SMALL, seconds: float = S
         if gpu is not None and gpu.failure is not None:
             raise GpuError(gpu.failure)
     return 1e3 * float(np.median(taken[1:])) / BATCH
+
+
+def probe_training(gpu: SharedGpu | None, probe: Probe) -> tuple[KeyframeTrainer, TrainingImages]:
+    """Return a training of random points against a random image, which adds no points. gpu: None trains on the CPU."""
+    scene = probe_scene(probe)
+    points = TrainablePoints.from_gaussians(scene.gaussians, default_rates(scene.unit))
+    image = np.random.default_rng(0).integers(0, 256, (1, 1, probe.height, probe.width, 3), np.uint8)
+    images = TrainingImages(image, [scene.view], scene.near, scene.unit)
+    gains = CameraGains(1)
+    config = KeyframeConfig(densify_every=10**9, average_share=0.0, detail=False)
+    return KeyframeTrainer(points, gains, config, max_points=probe.points, gpu=gpu), images
 
 
 def measure_run_speed(gpu: SharedGpu | None) -> MachineSpeed:
