@@ -1,6 +1,5 @@
 """Measure the PSNR of a held-out camera against the seconds of a reconstruction."""
 
-import gc
 import shutil
 import time
 from collections.abc import Callable, Iterator
@@ -10,22 +9,20 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
-from torch import Tensor
 
+from bench.oracle import held_out_views
 from splatreel.base.process import peak_memory_bytes
 from splatreel.base.progress import Estimate, Progress, Span
 from splatreel.capture.base import Capture
 from splatreel.config import Config
-from splatreel.evaluation.bench.oracle import held_out_views
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.kernels.splat import Splats
 from splatreel.method.train.group_trainer import GroupResult, GroupTrainer
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
-from splatreel.method.train.losses import psnr
-from splatreel.method.train.render import View, activate, deformed, draw, splats
+from splatreel.method.train.render import View, deformed, draw
 from splatreel.method.train.trainable_points import to_params
 from splatreel.method.train.training_images import TrainingImages
+from splatreel.method.train.training_psnr import psnr
 from splatreel.run.jobs import ChapteredRun
 from splatreel.run.output.group_writer import no_presentation
 from splatreel.run.pipeline import plan_run, reconstruct_run
@@ -50,11 +47,6 @@ def reconstruct_until(
     """
     shutil.rmtree(out, ignore_errors=True)  # seconds of a run that is continued are not comparable
     run = plan_run(capture, out, config, device=device)
-    on_gpu = run.device.type == "cuda"
-    if on_gpu:
-        gc.collect()  # trainers are in circles, and have images on the GPU
-        torch.cuda.empty_cache()
-        torch.cuda.reset_peak_memory_stats()
     curve = Curve(run, limit, shown)
     found |= {"width": capture.width, "height": capture.height, "frames": capture.frames, "seed": config.seed}
     found |= {"held_out": curve.camera.name, "psnr_at": curve.points, "stages": curve.stages, "finished": False}
@@ -68,8 +60,6 @@ def reconstruct_until(
         curve.look = None
         found |= curve.summary(found["finished"])
         found["memory_mb"] = round((peak_memory_bytes() or 0) / 1e6, 1)
-        if on_gpu:
-            found["gpu_memory_mb"] = round(torch.cuda.max_memory_allocated() / 1e6, 1)
     if found["finished"]:
         frames = sorted({0, capture.frames // 2, capture.frames - 1})
         report = evaluate(out / "reel", capture, cameras=[curve.camera.name], frames=frames)
@@ -95,7 +85,7 @@ class Curve:
 
     def __post_init__(self) -> None:
         self.camera = held_out_views(self.run.capture)[0]
-        self._truths: dict[int, Tensor] = {}
+        self._truths: dict[int, np.ndarray] = {}
         self._start = time.monotonic()
         self._measuring = 0.0
         self.estimate = Estimate(self.seconds)
@@ -142,28 +132,28 @@ class Curve:
         view, near = self._view(images), images.near
         seen = deformed(trainer.points.params, None, None, view, near)
         if trainer.static is not None and len(trainer.static):
-            seen = Splats.join(seen, static_splats(to_params(trainer.static, self.run.device), view, near))
-        return psnr(draw(seen, view).image, self._truth(self.run.groups[self.group].first))
+            still = to_params(trainer.static)
+            seen = Splats.join(seen, deformed(still, None, None, view, max(near, view.clear)))
+        return psnr(draw(seen, view)[0], self._truth(self.run.groups[self.group].first))
 
     def look_at_group(self, trainer: GroupTrainer) -> float:
         """Return the mean PSNR of the held-out camera over the first, middle and last own frame of the group, dB."""
         view, near, span = self._view(trainer.images), trainer.images.near, self.run.groups[self.group]
-        alive = torch.nonzero(trainer.static.alive)[:, 0]
-        still = static_splats({name: value[alive] for name, value in trainer.static.params.items()}, view, near)
+        alive = {name: value[trainer.static.alive] for name, value in trainer.static.params.items()}
+        still = deformed(alive, None, None, view, max(near, view.clear))
         values = []
         for frame in sorted({0, span.own // 2, span.own - 1}):
             seen = Splats.join(trainer.points.at(frame, view, near), still)
-            values.append(psnr(draw(seen, view).image, self._truth(span.first + frame)))
+            values.append(psnr(draw(seen, view)[0], self._truth(span.first + frame)))
         return float(np.mean(values))
 
     def _view(self, images: TrainingImages) -> View:
         """Return the held-out camera as a view at full size."""
-        return View.of(self.camera, self.run.device, images.views[0].antialias, self.run.store.layout())
+        return View.of(self.camera, images.views[0].antialias, self.run.store.layout())
 
-    def _truth(self, frame: int) -> Tensor:
+    def _truth(self, frame: int) -> np.ndarray:
         if frame not in self._truths:
-            image = self.run.capture.read(frame, 1, [self.camera.name])[0, 0]
-            self._truths[frame] = torch.from_numpy(image).to(self.run.device)
+            self._truths[frame] = self.run.capture.read(frame, 1, [self.camera.name])[0, 0]
         return self._truths[frame]
 
     def _note_seconds(self) -> None:
@@ -175,15 +165,6 @@ class Curve:
             raise OutOfTime
 
 
-def static_splats(params: dict[str, Tensor], view: View, near: float) -> Splats:
-    """Return the static points that a view sees.
-
-    Args:
-        params: Unconstrained parameters, as in `TrainablePoints`.
-    """
-    return splats(*activate(params), view, max(near, view.clear))
-
-
 @contextmanager
 def watched(curve: Curve) -> Iterator[None]:
     """Pass the trained points to the curve, because progress only reports steps."""
@@ -192,12 +173,12 @@ def watched(curve: Curve) -> Iterator[None]:
     def train_keyframe(
         self: KeyframeTrainer, images: TrainingImages, iterations: int, total: int, progress: Progress
     ) -> None:
-        curve.look = torch.no_grad()(lambda: curve.look_at_keyframe(self, images))
+        curve.look = lambda: curve.look_at_keyframe(self, images)
         keyframe(self, images, iterations, total, progress)
         curve.look = None
 
     def train_group(self: GroupTrainer, progress: Progress) -> GroupResult:
-        curve.look = torch.no_grad()(lambda: curve.look_at_group(self))
+        curve.look = lambda: curve.look_at_group(self)
         result = group(self, progress)
         curve.look, curve.group = None, curve.group + 1
         return result

@@ -20,6 +20,7 @@ import cv2
 import numpy as np
 import tyro
 
+from bench.oracle import held_out_views
 from record import record
 from splatreel.base import threads
 from splatreel.base.process import keep_freed_memory
@@ -27,7 +28,6 @@ from splatreel.capture.base import Capture
 from splatreel.capture.opening import open_capture
 from splatreel.config import Config
 from splatreel.config.settings import changed
-from splatreel.evaluation.bench.oracle import held_out_views
 from splatreel.evaluation.metrics import psnr, ssim
 from splatreel.formats.ply import read_ply
 from splatreel.kernels.image import render_image

@@ -258,7 +258,6 @@ def measure(case: Case, film: Path, out: Path) -> Row:
     from splatreel.run.pipeline import RunSpec
     from splatreel.run.store import Store
 
-    threads.use(case.threads)  # once more: torch takes no more than cores by itself
     shutil.rmtree(out, ignore_errors=True)
     opened = partial(open_capture, film, width=case.width, frames=(0, case.frames))
     spec = RunSpec(opened, out, changed(preset("draft"), case.settings), "none", "cpu")

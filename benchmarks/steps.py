@@ -10,9 +10,9 @@ from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
-import torch
 import tyro
 
+from bench.rate_distortion import bd_rate
 from record import record
 from splatreel.capture.base import Capture
 from splatreel.codec import group_file
@@ -20,7 +20,6 @@ from splatreel.codec.encoder import ReelEncoder
 from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.codec.reader import ReelReader
 from splatreel.config import EncodeConfig
-from splatreel.evaluation.bench.rate_distortion import bd_rate
 from splatreel.evaluation.metrics import psnr, ssim
 from splatreel.evaluation.reel_capture import open_reel_capture
 from splatreel.method.cameras.exposure import remove_exposure
@@ -67,11 +66,11 @@ class FirstGroup:
         if (exposure := EXPOSURE.load(self.work)) is not None:
             remove_exposure(images, exposure)
         span, keyframe = GroupSpan(0, 0, group.frames, group.frames), KEYFRAME.load(self.work)
-        layout, cpu, antialias = self.store.layout(), torch.device("cpu"), self.manifest.antialias
+        layout, antialias = self.store.layout(), self.manifest.antialias
         if keyframe is None or layout is None or self.layer.importance is None or self.stored.importance is None:
             raise SystemExit("The run lacks a keyframe, a layout or measured importances.")
         rig = replace(Rig.of(list(self.manifest.cameras)), gains=keyframe.gains)
-        data = GroupInput(span, images, rig, group.light, layout, cpu, 0, antialias)
+        data = GroupInput(span, images, rig, group.light, layout, 0, antialias)
         coverage: Coverage | None = self.store.coverage()
         trial, encoder = coverage and coverage.trial, ReelEncoder(EncodeConfig())
         points, moving = self.layer.trained, group.at(0.0)

@@ -65,7 +65,7 @@ def others(folder: Path, finished: Path) -> Iterator[Command]:
     reel = str(finished / "reel")
     yield Command("verify", lambda out: ["verify", reel])
     yield Command("serve", lambda out: ["serve", reel, "--port", "0"])
-    yield Command("kernels", lambda out: ["bench", "kernels"])
+    yield Command("speed", lambda out: ["devices"])
 
 
 def interrupt(command: Command, folder: Path, tries: int, rng: np.random.Generator, most: float) -> list[float]:

@@ -7,12 +7,12 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from statistics import fmean
 
+from bench.rate_distortion import Sweep, sweep_of
 from paper_tables.paper_bench import FULL, INDEPENDENT, Measured, PaperBench
 from paper_tables.paper_table import PaperTable
 from paper_tables.paper_tables import ChainedGroups, paper_tables
 from paper_tables.published import dataset_of
 from splatreel.codec.reader import ReelReader
-from splatreel.evaluation.bench.rate_distortion import Sweep, sweep_of
 from splatreel.scene.spans import group_spans
 
 ABLATIONS = (FULL, "w/o Reg.", "w/o Prg.", "w/o Adp.", "w/o Rfn.")

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from bench.rate_chart import line_chart
 from paper_tables.paper_bench import FULL, INDEPENDENT, PaperBench
 from paper_tables.paper_comparisons import COMPARISONS
 from paper_tables.paper_images import IMAGES, write_figure
 from paper_tables.paper_results import CODEC_TABLES, RESULTS, PaperResult, codec_table
 from paper_tables.paper_table import PaperTable
 from splatreel.base.errors import MissingDependencyError, UsageError
-from splatreel.evaluation.bench.rate_chart import line_chart
 from splatreel.evaluation.report import write_text
 
 TABLES: dict[str, PaperResult] = RESULTS | COMPARISONS

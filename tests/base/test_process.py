@@ -51,7 +51,6 @@ def test_durations_are_not_measured_by_a_clock_that_can_be_set() -> None:
     ]
     assert found == [
         "base/process.py",
-        "evaluation/bench/provenance.py",
         "play/served_files.py",
         "play/web_app.py",
     ]

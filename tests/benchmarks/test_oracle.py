@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from splatreel.evaluation.bench.oracle_report import OracleReport, Score, SingleFrame
+from bench.oracle_report import OracleReport, Score, SingleFrame
 from splatreel.evaluation.quality import Quality
 
 FOLDER = Path(__file__).parent.parent.parent / "benchmarks"

@@ -64,7 +64,6 @@ def test_commands_print_in_any_locale(folder: Path, setting: str, tmp_path: Path
         ["evaluate", missing, missing, "--out", out],
         ["view", missing],
         ["serve", missing],
-        ["bench", "oracle", missing, "--out", out],
     ]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join(sys.path)} | SETTINGS[setting]
     arguments = [argument for one in (*done, *failing) for argument in (*one, "---")]

@@ -36,7 +36,6 @@ VERBS = [
     "evaluate",
     "devices",
     "warmup",
-    "bench",
 ]
 
 
@@ -77,7 +76,7 @@ def test_list_of_verbs_has_one_paragraph_a_verb(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("COLUMNS", "1000")
-    for group in ((), ("capture",), ("bench",)):
+    for group in ((), ("capture",)):
         listed = help_of(capsys, *group).partition("(required)")[2]
         lines = [line.strip(" │") for line in listed.splitlines() if line.strip(" │╰╯─")]
         assert [line for line in lines if not line.startswith("•")] == []
@@ -91,7 +90,6 @@ def test_list_of_verbs_has_one_paragraph_a_verb(
         ("reconstruct", "use quicker settings until the delay is gone; skip: leave out"),  # of a group of options
         ("capture calibrate", "If the videos do not start together, run `capture sync` first."),
         ("edit", "Points: crop=VOLUME, remove=VOLUME, min-cameras=N, min-opacity=X"),
-        ("bench codec", "Time the encoding and decoding of a group; or, for a run, measure bytes and quality"),
     ],
 )
 def test_help_has_no_line_breaks_of_the_source(
@@ -140,7 +138,7 @@ def test_version(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 @pytest.mark.parametrize(
-    "arguments", [[], ["frobnicate"], ["reconstruct"], ["info", "a", "b"], ["bench", "kernels", "--points", "many"]]
+    "arguments", [[], ["frobnicate"], ["reconstruct"], ["info", "a", "b"], ["warmup", "--threads", "many"]]
 )
 def test_wrong_use_exits_with_2(arguments: list[str], capsys: pytest.CaptureFixture[str]) -> None:
     with pytest.raises(SystemExit) as left:
@@ -262,7 +260,7 @@ def test_out_of_memory_is_reported_with_advice(error: Exception) -> None:
     )
 
 
-@pytest.mark.parametrize("verb", [*LIGHTER, "info", "verify", "bench"])
+@pytest.mark.parametrize("verb", [*LIGHTER, "info", "verify"])
 def test_advice_names_only_options_of_the_verb(verb: str) -> None:
     text, _ = explain(RuntimeError("CUDA out of memory."), verb.split()) or ("", 0)
     named = set(re.findall("--[a-z]+", text))

@@ -26,9 +26,6 @@ COMMANDS = {
     "edit": "REEL scale=2 --out {}",
     "export": "REEL --out {}",
     "evaluate": "REEL CAPTURE --out {}",
-    "bench codec": "RUN CAPTURE --out {}",
-    "bench oracle": "CAPTURE --out {}",
-    "bench reconstruct": "CAPTURE --out {}",
 }
 """Arguments of every verb that writes a file or folder which its arguments name."""
 

@@ -102,13 +102,13 @@ def test_commands_of_the_documents_exist() -> None:
 
 
 def test_false_commands_are_found() -> None:
-    text = "    splatreel bench paper CAPTURE --out OUT\n\nCall `bench codec RUN --tables` or `splatreel bench`.\n"
+    text = "    splatreel capture paper CAPTURE --out OUT\n\nCall `capture film OUT --tables` or `splatreel capture`.\n"
     text += "\n```\n.venv/bin/splatreel edit REEL --titel x  # text\n```\n`splatreel reconstruct --estimate`\n"
     found = {command: problem(command, whole, {}) for command, whole in commands(text)}
     assert found == {
-        "bench paper CAPTURE --out OUT": "there is no such verb",
-        "bench codec RUN --tables": "--tables is unknown",
-        "bench": None,
+        "capture paper CAPTURE --out OUT": "there is no such verb",
+        "capture film OUT --tables": "--tables is unknown",
+        "capture": None,
         "edit REEL --titel x": "it does not parse",
         "reconstruct --estimate": None,
     }

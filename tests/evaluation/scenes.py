@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
+from bench.microbenchmarks import cloud, front_camera, swinging_group
 from splatreel.capture.base import Capture
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
-from splatreel.evaluation.bench.microbenchmarks import cloud, front_camera, swinging_group
 from splatreel.kernels.image import render_image
 from splatreel.run.store import Store, StoredGroup, StoredLayer
 from splatreel.scene.camera import Camera

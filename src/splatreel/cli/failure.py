@@ -22,11 +22,9 @@ ADVICE = {
 }
 """Advice that saves memory, by option."""
 LIGHTER = {
-    **dict.fromkeys(
-        ("reconstruct", "demo", "bench reconstruct", "bench oracle"), ("--width", "--frames", "--quality", "--device")
-    ),
+    **dict.fromkeys(("reconstruct", "demo"), ("--width", "--frames", "--quality", "--device")),
     **dict.fromkeys(("evaluate", "export"), ("--width", "--frames")),
-    **dict.fromkeys(("view", "bench codec", "bench kernels"), ("--width",)),
+    "view": ("--width",),
 }
 """Options of each verb that save memory."""
 
@@ -132,7 +130,7 @@ def interruption(number: int, arguments: Sequence[str]) -> tuple[str, int]:
 
 def _lighter(arguments: Sequence[str], gpu: bool) -> str:
     """Return advice that saves memory, by the options of the verb."""
-    names = LIGHTER.get(" ".join(arguments[: 2 if arguments[:1] == ["bench"] else 1]), ())
+    names = LIGHTER.get(" ".join(arguments[:1]), ())
     ways = [ADVICE[name] for name in names if gpu or name != "--device"]
     if not ways:
         return "Close other programs, or use a machine with more."

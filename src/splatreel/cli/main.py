@@ -14,7 +14,6 @@ from splatreel import __version__
 from splatreel.base.compile_cache import choose_compile_cache
 from splatreel.base.process import check_address_space, keep_freed_memory, open_standard_streams, quiet_threads
 from splatreel.base.progress import printable
-from splatreel.cli import bench
 from splatreel.cli.capture import (
     capture_board,
     capture_calibrate,
@@ -52,7 +51,6 @@ DESCRIPTION = "Volumetric video from many static cameras: reconstruct, compress,
 
 GROUPS = {
     "capture": "Synchronize, calibrate, check and convert a capture; make masks; film the built-in scene.",
-    "bench": "Measure speed on this machine, and the best possible quality of single frames.",
 }
 """Descriptions of verbs of two words, by their first word."""
 VERBS: dict[str, Callable[..., None]] = {
@@ -78,10 +76,6 @@ VERBS: dict[str, Callable[..., None]] = {
     "evaluate": evaluate,
     "devices": devices,
     "warmup": warmup,
-    "bench kernels": bench.kernels,
-    "bench codec": bench.codec,
-    "bench oracle": bench.oracle,
-    "bench reconstruct": bench.reconstruct,
 }
 """Functions of the verbs, in the order in which users meet them."""
 

@@ -135,8 +135,6 @@ def reconstruct(
     device: Device = "auto",
     threads: int | None = None,
     estimate: bool = False,
-    profile: bool = False,
-    tensorboard: bool = False,
     configuration: OmitArgPrefixes[ConfigOptions] = ConfigOptions(),
     publication: OmitArgPrefixes[PublishOptions] = PublishOptions(),
     machines: OmitArgPrefixes[MachineOptions] = MachineOptions(),  # noqa: B008 - it is frozen
@@ -155,8 +153,6 @@ def reconstruct(
         device: Device that trains: gpu is any graphics card, cuda an NVIDIA card with gsplat; auto uses one if it can.
         threads: Number of threads; by default one per core.
         estimate: Only estimate time and memory. Nothing is written.
-        profile: Measure where the time goes, and write it to OUT/profile.md.
-        tensorboard: Write loss, PSNR, points, bytes and seconds of each group to OUT/tensorboard (needs splatreel[tensorboard]).
         configuration: Settings.
         publication: Copy of the reel.
         machines: Machines that make a long video.
@@ -174,14 +170,10 @@ def reconstruct(
     machines.check(out, follow=following.follow, estimate=estimate)
     from splatreel.base.display import console
     from splatreel.evaluation.page.report_writer import ReportWriter
-    from splatreel.evaluation.profile import profiled
-    from splatreel.evaluation.tensorboard import EventWriter, check_tensorboard
     from splatreel.kernels.warmup import background_warmup
     from splatreel.play.presentation_writer import PresentationWriter
     from splatreel.run.pipeline import RunSpec
 
-    if tensorboard:
-        check_tensorboard(out)
     with machines.folder(out) as folder:
         source = frames_and_size.source(capture, subject.find_masks(frames_and_size.source(capture), folder, estimate))
         spec = RunSpec(source, folder, config, sound, device)
@@ -192,11 +184,9 @@ def reconstruct(
             url = machines.published(out, publication.publish)
             with (
                 background_warmup(progress),
-                profiled(folder / "profile.md" if profile else None),
                 publishing(folder / "reel", url, publication.publish_keep, progress, presents) as present,
             ):
                 report = ReportWriter(folder, present, progress)
-                report = EventWriter(folder, report) if tensorboard else report
                 if following.follow:
                     done = following.reconstruct(source, spec, progress, report)
                 else:

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from bench.rate_distortion import Sweep
 from paper_tables.paper_tables import paper_tables
 from splatreel.base.progress import Silent
-from splatreel.evaluation.bench.rate_distortion import Sweep
 from tests.evaluation import scenes
 
 

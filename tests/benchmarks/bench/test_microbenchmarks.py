@@ -1,8 +1,8 @@
 import pytest
 
-from splatreel.evaluation.bench import step_timings
-from splatreel.evaluation.bench.microbenchmarks import bench_codec, bench_kernels, cloud, front_camera
-from splatreel.evaluation.bench.step_timings import step_rows
+from bench import step_timings
+from bench.microbenchmarks import bench_codec, bench_kernels, cloud, front_camera
+from bench.step_timings import step_rows
 from splatreel.kernels.image import render_image
 
 

@@ -2,7 +2,7 @@ import dataclasses
 
 import pytest
 
-from splatreel.evaluation.bench.oracle_report import OracleReport, Score, SingleFrame
+from bench.oracle_report import OracleReport, Score, SingleFrame
 from splatreel.evaluation.quality import Quality
 
 FRAMES = [

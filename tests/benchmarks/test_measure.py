@@ -1,14 +1,18 @@
-"""`splatreel bench oracle`, on a capture that is rendered on demand."""
+"""The scripts `measure.py` and `oracle.py`, on a capture that is rendered on demand."""
 
 import importlib.util
 import json
+import re
 from pathlib import Path
 
 import pytest
+import tyro
 
+import measure
+import oracle
+from bench import rate_distortion
+from splatreel.base.errors import UsageError
 from splatreel.capture import opening
-from splatreel.cli.main import main
-from splatreel.evaluation.bench import rate_distortion
 from splatreel.scene.reel_source import ReelSource
 from tests.evaluation import scenes
 
@@ -34,10 +38,10 @@ def test_oracle_and_the_distance_of_a_reel(
     requests: list[dict], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     scenes.write_reel(tmp_path / "run" / "reel", SOURCE)
-    arguments = ["bench", "oracle", "capture", "--out", str(tmp_path / "out"), "--every", "3", "--iterations", "6"]
-    assert main([*arguments, "--reel", str(tmp_path / "run"), "--device", "cpu", "--hold-out", "cam03"]) == 0
+    arguments = ["capture", "--out", str(tmp_path / "out"), "--every", "3", "--iterations", "6", "--device", "cpu"]
+    tyro.cli(oracle.main, args=[*arguments, "--reel", str(tmp_path / "run"), "--hold-out", "cam03"])
     printed = capsys.readouterr().out
-    assert printed == (tmp_path / "out" / "oracle.md").read_text()
+    assert printed.strip() == (tmp_path / "out" / "oracle.md").read_text().strip()
     assert requests == [OPENED]
     record = json.loads((tmp_path / "out" / "oracle.json").read_text())
     assert [frame["frame"] for frame in record["frames"]] == [0, 3]
@@ -48,18 +52,15 @@ def test_oracle_and_the_distance_of_a_reel(
 @pytest.mark.parametrize(
     ("options", "fault"),
     [
-        (["--at", "0,99"], "Frames [99] were asked for; capture has frames 0 to 4. Choose among these."),
-        (["--every", "0"], "--every 0 is out of range. Choose 1 or more."),
-        (["--iterations", "-1"], "keyframe.first_iterations -1 is out of range. Choose 0 or more."),
-        (["--at", "0:3"], "--at '0:3': '0:3' is not a frame. Write numbers with commas between them, such as 0,14."),
+        ({"at": "0,99"}, "Frames [99] were asked for; capture has frames 0 to 4. Choose among these."),
+        ({"every": 0}, "--every 0 is out of range. Choose 1 or more."),
+        ({"iterations": -1}, "keyframe.first_iterations -1 is out of range. Choose 0 or more."),
+        ({"at": "0:3"}, "--at '0:3': '0:3' is not a frame. Write numbers with commas between them, such as 0,14."),
     ],
 )
-def test_impossible_values_are_refused(
-    requests: list[dict], options: list[str], fault: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["bench", "oracle", "capture", "--out", str(tmp_path / "out"), *options]) == 2
-    captured = capsys.readouterr()
-    assert (captured.out, captured.err) == ("", f"Error: {fault}\n")
+def test_impossible_values_are_refused(requests: list[dict], options: dict, fault: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=re.escape(fault)):
+        oracle.main(Path("capture"), out=tmp_path / "out", device="cpu", **options)
     assert not (tmp_path / "out").exists()
 
 
@@ -68,10 +69,10 @@ def test_bench_codec_of_a_run_writes_table_chart_and_record(
 ) -> None:
     measure = rate_distortion.rate_distortion_points
     monkeypatch.setattr(
-        rate_distortion, "rate_distortion_points", lambda sweep: measure(sweep, ["predictive 1.2", "predictive 4"])
+        measure, "rate_distortion_points", lambda sweep: measure(sweep, ["predictive 1.2", "predictive 4"])
     )
     run, out = scenes.write_run(tmp_path / "run", SOURCE), tmp_path / "out"
-    assert main(["bench", "codec", str(run), "capture", "--every", "5", "--out", str(out)]) == 0
+    measure.app.cli(args=["codec", str(run), "capture", "--every", "5", "--out", str(out)])
     printed, warned = capsys.readouterr()
     assert printed.startswith((out / "codec.md").read_text().rstrip("\n"))
     assert "| predictive 4 |" in printed
@@ -84,6 +85,6 @@ def test_bench_codec_of_a_run_writes_table_chart_and_record(
 
 
 @pytest.mark.parametrize("wrong", [["run"], ["run", "capture", "--every", "0"]])
-def test_bench_codec_of_a_run_needs_its_capture(wrong: list[str], capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["bench", "codec", *wrong]) == 2
-    assert capsys.readouterr().err.startswith("Error: bench codec RUN needs the CAPTURE after it")
+def test_bench_codec_of_a_run_needs_its_capture(wrong: list[str]) -> None:
+    with pytest.raises(UsageError, match=r"measure\.py codec RUN needs the CAPTURE after it"):
+        measure.app.cli(args=["codec", *wrong])

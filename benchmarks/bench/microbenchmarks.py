@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from bench.step_timings import step_rows
+from bench.timing import Timing, median_ms
 from splatreel.codec.group_file import decode_group, encode_group
 from splatreel.config import EncodeConfig
-from splatreel.evaluation.bench.timing import Timing, median_ms
 from splatreel.kernels.image import render_image
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
@@ -14,14 +15,10 @@ from splatreel.scene.group import Group
 
 
 def bench_kernels(points: int, width: int, height: int, repeats: int) -> list[Timing]:
-    """Measure milliseconds per image of rendering and, with torch, of training steps of a keyframe and a group."""
+    """Measure milliseconds per image of rendering and of training steps of a keyframe and a group."""
     gaussians, camera = cloud(points), front_camera(width, height)
     shape: Timing = {"points": points, "width": width, "height": height}
     rows = [{"what": "render_image", **shape, "ms": median_ms(lambda: render_image(gaussians, camera), repeats)}]
-    try:
-        from splatreel.evaluation.bench.step_timings import step_rows
-    except ImportError:
-        return rows
     return [*rows, *step_rows(gaussians, camera, repeats)]
 
 

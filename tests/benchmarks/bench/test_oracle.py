@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import torch
 
+from bench.microbenchmarks import cloud, front_camera
+from bench.oracle import draw_single_frame, oracle
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Silent, Span
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import Config, EncodeConfig
-from splatreel.evaluation.bench.microbenchmarks import cloud, front_camera
-from splatreel.evaluation.bench.oracle import draw_single_frame, oracle
 from splatreel.method.encode.importance import weigh
 from splatreel.method.init.layout import Layout
 from splatreel.method.train.single_frame import reconstruct_single_frame

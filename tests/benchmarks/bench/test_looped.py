@@ -2,7 +2,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.evaluation.bench.speed import LoopedCapture
+from bench.speed import LoopedCapture
 from tests.evaluation import scenes
 
 

@@ -7,23 +7,25 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import torch
 
+from bench.timing import Timing, medians_ms, ratio
 from splatreel.base import threads
 from splatreel.base.errors import UsageError
 from splatreel.base.process import peak_memory_bytes
 from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
 from splatreel.config import Config
-from splatreel.evaluation.bench.timing import Timing, medians_ms, ratio
 from splatreel.evaluation.evaluate import evaluate
+from splatreel.gpu.shared_gpu import SharedGpu
+from splatreel.kernels import splat
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
 from splatreel.method.tracking.tracking import GroupStart
+from splatreel.method.train.cpu_group import CpuGroupProgram
 from splatreel.method.train.density import MEASURE_EVERY
 from splatreel.method.train.group_trainer import GroupTrainer
-from splatreel.method.train.render import draw
 from splatreel.method.train.stages import group_trainer
+from splatreel.run.device_choice import pick_gpu
 from splatreel.run.machine_speed import on_one_thread
 from splatreel.run.pipeline import Result, reconstruct
 from splatreel.run.step_checkpoints import restored_rig
@@ -70,7 +72,7 @@ def bench_reconstruct(
     (name, config), *others = configs.items()
     first, result = _run(capture, out, name, config, device, progress)
     rows = [first]
-    trainer = trainer_of(capture, result.work, config, torch.device(result.device))
+    trainer = trainer_of(capture, result.work, config, pick_gpu(device)[0])
     if len(trainer.points):
         rows.append(iteration_row(trainer, repeats))
     del trainer
@@ -113,7 +115,7 @@ def _run(
     return row, result
 
 
-def trainer_of(capture: Capture, work: Path, config: Config, device: torch.device) -> GroupTrainer:
+def trainer_of(capture: Capture, work: Path, config: Config, gpu: SharedGpu | None) -> GroupTrainer:
     """Return a trainer of the first group of a finished run, in its final state. It measures static points as often as possible."""
     store = Store(work)
     group, layout = store.group(0).group().group, store.layout()
@@ -122,7 +124,7 @@ def trainer_of(capture: Capture, work: Path, config: Config, device: torch.devic
     images = capture.read(group.first_frame, group.frames, rig.names)
     span = GroupSpan(0, group.first_frame, group.frames, group.frames)
     rig = dataclasses.replace(rig, ends=())
-    data = GroupInput(span, images, rig, None, layout, device, config.seed, config.antialias)
+    data = GroupInput(span, images, rig, None, layout, config.seed, config.antialias, gpu=gpu)
     config = dataclasses.replace(
         config,
         layering=dataclasses.replace(config.layering, adapt_every=1),
@@ -136,7 +138,7 @@ def iteration_row(trainer: GroupTrainer, repeats: int) -> Timing:
     """Time an iteration of a group, as the median of batches.
 
     `undivided` is the slowdown if every tile is drawn and static points get gradients. `one_thread` is the slowdown on
-    one thread, and `torch` that of iterations by torch. `tiles` is the mean share of tiles drawn otherwise.
+    one thread. `tiles` is the mean share of tiles with dynamic points.
     """
     middle = trainer.iterations // 2 // MEASURE_EVERY * MEASURE_EVERY
     # Both have the same regularizers.
@@ -146,8 +148,8 @@ def iteration_row(trainer: GroupTrainer, repeats: int) -> Timing:
     for camera in range(len(trainer.images.views)):
         trainer.static.view(camera)
     works = [layered, whole]
-    if trainer.images.pixels.device.type == "cpu":
-        works += [lambda: on_one_thread(layered), _steps(trainer, middle + MEASURE_EVERY // 2)]
+    if isinstance(trainer.program, CpuGroupProgram):
+        works.append(lambda: on_one_thread(layered))
     times = medians_ms(works, repeats)
     row: Timing = {
         "what": "group iteration",
@@ -157,44 +159,27 @@ def iteration_row(trainer: GroupTrainer, repeats: int) -> Timing:
         "undivided": ratio(times[1], times[0]),
         "tiles": round(_tiles(trainer), 3),
     }
-    if len(times) < 4:
+    if len(times) < 3:
         return row
-    one_thread, torch_steps = (ratio(time, times[0]) for time in times[2:])
-    return {**row, "threads": threads.count(), "one_thread": one_thread, "torch": torch_steps}
+    return {**row, "threads": threads.count(), "one_thread": ratio(times[2], times[0])}
 
 
 def _batch(trainer: GroupTrainer, iteration: int) -> Callable[[], None]:
-    """Return a function that runs a batch of like iterations, by the trainer's program if it has one."""
-    steps = _steps(trainer, iteration)
+    """Return a function that runs a batch of like iterations."""
 
     def work() -> None:
-        if trainer.program is None:
-            steps()
-        else:
-            trainer.program.run([trainer.plan(iteration) for _ in range(BATCH)])
+        assert trainer.program is not None
+        trainer.program.run([trainer.plan(iteration) for _ in range(BATCH)])
 
     return work
 
 
-def _steps(trainer: GroupTrainer, iteration: int) -> Callable[[], None]:
-    """Return a function that runs a batch of like iterations by torch."""
-
-    def work() -> None:
-        for _ in range(BATCH):
-            trainer.step(iteration)
-
-    return work
-
-
-@torch.no_grad()
 def _tiles(trainer: GroupTrainer) -> float:
     """Return the share of tiles with dynamic points."""
     shares = []
     for camera, view in enumerate(trainer.images.views):
         moving = trainer.points.at(camera % trainer.images.count, view, trainer.images.near)
-        tiles = draw(moving, view, trainer.static.view(camera)).tiles
-        assert tiles is not None
-        shares.append(float(tiles.float().mean()))
+        shares.append(float((splat.bin(moving, view.width, view.height).counts > 0).mean()))
     return sum(shares) / len(shares)
 
 

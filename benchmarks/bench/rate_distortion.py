@@ -24,7 +24,6 @@ from splatreel.evaluation.evaluate import check_same_capture, check_unseen, choo
 from splatreel.evaluation.metrics import psnr
 from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.play.timeline import Timeline
-from splatreel.run.device_choice import pick_device
 from splatreel.run.output.reencode import reencode
 from splatreel.scene.gaussians import Gaussians
 
@@ -107,7 +106,7 @@ class Sweep:
     def _measure(self, name: str, config: EncodeConfig, write: Write | None) -> RatePoint:
         with tempfile.TemporaryDirectory(prefix="splatreel-rates-") as folder:
             if write is None:
-                reencode(self.run / "work", Path(folder), config, pick_device("auto"), self.progress)
+                reencode(self.run / "work", Path(folder), config, self.progress)
             else:
                 write(Path(folder), config)
             info, timeline = reel_info(folder), Timeline(ReelReader(folder))

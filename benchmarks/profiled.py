@@ -1,13 +1,16 @@
-"""Profile of a run by function."""
+"""Run a `splatreel` command and write which functions take its time.
 
-from __future__ import annotations
+python benchmarks/profiled.py OUT/profile.md reconstruct CAPTURE --out OUT
+"""
 
 import cProfile
 import pstats
+import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from splatreel.cli.main import main
 from splatreel.evaluation.report import write_text
 
 MIN_SHARE = 0.005
@@ -18,17 +21,14 @@ Calls = dict[tuple[str, int, str], tuple[int, int, float, float, dict]]
 
 
 @contextmanager
-def profiled(path: Path | None) -> Iterator[None]:
+def profiled(path: Path) -> Iterator[None]:
     """Profile this thread inside the `with` block and write the table to a file, also after an exception.
 
     Profiling takes about a tenth more time. GPU work runs asynchronously and appears in the function that waits for it.
 
     Args:
-        path: Output file; None profiles nothing.
+        path: Output file.
     """
-    if path is None:
-        yield
-        return
     profile = cProfile.Profile()
     profile.enable()
     try:
@@ -55,3 +55,9 @@ def _short(file: str) -> str:
     """Return the path from the package on, or the file's name."""
     parts = Path(file).parts
     return "/".join(parts[len(parts) - parts[::-1].index("splatreel") :]) if "splatreel" in parts else Path(file).name
+
+
+if __name__ == "__main__":
+    with profiled(Path(sys.argv[1])):
+        status = main(sys.argv[2:])
+    sys.exit(status)

@@ -6,10 +6,9 @@ from xml.etree import ElementTree
 
 import pytest
 
-from splatreel.base.errors import MissingDependencyError, UsageError
-from splatreel.evaluation.bench import rate_distortion
-from splatreel.evaluation.bench.rate_chart import rate_chart
-from splatreel.evaluation.bench.rate_distortion import (
+from bench import rate_distortion
+from bench.rate_chart import rate_chart
+from bench.rate_distortion import (
     RatePoint,
     bd_rate,
     bytes_at,
@@ -18,6 +17,7 @@ from splatreel.evaluation.bench.rate_distortion import (
     sweep_of,
     table,
 )
+from splatreel.base.errors import MissingDependencyError, UsageError
 from tests.evaluation import scenes
 
 NAMES = ["paper", "predictive 0.3 (--rate high)", "predictive 4"]

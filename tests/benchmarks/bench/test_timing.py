@@ -4,8 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from splatreel.evaluation.bench import timing
-from splatreel.evaluation.bench.timing import median_ms, medians_ms
+from bench import timing
+from bench.timing import median_ms, medians_ms
 
 
 def test_median_ms_is_in_milliseconds(monkeypatch: pytest.MonkeyPatch) -> None:

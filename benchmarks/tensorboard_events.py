@@ -1,23 +1,21 @@
-"""TensorBoard events of a run, OUT/tensorboard, with the extra `splatreel[tensorboard]`."""
+"""Write loss, PSNR, points, bytes and seconds of each group of a run as TensorBoard events, OUT/tensorboard. Needs tensorboardX.
 
-from __future__ import annotations
+python benchmarks/tensorboard_events.py OUT [--every 30]
+"""
 
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
 
-from splatreel.base.command_line import install_command
-from splatreel.base.errors import MissingDependencyError, UsageError
+import tyro
+from tensorboardX import event_file_writer, summary
+from tensorboardX.proto import event_pb2
+
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.written_reel import read_written_manifest
 from splatreel.evaluation.page.run_facts import GroupFacts, group_facts
 from splatreel.run.run_history import RecordedStage, RunHistory, read_history
-from splatreel.storage.address import local_path
-
-if TYPE_CHECKING:
-    from splatreel.codec.writer import ReelWriter
-    from splatreel.evaluation.page.report_writer import ReportWriter
 
 FOLDER = "tensorboard"
 STEPS_PER_GROUP = 1000
@@ -42,44 +40,36 @@ class Scalar:
 
 
 class EventWriter:
-    """Hook of a run that writes TensorBoard events after each group. A continued run writes all events anew.
+    """Events of a run. They are written anew if there are older ones.
 
     Args:
         out: Output folder of the run.
-        report: Hook to call first.
     """
 
-    def __init__(self, out: Path, report: ReportWriter) -> None:
+    def __init__(self, out: Path) -> None:
         self._out = out
-        self._report = report
         self._events: _EventFile | None = None
         self._written: set[tuple[str, int]] = set()
 
-    def __call__(self, writer: ReelWriter, group: int | None) -> None:
-        """Call the other hook, then write what the run has recorded. Numbers of the newest group follow with the next one."""
-        self._report(writer, group)
-        if group is not None:
-            self._write(writer.manifest, finished=False)
-
-    def finish(self) -> None:
-        """Finish the other hook, and write the numbers of the last group."""
-        self._report.finish()
+    def write(self) -> bool:
+        """Write the numbers that are new. Return whether the run is finished. Numbers of the newest group follow with the next one."""
         manifest = read_written_manifest(self._out / "reel")
-        if manifest is not None:
-            self._write(manifest, finished=True)
-        if self._events is not None:
-            self._events.close()
-
-    def _write(self, manifest: Manifest, finished: bool) -> None:
-        """Write the numbers that are new."""
+        if manifest is None:
+            return False
         if self._events is None:
             for old in (self._out / FOLDER).glob("events.out.tfevents.*"):
                 old.unlink()
             self._events = _EventFile(self._out / FOLDER)
-        scalars = run_scalars(manifest, read_history(self._out / "work"), finished)
+        scalars = run_scalars(manifest, read_history(self._out / "work"), not manifest.live)
         new = [scalar for scalar in scalars if (scalar.tag, scalar.step) not in self._written]
         self._events.add(new)
         self._written.update((scalar.tag, scalar.step) for scalar in new)
+        return not manifest.live
+
+    def close(self) -> None:
+        """Close the file."""
+        if self._events is not None:
+            self._events.close()
 
 
 def run_scalars(manifest: Manifest, history: RunHistory, finished: bool) -> list[Scalar]:
@@ -121,23 +111,6 @@ def _group_scalars(facts: GroupFacts, stages: list[RecordedStage]) -> list[Scala
     return [Scalar(f"group/{name}", float(value), facts.index + 1, end) for name, value in found.items()]
 
 
-def check_tensorboard(out: str) -> None:
-    """Check that a run can write events.
-
-    Args:
-        out: Output folder or address of the run.
-
-    Raises:
-        UsageError: The folder is not on this machine.
-        MissingDependencyError: tensorboardX is not installed.
-    """
-    if local_path(out) is None:
-        raise UsageError(
-            f"--tensorboard writes to OUT/{FOLDER}, but {out} is not a folder of this machine. Leave it out."
-        )
-    _import_tensorboardx()
-
-
 class _EventFile:
     """Event file in a folder, which is created. Every event is on the disk when `add` returns.
 
@@ -145,15 +118,15 @@ class _EventFile:
     """
 
     def __init__(self, folder: Path) -> None:
-        event_file_writer, self._event_pb2, self._summary = _import_tensorboardx()
         folder.mkdir(parents=True, exist_ok=True)
         self._writer = event_file_writer.EventsWriter(str(folder / "events"))
 
     def add(self, scalars: list[Scalar]) -> None:
         """Write numbers."""
         for scalar in scalars:
-            summary = self._summary.scalar(scalar.tag, scalar.value)
-            event = self._event_pb2.Event(wall_time=scalar.time, step=scalar.step, summary=summary)
+            event = event_pb2.Event(
+                wall_time=scalar.time, step=scalar.step, summary=summary.scalar(scalar.tag, scalar.value)
+            )
             self._writer.write_event(event)
         self._writer.flush()
 
@@ -162,18 +135,18 @@ class _EventFile:
         self._writer.close()
 
 
-def _import_tensorboardx() -> tuple[Any, Any, Any]:
-    """Return the modules that write event files.
+def main(out: tyro.conf.Positional[Path], /, every: float | None = None) -> None:
+    """Write the events of a run.
 
-    Raises:
-        MissingDependencyError: tensorboardX is not installed.
+    Args:
+        out: Output folder of `reconstruct`.
+        every: Continue every so many seconds until the run is finished.
     """
-    try:
-        from tensorboardX import event_file_writer, summary  # pyright: ignore[reportMissingImports]
-        from tensorboardX.proto import event_pb2  # pyright: ignore[reportMissingImports]
-    except ImportError as error:
-        raise MissingDependencyError(
-            f"--tensorboard needs tensorboardX, which cannot be imported ({error}). "
-            f"Run: {install_command('tensorboard')}"
-        ) from error
-    return event_file_writer, event_pb2, summary
+    events = EventWriter(out)
+    while not events.write() and every is not None:
+        time.sleep(every)
+    events.close()
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

@@ -16,8 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import torch
 
+from bench.oracle_report import OracleReport, Score, SingleFrame
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
@@ -25,18 +25,18 @@ from splatreel.capture.median_images import median_images, moving_pixels
 from splatreel.codec.group_file import decode_layer, encode_layer
 from splatreel.config import Config
 from splatreel.config.records import complete_settings
-from splatreel.evaluation.bench.oracle_report import OracleReport, Score, SingleFrame
 from splatreel.evaluation.evaluate import check_same_capture, check_unseen
 from splatreel.evaluation.perceptual import Lpips, load_lpips
 from splatreel.evaluation.quality import ImageComparison, Quality
 from splatreel.evaluation.report import write_text
+from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels.image import render_image
 from splatreel.method.encode.importance import weigh
 from splatreel.method.init.layout import Layout
 from splatreel.method.train.single_frame import reconstruct_single_frame
 from splatreel.play.timeline import Timeline, open_reel
 from splatreel.run import checkpoint
-from splatreel.run.device_choice import pick_device
+from splatreel.run.device_choice import pick_gpu
 from splatreel.run.requirements import check_capture
 from splatreel.run.run_record import differences
 from splatreel.scene.camera import Camera
@@ -73,13 +73,15 @@ def oracle(
     """
     check_capture(capture)
     config = config.for_video(capture.frames)
-    chosen, views = pick_device(device), held_out_views(capture)
+    (gpu, note), views = pick_gpu(device), held_out_views(capture)
     timeline = open_reel(reel) if reel is not None else None
     if timeline is not None:
         check_reel(timeline, capture, str(reel))
     frames = check_frames(frames, capture, timeline)
     finished = OracleFrames(Path(out) / "oracle.json", capture, config)
     progress, names, lpips = progress or Silent(), [view.name for view in views], load_lpips()
+    if note:
+        progress.note(note)
     medians = median_images(capture, names)
     todo = [frame for frame in frames if frame not in finished.frames]
     scores: list[Score] = []
@@ -94,7 +96,7 @@ def oracle(
                 (done / len(todo), (done + 1) / len(todo)),
             )
             progress.stage(title, config.keyframe.first_iterations, span)
-            finished.add(reconstruct_frame(capture, frame, config, held_out, chosen, progress))
+            finished.add(reconstruct_frame(capture, frame, config, held_out, gpu, progress))
         if timeline is not None:
             scores.append(held_out.score(timeline.at(frame / timeline.fps), timeline.render))
     report = OracleReport([finished.frames[frame] for frame in frames], scores)
@@ -104,7 +106,7 @@ def oracle(
 
 
 def reconstruct_frame(
-    capture: Capture, frame: int, config: Config, held_out: HeldOutImages, device: torch.device, progress: Progress
+    capture: Capture, frame: int, config: Config, held_out: HeldOutImages, gpu: SharedGpu | None, progress: Progress
 ) -> SingleFrame:
     """Reconstruct one frame from its own images, encode and measure it."""
     cameras = capture.training_cameras
@@ -120,16 +122,18 @@ def reconstruct_frame(
         points=capture.points if first else None,
         point_colors=capture.point_colors if first else None,
         near=capture.near,
-        device=device,
+        gpu=gpu,
         progress=progress,
     )
     seconds = round(time.monotonic() - start, 3)
-    shows = weigh([gaussians], cameras, layout.near, device, config.antialias)
+    shows = weigh([gaussians], cameras, layout.near, config.antialias)
     data, _ = encode_layer(0, frame, gaussians, config.encode, importance=shows)
     _, decoded = decode_layer(data, f"frame {frame}")
     draw = partial(draw_single_frame, layout, config.antialias)
     score, after = held_out.score(gaussians, draw), held_out.score(decoded, draw)
-    return SingleFrame(frame, score, after.whole, len(gaussians), len(data), seconds, device.type)
+    return SingleFrame(
+        frame, score, after.whole, len(gaussians), len(data), seconds, "cpu" if gpu is None else gpu.kind
+    )
 
 
 def draw_single_frame(layout: Layout, antialias: bool, gaussians: Gaussians, view: Camera) -> np.ndarray:

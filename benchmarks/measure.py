@@ -1,6 +1,7 @@
-"""`splatreel bench`: measurements of speed on this machine, and of the best possible quality of single frames."""
+"""Measure the speed of this machine: kernels, codecs, or a whole reconstruction; or bytes against quality of a run.
 
-from __future__ import annotations
+python benchmarks/measure.py kernels | codec [RUN CAPTURE] | reconstruct CAPTURE --out OUT
+"""
 
 import dataclasses
 import json as json_format
@@ -9,17 +10,29 @@ from pathlib import Path
 from typing import Annotated
 
 from tyro.conf import OmitArgPrefixes, Positional, arg
+from tyro.extras import SubcommandApp
 
+from bench.microbenchmarks import bench_codec, bench_kernels
+from bench.provenance import append, label
+from bench.rate_chart import rate_chart
+from bench.rate_distortion import Sweep, curves, rate_distortion_points, table
+from bench.speed import bench_reconstruct
+from splatreel.base.display import console
 from splatreel.base.errors import MissingDependencyError, UsageError
 from splatreel.base.threads import use as use_threads
-from splatreel.cli.options import CaptureFolder, CaptureOptions, parse_frames, parse_names, parse_numbers, reel_folder
+from splatreel.cli.options import CaptureFolder, CaptureOptions, parse_frames
 from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import say
 from splatreel.cli.reconstruct import Device, configure
 from splatreel.config import Quality
-from splatreel.config.settings import changed
+from splatreel.evaluation.reel_capture import open_reel_capture
+from splatreel.evaluation.report import write_text
+from splatreel.run.device_choice import pick_gpu
+
+app = SubcommandApp()
 
 
+@app.command
 def kernels(
     points: int = 20_000,
     width: int = 320,
@@ -39,11 +52,10 @@ def kernels(
         json: Print one JSON object per line.
     """
     use_threads(threads)
-    from splatreel.evaluation.bench.microbenchmarks import bench_kernels
-
     show(bench_kernels(points, width, height, repeats), json)
 
 
+@app.command
 def codec(
     run: Annotated[Positional[Path | None], arg(metavar="[RUN]")] = None,
     capture: Annotated[Positional[Path | None], arg(metavar="[CAPTURE]")] = None,
@@ -72,17 +84,11 @@ def codec(
         json: Print one JSON object per line.
     """
     if run is None:
-        from splatreel.evaluation.bench.microbenchmarks import bench_codec
-
         return show(bench_codec(points, frames, repeats), json)
     if out is not None:
         check_out("--out", out, run / "reel", run / "work")
     if capture is None or every < 1:
-        raise UsageError("bench codec RUN needs the CAPTURE after it, and --every 1 or more.")
-    from splatreel.base.display import console
-    from splatreel.evaluation.bench.rate_distortion import Sweep, curves, rate_distortion_points, table
-    from splatreel.evaluation.reel_capture import open_reel_capture
-
+        raise UsageError("measure.py codec RUN needs the CAPTURE after it, and --every 1 or more.")
     source, shown = open_reel_capture(run / "reel", capture, width=width, frames=parse_frames(span))
     progress = console()
     record = None if out is None else out / "codec.jsonl"
@@ -94,9 +100,6 @@ def codec(
         progress.close()
         source.close()
     if out is not None:
-        from splatreel.evaluation.bench.rate_chart import rate_chart
-        from splatreel.evaluation.report import write_text
-
         write_text(out / "codec.md", text)
         try:
             write_text(out / "codec.svg", rate_chart(curves(rows), f"{run.name}: held-out cameras"))
@@ -105,71 +108,7 @@ def codec(
     say("\n".join(json_format.dumps(dataclasses.asdict(row)) for row in rows) if json else text)
 
 
-def oracle(
-    capture: CaptureFolder,
-    /,
-    out: Path,
-    at: str | None = None,
-    every: int = 15,
-    width: int | None = None,
-    scale: float | None = None,
-    frames: str | None = None,
-    hold_out: str | None = None,
-    quality: Quality = "standard",
-    iterations: int | None = None,
-    reel: Path | None = None,
-    device: Device = "auto",
-    seed: int = 0,
-    threads: int | None = None,
-) -> None:
-    """Reconstruct single frames independently, to measure the quality that geometry and cameras allow. The same command continues.
-
-    Args:
-        capture: Folder of the videos or images and their cameras.
-        out: OUT/oracle.json gets each frame when it is finished, OUT/oracle.md the tables.
-        at: Frames to reconstruct, as 0,14,28, counted from the first of --frames, or as the reel counts them.
-        every: Distance of the frames to reconstruct, if --at is not given.
-        width: Width of the images, in pixels; by default that of the reel's cameras, else their own.
-        scale: Size of the images, as a share of their own, instead of the width.
-        frames: Frames A to B - 1 of the capture, as A:B; by default those that the reel shows, else all.
-        hold_out: Names of the cameras to compare with, as NAME,NAME; by default those of the reel, else of the format.
-        quality: Preset of settings; it decides how long training takes.
-        iterations: Iterations of each frame; by default those of the quality for its first keyframe.
-        reel: Reel of the same frames, or the output folder of its run, to compare with.
-        device: Device that trains: gpu is any graphics card, cuda an NVIDIA card with gsplat; auto uses one if it can.
-        seed: Seed of all random numbers.
-        threads: Number of threads; by default one per core.
-    """
-    use_threads(threads)
-    check_out("--out", out, capture, below=False)
-    span, held_out, chosen = parse_frames(frames), parse_names(hold_out, "--hold-out"), parse_numbers(at, "--at")
-    if every < 1:
-        raise UsageError(f"--every {every} is out of range. Choose 1 or more.")
-    config = configure(quality, None, None, seed)
-    if iterations is not None:
-        config = changed(config, {"keyframe.first_iterations": iterations})
-    from splatreel.base.display import console
-    from splatreel.capture.opening import open_capture
-    from splatreel.evaluation.bench.oracle import oracle as measure
-    from splatreel.evaluation.reel_capture import open_reel_capture
-
-    reel = None if reel is None else reel_folder(reel)
-    size = {"width": width, "scale": scale, "held_out": held_out}
-    if reel is None:
-        source = open_capture(capture, frames=span, **size)
-        shown = list(range(source.frames))
-    else:
-        source, shown = open_reel_capture(reel, capture, frames=span, **size)
-    chosen = shown[::every] if chosen is None else chosen
-    progress = console()
-    try:
-        result = measure(source, out, config, chosen, reel=reel, device=device, progress=progress)
-    finally:
-        progress.close()
-        source.close()
-    say(result.to_markdown(), end="")
-
-
+@app.command
 def reconstruct(
     capture: CaptureFolder,
     /,
@@ -203,15 +142,11 @@ def reconstruct(
     check_out("--out", out, capture, below=False)
     request = images.source(capture)
     if repeats < 1 or against == quality:
-        raise UsageError("bench reconstruct needs --repeats 1 or more, and an --against that is another quality.")
+        raise UsageError("measure.py reconstruct needs --repeats 1 or more, and an --against that is another quality.")
     configs = {name: configure(name, None, None, seed) for name in (quality, against) if name is not None}
-    from splatreel.base.display import console
-    from splatreel.evaluation.bench.provenance import append, label
-    from splatreel.evaluation.bench.speed import bench_reconstruct
-    from splatreel.run.device_choice import pick_device
-
     source = request()
-    made, progress = label(source, pick_device(device).type), console()
+    gpu, _ = pick_gpu(device)
+    made, progress = label(source, "cpu" if gpu is None else gpu.kind), console()
     try:
         limits = {"loop": loop, "repeats": repeats}
         rows = bench_reconstruct(source, out, configs, device=device, progress=progress, **limits)
@@ -231,3 +166,7 @@ def show(rows: list[dict[str, float | int | str]], json: bool) -> None:
             rest = ", ".join(f"{name} {value:,}" for name, value in row.items() if name not in ("what", "ms"))
             time = f"{row['ms']:>10,.1f} ms" if "ms" in row else " " * 13
             say(f"{row['what']:<16} {time}   {rest}")
+
+
+if __name__ == "__main__":
+    app.cli()

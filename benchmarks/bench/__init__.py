@@ -1,0 +1,1 @@
+"""Measurements of `measure.py` and `oracle.py`, which other benchmarks use too."""

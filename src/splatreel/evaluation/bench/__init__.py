@@ -1,1 +1,0 @@
-"""Measurements that only the `bench` commands use."""
