@@ -3,29 +3,26 @@
 import gc
 import itertools
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import numpy as np
 import pytest
-import torch
-from torch import Tensor
 
-from splatreel.base.errors import ReconstructionError
+from splatreel.base.errors import GaussiansError, ReconstructionError
 from splatreel.base.progress import Silent
-from splatreel.kernels import arrays, splat
-from splatreel.kernels.cpu.similarity import Gradient
+from splatreel.kernels import similarity, splat
+from splatreel.kernels.similarity import Gradient
 from splatreel.method.train import recovery
 from splatreel.method.train.dynamic_points import CANONICAL_RATES
 from splatreel.method.train.keyframe_trainer import KeyframeTrainer
+from splatreel.method.train.programs import Draw
 from splatreel.method.train.recovery import ATTEMPTS, Recovery
 from tests.method.train import test_group_trainer as groups
 from tests.method.train import test_keyframe_trainer as keyframes
 
-LOSSES = {name: getattr(splat, name) for name in ("photometric_loss", "layered_loss")}
-LOSS_AND_GRADIENT = arrays.photometric_loss
+LOSS_AND_GRADIENT = similarity.loss_and_gradient
 TOTAL = 120
 
 
@@ -42,20 +39,15 @@ class Notes(Silent):
 
 
 def spoil(monkeypatch: pytest.MonkeyPatch, bad: Callable[[int], bool], value: float = np.nan) -> None:
-    """Multiply the loss of some calls, counted from 1, by NaN or infinity."""
-    calls = itertools.count(1)  # programs of the CPU call from two threads, and each call gets a number of its own
+    """Multiply the loss of some comparisons, counted from 1, by NaN or infinity."""
+    calls = itertools.count(1)  # programs of the CPU compare in two threads, and each call gets a number of its own
 
-    def loss(name: str, *args: object) -> Tensor:
-        return LOSSES[name](*args) * (value if bad(next(calls)) else 1.0)
-
-    def without_autograd(*args: Any, **options: Any) -> Gradient:
+    def spoiled(*args: Any, **options: Any) -> Gradient:
         factor = value if bad(next(calls)) else 1.0
         found = LOSS_AND_GRADIENT(*args, **options)
         return replace(found, loss=found.loss * factor)
 
-    for name in LOSSES:
-        monkeypatch.setattr(splat, name, partial(loss, name))
-    monkeypatch.setattr(arrays, "photometric_loss", without_autograd)
+    monkeypatch.setattr(similarity, "loss_and_gradient", spoiled)
     monkeypatch.setattr(recovery, "KEEP_EVERY", 50)
 
 
@@ -118,13 +110,13 @@ def test_recovery_reverts_converted_points(monkeypatch: pytest.MonkeyPatch) -> N
     """Points that adaptive conversion made dynamic become static again."""
     group = groups.trainer(groups.frames(), groups.config(iterations=4))
     before, count, restore = group.static.view(0), len(group.points), group.snapshot()
-    group.density.convert(torch.arange(100))
+    group.density.convert(np.arange(100))
     group.find_neighbors()
     assert (len(group.points), int(group.static.alive.sum())) == (count + 100, 300)
     for _ in range(2):
         restore()
         assert (len(group.points), int(group.static.alive.sum())) == (count, 400)
-        assert torch.equal(group.static.view(0).index, before.index)
+        np.testing.assert_array_equal(group.static.view(0).index, before.index)
         group.step(0)
 
 
@@ -134,23 +126,23 @@ def test_recovery_detects_infinite_values_despite_finite_loss(monkeypatch: pytes
     config = groups.with_group(groups.config(iterations=20), appearance=True)
     group, notes, spoiled = groups.trainer(groups.frames(), config), Notes(), []
     values = {
-        "canonical": lambda: group.points.means.detach(),
+        "canonical": lambda: group.points.means,
         "deformation": lambda: group.points.deformation.controls[1],  # pyright: ignore[reportAttributeAccessIssue]
         "appearance": lambda: group.points.appearance.controls,
     }[part]
-    step = group.step
+    run = group._run
 
-    def spoiling(iteration: int) -> Tensor:
-        loss = step(iteration)
-        if iteration == 60 and not spoiled:
-            spoiled.append(iteration)
-            values()[..., 0] = torch.inf
+    def spoiling(draws: Sequence[Draw]) -> float:
+        loss = run(draws)
+        if draws[-1].iteration >= 60 and not spoiled:
+            spoiled.append(draws[-1].iteration)
+            values()[..., 0] = np.inf
         return loss
 
-    monkeypatch.setattr(group, "step", spoiling)
+    monkeypatch.setattr(group, "_run", spoiling)
     found = group.train(notes)
     assert "continues from iteration 0, at 0.5 times" in notes.notes[0]
-    assert int(notes.notes[0].split("at iteration ")[1].split()[0]) in range(61, 71)
+    assert int(notes.notes[0].split("at iteration ")[1].split()[0]) in range(61, 101)
     assert np.isfinite(found.dx).all()
 
 
@@ -172,7 +164,7 @@ class Value:
         self.value, self.kept = 1.0, list[float]()
 
     def check(self) -> None:
-        splat.check_finite(value=torch.tensor(self.value))
+        splat.check_finite(value=np.array(self.value))
 
     def snapshot(self) -> Callable[[], None]:
         self.kept.append(self.value)
@@ -186,8 +178,8 @@ def test_recovery_saves_only_finite_states() -> None:
     training, state, notes = Value(), Recovery(), Notes()
     state.save_state(0, training)
     training.value = np.inf
-    with pytest.raises(splat.GaussiansError) as found:
-        state.check_iteration(recovery.KEEP_EVERY, torch.tensor(0.1), training)
+    with pytest.raises(GaussiansError) as found:
+        state.check_iteration(recovery.KEEP_EVERY, 0.1, training)
     assert state.restore(recovery.KEEP_EVERY, found.value, notes) == 0
     assert (training.value, training.kept) == (1.0, [1.0])
 

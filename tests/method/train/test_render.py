@@ -104,9 +104,9 @@ def test_clearance_hides_static_points_only() -> None:
     seen = StaticCache(WALL, [view], NEAR).view(0)
     assert 0 < len(seen.index) <= len(far)
     expected = StaticCache(far, VIEWS, NEAR).view(0)
-    drawn = [draw(moving(view, near), view, static)[0] for static in (seen, expected)]
-    np.testing.assert_allclose(*drawn, atol=1e-6)
-    assert np.abs(drawn[0] - draw(moving(view, near[:0]), view, expected)[0]).max() > 0.1
+    found, alone = (draw(moving(view, near), view, static)[0] for static in (seen, expected))
+    np.testing.assert_allclose(found, alone, atol=1e-6)
+    assert np.abs(found - draw(moving(view, near[:0]), view, expected)[0]).max() > 0.1
 
 
 @pytest.mark.parametrize("among", [True, False])

@@ -66,7 +66,7 @@ class DynamicPoints:
         """Create the points from which a group's training starts."""
         rates = CANONICAL_RATES | {"means": CANONICAL_RATES["means"] * images.unit}
         canonical, shades = TrainablePoints.from_gaussians(start.dynamic, rates), start.shades
-        fixed = None if shades is None else shades.any(2).any(0)
+        fixed = None if shades is None else (shades != 0).any((0, 2))
         scene = canonical.means, images.count, images.unit
         deformation = make_deformation(config.deformation, *scene, seed, start.tracks, fixed)
         if not config.appearance:

@@ -13,8 +13,8 @@ STILL = np.tile(np.array([1, 0, 0, 0], np.float32), (len(GRID), 1))
 
 def cost(means: np.ndarray, dx: np.ndarray, dq: np.ndarray, unit: float = 1.0) -> float:
     neighbor = np.arange(1, len(means) + 1) % len(means)
-    arrays = (np.ascontiguousarray(each, np.float32) for each in (means, dx, dq))
-    return motion.arap(*arrays, neighbor, np.ones(len(means), np.float32), unit)[0]
+    means, dx, dq = (np.ascontiguousarray(each, np.float32) for each in (means, dx, dq))
+    return motion.arap(means, dx, dq, neighbor, np.ones(len(means), np.float32), unit)[0]
 
 
 def test_rigid_motion_is_free() -> None:
