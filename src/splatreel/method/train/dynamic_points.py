@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from splatreel.config import GroupConfig
-from splatreel.kernels.adam import Step
 from splatreel.kernels.splat import Splats
 from splatreel.method.deform.appearance import Appearance, detect_cuts
 from splatreel.method.deform.knot_adam import Restore, merge_snapshots
 from splatreel.method.deform.models import make_deformation
-from splatreel.method.deform.protocol import Deformation, Slope
+from splatreel.method.deform.protocol import Deformation
 from splatreel.method.tracking.tracking import GroupStart
 from splatreel.method.train.render import View, deformed
 from splatreel.method.train.trainable_points import TrainablePoints
@@ -83,15 +82,6 @@ class DynamicPoints:
         """Positions at the keyframe, [N, 3] world."""
         return self.canonical.means
 
-    def prepare(self, moment: float, others: Iterable[float] = ()) -> None:
-        """Take the optimizer steps that changes at a moment, and motion at other times, wait for.
-
-        Until the next step, threads may read them together. Reading takes the missing steps itself otherwise.
-        """
-        self.deformation.prepare([moment, *others])
-        if self.appearance is not None:
-            self.appearance.prepare([moment])
-
     def changes(self, moment: float) -> Changes:
         """Return the changes at a moment, in frames of the group."""
         dx, dq = self.deformation.offsets(self.means, moment)
@@ -109,31 +99,6 @@ class DynamicPoints:
         """Return the logits [N] of the opacities, each at the moment of its maximum."""
         logits = self.canonical.params["logit_opacities"]
         return logits if self.appearance is None else logits + self.appearance.highest
-
-    def steps(
-        self,
-        moment: float,
-        canonical: Sequence[np.ndarray],
-        slopes: Sequence[Slope],
-        shading: tuple[np.ndarray, np.ndarray] | None,
-        share: float,
-        pace: float,
-    ) -> list[Step]:
-        """Return the optimizer steps that follow the gradients of an iteration.
-
-        Args:
-            moment: Time that was drawn, in frames of the group.
-            canonical: Gradients to the canonical points, in the order of `trainable_points.NAMES`.
-            slopes: Gradients to the motion, see `Deformation.gradient`.
-            shading: `Changes.shade` at the moment and the gradient to it, which is changed; ignored if appearance is fixed.
-            share: Share of training that is over, 0..1.
-            pace: Factor for the learning rates.
-        """
-        self.canonical.scale_rates({}, default=pace * 0.1**share)
-        found = self.canonical.follow(canonical) + self.deformation.steps(slopes, share, pace)
-        if self.appearance is not None and shading is not None:
-            found += self.appearance.steps(moment, *shading, share, pace)
-        return found
 
     def snapshot(self) -> Restore:
         """Copy everything that training changes."""
