@@ -111,9 +111,10 @@ def test_interrupted_encode_starts_over(run: Path) -> None:
 @pytest.mark.parametrize(
     ("out", "reason"),
     [
-        ("run", "which this command reads. Choose a place outside of it"),
-        ("run/reel", "which this command reads. Choose a place outside of it"),
-        ("run/work", "which this command reads. Choose a place outside of it"),
+        ("run", "is the folder that this command reads. Choose another place"),
+        ("run/reel", "is the folder that this command reads. Choose another place"),
+        ("run/work", "is the folder that this command reads. Choose another place"),
+        ("run/reel/new", "lies in run/reel, which this command reads. Choose a place outside of it"),
         ("second/reel", "holds a reel already. Choose another folder, or delete that reel"),
     ],
 )

@@ -63,7 +63,7 @@ def test_reel_of_a_reconstruction_goes_to_a_folder(tmp_path: Path, capsys: pytes
         (["{reel}", "{web}", "--keep", "-1"], 2, "--keep -1: give hours"),
         (["{reel}", "{web}", "--keep", "nan"], 2, "--keep nan: give hours"),
         (["{empty}", "{web}"], 1, "is not a reel, it has no manifest.json"),
-        (["{reel}", "{reel}/manifest.json"], 1, "cannot be"),
+        (["{reel}", "{reel}/manifest.json"], 2, "lies in the reel itself"),
     ],
 )
 def test_impossible_publications_are_refused(

@@ -98,10 +98,10 @@ def test_a_menu_that_goes_on_fades_at_its_end(phone: Page, server: Server):
     phone.locator("splat-reel .settings").tap()
     menu = phone.locator("splat-reel .menu")
     menu.wait_for()
-    mask = "(menu) => getComputedStyle(menu).maskImage"
-    phone.wait_for_function(f"({mask})({REEL}.shadowRoot.querySelector('.menu')) !== 'none'")
+    fade = f"getComputedStyle({REEL}.shadowRoot.querySelector('.menu'), '::after').height"
+    phone.wait_for_function(f"{fade} === '56px'")
     menu.evaluate("(menu) => menu.scrollTo(0, menu.scrollHeight)")
-    phone.wait_for_function(f"({mask})({REEL}.shadowRoot.querySelector('.menu')) === 'none'")
+    phone.wait_for_function(f"{fade} !== '56px'")
 
 
 def test_the_help_of_a_phone_begins_with_gestures_and_folds_the_keys_away(phone: Page, server: Server):

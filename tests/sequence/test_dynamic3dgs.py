@@ -46,8 +46,9 @@ def test_one_column_of_scales_makes_spheres(tmp_path: Path) -> None:
 @pytest.mark.parametrize("name", ["rgb_colors", "unnorm_rotations"])
 def test_an_array_without_frames_is_constant(tmp_path: Path, name: str) -> None:
     held = arrays()
-    np.savez(tmp_path / "each.npz", **held | {name: np.repeat(held[name][:1], 3, 0)})
-    np.savez(tmp_path / "once.npz", **held | {name: held[name][0]})
+    for file, value in {"each.npz": np.repeat(held[name][:1], 3, 0), "once.npz": held[name][0]}.items():
+        changed: dict[str, Any] = held | {name: value}
+        np.savez(tmp_path / file, **changed)
     each, once = (open_frames(tmp_path / file) for file in ("each.npz", "once.npz"))
     for frame in range(3):
         np.testing.assert_array_equal(once.read(frame).sh, each.read(frame).sh)

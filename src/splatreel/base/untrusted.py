@@ -133,7 +133,7 @@ def parse_xml(text: str, kind: Kind, subject: str) -> ElementTree.Element:
     try:
         return ElementTree.fromstring(text, parser=ElementTree.XMLParser(target=_BoundedTree()))
     except (ElementTree.ParseError, ValueError, LookupError) as error:
-        raise kind(f"{subject} is no complete XML file ({error}).") from error
+        raise kind(f"{subject} is not a complete XML file ({error}).") from error
 
 
 class _BoundedTree(ElementTree.TreeBuilder):

@@ -250,7 +250,9 @@ def _rows(values: np.ndarray, what: str, name: str) -> np.ndarray:
     try:
         rows = np.asarray(values, np.float32)
     except (ValueError, TypeError) as error:
-        raise CaptureError(f"{name}: {what} are no array of numbers ({error}). Give [P, 3] in main memory.") from error
+        raise CaptureError(
+            f"{name}: {what} are not an array of numbers ({error}). Give [P, 3] in main memory."
+        ) from error
     if rows.ndim != 2 or rows.shape[1] != 3:
         remedy = f" Transpose them: {what}.T." if rows.ndim == 2 and rows.shape[0] == 3 else ""
         remedy = f" Leave out the fourth column: {what}[:, :3]." if rows.ndim == 2 and rows.shape[1] == 4 else remedy
@@ -287,7 +289,7 @@ def _rate(times: Sequence[float] | np.ndarray, frames: int, fps: float, name: st
     try:
         seconds = np.asarray(times, np.float64)
     except (ValueError, TypeError) as error:
-        raise CaptureError(f"{name}: times are no numbers ({error}). Give seconds.") from error
+        raise CaptureError(f"{name}: times are not numbers ({error}). Give seconds.") from error
     if seconds.shape != (frames,) or not np.isfinite(seconds).all():
         raise CaptureError(
             f"{name}: times have shape {seconds.shape}, expected one finite number for each of {frames} frames. "

@@ -9,7 +9,7 @@ import numpy as np
 from splatreel.scene.camera import Camera
 
 SHOWN = 128
-"""Gray level from which on a pixel shows the subject."""
+"""Smallest gray level of a pixel that shows the subject."""
 LARGE = 0.6
 """Share of an image that a subject rarely covers."""
 EMPTY = 0.0005

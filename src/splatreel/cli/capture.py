@@ -57,8 +57,6 @@ def capture_check(
     """
     if page is not None:
         check_out("--page", page)
-    import numpy as np
-
     from splatreel.base.display import console
     from splatreel.capture.capture_sound import choose
     from splatreel.capture.opening import open_capture
@@ -71,15 +69,8 @@ def capture_check(
     source = open_capture(capture, width=width, **chosen)
     progress = console()
     try:
-        progress.stage("reading every frame", source.frames)
         names = [camera.name for camera in source.cameras]
-        middle, moments = source.frames // 2 // CHUNK * CHUNK, []
-        for first in range(0, source.frames, CHUNK):
-            count = min(CHUNK, source.frames - first)
-            read = source.read(first, count, names)
-            if first in (0, middle):
-                moments.append(read[[0, -1]] if middle == 0 else read[[0]])
-            progress.update(first + count)
+        images = _read_all(source, names, progress)
         seconds = source.frames / source.fps
         sound = choose("auto", source.tracks(), seconds, source.first_frame / source.fps, source.path)
         masked = None if masks is None else _masks_of(source, masks, progress)
@@ -95,7 +86,6 @@ def capture_check(
     said: list[str] = []
     _say_each([*source.notes, *(masked.sentences if masked else [])], said)
     alpha = None if masked is None else masked.levels
-    images = np.concatenate(moments)
     coverage, verdict = _judge(source, names, images, alpha, quick, said) or (None, None)
     given = {"--width": width, "--frames": frames, "--hold-out": hold_out, "--leave-out": leave_out, "--masks": masks}
     options = [part for name, value in given.items() if value is not None for part in option(name, value)]
@@ -112,6 +102,21 @@ def capture_check(
     if verdict is not None and verdict.faults:
         raise ReconstructionError(f"{capture}: {text}")
     say(text)
+
+
+def _read_all(source: Capture, names: list[str], progress: Progress) -> np.ndarray:
+    """Read every frame. Return the images [M, C, H, W, 3] of the first one and of the one in the middle."""
+    import numpy as np
+
+    progress.stage("reading every frame", source.frames)
+    middle, moments = source.frames // 2 // CHUNK * CHUNK, []
+    for first in range(0, source.frames, CHUNK):
+        count = min(CHUNK, source.frames - first)
+        read = source.read(first, count, names)
+        if first in (0, middle):
+            moments.append(read[[0, -1]] if middle == 0 else read[[0]])
+        progress.update(first + count)
+    return np.concatenate(moments)
 
 
 class _CheckedMasks(NamedTuple):

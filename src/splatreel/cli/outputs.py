@@ -28,15 +28,18 @@ def check_out(option: str, out: Path | str, *sources: Path | str, below: bool = 
     """
     path = Path(out)
     if _ADDRESS.match(path.as_posix()) and not Path(path.parts[0]).exists():
+        address = str(out) if "://" in str(out) else path.as_posix().replace(":/", "://", 1)
         raise UsageError(
-            f"{option} {str(out).replace(':/', '://', 1) if '://' not in str(out) else out}: is an address, and this command writes to "
+            f"{option} {address}: is an address, and this command writes to "
             "this machine only. Name a file or folder here. `splatreel publish FOLDER ADDRESS` copies a reel to an address."
         )
     for source in sources:
         if _ADDRESS.match(Path(source).as_posix()) or not Path(source).is_dir():
             continue
         place, read = path.resolve(), Path(source).resolve()
-        if place == read or (below and place.is_relative_to(read)):
+        if place == read:
+            raise UsageError(f"{option} {out}: is the folder that this command reads. Choose another place.")
+        if below and place.is_relative_to(read):
             raise UsageError(
                 f"{option} {out}: lies in {source}, which this command reads. Choose a place outside of it."
             )

@@ -25,11 +25,11 @@ LIGHT_RANGE = 0.35
 SHRINK, FEWEST_BLOCKS = 8, 24
 """Width of the blocks that changes of light are measured in, pixels, and their smallest number along the width of small images."""
 SWITCHED, SWITCHED_SHARE = 0.15, 0.15
-"""Smallest logarithm of a change of light that is no drift, and the smallest share of the image that it changes."""
+"""Smallest logarithm of a change of light that is more than drift, and the smallest share of the image that it changes."""
 LARGEST_SWITCH, LIGHT_STEP = 1.6, 0.1
 """Largest logarithm of a change of light, and the difference between those that are tried."""
 DARK, SATURATED = 4.0, 250
-"""Gray levels below which and from which on a pixel does not tell the light."""
+"""Gray levels between which a pixel tells the light."""
 
 
 @dataclass(frozen=True)

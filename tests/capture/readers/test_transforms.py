@@ -204,9 +204,8 @@ def test_points_of_other_programs(tmp_path: Path, more: str, rows: list[str], co
     capture = open_capture(tmp_path)
     assert capture.points is not None
     np.testing.assert_allclose(capture.points, [[0, 0, 1], [-1, 0, 2]])
-    if colors is None:
-        assert capture.point_colors is None
-    else:
+    assert (capture.point_colors is None) == (colors is None)
+    if colors is not None and capture.point_colors is not None:
         np.testing.assert_allclose(capture.point_colors, colors, atol=1e-6)
 
 

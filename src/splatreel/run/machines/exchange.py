@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from splatreel.base.errors import StorageError
+from splatreel.base.untrusted import open_regular
 from splatreel.run.job_log import LOGS
 from splatreel.run.jobs import chapter_name
 from splatreel.run.store import LAST_OF_GROUP, REEL_FILES_OF_GROUP, Store
@@ -171,9 +172,10 @@ def _common(names: list[str]) -> str:
 
 def _read(folder: Path, name: str) -> bytes:
     if not is_plain(name):
-        raise StorageError(f"{name!r:.200}: is no path within a folder.", lasting=True)
+        raise StorageError(f"{name!r:.200}: is not a path within a folder.", lasting=True)
     try:
-        return (folder / name).read_bytes()
+        with open_regular(folder / name, StorageError) as file:
+            return file.read()
     except OSError as error:
         raise StorageError(f"{folder / name}: cannot be read ({error.strerror or error}).", lasting=True) from error
 
@@ -183,7 +185,7 @@ def _is_here(folder: Path, file: SharedFile) -> bool:
     try:
         if path.stat().st_size != file.bytes:
             return False
-        with open(path, "rb") as opened:
+        with open_regular(path, StorageError) as opened:
             return hashlib.file_digest(opened, "sha256").hexdigest() == file.sha256
     except FileNotFoundError:
         return False
