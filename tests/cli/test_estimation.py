@@ -26,7 +26,7 @@ def scene(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         folders.write_video(folder / f"{camera.name}.mp4", list(source.read(0, 3, [camera.name])[:, 0]))
     np.save(folder / "poses_bounds.npy", folders.llff(source.cameras))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr(machine_speed, "_seconds", lambda probe, _: probe.seconds)
+    monkeypatch.setattr(machine_speed, "_seconds", lambda probe: probe.seconds)
     return folder
 
 

@@ -1,5 +1,8 @@
 """Kernels and their readable torch versions on the same inputs. The versions import torch when they run."""
 
+# pyright: reportCallIssue=false
+# Pyright assumes that an unpacked list fills all remaining positional arguments.
+
 from collections.abc import Callable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
@@ -8,7 +11,7 @@ import numpy as np
 
 from splatreel.kernels import deform, harmonics, hashgrid, motion, project, similarity, splat
 from splatreel.kernels.splat import Projection, Splats
-from tests.kernels.compare import Kernel, camera, gaussians, splats
+from tests.kernels.compare import Kernel, camera, floats, gaussians, splats
 
 CENTER = np.array([0.3, -0.2, -3.0], np.float32)
 RESOLUTIONS = np.array([[4, 4, 3], [8, 9, 5], [33, 32, 16]])
@@ -384,7 +387,7 @@ def rigidity() -> Iterator[Case]:
     means, neighbor = normal(300, 3), np.random.RandomState(2).randint(300, size=300)
     neighbor[:3] = np.arange(3)  # neighbors at distance zero
     weights = uniform(300, seed=3)
-    inputs = [0.3 * normal(300, 3, seed=4), np.float32([1, 0, 0, 0]) + 0.3 * normal(300, 4, seed=5)]
+    inputs = [0.3 * normal(300, 3, seed=4), floats([1, 0, 0, 0]) + 0.3 * normal(300, 4, seed=5)]
     for unit in (1.0, 5.0):
 
         def kernel(dx, dq, unit=unit):

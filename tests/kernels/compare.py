@@ -1,6 +1,10 @@
 """Scenes for the tests of kernels, and the comparison of a kernel's results and gradients with known ones."""
 
+# pyright: reportCallIssue=false
+# Pyright assumes that an unpacked list fills all remaining positional arguments.
+
 from collections.abc import Callable, Sequence
+from typing import Any
 
 import numpy as np
 
@@ -11,6 +15,10 @@ Gradient = Callable[[Arrays], tuple[np.ndarray | None, ...]]
 """From the gradients to the float outputs of a kernel to the gradients to its inputs; None where it computes none."""
 Kernel = Callable[..., tuple[Arrays, Gradient]]
 """From inputs to outputs, and their gradient."""
+
+
+def floats(values: Any) -> np.ndarray:
+    return np.array(values, np.float32)
 
 
 def assert_close(found: np.ndarray, expected: np.ndarray, tolerance: float, what: str) -> None:

@@ -6,7 +6,7 @@ import pytest
 from splatreel.kernels import deform, harmonics, project, splat
 from splatreel.scene import rotations
 from tests.kernels.cases import CENTER, moment
-from tests.kernels.compare import camera
+from tests.kernels.compare import camera, floats
 
 
 @pytest.mark.parametrize("moved", [False, True])
@@ -35,19 +35,19 @@ def test_deformation_moves_and_rotates_points():
     half = np.array([[2**-0.5, 0, 0, 2**-0.5]], np.float32)
     zeros = np.zeros((1, 1, 3), np.float32)
     points = deform.DeformedPoints(
-        means=np.float32([[0, -1, 0]]),
-        quats=np.float32([[1, 0, 0, 0]]),
-        log_scales=np.log(np.float32([[0.5, 0.01, 0.01]])),
+        means=floats([[0, -1, 0]]),
+        quats=floats([[1, 0, 0, 0]]),
+        log_scales=np.log(floats([[0.5, 0.01, 0.01]])),
         logit_opacities=np.zeros(1, np.float32),
         base=zeros,
         rest=zeros[:, :0],
-        dx=np.float32([[0, 1, 0]]),
+        dx=floats([[0, 1, 0]]),
         dq=7 * half,
-        shade=np.float32([[1, 0, -1, 2]]),
+        shade=floats([[1, 0, -1, 2]]),
     )
-    pose, K = np.eye(4, dtype=np.float32), np.float32([[50, 0, 20], [0, 50, 20], [0, 0, 1]])
+    pose, K = np.eye(4, dtype=np.float32), floats([[50, 0, 20], [0, 50, 20], [0, 0, 1]])
     pose[2, 3] = 5
-    opacities, seen = deform.forward(points, np.float32([0, 0, -5]), project.Pinhole(pose, K, 40, 40, 0.1))
+    opacities, seen = deform.forward(points, floats([0, 0, -5]), project.Pinhole(pose, K, 40, 40, 0.1))
     assert seen.means2d.tolist() == [[20, 20]]
     assert seen.depths.tolist() == [5]
     assert seen.radii[0] > 0

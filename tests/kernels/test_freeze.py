@@ -1,5 +1,8 @@
 """Drawing moving splats among frozen splats gives the image and the gradients of drawing everything."""
 
+# pyright: reportCallIssue=false
+# Pyright assumes that an unpacked list fills all remaining positional arguments.
+
 import numpy as np
 import pytest
 

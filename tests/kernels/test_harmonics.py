@@ -6,6 +6,7 @@ import pytest
 from splatreel.base.errors import GaussiansError
 from splatreel.kernels import harmonics
 from tests.kernels.cases import normal
+from tests.kernels.compare import floats
 
 
 def test_gradient_without_directions_is_the_same():
@@ -46,7 +47,7 @@ def test_harmonics_are_orthonormal():
 def test_first_band_follows_3dgs():
     coefficients = np.zeros((3, 4, 3), np.float32)
     coefficients[0, 1] = coefficients[1, 2] = coefficients[2, 3] = 1
-    directions = np.float32([[0, 5, 0], [0, 0, 2], [3, 0, 0]])  # y, z, x: any length
+    directions = floats([[0, 5, 0], [0, 0, 2], [3, 0, 0]])  # y, z, x: any length
     values = harmonics.forward(1, directions, coefficients)[:, 0]
     np.testing.assert_allclose(values, np.array([-1, 1, -1]) * 0.48860251, rtol=1e-6)
 

@@ -6,6 +6,7 @@ import pytest
 from splatreel.base.errors import GaussiansError
 from splatreel.kernels import hashgrid
 from tests.kernels.cases import RESOLUTIONS, normal, uniform
+from tests.kernels.compare import floats
 
 
 def test_dense_level_reproduces_linear_function():
@@ -29,7 +30,7 @@ def test_table_gradient_is_the_transpose_of_the_features():
 
 
 def test_coordinates_beyond_the_ends_have_no_gradient():
-    coords = np.float32([[1.5, 0.3, -0.1]])
+    coords = floats([[1.5, 0.3, -0.1]])
     found = hashgrid.coords_gradient(coords, normal(3, 1024, 2), np.ones((1, 6), np.float32), RESOLUTIONS)
     assert (found != 0).tolist() == [[False, True, False]]
 

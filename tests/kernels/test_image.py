@@ -8,7 +8,7 @@ from splatreel.kernels import harmonics, splat
 from splatreel.kernels.image import Backdrop, render_image
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
-from tests.kernels.compare import camera, gaussians
+from tests.kernels.compare import camera, floats, gaussians
 
 W, H = 45, 33
 CAMERA = Camera("test", *camera(W, H), W, H)
@@ -33,7 +33,7 @@ def test_image_is_that_of_the_kernels(degree, antialias):
     image = render_image(scene, CAMERA, degree=degree, antialias=antialias)
     assert image.dtype == np.float32
     np.testing.assert_allclose(image, expected, atol=1e-6)
-    behind = np.float32([0.1, 0.2, 0.3])
+    behind = floats([0.1, 0.2, 0.3])
     image = render_image(scene, CAMERA, degree=degree, antialias=antialias, background=(0.1, 0.2, 0.3))
     np.testing.assert_allclose(image, expected + (1 - alpha[..., None]) * behind, atol=1e-6)
 

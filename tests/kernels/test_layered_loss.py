@@ -6,9 +6,10 @@ import pytest
 from splatreel.kernels import layered, rasterize, similarity, splat
 from splatreel.kernels.rasterize import Gradients
 from splatreel.kernels.splat import Splats
+from tests.kernels.compare import floats
 from tests.kernels.test_freeze import HEIGHT, WIDTH, splats
 
-GAIN, BACKGROUND = np.float32([0.9, 1.0, 1.1]), np.float32([0.1, 0.2, 0.3])
+GAIN, BACKGROUND = floats([0.9, 1.0, 1.1]), floats([0.1, 0.2, 0.3])
 
 
 def scene(seed):

@@ -5,7 +5,7 @@ import pytest
 
 from splatreel.base.errors import GaussiansError
 from splatreel.kernels import project, splat
-from tests.kernels.compare import camera, gaussians
+from tests.kernels.compare import camera, floats, gaussians
 
 W, H = 37, 29
 
@@ -20,7 +20,7 @@ def test_some_points_are_visible(distance):
 
 def test_point_on_axis_projects_to_principal_point():
     K = np.array([[100, 0, 20], [0, 100, 15], [0, 0, 1]])
-    point = np.float32([[0, 0, 2]]), np.float32([[1, 0, 0, 0]]), np.full((1, 3), 0.02, np.float32)
+    point = floats([[0, 0, 2]]), floats([[1, 0, 0, 0]]), np.full((1, 3), 0.02, np.float32)
     projection = splat.project(*point, np.eye(4), K, 40, 30)
     assert projection.means2d[0].tolist() == [20, 15]
     variance = (100 * 0.02 / 2) ** 2 + 0.3
@@ -31,7 +31,7 @@ def test_point_on_axis_projects_to_principal_point():
 
 @pytest.mark.parametrize("mean", [(0.0, 0, -2), (0, 0, 0.005), (50, 0, 1)])
 def test_invisible_point_is_culled_without_gradient(mean):
-    points = np.float32([mean]), np.ones((1, 4), np.float32), np.full((1, 3), 0.1, np.float32)
+    points = floats([mean]), np.ones((1, 4), np.float32), np.full((1, 3), 0.1, np.float32)
     view = project.Pinhole(np.eye(4, dtype=np.float32), camera(W, H)[1], W, H, 0.01)
     means2d, conics, depths, radii = project.forward(*points, view)
     assert radii[0] == 0

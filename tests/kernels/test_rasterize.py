@@ -1,5 +1,8 @@
 """The rasterizer: known answers, determinism, sorting into tiles, and sums over splats."""
 
+# pyright: reportCallIssue=false
+# Pyright assumes that an unpacked list fills all remaining positional arguments.
+
 import os
 import subprocess
 import sys
@@ -14,7 +17,7 @@ from splatreel.base.errors import GaussiansError
 from splatreel.kernels import binning, splat
 from splatreel.kernels.splat import Projection, Splats
 from tests.kernels.cases import normal
-from tests.kernels.compare import slopes, splats
+from tests.kernels.compare import floats, slopes, splats
 
 
 def test_absolute_gradient_is_a_sum_over_tiles():
@@ -37,7 +40,7 @@ def test_absolute_gradient_is_a_sum_over_tiles():
 
 def test_single_splat_has_gaussian_alpha():
     """At its center, the alpha of a splat is its opacity; one sigma away it is exp(-1/2) times as much."""
-    one = [np.float32(v) for v in ([[8.5, 8.5]], [[1 / 4, 0, 1 / 4]], [[0.5, 1, 0.25]], [0.8], [1.0])]
+    one = [floats(v) for v in ([[8.5, 8.5]], [[1 / 4, 0, 1 / 4]], [[0.5, 1, 0.25]], [0.8], [1.0])]
     image, alpha = splat.rasterize(Splats(*one, np.ones(1, np.int32)), 20, 20)
     assert alpha[8, 8] == pytest.approx(0.8)
     assert alpha[8, 10] == pytest.approx(0.8 * np.exp(-0.5), rel=1e-5)
@@ -46,9 +49,9 @@ def test_single_splat_has_gaussian_alpha():
 
 
 def test_nearer_splat_is_drawn_in_front():
-    two = [np.float32(v) for v in ([[8.5, 8.5]] * 2, [[0.1, 0, 0.1]] * 2, np.eye(3)[:2], [0.9, 0.9])]
+    two = [floats(v) for v in ([[8.5, 8.5]] * 2, [[0.1, 0, 0.1]] * 2, np.eye(3)[:2], [0.9, 0.9])]
     for depths, front in (([1.0, 2], 0), ([2.0, 1], 1)):
-        image, _ = splat.rasterize(Splats(*two, np.float32(depths), np.ones(2, np.int32)), 16, 16)
+        image, _ = splat.rasterize(Splats(*two, floats(depths), np.ones(2, np.int32)), 16, 16)
         assert image[8, 8, front] == pytest.approx(0.9, rel=1e-5)
         assert image[8, 8, 1 - front] == pytest.approx(0.09, rel=1e-4)
 
@@ -132,9 +135,9 @@ def test_rasterize_bits_do_not_depend_on_threads():
     for number in (1, 2, 4, 16):
         with threads.limited(number):
             image, alpha = splat.rasterize(inputs, 100, 70)
-            found.append(
-                (image, alpha, *splat.rasterize_gradient(inputs, 100, 70, image, alpha, *slopes((image, alpha))))
-            )
+            d_image, d_alpha = slopes((image, alpha))
+            gradients = splat.rasterize_gradient(inputs, 100, 70, image, alpha, d_image, d_alpha)
+            found.append((image, alpha, *gradients))
     for others in found[1:]:
         for a, b in zip(found[0], others, strict=True):
             np.testing.assert_array_equal(a, b)

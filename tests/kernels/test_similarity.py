@@ -6,6 +6,7 @@ import pytest
 from splatreel.base.errors import GaussiansError
 from splatreel.kernels.similarity import loss_and_gradient
 from tests.kernels.cases import images, uniform
+from tests.kernels.compare import floats
 
 
 def test_loss_of_equal_images_is_zero():
@@ -29,7 +30,7 @@ def test_loss_of_a_target_of_bytes_is_that_of_their_values():
 
 def test_background_and_gain_are_those_of_the_drawing():
     image, target = images(20, 30)
-    gain, background = np.float32([0.9, 1.0, 1.1]), np.float32([0.1, 0.0, -0.1])
+    gain, background = floats([0.9, 1.0, 1.1]), floats([0.1, 0.0, -0.1])
     found = loss_and_gradient(image, target, 0.2, gain, background=background)
     plain = loss_and_gradient((image + background) * gain, target, 0.2)
     assert found.loss == pytest.approx(plain.loss, rel=1e-6)
@@ -39,7 +40,7 @@ def test_background_and_gain_are_those_of_the_drawing():
 @pytest.mark.parametrize("seed", range(4))
 def test_gradient_of_tiles_equals_whole_image(seed):
     """If only some tiles change, the loss changes as much as that of the whole image. The window reaches into neighboring tiles."""
-    height, width, gain = 90, 350, np.float32([0.9, 1.0, 1.1])
+    height, width, gain = 90, 350, floats([0.9, 1.0, 1.1])
     tiles = uniform(6, 22, seed=seed) < (0.05, 0.3, 0.7, 1.0)[seed]
     inside = np.kron(tiles, np.ones((16, 16), bool))[:height, :width, None]
     (image, target), (other, _) = images(height, width, seed), images(height, width, seed + 50)

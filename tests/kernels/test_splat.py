@@ -12,6 +12,7 @@ from splatreel.scene import rotations
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from tests.kernels.cases import uniform
+from tests.kernels.compare import floats
 
 
 @pytest.mark.parametrize("k", [1, 5])
@@ -51,7 +52,7 @@ def test_antialiased_opacity_falls_by_blurred_area():
     long, wide, angle = 4.0, 0.05, 0.6
     turn = np.array([[math.cos(angle), -math.sin(angle)], [math.sin(angle), math.cos(angle)]])
     inverse = np.linalg.inv(turn @ np.diag([long + 0.1, wide + 0.1]) @ turn.T)
-    conics, opacity = np.float32([[inverse[0, 0], inverse[0, 1], inverse[1, 1]]]), np.float32([0.8])
+    conics, opacity = floats([[inverse[0, 0], inverse[0, 1], inverse[1, 1]]]), floats([0.8])
     expected = math.sqrt(long * wide / ((long + 0.1) * (wide + 0.1)))
     np.testing.assert_allclose(splat.antialiased(opacity, conics), 0.8 * expected, rtol=1e-5)
     culled = splat.antialiased(opacity, np.zeros((1, 3), np.float32))

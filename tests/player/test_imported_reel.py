@@ -5,7 +5,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 pytest.importorskip("playwright.sync_api", reason="the browser tests need the playwright package")
 from playwright.sync_api import Page
@@ -40,7 +39,7 @@ def test_pictures_match_the_python_render(page: Page, tmp_path: Path) -> None:
     film = open_frames(write_film(tmp_path / "film", [*map(frame, range(4)), *map(exchanged, range(4, 9))]))
     header, limits = header_of(film.read(0), cameras(), None, FPS)
     writer = ReelWriter(tmp_path / "reel", header, config=EncodeConfig(coarseness=0.3))
-    write_reel(film, writer, Silent(), torch.device("cpu"), limits)
+    write_reel(film, writer, Silent(), limits)
     reel = open_reel(tmp_path / "reel")
     groups = reel.manifest.groups
     assert reel.manifest.overlap == 0
