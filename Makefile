@@ -1,11 +1,12 @@
 # The few things one does here. Everything runs in .venv, which the first target that needs it creates. The demo needs a third of the
-# packages that the tests need, so there are two stamp files: what reconstruction needs, and all.
+# packages that the tests need, so there are stamp files: what reconstruction needs, what the tests need, and torch for test-all.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/$(if $(filter Windows_NT,$(OS)),Scripts,bin)
 RECON := $(VENV)/.recon
 SETUP := $(VENV)/.dev
 DOCS := $(VENV)/.docs
+ORACLES := $(VENV)/.oracles
 MODELS := $(VENV)/.models
 NPM := $(shell command -v npm 2>/dev/null)
 
@@ -17,7 +18,7 @@ demo: $(RECON)  ## reconstruct, compress, evaluate and play the built-in scene; 
 	$(BIN)/splatreel demo --out out/demo
 
 # The tests of `make test` answer in minutes. The others take long, kill processes, start a cluster or a browser, or build the wheel.
-LONG := slow or kill or cluster or wheel or browser
+LONG := slow or kill or cluster or wheel or browser or oracle
 WORKERS ?= auto
 COVERAGE ?=
 # RETRY=1, as .ci/run sets it, runs tests that failed once more, one at a time: a browser on a busy machine may be late. It says so.
@@ -35,7 +36,7 @@ test: $(SETUP) $(if $(NPM),player/node_modules/.package-lock.json)  ## the tests
 	$(call pytest,'smoke or not ($(LONG))')
 
 test-all: COVERAGE = 1
-test-all: test  ## those, then all others, and how much of the code they ran
+test-all: $(ORACLES) test  ## those, then all others, and how much of the code they ran
 	$(call pytest,'($(LONG)) and not smoke')
 	$(BIN)/coverage combine --quiet 2>out/coverage/combine.log || { cat out/coverage/combine.log; exit 1; }
 	rm -f out/coverage/data.*  # cut off: of processes that were killed
@@ -60,8 +61,8 @@ endif
 
 bench: $(RECON)  ## append to benchmarks/results.jsonl
 	$(BIN)/python benchmarks/demo.py
-	$(BIN)/splatreel bench kernels
-	$(BIN)/splatreel bench codec
+	$(BIN)/python benchmarks/measure.py kernels
+	$(BIN)/python benchmarks/measure.py codec
 
 gpu: $(SETUP)  ## on a machine with a GPU: test and measure there, within MINUTES; BASKETBALL=FOLDER, of Panoptic Sports
 	$(BIN)/python benchmarks/gpu.py --minutes $(MINUTES) $(if $(BASKETBALL),--basketball '$(BASKETBALL)')
@@ -101,8 +102,7 @@ setup: $(SETUP)
 
 models: $(MODELS)  ## install RAFT and SAM2, which come without weights; then their tests run with random ones
 
-# LOCKED=1, as the workflows set it, installs only files whose hashes are in constraints.lock. torch is the exception: its CPU and CUDA
-# builds are different files of one version.
+# LOCKED=1, as the workflows set it, installs only files whose hashes are in constraints.lock. torch, for test-all and models, is not there.
 LOCKED ?=
 # Python compiles the modules that a program imports. pip would compile all of them, for 20 seconds.
 PIP := $(BIN)/python -m pip install --quiet --no-compile
@@ -113,15 +113,17 @@ HASHED := $(PIP) --no-deps --require-hashes --requirement constraints.lock
 $(RECON): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11) and "Splatreel needs Python 3.11 or newer; run: make PYTHON=python3.12")'
 	test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	$(if $(LOCKED),$(HASHED) && $(INSTALL) torch)
+	$(if $(LOCKED),$(HASHED))
 	$(BIN)/python -c 'import editables, hatchling' 2>/dev/null || $(INSTALL) editables hatchling
-	$(EDITABLE) .
-	@# Kernels need only these packages, so that they compile while pip unpacks torch.
-	$(BIN)/splatreel warmup & $(EDITABLE) '.[recon]' && wait
+	$(EDITABLE) '.[recon]'
 	touch $@
 
 $(SETUP): $(RECON)
 	$(EDITABLE) '.[dev]'
+	touch $@
+
+$(ORACLES): $(SETUP)
+	$(INSTALL) --no-build-isolation --editable '.[oracles]'
 	touch $@
 
 $(DOCS): pyproject.toml constraints.txt
@@ -132,7 +134,7 @@ $(DOCS): pyproject.toml constraints.txt
 	touch $@
 
 # SAM2 has no wheel. Building it apart would download torch again, and its CUDA extension fills small holes only.
-$(MODELS): $(SETUP)
+$(MODELS): $(ORACLES)
 	SAM2_BUILD_CUDA=0 $(INSTALL) --no-build-isolation --editable '.[models]'
 	touch $@
 

@@ -64,13 +64,15 @@ def main(iterations: int = 300) -> None:
     wall = random_points(400, [-3, -2, 0.9], [3, 2, 1.0], seed=0)
     ball = random_points(48, [-0.8, -0.6, -0.4], [0.2, 0.6, 0.2], seed=1)
     config = splatreel.preset("standard")
-    group = replace(config.group, deformation="hashgrid", length=FRAMES, overlap=0, iterations_per_frame=60)
+    group = replace(
+        config.group, deformation="hashgrid", length=FRAMES, overlap=0, iterations_per_frame=60, coarse_share=0
+    )
     config = replace(config, group=group)
     trainer = group_trainer(film(wall, ball, cameras), cameras, ball, wall, config, near=NEAR, device="cpu")
 
     losses = []
     for iteration in range(min(iterations, trainer.iterations)):
-        losses.append(float(trainer.step(iteration)))
+        losses.append(trainer.step(iteration))
         if len(losses) % 50 == 0:
             print(f"iteration {len(losses)}: loss {np.mean(losses[-50:]):.4f}")
     moved = trainer.result().dx[-1, :, 0].mean()

@@ -133,20 +133,20 @@ def test_the_near_plane_of_training_is_that_of_rendering() -> None:
     assert group_trainer(IMAGES, CAMERAS, replace(gaussians, near=None), None, settings(), device="cpu").images.near > 0
 
 
-def test_missing_torch_gives_the_message_of_the_command_line() -> None:
+def test_a_missing_package_gives_the_message_of_the_command_line() -> None:
     code = """
 import sys
-sys.modules["torch"] = None
+sys.modules["cv2"] = None
 import numpy as np
 import splatreel
 from splatreel.capture.pose_checks import inverted
 from splatreel.scene.camera import facing
 from splatreel.training import reconstruct_frame
-camera = splatreel.Camera("a", np.eye(4), np.eye(3), 8, 8)
+camera = splatreel.Camera("a", np.eye(4), np.array([[8, 0, 4], [0, 8, 4], [0, 0, 1]]), 8, 8)
 try:
     reconstruct_frame(np.zeros((1, 8, 8, 3), np.uint8), [camera])
 except splatreel.SplatreelError as error:
     print(error)
 """
     printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    assert re.match(r"the Python package 'torch' is needed and not installed\. Run\n  pip install", printed)
+    assert re.match(r"the Python package 'cv2' is needed and not installed\. Run\n  pip install", printed)

@@ -13,9 +13,8 @@ from baselines.part_by_part import Frames
 from baselines.shared_start import SharedStart
 from splatreel.codec.group_file import encode_layer
 from splatreel.config import EncodeConfig
-from splatreel.method.encode.importance import weigh
+from splatreel.method.encode.importance import group_importance, weigh
 from splatreel.method.train.training_images import TrainingImages
-from splatreel.run.output.group_writer import group_importance
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group
@@ -68,7 +67,7 @@ class PerFrame(FrameByFrame):
         for frame in range(frames.count):
             points = frames.load(frame)
             moments, cameras = [points], list(header.cameras)
-            importance = weigh(moments, cameras, header.near, start.device, header.antialias, VIEWS)
+            importance = weigh(moments, cameras, header.near, header.antialias, VIEWS)
             until = frame + 1 if frame + 1 < frames.count else None
             # In one part: no player shows a part of a single frame.
             file, order = encode_layer(frame, frame, points, writer.config, importance)
@@ -164,7 +163,7 @@ def write_groups(
     for index, part in enumerate(parts):
         group, importance = chain(start, frames, part[0], len(part), index), None
         if encode.codec != "h265":
-            importance = group_importance(writer.manifest, writer.config, nothing, group, start.device)[0]
+            importance = group_importance(writer.manifest, writer.config, nothing, group)[0]
         writer.add_group(group, importance)
     writer.finish()
 

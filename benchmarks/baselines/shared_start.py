@@ -7,7 +7,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from splatreel.base.errors import ReconstructionError, UsageError
 from splatreel.capture.base import Capture
@@ -39,13 +38,11 @@ class SharedStart:
         capture: The capture.
         run: Output folder of the run.
         config: Settings of the run.
-        device: Device that trains.
     """
 
     capture: Capture
     run: Path
     config: Config
-    device: torch.device
 
     @property
     def store(self) -> Store:
@@ -99,8 +96,8 @@ class SharedStart:
 
     def gains(self) -> CameraGains:
         """Return the color gains of the cameras, which may be refined."""
-        gains = CameraGains(len(self.rig.cameras), self.device, self.config.correct_colors)
-        gains.load(torch.from_numpy(self.rig.gains).to(self.device))
+        gains = CameraGains(len(self.rig.cameras), self.config.correct_colors)
+        gains.load(self.rig.gains)
         return gains
 
     def training_images(self, frame: int) -> TrainingImages:
@@ -113,10 +110,9 @@ class SharedStart:
         absent = self.capture.missing(frame, 1, self.rig.names)[0]
         unknown = None
         if absent.any() and not absent.all():
-            unknown = torch.from_numpy(np.broadcast_to(absent[:, None, None], images.shape[1:4]).copy()).to(self.device)
-        views = [View.of(c, self.device, self.config.antialias, self.layout) for c in self.rig.cameras]
-        tensor = torch.from_numpy(images).to(self.device)
-        return TrainingImages(tensor, views, self.layout.near, self.layout.unit, unknown)
+            unknown = np.broadcast_to(absent[:, None, None], images.shape[1:4])[None]
+        views = [View.of(c, self.config.antialias, self.layout) for c in self.rig.cameras]
+        return TrainingImages(images, views, self.layout.near, self.layout.unit, unknown)
 
     def light(self, first: int, count: int) -> np.ndarray | None:
         """Return the factors [count, 3] of the light from frame `first` on, as in `Group.light`; None if it never changes."""

@@ -10,7 +10,6 @@ import tyro
 
 import measure
 import oracle
-from bench import rate_distortion
 from splatreel.base.errors import UsageError
 from splatreel.capture import opening
 from splatreel.scene.reel_source import ReelSource
@@ -30,7 +29,8 @@ def requests(monkeypatch: pytest.MonkeyPatch) -> list[dict]:
         asked.append(request)
         return scenes.capture(path, ["cam03"])
 
-    monkeypatch.setattr(opening, "open_capture", open_capture)
+    for module in (opening, oracle):
+        monkeypatch.setattr(module, "open_capture", open_capture)
     return asked
 
 
@@ -67,9 +67,9 @@ def test_impossible_values_are_refused(requests: list[dict], options: dict, faul
 def test_bench_codec_of_a_run_writes_table_chart_and_record(
     requests: list[dict], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    measure = rate_distortion.rate_distortion_points
+    points = measure.rate_distortion_points
     monkeypatch.setattr(
-        measure, "rate_distortion_points", lambda sweep: measure(sweep, ["predictive 1.2", "predictive 4"])
+        measure, "rate_distortion_points", lambda sweep: points(sweep, ["predictive 1.2", "predictive 4"])
     )
     run, out = scenes.write_run(tmp_path / "run", SOURCE), tmp_path / "out"
     measure.app.cli(args=["codec", str(run), "capture", "--every", "5", "--out", str(out)])

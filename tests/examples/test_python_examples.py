@@ -91,10 +91,27 @@ def test_train_group(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixt
     out = capsys.readouterr().out
     losses = [float(value) for value in re.findall(r"loss ([\d.]+)", out)]
     assert len(losses) == 6
-    assert losses[-1] < 0.7 * losses[0]
+    assert losses[-1] < 0.8 * losses[0]
     moved = re.search(r"moved by ([\d.]+) of 0.24", out)
     assert moved is not None
     assert 0.1 < float(moved[1]) < 0.3
+
+
+@pytest.mark.slow
+def test_own_loss(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    run(monkeypatch, "own_loss.py", "--iterations", 150)
+    without, found = (float(share) for share in re.findall(r"shortest axis ([\d.]+)", capsys.readouterr().out))
+    assert found < 0.5 * without, "the Gaussians are flat"
+
+
+@pytest.mark.slow
+def test_own_loss_by_torch(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    pytest.importorskip("torch")
+    monkeypatch.syspath_prepend(EXAMPLES)
+    run(monkeypatch, "own_loss_torch.py", "--iterations", 100)
+    losses = [float(value) for value in re.findall(r"loss ([\d.]+)", capsys.readouterr().out)]
+    assert len(losses) == 2
+    assert losses[1] < losses[0]
 
 
 @pytest.mark.slow

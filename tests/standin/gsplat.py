@@ -145,9 +145,9 @@ class Rasterize(Function):
     @staticmethod
     def forward(ctx: Any, means2d, conics, colors, opacities, depths, radii, width: int, height: int, absolute) -> Any:
         del absolute  # only its gradient counts
-        arrays = _arrays(means2d, conics, opacities, depths)
-        ctx.bins = binning.bin_splats(*arrays, radii.numpy(), width, height)
-        image, alpha = map(torch.from_numpy, rasterize.forward(ctx.bins, *_arrays(colors)))
+        centers, shapes, opaque, depth, shown = _arrays(means2d, conics, opacities, depths, colors)
+        ctx.bins = binning.bin_splats(centers, shapes, opaque, depth, radii.numpy(), width, height)
+        image, alpha = map(torch.from_numpy, rasterize.forward(ctx.bins, shown))
         ctx.save_for_backward(colors, image, alpha)
         return image, alpha
 

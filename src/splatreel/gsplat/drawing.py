@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
-import gsplat
 import torch
 import torch.nn.functional as functional
 from torch import Tensor
 
+import gsplat
 from splatreel.kernels.project import BLUR, FINE_BLUR
 
 TILE = 16
@@ -63,10 +63,16 @@ class Splats(NamedTuple):
         return Splats(*[torch.cat(pair) for pair in zip(a, b, strict=True)])
 
 
-class Frozen(NamedTuple):
+@dataclass(frozen=True)
+class Frozen:
     """Splats that do not change, drawn once for one view.
 
-    index: [M], row of each splat among all static points. spans: [M, 4], the tiles that each touches.
+    Attributes:
+        splats: M splats.
+        index: [M], row of each among all static points.
+        spans: [M, 4], the tiles that each touches.
+        image: [H, W, 3] over black.
+        alpha: [H, W].
     """
 
     splats: Splats

@@ -186,8 +186,8 @@ class GsplatGroupProgram(GsplatProgram[Draw]):
         """Add the gradients of `terms.smoothness` at its three moments, which are multiples of one gradient."""
         start, end, between = span
         moments = (1 - between, start), (between, end), (-1.0, start + between * (end - start))
-        found = [(factor, self._offsets(moment)) for factor, moment in moments]
-        bent, turned = (sum(factor * offsets[k] for factor, offsets in found) for k in (0, 1))
+        found = [[factor * part for part in self._offsets(moment)] for factor, moment in moments]
+        bent, turned = (first + last + middle for first, last, middle in zip(*found, strict=True))
         share = weight / len(bent)
         d_dx, d_dq = bent.sign() * (share / self.model_unit), turned.sign() * share
         for factor, moment in moments:

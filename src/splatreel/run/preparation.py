@@ -136,7 +136,7 @@ def report_coverage(job: Job, capture: Capture, rig: Rig, images: np.ndarray, mi
     known = {"points": capture.points, "point_colors": capture.point_colors, "near": capture.near}
     masks = [alpha for frame in {0, middle} if (alpha := capture.alpha(frame, 1, rig.names)) is not None]
     alpha = np.concatenate(masks) if masks else None
-    found = cover(rig.cameras, images, **known, gpu=job.gpu, progress=job.progress, alpha=alpha)
+    found = cover(rig.cameras, images, **known, progress=job.progress, alpha=alpha)
     about_masks = (
         []
         if alpha is None

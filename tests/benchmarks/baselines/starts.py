@@ -3,7 +3,6 @@
 from pathlib import Path
 
 import numpy as np
-import torch
 
 from baselines.shared_start import SharedStart
 from splatreel.capture.base import Capture
@@ -49,4 +48,4 @@ def write_start(capture: Capture, out: Path, keyframe: Gaussians | None = None) 
     store.save_layout(Layout(header.near, 3.0, [0.0, -1.0, 0.0], bounds), points.means, np.ones((len(points), 3)))
     store.group(0).save("keyframe", checkpoint.pack(points) | {"gains": np.ones((len(cameras), 3), np.float32)})
     store.save_seconds(SECONDS)
-    return SharedStart(capture, out, changed(Config(), PLAIN), torch.device("cpu"))
+    return SharedStart(capture, out, changed(Config(), PLAIN))

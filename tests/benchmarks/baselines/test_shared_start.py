@@ -13,7 +13,7 @@ def test_baselines_start_from_the_cameras_images_and_points_of_our_run(tmp_path:
     start = write_start(capture := scenes.capture(tmp_path), tmp_path / "run")
     assert start.rig.names == ["cam01", "cam02", "cam04"]
     np.testing.assert_array_equal(start.keyframe.means, scenes.truth(0).means)
-    np.testing.assert_array_equal(start.training_images(2).pixels.numpy(), capture.read(2, 1, start.rig.names))
+    np.testing.assert_array_equal(start.training_images(2).pixels, capture.read(2, 1, start.rig.names))
     assert start.seconds == sum(SECONDS.values())
     assert start.shared_seconds == SECONDS["points"] + SECONDS["keyframe"]
     assert start.light(0, scenes.FRAMES) is None
@@ -26,7 +26,7 @@ def test_changes_of_exposure_are_removed_as_in_our_run(tmp_path: Path) -> None:
     light = np.zeros((scenes.FRAMES, 3), np.float32)
     light[2] = np.log(2.0)
     start.store.group(0).save(EXPOSURE.name, {"change": change, "light": light})
-    plain, evened = capture.read(1, 1, start.rig.names)[0], start.training_images(1).pixels[0].numpy()
+    plain, evened = capture.read(1, 1, start.rig.names)[0], start.training_images(1).pixels[0]
     dark = plain[0] < 120
     np.testing.assert_allclose(evened[0][dark], 2.0 * plain[0][dark], atol=1.5)
     np.testing.assert_array_equal(evened[1:], plain[1:])

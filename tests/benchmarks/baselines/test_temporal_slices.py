@@ -2,7 +2,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from baselines.part_by_part import Frames
 from baselines.shared_start import SharedStart
@@ -23,12 +22,11 @@ def start(tmp_path: Path) -> SharedStart:
 
 
 def points() -> SpaceTimePoints:
-    return SpaceTimePoints(scenes.truth(0), UNIT, default_rates(UNIT, 1.0), torch.device("cpu"))
+    return SpaceTimePoints(scenes.truth(0), UNIT, default_rates(UNIT, 1.0))
 
 
-def set_time(made: SpaceTimePoints, name: str, value: float | list[float]) -> None:
-    with torch.no_grad():
-        made.time[name].tensor[:] = torch.tensor(value)
+def set_time(made: SpaceTimePoints, name: str, value: float | list[float] | np.ndarray) -> None:
+    made.time[name].parameter[:] = value
 
 
 def test_points_begin_where_they_are_and_rest() -> None:
@@ -62,18 +60,49 @@ def test_hidden_points_are_not_drawn() -> None:
 def test_children_share_the_path_and_the_life_of_their_parent() -> None:
     made = points()
     set_time(made, "velocities", [0.5, 0.0, 0.0])
-    chosen = torch.arange(len(made)) < 10
-    with torch.no_grad():
-        made.space.params["log_scales"][:10] = -20.0  # small: children stay on the path
+    chosen = np.arange(len(made)) < 10
+    made.space.params["log_scales"][:10] = -20.0  # small: children stay on the path
     before = made.at(0.5).means[:10]
     count = len(made)
-    made.split(chosen, torch.Generator().manual_seed(0))
+    made.split(chosen, np.random.default_rng(0))
     assert len(made) == count + 10
-    assert made.time["log_durations"].tensor[-20:].exp().detach().numpy() == pytest.approx(1 / 1.6)
-    assert made.time["centers"].tensor[-20:].std() > 0.3
-    away = 0.5 - made.time["centers"].tensor[-20:].detach().numpy()
-    own = made.space.means[-20:].detach().numpy() + UNIT * np.array([0.5, 0, 0]) * away
+    assert np.exp(made.time["log_durations"].parameter[-20:]) == pytest.approx(1 / 1.6)
+    assert made.time["centers"].parameter[-20:].std() > 0.3
+    away = 0.5 - made.time["centers"].parameter[-20:]
+    own = made.space.means[-20:] + UNIT * np.array([0.5, 0, 0]) * away
     np.testing.assert_allclose(own, np.concatenate([before, before]), atol=1e-5)
+
+
+def test_gradients_are_those_of_finite_differences() -> None:
+    rng, made, moment = np.random.default_rng(0), points(), 0.4
+    set_time(made, "centers", rng.uniform(0, 1, (len(made), 1)))
+    set_time(made, "log_durations", rng.uniform(-2, 0, (len(made), 1)))
+    set_time(made, "velocities", rng.normal(size=(len(made), 3)))
+    shown, rows = made.slice(moment)
+    assert 0 < len(rows) < len(made)
+    weights = {name: rng.normal(size=value.shape).astype(np.float32) for name, value in shown.items()}
+
+    def loss(point: int) -> float:
+        """Return the weighted sum of the values of one visible point."""
+        now = made.slice(moment)[0]
+        return sum(float((weights[name][point] * now[name][point]).sum(dtype=np.float64)) for name in now)
+
+    space, time = made.gradients(moment, rows, weights)
+    arrays = [(one.parameter, {**space, **time}[name]) for name, one in {**made.space.adams, **made.time}.items()]
+    for value, slope in arrays:
+        assert value.shape == slope.shape
+        for point in (0, len(rows) // 2, len(rows) - 1):
+            row = value[rows[point] : rows[point] + 1]
+            for place in range(min(row.size, 3)):
+                before, ends = row.flat[place], []
+                for sign in (1, -1):
+                    row.flat[place] = before + sign * 2e-3
+                    ends.append(loss(point))
+                row.flat[place] = before
+                wanted = slope[rows[point] : rows[point] + 1].flat[place]
+                np.testing.assert_allclose((ends[0] - ends[1]) / 4e-3, wanted, rtol=2e-2, atol=5e-3)
+    hidden = np.setdiff1d(np.arange(len(made)), rows)
+    assert all((slope[hidden] == 0).all() for _, slope in arrays)
 
 
 def test_parts_are_the_groups(start: SharedStart) -> None:

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import torch
 
 from bench.microbenchmarks import cloud, front_camera
 from bench.oracle import draw_single_frame, oracle
@@ -157,7 +156,7 @@ def still_reel(path: Path, capture: HeldOutWall, cameras: str = "training") -> P
         cameras=views,
     )
     writer = ReelWriter(path, header, config=EncodeConfig())
-    shows = weigh([gaussians], capture.training_cameras, layout.near, torch.device("cpu"), CONFIG.antialias)
+    shows = weigh([gaussians], capture.training_cameras, layout.near, CONFIG.antialias)
     writer.add_layer(0, 0, gaussians, shows)
     nothing = gaussians[:0]
     offsets = np.zeros((FRAMES, 0, 3), np.float32), np.zeros((FRAMES, 0, 4), np.float32)

@@ -7,7 +7,7 @@ apart.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import reduce
 from typing import NamedTuple
 
@@ -81,8 +81,8 @@ class HashGrid:
         margin = 0.1 * unit
         self.low = low - margin
         self.extent = (high - low + 2 * margin).max()
-        space = _geometric(*self.SPATIAL_RESOLUTIONS, self.LEVELS)
-        plane, time = (_geometric(*r, self.LEVELS) for r in self.SPACE_TIME_RESOLUTIONS)
+        space = geometric(*self.SPATIAL_RESOLUTIONS, self.LEVELS)
+        plane, time = (geometric(*r, self.LEVELS) for r in self.SPACE_TIME_RESOLUTIONS)
         self.resolutions = [
             np.stack([space] * 3, 1) if 3 not in axes else np.stack([plane, plane, time], 1) for axes in AXES
         ]
@@ -172,15 +172,13 @@ class HashGrid:
         return self.GRID_RATE if name.startswith("grid") else self.NETWORK_RATE
 
     def _start(self, rng: np.random.Generator) -> dict[str, np.ndarray]:
-        """Return the initial parameters. Weights and biases of hidden layers are uniform within 1 / sqrt(inputs)."""
+        """Return the initial parameters."""
         shape = (self.LEVELS, 2**self.LOG2_ENTRIES, self.FEATURES)
         start = {f"grid{k}": rng.uniform(-1e-4, 1e-4, shape) for k in range(len(AXES))}
         features = self.LEVELS * self.FEATURES
         hidden = {"gate": features, "motion": 3 * features, "dx": self.WIDTH, "dq": self.WIDTH}
         for name, inputs in hidden.items():
-            reach = inputs**-0.5
-            start[name] = rng.uniform(-reach, reach, (inputs, self.WIDTH))
-            start[f"{name}_bias"] = rng.uniform(-reach, reach, self.WIDTH)
+            start |= random_layer(name, inputs, self.WIDTH, rng)
         start["gate_bias"] = np.ones(self.WIDTH)
         for name, outputs in (("dx", 3), ("dq", 4)):
             start[f"{name}_out"] = rng.normal(0, self.HEAD_DEVIATION, (self.WIDTH, outputs))
@@ -207,11 +205,11 @@ def _decode(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, dict[str, np.ndarray], tuple[np.ndarray, np.ndarray]]:
     """Return the network's input of motion, its gate, the hidden values, those within both heads, and the heads dx and dq."""
     joined = np.concatenate(features[1:], 1)
-    gate = np.tanh(_linear(values, "gate", features[0]) / 2)  # 2 sigmoid(x) - 1
-    moved = np.maximum(_linear(values, "motion", joined), 0)
+    gate = np.tanh(linear(values, "gate", features[0]) / 2)  # 2 sigmoid(x) - 1
+    moved = np.maximum(linear(values, "motion", joined), 0)
     hidden = gate * moved
-    inner = {name: np.maximum(_linear(values, name, hidden), 0) for name in ("dx", "dq")}
-    heads = _linear(values, "dx_out", inner["dx"]), _linear(values, "dq_out", inner["dq"])
+    inner = {name: np.maximum(linear(values, name, hidden), 0) for name in ("dx", "dq")}
+    heads = linear(values, "dx_out", inner["dx"]), linear(values, "dq_out", inner["dq"])
     return joined, gate, moved, inner, heads
 
 
@@ -220,25 +218,35 @@ def _decode_gradient(
 ) -> tuple[dict[str, np.ndarray], list[np.ndarray]]:
     """Return the gradients to the network's parameters, by name, and to the features of the four grids."""
     found: dict[str, np.ndarray] = {}
-
-    def back(name: str, inputs: np.ndarray, slope: np.ndarray) -> np.ndarray:
-        """Record the gradients of a linear layer, and return the gradient to its inputs."""
-        found[name], found[f"{name}_bias"] = inputs.T @ slope, slope.sum(0)
-        return slope @ values[name].T
-
     joined, gate, moved, inner, _ = _decode(values, features)
     hidden, d_hidden = gate * moved, np.zeros_like(gate)
     for name, d_head in zip(("dx", "dq"), d_heads, strict=True):
-        d_inner = back(f"{name}_out", inner[name], d_head) * (inner[name] > 0)
-        d_hidden += back(name, hidden, d_inner)
-    d_gate = back("gate", features[0], d_hidden * moved * (1 - gate * gate) / 2)
-    d_joined = back("motion", joined, d_hidden * gate * (moved > 0))
+        d_inner = linear_gradient(found, values, f"{name}_out", inner[name], d_head) * (inner[name] > 0)
+        d_hidden += linear_gradient(found, values, name, hidden, d_inner)
+    d_gate = linear_gradient(found, values, "gate", features[0], d_hidden * moved * (1 - gate * gate) / 2)
+    d_joined = linear_gradient(found, values, "motion", joined, d_hidden * gate * (moved > 0))
     return found, [d_gate, *(np.ascontiguousarray(part) for part in np.split(d_joined, 3, 1))]
 
 
-def _linear(values: dict[str, np.ndarray], name: str, inputs: np.ndarray) -> np.ndarray:
+def random_layer(name: str, inputs: int, outputs: int, rng: np.random.Generator) -> dict[str, np.ndarray]:
+    """Return the weights and biases of a linear layer, uniform within 1 / sqrt(inputs), by the names that `linear` reads."""
+    reach = inputs**-0.5
+    return {name: rng.uniform(-reach, reach, (inputs, outputs)), f"{name}_bias": rng.uniform(-reach, reach, outputs)}
+
+
+def linear(values: Mapping[str, np.ndarray], name: str, inputs: np.ndarray) -> np.ndarray:
+    """Return the outputs [R, O] of a linear layer for inputs [R, I]."""
     return inputs @ values[name] + values[f"{name}_bias"]
 
 
-def _geometric(low: int, high: int, levels: int) -> np.ndarray:
+def linear_gradient(
+    found: dict[str, np.ndarray], values: Mapping[str, np.ndarray], name: str, inputs: np.ndarray, slope: np.ndarray
+) -> np.ndarray:
+    """Record the gradients of a linear layer in `found`, and return the gradient to its inputs. slope: [R, O], to its outputs."""
+    found[name], found[f"{name}_bias"] = inputs.T @ slope, slope.sum(0)
+    return slope @ values[name].T
+
+
+def geometric(low: int, high: int, levels: int) -> np.ndarray:
+    """Return the resolutions [levels] of a grid, from the coarsest to the finest."""
     return np.floor(low * (high / low) ** (np.arange(levels) / max(levels - 1, 1))).astype(np.int64)
