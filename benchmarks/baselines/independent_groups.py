@@ -53,7 +53,7 @@ class Stretch(Capture):
 
 def run_independent_groups(
     capture: Capture, out: Path, config: Config, device: str, progress: Progress
-) -> dict[str, float]:
+) -> tuple[dict[str, float], str]:
     """Reconstruct each group of a capture alone, with all points moving, and write OUT/reel. The same call continues.
 
     OUT/work gets the groups as trained.
@@ -71,16 +71,18 @@ def run_independent_groups(
         progress: Progress display.
 
     Returns:
-        Seconds by stage, summed over the groups.
+        Seconds by stage, summed over the groups, and the device that trained: cpu, gpu or cuda.
     """
     spans = group_spans(capture.frames, config.group.length, config.group.overlap)
     seconds: dict[str, float] = {}
+    trained = ""
     for span in spans:
         alone = {"group.length": span.count, "group.overlap": 0, "layering.enabled": False, "check_coverage": False}
         settings = changed(config, {**alone, "chapter_frames": 0})
         result = reconstruct(
             Stretch(capture, span), out / f"group{span.index:04d}", settings, device=device, progress=progress
         )
+        trained = result.device
         for stage, value in result.seconds.items():
             seconds[stage] = round(seconds.get(stage, 0.0) + value, 3)
     stores = [Store(out / f"group{span.index:04d}" / "work") for span in spans]
@@ -96,4 +98,4 @@ def run_independent_groups(
         chained.group(span.index).save_group(replace(stored, group=moved))
     writer.finish()
     chained.save_seconds(seconds)
-    return seconds
+    return seconds, trained

@@ -23,7 +23,6 @@ from splatreel.config.settings import changed
 from splatreel.evaluation.evaluate import evaluate
 from splatreel.evaluation.report import Report
 from splatreel.evaluation.uncompressed import uncompressed_frames
-from splatreel.run.device_choice import pick_device
 from splatreel.run.gpu_speed import measure_run_speed
 from splatreel.run.machines.estimate import estimate
 from splatreel.run.machines.local_processes import division_of
@@ -81,7 +80,7 @@ class PaperBench:
         captures: Captures by name, each with held-out cameras.
         config: Settings of the variant `Full`.
         out: Folder with OUT/CAPTURE/DIGEST, the digest being that of the settings. Variants with equal settings share it.
-        device: auto, cpu, gpu or cuda.
+        device: auto, cpu, gpu or cuda. The baselines of `METHODS` train on the CPU.
         progress: Progress display.
         minutes: Minutes that each baseline of `METHODS` may train, our first keyframe included; None allows as many as the
             variant `Full` took.
@@ -135,7 +134,7 @@ class PaperBench:
         for folder, (name, variant) in missing.items():
             like = NO_LAYERS if variant == INDEPENDENT else variant
             run = plan_run(self.captures[name], folder, self.settings(like), device=self.device)
-            speed = measure_run_speed(run.device, run.gpu) if speed is None else speed
+            speed = measure_run_speed(run.gpu) if speed is None else speed
             found = estimate(run, division_of(run), speed)
             seconds, memory = seconds + found.total, max(memory, found.memory)
             lines.append(f"  {name}, {variant}: about {format_rounded(found.total)}, {found.memory / 1e9:.1f} GB")
@@ -152,24 +151,22 @@ class PaperBench:
         return self._measured[folder]
 
     def _measure_baseline(self, name: str, variant: str, folder: Path) -> Measured:
-        capture, device, reel, path = (
-            self.captures[name],
-            pick_device(self.device),
-            folder / "reel",
-            folder / "report.json",
-        )
+        capture, reel, path = self.captures[name], folder / "reel", folder / "report.json"
         if not path.exists():
-            undecoded = None
+            undecoded, device = None, "cpu"
             if variant == INDEPENDENT:
-                seconds = run_independent_groups(capture, folder, self.config, self.device, self.progress)
+                seconds, device = run_independent_groups(capture, folder, self.config, self.device, self.progress)
                 undecoded = uncompressed_frames(folder / "work", reel)
             else:
-                start = SharedStart(
-                    capture, self.measure(name, FULL).run, self.config.for_video(capture.frames), device
-                )
+                full = self.measure(name, FULL)
+                if full.report.device != device:
+                    self.progress.note(
+                        f"{variant} trains on the CPU; {FULL} trained on another device ({full.report.device})."
+                    )
+                start = SharedStart(capture, full.run, self.config.for_video(capture.frames))
                 allowed = start.seconds if self.minutes is None else 60 * self.minutes
                 seconds = run_in_parts(METHODS[variant], start, folder, allowed, self.progress)
-            shown = {"seconds": seconds, "device": device.type, "progress": self.progress}
+            shown = {"seconds": seconds, "device": device, "progress": self.progress}
             evaluate(reel, capture, out=folder, undecoded=undecoded, **shown)
         return Measured(Report.read(path), reel_info(reel).float32_bytes, folder)
 

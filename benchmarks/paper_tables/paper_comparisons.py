@@ -83,7 +83,9 @@ def efficiency(bench: PaperBench) -> PaperTable:
         m = means(bench, variant)
         cost = f"{m['minutes']:.1f}", _cell(m, "fps", ".1f")
         rows.append([name_of(variant), f"{m['psnr']:.2f}", f"{m['megabytes']:.2f}", *cost, MEASURED])
-    device = bench.measure(next(iter(bench.captures)), FULL).report.device
+    devices = {v: bench.measure(next(iter(bench.captures)), v).report.device for v in (INDEPENDENT, STREAMING, FULL)}
+    device = ", ".join(f"{name_of(v)}: {device}" for v, device in devices.items())
+    device = devices[FULL] if len({*devices.values()}) == 1 else device
     return PaperTable(
         f"Table 2. Quantitative comparisons. Size in MB, time in minutes on this machine ({device}); FPS of our CPU renderer."
         + comparable(TABLE_2, bench.captures)

@@ -28,7 +28,6 @@ from splatreel.config import EncodeConfig
 from splatreel.evaluation.comparison_images import layers_overlay, write_png
 from splatreel.evaluation.report import write_text
 from splatreel.play.timeline import open_reel
-from splatreel.run.device_choice import pick_device
 from splatreel.run.output.reencode import reencode
 
 METHODS_SHOWN = (FULL, PER_FRAME, STREAMING, VIDEO, INDEPENDENT)
@@ -107,7 +106,7 @@ def compressed(bench: PaperBench, name: str) -> list[Row]:
             if first:
                 write_first_frame(run, place, config)
             else:
-                reencode(run / "work", place, config, pick_device(bench.device), bench.progress)
+                reencode(run / "work", place, config, bench.progress)
             return renderer(open_reel(place))
 
         nine = {f"#{n} {' '.join(key)}": reel(n, config, True) for n, (key, config) in enumerate(TABLE_9.items(), 1)}

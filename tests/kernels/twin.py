@@ -19,7 +19,7 @@ Skin = tuple[Tensor, Tensor]
 
 
 class Projection(NamedTuple):
-    """As `splat.Projection`."""
+    """`splat.Projection` of tensors."""
 
     means2d: Tensor
     conics: Tensor
@@ -28,7 +28,7 @@ class Projection(NamedTuple):
 
 
 class Splats(NamedTuple):
-    """As `splat.Splats`."""
+    """`splat.Splats` of tensors."""
 
     means2d: Tensor
     conics: Tensor

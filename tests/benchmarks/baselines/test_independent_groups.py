@@ -28,16 +28,17 @@ def test_stretch_reads_the_frames_of_its_span(tmp_path: Path) -> None:
 @pytest.mark.slow
 def test_groups_are_chained_without_layers(tmp_path: Path) -> None:
     config, capture = small({"group.length": 3, "keyframe.first_iterations": 10}), WallCapture(6, speed=0.05)
-    seconds = run_independent_groups(capture, tmp_path, config, "cpu", Silent())
+    seconds, device = run_independent_groups(capture, tmp_path, config, "cpu", Silent())
     manifest = ReelReader(tmp_path / "reel").manifest
     assert [(g.first_frame, g.frames) for g in manifest.groups] == [(0, 4), (3, 3)]
     assert not manifest.layers
     assert all(g.points > 50 for g in manifest.groups)
     assert (manifest.group_length, manifest.overlap) == (3, 1)
     assert seconds["keyframe"] > 0
+    assert device == "cpu"
     trained, decoded = (
         uncompressed_frames(tmp_path / "work", tmp_path / "reel")(5),
         Timeline(ReelReader(tmp_path / "reel")),
     )
     assert trained.means.mean(0) == pytest.approx(decoded.at(5 / decoded.fps).means.mean(0), abs=0.02)
-    assert run_independent_groups(capture, tmp_path, config, "cpu", Silent()) == seconds
+    assert run_independent_groups(capture, tmp_path, config, "cpu", Silent()) == (seconds, "cpu")

@@ -19,6 +19,16 @@ def test_baselines_start_from_the_cameras_images_and_points_of_our_run(tmp_path:
     assert start.light(0, scenes.FRAMES) is None
 
 
+def test_images_that_do_not_exist_are_unknown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    start = write_start(capture := scenes.capture(tmp_path), tmp_path / "run")
+    monkeypatch.setattr(capture, "missing", lambda *_: np.array([[False, True, False]]))
+    images = start.training_images(1)
+    assert images.unknown is not None
+    assert images.unknown.shape == images.pixels.shape[:-1]
+    assert images.unknown.all((0, 2, 3)).tolist() == [False, True, False]
+    assert not images.unknown[0, [0, 2]].any()
+
+
 def test_changes_of_exposure_are_removed_as_in_our_run(tmp_path: Path) -> None:
     start = write_start(capture := scenes.capture(tmp_path), tmp_path / "run")
     change = np.zeros((scenes.FRAMES, 3, 3), np.float32)
