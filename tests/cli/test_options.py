@@ -5,6 +5,7 @@ import pytest
 from splatreel.base.errors import UsageError
 from splatreel.cli.main import main
 from splatreel.cli.options import parse_frames, parse_held_out, parse_names, parse_numbers, reel_folder, with_set
+from splatreel.cli.reconstruct import ConfigOptions
 from splatreel.config import Config
 
 
@@ -95,6 +96,13 @@ def test_contradicting_options_are_refused_before_work_starts(
     captured = capsys.readouterr()
     assert captured.out == ""
     assert said in captured.err
+
+
+def test_a_run_that_began_with_a_setting_without_effect_continues() -> None:
+    options = ConfigOptions(settings=("layering.lambda_nn=0.7",))
+    assert options.config(is_begun=True).layering.lambda_nn == 0.7
+    with pytest.raises(UsageError, match="has no effect"):
+        options.config()
 
 
 @pytest.mark.parametrize(

@@ -80,7 +80,9 @@ def test_gsplat_without_a_cuda_device(monkeypatch: pytest.MonkeyPatch, hip: str 
     assert name_of("auto") == ("Card", "")
     with pytest.raises(UsageError, match="--device cuda: PyTorch finds no CUDA device"):
         pick_gpu("cuda")
-    with pytest.raises(UsageError, match=r"--renderer cuda: PyTorch finds no CUDA device\. Use --renderer cpu or webgl"):
+    with pytest.raises(
+        UsageError, match=r"--renderer cuda: PyTorch finds no CUDA device\. Use --renderer cpu or webgl"
+    ):
         cuda_renderer()
 
 

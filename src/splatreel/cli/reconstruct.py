@@ -51,15 +51,19 @@ class ConfigOptions:
     settings: Set = ()
     """Any setting that `splatreel config` lists, such as group.lambda_arap=0; may be repeated."""
 
-    def config(self) -> Config:
+    def config(self, is_begun: bool = False) -> Config:
         """Return the settings.
 
+        Args:
+            is_begun: A run with these settings continues. Earlier versions took settings without effect, so they are no error then.
+
         Raises:
-            UsageError: A value is not possible.
+            UsageError: A value is not possible, or a setting has no effect.
         """
         config = with_set(configure(self.quality, self.codec, self.deformation, self.seed), self.settings)
         config = with_renditions(config, parse_renditions(self.renditions))
-        check_effect(config, {name: f"--set {name}" for name in parse_set(self.settings)})
+        if not is_begun:
+            check_effect(config, {name: f"--set {name}" for name in parse_set(self.settings)})
         return config
 
 
@@ -160,7 +164,7 @@ def reconstruct(
         texts: Texts of the reel.
     """
     use_threads(threads)
-    config = configuration.config()
+    config = configuration.config(is_begun=(Path(out) / "work").is_dir())
     following.check()
     subject.check(machines.cluster)
     if subject.region is not None:

@@ -85,7 +85,9 @@ def test_importance_is_the_derivative_of_a_weighted_image(antialias: bool) -> No
 
 def test_gradient_through_antialiasing_is_exact() -> None:
     rng = np.random.default_rng(0)
-    conics = np.concatenate([rng.uniform([1, -0.5, 1], [4, 0.5, 4], (20, 3)), [[10.0, 0, 10.0]]])  # of the last nothing is kept
+    conics = np.concatenate(
+        [rng.uniform([1, -0.5, 1], [4, 0.5, 4], (20, 3)), [[10.0, 0, 10.0]]]
+    )  # of the last nothing is kept
     opacities, slopes = rng.uniform(0, 1, 21), rng.normal(size=21)
     found = importance._antialias_gradient(opacities, conics, slopes)
     for axis in range(3):

@@ -75,9 +75,7 @@ def weigh(
     return np.sqrt(squares).astype(np.float32)
 
 
-def _squares(
-    points: Gaussians, camera: Camera, near: float, antialias: bool, rng: np.random.Generator
-) -> np.ndarray:
+def _squares(points: Gaussians, camera: Camera, near: float, antialias: bool, rng: np.random.Generator) -> np.ndarray:
     """Return one sample of the squared derivatives, [N, 3]."""
     blur = project.FINE_BLUR if antialias else project.BLUR
     view = project.Pinhole(camera.viewmat, camera.K, camera.width, camera.height, near, blur)
