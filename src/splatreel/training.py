@@ -101,8 +101,8 @@ def group_trainer(
     """Return a trainer of the motion of Gaussians over the frames of one group.
 
     `trainer.step(i)` runs iteration i of `trainer.iterations` on one image, and returns the photometric loss. `trainer.train(progress)`
-    runs all iterations, with density control and smaller images at first. `trainer.result()` returns the Gaussians `dynamic` and their
-    offsets at every frame, `dx` [T, N, 3] and `dq` [T, N, 4]. The colors of the cameras are taken as they are.
+    runs all iterations, with density control. Images are smaller at first (`group.coarse_share`). `trainer.result()` returns the
+    Gaussians `dynamic` and their offsets at every frame, `dx` [T, N, 3] and `dq` [T, N, 4]. The colors of the cameras are taken as they are.
 
     Args:
         images: Images in sRGB, [T, C, H, W, 3], uint8 or floats 0..1. The second axis has the order of the cameras.
@@ -119,10 +119,8 @@ def group_trainer(
 
     Raises:
         CaptureError: Shapes or values of the images do not fit, or the cameras cannot be used.
-        GaussiansError: There are no dynamic Gaussians, all are behind the near plane, the tracks do not
-            have a position for each Gaussian and frame, or the Gaussians have values that are not finite.
-        UsageError: The device or the preset does not exist, `near` is not a positive number, or a loss returns gradients of a wrong
-            name or shape.
+        GaussiansError: There are no dynamic Gaussians, all are behind the near plane, or values or the shape of the tracks are wrong.
+        UsageError: The device or preset does not exist, `near` is not positive, or gradients of a loss have a wrong name or shape.
         MissingDependencyError: A package of the extra `recon` is not installed.
     """
     array = image_array(images, cameras, "The group")

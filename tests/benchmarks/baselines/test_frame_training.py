@@ -39,11 +39,11 @@ def test_moved_points_follow(start: SharedStart) -> None:
 
 def test_image_gradients_are_those_of_finite_differences(start: SharedStart) -> None:
     """A gain and a background take part. The target is far from the drawing, where absolute differences have a derivative."""
-    plain, gain, count = start.training_images(1), np.float32([1.1, 0.9, 1.0]), len(start.keyframe)
-    views = [replace(view, background=np.float32([0.1, 0.2, 0.3])) for view in plain.views]
+    plain, gain, count = start.training_images(1), np.array([1.1, 0.9, 1.0], np.float32), len(start.keyframe)
+    views = [replace(view, background=np.array([0.1, 0.2, 0.3], np.float32)) for view in plain.views]
     images = replace(plain, views=views, pixels=np.full_like(plain.pixels, 255))
     params = to_params(start.keyframe)
-    offsets = np.zeros((count, 3), np.float32), np.tile(np.float32([1, 0, 0, 0]), (count, 1))
+    offsets = np.zeros((count, 3), np.float32), np.tile(np.array([1, 0, 0, 0], np.float32), (count, 1))
     found = frame_training.image_gradients(params, offsets, images, 0, gain)
     arrays = [(offsets[0], found.points["means"]), (offsets[1], found.dq)]
     arrays += [(params[name], found.points[name]) for name in ("log_scales", "logit_opacities", "sh_base")]

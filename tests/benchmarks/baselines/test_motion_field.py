@@ -42,7 +42,7 @@ def test_gradient_is_that_of_finite_differences() -> None:
 
 def test_field_learns_different_motions_at_different_places() -> None:
     means = places(200)
-    wanted = np.where(means[:, :1] > 0, np.float32([[0.1, 0, 0]]), np.float32([[0, -0.05, 0]]))
+    wanted = np.where(means[:, :1] > 0, np.array([[0.1, 0, 0]], np.float32), np.array([[0, -0.05, 0]], np.float32))
     field, still = MotionField(BOX, 3.0, 150, 0), np.zeros((200, 4), np.float32)
     for iteration in range(150):
         dx, _ = field.offsets(means)

@@ -118,7 +118,7 @@ def pull(seen: Seen) -> tuple[float, dict[str, np.ndarray]]:
 
 OWN = Custom("own", function=pull)
 NUDGE = {"means": 0.01, "quats": 0.02, "log_scales": 0.05, "logit_opacities": 0.1, "sh_base": 0.05, "sh_rest": 0.02}
-TOLERANCE = dict.fromkeys(("means", "quats", "log_scales", "nodes", "motion"), 0.15)
+TOLERANCE: dict[str, float] = dict.fromkeys(("means", "quats", "log_scales", "nodes", "motion"), 0.15)
 """Relative differences. A splat ends where its alpha is 1/255, and its gradient does not know that this border moves."""
 """Sizes of the differences, by name; of splines they are 0.01."""
 

@@ -229,8 +229,10 @@ class GroupTrainer:
             why = None if opened is None else unsupported(opened, state)
             if why is not None:
                 progress.note(f"this group is trained on the CPU: {why}")
-            runs_on_cpu = opened is None or why is not None
-            self.program = CpuGroupProgram(state) if runs_on_cpu else group_program(opened, state)
+            if opened is None or why is not None:
+                self.program = CpuGroupProgram(state)
+            else:
+                self.program = group_program(opened, state)
             self._upload()
         except GpuError as error:
             self._continue_without_gpu(error, progress)

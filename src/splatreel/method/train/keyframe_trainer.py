@@ -188,8 +188,10 @@ class KeyframeTrainer:
             why = None if opened is None else unsupported(opened, state)
             if why is not None:
                 progress.note(f"this keyframe is trained on the CPU: {why}")
-            runs_on_cpu = opened is None or why is not None
-            self.program = CpuKeyframeProgram(state) if runs_on_cpu else keyframe_program(opened, state)
+            if opened is None or why is not None:
+                self.program = CpuKeyframeProgram(state)
+            else:
+                self.program = keyframe_program(opened, state)
             self.program.upload()
         except GpuError as error:
             self._recover(error, progress)

@@ -15,7 +15,7 @@ from splatreel.method.train.terms.term import Iteration, Term
 
 @dataclass(frozen=True)
 class Seen:
-    """What a loss function gets. All arrays are copies.
+    """Input of a loss function. All arrays are copies.
 
     Attributes:
         points: Points by name: means [N, 3], quats [N, 4] wxyz of any length, log_scales [N, 3], logit_opacities [N], sh_base
