@@ -36,7 +36,6 @@ from splatreel.formats.ply import read_ply, write_ply
 from splatreel.method.train.single_frame import reconstruct_single_frame
 from splatreel.play.renderers import draw_on_cpu
 from splatreel.play.timeline import open_reel
-from splatreel.run.device_choice import pick_device
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
 from splatreel.sequence.edits import first_points
@@ -80,7 +79,7 @@ def measure_reel(given: argparse.Namespace, film: Frames, judge: Judge, coarsene
     shutil.rmtree(out, ignore_errors=True)
     header, limits = header_of(first_points(film), read_cameras(given.cameras), None, 30.0, given.antialiased)
     writer = ReelWriter(out, header, config=EncodeConfig(coarseness=coarseness))
-    write_reel(film, writer, Silent(), pick_device("auto"), limits)
+    write_reel(film, writer, Silent(), limits)
     reel = open_reel(out)
     size = sum(entry.bytes for entry in reel.manifest.files)
     return size / len(film), judge.psnr(lambda frame: reel.at(frame / reel.fps))

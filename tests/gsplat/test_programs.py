@@ -29,15 +29,14 @@ from tests.method.train.trainers import (
 from tests.standin.device import WAITS
 from tests.standin.gpu import gpu
 
+REAL = pytest.importorskip("torch").cuda.is_available()
+"""There is a GPU, which is used instead of the stand-in."""
 PLAIN = {"group.coarse_share": 0.0, "group.progressive_share": 0.0}
 
 
 @pytest.fixture
 def cuda() -> Iterator[SharedGpu]:
-    import torch
-
-    # The stand-in replaces `is_available`; a real GPU answers for itself.
-    with nullcontext() if torch.cuda.is_available() else gpu():
+    with nullcontext() if REAL else gpu():
         found, note = pick_gpu("cuda")
         assert found is not None
         assert (found.kind, note) == ("cuda", "")
@@ -71,8 +70,8 @@ def test_an_iteration_of_a_keyframe_is_that_of_the_cpu(
     compare_keyframes(device, host, make_images(1, unknown=unknown), (0, 65) if static else (0, 64, 66), static)
 
 
-DETAIL = {"keyframe.detail": False}
-"""The absolute gradients of gsplat are summed over pixels, those of the CPU over tiles."""
+DETAIL = {"keyframe.detail": not REAL}
+"""The absolute gradients of gsplat are summed over pixels, those of the CPU and of the stand-in over tiles."""
 
 
 @pytest.mark.parametrize("static", [None, WALL], ids=["first", "before static points"])

@@ -7,7 +7,7 @@ import pytest
 from PIL import Image
 from playwright.sync_api import Browser
 
-from splatreel.play.renderers import renderer
+from splatreel.play.renderers import draw_on_cpu
 from splatreel.play.timeline import open_reel
 from splatreel.play.viewer import Viewer
 from tests.golden import GOLDEN
@@ -19,7 +19,7 @@ pytestmark = pytest.mark.browser
 def test_a_browser_sees_what_the_kernels_draw(browser: Browser) -> None:
     pytest.importorskip("viser", reason="the local viewer's test needs splatreel[viewer]")
     reel = open_reel(GOLDEN)
-    with Viewer(reel, renderer("cpu")) as viewer:
+    with Viewer(reel, draw_on_cpu) as viewer:
         page = browser.new_page(viewport={"width": 640, "height": 480})
         page.goto(viewer.url)
         page.get_by_role("button", name="Pause").click()

@@ -134,7 +134,7 @@ def rasterize(
     Args:
         splats: N splats with any number of channels.
         lens: View.
-        absolute: [N, 2] zeros, whose gradient is the sum of the absolute gradients of `means2d` over pixels; None if not needed.
+        absolute: [N, 2], to which the backward pass adds the sums over pixels of the absolute gradients of `means2d`; None for none.
         tiles: [rows, columns] bool, the tiles to draw; gsplat leaves all other tiles empty.
     """
     means2d, conics, colors, opacities, depths, radii = splats
@@ -148,7 +148,11 @@ def rasterize(
     arguments: list[Any] = [centers, conics[None], colors[None], opacities[None], width, height, TILE, offsets, ids]
     image, alpha = gsplat.rasterize_to_pixels(*arguments, masks=masks, absgrad=absolute is not None)
     if absolute is not None and centers.requires_grad:  # the backward pass of gsplat sets the attribute `absgrad`
-        centers.register_hook(lambda _: absolute.add_(getattr(centers, "absgrad")[0]))  # noqa: B009
+
+        def add(_: Tensor) -> None:
+            absolute.add_(getattr(centers, "absgrad")[0])  # noqa: B009
+
+        centers.register_hook(add)
     return image[0], alpha[0, ..., 0]
 
 

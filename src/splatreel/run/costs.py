@@ -34,8 +34,9 @@ CHAPTER_SHARE = 0.5
 """Time of the first keyframe of a chapter, as a share of that of a video: it trains only points that the shared scene lacks."""
 HASHGRID = 3.0
 """Time of an iteration with the hash grid, as a multiple of one with splines."""
-WITHOUT_AUTOGRAD = 0.8
-"""Time of an iteration by `method/train/cpu_program.py`, as a share of one by torch: 0.71 to 0.73 on two cores, 0.83 to 0.85 on one."""
+CPU_PROGRAM_SHARE = 0.8
+"""Time of an iteration as a share of those that the costs were fitted to, which used autograd: 0.71 to 0.73 on two cores, 0.83 to 0.85
+on one."""
 LIFTING = 280.0
 """Time of the paper's optimization of labels, in iterations of a keyframe."""
 GRABCUT = 6.0
@@ -156,7 +157,7 @@ def _all_points(work: Workload, config: Config) -> float:
     """Return the seconds of all iterations over all points, many of which use smaller images."""
     keyframe = config.keyframe
     pixels = work.training_share(config, keyframe.coarse_share)
-    return keyframe.first_iterations * WITHOUT_AUTOGRAD * work.full_iteration(config, pixels)
+    return keyframe.first_iterations * CPU_PROGRAM_SHARE * work.full_iteration(config, pixels)
 
 
 def _first_keyframe(work: Workload, frames: int, config: Config) -> float:
@@ -171,7 +172,7 @@ def _keyframe(work: Workload, frames: int, config: Config) -> float:
     """Return the seconds of iterations over dynamic points, few of which compare whole images."""
     megapixels = work.megapixels * work.training_share(config, 0.0)
     iteration = 0.152 / GAINS_EVERY * megapixels + 0.0012 * work.dynamic(config)
-    return config.keyframe.refine_iterations * WITHOUT_AUTOGRAD * iteration + _temporal_mean(work, frames, config)
+    return config.keyframe.refine_iterations * CPU_PROGRAM_SHARE * iteration + _temporal_mean(work, frames, config)
 
 
 def _layering(work: Workload, frames: int, config: Config) -> float:
@@ -203,10 +204,7 @@ def _motion(work: Workload, frames: int, config: Config) -> float:
     group = config.group
     pixels = work.training_share(config, group.coarse_share)
     iteration = 0.03 * work.megapixels * pixels + 0.0031 * work.dynamic(config) + 0.0014
-    if group.deformation == "hashgrid":
-        iteration *= HASHGRID
-    elif group.tracks:
-        iteration *= WITHOUT_AUTOGRAD
+    iteration *= HASHGRID if group.deformation == "hashgrid" else CPU_PROGRAM_SHARE
     views = 0.152 * work.cameras * math.sqrt(work.megapixels)
     return views + group.iterations_per_frame * frames * iteration
 
