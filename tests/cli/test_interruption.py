@@ -101,7 +101,7 @@ class Busy:
 @pytest.mark.skipif(sys.platform == "win32", reason="POSIX signals")
 def test_sigterm_ends_like_ctrl_c(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     command, before = Busy(), signal.getsignal(signal.SIGTERM)
-    monkeypatch.setattr(cli, "build", lambda: command)
+    monkeypatch.setattr(cli, "build", lambda _: command)
     assert main(["reconstruct", "capture"]) == 143
     assert command.closed
     assert capsys.readouterr().err.endswith("continue with the same command:\n  splatreel reconstruct capture\n")
@@ -133,7 +133,7 @@ class Stuck:
     def cli(self, **_):
         {stuck}
 
-cli.build = Stuck
+cli.build = lambda _: Stuck()
 sys.exit(cli.main())
 """
 DEAF = """
