@@ -102,7 +102,7 @@ def group_trainer(
 
     `trainer.step(i)` runs iteration i of `trainer.iterations` on one image, and returns the photometric loss. `trainer.train(progress)`
     runs all iterations, with density control. Images are smaller at first (`group.coarse_share`). `trainer.result()` returns the
-    Gaussians `dynamic` and their offsets at every frame, `dx` [T, N, 3] and `dq` [T, N, 4]. Colors of the cameras are taken as they are.
+    Gaussians `dynamic` and their offsets at every frame, `dx` [T, N, 3] and `dq` [T, N, 4]. Colors are taken as they are.
 
     Args:
         images: Images in sRGB, [T, C, H, W, 3], uint8 or floats 0..1. The second axis has the order of the cameras.

@@ -1,1 +1,1 @@
-"""Evaluation of reels: metrics, reports, and the measurements of the `bench` commands."""
+"""Evaluation of reels: metrics and reports."""
