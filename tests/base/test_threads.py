@@ -63,7 +63,7 @@ def test_limit_rejects_number_out_of_range(number: int) -> None:
 
 
 def test_threads_option_error_names_the_range(capsys: pytest.CaptureFixture[str]) -> None:
-    for verb in (["reconstruct", "x", "--out", "y"], ["bench", "kernels"], ["evaluate", "x", "y", "--out", "z"]):
+    for verb in (["reconstruct", "x", "--out", "y"], ["demo", "--out", "y"], ["evaluate", "x", "y", "--out", "z"]):
         assert main([*verb, "--threads", "10000"]) == 2
         captured = capsys.readouterr()
         assert captured.out == ""

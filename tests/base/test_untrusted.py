@@ -240,7 +240,7 @@ def test_pickles_may_hold_nothing_but_arrays(capsys: pytest.CaptureFixture[str])
     [
         ("<a>" * 100 + "</a>" * 100, "nested more than 64 deep"),
         ("<a>" * 3_000_000, "nested more than 64 deep"),
-        ("<a>", "is no complete XML file"),
+        ("<a>", "is not a complete XML file"),
         ('<!DOCTYPE a [<!ENTITY b "c">]><a>&b;</a>', "declares a document type"),
     ],
 )

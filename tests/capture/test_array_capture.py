@@ -62,7 +62,7 @@ def test_fingerprint_follows_the_images() -> None:
         ({"times": [0.2, 0.1, 0.0]}, "times must rise.*Frame 1 is at 0.1 s, not after frame 0 at 0.2 s"),
         ({"times": [0.0, 0.1, 0.1]}, "times must rise.*leave out repeated ones"),
         ({"times": [0.0, np.nan, 0.1]}, "1 are NaN or infinite"),
-        ({"times": ["a", "b", "c"]}, "times are no numbers"),
+        ({"times": ["a", "b", "c"]}, "times are not numbers"),
         ({"times": [0, 33.3, 66.7]}, "33.35 s apart.*milliseconds.*give fps=0.02999"),
         ({"times": np.arange(3) * 33333.0}, "microseconds"),
         ({"times": np.arange(3) * 33333333.0 + 1e9}, "nanoseconds"),

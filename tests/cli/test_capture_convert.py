@@ -29,8 +29,12 @@ def test_new_names_are_reported(tmp_path: Path, capsys: pytest.CaptureFixture[st
 
 def test_existing_folders_are_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scene = folders.panoptic(tmp_path / "scene")
-    assert main(["capture", "convert", str(scene), str(scene)]) == 1
-    assert "scene: exists already. Name a new folder." in capsys.readouterr().err
+    assert main(["capture", "convert", str(scene), str(scene)]) == 2
+    assert "scene: is the folder that this command reads. Choose another place." in capsys.readouterr().err
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / "notes.txt").write_text("mine")
+    assert main(["capture", "convert", str(scene), str(tmp_path / "other")]) == 1
+    assert "other: exists already. Name a new folder." in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("kind", ["jpg", "png"])
