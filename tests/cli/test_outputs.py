@@ -84,7 +84,7 @@ def test_a_folder_whose_name_ends_with_a_colon_may_be_written_to(
         "evaluate reel capture --out reel/report",
         "encode run --out run/reel/sub",
         "encode run --out run/work",
-        "import frames --out frames/reel",
+        "import frames --out frames",
         "publish reel reel/public",
         "capture convert capture capture/undistorted",
         "capture masks capture --out capture",

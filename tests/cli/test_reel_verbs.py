@@ -230,10 +230,10 @@ def test_unpaired_surrogate_is_refused(forged: Path, capsys: pytest.CaptureFixtu
     ],
 )
 def test_manifest_that_cannot_be_exported(
-    forged: Path, fields: dict, message: str, capsys: pytest.CaptureFixture[str]
+    forged: Path, tmp_path: Path, fields: dict, message: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     change(forged, **fields)
-    assert main(["export", str(forged), "--out", str(forged / "frames")]) == 1
+    assert main(["export", str(forged), "--out", str(tmp_path / "frames")]) == 1
     assert message in capsys.readouterr().err
 
 

@@ -111,7 +111,7 @@ def import_frames(
     _check_options(fps, length, up)
     if fit and cameras and up:
         raise UsageError("--fit takes the up axis from --cameras. Leave out --up.")
-    check_out("--out", out, frames)
+    check_out("--out", out, frames, below=False)
     edit, words = changes.edit(), ReelTexts(title=title).given()
     use_threads(threads)
     from splatreel.base.display import console
