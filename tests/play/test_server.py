@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import socket
+import stat
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -257,7 +258,8 @@ def test_server_follows_live_manifest(reel: Path):
 def test_shortened_file_closes_connection(server: Server, reel: Path, monkeypatch: pytest.MonkeyPatch):
     """The promised length cannot be kept."""
     monkeypatch.setattr(
-        "splatreel.play.web_app.os.fstat", lambda _: SimpleNamespace(st_mtime_ns=1, st_mtime=1, st_size=9999)
+        "splatreel.play.web_app.os.fstat",
+        lambda _: SimpleNamespace(st_mtime_ns=1, st_mtime=1, st_size=9999, st_mode=stat.S_IFREG),
     )
     with pytest.raises((http.client.IncompleteRead, ConnectionError)):
         request(server, "/reel/groups/0000.safetensors")
