@@ -55,7 +55,7 @@ class ConfigOptions:
         """Return the settings.
 
         Args:
-            is_begun: A run with these settings continues. Earlier versions took settings without effect, so they are no error then.
+            is_begun: A run with these settings continues. Settings without effect, which earlier versions took, are then allowed.
 
         Raises:
             UsageError: A value is not possible, or a setting has no effect.
