@@ -53,7 +53,7 @@ def measure(case: Case, out: Path) -> dict:
         make_capture(folder / "capture", width=width, height=height, frames=frames)
     spec = RunSpec(partial(open_capture, folder / "capture"), folder / "run", preset(quality), "none", "cpu")
     with spec.opened() as run:
-        speed = measure_speed(run.device)
+        speed = measure_speed()
         said = estimate(run, division_of(run), speed)
         start = time.process_time()
         result = reconstruct_run(run, console(), lambda *_: None)

@@ -124,7 +124,7 @@ class _EventFile:
     def add(self, scalars: list[Scalar]) -> None:
         """Write numbers."""
         for scalar in scalars:
-            event = event_pb2.Event(
+            event = event_pb2.Event(  # pyright: ignore[reportAttributeAccessIssue]
                 wall_time=scalar.time, step=scalar.step, summary=summary.scalar(scalar.tag, scalar.value)
             )
             self._writer.write_event(event)

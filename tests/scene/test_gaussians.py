@@ -1,5 +1,7 @@
 """Sets of Gaussians."""
 
+from typing import Any
+
 import numpy as np
 import pytest
 
@@ -24,13 +26,15 @@ def test_arrays_become_float32():
 
 @pytest.mark.parametrize("name", ["means", "quats", "scales", "opacities", "sh"])
 def test_wrong_shapes_are_refused(name):
+    changed: dict[str, Any] = arrays(points()) | {name: np.zeros((6, 5, 2))}
     with pytest.raises(GaussiansError):
-        Gaussians(**(arrays(points()) | {name: np.zeros((6, 5, 2))}))
+        Gaussians(**changed)
 
 
 def test_five_bands_are_refused():
+    changed: dict[str, Any] = arrays(points()) | {"sh": np.zeros((6, 5, 3))}
     with pytest.raises(GaussiansError, match="5 coefficients"):
-        Gaussians(**(arrays(points()) | {"sh": np.zeros((6, 5, 3))}))
+        Gaussians(**changed)
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

@@ -108,25 +108,25 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """
     open_standard_streams()
     alone = arguments is None
-    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    given = sys.argv[1:] if arguments is None else list(arguments)
     quiet_threads()
     choose_compile_cache()
     keep_freed_memory()
     try:
-        with termination(), deadline(lambda number: interruption(number, arguments), lasting=alone):
-            if arguments == ["--version"]:
+        with termination(), deadline(lambda number: interruption(number, given), lasting=alone):
+            if given == ["--version"]:
                 say(f"splatreel {__version__}", flush=True)
                 return 0
-            check_arguments(arguments)
-            arguments = [re.sub("^--licence(?==|$)", "--license", argument) for argument in arguments]
+            check_arguments(given)
+            words = [re.sub("^--licence(?==|$)", "--license", argument) for argument in given]
             check_address_space(_LIBRARY_BYTES)
-            build(arguments).cli(prog="splatreel", description=DESCRIPTION, args=arguments, config=[DisallowNone])
+            build(words).cli(prog="splatreel", description=DESCRIPTION, args=words, config=[DisallowNone])
     except BrokenPipeError:
         # The reader of the pipe is gone; print nothing at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 1
     except (Exception, KeyboardInterrupt) as error:
-        known = explain(error, arguments)
+        known = explain(error, given)
         if known is None:
             raise
         print(printable(known[0]), file=sys.stderr)

@@ -1,4 +1,4 @@
-// One value's step of Adam (kernels/cpu/adam.py). step: rate, correction of the square, eps.
+// One value's step of Adam (kernels/adam.py). step: rate, correction of the square, eps.
 const DECAY = 0.9;
 const SQUARE_DECAY = 0.999;
 fn follow(e: u32, slope: f32, step: vec4f) -> f32 {

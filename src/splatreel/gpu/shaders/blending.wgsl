@@ -1,4 +1,4 @@
-// Splats of a tile in shared memory, and their alpha (kernels/cpu/blending.py).
+// Splats of a tile in shared memory, and their alpha (kernels/blending.py).
 const MAX_ALPHA = 0.999;
 const MIN_ALPHA = 1.0 / 255.0;
 const MIN_TRANSMITTANCE = 1e-4;

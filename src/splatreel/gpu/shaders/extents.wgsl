@@ -1,4 +1,4 @@
-// Tiles that a splat touches: the ellipse of alpha 1/255, cut into columns of tiles (kernels/cpu/binning.py).
+// Tiles that a splat touches: the ellipse of alpha 1/255, cut into columns of tiles (kernels/binning.py).
 const ROOM = 2e-3;
 const LOG2_255 = 7.994353436858858;
 fn floor_within(value: f32, low: i32, high: i32) -> i32 { return i32(clamp(value, f32(low), f32(high)) + 1.0) - 1; }

@@ -1,4 +1,4 @@
-// Quaternions, rotations and the projection of a Gaussian (kernels/cpu/project.py, motion.py, deform.py).
+// Quaternions, rotations and the projection of a Gaussian (kernels/project.py, motion.py, deform.py).
 const MEANS = 0u; const QUATS = 3u; const SCALES = 7u; const LOGIT = 10u; const BASE = 11u; const REST = 14u;
 const EXTENT = 3.33;
 const LEAST_AREA = 1e-6;

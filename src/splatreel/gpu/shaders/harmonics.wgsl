@@ -1,4 +1,4 @@
-// Basis functions 1 to 15 of the spherical harmonics in the order of 3DGS (kernels/cpu/harmonics.py).
+// Basis functions 1 to 15 of the spherical harmonics in the order of 3DGS (kernels/harmonics.py).
 const C0 = 0.28209479177387814;
 fn basis(band: u32, d: vec3f) -> f32 {
     let x = d.x; let y = d.y; let z = d.z;

@@ -1,5 +1,5 @@
 // use: common, gaussians
-// Add the gradient of L_arap to the offsets of every point, with one neighbor of each (kernels/cpu/motion.py). A point collects its part
+// Add the gradient of L_arap to the offsets of every point, with one neighbor of each (kernels/motion.py). A point collects its part
 // of the pairs that other points form with it from a list of these points.
 @group(0) @binding(0) var<uniform> draw: Draw;
 @group(0) @binding(1) var<storage, read> params: array<f32>;
