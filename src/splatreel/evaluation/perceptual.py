@@ -17,8 +17,8 @@ from splatreel.evaluation.lpips_weights import LpipsWeights, load_weights
 
 LEAST_SIDE = 32
 """Least width and height in pixels. Of a smaller image, the networks' strides leave nothing."""
-SHIFT = np.float32([-0.030, -0.088, -0.188])
-SCALE = np.float32([0.458, 0.448, 0.450])
+SHIFT = np.array([-0.030, -0.088, -0.188], np.float32)
+SCALE = np.array([0.458, 0.448, 0.450], np.float32)
 STRIP, LEAST_PRODUCT = 1 << 18, 512
 """Numbers in the windows of a strip, 1 MB, which a core's cache holds until their product; least windows, for the product's speed."""
 
