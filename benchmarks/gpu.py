@@ -11,7 +11,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import version
@@ -296,13 +296,23 @@ def iteration_times(bench: Bench, found: Found, share: float) -> None:
 
 def drawing_rates(bench: Bench, found: Found, share: float) -> None:
     """Measure images per second."""
+    found["points"] = bench.sizes.points
+    with cuda_memory(found):
+        for width, height in bench.sizes.drawn:
+            found[f"fps {width}x{height}"] = drawing(bench.sizes.points, width, height, 3 * bench.sizes.repeats)
+
+
+@contextlib.contextmanager
+def cuda_memory(found: Found) -> Iterator[None]:
+    """Record the largest memory that PyTorch takes on the GPU within the block."""
     import torch
 
-    found["points"] = bench.sizes.points
+    torch.cuda.empty_cache()
     torch.cuda.reset_peak_memory_stats()
-    for width, height in bench.sizes.drawn:
-        found[f"fps {width}x{height}"] = drawing(bench.sizes.points, width, height, 3 * bench.sizes.repeats)
-    found["gpu_memory_mb"] = round(torch.cuda.max_memory_allocated() / 1e6, 1)
+    try:
+        yield
+    finally:
+        found["gpu_memory_mb"] = round(torch.cuda.max_memory_allocated() / 1e6, 1)
 
 
 def basketball(bench: Bench, found: Found, share: float, quality: Quality) -> None:
@@ -349,7 +359,8 @@ def train(
     config = changed(preset(quality), bench.sizes.settings)
     progress = console()
     try:
-        reconstruct_until(found, source, bench.out / name, config, device, share, progress)
+        with cuda_memory(found) if device == "cuda" else contextlib.nullcontext():
+            reconstruct_until(found, source, bench.out / name, config, device, share, progress)
     finally:
         progress.close()
         source.close()

@@ -124,9 +124,8 @@ class _EventFile:
     def add(self, scalars: list[Scalar]) -> None:
         """Write numbers."""
         for scalar in scalars:
-            event = event_pb2.Event(  # pyright: ignore[reportAttributeAccessIssue]
-                wall_time=scalar.time, step=scalar.step, summary=summary.scalar(scalar.tag, scalar.value)
-            )
+            value = summary.scalar(scalar.tag, scalar.value)
+            event = event_pb2.Event(wall_time=scalar.time, step=scalar.step, summary=value)  # pyright: ignore[reportAttributeAccessIssue]
             self._writer.write_event(event)
         self._writer.flush()
 

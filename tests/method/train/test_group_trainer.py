@@ -95,7 +95,9 @@ def quality(filmed: TrainingImages, result: GroupResult, static: Gaussians = WAL
     return float(-10 * np.log10(np.mean(squares)))
 
 
-@pytest.mark.parametrize(("deformation", "least"), [("trajectory", 28), ("hashgrid", 30)])
+@pytest.mark.parametrize(
+    ("deformation", "least"), [("trajectory", 28), pytest.param("hashgrid", 30, marks=pytest.mark.slow)]
+)
 def test_group_learns_motion(filmed: TrainingImages, deformation: str, least: float) -> None:
     group, losses = trainer(filmed, config(deformation, 60)), Losses()
     assert isinstance(group.points.deformation, HashGrid if deformation == "hashgrid" else Trajectory)
