@@ -18,6 +18,7 @@ from tests.player.pages import (
     PLAYER,
     expect_problems,
     let_frames_pass,
+    let_time_pass,
     open_player,
     wait_for_picture,
     wait_until,
@@ -172,7 +173,7 @@ def test_a_page_whose_player_does_not_arrive_says_so(page: Page, server: Server)
     page.route("**/player.js", lambda route: route.abort())
     page.goto(server.url)
     page.get_by_role("alert").get_by_text("player.js does not arrive").wait_for()
-    page.wait_for_timeout(600)  # past the time at which the spinner shows
+    let_time_pass(page, 600)  # past the time at which the spinner shows
     assert page.evaluate("document.getAnimations().length") == 0
 
 
