@@ -158,7 +158,7 @@ def test_gray_levels_count_where_the_opacity_says_nothing(
     assert frames_of(masked(scene, masks), "1") == [0, 1, 2, 3, 4]
 
 
-def test_transparent_masks_and_opaque_pictures_are_refused(scene: Path, tmp_path: Path) -> None:
+def test_transparent_masks_and_opaque_images_are_refused(scene: Path, tmp_path: Path) -> None:
     masks = write_masks(tmp_path / "masks")
     with_opacity(masks / "1" / "000000.png", 0, "RGBA")
     with pytest.raises(CaptureError, match=r"000000\.png: is transparent everywhere.*Save it without an opacity"):

@@ -12,8 +12,7 @@ from typing import Any
 import pytest
 import tyro
 
-from splatreel.cli.help_text import join_lines
-from splatreel.cli.main import GROUPS, VERBS
+from splatreel.cli.main import GROUPS, VERBS, join_lines
 
 ROOT = Path(__file__).parents[2]
 DATED = (ROOT / "docs" / "history", ROOT / "docs" / "experiments")

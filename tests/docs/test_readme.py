@@ -11,7 +11,7 @@ ROOT = Path(__file__).parent.parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 
 
-def test_the_first_picture_moves_and_leads_to_the_sample_on_the_site() -> None:
+def test_the_first_image_moves_and_leads_to_the_sample_on_the_site() -> None:
     """The site's hook puts the player with the sample at this address (tests/docs/test_site.py)."""
     found = re.search(r"\[!\[[^\]]+\]\(([^)]+)\)\]\(([^)]+)\)", README)
     assert found is not None

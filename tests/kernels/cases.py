@@ -15,9 +15,9 @@ from tests.kernels.compare import Kernel, camera, floats, gaussians, splats
 
 CENTER = np.array([0.3, -0.2, -3.0], np.float32)
 RESOLUTIONS = np.array([[4, 4, 3], [8, 9, 5], [33, 32, 16]])
-"""Of a hash grid: two dense levels and a hashed one."""
+"""Cells of a hash grid with two dense levels and a hashed one."""
 WEIGHTS = np.array([0.1, 0.5, 0.3, 0.1], np.float32)
-"""Of the four knots of a spline that count at a time."""
+"""Weights of the four knots of a spline that count at a time."""
 
 
 class Case(NamedTuple):

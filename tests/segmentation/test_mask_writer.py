@@ -131,9 +131,7 @@ def test_damaged_record_is_named(scene: Path, tmp_path: Path) -> None:
         make(scene, tmp_path)
 
 
-def test_pictures_that_a_camera_lacks_leave_its_other_masks_as_they_are(
-    scene: Path, masks: Path, tmp_path: Path
-) -> None:
+def test_images_that_a_camera_lacks_leave_its_other_masks_as_they_are(scene: Path, masks: Path, tmp_path: Path) -> None:
     capture = open_capture(scene, held_out=[])
     assert isinstance(capture, FileCapture)
     source, lacks = capture.source, np.isin(np.arange(FRAMES), (4, 5, 6))

@@ -27,6 +27,10 @@ ENOUGH_SHARE, ENOUGH_SECONDS = 0.05, 60.0
 """Share of a whole job, or seconds, after which its first steps tell how long the others take. While kernels compile, they do not."""
 
 
+LISTED = 6
+"""Number of names that a sentence lists."""
+
+
 def printable(text: str) -> str:
     """Return untrusted text with control characters escaped.
 
@@ -35,6 +39,11 @@ def printable(text: str) -> str:
     return "".join(
         c if c in "\n\t" or c.isprintable() or unicodedata.category(c) == "Zs" else _escaped(c) for c in text
     )
+
+
+def listed(texts: Sequence[str]) -> str:
+    """Return the first `LISTED` texts, and how many more there are."""
+    return ", ".join(texts[:LISTED]) + (f" and {len(texts) - LISTED} more" if len(texts) > LISTED else "")
 
 
 def _escaped(character: str) -> str:

@@ -291,6 +291,6 @@ def encode_image(image: np.ndarray | Image.Image, suffix: str, **options: Any) -
         **options: Options of Pillow for the format.
     """
     made = BytesIO()
-    picture = image if isinstance(image, Image.Image) else Image.fromarray(image)
-    picture.save(made, Image.registered_extensions()[suffix], **options)
+    opened = image if isinstance(image, Image.Image) else Image.fromarray(image)
+    opened.save(made, Image.registered_extensions()[suffix], **options)
     return made.getvalue()

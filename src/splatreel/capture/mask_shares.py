@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from splatreel.base.progress import listed
 from splatreel.scene.camera import Camera
 
 SHOWN = 128
@@ -20,8 +21,6 @@ RANGE = 0.15
 """Smallest difference between the largest and the usual share of a camera that is named, if the ratio is `JUMP`, too."""
 UNLIKE = 4.0
 """Smallest ratio of a camera's share to the one that the distances of the cameras explain."""
-NAMED = 6
-"""Number of cameras or frames that a sentence names."""
 
 
 def mask_shares(masks: np.ndarray) -> np.ndarray:
@@ -42,11 +41,11 @@ def describe_shares(names: Sequence[str], shares: np.ndarray, first: int = 0) ->
     found = [f"the masks cover, of the images of {', '.join(f'{name} {mean:.1%}' for name, mean in means.items())}"]
     black = [name for name in names if not (seen[name] >= EMPTY).any()]
     if black:
-        found.append(f"the masks of {_listed(black)} are black: no subject is seen there")
+        found.append(f"the masks of {listed(black)} are black: no subject is seen there")
     full = [name for name in names if np.median([*seen[name], 0.0][: max(len(seen[name]), 1)]) > LARGE]
     if full:
         found.append(
-            f"the masks of {_listed(full)} cover most of the image, which is implausible for a subject: are they inverted, or white "
+            f"the masks of {listed(full)} cover most of the image, which is implausible for a subject: are they inverted, or white "
             f"everywhere?"
         )
     for name in names:
@@ -114,7 +113,7 @@ def describe_sizes(cameras: Sequence[Camera], masks: np.ndarray) -> list[str]:
     if not odd:
         return []
     return [
-        f"masks are not as large as the distances of the cameras explain, in {_listed(odd)}: look at these masks, and at the poses"
+        f"masks are not as large as the distances of the cameras explain, in {listed(odd)}: look at these masks, and at the poses"
     ]
 
 
@@ -146,11 +145,7 @@ def _size_ratios(cameras: Sequence[Camera], masks: np.ndarray) -> np.ndarray:
     return found
 
 
-def _listed(texts: Sequence[str]) -> str:
-    return ", ".join(texts[:NAMED]) + (f" and {len(texts) - NAMED} more" if len(texts) > NAMED else "")
-
-
 def _frames(numbers: np.ndarray) -> str:
     """Return numbers of frames as 4 to 7, 9."""
     parts = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
-    return _listed([f"{part[0]}" if len(part) == 1 else f"{part[0]} to {part[-1]}" for part in parts])
+    return listed([f"{part[0]}" if len(part) == 1 else f"{part[0]} to {part[-1]}" for part in parts])

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import dataclasses
+import inspect
 import os
 import re
 import sys
 from collections.abc import Callable, Sequence
+from types import MappingProxyType
+from typing import Any
 
 from tyro.conf import DisallowNone
 from tyro.extras import SubcommandApp
@@ -32,7 +36,6 @@ from splatreel.cli.encode import encode
 from splatreel.cli.evaluate import evaluate
 from splatreel.cli.export import export
 from splatreel.cli.failure import explain, interruption, termination
-from splatreel.cli.help_text import join_lines
 from splatreel.cli.import_frames import import_frames
 from splatreel.cli.info import info
 from splatreel.cli.options import check_arguments
@@ -79,6 +82,9 @@ VERBS: dict[str, Callable[..., None]] = {
 }
 """Functions of the verbs, in the order in which users meet them."""
 
+BREAK = re.compile(r"(?<=\S)\n(?: {8,}(?=\S)|(?=\S))")
+"""A line break within a paragraph, or within the description of an argument in Google's style."""
+
 
 def build(chosen: Sequence[str] = ()) -> SubcommandApp:
     """Return the app with all verbs.
@@ -95,6 +101,32 @@ def build(chosen: Sequence[str] = ()) -> SubcommandApp:
         summary, whole = join_lines(verb), list(chosen[: len(words.split())]) == words.split()
         (groups[group] if group else app).command(name=name, help=None if whole else summary)(verb)
     return app
+
+
+def join_lines(verb: Callable[..., None]) -> str:
+    """Join the lines of each paragraph and option in the help of a verb: tyro would print some of these line breaks.
+
+    Args:
+        verb: Function of the verb. Its groups of options are dataclasses, which are the defaults of parameters.
+
+    Returns:
+        The first paragraph, for the list of verbs.
+    """
+    verb.__doc__ = BREAK.sub(" ", inspect.cleandoc(verb.__doc__ or ""))
+    for parameter in inspect.signature(verb).parameters.values():
+        if dataclasses.is_dataclass(parameter.default):
+            _join_lines_of_options(type(parameter.default))
+    return verb.__doc__.partition("\n\n")[0]
+
+
+def _join_lines_of_options(options: type[Any]) -> None:
+    import docstring_parser  # a dependency of tyro
+
+    texts = {text.arg_name: text.description for text in docstring_parser.parse_from_object(options).params}
+    for field in dataclasses.fields(options):
+        if text := texts.get(field.name):
+            # tyro takes the help of a field from here, before it looks at the docstring.
+            field.metadata = MappingProxyType({**field.metadata, "help": " ".join(text.split())})
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 
-from splatreel.evaluation.page.escaping import escape
+from splatreel.evaluation.page.html import escape
 
 WIDTH, HEIGHT = 480, 240
 LEFT, RIGHT, TOP, BOTTOM = 64, 12, 14, 46

@@ -11,9 +11,8 @@ from PIL import Image
 from splatreel.capture.base import Capture
 from splatreel.capture.masked_capture import LIKELY
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.evaluation.page.escaping import escape
-from splatreel.evaluation.page.html import html_list, html_page, html_table, jpeg_url, rig_drawings, section
-from splatreel.evaluation.page.rig_plan import RigPlan
+from splatreel.evaluation.page.html import escape, html_list, html_page, html_table, jpeg_url, section
+from splatreel.evaluation.page.rig_plan import RigPlan, rig_drawings
 from splatreel.method.coverage.coverage import Coverage
 from splatreel.method.init.layout import upright
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import io
 import re
 from collections.abc import Iterable, Sequence
@@ -10,10 +11,17 @@ from pathlib import Path
 
 from PIL import Image
 
-from splatreel.evaluation.page.escaping import escape
-from splatreel.evaluation.page.rig_plan import RigPlan
+from splatreel.base.progress import printable
 
 STYLE = Path(__file__).with_name("report.css")
+LONGEST = 4000
+"""Characters of an untrusted text that are shown: a name of a camera, file or folder, or a note that quotes one."""
+
+
+def escape(text: str) -> str:
+    """Return text for HTML, shortened, with control characters and marks that reverse letters written as escapes."""
+    shown = text if len(text) <= LONGEST else f"{text[:LONGEST]}…"
+    return html.escape(printable(shown))
 
 
 def html_page(title: str, heading: str, subtitle: str, sections: Iterable[str]) -> str:
@@ -54,15 +62,6 @@ def html_table(heads: Sequence[str], rows: Iterable[Sequence[str]], kind: str = 
     )
     table = f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
     return f'<div class="wide {kind}" tabindex="0" role="region" aria-label="{escape(heads[0])}">{table}</div>'
-
-
-def rig_drawings(plan: RigPlan) -> str:
-    """Return the plan and the elevation of the cameras, with a legend."""
-    titles = ("Plan, from above", "Elevation, from behind")
-    parts = [f"<section><h3>{title}</h3>{svg}</section>" for title, svg in zip(titles, plan.drawings(), strict=True)]
-    lines = '<li class="s2">most points in common (two lines a camera; the darker, the more)</li>' if plan.links else ""
-    legend = f'<ul class="keys"><li class="s0">trained (circle)</li><li class="s1">held out (square)</li>{lines}</ul>'
-    return f'{legend}<div class="charts rig">{"".join(parts)}</div>'
 
 
 def jpeg_url(image: Image.Image, longest: int) -> str:

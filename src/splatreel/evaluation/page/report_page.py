@@ -13,10 +13,9 @@ from splatreel.base.command_line import quoted
 from splatreel.base.errors import ReelError
 from splatreel.evaluation.comparison_images import image_file
 from splatreel.evaluation.page.charts import Series, line_chart
-from splatreel.evaluation.page.escaping import escape
 from splatreel.evaluation.page.findings import failing_moments, findings
-from splatreel.evaluation.page.html import html_list, html_page, html_table, jpeg_url, rig_drawings, section, with_code
-from splatreel.evaluation.page.rig_plan import RigPlan
+from splatreel.evaluation.page.html import escape, html_list, html_page, html_table, jpeg_url, section, with_code
+from splatreel.evaluation.page.rig_plan import RigPlan, rig_drawings
 from splatreel.evaluation.page.run_facts import RunFacts
 from splatreel.evaluation.report import (
     LPIPS_MISSING,

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatreel.evaluation.page.escaping import escape
+from splatreel.evaluation.page.html import escape
 from splatreel.scene.camera import Camera, focus_point
 
 SIDE = 360
@@ -127,3 +127,12 @@ def _free_place(
             taken.append(box)
             return left, base
     return None
+
+
+def rig_drawings(plan: RigPlan) -> str:
+    """Return the plan and the elevation of the cameras, with a legend."""
+    titles = ("Plan, from above", "Elevation, from behind")
+    parts = [f"<section><h3>{title}</h3>{svg}</section>" for title, svg in zip(titles, plan.drawings(), strict=True)]
+    lines = '<li class="s2">most points in common (two lines a camera; the darker, the more)</li>' if plan.links else ""
+    legend = f'<ul class="keys"><li class="s0">trained (circle)</li><li class="s1">held out (square)</li>{lines}</ul>'
+    return f'{legend}<div class="charts rig">{"".join(parts)}</div>'

@@ -85,9 +85,10 @@ def _squares(points: Gaussians, camera: Camera, near: float, antialias: bool, rn
     colors = harmonics.forward(points.sh_degree, directions, points.sh) + np.float32(0.5)
     opacities = splat.antialiased(points.opacities, projected.conics) if antialias else points.opacities
     splats = projected.colored(np.maximum(colors, 0), opacities)
-    image, alpha = splat.rasterize(splats, view.width, view.height)
+    bins = splat.bin(splats, view.width, view.height)
+    image, alpha = rasterize.forward(bins, splats.colors)
     signs = rng.choice(np.array([-1, 1], np.float32), image.shape)
-    found = splat.rasterize_gradient(splats, view.width, view.height, image, alpha, signs)
+    found = rasterize.backward(bins, splats.colors, image, signs, alpha, rasterize.no_gradient(alpha.shape))
     d_conics = found.conics
     if antialias:
         d_conics = d_conics + _antialias_gradient(points.opacities, projected.conics, found.opacities)

@@ -9,16 +9,15 @@ import numpy as np
 from splatreel.kernels import adam, deform
 from splatreel.kernels.binning import bin_splats
 from splatreel.kernels.splat import Splats
+from splatreel.method.cameras.time_offsets import neighborhood, slope
 from splatreel.method.deform.protocol import Slope
 from splatreel.method.train.cpu_program import CpuProgram, check_loss, splat_gradients
 from splatreel.method.train.programs import Draw, GroupState, Outcome
 from splatreel.method.train.regularizers import Neighbors
-from splatreel.method.train.terms.photometric import Compared, Picture, compare
+from splatreel.method.train.render import NO_CHANGE
+from splatreel.method.train.terms.photometric import Compared, ImageSplats, compare
 from splatreel.method.train.terms.term import Due, GroupIteration, reported_loss
 from splatreel.method.train.trainable_points import NAMES
-
-FIXED = np.zeros((0, 4), np.float32)
-"""Shade of points whose appearance is fixed."""
 
 
 class _Gradients(NamedTuple):
@@ -54,7 +53,7 @@ class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
         """See `CpuProgram`."""
         place = self.images.of_iteration(draw.iteration)[1] + draw.camera
         self._density.static.view(place)
-        times = [draw.moment, *(self._neighborhood(draw.moment) if self.learns_time else ())]
+        times = [draw.moment, *(neighborhood(draw.moment, self.images.count) if self.learns_time else ())]
         if draw.span is not None:
             times += draw.span[:2]
         self._points.deformation.extend_to(draw.last)
@@ -69,7 +68,7 @@ class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
         view, shown = self.images.all_views[place], self.images.of_iteration(draw.iteration)[0]
         pinhole, means = view.pinhole(self.images.near), canonical["means"]
         dx, dq = model.offsets(means, draw.moment)
-        shade = FIXED if self._points.appearance is None else self._points.appearance.at(draw.moment)
+        shade = NO_CHANGE[2] if self._points.appearance is None else self._points.appearance.at(draw.moment)
         points = deform.DeformedPoints._make([*(canonical[name] for name in NAMES), dx, dq, shade])
         opacities, projected = deform.forward(points, view.center, pinhole)
         colors = projected.colors if view.background is None else projected.colors - view.background
@@ -98,11 +97,8 @@ class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
             term.add_to_points(seen, weight)
         gradients = {name: seen.gradients[name] for name in NAMES}
         slopes = model.gradient(means, [(1.0, draw.moment)], seen.gradients["dx"], seen.gradients["dq"])
-        slope = 0.0
-        if self.learns_time:
-            before, after = self._neighborhood(draw.moment)
-            slope = model.change(means, (before, after), slopes) / (after - before)
-        outcome = Outcome(reported_loss(seen, due), slope)
+        late = slope(model, means, draw.moment, self.images.count, slopes) if self.learns_time else 0.0
+        outcome = Outcome(reported_loss(seen, due), late)
         return _Gradients(gradients, slopes + seen.slopes, shade, found[7], compared.splats[0], outcome)
 
     def _compare(self, draw: Draw, place: int, seen: GroupIteration, due: Due) -> Compared:
@@ -118,7 +114,7 @@ class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
         seen.bins = bins if where is None else None
         shown, gain = self.images.of_iteration(draw.iteration)[0], self._gains.values[draw.camera]
         unknown = None if shown.unknown is None else shown.unknown[draw.frame, draw.camera]
-        picture = Picture(
+        given = ImageSplats(
             bins=bins,
             colors=colors,
             frozen=frozen,
@@ -130,7 +126,7 @@ class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
             unknown=unknown,
             fill=lambda drawn: shown.target(draw.frame, draw.camera, drawn, gain),
         )
-        found = compare(picture, static.frozen, self._lambda_dssim, seen, due)
+        found = compare(given, static.frozen, self._lambda_dssim, seen, due)
         check_loss(seen.photometric or 0.0, splats[:4])
         return found
 
@@ -150,7 +146,3 @@ class CpuGroupProgram(CpuProgram[Draw, _Gradients]):
             steps += self._points.appearance.steps(draw.moment, found.shade, found.d_shade, draw.share, draw.pace)
         adam.adam(steps)
         return found.outcome
-
-    def _neighborhood(self, time: float) -> tuple[float, float]:
-        """Return the times between which the motion is compared for the slope of a time offset."""
-        return max(time - 0.5, 0.0), min(time + 0.5, self.images.count - 1.0)

@@ -13,13 +13,10 @@ from splatreel.method.train.cpu_program import CpuProgram, check_loss, splat_gra
 from splatreel.method.train.hidden_colors import bound_colors
 from splatreel.method.train.losses import LAMBDA_DSSIM
 from splatreel.method.train.programs import KeyframeDraw, KeyframeState, Outcome
-from splatreel.method.train.render import View
-from splatreel.method.train.terms.photometric import Compared, Picture, compare
+from splatreel.method.train.render import NO_CHANGE, View
+from splatreel.method.train.terms.photometric import Compared, ImageSplats, compare
 from splatreel.method.train.terms.term import Due, Iteration, reported_loss
 from splatreel.method.train.trainable_points import NAMES
-
-FIXED = tuple(np.zeros((0, size), np.float32) for size in (3, 4, 4))
-"""Changes of points that do not move."""
 
 
 class _Gradients(NamedTuple):
@@ -65,7 +62,7 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
         """See `CpuProgram`."""
         params, view, due = self._state.points.params, self.images.all_views[place], self.due(draw)
         pinhole = view.pinhole(self.images.near)
-        points = deform.DeformedPoints._make([*(params[name] for name in NAMES), *FIXED])
+        points = deform.DeformedPoints._make([*(params[name] for name in NAMES), *NO_CHANGE])
         opacities, projected = deform.forward(points, view.center, pinhole)
         tint, gain = self._gain(draw, view)
         colors = projected.colors if tint is None else projected.colors * tint
@@ -115,7 +112,7 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
         means2d, conics, colors, opaque, depths, radii = seen.splats
         seen.bins = bin_splats(means2d, conics, opaque, depths, radii, view.width, view.height)
         shown = self.images.of_iteration(draw.iteration)[0]
-        picture = Picture(
+        given = ImageSplats(
             bins=seen.bins,
             colors=colors,
             frozen=static,
@@ -127,7 +124,7 @@ class CpuKeyframeProgram(CpuProgram[KeyframeDraw, _Gradients]):
             unknown=None if shown.unknown is None else shown.unknown[0, draw.camera],
             fill=lambda drawn: shown.target(0, draw.camera, drawn, gain),
         )
-        found = compare(picture, static, LAMBDA_DSSIM, seen, due)
+        found = compare(given, static, LAMBDA_DSSIM, seen, due)
         check_loss(seen.photometric or 0.0, seen.splats[:4])
         return found
 

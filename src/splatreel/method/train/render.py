@@ -207,8 +207,8 @@ def draw(splats: Splats, view: View, static: StaticView | None = None) -> tuple[
 
 def contributions(splats: Splats, view: View, static: StaticView | None) -> np.ndarray:
     """Return the pixels that every splat fills in a view, [N]: the sum of its blending weights, with static points in front of some."""
-    frozen, size = None if static is None else static.frozen, (view.width, view.height)
-    black = splats._replace(colors=np.zeros_like(splats.colors))
-    image, alpha = splat.rasterize(black, *size, frozen)
-    weights = splat.rasterize_gradient(black, *size, image, alpha, np.ones_like(image), frozen=frozen)
-    return weights.colors[:, 0]
+    frozen = None if static is None else static.frozen
+    bins, black = splat.bin(splats, view.width, view.height), np.zeros_like(splats.colors)
+    image, alpha = rasterize.forward(bins, black, frozen)
+    none = rasterize.no_gradient(alpha.shape)
+    return rasterize.backward(bins, black, image, np.ones_like(image), alpha, none, frozen).colors[:, 0]

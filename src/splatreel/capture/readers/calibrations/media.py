@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from splatreel.base.errors import CaptureError
+from splatreel.base.progress import listed
 from splatreel.capture.files import list_folder
 from splatreel.capture.growing.segmented_video import segment_files
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, flat_images, image_files
@@ -30,8 +31,6 @@ SERIAL = re.compile(r"\d{4,}$")
 """Serial number of a camera, as in take_Miqus_1_26580."""
 KINDS = ("videos", "folders of videos", "folders of images", "images")
 """Kinds of media, the preferred first."""
-SHOWN = 6
-"""Maximum number of names in a message."""
 
 Media = Mapping[str, Path] | Mapping[str, Sequence[Path | None]]
 """Video, or images in order of time, by camera. A camera may lack images."""
@@ -165,7 +164,7 @@ def _folders(path: Path, depth: int) -> Iterator[Path]:
 def _unpaired(path: Path, names: list[str], origin: Path, groups: list[_Group]) -> CaptureError:
     if not groups:
         return CaptureError(
-            f"{path}: holds no videos or images of the cameras {_listed(names)} in {origin.name}. Copy a video of each, named as its "
+            f"{path}: holds no videos or images of the cameras {listed(names)} in {origin.name}. Copy a video of each, named as its "
             f"camera, beside {origin.name} or into videos/, or its images into images/CAMERA/."
         )
     best = max(groups, key=lambda group: (len(_near(names, group)), -group.rank(path), len(group.files)))
@@ -177,7 +176,7 @@ def _unpaired(path: Path, names: list[str], origin: Path, groups: list[_Group]) 
         hint = f" {flat}"
     return CaptureError(
         f"{path}: no {best.kind} in {place} belong to {len(absent)} of the {len(names)} cameras in {origin.name}, the first is "
-        f"{absent[0]!r}; there are {_listed(list(best.files))}.{hint} Name each as its camera, or remove cameras without any from "
+        f"{absent[0]!r}; there are {listed(list(best.files))}.{hint} Name each as its camera, or remove cameras without any from "
         f"{origin.name}."
     )
 
@@ -185,7 +184,3 @@ def _unpaired(path: Path, names: list[str], origin: Path, groups: list[_Group]) 
 def _near(names: list[str], group: _Group) -> dict[str, str]:
     """Return the cameras that have media in a group, with their own names."""
     return max((_pairs(names, group, simplify, True) for simplify in SIMPLER), key=len)
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:SHOWN]) + (f" and {len(names) - SHOWN} more" if len(names) > SHOWN else "")

@@ -64,8 +64,8 @@ class Custom(Term[Iteration]):
         """See `Term`."""
         assert seen.image is not None
         arrays = {name: array.copy() for name, array in seen.points.items()}
-        picture = seen.image.copy(), np.array(seen.target), seen.camera, seen.view
-        value, gradients = self.function(Seen(arrays, *picture, seen.moment, seen.iteration, seen.share))
+        image = seen.image.copy(), np.array(seen.target), seen.camera, seen.view
+        value, gradients = self.function(Seen(arrays, *image, seen.moment, seen.iteration, seen.share))
         shapes = {"image": seen.image.shape} | {name: array.shape for name, array in seen.points.items()}
         checked = {name: self._checked(name, gradient, shapes) for name, gradient in gradients.items()}
         seen.custom[id(self)] = float(value), checked

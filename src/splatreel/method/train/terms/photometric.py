@@ -32,7 +32,7 @@ class Photometric(Term[Iteration]):
         return seen.photometric or 0.0
 
 
-class Picture(NamedTuple):
+class ImageSplats(NamedTuple):
     """Splats of one view that are drawn and compared.
 
     Attributes:
@@ -75,13 +75,13 @@ class Compared(NamedTuple):
 
 
 def compare(
-    picture: Picture, static: rasterize.Frozen | None, lambda_dssim: float, seen: Iteration, due: Due
+    given: ImageSplats, static: rasterize.Frozen | None, lambda_dssim: float, seen: Iteration, due: Due
 ) -> Compared:
-    """Draw a picture, compare it with `seen.target`, and set `seen.photometric`.
+    """Draw splats, compare the image with `seen.target`, and set `seen.photometric`.
 
     Args:
-        picture: Splats of a view.
-        static: Static splats of the view, also if `picture.bins` has them; None if there are none.
+        given: Splats of a view.
+        static: Static splats of the view, also if `given.bins` has them; None if there are none.
         lambda_dssim: Weight of 1 - SSIM in the photometric loss.
         seen: The iteration.
         due: Terms that run in it.
@@ -89,31 +89,31 @@ def compare(
     weight = sum_of_weights(Photometric, due)
     others = [(term, factor) for term, factor in due if term.reads_image]
     if not weight and not others:
-        return _nothing(picture)
-    if static is not None and not others and not picture.learns_gain:
-        return _compare_tiles(picture, static, lambda_dssim, seen, weight)
-    return _compare_image(picture, lambda_dssim, seen, weight, others)
+        return _nothing(given)
+    if static is not None and not others and not given.learns_gain:
+        return _compare_tiles(given, static, lambda_dssim, seen, weight)
+    return _compare_image(given, lambda_dssim, seen, weight, others)
 
 
 def _compare_tiles(
-    picture: Picture, static: rasterize.Frozen, lambda_dssim: float, seen: Iteration, weight: float
+    given: ImageSplats, static: rasterize.Frozen, lambda_dssim: float, seen: Iteration, weight: float
 ) -> Compared:
     """Draw and compare only tiles that splats touch, in the image of the static splats."""
-    options = lambda_dssim, picture.gain, picture.background, picture.where, picture.whole, picture.unknown
-    seen.photometric, found = layered.loss_and_gradient(picture.bins, picture.colors, static, seen.target, *options)
+    options = lambda_dssim, given.gain, given.background, given.where, given.whole, given.unknown
+    seen.photometric, found = layered.loss_and_gradient(given.bins, given.colors, static, seen.target, *options)
     return _scaled(found, np.zeros(3, np.float32), weight)
 
 
-def _compare_image(picture: Picture, lambda_dssim: float, seen: Iteration, weight: float, others: Due) -> Compared:
+def _compare_image(given: ImageSplats, lambda_dssim: float, seen: Iteration, weight: float, others: Due) -> Compared:
     """Draw the whole image. The photometric loss compares the tiles that it would compare without other terms of the image."""
-    bins, background, gain = picture.bins, picture.background, picture.gain
-    image, alpha = rasterize.forward(bins, picture.colors, picture.frozen)
-    if picture.unknown is not None:
-        seen.target = picture.fill(image if background is None else image + background)
+    bins, background, gain = given.bins, given.background, given.gain
+    image, alpha = rasterize.forward(bins, given.colors, given.frozen)
+    if given.unknown is not None:
+        seen.target = given.fill(image if background is None else image + background)
     d_image, d_gain = np.zeros_like(image), np.zeros(3, np.float32)
     if weight:
-        tiles = bins.counts > 0 if picture.where is None else tiles_of(bins, picture.where)
-        compared = None if picture.whole else tiles.reshape(-(-bins.height // TILE), -1)
+        tiles = bins.counts > 0 if given.where is None else tiles_of(bins, given.where)
+        compared = None if given.whole else tiles.reshape(-(-bins.height // TILE), -1)
         found = similarity.loss_and_gradient(image, seen.target, lambda_dssim, gain, compared, background)
         seen.photometric, d_image, d_gain = found.loss, found.d_image, found.d_gain
         if weight != 1:
@@ -127,7 +127,7 @@ def _compare_image(picture: Picture, lambda_dssim: float, seen: Iteration, weigh
         d_gain = d_gain + (seen.d_image * drawn).sum((0, 1))
         d_image = d_image + (seen.d_image if gain is None else seen.d_image * gain)
     none = rasterize.no_gradient(alpha.shape)
-    return _scaled(rasterize.backward(bins, picture.colors, image, d_image, alpha, none, picture.frozen), d_gain)
+    return _scaled(rasterize.backward(bins, given.colors, image, d_image, alpha, none, given.frozen), d_gain)
 
 
 def _scaled(found: rasterize.Gradients, d_gain: np.ndarray, weight: float = 1.0) -> Compared:
@@ -138,8 +138,8 @@ def _scaled(found: rasterize.Gradients, d_gain: np.ndarray, weight: float = 1.0)
     return Compared([factor * part for part in splats], factor * d_gain, factor * found.absolute)
 
 
-def _nothing(picture: Picture) -> Compared:
+def _nothing(given: ImageSplats) -> Compared:
     """Return gradients of zero."""
     sizes = (2,), (3,), (3,), ()
-    zeros = [np.zeros((len(picture.colors), *size), np.float32) for size in sizes]
-    return Compared(zeros, np.zeros(3, np.float32), np.zeros((len(picture.colors), 2), np.float32))
+    zeros = [np.zeros((len(given.colors), *size), np.float32) for size in sizes]
+    return Compared(zeros, np.zeros(3, np.float32), np.zeros((len(given.colors), 2), np.float32))
