@@ -25,14 +25,13 @@ from splatreel.evaluation.reel_capture import open_reel_capture
 from splatreel.method.cameras.exposure import remove_exposure
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
-from splatreel.method.coverage.coverage import Coverage
 from splatreel.method.encode.step_choice import encode_group_by_slope, encode_layer_by_slope
+from splatreel.method.prediction.quality import Coverage
 from splatreel.play.timeline import Moment, Timeline
 from splatreel.run.step_checkpoints import EXPOSURE, KEYFRAME
 from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.group import Group
-from splatreel.scene.spans import GroupSpan
+from splatreel.scene.group import Group, GroupSpan
 from splatreel.scene.static_points import StaticPoints
 
 COARSENESS = EncodeConfig().coarseness

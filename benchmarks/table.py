@@ -40,7 +40,7 @@ ROWS = {
 }
 """Benchmarks that always have a row, measured or not. Those of single frames get one when they have been recorded."""
 SEQUENCE = "sequence independently trained"
-"""Benchmark of `benchmarks/sequence.py --train`, an imported film beside other formats."""
+"""Benchmark of `benchmarks/importing.py --train`, an imported film beside other formats."""
 PAPER = "paper"
 """First word of the benchmarks of `benchmarks/paper.py`, which is followed by the number of a table."""
 ORACLE, ON_ITS_OWN = "oracle", "each frame on its own"

@@ -30,10 +30,10 @@ from safetensors.numpy import load
 from tests.capture import folders
 from tests.capture.growing.recorder import Recorder
 from tests.files import contents
+from tests.importing import films
 from tests.method.captures import WallCapture
 from tests.method.small import FEW
 from tests.segmentation import scenes
-from tests.sequence import films
 
 FRAMES = 4
 REACH = 3
@@ -339,13 +339,6 @@ def _report(out: Path) -> dict[str, bytes]:
 
 def run(kills: dict[str, int], seed: int) -> list[Found]:
     """Kill each of these commands so many times, and say what became of it."""
-    import splatreel.cli.main  # each process begins with what is imported here
-    import splatreel.edit.clip_writer
-    import splatreel.evaluation.evaluate
-    import splatreel.play.film
-    import splatreel.play.presentation_writer
-    import splatreel.run.pipeline
-    import splatreel.sequence.reel  # noqa: F401
 
     with tempfile.TemporaryDirectory() as place:
         results = []

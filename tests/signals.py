@@ -98,11 +98,6 @@ def interrupt(command: Command, folder: Path, tries: int, rng: np.random.Generat
 def run(tries: int, names: list[str], limit: float = LIMIT, longest: float = 60.0) -> int:
     """Interrupt each of these commands so often, in its first `longest` seconds. Returns how many took longer than the limit."""
     late = 0
-    import splatreel.cli.main
-    import splatreel.evaluation.evaluate
-    import splatreel.play.film
-    import splatreel.run.pipeline
-    import splatreel.sequence.reel  # noqa: F401
 
     with tempfile.TemporaryDirectory() as place:
         folder, rng = Path(place), np.random.default_rng(0)

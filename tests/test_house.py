@@ -22,7 +22,7 @@ LADDER = (
     ("gsplat",),
     ("edit", "run", "segmentation"),
     ("evaluation",),
-    ("sequence",),
+    ("importing",),
     ("api", "cli", "readers", "training"),
 )
 """The rooms, from the lowest rung up; those of one rung do not import each other, except that all of the last rung may."""

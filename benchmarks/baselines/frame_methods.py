@@ -17,8 +17,7 @@ from splatreel.method.encode.importance import group_importance, weigh
 from splatreel.method.train.training_images import TrainingImages
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.group import Group
-from splatreel.scene.spans import group_spans
+from splatreel.scene.group import Group, group_spans
 
 VIEWS = 4
 """Views that the importance of the points of a frame is measured in."""

@@ -14,8 +14,8 @@ from splatreel.config.settings import changed
 from splatreel.run.output.group_writer import open_writer
 from splatreel.run.pipeline import reconstruct
 from splatreel.run.store import Store
+from splatreel.scene.group import GroupSpan, group_spans
 from splatreel.scene.reel_source import ReelSource
-from splatreel.scene.spans import GroupSpan, group_spans
 
 
 class Stretch(Capture):

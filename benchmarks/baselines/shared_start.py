@@ -24,7 +24,7 @@ from splatreel.run.step_checkpoints import EXPOSURE, KEYFRAME, restored_rig
 from splatreel.run.steps import STEPS
 from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.spans import GroupSpan, group_spans
+from splatreel.scene.group import GroupSpan, group_spans
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from paper_tables.paper_table import PaperTable
 from paper_tables.paper_tables import ChainedGroups, paper_tables
 from paper_tables.published import dataset_of
 from splatreel.codec.reader import ReelReader
-from splatreel.scene.spans import group_spans
+from splatreel.scene.group import group_spans
 
 ABLATIONS = (FULL, "w/o Reg.", "w/o Prg.", "w/o Adp.", "w/o Rfn.")
 LENGTHS = tuple(f"length {length}" for length in (10, 20, 30, 40, 50))

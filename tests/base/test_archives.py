@@ -14,8 +14,8 @@ from splatreel.base.archives import naming_damage, read_member
 from splatreel.base.errors import GaussiansError
 from splatreel.base.untrusted import ArrayRows, read_arrays
 from splatreel.formats.sog import read_sog
-from splatreel.sequence.frames import ZipFrames
-from tests.sequence.films import frame, write_film
+from splatreel.importing.frames import ZipFrames
+from tests.importing.films import frame, write_film
 
 COMPRESSIONS = {"bzip2": zipfile.ZIP_BZIP2, "lzma": zipfile.ZIP_LZMA, "deflate": zipfile.ZIP_DEFLATED}
 compressions = pytest.mark.parametrize("compression", COMPRESSIONS.values(), ids=COMPRESSIONS)

@@ -17,7 +17,7 @@ from splatreel.play.gaussian_export import GaussianExport
 from splatreel.play.timeline import Timeline, open_reel
 from splatreel.scene.volumes import Sphere
 from tests.golden import GOLDEN
-from tests.sequence.films import frame, write_film
+from tests.importing.films import frame, write_film
 
 
 def export(out: Path, *options: str) -> int:

@@ -9,7 +9,7 @@ from splatreel.cli.main import main
 from splatreel.formats.ply import read_ply
 from splatreel.formats.spz import read_spz
 from splatreel.play.timeline import open_reel
-from tests.sequence.films import frame, write_film
+from tests.importing.films import frame, write_film
 
 
 @pytest.fixture(scope="module")

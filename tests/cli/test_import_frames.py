@@ -16,9 +16,9 @@ from splatreel.cli.main import main
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.verification import verify_reel
 from splatreel.formats.ply import write_ply
-from splatreel.sequence.reel import SequenceEncoder
-from tests.sequence.films import BALL, WALL, cameras, frame, write_film
-from tests.sequence.test_viewpoints import entry
+from splatreel.importing.reel import SequenceEncoder
+from tests.importing.films import BALL, WALL, cameras, frame, write_film
+from tests.importing.test_viewpoints import entry
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.sequence.films import frame, write_film
+from tests.importing.films import frame, write_film
 
 GOLDEN = Path(__file__).parent.parent / "data" / "golden-predictive"
 NAME = "Küche \u9b5a"

@@ -11,7 +11,7 @@ from splatreel.base.atomic import move
 from splatreel.cli.main import build, main
 from tests.codec.reels import write_reel
 from tests.files import contents
-from tests.sequence.films import frame, write_film
+from tests.importing.films import frame, write_film
 
 COMMANDS = {
     "demo": "--out {}",

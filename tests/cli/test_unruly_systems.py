@@ -16,7 +16,7 @@ from splatreel.codec.verification import verify_reel
 from splatreel.storage.address import Address
 from tests.codec.reels import write_reel
 from tests.files import contents
-from tests.sequence.films import frame, write_film
+from tests.importing.films import frame, write_film
 
 
 @pytest.fixture

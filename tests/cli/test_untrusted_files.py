@@ -17,7 +17,7 @@ from splatreel.formats.ply import write_ply
 from splatreel.play.camera_path import CameraPath, Keyframe
 from splatreel.play.film import film_along_path
 from splatreel.scene.gaussians import Gaussians
-from tests.sequence.films import cameras, frame, write_film
+from tests.importing.films import cameras, frame, write_film
 
 GOLDEN = Path(__file__).parent.parent / "data" / "golden"
 posix = pytest.mark.skipif(os.name != "posix", reason="pipes and devices")

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from splatreel.base.errors import GaussiansError
+from splatreel.importing.recognition import open_frames
 from splatreel.scene.gaussians import C0
-from splatreel.sequence.recognition import open_frames
 
 fourdgs = pytest.importorskip("fourdgs")
 N = 12

@@ -11,8 +11,8 @@ import pytest
 
 from splatreel.base.errors import GaussiansError
 from splatreel.formats.sog import write_sog
+from splatreel.importing.recognition import open_frames
 from splatreel.scene.gaussians import Gaussians
-from splatreel.sequence.recognition import open_frames
 from tests.golden import random_gaussians
 
 

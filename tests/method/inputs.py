@@ -7,7 +7,7 @@ from splatreel.method.cameras.rig import Rig
 from splatreel.method.init.layout import Layout
 from splatreel.scene.camera import Camera
 from splatreel.scene.clearance import NONE, Clearance
-from splatreel.scene.spans import GroupSpan
+from splatreel.scene.group import GroupSpan
 
 
 def group_input(

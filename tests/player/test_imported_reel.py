@@ -12,14 +12,14 @@ from playwright.sync_api import Page
 from splatreel.base.progress import Silent
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
+from splatreel.importing.recognition import open_frames
+from splatreel.importing.reel import header_of, write_reel
 from splatreel.play.server import serve
 from splatreel.play.timeline import open_reel
 from splatreel.scene.gaussians import Gaussians
-from splatreel.sequence.recognition import open_frames
-from splatreel.sequence.reel import header_of, write_reel
+from tests.importing.films import WALL, cameras, frame, write_film
 from tests.player.pages import open_player
 from tests.player.test_browser import picture, psnr
-from tests.sequence.films import WALL, cameras, frame, write_film
 
 pytestmark = pytest.mark.browser
 

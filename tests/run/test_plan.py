@@ -13,7 +13,7 @@ from splatreel.run.costs import COSTS, Workload
 from splatreel.run.job import Plan
 from splatreel.run.plan import chapter_plan, scene_plan, sequence_plan
 from splatreel.run.steps import STEPS
-from splatreel.scene.spans import group_spans
+from splatreel.scene.group import group_spans
 
 TWO_THREADS = 0.64
 QUICK_PAPER = {"keyframe.first_iterations": 1000, "keyframe.refine_iterations": 250, "group.iterations_per_frame": 20}

@@ -13,7 +13,7 @@ from splatreel.run.step_run import StepRun
 from splatreel.run.steps import STEPS
 from splatreel.run.store import GroupStore, Store
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.spans import GroupSpan
+from splatreel.scene.group import GroupSpan
 from tests.method.scenes import ring
 from tests.run.test_pipeline import Trace
 

@@ -1,13 +1,16 @@
-"""Groups at times."""
+"""Groups at times, and the division of videos into groups."""
 
 import dataclasses
+import itertools
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from splatreel.base.errors import GaussiansError
+from splatreel.base.errors import GaussiansError, UsageError
 from splatreel.scene import rotations
-from splatreel.scene.group import Group
+from splatreel.scene.group import Group, group_spans
 from tests.golden import random_gaussians, random_motion
 
 
@@ -86,3 +89,32 @@ def test_wrong_offset_shapes_are_refused(frames, count):
         Group(0, 0, g.dynamic, np.zeros((frames, count, 3)), np.zeros((frames, count, 4)), g.alive)
     with pytest.raises(GaussiansError, match="no frame"):
         Group(0, 0, g.dynamic, np.zeros((0, 5, 3)), np.zeros((0, 5, 4)), g.alive)
+
+
+def test_consecutive_groups_overlap():
+    assert [(s.first, s.own, s.count) for s in group_spans(60, 30, 5)] == [(0, 30, 35), (30, 30, 30)]
+
+
+def test_short_remainder_joins_the_previous_group():
+    assert [(s.first, s.count) for s in group_spans(33, 30, 5)] == [(0, 33)]
+    assert [(s.first, s.count) for s in group_spans(36, 30, 5)] == [(0, 35), (30, 6)]
+
+
+def test_one_frame_is_one_group():
+    assert [(s.first, s.own, s.count) for s in group_spans(1, 30, 5)] == [(0, 1, 1)]
+
+
+def test_overlap_longer_than_a_group_is_refused():
+    with pytest.raises(UsageError, match="overlap of 30"):
+        group_spans(60, 30, 30)
+
+
+@given(st.integers(1, 400), st.integers(2, 60), st.data())
+def test_groups_cover_every_frame_once(frames, length, data):
+    overlap = data.draw(st.integers(0, length - 1))
+    cut = group_spans(frames, length, overlap)
+    assert sum(s.own for s in cut) == frames
+    assert cut[-1].first + cut[-1].count == frames
+    for a, b in itertools.pairwise(cut):
+        assert b.first == a.first + a.own
+        assert a.count == min(a.own + overlap, frames - a.first)

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from splatreel.base.progress import Progress
     from splatreel.capture.base import Capture
-    from splatreel.method.coverage.coverage import CaptureVerdict, Coverage
+    from splatreel.method.prediction.quality import CaptureVerdict, Coverage
     from splatreel.scene.camera import Camera
 
 CHUNK = 8
@@ -180,7 +180,7 @@ def _judge(
         _say_each([f"poses are not compared with the images, which needs {install_command('recon')}"], said)
         return None
     from splatreel.method.cameras.poses import inspect_poses
-    from splatreel.method.coverage.coverage import judge_capture
+    from splatreel.method.prediction.quality import judge_capture
 
     training = [camera.name for camera in source.training_cameras]
     places = [names.index(name) for name in training]
@@ -207,7 +207,7 @@ def _cover(
 ) -> Coverage:
     """Measure how cameras cover the scene, or a subject. Arguments: as `_judge`, images [C, H, W, 3] uint8."""
     from splatreel.base.display import console
-    from splatreel.method.coverage.coverage import cover
+    from splatreel.method.prediction.quality import cover
 
     with closing(console()) as progress:
         known = {"points": source.points, "point_colors": source.point_colors, "near": source.near}

@@ -139,7 +139,7 @@ def _memory(run: ChapteredRun, found: Estimate) -> list[str]:
 def _notes(run: ChapteredRun) -> list[str]:
     notes = []
     if run.capture.backgrounds:
-        from splatreel.method.coverage.coverage import expected_gain
+        from splatreel.method.prediction.quality import expected_gain
         from splatreel.scene.camera import angles_apart, focus_point
 
         cameras = run.capture.training_cameras

@@ -26,10 +26,10 @@ if TYPE_CHECKING:
     from splatreel.base.progress import Progress
     from splatreel.codec.header import ReelHeader
     from splatreel.codec.presentation import Limits
+    from splatreel.importing.comparison import Comparison
+    from splatreel.importing.edits import Edit
+    from splatreel.importing.frames import Frames
     from splatreel.run.output.group_writer import PresentationHook
-    from splatreel.sequence.comparison import Comparison
-    from splatreel.sequence.edits import Edit
-    from splatreel.sequence.frames import Frames
 
 
 LONELY = 2
@@ -59,7 +59,7 @@ class ChangeOptions:
             raise UsageError(f"--min-opacity {self.min_opacity:g}: give an opacity from 0 to 1.")
         import numpy as np
 
-        from splatreel.sequence.edits import Edit
+        from splatreel.importing.edits import Edit
 
         return Edit(np.zeros(3), self.scale, _parse_crop(self.crop), self.min_opacity)
 
@@ -115,9 +115,9 @@ def import_frames(
     edit, words = changes.edit(), ReelTexts(title=title).given()
     use_threads(threads)
     from splatreel.base.display import console
+    from splatreel.importing.edits import edited
+    from splatreel.importing.recognition import open_frames
     from splatreel.play.presentation_writer import PresentationWriter
-    from splatreel.sequence.edits import edited
-    from splatreel.sequence.recognition import open_frames
 
     film, edit = edited(open_frames(frames, gaps, fps, length, memory_limit(max_memory)), edit)
     header, limits = _describe(film, edit, cameras, up, fps, antialiased)
@@ -152,10 +152,10 @@ def _describe(
     """Return the header of the reel, and the limits of its views, from the options."""
     import numpy as np
 
-    from splatreel.sequence.comparison import check_seen
-    from splatreel.sequence.edits import first_points
-    from splatreel.sequence.reel import header_of
-    from splatreel.sequence.viewpoints import read_cameras
+    from splatreel.importing.comparison import check_seen
+    from splatreel.importing.edits import first_points
+    from splatreel.importing.reel import header_of
+    from splatreel.importing.viewpoints import read_cameras
 
     views = cameras and [edit.camera(camera) for camera in read_cameras(cameras, edit.origin)]
     axis = None if up is None else np.array(AXES[up], float)
@@ -179,7 +179,7 @@ def _write(
 ) -> tuple[Comparison, bool]:
     """Write the points of a sequence to a new reel. Return the comparison, and whether the reel was complete already."""
     from splatreel.codec.writer import ReelWriter
-    from splatreel.sequence.reel import write_reel
+    from splatreel.importing.reel import write_reel
 
     with new_reel(out) as made:
         writer = ReelWriter(made.path, header, config=EncodeConfig(coarseness=COARSENESS[rate]))
@@ -199,9 +199,9 @@ def _fit(
     present: PresentationHook,
 ) -> tuple[Comparison, Path]:
     """Fit moving points to images of a sequence, seen by its cameras, or from everywhere. Return the comparison and the reel."""
-    from splatreel.sequence.edits import first_points
-    from splatreel.sequence.fit import fit_config, fit_reel
-    from splatreel.sequence.viewpoints import dome
+    from splatreel.importing.edits import first_points
+    from splatreel.importing.fit import fit_config, fit_reel
+    from splatreel.importing.viewpoints import dome
 
     cameras = dome(first_points(film), header.up) if everywhere else list(header.cameras)
     reel, found = fit_reel(film, cameras, header, out, fit_config(quality, rate), progress, present)
@@ -293,7 +293,7 @@ def _parse_crop(text: str | None) -> np.ndarray | None:
 
 def _say_doubts(found: Comparison, rate: Rate, frames: int, reel: Path) -> None:
     """Name cameras that see nothing, and the cause of a visible loss or of many bytes."""
-    from splatreel.sequence.comparison import CLOSE
+    from splatreel.importing.comparison import CLOSE
 
     if found.blind:
         say(f"Cameras that see nothing of the film: {', '.join(found.blind)}.")

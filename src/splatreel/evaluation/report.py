@@ -12,7 +12,7 @@ from splatreel.base.atomic import replacing
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import printable
 from splatreel.base.untrusted import is_number, read_json
-from splatreel.method.coverage.coverage import SCALE
+from splatreel.method.prediction.quality import SCALE
 from splatreel.run.steps import STEPS
 
 LPIPS_MISSING = (

@@ -17,7 +17,7 @@ from splatreel.run.output.group_output import Output
 from splatreel.run.output.keyframe_preview import KeyframePreview
 from splatreel.run.step_checkpoints import TIME_OFFSETS, restored_rig
 from splatreel.run.step_run import StepRun
-from splatreel.scene.spans import GroupSpan
+from splatreel.scene.group import GroupSpan
 
 
 def reconstruct_groups(

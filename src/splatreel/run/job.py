@@ -14,7 +14,7 @@ from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.run.run_history import RecordedProgress
 from splatreel.run.steps import STEPS
 from splatreel.run.store import Store
-from splatreel.scene.spans import GroupSpan
+from splatreel.scene.group import GroupSpan
 
 READING = "reading"
 """Name of the seconds of reading images."""

@@ -33,7 +33,7 @@ from splatreel.run.run_lock import RunLock
 from splatreel.run.run_record import run_record
 from splatreel.run.shared_scene import load_plates, reconstruct_shared_scene, shared_rig
 from splatreel.run.store import Store
-from splatreel.scene.spans import ChapterSpan, GroupSpan, chapter_spans, group_spans
+from splatreel.scene.group import ChapterSpan, GroupSpan, chapter_spans, group_spans
 from splatreel.scene.static_points import StaticPoints
 
 SCENE = "scene"

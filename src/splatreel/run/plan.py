@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from splatreel.config import Config
 from splatreel.run.costs import COSTS, READING_SECONDS, SCENE_POINTS, Workload
 from splatreel.run.job import Plan
-from splatreel.scene.spans import GroupSpan
+from splatreel.scene.group import GroupSpan
 
 BEFORE_KEYFRAME, AFTER_KEYFRAME = ("exposure", "poses"), ("layering", "layer", "tracking", "motion", "encode")
 """Steps of every group."""

@@ -12,8 +12,8 @@ from splatreel.capture.base import Capture
 from splatreel.config import Config
 from splatreel.config.records import complete_settings
 from splatreel.run import checkpoint
+from splatreel.scene.group import chapter_spans, group_spans
 from splatreel.scene.reel_source import ReelSource, parse_reel_source
-from splatreel.scene.spans import chapter_spans, group_spans
 
 VERSION = 1
 """Version of the checkpoints. A new version cannot continue runs of an old one."""

@@ -26,7 +26,7 @@ from splatreel.run.step_checkpoints import restored_rig
 from splatreel.run.step_run import StepRun
 from splatreel.run.store import GroupStore, StoredLayer
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.spans import GroupSpan
+from splatreel.scene.group import GroupSpan
 
 SAMPLES = 24
 """Frames of the video that the clean plates are made from. A passer-by hides a place in few of them."""

@@ -10,7 +10,7 @@ from splatreel.base.progress import Progress
 from splatreel.run.job import Job
 from splatreel.run.steps import STEPS
 from splatreel.run.store import GroupStore
-from splatreel.scene.spans import GroupSpan
+from splatreel.scene.group import GroupSpan
 
 Arguments = TypeVarTuple("Arguments")
 Found = TypeVar("Found")

@@ -20,9 +20,9 @@ from splatreel.base.untrusted import is_number
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.codec.presentation import Limits, Presentation, parse_presentation
-from splatreel.method.coverage.coverage import Coverage
-from splatreel.method.coverage.trial import Trial
 from splatreel.method.init.layout import Layout
+from splatreel.method.prediction.quality import Coverage
+from splatreel.method.prediction.trial import Trial
 from splatreel.run import checkpoint
 from splatreel.run.checkpoint import Arrays
 from splatreel.scene.gaussians import Gaussians

@@ -8,8 +8,8 @@ from splatreel.base.progress import Silent
 from splatreel.codec.reader import ReelReader
 from splatreel.evaluation.uncompressed import uncompressed_frames
 from splatreel.play.timeline import Timeline
+from splatreel.scene.group import GroupSpan
 from splatreel.scene.reel_source import ReelSource
-from splatreel.scene.spans import GroupSpan
 from tests.evaluation import scenes
 from tests.method.captures import WallCapture
 from tests.method.small import small

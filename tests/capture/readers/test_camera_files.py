@@ -5,7 +5,7 @@ import pytest
 
 from splatreel.base.errors import CaptureError
 from splatreel.capture.readers.camera_files import read_camera_file
-from splatreel.sequence.viewpoints import read_cameras
+from splatreel.importing.viewpoints import read_cameras
 from tests.capture import blobs
 from tests.capture.readers import test_transforms
 from tests.capture.readers.calibrations import test_toml_cameras

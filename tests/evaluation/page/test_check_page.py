@@ -12,7 +12,7 @@ from splatreel.capture.opening import open_capture
 from splatreel.capture.sidecar import SyncEvidence, write_starts
 from splatreel.cli.main import main
 from splatreel.evaluation.page.check_page import CheckFacts, check_page
-from splatreel.method.coverage.coverage import Coverage
+from splatreel.method.prediction.quality import Coverage
 from splatreel.scene.camera import facing
 from tests.capture import folders
 from tests.evaluation.page.test_report_page import parse

@@ -12,7 +12,6 @@ from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.config import EncodeConfig
 from splatreel.method.cameras.group_input import GroupInput
 from splatreel.method.cameras.rig import Rig
-from splatreel.method.coverage.trial import Trial
 from splatreel.method.encode.step_choice import (
     COARSEST,
     FINEST,
@@ -27,12 +26,12 @@ from splatreel.method.encode.step_choice import (
     with_decoded_at,
 )
 from splatreel.method.init.layout import Layout
+from splatreel.method.prediction.trial import Trial
 from splatreel.run.checkpoint import load_arrays, save_arrays
 from splatreel.run.store import Store, StoredGroup, StoredLayer
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.group import Group
-from splatreel.scene.spans import GroupSpan
+from splatreel.scene.group import Group, GroupSpan
 from splatreel.scene.static_points import StaticPoints
 from tests.golden import random_gaussians, random_motion, random_shade
 from tests.method.captures import blots

@@ -10,7 +10,7 @@ from splatreel.run.machines.estimate import estimate, moving_share
 from splatreel.run.machines.scaling import Division
 from splatreel.run.memory import needed_memory
 from splatreel.scene.camera import Camera
-from splatreel.scene.spans import chapter_spans, group_spans
+from splatreel.scene.group import chapter_spans, group_spans
 from tests.method.captures import WallCapture
 from tests.method.small import small
 

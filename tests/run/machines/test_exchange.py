@@ -9,7 +9,7 @@ from splatreel.base.errors import StorageError
 from splatreel.run.machines import exchange
 from splatreel.run.machines.exchange import Exchange, SharedFolder
 from splatreel.run.store import LAST_OF_GROUP, REEL_FILES_OF_GROUP
-from splatreel.scene.spans import ChapterSpan, GroupSpan
+from splatreel.scene.group import ChapterSpan, GroupSpan
 from splatreel.storage.address import Address
 from tests.buckets import Bucket, Faults, breaking
 from tests.storage.folders import KINDS, new_address

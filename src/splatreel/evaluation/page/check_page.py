@@ -13,8 +13,8 @@ from splatreel.capture.masked_capture import LIKELY
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.evaluation.page.html import escape, html_list, html_page, html_table, jpeg_url, section
 from splatreel.evaluation.page.rig_plan import RigPlan, rig_drawings
-from splatreel.method.coverage.coverage import Coverage
 from splatreel.method.init.layout import upright
+from splatreel.method.prediction.quality import Coverage
 
 THUMBNAIL = 320
 """Longer side of a camera's image, in pixels."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 from splatreel.evaluation.report import Report
-from splatreel.method.coverage.coverage import FAIR, rating
+from splatreel.method.prediction.quality import FAIR, rating
 
 CAMERA_BELOW = 3.0
 """A camera stands out if its PSNR is this many dB below the median of the others."""

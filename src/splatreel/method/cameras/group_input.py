@@ -16,7 +16,7 @@ from splatreel.method.init.layout import Layout
 from splatreel.method.init.visual_hull import VisualHull
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.spans import GroupSpan
+from splatreel.scene.group import GroupSpan
 
 ENOUGH_SIDE = 768
 """Pixels of the longer side of images that are large enough to find out what moves."""

@@ -11,12 +11,11 @@ from splatreel.codec.group_file import decode_parts
 from splatreel.codec.header import ReelHeader
 from splatreel.codec.predictive.precision import Steps
 from splatreel.method.cameras.group_input import GroupInput
-from splatreel.method.coverage.trial import Trial
 from splatreel.method.encode.importance import group_importance, weigh
 from splatreel.method.encode.step_choice import encode_group_by_slope, encode_layer_by_slope
+from splatreel.method.prediction.trial import Trial
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.group import Group
-from splatreel.scene.spans import GroupSpan
+from splatreel.scene.group import Group, GroupSpan
 from splatreel.scene.static_points import StaticPoints
 
 

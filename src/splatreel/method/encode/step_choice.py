@@ -24,7 +24,7 @@ from splatreel.codec.encoder import EncodedLayer, ReelEncoder
 from splatreel.codec.predictive.precision import STEPS, Steps
 from splatreel.config import EncodeConfig
 from splatreel.method.cameras.group_input import GroupInput
-from splatreel.method.coverage.trial import Trial
+from splatreel.method.prediction.trial import Trial
 from splatreel.scene import rotations
 from splatreel.scene.gaussians import Gaussians
 from splatreel.scene.group import Group

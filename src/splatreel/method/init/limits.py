@@ -37,7 +37,7 @@ def limits(cameras: Sequence[Camera], points: np.ndarray, layout: Layout, most: 
         cameras: Training cameras.
         points: [P, 3] initial points.
         layout: Measures of the scene, with the focus.
-        most: Maximum angle, degrees, if a trial showed that views do not hold (`method/coverage/trial.py`); None means no maximum.
+        most: Maximum angle, degrees, if a trial showed that views do not hold (`method/prediction/trial.py`); None means no maximum.
     """
     focus, up = np.array(layout.clearance.focus), np.array(layout.up)
     centers = np.stack([camera.center for camera in cameras]).astype(np.float64)

@@ -50,8 +50,7 @@ from splatreel.run.run_lock import RunLock
 from splatreel.run.run_record import recorded_settings, run_record
 from splatreel.run.store import Store
 from splatreel.scene.gaussians import Gaussians
-from splatreel.scene.group import Group
-from splatreel.scene.spans import GroupSpan, group_spans
+from splatreel.scene.group import Group, GroupSpan, group_spans
 from splatreel.scene.static_points import StaticPoints
 
 

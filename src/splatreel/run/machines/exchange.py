@@ -13,7 +13,7 @@ from splatreel.base.untrusted import open_regular
 from splatreel.run.job_log import LOGS
 from splatreel.run.jobs import chapter_name
 from splatreel.run.store import LAST_OF_GROUP, REEL_FILES_OF_GROUP, Store
-from splatreel.scene.spans import ChapterSpan
+from splatreel.scene.group import ChapterSpan
 from splatreel.storage.address import Address, log_retry
 from splatreel.storage.transport import is_plain
 

@@ -1,1 +1,0 @@
-"""Coverage of the scene by the cameras, and the expected quality of novel views."""

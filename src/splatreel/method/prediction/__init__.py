@@ -1,0 +1,1 @@
+"""Prediction of the quality of novel views, before training, and the verdict of `capture check`."""

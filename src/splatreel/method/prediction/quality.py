@@ -1,0 +1,368 @@
+"""Measures of how well cameras cover a scene, the quality of novel views to expect, and the verdict of `capture check`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, field
+from typing import Any
+
+import numpy as np
+
+from splatreel.base.progress import Progress
+from splatreel.base.untrusted import is_number, numbers
+from splatreel.capture.mask_shares import LARGE, mask_shares
+from splatreel.method.init.layout import clearance_of
+from splatreel.method.init.limits import LEAST_DEGREES
+from splatreel.method.init.triangulate import Tracks, triangulate
+from splatreel.method.prediction.silhouettes import TURN, Silhouettes
+from splatreel.method.prediction.trial import Trial, leave_one_out, narrow_camera, resize_image
+from splatreel.scene.camera import Camera, angles_apart, focus_point
+
+MARKS = "20 dB is poor, 30 dB is good, 40 dB is hardly distinguishable"
+SCALE = f"PSNR measures how close images are to the camera's: {MARKS}."
+FAIR, GOOD, EXCELLENT = 24.0, 28.0, 38.0
+"""Smallest PSNR in dB of fair, good and very good images. Below the first they are poor."""
+WIDTH = 480
+"""Largest width in pixels of the images that shared points are searched in."""
+NEIGHBORS = 6
+"""Number of nearest cameras that each camera is compared with."""
+FEWEST_SHARED = 20
+"""Number of points shared with two other cameras, below which a camera is named."""
+SAME = 0.004
+"""Distance below which two points are one, as a share of the scene's distance."""
+TWIN_DEGREES, TWIN_SHARE = 0.01, 1e-4
+"""Largest difference of two poses that are the same: degrees of rotation, and distance as a share of the scene's."""
+UNCONFIRMED = 5
+"""Number of points shared with two others, below which a pose is unconfirmed where most cameras share enough."""
+SUBJECT_FITS = 2.0
+"""Decibels by which the trial of a subject beats an image without reconstruction if the poses fit."""
+MASKS_FIT = 0.9
+"""Share of each camera's mask that the other masks must confirm if the poses fit."""
+MASK_MISFIT, MASK_CONTRADICTS = 0.7, 0.5
+"""Shares below which a camera is named because its mask does not fit the others, and below which no trial confirms the poses."""
+NAMED = 6
+"""Number of cameras that a sentence names."""
+
+
+def rating(psnr: float) -> str:
+    """Return the word for a PSNR in dB: very good, good, fair or poor."""
+    for least, word in ((EXCELLENT, "very good"), (GOOD, "good"), (FAIR, "fair")):
+        if psnr >= least:
+            return word
+    return "poor"
+
+
+GAIN_OF_DOUBLING = 0.6
+"""Decibels, after a fit of colors, that a subject gains from twice as many cameras
+(docs/experiments/2026-11-27-subjects-of-few-cameras.md)."""
+
+
+def expected_gain(names: list[str], angles: Sequence[float] | np.ndarray) -> str:
+    """Return sentences that say how many cameras more would bring how much to a subject.
+
+    Args:
+        names: Names of the training cameras.
+        angles: Degrees from each camera to the nearest other one.
+    """
+    count, more = len(names), max(1, len(names) // 3)
+    gain = GAIN_OF_DOUBLING * float(np.log2((count + more) / count))
+    cameras, gaps = ("One more camera", "gap") if more == 1 else (f"{more} more cameras", "gaps")
+    widest = ", ".join(names[place] for place in np.argsort(-np.array(angles), kind="stable")[:more])
+    apart = f"The cameras are {np.median(angles):.0f} degrees apart."
+    best = f"and twice as many cameras about {GAIN_OF_DOUBLING:.1f} dB"
+    return f"{apart} {cameras} in the largest {gaps} (beside {widest}) would bring about {gain:.1f} dB, {best}."
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """Coverage of the scene by the training cameras.
+
+    Attributes:
+        names: Names of the cameras.
+        angles: Degrees from each camera to the nearest other one, seen from the middle of the scene.
+        shared: For each camera, the number of its points that at least two other cameras show.
+        points: Number of points that at least three cameras show.
+        trial: Result of the trial that left a camera out; None without a trial.
+        twins: Pairs of names of cameras that have the same pose.
+        pairs: Number of points in common of each two cameras, [C, C] int; None if a run's record gave the coverage.
+        subject: True if the trial is about a subject that masks show.
+        mask_fits: Share of each camera's mask that the other masks confirm, 0..1; None without masks.
+        mask_doubt: Other poses that the masks fit as well or better, as the end of a sentence; empty if there are none. None if none
+            were tried: without masks, where they do not fit, or where points tell enough.
+        mask_share: Share of the images that the masks cover, 0..1, median of the cameras; None without masks.
+    """
+
+    names: list[str]
+    angles: list[float]
+    shared: list[int]
+    points: int
+    trial: Trial | None = None
+    twins: list[list[str]] = field(default_factory=list)
+    pairs: np.ndarray | None = field(default=None, compare=False)
+    subject: bool = False
+    mask_fits: list[float] | None = None
+    mask_doubt: str | None = None
+    mask_share: float | None = None
+
+    @property
+    def masks_fit(self) -> bool:
+        """True if the masks of all cameras confirm each other's poses: they fit, and would not fit at wrong poses."""
+        return _masks_agree(self.mask_fits) and self.mask_doubt == ""
+
+    @property
+    def angle(self) -> float | None:
+        """Degrees from a camera within which novel views hold, where the trial of a whole scene failed; None for all others."""
+        if self.trial is None or self.trial.holds or self.subject:
+            return None
+        return round(min(LEAST_DEGREES, self.trial.angle / 2), 2)
+
+    def sentences(self) -> list[str]:
+        """Return sentences that describe the coverage."""
+        far, few = int(np.argmax(self.angles)), [c for c, count in enumerate(self.shared) if count < FEWEST_SHARED]
+        least, most = f"{min(self.angles):.0f}", f"{max(self.angles):.0f}"
+        sentences = [
+            f"cameras are {least if least == most else f'{least} to {most}'} degrees from the nearest other one, seen from the middle "
+            f"of the scene ({self.names[far]} is the farthest)",
+            f"{self.points:,} {'point is' if self.points == 1 else 'points are'} seen by three or more cameras, and each camera "
+            f"sees {min(self.shared):,} to {max(self.shared):,} of them",
+        ]
+        if few:
+            listed = ", ".join(f"{self.names[c]} ({self.shared[c]})" for c in few[:NAMED])
+            more = f" and {len(few) - NAMED} more" if len(few) > NAMED else ""
+            sentences.append(f"hardly any points in common with two other cameras: {listed}{more}")
+        sentences += [f"{one} and {other} have the same pose" for one, other in self.twins]
+        if self.masks_fit:
+            sentences.append(
+                f"the poses are confirmed by the masks: those of all cameras fit each other, and would not if a camera were turned by "
+                f"{TURN:.0f} degrees or two were exchanged"
+            )
+        sentences += [
+            f"the mask of {name} does not fit those of the other cameras ({fit:.0%} of it does): look at it, and at the pose"
+            for name, fit in zip(self.names, self.mask_fits or [], strict=False)
+            if 0 < fit < MASK_MISFIT
+        ]
+        return sentences + self._trial_sentences()
+
+    def _trial_sentences(self) -> list[str]:
+        """Return sentences about the result of the trial."""
+        if self.trial is None:
+            return []
+        trial = self.trial
+        views = "novel views of the subject" if self.subject else "novel views"
+        what = "Quick trial of the subject" if self.subject else "Quick trial"
+        tried = f"{what} without {trial.camera}, {trial.angle:.0f} degrees from the nearest other camera: {trial.psnr:.1f} dB"
+        without = f"the nearest camera's image has {trial.nearest:.1f} dB there, one flat color {trial.flat:.1f} dB"
+        remedy = (
+            expected_gain(self.names, self.angles)
+            if self.subject
+            else "Set the cameras closer together, or add some between them."
+        )
+        if not trial.holds and self.subject:
+            return [
+                f"{tried}, hardly better than no reconstruction ({without}): expect a blur between the cameras. {remedy}"
+            ]
+        if not trial.holds:
+            return [
+                f"{tried}, hardly better than no reconstruction ({without}): {views} more than {self.angle:.0f} degrees from "
+                f"a camera will not be usable. {remedy}"
+            ]
+        word = rating(trial.psnr)
+        found = (
+            f"{tried} ({without}). Expect {views} between the cameras to be {word}, about {trial.psnr:.0f} dB: {MARKS}."
+        )
+        return [f"{found} {remedy}" if word == "poor" else found]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for JSON, without `pairs`."""
+        return {name: value for name, value in asdict(self).items() if name != "pairs"}
+
+    @staticmethod
+    def from_dict(value: dict[str, Any]) -> Coverage:
+        """Return the coverage from plain data.
+
+        Raises:
+            Exception: AttributeError, KeyError, TypeError or ValueError for other data.
+        """
+        plain = dict(value)
+        trial = plain.pop("trial", None)
+        names = plain["names"]
+        if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+            raise TypeError("names are not a list of texts")
+        for field_name in ("angles", "shared"):
+            numbers(plain[field_name], len(names))
+        if not all(isinstance(name, str) for pair in plain.get("twins", []) for name in pair):
+            raise TypeError("twins are not names")
+        if trial is not None and not all(is_number(trial[name]) for name in ("angle", "psnr", "flat", "nearest")):
+            raise TypeError("the trial holds a value that is not a number")
+        if (fits := plain.get("mask_fits")) is not None:
+            numbers(fits, len(names))
+        if not isinstance(plain.get("mask_doubt", ""), str | None):
+            raise TypeError("mask_doubt is not a text")
+        if (share := plain.get("mask_share")) is not None and not is_number(share):
+            raise TypeError("mask_share is not a number")
+        return Coverage(**plain, trial=None if trial is None else Trial(**trial))
+
+
+def cover(
+    cameras: list[Camera],
+    images: np.ndarray,
+    *,
+    points: np.ndarray | None = None,
+    point_colors: np.ndarray | None = None,
+    near: float | None = None,
+    with_trial: bool = True,
+    progress: Progress,
+    alpha: np.ndarray | None = None,
+) -> Coverage:
+    """Measure how well cameras cover what they show at one moment.
+
+    Args:
+        cameras: Training cameras.
+        images: Their images [C, H, W, 3] uint8.
+        points: Sparse points [P, 3] of the capture, if it has any.
+        point_colors: Their colors [P, 3] 0..1.
+        near: Near plane of the capture, if it has one.
+        with_trial: Leave a camera out and predict its view.
+        progress: Display of the progress.
+        alpha: Opacity [M, C, H, W] uint8 of the subject at that moment and at others; None for the whole scene.
+    """
+    small = [narrow_camera(camera, WIDTH) for camera in cameras]
+    progress.stage("matching points that several cameras show", len(cameras))
+    shown = np.stack([resize_image(image, camera) for image, camera in zip(images, small, strict=True)])
+    tracks = triangulate(small, shown, NEIGHBORS)
+    progress.update(len(cameras))
+    seen = tracks.points if points is None else np.asarray(points, np.float64)
+    focus = np.array(clearance_of(cameras, seen).focus) if len(seen) >= FEWEST_SHARED else focus_point(cameras)
+    trial = None
+    if with_trial:
+        given, subject = (points, point_colors, near), None if alpha is None else alpha[0]
+        trial = leave_one_out(cameras, shown, focus, *given, progress, subject)
+    distance = float(np.median([np.linalg.norm(camera.center - focus) for camera in cameras]))
+    seen_by = _places(tracks, distance)
+    fits, doubt = None, None
+    if alpha is not None:
+        silhouettes = Silhouettes(cameras, alpha, focus, near or 0.0)
+        fits = silhouettes.fits
+        if np.median(seen_by.sum(0)) < FEWEST_SHARED and _masks_agree(fits):
+            doubt = silhouettes.wrong_poses_that_fit()
+    return Coverage(
+        [camera.name for camera in cameras],
+        [round(float(angle), 2) for angle in angles_apart(cameras, focus).min(1)],
+        [int(count) for count in seen_by.sum(0)],
+        len(seen_by),
+        trial,
+        _twins(cameras, distance),
+        seen_by.T.astype(np.int64) @ seen_by,
+        alpha is not None,
+        fits,
+        doubt,
+        None if alpha is None else float(np.median(mask_shares(alpha[0]))),
+    )
+
+
+def _masks_agree(fits: list[float] | None) -> bool:
+    """Return True if the masks of all cameras fit each other."""
+    return fits is not None and min(fits) >= MASKS_FIT
+
+
+def _places(tracks: Tracks, distance: float) -> np.ndarray:
+    """Return [P, C] bool: which cameras show each place. Points of several cameras at one place are one."""
+    cells = np.floor(tracks.points / (SAME * distance)).astype(np.int64)
+    _, index = np.unique(cells, axis=0, return_inverse=True)
+    index = index.reshape(-1)
+    seen = np.zeros((int(index.max(initial=-1)) + 1, tracks.seen.shape[1]), bool)
+    np.logical_or.at(seen, index, tracks.seen)
+    return seen
+
+
+def _twins(cameras: list[Camera], distance: float) -> list[list[str]]:
+    """Return pairs of names of cameras that have the same pose. `distance` is that of the scene in world units."""
+    centers = np.stack([camera.center for camera in cameras]).astype(np.float64)
+    turns = np.stack([camera.viewmat[:3, :3] for camera in cameras]).astype(np.float64)
+    gaps = np.linalg.norm(centers[:, None] - centers[None], axis=-1)
+    apart = np.linalg.norm(turns[:, None] - turns[None], axis=(2, 3)) / np.sqrt(2)  # radians, for small angles
+    same = (gaps < TWIN_SHARE * distance) & (apart < np.radians(TWIN_DEGREES))
+    return [[cameras[i].name, cameras[j].name] for i, j in zip(*np.nonzero(np.triu(same, 1)), strict=True)]
+
+
+@dataclass(frozen=True)
+class CaptureVerdict:
+    """The conclusion about a capture.
+
+    Attributes:
+        faults: Faults to correct before reconstructing; empty if there are none.
+        expected: Expected quality of novel views.
+    """
+
+    faults: list[str]
+    expected: str = ""
+
+    def text(self, command: str) -> str:
+        """Return the closing lines of the check. `command` is the command that reconstructs the capture."""
+        if self.faults:
+            listed = "\n".join(f"  - {fault}" for fault in self.faults)
+            return f"Do not reconstruct it as it is:\n{listed}\nTo try anyway, run\n  {command}"
+        return f"It can be reconstructed, {self.expected}. Run\n  {command}"
+
+
+def judge_capture(coverage: Coverage, misfits: list[str]) -> CaptureVerdict:
+    """Judge a capture by its coverage, and by the names of cameras whose poses do not fit each other."""
+    faults = []
+    if misfits:
+        faults.append(f"the poses or lenses of {', '.join(misfits)} do not fit each other: calibrate again")
+    faults += [
+        f"{one} and {other} have the same pose: correct one of the two, or leave that camera out"
+        for one, other in coverage.twins
+    ]
+    typical = float(np.median(coverage.shared))
+    if typical >= FEWEST_SHARED:
+        faults += [
+            f"{name} has {count} points in common with two other cameras, where {typical:.0f} are usual here: check its pose and its "
+            f"video, or leave it out"
+            for name, count in zip(coverage.names, coverage.shared, strict=True)
+            if count < UNCONFIRMED
+        ]
+    elif not (coverage.masks_fit or _trial_confirms_poses(coverage)):
+        few = f"{typical:.0f} point{'s' * (typical >= 1.5)} or fewer" if typical >= 1 else "no points"
+        apart = [
+            f"{name} ({fit:.0%})"
+            for name, fit in zip(coverage.names, coverage.mask_fits or [], strict=False)
+            if fit < MASKS_FIT
+        ]
+        masks = f" Masks fit the others in part only: {', '.join(apart)}. They or the poses are wrong." if apart else ""
+        if coverage.mask_doubt:
+            masks = f" The masks confirm nothing: they would fit {coverage.mask_doubt}."
+        faults.append(
+            f"the images do not confirm the poses: half of the cameras have {few} in common with two others.{masks} "
+            f"The poses are wrong, or the cameras show too little in common: check the calibration, or add cameras in between"
+        )
+    return CaptureVerdict(faults, "" if faults else _expectation(coverage))
+
+
+def _trial_confirms_poses(coverage: Coverage) -> bool:
+    """Return True if the trial alone shows that the poses fit the images."""
+    trial = coverage.trial
+    if trial is None or not trial.holds:
+        return False
+    if any(0 < fit < MASK_CONTRADICTS for fit in coverage.mask_fits or []):
+        return False
+    # Cameras far apart share hardly any points, whatever their poses. Silhouettes that fit make a subject.
+    is_small = coverage.subject and (coverage.mask_share is None or coverage.mask_share <= LARGE)
+    return trial.psnr > max(trial.flat, trial.nearest) + SUBJECT_FITS if is_small else rating(trial.psnr) != "poor"
+
+
+def _expectation(coverage: Coverage) -> str:
+    trial = coverage.trial
+    if trial is None:
+        return "but no trial of novel views was made"
+    if not trial.holds and coverage.subject:
+        return f"but the subject will be a blur between the cameras. {expected_gain(coverage.names, coverage.angles)}".removesuffix(
+            "."
+        )
+    if not trial.holds:
+        near = f"but only views within {coverage.angle:.0f} degrees of a camera will be usable"
+        return f"{near}; a person alone holds further between the cameras (--masks auto)"
+    word = rating(trial.psnr)
+    but = "but" if word == "poor" else "and"
+    views = "novel views of the subject" if coverage.subject else "novel views"
+    return f"{but} {views} between the cameras will be {word} (about {trial.psnr:.0f} dB)"
