@@ -21,6 +21,8 @@ SOFTWARE = Adapter("llvmpipe", "Vulkan", "CPU", LIMITS, True, None)
 def machine(monkeypatch: pytest.MonkeyPatch) -> None:
     """A machine with a GPU for wgpu, without torch and gsplat."""
     monkeypatch.setattr(device_choice, "adapters", lambda: (CARD, SOFTWARE))
+    monkeypatch.setattr(device_choice, "may_have_gpu", lambda: True)
+    monkeypatch.setattr(device_choice, "cuda_devices", lambda: ["Card"])
     monkeypatch.setattr(device_choice, "require_adapter", lambda: CARD)
     with_packages(monkeypatch)
 
@@ -84,6 +86,18 @@ def test_gsplat_without_a_cuda_device(monkeypatch: pytest.MonkeyPatch, hip: str 
         UsageError, match=r"--renderer cuda: PyTorch finds no CUDA device\. Use --renderer cpu or webgl"
     ):
         cuda_renderer()
+
+
+def test_auto_loads_nothing_where_no_gpu_is_possible(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Loading torch or wgpu takes seconds."""
+    with_packages(monkeypatch, "torch", "gsplat", cuda=True)
+    monkeypatch.setitem(sys.modules, "torch", None)
+    monkeypatch.setattr(device_choice, "may_have_gpu", lambda: False)
+    monkeypatch.setattr(device_choice, "adapters", lambda: pytest.fail("looked for adapters"))
+    assert name_of("auto") == (None, "")
+    monkeypatch.setattr(device_choice, "cuda_devices", list)
+    with pytest.raises(UsageError, match="--device cuda: NVIDIA's driver finds no device"):
+        pick_gpu("cuda")
 
 
 def test_buffers_that_are_too_large() -> None:

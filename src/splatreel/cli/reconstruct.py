@@ -173,6 +173,9 @@ def reconstruct(
         raise UsageError("--masks and --region are for captures that are complete. Leave them out, or --follow.")
     machines.check(out, follow=following.follow, estimate=estimate)
     from splatreel.base.display import console
+
+    if not estimate:
+        say(f"Reconstructing {capture} into {out}", flush=True)  # before the imports, which take seconds
     from splatreel.evaluation.page.report_writer import ReportWriter
     from splatreel.kernels.warmup import background_warmup
     from splatreel.play.presentation_writer import PresentationWriter

@@ -9,6 +9,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 from typing import Any
 
 from splatreel.base.errors import UsageError
@@ -72,6 +73,13 @@ class Adapter:
 def is_installed() -> bool:
     """Return whether the package wgpu is installed."""
     return importlib.util.find_spec("wgpu") is not None
+
+
+def may_have_gpu() -> bool:
+    """Return whether a hardware GPU is possible. On Linux each one has a device file; looking at that saves loading wgpu, a second."""
+    if sys.platform != "linux" or cuda_devices():
+        return True
+    return any(next(Path("/dev").glob(files), None) for files in ("dri/renderD*", "dxg", "kgsl-3d*", "mali*"))
 
 
 @cache

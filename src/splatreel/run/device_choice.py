@@ -6,7 +6,8 @@ import importlib.util
 
 from splatreel.base.command_line import install_command
 from splatreel.base.errors import MissingDependencyError, UsageError
-from splatreel.gpu.adapters import adapters, choose_adapter, require_adapter
+from splatreel.gpu.adapters import adapters, choose_adapter, may_have_gpu, require_adapter
+from splatreel.gpu.cuda_devices import cuda_devices
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.play.renderers import Draw
 
@@ -28,7 +29,7 @@ def pick_gpu(name: str, bytes_of_buffer: int = 0) -> tuple[SharedGpu | None, str
     """
     if name not in NAMES:
         raise UsageError(f"Unknown device {name!r}. Choose auto, cpu, gpu or cuda.")
-    if name == "cpu":
+    if name == "cpu" or (name == "auto" and not may_have_gpu()):
         return None, ""
     if name == "cuda":
         _require_cuda("--device cuda", "--device gpu, which needs no compiler")
@@ -96,7 +97,9 @@ def _has_gsplat() -> bool:
 
 def _why_no_cuda() -> str | None:
     """Return why gsplat, which is installed, finds no GPU; None if it finds one."""
-    import torch
+    if not cuda_devices():
+        return "NVIDIA's driver finds no device"
+    import torch  # after the question that needs no seconds
 
     # PyTorch for AMD's ROCm also calls its devices cuda. gsplat cannot use them.
     there = torch.cuda.is_available() and torch.version.hip is None
