@@ -27,6 +27,7 @@ from splatreel.cli.publish import publishing
 from splatreel.cli.reel_texts import ReelTexts
 from splatreel.config import Codec, Config, Deformation, Quality, Rate, preset
 from splatreel.config.settings import changed
+from splatreel.storage.address import without_secrets
 
 if TYPE_CHECKING:
     from splatreel.capture.opening import CaptureSource
@@ -175,7 +176,8 @@ def reconstruct(
     from splatreel.base.display import console
 
     if not estimate:
-        say(f"Reconstructing {capture} into {out}", flush=True)  # before the imports, which take seconds
+        names = (without_secrets(str(address)) for address in (capture, out))
+        say(f"Reconstructing {' into '.join(names)}", flush=True)  # before the imports, which take seconds
     from splatreel.evaluation.page.report_writer import ReportWriter
     from splatreel.kernels.warmup import background_warmup
     from splatreel.play.presentation_writer import PresentationWriter

@@ -108,7 +108,7 @@ class Address:
         self._is_down = False
         """True after the last retry failed. Then single attempts find out when the service is back."""
         url = str(location)
-        self._shown = str(self.path) if self.path is not None else _without_secrets(url)
+        self._shown = str(self.path) if self.path is not None else without_secrets(url)
         self._protocol = "file" if self.path is not None else url.partition("://")[0].lower()
         if writes and url.lower().startswith(_WEB):
             raise UsageError(
@@ -245,7 +245,7 @@ def _reason(error: Exception) -> str:
     return f"{' '.join(str(text).split()) or type(error).__name__:.300}"
 
 
-def _without_secrets(url: str) -> str:
+def without_secrets(url: str) -> str:
     """Return a URL without its password, and a web address without its query, which may be a signature."""
     scheme, _, rest = url.partition("://")
     host, _, path = rest.partition("/")
