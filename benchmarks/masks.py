@@ -17,6 +17,7 @@ from record import record
 from splatreel.capture.images import read_image
 from splatreel.capture.opening import open_capture
 from splatreel.segmentation.mask_writer import sample_moments
+from splatreel.segmentation.people import find_people
 from splatreel.segmentation.segmenter import fit_subject
 
 BLOB = 0.0025
@@ -31,6 +32,7 @@ def main(
     every: int = 6,
     width: int = 320,
     overlays: Path | None = None,
+    people: bool = True,
     note: str = "",
 ) -> None:
     """Segment every EVERYth frame, and compare the cameras that have given masks.
@@ -43,6 +45,7 @@ def main(
         every: Distance of the frames to compare.
         width: Width of the images in pixels.
         overlays: Image to write: red where only the new mask is white, blue where only the given one is.
+        people: Networks of people complete the masks.
         note: Note of the record.
     """
     with_masks = {path.name for path in masks.iterdir() if path.is_dir()}
@@ -56,7 +59,7 @@ def main(
     names = [camera.name for camera in source.cameras]
     begun = time.process_time()
     samples = np.stack([source.read(t, 1, names)[0] for t in sample_moments(source.frames)])
-    model = fit_subject(source.cameras, samples, near=source.near or 0)
+    model = fit_subject(source.cameras, samples, near=source.near or 0, people=find_people() if people else None)
     fitted = time.process_time()
     counts = {name: np.zeros(2) for name in names}
     rows, compared = [], range(1, source.frames - 1, every)
@@ -83,6 +86,7 @@ def main(
         "cameras": len(names),
         "frames": len(compared),
         "width": width,
+        "people": people,
         "iou": float(np.mean(list(by_camera.values()))),
         "iou_by_camera": by_camera,
         "fit_cpu_seconds": fitted - begun,

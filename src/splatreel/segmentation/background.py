@@ -71,7 +71,7 @@ def fit_background(samples: np.ndarray, certainty: np.ndarray | None = None) -> 
             nothing.
     """
     film = samples.astype(np.float32)
-    certainty = np.ones(film.shape[:3], np.float32) if certainty is None else certainty
+    certainty = np.ones(film.shape[:3], np.float32) if certainty is None else certainty.astype(np.float32)
     spread = _typical_noise(film)
     distances = np.arange(256, dtype=np.float32) / (BANDWIDTH * spread)
     likeness = np.maximum(1 - distances * distances, 0)  # of each difference of gray levels

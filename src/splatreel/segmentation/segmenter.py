@@ -14,6 +14,7 @@ from splatreel.segmentation.agreement import Agreement
 from splatreel.segmentation.background import Background, fit_background, largest_channel, same_light
 from splatreel.segmentation.colors import ColorModel
 from splatreel.segmentation.evidence import LIMIT, difference, subject_evidence, with_floor
+from splatreel.segmentation.people import People, Square, people_free, squares_around, without_repeats
 from splatreel.segmentation.smoothing import decide, with_doubts, without_halo, without_specks
 from splatreel.segmentation.uncovering import uncover
 
@@ -30,6 +31,12 @@ NEAR = 0.08
 """Distance from the subject within which its surroundings teach colors, as a share of the image width."""
 FIT_STEPS = 5
 """Number of steps of `fit_subject`."""
+PERSON_SLOPE, PERSON_OFFSET, OWN_SHARE, OWN_LIMIT = 2.0, 0.5, 0.5, 4.0
+"""Weight and offset of the log odds of the networks of people, and weight and limit of all other evidence beside them."""
+SOFT = 0.02
+"""Added to probabilities, so that their log odds are finite."""
+NOBODY = 0.3
+"""Largest probability of a person within something that moves and is no person, such as a ball."""
 STEADY = 12.0
 """Difference of colors, gray levels, up to which a pixel of the next frame shows the same."""
 
@@ -51,7 +58,14 @@ class SubjectModel:
         moving_shares: Largest share of each camera's image, 0..1, that the subject covers in the samples.
     """
 
-    def __init__(self, cameras: Sequence[Camera], backgrounds: Sequence[Background], near: float = 0.0) -> None:
+    def __init__(
+        self,
+        cameras: Sequence[Camera],
+        backgrounds: Sequence[Background],
+        near: float = 0.0,
+        people: People | None = None,
+    ) -> None:
+        self.people = people
         self.cameras = list(cameras)
         self.backgrounds = list(backgrounds)
         self.colors = [ColorModel() for _ in cameras]
@@ -69,7 +83,9 @@ class SubjectModel:
         return arrays
 
     @classmethod
-    def unpack(cls, cameras: Sequence[Camera], arrays: dict[str, np.ndarray], near: float) -> SubjectModel:
+    def unpack(
+        cls, cameras: Sequence[Camera], arrays: dict[str, np.ndarray], near: float, people: People | None = None
+    ) -> SubjectModel:
         """Return the model of arrays that `pack` returned.
 
         Raises:
@@ -78,7 +94,7 @@ class SubjectModel:
         fields = Background.__dataclass_fields__
         packed = [{name: arrays[f"{c}.{name}"] for name in fields} for c in range(len(cameras))]
         backgrounds = [Background(floor=float(each.pop("floor")), **each) for each in packed]
-        model = cls(cameras, backgrounds, near)
+        model = cls(cameras, backgrounds, near, people)
         model.never_uncovered = arrays["never_uncovered"].tolist()
         model.moving_shares = arrays["moving_shares"].tolist()
         model.colors = [ColorModel(arrays[f"{c}.colors"]) for c in range(len(cameras))]
@@ -95,7 +111,9 @@ class SubjectModel:
         own = np.stack(threads.map_parallel(lambda pair: subject_evidence(*pair), pairs))
         if there is not None:
             own[~there] = 0
-        support = self.agreement.support(own)
+        return self._agreed(own, self.agreement.support(own))
+
+    def _agreed(self, own: np.ndarray, support: np.ndarray) -> Evidence:
         trust = min(1.0, max(len(self.cameras) - 2, 1) / FULL_TRUST)
         shares = np.stack([background.share for background in self.backgrounds])
         # A background that few samples show may be somebody who stood there. Then the other cameras decide.
@@ -124,12 +142,45 @@ class SubjectModel:
     def decisions(self, images: np.ndarray, there: np.ndarray | None = None) -> tuple[np.ndarray, Evidence]:
         """Return decisions, from -1 to 1, [C, H, W] float32, and their evidence, of a moment. Arguments: as `evidence`."""
         found = self.evidence(images, there)
+        colors = np.stack(threads.map_parallel(lambda c: self.colors[c].evidence(images[c]), range(len(images))))
+        odds = found.odds + np.where(found.support > -0.5, colors, 0)
+        decided = _decided(images, odds)
+        if self.people is None:
+            return decided, found
+        squares = [self.people.find(image) for image in images]
+        squares = [without_repeats(squares_around(own > 0), more) for own, more in zip(decided, squares, strict=True)]
+        return self._with_people(images, found, colors, decided, squares)
 
-        def of_camera(c: int) -> np.ndarray:
-            colors = np.where(found.support[c] > -0.5, self.colors[c].evidence(images[c]), 0)
-            return decide(images[c], found.odds[c] + colors)
+    def _with_people(
+        self,
+        images: np.ndarray,
+        found: Evidence,
+        colors: np.ndarray,
+        decided: np.ndarray,
+        squares: Sequence[Sequence[Square]],
+    ) -> tuple[np.ndarray, Evidence]:
+        """Return decisions and evidence that networks of people complete, in their squares. What moves and is no person stays.
 
-        return np.stack(threads.map_parallel(of_camera, range(len(images)))), found
+        The cameras agree again, with what the networks see.
+        """
+        people = self.people
+        assert people is not None
+        seen = threads.map_parallel(lambda c: people.probability(images[c], squares[c]), range(len(images)))
+        probability = np.stack([each for each, _ in seen])
+        where = np.stack([known & ~_nobody(own > 0, each) for own, (each, known) in zip(decided, seen, strict=True)])
+        person = np.log((probability + SOFT) / (1 - probability + SOFT)) + PERSON_OFFSET
+
+        def joined(odds: np.ndarray, slope: float) -> np.ndarray:
+            other = np.clip(odds + np.where(found.support > -0.5, colors, 0), -OWN_LIMIT, OWN_LIMIT)
+            return slope * person + OWN_SHARE * other
+
+        own = np.where(where, np.clip(joined(found.own, 1.0), -LIMIT, LIMIT), found.own).astype(np.float32)
+        support = self.agreement.support(own)
+        agreed = self._agreed(found.own, support)
+        odds = np.where(
+            where, joined(agreed.odds, PERSON_SLOPE), agreed.odds + np.where(support > -0.5, colors, 0)
+        ).astype(np.float32)
+        return _decided(images, odds), Evidence(own, support, odds)
 
     def masks(self, frames: np.ndarray, there: np.ndarray | None = None) -> np.ndarray:
         """Return the masks [T, C, H, W] uint8 of consecutive frames [T, C, H, W, 3] uint8.
@@ -161,6 +212,7 @@ def fit_subject(
     near: float = 0.0,
     report: Callable[[int], None] = lambda _: None,
     there: np.ndarray | None = None,
+    people: People | None = None,
 ) -> SubjectModel:
     """Learn the backgrounds and colors of a capture.
 
@@ -174,6 +226,7 @@ def fit_subject(
         near: Smallest depth, world units.
         report: Called with the number of finished steps of `FIT_STEPS`.
         there: [S, C] bool, the samples that exist; None means all.
+        people: Networks that find people. What they cover is kept out of the backgrounds.
     """
     there = np.ones(samples.shape[:2], bool) if there is None else there
     films = [film[exist] for film, exist in zip(samples.swapaxes(0, 1), there.T, strict=True)]
@@ -181,10 +234,18 @@ def fit_subject(
     lit = threads.map_parallel(
         same_light, [film if plate is None else plate for film, plate in zip(films, plates, strict=True)]
     )
+    shares = [0.0] * len(films)
+    if people is not None:
+        empty = [people_free(people, film) for film in films]
+        shares = [float((~each).mean((1, 2)).max()) for each in empty]
+        lit = [
+            (film, free if certainty is None else free * certainty) if plate is None else (film, certainty)
+            for (film, certainty), free, plate in zip(lit, empty, plates, strict=True)
+        ]
     backgrounds = threads.map_parallel(
         lambda job: with_floor(fit_background(*job[0]), job[1]), zip(lit, films, strict=True)
     )
-    model = SubjectModel(cameras, backgrounds, near)
+    model = SubjectModel(cameras, backgrounds, near, people)
     report(1)
     chosen = np.unique(np.linspace(0, len(samples) - 1, COLOR_SAMPLES).round().astype(int))
     own = [c for c, plate in enumerate(plates) if plate is None]
@@ -205,6 +266,7 @@ def fit_subject(
             model.never_uncovered[c] = float((covered & ~taken).mean())
     report(4)
     model.learn_colors(samples[chosen], there[chosen])
+    model.moving_shares = [max(pair) for pair in zip(model.moving_shares, shares, strict=True)]
     report(FIT_STEPS)
     return model
 
@@ -224,6 +286,19 @@ def _fit_again(
     background = with_floor(fit_background(lit, uncovered if certainty is None else uncovered * certainty), film)
     always = np.clip(support, -LIMIT, LIMIT).mean(0) > ALWAYS
     return background, always & (background.share > STILL)
+
+
+def _decided(images: np.ndarray, odds: np.ndarray) -> np.ndarray:
+    return np.stack(threads.map_parallel(lambda c: decide(images[c], odds[c]), range(len(images))))
+
+
+def _nobody(mask: np.ndarray, probability: np.ndarray) -> np.ndarray:
+    """Return the parts of a mask [H, W] bool, and what is close to them, that show no person."""
+    count, parts = cv2.connectedComponents(mask.astype(np.uint8))
+    likely = np.zeros(count, np.float32)
+    np.maximum.at(likely, parts.ravel(), probability.ravel())
+    likely[0] = 1
+    return cv2.dilate((likely < NOBODY)[parts].astype(np.uint8), np.ones((5, 5), np.uint8)) > 0
 
 
 def _widened(mask: np.ndarray) -> np.ndarray:
