@@ -13,7 +13,6 @@ from tyro.conf import Positional, arg
 from splatreel.base import threads
 from splatreel.base.command_line import install_command, option, quoted
 from splatreel.base.errors import ReconstructionError, UsageError
-from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import CaptureAddress, CaptureFolder, NewFolder, parse_frames, parse_held_out, parse_left_out
 from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import already_complete, counted, say
@@ -394,37 +393,17 @@ def capture_convert(
         say(f"  {', '.join(renamed)}")
 
 
-def capture_film(
-    out: NewFolder,
-    /,
-    width: int = 256,
-    height: int = 192,
-    frames: int = 60,
-    seed: int = 0,
-    trace: bool = False,
-    threads: int | None = None,
-) -> None:
+def capture_film(out: NewFolder, /) -> None:
     """Write the built-in capture: a toy room that fourteen virtual cameras film, in the layout of Neu3DV.
-
-    The package contains the film with the default options, which is copied. Other films are ray-traced.
 
     Args:
         out: New folder.
-        width: Width of the videos in pixels, even.
-        height: Height of the videos in pixels, even.
-        frames: Number of frames of the videos, at 30 frames a second.
-        seed: Variation of textures and small objects.
-        trace: Trace the film even if the package contains it. The result is the same.
-        threads: Number of threads; by default one per core.
     """
-    use_threads(threads)
     check_out("OUT", out)
-    from splatreel.base.display import console
-    from splatreel.capture.builtin.synthetic import HELD_OUT, film_with_progress, make_cameras
+    from splatreel.capture.builtin_film import copy_film
+    from splatreel.capture.opening import open_capture
 
-    with closing(console()) as progress:
-        film_with_progress(out, progress, width=width, height=height, frames=frames, seed=seed, trace=trace)
-    say(f"{out}: {len(make_cameras())} cameras and {counted(frames, 'frame')} of {width} x {height} pixels, with sound")
-    say(
-        f"  kept for evaluation, not trained on: {', '.join(HELD_OUT)}. Run\n  {quoted(['splatreel', 'capture', 'check', out])}"
-    )
+    with closing(open_capture(copy_film(out))) as film:
+        size, held_out = f"{film.width} x {film.height}", ", ".join(film.held_out)
+        say(f"{out}: {len(film.cameras)} cameras and {film.frames} frames of {size} pixels, with sound")
+    say(f"  kept for evaluation, not trained on: {held_out}. Run\n  {quoted(['splatreel', 'capture', 'check', out])}")

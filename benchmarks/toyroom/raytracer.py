@@ -14,7 +14,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from splatreel.capture.builtin.solids import (
+from splatreel.scene.camera import Camera
+from toyroom.solids import (
     FAR,
     HALF,
     OCCLUSION,
@@ -27,8 +28,7 @@ from splatreel.capture.builtin.solids import (
     surface,
     three,
 )
-from splatreel.capture.builtin.textures import MIRROR
-from splatreel.scene.camera import Camera
+from toyroom.textures import MIRROR
 
 SAMPLES = 3
 """Rays per pixel edge."""

@@ -2,7 +2,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from splatreel.capture.builtin.textures import CHECKS, GRAINED, albedo
+from toyroom.textures import CHECKS, GRAINED, albedo
 
 COLORS = ((0.5, 0.4, 0.3), (0.2, 0.2, 0.6), (0.9, 0.9, 0.9))
 

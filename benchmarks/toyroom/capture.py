@@ -1,4 +1,4 @@
-"""The built-in capture: the toy room filmed by fourteen cameras, with sound, written as a Neu3DV folder.
+"""The toy room filmed by fourteen cameras, with sound, written as a Neu3DV folder.
 
 Filming takes about a minute of a processor. The package therefore contains the film with the default arguments. `make film` writes it.
 """
@@ -7,14 +7,12 @@ from __future__ import annotations
 
 import json
 import math
-import shutil
 from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from fractions import Fraction
 from itertools import count
 from pathlib import Path
 from threading import Event
-from typing import Any
 
 import av
 import numpy as np
@@ -22,19 +20,16 @@ import numpy as np
 from splatreel.base import threads
 from splatreel.base.errors import CaptureError, UsageError
 from splatreel.base.new_folder import is_taken, new_folder
-from splatreel.base.progress import Progress
-from splatreel.base.untrusted import read_json
-from splatreel.capture.builtin import toyroom
-from splatreel.capture.builtin.raytracer import trace_frame, trace_static
-from splatreel.capture.builtin.toysound import render_sound
+from splatreel.capture.builtin_film import FILM, copy_film, film_recipe
 from splatreel.capture.capture_sound import RATE
-from splatreel.capture.sidecar import SIDECAR, SIDECAR_BYTES
+from splatreel.capture.sidecar import SIDECAR
 from splatreel.scene.camera import Camera, facing
+from toyroom import room
+from toyroom.raytracer import trace_frame, trace_static
+from toyroom.sound import render_sound
 
 VERSION = 4
 """Increase when the same arguments produce another capture."""
-SHIPPED = Path(__file__).parent / "film"
-"""The capture with the default arguments, as `make_capture` films it. A package without this folder films it anew."""
 
 POSES = "poses_bounds.npy"
 NEAR, FAR = 2.0, 9.0
@@ -93,7 +88,7 @@ def make_capture(
 
     Raises:
         UsageError: A size is invalid.
-        CaptureError: `path` holds something else or cannot be written.
+        CaptureError: `path` holds something else.
     """
     path = Path(path)
     if width < 16 or height < 16 or width % 2 or height % 2 or frames < 1 or fps < 1:
@@ -101,47 +96,16 @@ def make_capture(
             f"{width}x{height}, {frames} frames at {fps} fps: width and height must be even and at least 16."
         )
     recipe = {"version": VERSION, "width": width, "height": height, "frames": frames, "fps": fps, "seed": seed}
-    if _is_made_by(path, recipe):
+    if film_recipe(path) == recipe:
         return path
-    refusal = CaptureError(
-        f"{path}: exists and is not the built-in capture of {recipe}. Remove it or choose another folder."
-    )
+    refusal = CaptureError(f"{path}: exists and is not the film of {recipe}. Remove it or choose another folder.")
     if is_taken(path):
         raise refusal
-    try:
-        with new_folder(path, refusal) as made:
-            if not trace and _is_shipped(recipe):
-                for file in SHIPPED.iterdir():
-                    # Without the permissions of the package, which may be read-only.
-                    shutil.copyfile(file, made.path / file.name)
-            else:
-                _write(made.path, recipe, progress or (lambda share: None))
-    except OSError as error:
-        raise CaptureError(
-            f"{path}: cannot be written ({error.strerror or error}). Fix the permissions or choose another folder."
-        ) from error
+    if not trace and film_recipe(FILM) == recipe:
+        return copy_film(path)
+    with new_folder(path, refusal) as made:
+        _write(made.path, recipe, progress or (lambda share: None))
     return path
-
-
-def film_with_progress(path: Path, progress: Progress, **arguments: Any) -> Path:
-    """Call `make_capture` with the stage of a progress display. `arguments` are those of `make_capture`."""
-    progress.stage("making the built-in capture", 100)
-    folder = make_capture(path, progress=lambda share: progress.update(round(100 * share)), **arguments)
-    progress.update(100)
-    return folder
-
-
-def _is_made_by(path: Path, recipe: dict) -> bool:
-    try:
-        return read_json(path / SIDECAR, CaptureError, SIDECAR_BYTES).get("made_by") == recipe
-    except (CaptureError, AttributeError):
-        return False
-
-
-def _is_shipped(recipe: dict) -> bool:
-    """Return True if the package contains the whole capture of a recipe."""
-    names = [*(f"{camera.name}.mp4" for camera in make_cameras()), POSES]
-    return _is_made_by(SHIPPED, recipe) and all((SHIPPED / name).is_file() for name in names)
 
 
 def _write(folder: Path, recipe: dict, progress: Callable[[float], None]) -> None:
@@ -170,13 +134,13 @@ def _write(folder: Path, recipe: dict, progress: Callable[[float], None]) -> Non
 
 def _film(folder: Path, camera: Camera, recipe: dict) -> Iterator[int]:
     """Write one camera's video and yield the number of each written frame."""
-    still = toyroom.standing(recipe["seed"])
-    seen = trace_static(camera, still, toyroom.LIGHT)
+    still = room.standing(recipe["seed"])
+    seen = trace_static(camera, still, room.LIGHT)
     seconds, seed = recipe["frames"] / recipe["fps"], 100 * recipe["seed"] + int(camera.name.removeprefix("cam"))
     sound = render_sound(camera.center, seconds, seed)
     with VideoWriter(folder / f"{camera.name}.mp4", camera, recipe["fps"], sound) as video:
         for t in range(recipe["frames"]):
-            video.add(trace_frame(camera, seen, still, toyroom.moving(t / recipe["fps"]), toyroom.LIGHT))
+            video.add(trace_frame(camera, seen, still, room.moving(t / recipe["fps"]), room.LIGHT))
             yield t
 
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from splatreel.capture.builtin.toyroom import impacts
 from splatreel.capture.capture_sound import RATE
+from toyroom.room import impacts
 
 SPEED = 343.0
 """Speed of sound, meters per second."""

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from splatreel.capture.builtin.textures import albedo
+from toyroom.textures import albedo
 
 BOX, ELLIPSOID, CYLINDER = 0, 1, 2
 FAR = 1e9

@@ -3,12 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from splatreel.capture.builtin import raytracer as rt
-from splatreel.capture.builtin import solids as sd
-from splatreel.capture.builtin import toyroom
-from splatreel.capture.builtin.synthetic import make_cameras
-from splatreel.capture.builtin.textures import MIRROR
 from splatreel.scene.camera import Camera
+from toyroom import raytracer as rt
+from toyroom import room as toys
+from toyroom import solids as sd
+from toyroom.capture import make_cameras
+from toyroom.textures import MIRROR
 
 NOTHING = sd.Shapes(np.zeros((0, sd.SOLID_COLUMNS)), np.zeros((0, sd.BODY_COLUMNS)))
 
@@ -46,7 +46,7 @@ def together(a: sd.Shapes, b: sd.Shapes) -> sd.Shapes:
 )
 def test_solids_have_correct_distance_and_outline(kind: int, depth: float, area: float | None) -> None:
     camera = front()
-    seen = rt.trace_static(camera, NOTHING, toyroom.LIGHT)
+    seen = rt.trace_static(camera, NOTHING, toys.LIGHT)
     cover, distance = rt.trace_cover(camera, seen, solid(kind, (0, 0, 0), (0.5, 0.4, 0.5)), np.ones(1, bool))
     assert distance[32, 32] == pytest.approx(depth, abs=2e-3)
     if area is not None:
@@ -55,8 +55,8 @@ def test_solids_have_correct_distance_and_outline(kind: int, depth: float, area:
 
 def test_moving_solids_look_like_static_ones() -> None:
     """A frame that reuses static results equals one traced anew, including mirror and shadows."""
-    camera, light = make_cameras(96, 72)[3], toyroom.LIGHT
-    still, moving = toyroom.standing(0), toyroom.moving(0.7)
+    camera, light = make_cameras(96, 72)[3], toys.LIGHT
+    still, moving = toys.standing(0), toys.moving(0.7)
     moving.solids[:, sd.OCCLUSION] = 0  # what moves does not darken the ambient light of what stands
     everything = together(still, moving)
     fast = rt.trace_frame(camera, rt.trace_static(camera, still, light), still, moving, light)
@@ -72,7 +72,7 @@ def test_mirror_shows_objects_in_front_of_it() -> None:
     mirror.solids[:, sd.COLORS :] = 1.0
     red = solid(sd.ELLIPSOID, (0, 0, 6), (1, 1, 1))
     red.solids[:, sd.COLORS :] = [1, 0, 0] * 3
-    image = rt.trace_frame(front(), rt.trace_static(front(), mirror, toyroom.LIGHT), mirror, red, toyroom.LIGHT)
+    image = rt.trace_frame(front(), rt.trace_static(front(), mirror, toys.LIGHT), mirror, red, toys.LIGHT)
     inside, outside = image[32, 32].astype(int), image[12, 32].astype(int)
     assert inside[0] > 100
     assert inside[1:].max() == 0

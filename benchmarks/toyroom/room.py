@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from splatreel.capture.builtin import textures as tx
-from splatreel.capture.builtin.solids import BOX, CYLINDER, ELLIPSOID, POSITION, REACH, ROTATION, Shapes
+from toyroom import textures as tx
+from toyroom.solids import BOX, CYLINDER, ELLIPSOID, POSITION, REACH, ROTATION, Shapes
 
 LIGHT = np.array([1.3, 4.6, 3.4])
 PLANE_ENTERS = 0.4

@@ -7,11 +7,11 @@ import pytest
 
 from splatreel.base.progress import Silent
 from splatreel.calibration.synchronization.sync import synchronize
-from splatreel.capture.builtin import toysound
-from splatreel.capture.builtin.synthetic import make_cameras, make_capture
-from splatreel.capture.builtin.toyroom import BALL_RADIUS, BALL_REACH, ball, impacts
 from splatreel.capture.capture_sound import RATE, choose, read_sound
 from splatreel.capture.opening import open_capture
+from toyroom.capture import make_cameras, make_capture
+from toyroom.room import BALL_RADIUS, BALL_REACH, ball, impacts
+from toyroom.sound import render_sound
 
 SECONDS = 2.0
 
@@ -36,7 +36,7 @@ def test_impacts_coincide_with_bounces() -> None:
 
 
 def test_sound_is_delayed_and_attenuated() -> None:
-    near, far = (toysound.render_sound(np.array([0.0, 0.7, z]), SECONDS, 0) for z in (2.75, 7.6))
+    near, far = (render_sound(np.array([0.0, 0.7, z]), SECONDS, 0) for z in (2.75, 7.6))
     for sound, z in ((near, 2.75), (far, 7.6)):
         distances = [np.linalg.norm(np.array(i.place) - (0, 0.7, z)) for i in impacts(SECONDS)]
         expected = [i.time + d / 343 for i, d in zip(impacts(SECONDS), distances, strict=True)]
@@ -54,9 +54,7 @@ def test_videos_contain_the_sound(room: Path) -> None:
     capture = open_capture(room)
     for index, camera in enumerate(make_cameras()):
         found = np.concatenate(list(read_sound(capture.tracks()[camera.name].file, 1, RATE)))
-        assert np.abs(found[:, 0] - toysound.render_sound(camera.center, SECONDS, index)).max() < 1e-4, (
-            "kept without loss"
-        )
+        assert np.abs(found[:, 0] - render_sound(camera.center, SECONDS, index)).max() < 1e-4, "kept without loss"
     assert choose("auto", capture.tracks(), SECONDS, 0, room).camera == "cam00", "the first within 3 dB of the loudest"
 
 
