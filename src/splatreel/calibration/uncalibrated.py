@@ -10,11 +10,10 @@ import numpy as np
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import MIN_CAMERAS, Request
 from splatreel.capture.file_capture import FrameSource
-from splatreel.capture.image_sequences import flat_images
+from splatreel.capture.image_sequences import flat_images, image_source
 from splatreel.capture.readers.colmap import camera_folders, is_colmap, unread_videos, videos_but
 from splatreel.capture.readers.neu3dv import POSES
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.sources import image_source
 from splatreel.capture.videos import Videos
 
 MODEL = Path("sparse/0")

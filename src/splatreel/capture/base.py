@@ -18,7 +18,7 @@ from splatreel.base.errors import CaptureError
 from splatreel.capture.capture_sound import Track
 from splatreel.capture.files import LOCAL, Files
 from splatreel.capture.frame_table import FrameTable
-from splatreel.capture.growing.growth import Growth
+from splatreel.capture.growth import Growth
 from splatreel.capture.pose_checks import validate_poses
 from splatreel.scene.camera import Camera
 from splatreel.scene.reel_source import ReelSource
@@ -276,7 +276,7 @@ class Capture(ABC):
     def alpha(self, first: int, count: int, cameras: list[str]) -> np.ndarray | None:
         """Return the opacity of the subject, [count, len(cameras), H, W] uint8; None for a capture of the whole scene.
 
-        Pixels of which masks do not tell have one of two values (`masked_capture.LIKELY`).
+        Pixels of which masks do not tell have one of two values (`masks.LIKELY`).
         """
         return None
 

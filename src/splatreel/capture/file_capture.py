@@ -10,9 +10,9 @@ import numpy as np
 
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Capture, Request, read_cameras
-from splatreel.capture.camera_images import same_shape
 from splatreel.capture.capture_sound import Track
 from splatreel.capture.frame_table import FrameTable
+from splatreel.capture.images import same_shape
 from splatreel.capture.lens import Lens, describe_crops
 from splatreel.scene.camera import Camera
 

@@ -18,8 +18,8 @@ from safetensors.numpy import load_file, save
 
 from splatreel.base.errors import CaptureError
 from splatreel.base.untrusted import check_regular, parse_json
+from splatreel.capture.color import declared_color
 from splatreel.capture.orientation import STORED, Orientation, display_orientation
-from splatreel.capture.video_color import declared_color
 
 WITHOUT_TIMES = ("avi", "mxf")
 """FFmpeg's names of containers that may lack presentation times although the codec reorders frames."""

@@ -12,7 +12,7 @@ from typing import Any
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import CaptureError
 from splatreel.base.untrusted import is_number, read_json
-from splatreel.capture.video_color import TRANSFERS
+from splatreel.capture.color import TRANSFERS
 
 SIDECAR = "splatreel.json"
 SIDECAR_BYTES = 1 << 20

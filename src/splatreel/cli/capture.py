@@ -130,8 +130,8 @@ def _masks_of(source: Capture, folder: str, progress: Progress) -> _CheckedMasks
     import numpy as np
 
     from splatreel.capture.file_capture import FileCapture
-    from splatreel.capture.mask_files import MaskFiles
     from splatreel.capture.mask_shares import describe_shares, describe_sizes, mask_shares
+    from splatreel.capture.masks import MaskFiles
 
     assert isinstance(source, FileCapture)  # as all readers return it
     masks, names = MaskFiles(folder, source), [camera.name for camera in source.cameras]

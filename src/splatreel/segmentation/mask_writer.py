@@ -20,9 +20,9 @@ from splatreel.base.untrusted import check_regular
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import LOCAL
 from splatreel.capture.images import encode_image
-from splatreel.capture.mask_files import RECORD, read_mask_record
 from splatreel.capture.mask_shares import describe_shares
-from splatreel.capture.own_frames import CountedSource
+from splatreel.capture.masks import RECORD, read_mask_record
+from splatreel.capture.time_steps import CountedSource
 from splatreel.method.layering.masks import Segmenter
 from splatreel.segmentation.clean_plate import fitting_plates, read_clean_plates
 from splatreel.segmentation.segmenter import FIT_STEPS, SubjectModel, fit_subject

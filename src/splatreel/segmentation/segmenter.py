@@ -134,8 +134,8 @@ class SubjectModel:
     def masks(self, frames: np.ndarray, there: np.ndarray | None = None) -> np.ndarray:
         """Return the masks [T, C, H, W] uint8 of consecutive frames [T, C, H, W, 3] uint8.
 
-        White is the subject and black its surroundings. LIKELY and UNLIKELY are in doubt. Cameras that are not `there` [T, C] bool say
-        nothing, and their masks mean nothing.
+        White is the subject and black its surroundings. LIKELY_GRAY and UNLIKELY_GRAY are in doubt. Cameras that are not
+        `there` [T, C] bool say nothing, and their masks mean nothing.
         """
         there = np.ones(frames.shape[:2], bool) if there is None else there
         found = [self.decisions(*pair) for pair in zip(frames, there, strict=True)]

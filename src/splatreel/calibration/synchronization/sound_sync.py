@@ -12,9 +12,9 @@ from splatreel.base.errors import CaptureError
 from splatreel.calibration.synchronization.clock_drift import Lag, fit_lag, significant_drift
 from splatreel.capture.capture_sound import RATE as SOUND_RATE
 from splatreel.capture.capture_sound import channels, read_sound
-from splatreel.capture.growing.growing_sound import read_packets
-from splatreel.capture.growing.growth import Growth
-from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, segment_files
+from splatreel.capture.growing_video import read_packets
+from splatreel.capture.growth import Growth
+from splatreel.capture.segmented_video import SegmentedVideo, numbered, segment_files
 
 RATE = 8000
 """Samples per second; enough for claps, steps and voices, with a resolution of an eighth of a millisecond."""

@@ -19,12 +19,12 @@ from splatreel.calibration.synchronization.sound_travel import SoundTravel, desc
 from splatreel.calibration.synchronization.timecode import Timecode, read_timecode, timecode_difference
 from splatreel.calibration.synchronization.visible_sync import VisibleAgreement
 from splatreel.capture.base import Request
-from splatreel.capture.growing.segmented_video import segment_files
 from splatreel.capture.readers.calibrated import is_calibrated
 from splatreel.capture.readers.colmap import is_colmap, unread_videos, videos_but
 from splatreel.capture.readers.easyvolcap import is_easyvolcap
 from splatreel.capture.readers.neu3dv import POSES
 from splatreel.capture.readers.transforms import is_transforms
+from splatreel.capture.segmented_video import segment_files
 from splatreel.capture.sidecar import Sidecar, SyncEvidence, read_sidecar, write_starts
 from splatreel.capture.videos import LATE_END, Videos
 

@@ -21,14 +21,14 @@ from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import Files, list_folder
-from splatreel.capture.growing.segmented_video import segment_files
-from splatreel.capture.image_sequences import IMAGE_SUFFIXES, flat_images, image_files
+from splatreel.capture.image_sequences import IMAGE_SUFFIXES, flat_images, image_files, image_source
 from splatreel.capture.images import image_size
 from splatreel.capture.lens import Lens, common_size, undistorted_camera
 from splatreel.capture.readers.colmap_model import FRAME, Model, ModelCamera, model_folders, read_model
+from splatreel.capture.segmented_video import segment_files
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.sources import image_source, video_source
 from splatreel.capture.video import OTHER_VIDEOS, VIDEO_SUFFIXES
+from splatreel.capture.videos import video_source
 from splatreel.scene.camera import Camera, middle_camera
 
 VIDEOS = ("videos", "synchronized_videos", ".")

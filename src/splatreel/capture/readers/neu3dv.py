@@ -20,14 +20,14 @@ from splatreel.base.untrusted import read_array
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import natural_key
-from splatreel.capture.image_sequences import flat_images
+from splatreel.capture.image_sequences import flat_images, image_source
 from splatreel.capture.lens import common_size, fitted_camera
 from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.readers.calibrated import is_calibrated
 from splatreel.capture.readers.colmap import camera_folders, is_colmap, video_files, videos_in
 from splatreel.capture.readers.transforms import is_transforms
 from splatreel.capture.sidecar import calibration_error, read_sidecar
-from splatreel.capture.sources import image_source, video_source
+from splatreel.capture.videos import video_source
 from splatreel.scene.camera import Camera
 
 POSES = "poses_bounds.npy"

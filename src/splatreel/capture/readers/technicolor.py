@@ -17,11 +17,10 @@ from splatreel.base.errors import CaptureError
 from splatreel.base.untrusted import read_file
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.image_sequences import image_files
+from splatreel.capture.image_sequences import image_files, image_source
 from splatreel.capture.lens import common_size, fitted_camera
 from splatreel.capture.pose_checks import check_center
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.sources import image_source
 from splatreel.scene.camera import Camera
 
 PARAMETER_BYTES = 1 << 20

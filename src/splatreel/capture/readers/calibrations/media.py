@@ -15,8 +15,8 @@ from typing import Any
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import listed
 from splatreel.capture.files import list_folder
-from splatreel.capture.growing.segmented_video import segment_files
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, flat_images, image_files
+from splatreel.capture.segmented_video import segment_files
 from splatreel.capture.video import VIDEO_SUFFIXES
 
 PREFERRED = ("synchronized_videos", "videos-sync", "videos", "hdVideos", ".", "images", "hdImgs")

@@ -1,11 +1,31 @@
-"""Images of different cameras are paired by the numbers in their names."""
+""""""
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from splatreel.base.errors import CaptureError
-from splatreel.capture.image_pairs import pair_images
+from splatreel.capture.time_steps import Keys, describe_gaps, moments, nearest, pair_images, used_steps
+
+
+def test_nearest_frame_stands_in_and_the_earlier_of_two() -> None:
+    exists = np.array([False, True, False, False, True, False, True, False])
+    assert nearest(exists).tolist() == [1, 1, 1, 4, 4, 4, 6, 6]
+
+
+def test_steps_are_used_as_far_as_most_cameras_have_them() -> None:
+    exists = {"a": [1, 1, 1, 1, 1, 1], "b": [0, 1, 0, 0, 1, 0], "c": [0, 1, 0, 0, 0, 0]}
+    assert used_steps({name: np.array(row, bool) for name, row in exists.items()}) == (1, 5)
+
+
+def test_gaps_are_described_in_stretches() -> None:
+    missing = {"a": np.zeros(20, bool), "b": np.isin(np.arange(20), [3, 5, 6, 7, 10, 12, 14])}
+    assert describe_gaps(missing, range(100, 120), "images") == [
+        "b has no images 103, 105-107, 110, 112 and 1 more: left out of training for that camera only"
+    ]
+    assert describe_gaps({"a": np.zeros(3, bool)}, range(3), "frames") == []
+
 
 Names = dict[str, list[str]]
 
@@ -96,3 +116,68 @@ def test_numbers_with_little_in_common_are_refused(shift: int, said: str) -> Non
     names["c"] = numbers(*(33 * step + shift * (1 if shift < 33 else 1000) for step in range(30)))
     with pytest.raises(CaptureError, match=said):
         paired(names)
+
+
+RNG = np.random.default_rng(0)
+
+
+def of(names: list[list[str]], notes: list[str] | None = None) -> Keys:
+    found = moments("scene", {f"cam{number}": own for number, own in enumerate(names)}, [] if notes is None else notes)
+    assert found is not None
+    return found
+
+
+def is_in_step(keys: Keys) -> bool:
+    """Return whether images with the same index, and no others, have the same key, in ascending order."""
+    first, *others = keys.values()
+    return sorted(set(first)) == first and all(first == other for other in others)
+
+
+@pytest.mark.parametrize("unit", [1e3, 1e9])
+def test_times_of_a_moment_differ_between_cameras(unit: float) -> None:
+    times = [unit * (1_700_000_000 + step / 30) for step in range(40)]
+    names = [[f"{round(time + RNG.uniform(-1, 1) * 0.002 * unit)}" for time in times] for _ in range(5)]
+    notes: list[str] = []
+    assert is_in_step(of(names, notes))
+    assert len(notes) == 1
+    assert "differ by up to" in notes[0]
+
+
+@pytest.mark.parametrize("shift", [0.3, 0.5, 0.7])
+def test_times_between_moments_are_not_merged(shift: float) -> None:
+    late = [[f"{round(100 * (step + shift * at))}" for step in range(20)] for at in (0, 0, 1)]
+    found = of(late)
+    assert not set(found["cam2"]) & set(found["cam0"])
+
+
+def test_times_that_run_together_are_refused() -> None:
+    names = [[f"{100 * step + 20 * at}" for step in range(20)] for at in range(4)]
+    with pytest.raises(CaptureError, match="not clear which images belong together"):
+        of(names)
+
+
+@pytest.mark.parametrize("rate", [4, 10, 30, 50])
+def test_seconds_need_no_trailing_zeros(rate: int) -> None:
+    names = [f"t{round(step / rate, 3)}" for step in range(3 * rate)]
+    assert is_in_step(of([names] * 3))
+    assert is_in_step(of([names[1:rate]] * 3)), "within one second"
+
+
+def test_numbers_behind_points_are_counted() -> None:
+    names = [f"take{take}.{step}" for take in (1, 2) for step in range(1, 13)]
+    assert is_in_step(of([names] * 3))
+    assert is_in_step(of([names[:12]] * 3))
+
+
+def test_a_time_beside_the_number_of_the_frame_does_not_count() -> None:
+    names = [[f"f{step}_{33 * step + RNG.integers(0, 2)}" for step in range(20)] for _ in range(3)]
+    assert is_in_step(of(names))
+
+
+def test_numbers_that_only_together_give_the_order() -> None:
+    names = [f"{hour:02}-{minute:02}" for hour in (9, 10) for minute in (0, 20, 40)]
+    assert is_in_step(of([names] * 3))
+
+
+def test_names_without_numbers_are_not_compared() -> None:
+    assert moments("scene", {"a": ["x", "y"], "b": ["x", "y"]}, []) is None

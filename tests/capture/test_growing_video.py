@@ -1,4 +1,4 @@
-"""Sound of growing videos without gaps between files."""
+""""""
 
 from contextlib import closing
 from pathlib import Path
@@ -8,12 +8,15 @@ import pytest
 
 from splatreel.base.errors import CaptureError
 from splatreel.capture.capture_sound import GAP
+from splatreel.capture.color import BT2020, HLG
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.follower import open_growing
-from splatreel.capture.growing.growing_sound import choose_growing_track
-from splatreel.capture.growing.growing_videos import GrowingVideos
-from splatreel.capture.growing.growth import Growth
-from tests.capture.growing.recorder import RATE, Recorder
+from splatreel.capture.growing_video import GrowingVideo, choose_growing_track
+from splatreel.capture.growth import Growth
+from splatreel.capture.video import VideoFile
+from splatreel.capture.videos import GrowingVideos
+from tests.capture.colors import COLORS, SIDE, write_colors, write_display_matrix
+from tests.capture.recorder import CONTAINERS, RATE, Recorder
 
 FPS = 10
 FRAMES = 30
@@ -68,3 +71,33 @@ def test_growing_track_is_chosen_by_sound_so_far(tmp_path: Path) -> None:
     assert choose_growing_track("a", files, 2.0, tmp_path) == ("a", 1)
     with pytest.raises(CaptureError, match="the cameras with sound are a, b"):
         choose_growing_track("c", files, 2.0, tmp_path)
+
+
+@pytest.mark.parametrize("suffix", CONTAINERS)
+def test_color_and_orientation_are_those_of_the_complete_file(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a.{suffix}"
+    write_colors(
+        path, COLORS / 255, (BT2020, BT2020, HLG), bits=10, frames=3, lines=2 * SIDE, options=CONTAINERS[suffix][1]
+    )
+    if suffix == "mp4":
+        write_display_matrix(path, (0, 1, 1, 0))
+    growing, complete = GrowingVideo(path, Growth.over(tmp_path)), VideoFile(path)
+    try:
+        shape = (1, complete.height, complete.width, 3)
+        assert (growing.height, growing.width) == shape[1:3]
+        assert growing.color == complete.color
+        found, expected = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
+        growing.read_into(found, np.array([1]))
+        complete.read_into(expected, np.array([1]))
+        np.testing.assert_array_equal(found, expected)
+    finally:
+        growing.close()
+
+
+def test_ambiguous_color_is_refused_on_opening(tmp_path: Path) -> None:
+    path = write_colors(tmp_path / "a.mkv", COLORS / 255, (BT2020, 2, 2), bits=10)
+    with pytest.raises(CaptureError, match=r"a\.mkv: declares BT\.2020 colors but no transfer function"):
+        GrowingVideo(path, Growth.over(tmp_path))
+    growing = GrowingVideo(path, Growth.over(tmp_path), "hlg")
+    assert growing.color.transfer == HLG
+    growing.close()

@@ -12,9 +12,8 @@ import numpy as np
 from splatreel.base.errors import CaptureError
 from splatreel.capture.files import LOCAL, Files, list_folder, open_media
 from splatreel.capture.frame_table import FrameTable
-from splatreel.capture.growing.growing_sound import Packets, sound_errors
-from splatreel.capture.growing.growing_video import JUMP
-from splatreel.capture.growing.growth import Growth
+from splatreel.capture.growing_video import JUMP, Packets, sound_errors
+from splatreel.capture.growth import Growth
 from splatreel.capture.video import VIDEO_SUFFIXES, VideoFile
 
 NUMBERED = re.compile(r"(.*?)(\d+)")

@@ -8,7 +8,7 @@ import av
 import numpy as np
 from PIL import Image
 
-from splatreel.capture.growing.growth import END
+from splatreel.capture.growth import END
 from tests.capture import folders
 
 RATE = 48_000
