@@ -8,11 +8,10 @@ from scipy.spatial.transform import Rotation
 
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Silent
-from splatreel.calibration.boards.board import Board
+from splatreel.calibration.board import Board
 from splatreel.calibration.calibrate import calibrate, set_distance
 from splatreel.calibration.calibration_agreement import CalibratedCamera, rig_of
-from splatreel.calibration.photographs import check_photos
-from splatreel.calibration.uncalibrated import camera_files
+from splatreel.calibration.calibration_files import camera_files, check_photos
 from splatreel.capture.opening import open_capture
 from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
 from splatreel.scene.camera import facing

@@ -4,8 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from splatreel.calibration import calibrate
-from splatreel.calibration.synchronization import sync
+from splatreel.calibration import calibrate, sync
 from splatreel.capture.sidecar import SyncEvidence
 from splatreel.cli.main import main
 from tests.capture import folders

@@ -24,9 +24,8 @@ from splatreel.base.child_process import ChildEndedError, Send, run_in_child
 from splatreel.base.command_line import quoted
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Progress, Span
-from splatreel.calibration.boards.board import Board
-from splatreel.calibration.boards.board_scale import board_scale
-from splatreel.calibration.boards.board_sightings import find_board
+from splatreel.calibration.board import Board
+from splatreel.calibration.board_sightings import board_scale, find_board
 from splatreel.calibration.calibration_agreement import (
     FIELD,
     ONE_LENS_ZOOMED,
@@ -36,13 +35,19 @@ from splatreel.calibration.calibration_agreement import (
     trusted,
     unanimous,
 )
-from splatreel.calibration.calibration_record import write_record
+from splatreel.calibration.calibration_files import (
+    MODEL,
+    PHOTO_FOLDER,
+    CameraFiles,
+    check_photos,
+    open_uncalibrated,
+    uncalibrated_files,
+    write_record,
+)
 from splatreel.calibration.learned_matches import INSTALL, Matcher
 from splatreel.calibration.moment_solver import MomentSolver
-from splatreel.calibration.photographs import PHOTO_FOLDER, check_photos
 from splatreel.calibration.resection import MatchedFeatures, place_lost
 from splatreel.calibration.rig_refinement import refine_by_moments, refine_lenses
-from splatreel.calibration.uncalibrated import MODEL, CameraFiles, open_uncalibrated, uncalibrated_files
 from splatreel.capture.base import MIN_CAMERAS
 from splatreel.capture.file_capture import FrameSource
 from splatreel.capture.readers.colmap_model import import_pycolmap, require_pycolmap, write_model

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from splatreel.calibration.photographs import PHOTO_FOLDER
+from splatreel.calibration.calibration_files import PHOTO_FOLDER
 
 FIELD = 5.0, 170.0
 """Plausible fields of view of video cameras along the longer side, degrees."""

@@ -14,9 +14,8 @@ from PIL import Image
 
 from splatreel.base.progress import Progress
 from splatreel.calibration.calibration_agreement import agreeing, rig_of
+from splatreel.calibration.calibration_files import read_frame, write_image, write_photos
 from splatreel.calibration.learned_matches import Matcher
-from splatreel.calibration.photographs import write_image, write_photos
-from splatreel.calibration.uncalibrated import read_frame
 from splatreel.capture.file_capture import FrameSource
 
 MOMENTS = 3

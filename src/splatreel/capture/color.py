@@ -13,6 +13,7 @@ import numpy as np
 from av.video.reformatter import Interpolation
 
 from splatreel.base.errors import CaptureError
+from splatreel.base.progress import listed
 from splatreel.capture.orientation import Orientation
 
 BT2020, P3 = 9, 12
@@ -273,10 +274,7 @@ def sentences(phrases: Mapping[str, Iterable[str]]) -> list[str]:
     for name, said in phrases.items():
         for phrase in said:
             cameras.setdefault(phrase, []).append(name)
-    return [f"{_listed(names, len(phrases))}: {phrase}" for phrase, names in cameras.items()]
-
-
-def _listed(names: list[str], total: int) -> str:
-    if len(names) == total:
-        return "all cameras"
-    return ", ".join(names) if len(names) < 4 else f"{', '.join(names[:2])} and {len(names) - 2} others"
+    return [
+        f"{'all cameras' if len(names) == len(phrases) else listed(names)}: {phrase}"
+        for phrase, names in cameras.items()
+    ]

@@ -10,6 +10,7 @@ from typing import Any
 
 from splatreel.base.command_line import quoted
 from splatreel.base.errors import CaptureError
+from splatreel.base.progress import listed
 from splatreel.capture.base import MIN_CAMERAS, Capture, Color, Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import list_folder, locate_files
@@ -142,10 +143,6 @@ def check_files(folder: Path, depth: int = 3) -> None:
                 raise CaptureError(f"{entry.path}: is neither a file nor a folder. Remove it from the capture.")
 
 
-MOST_NAMED = 4
-"""Maximum number of files that a sentence lists."""
-
-
 def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
     """Return a sentence about what a folder holds and the command that helps, or None.
 
@@ -163,7 +160,7 @@ def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
         videos = video_files(place, segmented=True)
         if len(videos) >= MIN_CAMERAS:
             return (
-                f"{place} holds {len(videos)} videos ({_listed(list(videos))}) without poses of their cameras. If they do not start "
+                f"{place} holds {len(videos)} videos ({listed(list(videos))}) without poses of their cameras. If they do not start "
                 f"together, run `{_command('sync', place)}`. Then run `{_command('calibrate', place)}`."
             )
     for place in [folder, *inside]:
@@ -173,7 +170,7 @@ def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
         images = camera_folders(place)
         if len(images) >= MIN_CAMERAS:
             return (
-                f"{place} holds images of {len(images)} cameras ({_listed(list(images))}) without poses of these cameras. Run "
+                f"{place} holds images of {len(images)} cameras ({listed(list(images))}) without poses of these cameras. Run "
                 f"`{_command('calibrate', place)}`."
             )
     return next((advice for place in [folder, *inside] if (advice := flat_images(place))), None)
@@ -181,7 +178,3 @@ def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
 
 def _command(verb: str, folder: Path) -> str:
     return quoted(["splatreel", "capture", verb, folder])
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names[:MOST_NAMED]) + (", ..." if len(names) > MOST_NAMED else "")

@@ -240,14 +240,13 @@ def capture_calibrate(
             Then only the board is used, for cameras that share no texture. `capture board` prints one.
         board_videos: Folder of the videos that show the board, with the cameras' names; by default the videos of the capture.
     """
-    from splatreel.calibration.boards.board import parse_board
+    from splatreel.calibration.board import parse_board
 
     if board is None and board_videos is not None:
         raise UsageError("--board-videos needs the board that they show, such as --board 5x7:0.035.")
     if distance is not None and scale_board is not None:
         raise UsageError("--distance and --scale-board both give the scale. Leave out one of them.")
-    from splatreel.calibration.calibration_record import calibration_record, is_made_by
-    from splatreel.calibration.uncalibrated import MODEL
+    from splatreel.calibration.calibration_files import MODEL, calibration_record, is_made_by
 
     options = {"also": also, "leave_out": leave_out, "distance": distance, "scale_board": scale_board}
     options |= {"same_lens": same_lens, "board": board, "board_videos": board_videos}
@@ -284,9 +283,9 @@ def _calibrate_by_board(
 ) -> None:
     """Calibrate by the sightings of a board, and report the result."""
     from splatreel.base.display import console
+    from splatreel.calibration.board import parse_board
     from splatreel.calibration.board_calibration import calibrate_by_board
-    from splatreel.calibration.boards.board import parse_board
-    from splatreel.calibration.uncalibrated import MODEL
+    from splatreel.calibration.calibration_files import MODEL
 
     with closing(console()) as progress:
         found = calibrate_by_board(capture, parse_board(spec), progress, videos, parse_left_out(leave_out), record)
@@ -312,8 +311,7 @@ def capture_board(file: Annotated[Positional[Path], arg(metavar="FILE")], /, boa
         board: Columns x rows : meters of a square; 5x7:0.035 fits A4 and 5x7:0.14 A0. A third part names another dictionary of
             OpenCV, as 5x7:0.035:5X5_100, or a board without markers, as 10x7:0.025:checkerboard.
     """
-    from splatreel.calibration.boards.board import parse_board
-    from splatreel.calibration.boards.board_print import write_board
+    from splatreel.calibration.board import parse_board, write_board
 
     check_out("FILE", file)
     made = parse_board(board)
@@ -335,7 +333,7 @@ def capture_sync(capture: CaptureFolder, /, leave_out: str | None = None, dry_ru
         dry_run: Print what is found, and write nothing.
     """
     from splatreel.base.display import console
-    from splatreel.calibration.synchronization.sync import synchronize
+    from splatreel.calibration.sync import synchronize
     from splatreel.capture.readers.colmap import unread_videos
 
     with closing(console()) as progress:

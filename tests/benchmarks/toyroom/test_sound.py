@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from splatreel.base.progress import Silent
-from splatreel.calibration.synchronization.sync import synchronize
+from splatreel.calibration.sync import synchronize
 from splatreel.capture.capture_sound import RATE, choose, read_sound
 from splatreel.capture.opening import open_capture
 from toyroom.capture import make_cameras, make_capture

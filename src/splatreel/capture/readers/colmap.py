@@ -18,6 +18,7 @@ import numpy as np
 
 from splatreel.base.command_line import option, quoted
 from splatreel.base.errors import CaptureError
+from splatreel.base.progress import listed
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import Files, list_folder
@@ -34,8 +35,6 @@ from splatreel.scene.camera import Camera, middle_camera
 VIDEOS = ("videos", "synchronized_videos", ".")
 PAPER_HELD_OUT = "cam07"
 """Camera that the paper holds out of its own captures (DeskGames)."""
-MOST_NAMED = 4
-"""Maximum number of files that a sentence lists."""
 
 
 def is_colmap(path: Path) -> bool:
@@ -201,7 +200,7 @@ def unread_videos(path: Path) -> list[str]:
     files = [file for folder in folders for file in list_folder(folder) if OTHER_VIDEOS.fullmatch(file.suffix)]
     if not files:
         return []
-    named = ", ".join(file.name for file in files[:MOST_NAMED]) + (", ..." if len(files) > MOST_NAMED else "")
+    named = listed([file.name for file in files])
     kinds = ", ".join(sorted({file.suffix.lower() for file in files}))
     return [f"not read: {named}. Convert {kinds} to .mp4 or .mov, with the same times of the frames"]
 

@@ -3,9 +3,8 @@ from typing import Any
 
 import pytest
 
-from splatreel.calibration.boards.board import Board
-from splatreel.calibration.boards.board_scale import board_scale
-from splatreel.calibration.boards.board_sightings import Sightings
+from splatreel.calibration.board import Board
+from splatreel.calibration.board_sightings import Sightings, board_scale
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from tests.capture.boards import FilmedBoard, moves
 

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from splatreel.calibration.synchronization.sound_sync import (
+from splatreel.calibration.sound_sync import (
     RATE,
     align_drifting,
     common_length,

@@ -11,13 +11,11 @@ from pathlib import Path
 import numpy as np
 
 from splatreel.base.errors import CaptureError
-from splatreel.base.progress import Progress
-from splatreel.calibration.synchronization import sound_sync, visible_sync
-from splatreel.calibration.synchronization.clock_drift import Lag
-from splatreel.calibration.synchronization.sound_sync import Agreement
-from splatreel.calibration.synchronization.sound_travel import SoundTravel, describe_unknown_travel, sound_travel
-from splatreel.calibration.synchronization.timecode import Timecode, read_timecode, timecode_difference
-from splatreel.calibration.synchronization.visible_sync import VisibleAgreement
+from splatreel.base.progress import Progress, listed
+from splatreel.calibration import sound_sync, visible_sync
+from splatreel.calibration.clocks import Lag, Timecode, read_timecode, timecode_difference
+from splatreel.calibration.sound_sync import Agreement, SoundTravel, describe_unknown_travel, sound_travel
+from splatreel.calibration.visible_sync import VisibleAgreement
 from splatreel.capture.base import Request
 from splatreel.capture.readers.calibrated import is_calibrated
 from splatreel.capture.readers.colmap import is_colmap, unread_videos, videos_but
@@ -390,7 +388,7 @@ class _Search:
         reasons: dict[str, list[str]] = {}
         for name in self._waiting:
             reasons.setdefault(self._scores(name), []).append(name)
-        texts = [f"{_listed(group)}: {reason}" for reason, group in reasons.items()]
+        texts = [f"{listed(group)}: {reason}" for reason, group in reasons.items()]
         rest = len(texts) - MOST_REASONS
         scores = ". ".join(texts[:MOST_REASONS]) + (f". {rest} more fit no better" if rest > 0 else "")
         example = ", ".join(f'"{name}": seconds' for name in self.files)
@@ -399,10 +397,6 @@ class _Search:
             f"show too, such as a step, and write into splatreel.json when it happens in each: "
             f'{{"starts": {{{example}}}}}; or leave them out (--leave-out). Next time, clap once that all hear.'
         )
-
-
-def _listed(names: list[str]) -> str:
-    return ", ".join(names) if len(names) <= MOST_REASONS else f"{names[0]} to {names[-1]} ({len(names)} videos)"
 
 
 def _describe_countings(a: str, one: Timecode, b: str, other: Timecode) -> str:

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from splatreel.calibration.synchronization.visible_sync import RATE, align_drifting, compare_activity, search_parts
+from splatreel.calibration.visible_sync import RATE, align_drifting, compare_activity, search_parts
 
 
 def test_a_flash_synchronizes_a_silent_video() -> None:

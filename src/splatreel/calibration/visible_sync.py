@@ -9,7 +9,7 @@ import numpy as np
 from av.error import FFmpegError
 
 from splatreel.base.errors import CaptureError
-from splatreel.calibration.synchronization.clock_drift import Lag, fit_lag, significant_drift
+from splatreel.calibration.clocks import Lag, fit_lag, significant_drift
 from splatreel.capture.files import LOCAL, open_media
 
 RATE = 120
