@@ -129,7 +129,11 @@ def place_boards(
 
 
 def adjust_rig(colmap: ModuleType, board: Board, views: Views, start: BoardRig) -> BoardRig:
-    """Return the lenses, poses and boards that fit all sightings best, from rough ones."""
+    """Return the lenses, poses and boards that fit all sightings best, from rough ones, by pycolmap's bundle adjustment.
+
+    The board stands still and the rig of cameras moves in front of it, one pose per frame. The corners of the board are known
+    points, which makes the rig metric.
+    """
     model, images = _board_model(colmap, board, views, start)
     options, config = colmap.BundleAdjustmentOptions(), colmap.BundleAdjustmentConfig()
     options.refine_points3D = False

@@ -122,7 +122,8 @@ def write_image(file: Path, image: np.ndarray) -> None:
 
 
 RECORD = "calibration.json"
-"""File beside those of COLMAP, which ignores it."""
+"""Record beside the files of COLMAP, which ignores it. A command that was killed just after it finished finds its own model by it.
+The models cannot be compared, because COLMAP does not give the same one twice."""
 METRIC = ("distance", "scale_board", "board")
 """Options with which the unit of a calibration is a meter."""
 MODEL_BYTES = 1 << 30

@@ -44,7 +44,9 @@ ENTRY = re.compile(r'"([^"]*)"|([^\s,\[\]"]+)')
 
 
 class OpenCVStorage:
-    """Content of a file by key. Values of other kinds are ignored.
+    """Matrices, numbers and strings by key of a file that OpenCV's FileStorage wrote. Values of other kinds are ignored.
+
+    OpenCV's own parser is not used, because it can crash on damaged files.
 
     Attributes:
         known: Keys of all values that were recognized.

@@ -1,3 +1,5 @@
+""""""
+
 import os
 import re
 import zipfile
@@ -9,7 +11,7 @@ import pytest
 
 from splatreel.base.errors import GaussiansError
 from splatreel.formats.ply import write_ply
-from splatreel.importing.recognition import open_frames
+from splatreel.importing.frames import open_frames
 from tests.importing.films import frame, scene, write_film
 
 
