@@ -211,7 +211,6 @@ def _board_model(
 
 
 def _errors(lens: Any, pose: Pose, board: Board, sighting: Sighting) -> np.ndarray:
-    """Return the distances in pixels between the corners of a sighting and those of a placed board, [N]."""
     points = board.points[sighting.corners] @ pose[:, :3].T + pose[:, 3]
     shown = np.asarray(lens.img_from_cam(points), np.float64).reshape(-1, 2)
     return np.nan_to_num(np.linalg.norm(shown - sighting.places, axis=1), nan=1e4)
@@ -360,7 +359,6 @@ def check_sightings(folder: Path, board: Board, names: Sequence[str], sightings:
 def _solve(
     colmap: ModuleType, folder: Path, board: Board, views: Views, sizes: dict[str, tuple[int, int]], progress: Progress
 ) -> BoardRig:
-    """Return the cameras by all sightings. Raise `CaptureError` if they are not connected, or contradict each other."""
     alone = {}
     for count, (name, size) in enumerate(sizes.items(), 1):
         seen = {frame: found[name] for frame, found in views.items() if name in found}
@@ -416,7 +414,6 @@ def _judged(folder: Path, views: Views, rig: BoardRig, halves: list[BoardRig], n
 
 
 def _uncovered(views: Views, sizes: dict[str, tuple[int, int]]) -> list[str]:
-    """Return a sentence about cameras of whose images the board covered little."""
     little = []
     for name, (width, height) in sizes.items():
         places = np.concatenate([seen[name].places for seen in views.values() if name in seen])

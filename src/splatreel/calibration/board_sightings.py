@@ -117,7 +117,6 @@ def _stillest(frames: list[int], motion: dict[int, float], count: int) -> list[i
 
 
 def _beside(frames: list[int], place: int) -> list[int]:
-    """Return the frames before and after a place of a list."""
     return [frames[n] for n in (place - 1, place + 1) if 0 <= n < len(frames)]
 
 

@@ -197,13 +197,7 @@ def _place(
 
 @dataclass(frozen=True)
 class _Placed:
-    """Model of the cameras that could be placed.
-
-    Attributes:
-        model: The model, a pycolmap.Reconstruction, without photographs.
-        points: Number of points by camera.
-        moments: Number of solved moments.
-    """
+    """Model of the cameras that could be placed."""
 
     model: Any
     points: dict[str, int]
@@ -256,7 +250,6 @@ def _call_progress(progress: Progress, method: str, arguments: tuple[Any, ...], 
 
 
 def _explain_failure(names: list[str], rigs: list[CalibratedRig], kept: set[str], sure: int) -> str:
-    """Describe what is wrong with unreliable models, and the remedy."""
     most = max(rigs, key=len, default={})
     odd = {name: placed for rig in rigs for name, placed in rig.items() if not placed.possible}
     if len(most) < MIN_CAMERAS:
@@ -319,7 +312,6 @@ def _scale_model(colmap: ModuleType, model: Any, factor: float) -> None:
 
 
 def _keep_cameras(model: Any, kept: set[str]) -> Any:
-    """Return the model with only the kept cameras."""
     for number in list(model.reg_image_ids()):
         image = model.image(number)
         if image.name.startswith(PHOTO_FOLDER) or Path(image.name).stem not in kept:

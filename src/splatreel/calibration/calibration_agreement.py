@@ -130,6 +130,5 @@ def _degrees(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _gaps(centers: np.ndarray) -> np.ndarray:
-    """Return the distances of all pairs of positions [N, 3]."""
     i, j = np.triu_indices(len(centers), 1)
     return np.linalg.norm(centers[i] - centers[j], axis=1)

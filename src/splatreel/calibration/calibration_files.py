@@ -144,7 +144,6 @@ def calibration_record(path: Path, options: dict[str, Any], others: list[Path]) 
 
 
 def _camera_files(folder: Path) -> Iterator[tuple[Path, int]]:
-    """Yield the videos and images below a folder, and their lengths in bytes."""
     for file in sorted(folder.rglob("*")):
         if file.suffix.lower() in (*VIDEO_SUFFIXES, *IMAGE_SUFFIXES) and file.is_file():
             yield file.relative_to(folder), file.stat().st_size

@@ -126,9 +126,7 @@ class Timecode:
     """Timecode of a video's first frame.
 
     Attributes:
-        text: Hours, minutes, seconds and frames.
         number: Number of the frame, counted from midnight.
-        rate: Rate of the timecode.
         drops: True if numbers are dropped, so that the timecode follows the time of day.
     """
 
@@ -253,7 +251,6 @@ def _written_rate(file: Path) -> TimecodeRate | None:
 
 
 def _tables(file: BinaryIO, size: int) -> Iterator[bytes]:
-    """Yield the boxes with the tables of an MP4 file."""
     for box in top_level_boxes(file, size):
         if box.kind == b"moov" and box.end - box.start <= HEADER_BYTES:
             file.seek(box.start)

@@ -31,11 +31,6 @@ FEWEST = 15
 class MomentSolver:
     """Solver that places the cameras at one moment after the other.
 
-    Attributes:
-        databases: Features and matches of each moment.
-        one_lens: All cameras have the same lens and zoom.
-        folder: Folder for temporary files, with a folder `images`.
-
     Args:
         colmap: Module pycolmap.
         folder: New folder for temporary files.
@@ -167,5 +162,4 @@ class MomentSolver:
 
 
 def _moments(videos: FrameSource) -> list[int]:
-    """Return the frames of the moments."""
     return np.unique(np.linspace(0, videos.frames - 1, MOMENTS).round().astype(int)).tolist()

@@ -178,7 +178,6 @@ class SoundTravel:
     """Time that sound takes from the place that the cameras look at.
 
     Attributes:
-        seconds: Time by camera.
         most: Maximum difference between two cameras for a sound anywhere, in seconds.
     """
 

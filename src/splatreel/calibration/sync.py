@@ -281,7 +281,6 @@ class _Search:
         return False
 
     def _overlap(self, a: str, b: str) -> bool:
-        """Return whether two videos overlap by their timecodes."""
         later = timecode_difference(self._timecodes[a], self._timecodes[b])
         return -self.seconds(b) < later < self.seconds(a)
 
@@ -303,7 +302,6 @@ class _Search:
 
     @cached_property
     def _heard(self) -> dict[tuple[str, str], Agreement]:
-        """Agreement of the sounds of each pair."""
         if len(self._sounds) < 2:
             return {}
         length = sound_sync.common_length(self._sounds)
@@ -332,7 +330,6 @@ class _Search:
         return {name: code for name, code in codes.items() if code is not None}
 
     def _sound_score(self, b: str) -> str:
-        """Return how well the sound of a video fits that of others, or nothing if it has none to compare."""
         scores = {a: found.clear for (a, other), found in self._heard.items() if other == b}
         if not scores:
             return ""
@@ -340,12 +337,10 @@ class _Search:
         return f"its sound fits {best} best, {scores[best]:.2f} times as well as at another time ({sound_sync.CLEAR:g} is needed)"
 
     def _scores(self, b: str) -> str:
-        """Return what was tried to align a video, with the scores."""
         sound = self._sound_score(b) or ("no other video has sound" if b in self._sounds else "it has no sound")
         return f"{sound}; {self._sight_score(b)}; {self._timecode_score(b)}"
 
     def _sight_score(self, b: str) -> str:
-        """Return how well the motion and light of a video fit those of others, or why they cannot be compared."""
         found = {
             a: agreement
             for (a, other), agreement in self._visible.items()
@@ -400,7 +395,6 @@ class _Search:
 
 
 def _describe_countings(a: str, one: Timecode, b: str, other: Timecode) -> str:
-    """Return a sentence about two timecodes of which only one drops numbers."""
     (dropping, dropped), (free, counted) = ((a, one), (b, other)) if one.drops else ((b, other), (a, one))
     return (
         f"{dropping} has a drop-frame timecode ({dropped.text}) and {free} one that counts every frame ({counted.text}). They are "

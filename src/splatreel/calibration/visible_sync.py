@@ -93,7 +93,6 @@ def watch(file: Path) -> np.ndarray:
 
 
 def _sampled(times: list[float], motion: list[float], light: list[float], first: float) -> np.ndarray:
-    """Return the activity at even times, [2, samples]."""
     if len(times) < 2:
         return np.zeros((2, 0))
     places = np.arange(int((times[-1] - first) * RATE)) / RATE
@@ -193,7 +192,6 @@ def _fit(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def _peak(fit: np.ndarray, best: int) -> tuple[float, float]:
-    """Return the place of a peak between samples, and its height."""
     left, middle, right = (float(fit[(best + step) % len(fit)]) for step in (-1, 0, 1))
     bend = left - 2 * middle + right
     return best + (0.5 * (left - right) / bend if bend < 0 else 0.0), middle

@@ -190,7 +190,6 @@ class Capture(ABC):
         self._check_places()
 
     def _check_places(self) -> None:
-        """Check that finite poses are plausible for a camera rig."""
         centers = np.stack([c.center for c in self.cameras]).astype(np.float64)
         gaps = np.linalg.norm(centers - np.median(centers, 0), axis=1)
         if gaps.max() <= 1e-6 * np.abs(centers).max():

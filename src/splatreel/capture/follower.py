@@ -133,7 +133,6 @@ class Follower:
         self._report_stopped(counts, now)
 
     def _report_stopped(self, counts: dict[str, int], now: float) -> None:
-        """Report cameras that have stopped or continue."""
         most, late = max(counts.values()), STALL * self.capture.fps
         for name, count in counts.items():
             if name in self._failed:

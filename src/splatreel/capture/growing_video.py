@@ -170,12 +170,6 @@ class GrowingVideo:
     Sequential reads are fast. Going back restarts at the beginning of the file and decodes from a keyframe. The
     constructor waits for the first frame.
 
-    Attributes:
-        width: Width in pixels.
-        height: Height in pixels.
-        fps: Average frames per second.
-        failure: Reason why no more frames will be read; None while there is none.
-
     Raises:
         CaptureError: The file is not a video, or can only be read when complete.
     """
@@ -313,12 +307,10 @@ class GrowingVideo:
         return (len(first) - 1) / self._seconds(first[-1]) if len(first) > 1 else 0.0
 
     def _wait(self, frames: int) -> None:
-        """Wait for a number of complete frames, or for the end."""
         while self._complete_frames() < frames and self._thread.is_alive():
             self._growth.pause()
 
     def _inspect(self, transfer: str | None) -> None:
-        """Find size, orientation and color in the first image."""
         if (first := self._first_frame()) is not None:
             frame, color = first
             self._stored = (frame.width, frame.height)
@@ -326,7 +318,6 @@ class GrowingVideo:
             self.color = color.interpreted(self.path, transfer)
 
     def _first_frame(self) -> tuple[av.VideoFrame, VideoColor] | None:
-        """Decode the first image, or return None if that is not possible."""
         while not self._keys and self._thread.is_alive():
             self._growth.pause()
         try:
@@ -335,7 +326,6 @@ class GrowingVideo:
             return None
 
     def _complete_frames(self) -> int:
-        """Return the number of complete frames from the first one on."""
         with self._lock:
             return len(self._pts) if self._final is None else bisect_right(self._pts, self._final)
 

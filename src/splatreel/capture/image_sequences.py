@@ -27,13 +27,36 @@ CAMERA_FIRST = re.compile(r"(?P<camera>.*[^\W_].*?)[-_. ]+\D*?\d+")
 """Names of images with the number of a frame and a camera, as 0001_cam00 and cam00_0001."""
 
 
-class ImageSequences:
+class _CameraSequences:
+    """Images of a capture by camera."""
+
+    _images: CameraImages
+
+    def size(self, name: str, calibrated: tuple[int, int] | None = None) -> tuple[int, int]:
+        """Return width and height of a camera's images (`CameraImages.size`)."""
+        return self._images.size(name, calibrated)
+
+    def conversions(self) -> list[str]:
+        """Return sentences about conversions of the images that users should know of."""
+        return self._images.conversions()
+
+    def tables(self) -> dict[Path, FrameTable]:
+        """Return nothing, because images have no frame tables."""
+        return {}
+
+    def tracks(self, first: int) -> dict[str, Track]:
+        """Return nothing, because images have no sound."""
+        return {}
+
+    def close(self) -> None:
+        """Do nothing, because no files stay open."""
+
+
+class ImageSequences(_CameraSequences):
     """Image files of a capture by camera in order of time. All cameras start together.
 
     Attributes:
-        frames: Number of time steps.
         fps: Frame rate of the sidecar, or 30.
-        notes: Sentences about what was chosen or skipped.
 
     Args:
         path: Folder of the capture.
@@ -60,11 +83,7 @@ class ImageSequences:
         upright: bool = True,
     ) -> None:
         self.notes = list(notes)
-        self.fps = sidecar.fps or 30.0
-        if sidecar.starts:
-            raise CaptureError(
-                f"{path / SIDECAR}: has start times of videos, but the cameras have images. Remove `starts`."
-            )
+        self.fps = _frame_rate(path, sidecar)
         files = {name: found for name, found in files.items() if name not in request.left_out}
         counts = {name: len(found) for name, found in files.items()}
         self.frames = min(counts.values(), default=0)
@@ -84,14 +103,6 @@ class ImageSequences:
         start = 0 if request.frames is None else min(request.frames[0], self.frames - 1)
         first = {name: found[start] for name, found in self._files.items()}
         self._images = CameraImages(first, request.files, upright)
-
-    def size(self, name: str, calibrated: tuple[int, int] | None = None) -> tuple[int, int]:
-        """Return width and height of a camera's images (`CameraImages.size`)."""
-        return self._images.size(name, calibrated)
-
-    def conversions(self) -> list[str]:
-        """Return sentences about conversions of the images that users should know of."""
-        return self._images.conversions()
 
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
@@ -114,16 +125,13 @@ class ImageSequences:
         files = (file for found in self._files.values() for file in found[first : first + count])
         return list(dict.fromkeys(files))
 
-    def tables(self) -> dict[Path, FrameTable]:
-        """Return nothing, because images have no frame tables."""
-        return {}
 
-    def tracks(self, first: int) -> dict[str, Track]:
-        """Return nothing, because images have no sound."""
-        return {}
-
-    def close(self) -> None:
-        """Do nothing, because no files stay open."""
+def _frame_rate(path: Path, sidecar: Sidecar) -> float:
+    if sidecar.starts:
+        raise CaptureError(
+            f"{path / SIDECAR}: has start times of videos, but the cameras have images. Remove `starts`."
+        )
+    return sidecar.fps or 30.0
 
 
 def image_files(folder: Path) -> list[Path]:
@@ -158,7 +166,7 @@ END_MARKS = {".jpg": b"\xff\xd9", ".jpeg": b"\xff\xd9", ".png": b"IEND\xaeB`\x82
 """Last bytes of a complete image."""
 
 
-class GrowingImages:
+class GrowingImages(_CameraSequences):
     """Images of all cameras, numbered consecutively from the same number. They start together.
 
     An image counts when it and all earlier ones are complete. An image that was not written although later ones were is
@@ -167,11 +175,7 @@ class GrowingImages:
 
     def __init__(self, path: Path, files: dict[str, list[Path]], sidecar: Sidecar, *, upright: bool = True) -> None:
         self.path = path
-        self.fps = sidecar.fps or 30.0
-        if sidecar.starts:
-            raise CaptureError(
-                f"{path / SIDECAR}: has start times of videos, but the cameras have images. Remove `starts`."
-            )
+        self.fps = _frame_rate(path, sidecar)
         self._names = {name: _numbered(found) for name, found in files.items()}
         starts = {names.start for names in self._names.values()}
         if len(starts) > 1:
@@ -185,14 +189,6 @@ class GrowingImages:
         self._lost: dict[str, set[int]] = {name: set() for name in self._names}
         self.notes: list[str] = []
         self.update()
-
-    def size(self, name: str, calibrated: tuple[int, int] | None = None) -> tuple[int, int]:
-        """Return width and height of a camera's images (`CameraImages.size`)."""
-        return self._images.size(name, calibrated)
-
-    def conversions(self) -> list[str]:
-        """Return sentences about conversions of the images that users should know of."""
-        return self._images.conversions()
 
     @property
     def frames(self) -> int:
@@ -249,17 +245,6 @@ class GrowingImages:
     def sources(self, first: int, count: int) -> list[Path]:
         """Return the files that are read."""
         return [names.folder for names in self._names.values()]
-
-    def tables(self) -> dict[Path, FrameTable]:
-        """Return nothing, because images have no frame tables."""
-        return {}
-
-    def tracks(self, first: int) -> dict[str, Track]:
-        """Return nothing, because images have no sound."""
-        return {}
-
-    def close(self) -> None:
-        """Do nothing, because no files stay open."""
 
 
 def is_complete_image(file: Path) -> bool:

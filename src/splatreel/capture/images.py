@@ -49,13 +49,7 @@ FAILURES = (OSError, UnidentifiedImageError, Image.DecompressionBombError, Synta
 
 @dataclass(frozen=True)
 class ImageHeader:
-    """Properties of an image file that are known without decoding it.
-
-    Attributes:
-        size: Width and height as stored.
-        orientation: Orientation that EXIF declares.
-        conversions: Phrases for conversions to 8-bit sRGB that users should know of.
-    """
+    """Properties of an image file that are known without decoding it."""
 
     size: tuple[int, int]
     orientation: Orientation
@@ -159,7 +153,6 @@ def _conversions(image: Image.Image) -> list[str]:
 
 
 def _rgb(image: Image.Image) -> np.ndarray:
-    """Return a loaded image as [H, W, 3] uint8 sRGB."""
     profile = image.info.get("icc_profile")
     if image.mode in DEEP or image.mode == "I":
         values = np.asarray(image)
@@ -175,7 +168,6 @@ def _rgb(image: Image.Image) -> np.ndarray:
 
 
 def _mask_levels(path: Path, image: Image.Image) -> np.ndarray:
-    """Return a loaded mask as gray levels, [H, W, 3] uint8."""
     if image.mode in DEEP or image.mode == "I":
         values = np.asarray(image)
         brightest = int(values.max())
@@ -216,7 +208,6 @@ def _too_dark(path: Path, brightest: int) -> CaptureError:
 
 
 def _converted(image: Image.Image, profile: bytes | None) -> np.ndarray:
-    """Return an opaque image as [H, W, 3] uint8 sRGB."""
     mode, transform = _to_srgb(profile) if profile else ("", None)
     fits = mode == image.mode if {mode, image.mode} & {"CMYK"} or mode == "L" else True
     if transform is not None and fits:
@@ -267,7 +258,6 @@ def _orientation(image: Image.Image) -> Orientation:
 
 
 def _tail(image: Any) -> bytes:
-    """Return the last bytes of an open image's file."""
     at = image.fp.tell()
     size = image.fp.seek(0, 2)
     image.fp.seek(max(size - TAIL, 0))

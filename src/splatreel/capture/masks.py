@@ -75,9 +75,6 @@ class _CameraMasks:
 class MaskFiles:
     """Masks of a capture in a folder. Names are those of the cameras, images are named or numbered as the camera's frames.
 
-    Attributes:
-        notes: Sentences about masks that are paired with images of other names.
-
     Args:
         folder: Folder of the masks, or its address.
         capture: Capture that they belong to.
@@ -265,7 +262,6 @@ class MaskFiles:
 
 
 def _check_levels(file: Path, number: int, mask: np.ndarray) -> None:
-    """Raise `CaptureError` for an image that is not a mask."""
     if int((mask.max(2) - mask.min(2)).max()) > MOST_COLOR:
         raise CaptureError(
             f"{file}: frame {number} is colored. Masks are gray: white is the subject, black is not. A cut-out "
@@ -444,5 +440,4 @@ def is_doubtful(alpha: np.ndarray) -> np.ndarray:
 
 
 def _in_doubt(levels: np.ndarray) -> np.ndarray:
-    """Return which pixels of masks with doubts are in doubt."""
     return (levels >= DOUBT[0]) & (levels < DOUBT[1])

@@ -103,7 +103,6 @@ def open_capture(
 def _masked(
     capture: Capture, masks: str | Path | None, background: Color | None, names: Sequence[str] | None
 ) -> Capture:
-    """Return a capture of the subject only, if there are masks."""
     if masks is None:
         return capture
     assert isinstance(capture, FileCapture)  # as all readers return it
@@ -117,12 +116,7 @@ def is_capture(folder: Path) -> bool:
 
 @dataclass(frozen=True)
 class CaptureSource:
-    """Arguments of `open_capture`, with which other processes open the same capture.
-
-    Attributes:
-        path: Folder or address of the capture.
-        request: Keyword arguments of `open_capture`.
-    """
+    """Arguments of `open_capture`, with which other processes open the same capture."""
 
     path: str | Path
     request: dict[str, Any] = field(default_factory=dict)

@@ -101,7 +101,6 @@ class Segment:
     """File of a segmented video.
 
     Attributes:
-        file: Path of the file.
         first: Number of its first frame.
         start: Seconds from the first frame of the video to its first frame.
         times: Times of its frames after its first.
@@ -260,7 +259,6 @@ class SegmentedVideo:
         self._open.clear()
 
     def _end(self) -> float:
-        """Return the time at which the next frame is expected."""
         if not self.segments:
             return 0.0
         last = self.segments[-1]

@@ -335,7 +335,6 @@ def _unique(pairs: list[tuple[Key, Path]]) -> dict[Key, Path]:
 
 
 def _in_order(path: Path, files: Mapping[str, list[Path]], notes: list[str]) -> ImagePairs:
-    """Pair images that have no numbers in common in their order."""
     counts = {name: len(found) for name, found in files.items()}
     low, high = min(counts, key=lambda n: counts[n]), max(counts, key=lambda n: counts[n])
     if counts[low] < counts[high]:
@@ -352,7 +351,6 @@ def _in_order(path: Path, files: Mapping[str, list[Path]], notes: list[str]) -> 
 
 
 def _skipped_numbers(labels: list[int]) -> list[str]:
-    """Return a sentence about numbers that no camera has."""
     apart = np.diff(labels)
     # Numbers of at least a tick are times, which are rounded.
     usual = apart.min(initial=1) if len(apart) == 0 or apart.min() < TICK else 1.5 * np.median(apart)

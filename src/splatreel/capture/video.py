@@ -140,12 +140,8 @@ class VideoFile:
     Attributes:
         width: Display width in pixels.
         height: Display height in pixels.
-        frames: Number of frames.
         times: Times of the frames in seconds after the first one, [frames] float64.
         start: Time of the first frame in the file, seconds.
-        fps: Average frames per second.
-        table: Frame table.
-        color: Meaning of its pixel values.
 
     Args:
         path: Video file.

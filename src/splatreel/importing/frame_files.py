@@ -184,7 +184,6 @@ def order_frames(names: Sequence[str], place: str, gaps: Gaps) -> Order:
 
 
 def _check_alike(fields: dict[str, list[str]], place: str) -> None:
-    """Raise `GaussiansError` for a name without a number, or for names that differ in more than numbers."""
     bare = next((name for name, numbers in fields.items() if not numbers), None)
     if bare is not None:
         raise GaussiansError(
@@ -199,7 +198,6 @@ def _check_alike(fields: dict[str, list[str]], place: str) -> None:
 
 
 def _check_lengths(columns: list[tuple[str, ...]], varying: list[int], place: str) -> None:
-    """Raise `GaussiansError` for a number that is too long to count frames."""
     long = next((word for i in varying for word in columns[i] if len(word.lstrip("0")) > MOST_DIGITS), None)
     if long is not None:
         raise GaussiansError(
@@ -249,7 +247,6 @@ def _usual_step(steps: np.ndarray) -> float:
 
 
 def _by_time(times: dict[str, float], place: str, gaps: Gaps) -> Order:
-    """Order names by time, and derive the frame rate."""
     ordered = sorted(times, key=lambda name: times[name])
     values = np.array([times[name] for name in ordered])
     step = _usual_step(np.diff(values))
@@ -373,7 +370,6 @@ def find_members(place: Path, archive: zipfile.ZipFile) -> dict[str, zipfile.Zip
 
 
 def _stem(name: str) -> str:
-    """Return a name without its suffix."""
     return name[: len(name) - len(PurePosixPath(name).suffix)]
 
 
@@ -400,7 +396,6 @@ def _sog_in(folder: Path) -> Path | None:
 
 
 def _iterations(folder: Path) -> dict[int, Path]:
-    """Return the folders of a training's iterations by number."""
     found = ((_ITERATION.fullmatch(entry.name), entry) for entry in folder.iterdir())
     return {int(match[1]): entry for match, entry in found if match and entry.is_dir()}
 

@@ -238,7 +238,6 @@ class StaticLayers:
         return steady
 
     def _rows(self, numbers: np.ndarray) -> np.ndarray:
-        """Return the row in `points` of each numbered point, [N]; -1 for none."""
         missing = numbers.max(initial=-1) + 1 - len(self._row_of)
         if missing > 0:
             self._row_of = np.concatenate([self._row_of, np.full(missing, -1)])

@@ -178,7 +178,6 @@ def _stack(columns: Columns, *names: str) -> np.ndarray:
 
 
 def _check_lite(columns: Columns, path: Path) -> None:
-    """Raise `GaussiansError` for the full model, whose colors come from a network, or for missing columns."""
     if "f_dc_3" in columns or any(name.startswith("f_t") for name in columns):
         raise GaussiansError(
             f"{path}: is a full model of SpacetimeGaussians, whose colors a network computes for each pixel. Train its lite model "
@@ -194,7 +193,6 @@ def _check_lite(columns: Columns, path: Path) -> None:
 
 
 def _trained_length(path: Path) -> int:
-    """Return the number of frames of the training, from its settings beside the model."""
     for folder in list(path.resolve().parents)[:4]:
         file = folder / "cfg_args"
         found = _DURATION.search(read_file(file, _MOST_SETTINGS, GaussiansError)) if file.is_file() else None

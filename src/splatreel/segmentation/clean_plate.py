@@ -109,7 +109,6 @@ def _alike(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def _light(plate: np.ndarray, image: np.ndarray) -> float:
-    """Return the logarithm of the brightness of a plate relative to an image, [H, W, 3] each."""
     return float(np.median(np.log(np.maximum(plate.mean(-1), 4)) - np.log(np.maximum(image.mean(-1), 4))))
 
 

@@ -133,7 +133,6 @@ class ColorModel:
 
 
 def _bins(image: np.ndarray) -> np.ndarray:
-    """Return the bin of each pixel, [H, W] int."""
     r, g, b = np.moveaxis(cv2.GaussianBlur(image, (0, 0), 0.8).astype(np.float32), -1, 0)
     axes = ((r + g + b) / 3 / 256, (r - g + CHROMA) / (2 * CHROMA), (b - (r + g) / 2 + CHROMA) / (2 * CHROMA))
     gray, first, second = (np.clip(axis * BINS, 0, BINS - 1).astype(np.int64) for axis in axes)
@@ -141,7 +140,6 @@ def _bins(image: np.ndarray) -> np.ndarray:
 
 
 def _smoothed(counts: np.ndarray) -> np.ndarray:
-    """Return a histogram after a small blur along each axis."""
     for axis in range(3):
         padded = np.pad(counts, [(1, 1) if a == axis else (0, 0) for a in range(3)], mode="edge")
         parts = [np.take(padded, np.arange(k, k + BINS), axis) for k in range(3)]
@@ -234,7 +232,6 @@ class Agreement:
 
 
 def _square(reach: float) -> np.ndarray:
-    """Return a kernel that reaches at least `reach` pixels."""
     return np.ones((2 * int(np.ceil(reach)) + 1,) * 2, np.uint8)
 
 

@@ -66,7 +66,6 @@ class GuidedFilter:
 
 
 def _weighted_sum(weights: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the sum of three images, each times a weight per pixel."""
     (a, b, c), (x, y, z) = weights, values
     return a * x + b * y + c * z
 

@@ -65,13 +65,7 @@ SAME_PLACE = 1e-3
 
 @dataclass(frozen=True)
 class _Calibration:
-    """Recognized calibration.
-
-    Attributes:
-        layout: Name of its format.
-        origin: File or folder.
-        read: Function that reads it.
-    """
+    """Recognized calibration."""
 
     layout: str
     origin: Path
@@ -200,7 +194,6 @@ def fitting_lens(view: RigCamera, size: tuple[int, int], origin: Path, notes: li
 
 
 def _calibrations(path: Path) -> Iterator[_Calibration]:
-    """Yield the calibrations of a folder."""
     if not path.is_dir():
         return
     folders = [path, *sorted(entry for entry in path.glob("[cC]alib*") if entry.is_dir())]
@@ -246,7 +239,6 @@ def read_calibration(path: Path) -> tuple[str, Rig]:
 
 
 def _agree(one: Rig, other: Rig) -> bool:
-    """Return whether two calibrations have the same cameras with the same poses and lenses."""
     if sorted(one.names()) != sorted(other.names()):
         return False
     named = {camera.name: camera for camera in other.cameras}

@@ -115,7 +115,6 @@ def model_views(path: Path) -> list[Camera]:
 
 
 def _camera(model: Path, view: ModelCamera, width: int, height: int, lenses: dict[str, Lens]) -> Camera:
-    """Return a camera of the model at the output size, and record its lens if it has distortion."""
     viewmat = np.eye(4)
     viewmat[:3] = view.image.cam_from_world().matrix()
     origin = f"{model}: camera {view.image.camera.camera_id}"
@@ -253,13 +252,11 @@ def _by_number(names: list[str]) -> dict[int, str]:
 
 
 def _unused(files: dict[str, Path], names: list[str]) -> list[str]:
-    """Return a sentence about videos without a camera in the model."""
     extra = [file.name for name, file in files.items() if name not in names]
     return [f"not used, since the model has no such cameras: {', '.join(extra)}"] if extra else []
 
 
 def _of_cameras(path: Path, files: dict[str, Path], names: list[str]) -> dict[str, Path]:
-    """Return the video of every camera of the model."""
     absent = [name for name in names if name not in files]
     if absent:
         raise CaptureError(
@@ -315,7 +312,6 @@ def images_by_camera(folder: Path, names: list[str]) -> dict[str, list[Path]]:
 
 
 def _all_images(folder: Path, depth: int = 4) -> dict[str, Path]:
-    """Return all images below a folder by their names without extension."""
     found: dict[str, Path] = {}
     for entry in list_folder(folder):
         if entry.is_dir() and depth:
@@ -326,7 +322,6 @@ def _all_images(folder: Path, depth: int = 4) -> dict[str, Path]:
 
 
 def _points(reconstruction: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return sparse points [P, 3] float32 and colors 0..1 in order of their ids, or None."""
     points = [p for _, p in sorted(reconstruction.points3D.items())]
     if not points:
         return None, None

@@ -125,7 +125,6 @@ class _Numbers:
 
 
 def _lens(intrinsics: _Numbers, name: str, size: tuple[int, int]) -> Any:
-    """Return a pycolmap.Camera for the image size of K."""
     K = intrinsics.needed(name, (3, 3), "K")
     bends = intrinsics.array(name, (5,), "D", "dist")
     if min(K[0, 0], K[1, 1]) <= 0 or abs(K[0, 1]) > 1e-2 * K[0, 0]:

@@ -78,7 +78,6 @@ class Neu3DVCapture(FileCapture):
 
 
 def _cameras_of(found: dict[str, Any]) -> dict[str, Any]:
-    """Return what is named like a camera."""
     return {name: value for name, value in found.items() if name.lower().startswith("cam")}
 
 
@@ -109,7 +108,6 @@ def _names(path: Path, found: list[str], rows: int, request: Request, notes: lis
 
 
 def _read_poses(file: Path) -> np.ndarray:
-    """Return the checked content of poses_bounds.npy, [C, 17] float64."""
     if not file.is_file():
         if (failure := calibration_error(file.parent)) is not None:
             raise failure

@@ -79,7 +79,6 @@ def _camera(name: str, row: np.ndarray, width: int, height: int) -> Camera:
 
 
 def _images(path: Path) -> dict[str, list[Path]]:
-    """Return the images by camera."""
     found: dict[str, list[Path]] = defaultdict(list)
     for file in image_files(path):
         if match := IMAGE.fullmatch(file.stem):

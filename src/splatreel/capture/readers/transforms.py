@@ -176,7 +176,6 @@ def _read(file: Path) -> tuple[Rig, list[_View]]:
 
 
 def _ignored(file: Path, frames: list[_Frame], views: list[_View]) -> list[str]:
-    """Return sentences about a rolling shutter and masks, which have no effect here."""
     shutters = [frame.lens.get(key) for frame in frames for key in SHUTTERS]
     used = [values for values in shutters if values and (not isinstance(values, list) or any(values))]
     found = []
@@ -191,7 +190,6 @@ def _ignored(file: Path, frames: list[_Frame], views: list[_View]) -> list[str]:
 
 
 def _masks_option(file: Path, views: list[_View]) -> str:
-    """Return how to use the masks that frames name, as the end of a sentence."""
     folders = set()
     for view in views:
         parts = PurePosixPath(view.name).parts
@@ -209,7 +207,6 @@ def _masks_option(file: Path, views: list[_View]) -> str:
 
 
 def _frames(file: Path) -> tuple[list[_Frame], Path | None]:
-    """Return the frames of a file, and the file of its points."""
     meta = read_json(file, CaptureError, META_BYTES, META_VALUES)
     with naming(str(file)):
         tests = set(meta.get("test_filenames", []))
@@ -243,7 +240,6 @@ def _frame(
 
 
 def _views(file: Path, frames: list[_Frame]) -> list[_View]:
-    """Return the cameras in order of their names."""
     groups = _by_pose(frames)
     times = {frame.time for frame in frames if frame.time is not None}
     if len(times) > 1 and len(groups) > max(len(frames) / 2, 1):
@@ -268,7 +264,6 @@ def _views(file: Path, frames: list[_Frame]) -> list[_View]:
 
 
 def _by_pose(frames: list[_Frame]) -> list[list[_Frame]]:
-    """Return the frames in groups of one pose."""
     groups: list[list[_Frame]] = []
     poses = np.zeros((0, 4, 4))
     for frame in frames:
@@ -340,7 +335,6 @@ def _existing(file: Path) -> Path:
 
 
 def _points(file: Path | None) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return the finite points of a PLY file, [P, 3] float32, and their colors 0..1 if it has any."""
     if file is None:
         return None, None
     try:

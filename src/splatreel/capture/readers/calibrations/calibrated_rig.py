@@ -24,8 +24,6 @@ class BrownLens:
     """Lens with the interface of a pycolmap.Camera that `undistorted_camera` uses.
 
     Attributes:
-        width: Width of the image in pixels.
-        height: Height of the image in pixels.
         pinhole: fx, fy, cx, cy in pixels.
         radial: k1, k2, k3, k4, of the second to the eighth power of the radius.
         tangential: p1, p2 in OpenCV's order.
@@ -83,7 +81,6 @@ class RigCamera:
     """Camera of a calibration.
 
     Attributes:
-        name: Name in the calibration.
         viewmat: World to camera in OpenCV's axes, [4, 4] float64.
         size: Width and height of the calibrated image, in pixels, or None if the format does not state them.
         lens: Function from the width and height of the images to the lens, a pycolmap.Camera or `BrownLens`.
@@ -101,7 +98,6 @@ class Rig:
 
     Attributes:
         origin: File or folder of the calibration.
-        cameras: Its cameras.
         points: Sparse points, [P, 3] float32, or None.
         point_colors: Their colors, [P, 3] float32 0..1, or None.
         held_out: Cameras that the format holds out, or None.

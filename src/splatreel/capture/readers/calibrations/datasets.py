@@ -194,7 +194,6 @@ def read_zju_mocap(file: Path) -> Rig:
 
 
 def _folder(path: str) -> str:
-    """Return the folder of an image, which is named as its camera."""
     return PurePosixPath(path.replace("\\", "/")).parent.name
 
 
