@@ -69,9 +69,9 @@ gpu: $(SETUP)  ## on a machine with a GPU: test and measure there, within MINUTE
 
 film: $(RECON)  ## film the built-in capture again for the package, after a change of its scene
 	rm -rf out/film
-	$(BIN)/splatreel capture film out/film --trace
-	rm -rf src/splatreel/capture/builtin/film
-	mv out/film src/splatreel/capture/builtin/film
+	$(BIN)/python benchmarks/film_toyroom.py out/film
+	rm -rf src/splatreel/capture/film
+	mv out/film src/splatreel/capture/film
 
 sample: $(RECON)  ## reconstruct the sample reel of the package again; after an interruption, the same command continues
 	$(BIN)/splatreel demo --out out/sample --no-serve

@@ -26,9 +26,9 @@ from splatreel.base.progress import Silent
 from splatreel.calibration.calibrate import calibrate
 from splatreel.calibration.learned_matches import find_matcher
 from splatreel.capture.base import Capture
-from splatreel.capture.builtin.synthetic import make_capture
 from splatreel.capture.opening import open_capture
 from splatreel.scene.camera import Camera
+from toyroom.capture import make_capture
 
 BUILT_IN = "built-in"
 

@@ -13,12 +13,12 @@ import numpy as np
 import tyro
 
 from film import SKIN, Film
-from splatreel.capture.builtin import textures as tx
-from splatreel.capture.builtin import toyroom as toys
-from splatreel.capture.builtin.solids import BOX, ELLIPSOID, Shapes
-from splatreel.capture.builtin.toyroom import Builder, turn_x, turn_y, turn_z
 from splatreel.config import Quality
 from splatreel.scene.camera import Camera, facing
+from toyroom import room as toys
+from toyroom import textures as tx
+from toyroom.room import Builder, turn_x, turn_y, turn_z
+from toyroom.solids import BOX, ELLIPSOID, Shapes
 
 LIGHT = np.array([0.5, 6.0, 1.0])
 CAMERAS, WALLS, FLAPS = 24, 16, 10

@@ -10,11 +10,11 @@ from pathlib import Path
 import tyro
 
 from run import run
-from splatreel.capture.builtin.synthetic import make_capture
 from splatreel.capture.opening import open_capture
 from splatreel.cli.demo import demo_config
 from splatreel.cli.reconstruct import Deformation
 from splatreel.config import Quality
+from toyroom.capture import make_capture
 
 
 def main(

@@ -16,9 +16,9 @@ import tyro
 from record import record
 from splatreel.base import threads
 from splatreel.base.process import keep_freed_memory, peak_memory_bytes, quiet_threads
-from splatreel.capture.builtin.synthetic import make_capture
 from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
+from toyroom.capture import make_capture
 
 Case = tuple[Quality, int, int, int]
 CASES: tuple[Case, ...] = (("draft", 160, 90, 30), ("standard", 160, 90, 45), ("draft", 320, 180, 10))

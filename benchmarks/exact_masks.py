@@ -13,8 +13,9 @@ from tyro.conf import Positional
 
 import juggle
 from film import FPS
-from splatreel.capture.builtin import synthetic, toyroom
-from splatreel.capture.builtin.raytracer import trace_cover, trace_static
+from toyroom import room as toys
+from toyroom.capture import make_cameras, make_capture
+from toyroom.raytracer import trace_cover, trace_static
 
 
 def main(scene: Positional[Literal["builtin", "juggle"]], out: Positional[Path], /, frames: int = 6) -> None:
@@ -27,8 +28,8 @@ def main(scene: Positional[Literal["builtin", "juggle"]], out: Positional[Path],
     """
     if scene == "builtin":
         frames = 60
-        synthetic.make_capture(out / "capture", frames=frames)
-        cameras, still, light = synthetic.make_cameras(), toyroom.standing(0), toyroom.LIGHT
+        make_capture(out / "capture", frames=frames)
+        cameras, still, light = make_cameras(), toys.standing(0), toys.LIGHT
     else:
         film = juggle.film()
         if not (out / "capture").exists():
@@ -39,7 +40,7 @@ def main(scene: Positional[Literal["builtin", "juggle"]], out: Positional[Path],
         folder = out / "masks" / camera.name
         folder.mkdir(parents=True, exist_ok=True)
         for t in range(frames):
-            moving = toyroom.moving(t / FPS) if scene == "builtin" else juggle.moving(t / FPS)
+            moving = toys.moving(t / FPS) if scene == "builtin" else juggle.moving(t / FPS)
             cover, _ = trace_cover(camera, seen, moving, np.ones(len(moving.solids), bool))
             cv2.imwrite(str(folder / f"{t:06d}.png"), np.where(cover >= 0.5, 255, 0).astype(np.uint8))
 

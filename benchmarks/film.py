@@ -15,13 +15,13 @@ import numpy as np
 from ball import found
 from run import run
 from splatreel.base import threads
-from splatreel.capture.builtin.raytracer import StaticView, trace_frame, trace_static
-from splatreel.capture.builtin.solids import Shapes
-from splatreel.capture.builtin.synthetic import VideoWriter, llff_row
 from splatreel.capture.opening import open_capture
 from splatreel.config import Quality, preset
 from splatreel.play.timeline import open_reel
 from splatreel.scene.camera import Camera
+from toyroom.capture import VideoWriter, llff_row
+from toyroom.raytracer import StaticView, trace_frame, trace_static
+from toyroom.solids import Shapes
 
 FPS = 30
 QUALITY = {"crf": "6", "preset": "medium"}

@@ -24,10 +24,10 @@ from playwright.sync_api import sync_playwright
 
 from record import record
 from splatreel.capture.base import Capture
-from splatreel.capture.builtin.synthetic import make_capture
-from splatreel.capture.growing.growth import END
+from splatreel.capture.growth import END
 from splatreel.capture.opening import open_capture
 from splatreel.play.server import serve
+from toyroom.capture import make_capture
 
 PLAYER = "document.querySelector('splat-reel')?.player"
 LOOK = 0.1

@@ -15,13 +15,13 @@ import tyro
 
 import kitchen
 from film import SKIN, Film
-from splatreel.capture.builtin import textures as tx
-from splatreel.capture.builtin import toyroom as toys
-from splatreel.capture.builtin.raytracer import DEPTH, StaticView
-from splatreel.capture.builtin.solids import BOX, CYLINDER, ELLIPSOID, Shapes
-from splatreel.capture.builtin.toyroom import Builder, turn_z
 from splatreel.config import Quality
 from splatreel.scene.camera import Camera
+from toyroom import room as toys
+from toyroom import textures as tx
+from toyroom.raytracer import DEPTH, StaticView
+from toyroom.room import Builder, turn_z
+from toyroom.solids import BOX, CYLINDER, ELLIPSOID, Shapes
 
 HELD_OUT = ("cam00", "cam12")
 FIRE, KETTLE, SPOUT = np.array([-1.25, 0.55, -1.2]), np.array([0.55, 1.02, -0.35]), np.array([-0.25, 1.62, -0.3])

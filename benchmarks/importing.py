@@ -34,8 +34,7 @@ from splatreel.config.settings import changed
 from splatreel.evaluation.metrics import psnr
 from splatreel.formats.ply import read_ply, write_ply
 from splatreel.importing.edits import first_points
-from splatreel.importing.frames import Frames
-from splatreel.importing.recognition import open_frames
+from splatreel.importing.frames import Frames, open_frames
 from splatreel.importing.reel import header_of, write_reel
 from splatreel.importing.viewpoints import read_cameras
 from splatreel.method.train.single_frame import reconstruct_single_frame

@@ -14,12 +14,12 @@ import tyro
 
 from film import SKIN, Film
 from record import record
-from splatreel.capture.builtin import textures as tx
-from splatreel.capture.builtin import toyroom as toys
-from splatreel.capture.builtin.solids import BOX, CYLINDER, ELLIPSOID, Shapes
-from splatreel.capture.builtin.toyroom import Builder, turn_x, turn_y, turn_z
 from splatreel.config import Quality
 from splatreel.scene.camera import Camera, facing
+from toyroom import room as toys
+from toyroom import textures as tx
+from toyroom.room import Builder, turn_x, turn_y, turn_z
+from toyroom.solids import BOX, CYLINDER, ELLIPSOID, Shapes
 
 LIGHT = np.array([0.5, 5.0, 0.8])
 CAMERAS, PANELS = 30, 12

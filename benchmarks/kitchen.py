@@ -13,12 +13,12 @@ import numpy as np
 import tyro
 
 from film import SKIN, Film
-from splatreel.capture.builtin import textures as tx
-from splatreel.capture.builtin import toyroom as toys
-from splatreel.capture.builtin.solids import BOX, CYLINDER, ELLIPSOID, TEXTURE, Shapes
-from splatreel.capture.builtin.toyroom import Builder, turn_z
 from splatreel.config import Quality
 from splatreel.scene.camera import Camera, facing
+from toyroom import room as toys
+from toyroom import textures as tx
+from toyroom.room import Builder, turn_z
+from toyroom.solids import BOX, CYLINDER, ELLIPSOID, TEXTURE, Shapes
 
 LIGHT = np.array([-1.0, 3.6, 2.2])
 ROWS, COLUMNS = 2, 9

@@ -12,9 +12,9 @@ from PIL import Image
 
 import splatreel
 from record import ROOT
-from splatreel.capture.builtin.synthetic import RADIUS, TARGET
 from splatreel.play.sample_reel import SAMPLE
 from splatreel.scene.camera import facing
+from toyroom.capture import RADIUS, TARGET
 
 SIDEWAYS, MIDDLE, UPWARDS = 24.0, 16.0, 7.0
 """Largest azimuth, mean elevation and largest difference from it, in degrees: within the training cameras."""

@@ -21,14 +21,14 @@ import yard
 from film import FPS, Film
 from record import record
 from splatreel.capture.base import Capture
-from splatreel.capture.builtin.raytracer import trace_cover, trace_static
-from splatreel.capture.builtin.solids import HALF, POSITION, ROTATION, Shapes
 from splatreel.capture.opening import open_capture
 from splatreel.config import preset
 from splatreel.method.images.flow import make_flow
 from splatreel.method.tracking.track import PointTracks, Tracker, identity_quats
 from splatreel.scene.camera import Camera
 from splatreel.scene.gaussians import Gaussians
+from toyroom.raytracer import trace_cover, trace_static
+from toyroom.solids import HALF, POSITION, ROTATION, Shapes
 
 FILMS = {"cove": cove, "dominoes": dominoes, "juggle": juggle, "kitchen": kitchen, "studio": studio, "yard": yard}
 SPACING, OFF = 1.6, 3.0

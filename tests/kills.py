@@ -28,7 +28,7 @@ import numpy as np
 from safetensors.numpy import load
 
 from tests.capture import folders
-from tests.capture.growing.recorder import Recorder
+from tests.capture.recorder import Recorder
 from tests.files import contents
 from tests.importing import films
 from tests.method.captures import WallCapture

@@ -18,7 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from splatreel.capture.builtin.synthetic import make_capture
+from splatreel.capture.builtin_film import copy_film
 from tests.kills import Command, commands
 
 LIMIT = 5.0
@@ -52,7 +52,7 @@ def start(arguments: list[str], log: Path) -> int:
 
 def others(folder: Path, finished: Path) -> Iterator[Command]:
     """Commands that `tests.kills` does not have. finished: a run."""
-    room = make_capture(folder / "room", frames=12)
+    room = copy_film(folder / "room")
     yield Command("check", lambda out: ["capture", "check", str(room)])
 
     def videos(out: Path) -> list[str]:

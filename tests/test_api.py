@@ -17,9 +17,9 @@ import splatreel
 import splatreel.readers
 import splatreel.training
 from splatreel.base.progress import Silent
-from splatreel.capture.builtin.synthetic import make_capture
 from tests.golden import GOLDEN, PREDICTIVE
 from tests.method.small import small
+from toyroom.capture import make_capture
 
 ROOT = Path(__file__).parent.parent
 DOCUMENTS = [

@@ -1,11 +1,9 @@
-"""The rules of the house for the npm packages: the import ladder, the sizes of files, and a row in the documentation for each file."""
+"""The rules of the house for the npm packages: the import ladder of packages and rooms, and no import in a circle."""
 
 import json
 import re
 from pathlib import Path
 from typing import Any
-
-import pytest
 
 from tests.test_house import sorter_of
 
@@ -134,21 +132,3 @@ def test_packages_and_their_rooms_import_only_down() -> None:
 
 def test_no_import_within_the_packages_goes_in_a_circle() -> None:
     assert sorter_of(imports_of_typescript())
-
-
-@pytest.mark.parametrize("package", PACKAGES)
-def test_the_documentation_of_a_package_names_each_of_its_files(package: str) -> None:
-    document = ROOT / "docs" / f"{'player' if package in ('renderer', 'element') else package}.md"
-    text = document.read_text(encoding="utf-8").partition(f"`player/packages/{package}/src`")[2]
-    rows = [line for line in text.partition("`player/packages/")[0].splitlines() if line.startswith("|")]
-    room, told = "", set()
-    for row in rows:
-        first, files, *_ = [cell.strip() for cell in row.strip("|").split("|")] + [""]
-        room = first.strip("`") if first.startswith("`") and first.endswith("/`") else room if not first else ""
-        told |= (
-            {(room + name).replace(f"{room}../", "") for name in re.findall(r"`([\w./-]+)`", files)} if room else set()
-        )
-    names = [file.partition("/") for file in imports_of_typescript()]
-    files = {file.removesuffix(".ts") for name, _, file in names if name == package and not file.endswith(".d.ts")}
-    assert not files - told, f"in no row of {document}"
-    assert not {name for name in told - files if name != "wasm"}, "not in the package"

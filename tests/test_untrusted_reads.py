@@ -33,8 +33,8 @@ ALLOWED = {
     "run/machine_speed.py": {"read_text"},
     "run/memory.py": {"read_text"},
     # Objects and texts that were read or opened safely before
-    "capture/growing/growing_video.py": {"av.open"},
-    "capture/readers/calibrations/toml_cameras.py": {"tomllib.loads"},
+    "capture/growing_video.py": {"av.open"},
+    "capture/readers/calibrations/motion_capture.py": {"tomllib.loads"},
     "capture/video.py": {"av.open"},
     "play/served_files.py": {"open"},
     "run/run_history.py": {"json.loads"},

@@ -42,7 +42,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_the_wheel_holds_the_player_the_film_the_sample_and_the_licence_and_no_tests(wheel: Path) -> None:
     names = zipfile.ZipFile(wheel).namelist()
     package = ROOT / "src" / "splatreel"
-    folders = package / "play" / "static", package / "capture" / "builtin" / "film"
+    folders = package / "play" / "static", package / "capture" / "film"
     assert all(folder.is_dir() for folder in folders)
     for path in (p for folder in (*folders, package / "play" / "sample") for p in folder.rglob("*") if p.is_file()):
         assert path.relative_to(ROOT / "src").as_posix() in names

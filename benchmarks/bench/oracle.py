@@ -21,7 +21,7 @@ from bench.oracle_report import OracleReport, Score, SingleFrame
 from splatreel.base.errors import UsageError
 from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
-from splatreel.capture.median_images import median_images, moving_pixels
+from splatreel.capture.reading import median_images, moving_pixels
 from splatreel.codec.group_file import decode_layer, encode_layer
 from splatreel.config import Config
 from splatreel.config.records import complete_settings

@@ -8,7 +8,7 @@ import pytest
 
 from splatreel.base import paged_arrays as frame_file
 from splatreel.base.paged_arrays import frame_array, is_in_file, release_pages
-from splatreel.capture.prefetch import FramePrefetcher
+from splatreel.capture.reading import FramePrefetcher
 from splatreel.run.pipeline import reconstruct
 from tests.method.captures import WallCapture
 from tests.method.small import small

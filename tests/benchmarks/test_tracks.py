@@ -7,7 +7,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 
-from splatreel.capture.builtin.solids import POSITION
+from toyroom.solids import POSITION
 
 FOLDER = Path(__file__).parent.parent.parent / "benchmarks"
 

@@ -8,19 +8,19 @@ from scipy.spatial.transform import Rotation
 
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Silent
-from splatreel.calibration.boards.board import Board
+from splatreel.calibration.board import Board
 from splatreel.calibration.calibrate import calibrate, set_distance
 from splatreel.calibration.calibration_agreement import CalibratedCamera, rig_of
-from splatreel.calibration.photographs import check_photos
-from splatreel.calibration.uncalibrated import camera_files
-from splatreel.capture.builtin import synthetic, toyroom
-from splatreel.capture.builtin.raytracer import trace_frame, trace_static
-from splatreel.capture.builtin.synthetic import TARGET, make_capture
+from splatreel.calibration.calibration_files import camera_files, check_photos
 from splatreel.capture.opening import open_capture
 from splatreel.capture.sidecar import Sidecar, read_sidecar, write_failure
 from splatreel.scene.camera import facing
 from tests.capture import folders
 from tests.capture.boards import FilmedBoard
+from toyroom import capture as filming
+from toyroom import room as toys
+from toyroom.capture import TARGET, make_capture
+from toyroom.raytracer import trace_frame, trace_static
 
 
 @pytest.fixture(scope="module")
@@ -80,7 +80,7 @@ def test_videos_without_features_are_refused(tmp_path: Path) -> None:
 def test_cameras_of_one_lens_need_fewer_matches(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     colmap = pytest.importorskip("pycolmap")
     # Few cameras need all details: the film of the package is compressed too much. Of five cameras, the noise of a pixel decides.
-    monkeypatch.setattr(synthetic, "QUALITY", {"crf": "6", "preset": "medium"})
+    monkeypatch.setattr(filming, "QUALITY", {"crf": "6", "preset": "medium"})
     room, tmp_path = make_capture(tmp_path / "room", frames=2), tmp_path / "videos"
     tmp_path.mkdir()
     known = open_capture(room, held_out=[])
@@ -180,8 +180,8 @@ def photograph(azimuth: float, elevation: float, distance: float) -> np.ndarray:
     a, e = np.radians(azimuth), np.radians(elevation)
     outwards = np.array([np.sin(a) * np.cos(e), np.sin(e), np.cos(a) * np.cos(e)])
     camera = facing("photograph", TARGET + distance * outwards, -outwards, 1.2 * 256, 256, 192)
-    still = toyroom.standing()
-    return trace_frame(camera, trace_static(camera, still, toyroom.LIGHT), still, toyroom.moving(0), toyroom.LIGHT)
+    still = toys.standing()
+    return trace_frame(camera, trace_static(camera, still, toys.LIGHT), still, toys.moving(0), toys.LIGHT)
 
 
 def test_invalid_photographs_are_refused(room: Path, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from splatreel.calibration.boards.board import Board, Sighting
+from splatreel.calibration.board import Board, Sighting
 from splatreel.scene.camera import Camera
 from tests.capture import folders
 

@@ -11,12 +11,12 @@ import pytest
 from PIL import Image
 
 from splatreel.base.errors import CaptureError
+from splatreel.capture.color import BT2020
 from splatreel.capture.opening import open_capture
-from splatreel.capture.srgb import BT2020
 from splatreel.capture.video import VideoFile
 from tests.capture import folders
 from tests.capture.colors import COLORS, SIDE, squares, write_colors, write_display_matrix
-from tests.capture.growing.recorder import Recorder
+from tests.capture.recorder import Recorder
 
 LAYOUTS: dict[str, tuple[Callable[[Path], Path], str]] = {
     "panoptic": (folders.panoptic, "ims/2/00000{}.png"),

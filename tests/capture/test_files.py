@@ -10,7 +10,7 @@ from splatreel.capture.files import natural_key
 from splatreel.capture.opening import open_capture
 from tests.buckets import Bucket, Faults
 from tests.capture import folders
-from tests.capture.test_mask_files import write_masks
+from tests.capture.test_masks import write_masks
 
 
 @pytest.mark.parametrize("fault", ["is_busy", "cuts", "ignores_ranges"])

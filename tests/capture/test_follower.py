@@ -11,10 +11,10 @@ from PIL import Image
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Capture
 from splatreel.capture.follower import Follower, open_growing
-from splatreel.capture.growing.growing_images import is_complete_image
-from splatreel.capture.growing.growth import END, Growth
+from splatreel.capture.growth import END, Growth
+from splatreel.capture.image_sequences import is_complete_image
 from tests.capture import folders
-from tests.capture.growing.recorder import KINDS, Recorder, marks
+from tests.capture.recorder import KINDS, Recorder, marks
 
 BEGUN = 26
 """Frames after which FFmpeg detects the streams of a video, because it checks their reordering."""

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from splatreel.base.errors import CaptureError
-from splatreel.capture.builtin.synthetic import make_cameras
 from splatreel.capture.pose_checks import inverted, validate_poses, with_opengl_axes
 from splatreel.scene.camera import Camera
 from tests.capture import folders
 from tests.method.corner import arc
 from tests.method.scenes import ring
+from toyroom.capture import make_cameras
 
 POINTS = np.random.default_rng(0).uniform(-0.5, 0.5, (40, 3)).astype(np.float32)
 RIGS = {

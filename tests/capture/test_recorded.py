@@ -8,9 +8,9 @@ import pytest
 
 from splatreel.capture.capture_sound import choose
 from splatreel.capture.follower import Follower, open_growing
-from splatreel.capture.growing.growth import Growth
+from splatreel.capture.growth import Growth
 from splatreel.capture.opening import open_capture
-from tests.capture.growing.recorder import KINDS, RATE, Recorder, marks
+from tests.capture.recorder import KINDS, RATE, Recorder, marks
 
 FRAMES = 14
 

@@ -8,7 +8,7 @@ import pytest
 
 from splatreel.base.errors import CaptureError
 from splatreel.capture.opening import open_capture
-from tests.capture.growing.recorder import Recorder
+from tests.capture.recorder import Recorder
 from tests.capture.test_follower import BEGUN, expected, following, shown
 
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from splatreel.capture.mask_files import read_mask_record
+from splatreel.capture.masks import read_mask_record
 from splatreel.cli.main import main
 from tests.segmentation import scenes
 

@@ -34,7 +34,7 @@ def test_demo_makes_a_reel_and_a_report_and_is_continued(
     tiny: None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(keyframe_preview, "FIRST_AFTER", 0.0)
-    arguments = ["demo", "--out", str(tmp_path / "demo"), "--width", "64", "--height", "48", "--frames", "8"]
+    arguments = ["demo", "--out", str(tmp_path / "demo"), "--width", "64", "--frames", "8"]
     assert main(arguments) == 0
     said = capsys.readouterr()
     report = json.loads((tmp_path / "demo" / "report.json").read_text())

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from splatreel.capture.builtin.synthetic import make_capture
 from splatreel.capture.capture_sound import RATE, read_sound
 from splatreel.cli.main import main
 from tests import flashes
+from toyroom.capture import make_capture
 
 
 @pytest.fixture(scope="module")

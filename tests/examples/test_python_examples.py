@@ -11,9 +11,9 @@ import pytest
 from PIL import Image
 
 import splatreel
-from splatreel.capture.builtin.synthetic import make_capture
 from tests.golden import GOLDEN
 from tests.method.small import small
+from toyroom.capture import make_capture
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 

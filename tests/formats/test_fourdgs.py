@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from splatreel.base.errors import GaussiansError
-from splatreel.importing.recognition import open_frames
+from splatreel.importing.frames import open_frames
 from splatreel.scene.gaussians import C0
 
 fourdgs = pytest.importorskip("fourdgs")

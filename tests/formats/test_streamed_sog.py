@@ -11,7 +11,7 @@ import pytest
 
 from splatreel.base.errors import GaussiansError
 from splatreel.formats.sog import write_sog
-from splatreel.importing.recognition import open_frames
+from splatreel.importing.frames import open_frames
 from splatreel.scene.gaussians import Gaussians
 from tests.golden import random_gaussians
 

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("torch", reason="torch is not installed")
 
-from splatreel.capture.masked_capture import LIKELY
+from splatreel.capture.masks import LIKELY
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.method.train.losses import CHAPTER_KEYFRAME, KEYFRAME, Terms
 from splatreel.method.train.opposite_backgrounds import with_opposite

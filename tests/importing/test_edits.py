@@ -8,7 +8,7 @@ import pytest
 
 from splatreel.base.errors import GaussiansError
 from splatreel.importing.edits import Edit, EditedFrames, distant_origin, first_points
-from splatreel.importing.recognition import open_frames
+from splatreel.importing.frames import open_frames
 from splatreel.scene.gaussians import Gaussians
 from tests.importing.films import cameras, frame, write_film
 

@@ -12,8 +12,7 @@ from splatreel.cli.main import main
 from splatreel.codec.header import ReelHeader
 from splatreel.config.settings import changed
 from splatreel.importing.fit import FilmCapture, fit_config, fit_reel, steadied
-from splatreel.importing.frames import Frames
-from splatreel.importing.recognition import open_frames
+from splatreel.importing.frames import Frames, open_frames
 from splatreel.importing.reel import header_of
 from splatreel.importing.viewpoints import dome
 from splatreel.play.timeline import open_reel

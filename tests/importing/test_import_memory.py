@@ -16,7 +16,7 @@ from splatreel.base.errors import GaussiansError
 from splatreel.base.memory_budget import FLOOR, points_memory
 from splatreel.formats.registry import FRAME_FORMATS, Placement, read_splats
 from splatreel.formats.remarks import Remarks
-from splatreel.importing.recognition import open_frames
+from splatreel.importing.frames import open_frames
 from tests.golden import random_gaussians
 
 MANY = 8_000_000

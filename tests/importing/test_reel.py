@@ -13,7 +13,7 @@ from splatreel.config import COARSENESS, EncodeConfig
 from splatreel.formats.remarks import Remarks
 from splatreel.importing import reel as module
 from splatreel.importing.comparison import Comparison
-from splatreel.importing.recognition import open_frames
+from splatreel.importing.frames import open_frames
 from splatreel.importing.reel import SequenceEncoder, header_of, write_reel
 from splatreel.play.timeline import open_reel
 from splatreel.scene.gaussians import Gaussians

@@ -12,11 +12,11 @@ from playwright.sync_api import Page
 
 from splatreel.base.progress import Silent
 from splatreel.capture.follower import Follower, open_growing
-from splatreel.capture.growing.growth import Growth
+from splatreel.capture.growth import Growth
 from splatreel.codec.reader import ReelReader
 from splatreel.play.server import serve
 from splatreel.run.live.following import Live, reconstruct_following
-from tests.capture.growing.recorder import Recorder
+from tests.capture.recorder import Recorder
 from tests.method.captures import WallCapture
 from tests.method.small import small
 

@@ -12,7 +12,7 @@ from playwright.sync_api import Page
 from splatreel.base.progress import Silent
 from splatreel.codec.writer import ReelWriter
 from splatreel.config import EncodeConfig
-from splatreel.importing.recognition import open_frames
+from splatreel.importing.frames import open_frames
 from splatreel.importing.reel import header_of, write_reel
 from splatreel.play.server import serve
 from splatreel.play.timeline import open_reel

@@ -8,7 +8,7 @@ import pytest
 from splatreel.base.errors import ReconstructionError, UsageError
 from splatreel.base.progress import Silent, Span
 from splatreel.capture.base import Capture
-from splatreel.capture.masked_capture import MaskedCapture
+from splatreel.capture.masks import MaskedCapture
 from splatreel.codec.reader import ReelReader
 from splatreel.config import Config, EncodeConfig
 from splatreel.evaluation.evaluate import evaluate

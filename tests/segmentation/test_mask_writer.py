@@ -12,9 +12,9 @@ from PIL import Image
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Silent
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.mask_files import RECORD
+from splatreel.capture.masks import RECORD
 from splatreel.capture.opening import open_capture
-from splatreel.capture.own_frames import OwnFrames
+from splatreel.capture.time_steps import OwnFrames
 from splatreel.segmentation.clean_plate import fitting_plates
 from splatreel.segmentation.mask_writer import MODEL, WrittenMasks, write_masks
 from tests.segmentation import scenes

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from splatreel.capture.mask_files import LIKELY, UNLIKELY
+from splatreel.capture.masks import LIKELY_GRAY, UNLIKELY_GRAY
 from splatreel.segmentation.smoothing import with_doubts, without_halo
 
 
@@ -39,9 +39,9 @@ def test_pixels_that_the_image_and_other_views_judge_differently_are_in_doubt() 
     support = np.full(mask.shape, -3, np.float32)
     expected = np.where(mask, np.uint8(255), np.uint8(0))
     own[12:16, 24:30] = -3  # a shirt like the wall, which other views show
-    expected[12:16, 24:30] = LIKELY
+    expected[12:16, 24:30] = LIKELY_GRAY
     own[20:26, 40:46] = support[20:26, 40:46] = 0.5  # a shirt like the wall, whose image differs a little
-    expected[20:26, 40:46] = UNLIKELY
+    expected[20:26, 40:46] = UNLIKELY_GRAY
     own[22, 43] = -3  # a pixel that shows the color of the wall
     for mixed in (
         (slice(10, 18), 40),

@@ -24,9 +24,8 @@ from splatreel.base.child_process import ChildEndedError, Send, run_in_child
 from splatreel.base.command_line import quoted
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Progress, Span
-from splatreel.calibration.boards.board import Board
-from splatreel.calibration.boards.board_scale import board_scale
-from splatreel.calibration.boards.board_sightings import find_board
+from splatreel.calibration.board import Board
+from splatreel.calibration.board_sightings import board_scale, find_board
 from splatreel.calibration.calibration_agreement import (
     FIELD,
     ONE_LENS_ZOOMED,
@@ -36,13 +35,19 @@ from splatreel.calibration.calibration_agreement import (
     trusted,
     unanimous,
 )
-from splatreel.calibration.calibration_record import write_record
+from splatreel.calibration.calibration_files import (
+    MODEL,
+    PHOTO_FOLDER,
+    CameraFiles,
+    check_photos,
+    open_uncalibrated,
+    uncalibrated_files,
+    write_record,
+)
 from splatreel.calibration.learned_matches import INSTALL, Matcher
 from splatreel.calibration.moment_solver import MomentSolver
-from splatreel.calibration.photographs import PHOTO_FOLDER, check_photos
 from splatreel.calibration.resection import MatchedFeatures, place_lost
 from splatreel.calibration.rig_refinement import refine_by_moments, refine_lenses
-from splatreel.calibration.uncalibrated import MODEL, CameraFiles, open_uncalibrated, uncalibrated_files
 from splatreel.capture.base import MIN_CAMERAS
 from splatreel.capture.file_capture import FrameSource
 from splatreel.capture.readers.colmap_model import import_pycolmap, require_pycolmap, write_model
@@ -192,13 +197,7 @@ def _place(
 
 @dataclass(frozen=True)
 class _Placed:
-    """Model of the cameras that could be placed.
-
-    Attributes:
-        model: The model, a pycolmap.Reconstruction, without photographs.
-        points: Number of points by camera.
-        moments: Number of solved moments.
-    """
+    """Model of the cameras that could be placed."""
 
     model: Any
     points: dict[str, int]
@@ -251,7 +250,6 @@ def _call_progress(progress: Progress, method: str, arguments: tuple[Any, ...], 
 
 
 def _explain_failure(names: list[str], rigs: list[CalibratedRig], kept: set[str], sure: int) -> str:
-    """Describe what is wrong with unreliable models, and the remedy."""
     most = max(rigs, key=len, default={})
     odd = {name: placed for rig in rigs for name, placed in rig.items() if not placed.possible}
     if len(most) < MIN_CAMERAS:
@@ -314,7 +312,6 @@ def _scale_model(colmap: ModuleType, model: Any, factor: float) -> None:
 
 
 def _keep_cameras(model: Any, kept: set[str]) -> Any:
-    """Return the model with only the kept cameras."""
     for number in list(model.reg_image_ids()):
         image = model.image(number)
         if image.name.startswith(PHOTO_FOLDER) or Path(image.name).stem not in kept:

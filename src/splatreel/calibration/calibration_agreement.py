@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from splatreel.calibration.photographs import PHOTO_FOLDER
+from splatreel.calibration.calibration_files import PHOTO_FOLDER
 
 FIELD = 5.0, 170.0
 """Plausible fields of view of video cameras along the longer side, degrees."""
@@ -130,6 +130,5 @@ def _degrees(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _gaps(centers: np.ndarray) -> np.ndarray:
-    """Return the distances of all pairs of positions [N, 3]."""
     i, j = np.triu_indices(len(centers), 1)
     return np.linalg.norm(centers[i] - centers[j], axis=1)

@@ -14,9 +14,8 @@ from PIL import Image
 
 from splatreel.base.progress import Progress
 from splatreel.calibration.calibration_agreement import agreeing, rig_of
+from splatreel.calibration.calibration_files import read_frame, write_image, write_photos
 from splatreel.calibration.learned_matches import Matcher
-from splatreel.calibration.photographs import write_image, write_photos
-from splatreel.calibration.uncalibrated import read_frame
 from splatreel.capture.file_capture import FrameSource
 
 MOMENTS = 3
@@ -31,11 +30,6 @@ FEWEST = 15
 
 class MomentSolver:
     """Solver that places the cameras at one moment after the other.
-
-    Attributes:
-        databases: Features and matches of each moment.
-        one_lens: All cameras have the same lens and zoom.
-        folder: Folder for temporary files, with a folder `images`.
 
     Args:
         colmap: Module pycolmap.
@@ -168,5 +162,4 @@ class MomentSolver:
 
 
 def _moments(videos: FrameSource) -> list[int]:
-    """Return the frames of the moments."""
     return np.unique(np.linspace(0, videos.frames - 1, MOMENTS).round().astype(int)).tolist()

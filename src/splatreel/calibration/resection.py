@@ -52,13 +52,7 @@ class Sighting:
 
 @dataclass(frozen=True)
 class Place:
-    """Place where a camera may stand.
-
-    Attributes:
-        pose: World to camera, a pycolmap.Rigid3d.
-        lens: Lens, a pycolmap.Camera.
-        fits: Features that fit the place, [N] bool.
-    """
+    """Place where a camera may stand."""
 
     pose: Any
     lens: Any

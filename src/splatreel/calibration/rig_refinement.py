@@ -95,7 +95,6 @@ class _Tracks:
     """Points of a model in its images.
 
     Attributes:
-        points: Positions in the images by camera, [N, 2].
         matches: Rows of these that show the same point, by pair of cameras, [M, 2].
     """
 
@@ -104,7 +103,6 @@ class _Tracks:
 
 
 def _tracks(model: Any) -> _Tracks:
-    """Return the tracks of a model."""
     rows: dict[tuple[int, int], int] = {}
     points, names = {}, {image.image_id: Path(image.name).stem for image in placed_images(model)}
     for image in placed_images(model):
@@ -121,7 +119,6 @@ def _tracks(model: Any) -> _Tracks:
 
 
 def _merge_tracks(moments: list[_Tracks], names: list[str]) -> _Tracks:
-    """Return the tracks of several moments between some cameras."""
     points: dict[str, list[np.ndarray]] = {name: [np.zeros((0, 2), np.float32)] for name in names}
     matches: dict[tuple[str, str], list[np.ndarray]] = {}
     for tracks in moments:
@@ -157,7 +154,6 @@ def _triangulate(colmap: ModuleType, model: Any, tracks: _Tracks, database: Path
 
 
 def _write_database(colmap: ModuleType, model: Any, tracks: _Tracks, database: Path) -> dict[str, int]:
-    """Write cameras, points and matches, and return the numbers of the images by camera."""
     numbers, rigs = {}, dict[int, tuple[int, int]]()
     with colmap.Database.open(database) as file:
         for image in placed_images(model):

@@ -18,7 +18,7 @@ from splatreel.base.errors import CaptureError
 from splatreel.capture.capture_sound import Track
 from splatreel.capture.files import LOCAL, Files
 from splatreel.capture.frame_table import FrameTable
-from splatreel.capture.growing.growth import Growth
+from splatreel.capture.growth import Growth
 from splatreel.capture.pose_checks import validate_poses
 from splatreel.scene.camera import Camera
 from splatreel.scene.reel_source import ReelSource
@@ -190,7 +190,6 @@ class Capture(ABC):
         self._check_places()
 
     def _check_places(self) -> None:
-        """Check that finite poses are plausible for a camera rig."""
         centers = np.stack([c.center for c in self.cameras]).astype(np.float64)
         gaps = np.linalg.norm(centers - np.median(centers, 0), axis=1)
         if gaps.max() <= 1e-6 * np.abs(centers).max():
@@ -276,7 +275,7 @@ class Capture(ABC):
     def alpha(self, first: int, count: int, cameras: list[str]) -> np.ndarray | None:
         """Return the opacity of the subject, [count, len(cameras), H, W] uint8; None for a capture of the whole scene.
 
-        Pixels of which masks do not tell have one of two values (`masked_capture.LIKELY`).
+        Pixels of which masks do not tell have one of two values (`masks.LIKELY`).
         """
         return None
 

@@ -67,7 +67,6 @@ class Choice:
     """Chosen track.
 
     Attributes:
-        track: The track.
         channels: 1 or 2.
         camera: Name of the camera; None for a separate file.
         why: Reason for users, shown after the name.
@@ -152,7 +151,6 @@ def _best(tracks: dict[str, Track], seconds: float) -> Choice | None:
 
 
 def _loudness(choice: Choice, seconds: float) -> Loudness:
-    """Measure all of a short track, or `WINDOWS` parts of a long one."""
     length = seconds if seconds <= WINDOWS * WINDOW else WINDOW
     starts = [0.0] if length == seconds else np.linspace(0, seconds - WINDOW, WINDOWS).tolist()
     squares, clipped, count = 0.0, 0, 0
@@ -231,7 +229,6 @@ def _cut(blocks: Iterator[np.ndarray], seconds: float, channels: int) -> Iterato
 
 @contextmanager
 def _guard(file: Path) -> Iterator[None]:
-    """Convert FFmpeg's errors to `CaptureError`."""
     try:
         yield
     except (FFmpegError, OSError, ValueError) as error:

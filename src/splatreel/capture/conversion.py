@@ -114,7 +114,6 @@ def _file_name(frame: int, kind: Format) -> str:
 
 
 def _write_images(folder: Path, capture: Capture, names: dict[str, str], kind: Format, progress: Progress) -> None:
-    """Write all frames of all cameras that exist, some frames at a time."""
     for name in names.values():
         (folder / name).mkdir(parents=True)
     chunk = max(CHUNK_PIXELS // (len(names) * capture.width * capture.height), 1)

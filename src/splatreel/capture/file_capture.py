@@ -10,9 +10,9 @@ import numpy as np
 
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Capture, Request, read_cameras
-from splatreel.capture.camera_images import same_shape
 from splatreel.capture.capture_sound import Track
 from splatreel.capture.frame_table import FrameTable
+from splatreel.capture.images import same_shape
 from splatreel.capture.lens import Lens, describe_crops
 from splatreel.scene.camera import Camera
 
@@ -182,7 +182,6 @@ class FileCapture(Capture):
         return [self._describe_scaling(*sizes, names) for sizes, names in nearly.items()]
 
     def _describe_scaling(self, found: tuple[int, int], expected: tuple[int, int], names: list[str]) -> str:
-        """Return a sentence about cameras whose images are scaled by a few percent."""
         whose = names[0] if len(names) == 1 else f"{names[0]} to {names[-1]} ({len(names)} cameras)"
         text = (
             f"the images of {whose} are {found[0]}x{found[1]}, and their calibration is for {expected[0]}x{expected[1]}: they are "

@@ -12,7 +12,7 @@ from typing import Any
 from splatreel.base.errors import CaptureError, SplatreelError
 from splatreel.capture.base import Capture
 from splatreel.capture.file_capture import FileCapture, GrowingSource
-from splatreel.capture.growing.growth import END, Growth
+from splatreel.capture.growth import END, Growth
 from splatreel.capture.opening import open_capture
 from splatreel.capture.readers.colmap import is_colmap
 from splatreel.capture.readers.easyvolcap import is_easyvolcap
@@ -133,7 +133,6 @@ class Follower:
         self._report_stopped(counts, now)
 
     def _report_stopped(self, counts: dict[str, int], now: float) -> None:
-        """Report cameras that have stopped or continue."""
         most, late = max(counts.values()), STALL * self.capture.fps
         for name, count in counts.items():
             if name in self._failed:

@@ -18,8 +18,8 @@ from safetensors.numpy import load_file, save
 
 from splatreel.base.errors import CaptureError
 from splatreel.base.untrusted import check_regular, parse_json
+from splatreel.capture.color import declared_color
 from splatreel.capture.orientation import STORED, Orientation, display_orientation
-from splatreel.capture.video_color import declared_color
 
 WITHOUT_TIMES = ("avi", "mxf")
 """FFmpeg's names of containers that may lack presentation times although the codec reorders frames."""
@@ -38,11 +38,8 @@ class FrameTable:
     Attributes:
         size: Size of the file in bytes. A table with another size belongs to another file.
         width: Width of a stored image in pixels. Phones store upright videos sideways.
-        height: Height of a stored image in pixels.
         turns: Counterclockwise quarter turns for display.
         mirrored: True flips stored images left to right before these turns.
-        color: Arguments of `VideoColor`.
-        fps: Average frames per second.
         time_base: Seconds per unit of `pts` and `dts`.
         pts: Presentation times of displayed frames that are complete, [N] int64, ascending.
         key_pts: Presentation times of keyframes, [K] int64, ascending, including those hidden by an edit list.
@@ -175,7 +172,6 @@ def _filmed_rate(container: InputContainer, stream: av.VideoStream) -> float:
 
 
 def _sound_seconds(container: InputContainer) -> float:
-    """Return the duration of the first sound track that the container states, or 0."""
     for stream in container.streams.audio[:1]:
         if stream.duration and stream.time_base:
             return float(stream.duration * stream.time_base)

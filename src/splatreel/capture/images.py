@@ -1,10 +1,11 @@
-"""Reading of image files at the output size."""
+"""Image files: reading, writing, and the images of several cameras."""
 
 from __future__ import annotations
 
 import struct
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from io import BytesIO
 from pathlib import Path
 from typing import Any, cast
@@ -14,10 +15,11 @@ import numpy as np
 from av.video.reformatter import Interpolation
 from PIL import Image, ImageCms, UnidentifiedImageError
 
+from splatreel.base import threads
 from splatreel.base.errors import CaptureError
+from splatreel.capture.color import over_black, sentences
 from splatreel.capture.files import LOCAL, Files, open_media
 from splatreel.capture.orientation import EXIF, STORED, Orientation
-from splatreel.capture.srgb import over_black
 
 ORIENTATION = 0x112
 """Number of the orientation in EXIF."""
@@ -47,13 +49,7 @@ FAILURES = (OSError, UnidentifiedImageError, Image.DecompressionBombError, Synta
 
 @dataclass(frozen=True)
 class ImageHeader:
-    """Properties of an image file that are known without decoding it.
-
-    Attributes:
-        size: Width and height as stored.
-        orientation: Orientation that EXIF declares.
-        conversions: Phrases for conversions to 8-bit sRGB that users should know of.
-    """
+    """Properties of an image file that are known without decoding it."""
 
     size: tuple[int, int]
     orientation: Orientation
@@ -157,7 +153,6 @@ def _conversions(image: Image.Image) -> list[str]:
 
 
 def _rgb(image: Image.Image) -> np.ndarray:
-    """Return a loaded image as [H, W, 3] uint8 sRGB."""
     profile = image.info.get("icc_profile")
     if image.mode in DEEP or image.mode == "I":
         values = np.asarray(image)
@@ -173,7 +168,6 @@ def _rgb(image: Image.Image) -> np.ndarray:
 
 
 def _mask_levels(path: Path, image: Image.Image) -> np.ndarray:
-    """Return a loaded mask as gray levels, [H, W, 3] uint8."""
     if image.mode in DEEP or image.mode == "I":
         values = np.asarray(image)
         brightest = int(values.max())
@@ -214,7 +208,6 @@ def _too_dark(path: Path, brightest: int) -> CaptureError:
 
 
 def _converted(image: Image.Image, profile: bytes | None) -> np.ndarray:
-    """Return an opaque image as [H, W, 3] uint8 sRGB."""
     mode, transform = _to_srgb(profile) if profile else ("", None)
     fits = mode == image.mode if {mode, image.mode} & {"CMYK"} or mode == "L" else True
     if transform is not None and fits:
@@ -265,7 +258,6 @@ def _orientation(image: Image.Image) -> Orientation:
 
 
 def _tail(image: Any) -> bytes:
-    """Return the last bytes of an open image's file."""
     at = image.fp.tell()
     size = image.fp.seek(0, 2)
     image.fp.seek(max(size - TAIL, 0))
@@ -294,3 +286,60 @@ def encode_image(image: np.ndarray | Image.Image, suffix: str, **options: Any) -
     opened = image if isinstance(image, Image.Image) else Image.fromarray(image)
     opened.save(made, Image.registered_extensions()[suffix], **options)
     return made.getvalue()
+
+
+class CameraImages:
+    """Images of several cameras. All images of a camera have one size.
+
+    Args:
+        first: First image of each camera.
+        files: Access to the files.
+        upright: True obeys EXIF as OpenCV does, False ignores it as COLMAP does.
+    """
+
+    def __init__(self, first: dict[str, Path], files: Files, upright: bool) -> None:
+        self._first = first
+        self._files = files
+        self._upright = dict.fromkeys(first, upright)
+
+    @cached_property
+    def _headers(self) -> dict[str, ImageHeader]:
+        with ThreadPoolExecutor(threads.count()) as pool:
+            found = pool.map(lambda file: read_header(file, self._files), self._first.values())
+            return dict(zip(self._first, found, strict=True))
+
+    def size(self, name: str, calibrated: tuple[int, int] | None = None) -> tuple[int, int]:
+        """Return width and height of a camera's images.
+
+        Args:
+            name: Name of the camera.
+            calibrated: Width and height of its calibration. They decide whether EXIF is obeyed, if only one way fits.
+        """
+        header, upright = self._headers[name], self._upright[name]
+        if calibrated is not None and not same_shape(header.shown_size(upright), calibrated):
+            self._upright[name] = upright != same_shape(header.shown_size(not upright), calibrated)
+        return header.shown_size(self._upright[name])
+
+    def read(self, out: np.ndarray, name: str, file: Path) -> None:
+        """Read an image of a camera into out [H, W, 3] uint8 sRGB, resized by area.
+
+        Raises:
+            CaptureError: The image cannot be read, or has another size than the camera's first one.
+        """
+        upright, size = self._upright[name], self.size(name)
+        out[:] = read_image(file, out.shape[1], out.shape[0], self._files, upright=upright, size=size)
+
+    def conversions(self) -> list[str]:
+        """Return sentences about conversions of the images that users should know of."""
+        phrases = {}
+        for name, header in self._headers.items():
+            turned = "turned upright as EXIF says" if self._upright[name] else "not turned as EXIF says, as in COLMAP"
+            phrases[name] = [*header.conversions, *([f"images are {turned}"] if header.orientation != STORED else [])]
+        return sentences(phrases)
+
+
+def same_shape(size: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Return whether one size is the other one resized, up to a pixel of rounding in the smaller one."""
+    small, large = sorted((size, other))
+    narrow, wide = (small[0] - 1) * large[1], (small[0] + 1) * large[1]
+    return narrow <= large[0] * (small[1] + 1) and large[0] * (small[1] - 1) <= wide

@@ -192,7 +192,6 @@ def _focal(lens: Any, width: int, height: int) -> float | None:
 
 
 def _border(width: int, height: int) -> np.ndarray:
-    """Return points around the border of an image in order, [4 * BORDER, 2] pixels."""
     along = np.linspace(0, 1, BORDER)
     zeros, ones = np.zeros(BORDER), np.ones(BORDER)
     sides = (along, zeros), (ones, along), (along[::-1], ones), (zeros, along[::-1])
@@ -200,7 +199,6 @@ def _border(width: int, height: int) -> np.ndarray:
 
 
 def _area(outline: np.ndarray) -> float:
-    """Return the area within a closed line through points [N, 2]."""
     x, y = outline.T
     return abs(float(x @ np.roll(y, -1) - y @ np.roll(x, -1))) / 2
 

@@ -146,6 +146,5 @@ def _size_ratios(cameras: Sequence[Camera], masks: np.ndarray) -> np.ndarray:
 
 
 def _frames(numbers: np.ndarray) -> str:
-    """Return numbers of frames as 4 to 7, 9."""
     parts = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
     return listed([f"{part[0]}" if len(part) == 1 else f"{part[0]} to {part[-1]}" for part in parts])

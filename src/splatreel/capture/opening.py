@@ -8,17 +8,18 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from splatreel.base.command_line import quoted
 from splatreel.base.errors import CaptureError
-from splatreel.capture.base import Capture, Color, Request
+from splatreel.base.progress import listed
+from splatreel.capture.base import MIN_CAMERAS, Capture, Color, Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.files import locate_files
+from splatreel.capture.files import list_folder, locate_files
 from splatreel.capture.frame_table import load_tables
-from splatreel.capture.growing.growth import Growth
-from splatreel.capture.hints import advise
-from splatreel.capture.mask_files import MaskFiles
-from splatreel.capture.masked_capture import MaskedCapture
+from splatreel.capture.growth import Growth
+from splatreel.capture.image_sequences import flat_images
+from splatreel.capture.masks import MaskedCapture, MaskFiles
 from splatreel.capture.readers.calibrated import CalibratedCapture, is_calibrated
-from splatreel.capture.readers.colmap import ColmapCapture, is_colmap
+from splatreel.capture.readers.colmap import ColmapCapture, camera_folders, is_colmap, unread_videos, video_files
 from splatreel.capture.readers.easyvolcap import EasyVolcapCapture, is_easyvolcap
 from splatreel.capture.readers.neu3dv import Neu3DVCapture, is_neu3dv
 from splatreel.capture.readers.panoptic import PanopticCapture, is_panoptic
@@ -102,7 +103,6 @@ def open_capture(
 def _masked(
     capture: Capture, masks: str | Path | None, background: Color | None, names: Sequence[str] | None
 ) -> Capture:
-    """Return a capture of the subject only, if there are masks."""
     if masks is None:
         return capture
     assert isinstance(capture, FileCapture)  # as all readers return it
@@ -116,12 +116,7 @@ def is_capture(folder: Path) -> bool:
 
 @dataclass(frozen=True)
 class CaptureSource:
-    """Arguments of `open_capture`, with which other processes open the same capture.
-
-    Attributes:
-        path: Folder or address of the capture.
-        request: Keyword arguments of `open_capture`.
-    """
+    """Arguments of `open_capture`, with which other processes open the same capture."""
 
     path: str | Path
     request: dict[str, Any] = field(default_factory=dict)
@@ -140,3 +135,40 @@ def check_files(folder: Path, depth: int = 3) -> None:
                     check_files(Path(entry.path), depth - 1)
             elif not entry.is_file() and os.path.exists(entry.path):
                 raise CaptureError(f"{entry.path}: is neither a file nor a folder. Remove it from the capture.")
+
+
+def advise(folder: Path, is_capture: Callable[[Path], bool]) -> str | None:
+    """Return a sentence about what a folder holds and the command that helps, or None.
+
+    Args:
+        folder: Folder that is not a capture.
+        is_capture: Function that returns whether a folder has the layout of a capture.
+
+    Raises:
+        CaptureError: Two videos have the same name.
+    """
+    inside = [entry for entry in list_folder(folder) if entry.is_dir()]
+    if below := next((entry for entry in inside if is_capture(entry)), None):
+        return f"Its folder {below.name} looks like a capture: give {below}."
+    for place in [folder, *inside]:
+        videos = video_files(place, segmented=True)
+        if len(videos) >= MIN_CAMERAS:
+            return (
+                f"{place} holds {len(videos)} videos ({listed(list(videos))}) without poses of their cameras. If they do not start "
+                f"together, run `{_command('sync', place)}`. Then run `{_command('calibrate', place)}`."
+            )
+    for place in [folder, *inside]:
+        if others := unread_videos(place):
+            return f"Videos in {place} are {others[0]}."
+    for place in [folder, *inside]:
+        images = camera_folders(place)
+        if len(images) >= MIN_CAMERAS:
+            return (
+                f"{place} holds images of {len(images)} cameras ({listed(list(images))}) without poses of these cameras. Run "
+                f"`{_command('calibrate', place)}`."
+            )
+    return next((advice for place in [folder, *inside] if (advice := flat_images(place))), None)
+
+
+def _command(verb: str, folder: Path) -> str:
+    return quoted(["splatreel", "capture", verb, folder])

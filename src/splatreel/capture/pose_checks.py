@@ -125,7 +125,6 @@ def _with(camera: Camera, viewmat: np.ndarray) -> Camera:
 
 
 def _doubts(cameras: list[Camera], origin: str) -> list[str]:
-    """Return doubts that follow from the meeting point of the cameras' axes."""
     if look_inverted(cameras):
         return [
             f"{origin}: the cameras look past each other as their poses are said to be, and at one place where each is inverted: they "

@@ -12,7 +12,7 @@ from typing import Any
 from splatreel.base.atomic import write_bytes
 from splatreel.base.errors import CaptureError
 from splatreel.base.untrusted import is_number, read_json
-from splatreel.capture.video_color import TRANSFERS
+from splatreel.capture.color import TRANSFERS
 
 SIDECAR = "splatreel.json"
 SIDECAR_BYTES = 1 << 20
@@ -48,8 +48,6 @@ class Sidecar:
     """Content of `splatreel.json`.
 
     Attributes:
-        held_out: Names of held-out cameras.
-        fps: Frames per second.
         starts: Time in each video, in seconds, at which all cameras start; 0 for cameras without an entry.
         rates: Seconds that a video's clock shows in a second of the capture; 1 for cameras without an entry.
         sync: What `capture sync` found start times by, by camera. It only informs.
@@ -147,7 +145,6 @@ def _change(folder: Path, changes: dict[str, Any]) -> None:
 
 @contextmanager
 def _naming(file: Path) -> Iterator[None]:
-    """Add the name of the file to errors."""
     try:
         yield
     except (OSError, ValueError, RecursionError) as error:

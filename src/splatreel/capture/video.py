@@ -18,10 +18,10 @@ from av.container import InputContainer
 from av.error import FFmpegError
 
 from splatreel.base.errors import CaptureError
+from splatreel.capture.color import VideoColor
 from splatreel.capture.files import BRIEFLY, LOCAL, Files, main_video, open_media
 from splatreel.capture.frame_table import NO_TIME, FrameTable, scan
 from splatreel.capture.orientation import Orientation
-from splatreel.capture.video_color import VideoColor
 
 SUFFIXES = (".mp4", ".m4v", ".mov")
 """Extensions of files whose tables fully describe the frames."""
@@ -140,12 +140,8 @@ class VideoFile:
     Attributes:
         width: Display width in pixels.
         height: Display height in pixels.
-        frames: Number of frames.
         times: Times of the frames in seconds after the first one, [frames] float64.
         start: Time of the first frame in the file, seconds.
-        fps: Average frames per second.
-        table: Frame table.
-        color: Meaning of its pixel values.
 
     Args:
         path: Video file.

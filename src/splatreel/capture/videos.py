@@ -1,9 +1,11 @@
-"""Complete videos, one per camera, and the alignment of their frames."""
+"""Videos of a capture, one per camera or in numbered parts: complete ones, and ones that are still being written."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from statistics import median_low
+from typing import Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -11,16 +13,14 @@ from splatreel.base import threads
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Request
 from splatreel.capture.capture_sound import Track
+from splatreel.capture.color import VideoColor, video_conversions
 from splatreel.capture.frame_table import FrameTable
-from splatreel.capture.gaps import OUT_OF_STEP, describe_gaps, used_steps
-from splatreel.capture.growing.growing_sound import read_packets
-from splatreel.capture.growing.growing_video import JUMP
-from splatreel.capture.growing.growth import Growth, is_recorded
-from splatreel.capture.growing.segmented_video import SegmentedVideo, numbered, segment_files
-from splatreel.capture.own_frames import OwnFrames
+from splatreel.capture.growing_video import JUMP, GrowingVideo, Packets, read_packets
+from splatreel.capture.growth import Growth, is_recorded
+from splatreel.capture.segmented_video import SegmentedVideo, numbered, segment_files
 from splatreel.capture.sidecar import SIDECAR, Sidecar
+from splatreel.capture.time_steps import OUT_OF_STEP, OwnFrames, describe_gaps, used_steps
 from splatreel.capture.video import VideoFile
-from splatreel.capture.video_color import video_conversions
 
 CompleteVideo = VideoFile | SegmentedVideo
 
@@ -35,17 +35,41 @@ SAME_CLOCK = 1.0
 differ."""
 
 
-class Videos:
+V = TypeVar("V", "CompleteVideo", "GrowingCamera")
+
+
+class _CameraVideos(Generic[V]):
+    """Videos of a capture by camera."""
+
+    _files: dict[str, V]
+
+    def __getitem__(self, name: str) -> V:
+        return self._files[name]
+
+    def size(self, name: str, calibrated: tuple[int, int] | None = None) -> tuple[int, int]:
+        """Return width and height of a camera's images."""
+        return self._files[name].width, self._files[name].height
+
+    def conversions(self) -> list[str]:
+        """Return sentences about conversions of the images that users should know of."""
+        return video_conversions(self._files)
+
+    def sources(self, first: int, count: int) -> list[Path]:
+        """Return all videos, because each holds all of its time steps."""
+        return [video.path for video in self._files.values()]
+
+    def close(self) -> None:
+        """Close open files, and stop reading."""
+        for video in self._files.values():
+            video.close()
+
+
+class Videos(_CameraVideos[CompleteVideo]):
     """Complete videos of a capture by camera: one file each, or one folder of numbered files each.
 
     Each time step uses the frame of each video that is nearest by its timestamps. A camera without a near frame misses the
     time step, and the others are not affected. By default all videos start together. The sidecar may give start times.
     In captures that were recorded to be followed (`is_recorded`), the shortest camera ends the capture.
-
-    Attributes:
-        frames: Number of time steps.
-        fps: Time steps per second.
-        notes: Sentences about what was chosen or skipped.
 
     Raises:
         CaptureError: The videos end at different times, and neither start times nor frames are given. Or one of the
@@ -107,9 +131,6 @@ class Videos:
             )
         return video
 
-    def __getitem__(self, name: str) -> CompleteVideo:
-        return self._files[name]
-
     def _first_times(self) -> dict[str, float]:
         """Return start times, 0 or less, for videos whose first timestamps are later than those of others by half a frame."""
         first = {
@@ -160,7 +181,6 @@ class Videos:
         self.notes += describe_gaps(self._lacks, range(self.frames), "frames")
 
     def _check_ends(self) -> None:
-        """Raise `CaptureError` if videos that should start together end at different times."""
         if not self._ends or max(self._ends.values()) - min(self._ends.values()) <= LATE_END:
             return
         low, high = min(self._ends, key=lambda n: self._ends[n]), max(self._ends, key=lambda n: self._ends[n])
@@ -207,14 +227,6 @@ class Videos:
                 f"Choose those before: --frames 0:{steps}."
             )
 
-    def size(self, name: str, calibrated: tuple[int, int] | None = None) -> tuple[int, int]:
-        """Return width and height of a camera's images."""
-        return self._files[name].width, self._files[name].height
-
-    def conversions(self) -> list[str]:
-        """Return sentences about conversions of the images that users should know of."""
-        return video_conversions(self._files)
-
     def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
         """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
         self._files[name].read_into(out, self._numbers[name][first : first + len(out)])
@@ -237,21 +249,12 @@ class Videos:
             return Track(video.path, seconds, self._where, speed=self._speeds[name])
         return Track(video.written, seconds, self._where, lambda count: read_packets(video.sound(), count, seconds))
 
-    def sources(self, first: int, count: int) -> list[Path]:
-        """Return all videos, because each holds all of its time steps."""
-        return [video.path for video in self._files.values()]
-
     def tables(self) -> dict[Path, FrameTable]:
         """Return the frame tables of all videos."""
         found: dict[Path, FrameTable] = {}
         for video in self._files.values():
             found |= {video.path: video.table} if isinstance(video, VideoFile) else video.tables
         return found
-
-    def close(self) -> None:
-        """Close open files."""
-        for video in self._files.values():
-            video.close()
 
 
 def frame_rate(video: CompleteVideo) -> float:
@@ -312,3 +315,163 @@ def _jump(video: CompleteVideo) -> int | None:
     if len(jumps):
         return int(jumps[0]) + 1
     return video.frames if isinstance(video, SegmentedVideo) and video.failure is not None else None
+
+
+class GrowingCamera(Protocol):
+    """Complete frames of one camera: `GrowingVideo` or `SegmentedVideo`."""
+
+    path: Path
+    width: int
+    height: int
+    fps: float
+    failure: str | None
+    color: VideoColor
+
+    @property
+    def written(self) -> Path:
+        """File that can be read already."""
+        ...
+
+    @property
+    def last(self) -> float | None:
+        """Seconds from the first frame to the last complete one."""
+        ...
+
+    @property
+    def waiting_for(self) -> Path:
+        """File of the next frame."""
+        ...
+
+    def update(self) -> None:
+        """Report finished steps."""
+
+    def settle(self) -> None:
+        """Count everything that exists, after the capture has ended."""
+
+    def numbers(self, wanted: np.ndarray) -> np.ndarray:
+        """Return the number of the frame nearest to each time."""
+        ...
+
+    def frame_times(self, numbers: np.ndarray) -> np.ndarray:
+        """Return the times of frames in seconds after the first frame."""
+        ...
+
+    def read_into(self, out: np.ndarray, numbers: np.ndarray) -> None:
+        """Decode frames with ascending numbers into an array."""
+
+    def sound(self) -> Packets:
+        """Yield the packets of the sound track."""
+        ...
+
+    def close(self) -> None:
+        """Stop reading."""
+
+
+class GrowingVideos(_CameraVideos[GrowingCamera]):
+    """Growing videos of a capture by camera. Frames are aligned by time, as `Videos` does with start times.
+
+    Videos start together, or at the times in the sidecar. A frame that a camera missed is replaced by the nearest one.
+    The frame rate is the sidecar's, or the median of the files'.
+
+    Args:
+        path: Folder of the capture.
+        files: Video, or folder of numbered videos, by camera.
+        sidecar: Content of `splatreel.json`.
+        growth: State of the capture.
+    """
+
+    def __init__(self, path: Path, files: dict[str, Path], sidecar: Sidecar, growth: Growth) -> None:
+        self.path = path
+        self._files = {}
+        try:
+            for name, file in files.items():
+                self._files[name] = _camera(file, growth, sidecar.transfer)
+        except BaseException:
+            self.close()
+            raise
+        rates = [camera.fps for camera in self._files.values() if camera.fps]
+        self.fps = sidecar.fps or round(float(np.median(rates)) if rates else 30.0, 3)
+        self._starts = sidecar.starts
+        self._speeds = sidecar.rates
+        self.notes: list[str] = []
+
+    @property
+    def frames(self) -> int:
+        """Number of time steps complete in all cameras."""
+        return min(self.counts().values(), default=0)
+
+    def counts(self) -> dict[str, int]:
+        """Return the number of complete time steps by camera."""
+        return {name: self._count(name, camera.last) for name, camera in self._files.items()}
+
+    def waiting_for(self, name: str) -> Path:
+        """Return the file of a camera's next frame."""
+        return self._files[name].waiting_for
+
+    def failure(self, name: str) -> str | None:
+        """Return the reason why no more frames of a camera will be read; None while there is none."""
+        camera = self._files[name]
+        return None if camera.failure is None else f"{camera.path}: {camera.failure}"
+
+    def update(self) -> None:
+        """Check for new frames."""
+        for camera in self._files.values():
+            camera.update()
+
+    def settle(self) -> None:
+        """Count everything that exists, after the capture has ended."""
+        for camera in self._files.values():
+            camera.settle()
+
+    def read_camera(self, out: np.ndarray, first: int, name: str) -> None:
+        """Read time steps from `first` on of a camera into out [count, H, W, 3] uint8."""
+        wanted = self._times(name, first, len(out))
+        camera = self._files[name]
+        camera.read_into(out, camera.numbers(wanted))
+
+    def missing(self, first: int, count: int, name: str) -> np.ndarray:
+        """Return [count] bool, the time steps for which a camera has no frame. The nearest frame stands in for it."""
+        wanted = self._times(name, first, count)
+        camera = self._files[name]
+        return np.abs(camera.frame_times(camera.numbers(wanted)) - wanted) * self.fps > OUT_OF_STEP
+
+    def tables(self) -> dict[Path, FrameTable]:
+        """Return nothing, because more frames will follow."""
+        return {}
+
+    def tracks(self, first: int) -> dict[str, Track]:
+        """Return by camera a written file that may have sound. `sound` follows it."""
+        return {name: Track(camera.written, 0.0) for name, camera in self._files.items()}
+
+    def sound(self, name: str, channels: int, first: int, seconds: float) -> Iterator[np.ndarray]:
+        """Yield a camera's sound in blocks [n, channels] float32 at 48 kHz, from `seconds` after time step `first` on."""
+        start = self._starts.get(name, 0.0) + self._speeds.get(name, 1.0) * (first / self.fps + seconds)
+        yield from read_packets(self._files[name].sound(), channels, start)
+
+    def _count(self, name: str, last: float | None) -> int:
+        start = self._starts.get(name, 0.0)
+        speed = self._speeds.get(name, 1.0)
+        return 0 if last is None or last < start else int((last - start) / speed * self.fps + 0.5) + 1
+
+    def _times(self, name: str, first: int, count: int) -> np.ndarray:
+        """Return the times of time steps in a camera's video, [count] seconds."""
+        steps = (first + np.arange(count)) / self.fps
+        return self._starts.get(name, 0.0) + self._speeds.get(name, 1.0) * steps
+
+
+def _camera(file: Path, growth: Growth, transfer: str | None) -> GrowingCamera:
+    if not file.is_dir():
+        return GrowingVideo(file, growth, transfer)
+    names = numbered(segment_files(file))
+    if names is None:
+        raise CaptureError(f"{file}: holds no videos yet.")
+    return SegmentedVideo(file, names, growth, transfer=transfer)
+
+
+def video_source(path: Path, files: dict[str, Path], sidecar: Sidecar, request: Request) -> Videos | GrowingVideos:
+    """Return the source for a video per camera, or a folder of numbered videos per camera while they are being written."""
+    files = {name: file for name, file in files.items() if name not in request.left_out}
+    sidecar = sidecar.only({*sidecar.starts, *sidecar.rates} - request.left_out)
+    if request.growth is None:
+        return Videos(path, files, sidecar, request)
+    return GrowingVideos(path, files, sidecar, request.growth)

@@ -13,7 +13,6 @@ from tyro.conf import Positional, arg
 from splatreel.base import threads
 from splatreel.base.command_line import install_command, option, quoted
 from splatreel.base.errors import ReconstructionError, UsageError
-from splatreel.base.threads import use as use_threads
 from splatreel.cli.options import CaptureAddress, CaptureFolder, NewFolder, parse_frames, parse_held_out, parse_left_out
 from splatreel.cli.outputs import check_out
 from splatreel.cli.printing import already_complete, counted, say
@@ -131,8 +130,8 @@ def _masks_of(source: Capture, folder: str, progress: Progress) -> _CheckedMasks
     import numpy as np
 
     from splatreel.capture.file_capture import FileCapture
-    from splatreel.capture.mask_files import MaskFiles
     from splatreel.capture.mask_shares import describe_shares, describe_sizes, mask_shares
+    from splatreel.capture.masks import MaskFiles
 
     assert isinstance(source, FileCapture)  # as all readers return it
     masks, names = MaskFiles(folder, source), [camera.name for camera in source.cameras]
@@ -241,14 +240,13 @@ def capture_calibrate(
             Then only the board is used, for cameras that share no texture. `capture board` prints one.
         board_videos: Folder of the videos that show the board, with the cameras' names; by default the videos of the capture.
     """
-    from splatreel.calibration.boards.board import parse_board
+    from splatreel.calibration.board import parse_board
 
     if board is None and board_videos is not None:
         raise UsageError("--board-videos needs the board that they show, such as --board 5x7:0.035.")
     if distance is not None and scale_board is not None:
         raise UsageError("--distance and --scale-board both give the scale. Leave out one of them.")
-    from splatreel.calibration.calibration_record import calibration_record, is_made_by
-    from splatreel.calibration.uncalibrated import MODEL
+    from splatreel.calibration.calibration_files import MODEL, calibration_record, is_made_by
 
     options = {"also": also, "leave_out": leave_out, "distance": distance, "scale_board": scale_board}
     options |= {"same_lens": same_lens, "board": board, "board_videos": board_videos}
@@ -285,9 +283,9 @@ def _calibrate_by_board(
 ) -> None:
     """Calibrate by the sightings of a board, and report the result."""
     from splatreel.base.display import console
+    from splatreel.calibration.board import parse_board
     from splatreel.calibration.board_calibration import calibrate_by_board
-    from splatreel.calibration.boards.board import parse_board
-    from splatreel.calibration.uncalibrated import MODEL
+    from splatreel.calibration.calibration_files import MODEL
 
     with closing(console()) as progress:
         found = calibrate_by_board(capture, parse_board(spec), progress, videos, parse_left_out(leave_out), record)
@@ -313,8 +311,7 @@ def capture_board(file: Annotated[Positional[Path], arg(metavar="FILE")], /, boa
         board: Columns x rows : meters of a square; 5x7:0.035 fits A4 and 5x7:0.14 A0. A third part names another dictionary of
             OpenCV, as 5x7:0.035:5X5_100, or a board without markers, as 10x7:0.025:checkerboard.
     """
-    from splatreel.calibration.boards.board import parse_board
-    from splatreel.calibration.boards.board_print import write_board
+    from splatreel.calibration.board import parse_board, write_board
 
     check_out("FILE", file)
     made = parse_board(board)
@@ -336,7 +333,7 @@ def capture_sync(capture: CaptureFolder, /, leave_out: str | None = None, dry_ru
         dry_run: Print what is found, and write nothing.
     """
     from splatreel.base.display import console
-    from splatreel.calibration.synchronization.sync import synchronize
+    from splatreel.calibration.sync import synchronize
     from splatreel.capture.readers.colmap import unread_videos
 
     with closing(console()) as progress:
@@ -394,37 +391,17 @@ def capture_convert(
         say(f"  {', '.join(renamed)}")
 
 
-def capture_film(
-    out: NewFolder,
-    /,
-    width: int = 256,
-    height: int = 192,
-    frames: int = 60,
-    seed: int = 0,
-    trace: bool = False,
-    threads: int | None = None,
-) -> None:
+def capture_film(out: NewFolder, /) -> None:
     """Write the built-in capture: a toy room that fourteen virtual cameras film, in the layout of Neu3DV.
-
-    The package contains the film with the default options, which is copied. Other films are ray-traced.
 
     Args:
         out: New folder.
-        width: Width of the videos in pixels, even.
-        height: Height of the videos in pixels, even.
-        frames: Number of frames of the videos, at 30 frames a second.
-        seed: Variation of textures and small objects.
-        trace: Trace the film even if the package contains it. The result is the same.
-        threads: Number of threads; by default one per core.
     """
-    use_threads(threads)
     check_out("OUT", out)
-    from splatreel.base.display import console
-    from splatreel.capture.builtin.synthetic import HELD_OUT, film_with_progress, make_cameras
+    from splatreel.capture.builtin_film import copy_film
+    from splatreel.capture.opening import open_capture
 
-    with closing(console()) as progress:
-        film_with_progress(out, progress, width=width, height=height, frames=frames, seed=seed, trace=trace)
-    say(f"{out}: {len(make_cameras())} cameras and {counted(frames, 'frame')} of {width} x {height} pixels, with sound")
-    say(
-        f"  kept for evaluation, not trained on: {', '.join(HELD_OUT)}. Run\n  {quoted(['splatreel', 'capture', 'check', out])}"
-    )
+    with closing(open_capture(copy_film(out))) as film:
+        size, held_out = f"{film.width} x {film.height}", ", ".join(film.held_out)
+        say(f"{out}: {len(film.cameras)} cameras and {film.frames} frames of {size} pixels, with sound")
+    say(f"  kept for evaluation, not trained on: {held_out}. Run\n  {quoted(['splatreel', 'capture', 'check', out])}")

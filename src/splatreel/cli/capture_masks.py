@@ -96,6 +96,6 @@ def make_masks(source: CaptureSource, folder: Path, clean_plate: Path | None, wi
 
 def is_complete(folder: Path) -> bool:
     """Return True if a folder has all masks of `make_masks`."""
-    from splatreel.capture.mask_files import read_mask_record
+    from splatreel.capture.masks import read_mask_record
 
     return bool((read_mask_record(folder) or {}).get("complete"))

@@ -1,4 +1,4 @@
-"""`splatreel demo`: film, reconstruct, evaluate and play the built-in scene."""
+"""`splatreel demo`: reconstruct, evaluate and play the built-in scene."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import dataclasses
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from splatreel.base.threads import use as use_threads
 from splatreel.cli.demo_player import demo_player
@@ -35,9 +35,8 @@ def demo(
     serve: bool = True,
     quality: Quality = "standard",
     device: Device = "auto",
-    width: int = 256,
-    height: int = 192,
-    frames: int = 60,
+    width: int | None = None,
+    frames: int | None = None,
     seed: int = 0,
     settings: Set = (),
     threads: int | None = None,
@@ -51,9 +50,8 @@ def demo(
         serve: Serve the player from the start, and at a terminal until Ctrl-C. Without a terminal the demo just ends.
         quality: Preset of settings; it decides how long training takes.
         device: Device that trains: gpu is any graphics card, cuda an NVIDIA card with gsplat; auto uses one if it can.
-        width: Width of the videos in pixels, even.
-        height: Height of the videos in pixels, even.
-        frames: Number of frames of the videos, at 30 frames a second.
+        width: Width in pixels; by default that of the videos, 256.
+        frames: Number of frames that are read, at 30 frames a second; by default all 60.
         seed: Seed of all random numbers.
         settings: Any setting that `splatreel config` lists, such as group.lambda_arap=0; may be repeated.
         threads: Number of threads; by default one per core.
@@ -67,8 +65,8 @@ def demo(
     progress = console()
     with demo_player(progress, out, serve) as player:
         try:
-            film = {"width": width, "height": height, "frames": frames, "seed": seed}
-            result, report = reconstruct_demo(out, config, device, film, player or progress)
+            request = {"width": width, "frames": None if frames is None else (0, frames)}
+            result, report = reconstruct_demo(out, config, device, request, player or progress)
         finally:
             progress.close()
         say(report.to_markdown())
@@ -81,19 +79,19 @@ def demo(
 
 
 def reconstruct_demo(
-    out: Path, config: Config, device: Device, film: dict[str, int], progress: Progress
+    out: Path, config: Config, device: Device, request: dict[str, Any], progress: Progress
 ) -> tuple[Result, Report]:
-    """Make the built-in capture, reconstruct and evaluate it.
+    """Copy the built-in capture, reconstruct and evaluate it.
 
     Args:
         out: Output folder.
         config: Settings.
         device: Device that trains.
-        film: Arguments of `make_capture`.
+        request: Arguments of `open_capture`.
         progress: Display of the progress.
     """
     from splatreel.base import threads
-    from splatreel.capture.builtin.synthetic import film_with_progress
+    from splatreel.capture.builtin_film import copy_film
     from splatreel.capture.opening import open_capture
     from splatreel.kernels.warmup import background_warmup
 
@@ -105,9 +103,8 @@ def reconstruct_demo(
         from splatreel.run.store import Store
 
         start = time.monotonic()
-        folder = film_with_progress(out / "capture", progress, **film)
-        filming = round(time.monotonic() - start, 3)
-        capture = open_capture(folder)
+        capture = open_capture(copy_film(out / "capture"), **request)
+        copying = round(time.monotonic() - start, 3)
         result = pipeline.reconstruct(
             capture, out, config, device=device, progress=progress, present=PresentationWriter(otherwise=WORDS)
         )
@@ -117,7 +114,7 @@ def reconstruct_demo(
             capture,
             out=out,
             undecoded=uncompressed_frames(result.work, result.reel),
-            seconds={"capture": filming, **result.seconds},
+            seconds={"capture": copying, **result.seconds},
             device=result.device,
             progress=progress,
             coverage=known.sentences() if known else (),

@@ -61,7 +61,7 @@ class FollowOptions:
                 f"--follow: {source.path} is not a folder of this machine. Run the command on the machine that writes the capture."
             )
         from splatreel.capture.follower import Follower, open_growing
-        from splatreel.capture.growing.growth import Growth
+        from splatreel.capture.growth import Growth
         from splatreel.run.live.following import Live, reconstruct_following
 
         growth = Growth(path, self.follow_timeout)

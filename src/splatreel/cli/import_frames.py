@@ -116,7 +116,7 @@ def import_frames(
     use_threads(threads)
     from splatreel.base.display import console
     from splatreel.importing.edits import edited
-    from splatreel.importing.recognition import open_frames
+    from splatreel.importing.frames import open_frames
     from splatreel.play.presentation_writer import PresentationWriter
 
     film, edit = edited(open_frames(frames, gaps, fps, length, memory_limit(max_memory)), edit)

@@ -108,7 +108,7 @@ class SubjectOptions:
         """
         if self.masks != AUTO:
             return self.masks
-        from splatreel.capture.mask_files import MADE_MASKS
+        from splatreel.capture.masks import MADE_MASKS
 
         masks = folder / MADE_MASKS
         if not estimate:

@@ -13,8 +13,8 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from splatreel.base.errors import UsageError
-from splatreel.capture.median_images import median_images
 from splatreel.capture.opening import open_capture
+from splatreel.capture.reading import median_images
 from splatreel.edit.changed_clip import ChangedClip
 from splatreel.edit.clip import Clip, ClipGroup, ClipLayer, LayerSpan, shown_points
 from splatreel.scene.camera import Camera

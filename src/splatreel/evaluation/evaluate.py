@@ -14,8 +14,8 @@ from splatreel.base.errors import UsageError
 from splatreel.base.process import peak_memory_bytes
 from splatreel.base.progress import Progress, Silent
 from splatreel.capture.base import Capture
-from splatreel.capture.masked_capture import is_doubtful
-from splatreel.capture.median_images import median_images, moving_pixels
+from splatreel.capture.masks import is_doubtful
+from splatreel.capture.reading import median_images, moving_pixels
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader
 from splatreel.codec.reel_sizes import ReelInfo, reel_info

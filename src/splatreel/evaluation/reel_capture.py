@@ -8,7 +8,7 @@ from typing import Any
 
 from splatreel.base.errors import UsageError
 from splatreel.capture.base import Capture
-from splatreel.capture.mask_files import MADE_MASKS, read_mask_record
+from splatreel.capture.masks import MADE_MASKS, read_mask_record
 from splatreel.capture.opening import CaptureSource
 from splatreel.codec.manifest import Manifest
 from splatreel.codec.reader import ReelReader

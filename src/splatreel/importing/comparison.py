@@ -36,7 +36,6 @@ class Comparison:
 
     Attributes:
         psnr: Mean PSNR in dB of the decoded reel against the sequence in the file's own precision.
-        images: Number of compared images.
         blind: Names of cameras that saw nothing of the sequence.
         cause: Cause and remedy of a PSNR below `CLOSE`; None if the PSNR is high enough or the cause is unknown.
     """
@@ -112,7 +111,6 @@ def compare(frames: Frames, reel: Path, progress: Progress, antialias: bool) -> 
 def _pair(
     frames: Frames, timeline: Timeline, frame: int, camera: Camera, antialias: bool
 ) -> tuple[np.ndarray, np.ndarray] | None:
-    """Return images [H, W, 3] 0..1 of the sequence and of the reel, or None if the sequence shows nothing."""
     points, centered = _centered(frames, frame, camera)
     reel = timeline.manifest
     if _is_blank(points, centered, reel.near, antialias):

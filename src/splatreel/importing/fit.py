@@ -90,7 +90,6 @@ class FilmCapture(Capture):
         return range(max(frame - REACH, 0), min(frame + REACH + 1, len(self._film)))
 
     def _images(self, frame: int) -> np.ndarray:
-        """Return the images [C, H, W, 3] uint8 of a frame. Those of a window of frames are kept."""
         with self._lock:
             if frame not in self._drawn:
                 while len(self._drawn) > 2 * REACH:

@@ -85,12 +85,10 @@ def matching_rows(before: Gaussians, now: Gaussians, motion: np.ndarray) -> tupl
 
 
 def _equal_places(before: Gaussians, now: Gaussians, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Match points with bitwise equal, unique centers."""
     return _equal(before.means, now.means)
 
 
 def _equal_looks(before: Gaussians, now: Gaussians, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Match points with bitwise equal, unique scales and c_base."""
     if before.sh.shape[1:] != now.sh.shape[1:]:
         return np.zeros(0, np.int64), np.zeros(0, np.int64)
     return _equal(*(np.concatenate([points.scales, points.sh[:, 0]], 1) for points in (before, now)))

@@ -15,11 +15,9 @@ from splatreel.codec.presentation import Limits
 from splatreel.codec.writer import ReelWriter
 from splatreel.importing.comparison import Comparison, compare
 from splatreel.importing.edits import first_points
-from splatreel.importing.far_points import Reach
 from splatreel.importing.frames import Frames
-from splatreel.importing.grouping import StaticLayers, group_of
+from splatreel.importing.grouping import Reach, SegmentBuilder, StaticLayers, group_of, stretch
 from splatreel.importing.identity import Identities
-from splatreel.importing.segments import SegmentBuilder, stretch
 from splatreel.importing.viewpoints import ring, visible_positions
 from splatreel.method.encode.importance import weigh
 from splatreel.method.init.layout import measure

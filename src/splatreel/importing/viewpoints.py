@@ -11,12 +11,41 @@ import numpy as np
 
 from splatreel.base.errors import CaptureError
 from splatreel.base.untrusted import is_number, numbers, read_json
+from splatreel.capture.lens import undistorted_camera
 from splatreel.capture.opening import open_capture
 from splatreel.capture.pose_checks import check_camera
-from splatreel.capture.readers.camera_files import read_camera_file
+from splatreel.capture.readers.calibrated import read_rig
+from splatreel.capture.readers.calibrations.calibrated_rig import Rig, RigCamera
 from splatreel.capture.readers.colmap import is_model_alone, model_views
+from splatreel.capture.readers.transforms import META, TRAIN, read_transforms
 from splatreel.scene.camera import Camera, facing
 from splatreel.scene.gaussians import Gaussians
+
+
+def read_camera_file(path: Path) -> list[Camera] | None:
+    """Return the cameras of a calibration file of another program, without their distortion.
+
+    Args:
+        path: File of a format that captures may have.
+
+    Returns:
+        None if the format is unknown.
+
+    Raises:
+        CaptureError: The file cannot be used, or does not state the size of the images.
+    """
+    rig = read_transforms(path) if path.name in (META, TRAIN) else read_rig(path)
+    return None if rig is None else [_calibrated_camera(rig, camera) for camera in rig.cameras]
+
+
+def _calibrated_camera(rig: Rig, camera: RigCamera) -> Camera:
+    if camera.size is None:
+        raise CaptureError(
+            f"{rig.origin}: does not state the size of the images of camera {camera.name}. Name the folder that also holds its images."
+        )
+    whose = f"{rig.origin}: camera {camera.name}"
+    return undistorted_camera(camera.name, camera.viewmat, camera.lens(*camera.size), *camera.size, whose)[0]
+
 
 RING, WIDTH, HEIGHT = 12, 960, 540
 """Number of cameras of a ring, and their size in pixels."""

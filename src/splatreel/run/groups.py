@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from splatreel.capture.base import Capture
-from splatreel.capture.prefetch import FramePrefetcher
+from splatreel.capture.reading import FramePrefetcher
 from splatreel.codec.preview import remove_previews
 from splatreel.method.algorithm import Handover, hand_over, reconstruct_group
 from splatreel.method.cameras.group_input import GroupInput

@@ -10,12 +10,11 @@ import numpy as np
 
 from splatreel.base.command_line import option, quoted
 from splatreel.base.errors import CaptureError
-from splatreel.capture.camera_images import same_shape
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import list_folder
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, image_files
-from splatreel.capture.images import image_size, read_image
-from splatreel.capture.mask_files import VIDEO_SUFFIXES
+from splatreel.capture.images import image_size, read_image, same_shape
+from splatreel.capture.masks import VIDEO_SUFFIXES
 from splatreel.capture.video import VideoFile
 
 MOST = 30
@@ -110,7 +109,6 @@ def _alike(one: np.ndarray, other: np.ndarray) -> float:
 
 
 def _light(plate: np.ndarray, image: np.ndarray) -> float:
-    """Return the logarithm of the brightness of a plate relative to an image, [H, W, 3] each."""
     return float(np.median(np.log(np.maximum(plate.mean(-1), 4)) - np.log(np.maximum(image.mean(-1), 4))))
 
 

@@ -20,9 +20,9 @@ from splatreel.base.untrusted import check_regular
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import LOCAL
 from splatreel.capture.images import encode_image
-from splatreel.capture.mask_files import RECORD, read_mask_record
 from splatreel.capture.mask_shares import describe_shares
-from splatreel.capture.own_frames import CountedSource
+from splatreel.capture.masks import RECORD, read_mask_record
+from splatreel.capture.time_steps import CountedSource
 from splatreel.method.layering.masks import Segmenter
 from splatreel.segmentation.clean_plate import fitting_plates, read_clean_plates
 from splatreel.segmentation.segmenter import FIT_STEPS, SubjectModel, fit_subject
@@ -116,7 +116,6 @@ def write_masks(
 
 
 def _masks(capture: FileCapture, model: SubjectModel, steps: list[int], segmenter: Segmenter | None) -> np.ndarray:
-    """Return the masks [T, C, H, W] uint8 of consecutive time steps."""
     names = [camera.name for camera in capture.cameras]
     before, after = min(steps[0], 1), min(capture.source.frames - steps[-1] - 1, 1)
     first, count = steps[0] - before, before + len(steps) + after
@@ -237,7 +236,6 @@ def _kept_model(capture: FileCapture, file: Path, near: float) -> tuple[SubjectM
 
 
 def _standing(names: list[str], model: SubjectModel) -> list[str]:
-    """Return a sentence about people who cover the background all the time."""
     found = [
         f"{name} ({share:.1%} of its image)"
         for name, share in zip(names, model.never_uncovered, strict=True)
@@ -256,7 +254,6 @@ def _save(file: Path, mask: np.ndarray) -> None:
 
 
 def _share(file: Path) -> float:
-    """Return the share of white in a mask."""
     with Image.open(LOCAL.source(file)) as image:
         return float((np.asarray(image.convert("L")) > 127).mean())
 

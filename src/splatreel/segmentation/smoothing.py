@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import cv2
 import numpy as np
 
-from splatreel.capture.mask_files import LIKELY, UNLIKELY
+from splatreel.capture.masks import LIKELY_GRAY, UNLIKELY_GRAY
 
 Row = tuple[np.ndarray, np.ndarray, np.ndarray]
 Rows = tuple[Row, Row, Row]
@@ -66,7 +66,6 @@ class GuidedFilter:
 
 
 def _weighted_sum(weights: Sequence[np.ndarray], values: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the sum of three images, each times a weight per pixel."""
     (a, b, c), (x, y, z) = weights, values
     return a * x + b * y + c * z
 
@@ -134,10 +133,10 @@ def with_doubts(mask: np.ndarray, own: np.ndarray, support: np.ndarray) -> np.nd
     reach = NEARBY * mask.shape[1] / 320
     near = cv2.distanceTransform((~mask).astype(np.uint8), cv2.DIST_L2, 5) <= reach
     found = np.where(mask, np.uint8(255), np.uint8(0))
-    found[_broad(mask & (own < LIKE_BACKGROUND))] = LIKELY
+    found[_broad(mask & (own < LIKE_BACKGROUND))] = LIKELY_GRAY
     unlikely = _broad(~mask & near & (support > 0) & (own > UNLIKE_BACKGROUND))
     unlikely |= without_specks(mask | unlikely, support) & ~mask
-    found[unlikely] = UNLIKELY
+    found[unlikely] = UNLIKELY_GRAY
     return found
 
 

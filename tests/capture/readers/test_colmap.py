@@ -8,7 +8,7 @@ import pytest
 from PIL import Image
 
 from splatreel.base.errors import CaptureError, MissingDependencyError
-from splatreel.calibration.uncalibrated import camera_files
+from splatreel.calibration.calibration_files import camera_files
 from splatreel.capture.opening import open_capture
 from splatreel.scene.reel_source import ReelSource
 from tests.capture import folders

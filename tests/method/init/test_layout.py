@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from splatreel.capture.builtin.synthetic import HELD_OUT, make_cameras
 from splatreel.method.init.layout import MAX_CLEAR_SHARE, Layout, border_color, clearance_of, measure, upright
 from splatreel.scene.camera import Camera
 from tests.method.scenes import look_at, ring
+from toyroom.capture import HELD_OUT, make_cameras
 
 CAMERAS = ring(7, width=96, height=64)
 BALL = np.random.default_rng(0).normal(size=(4000, 3)) * 0.2

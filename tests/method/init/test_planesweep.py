@@ -4,7 +4,6 @@ import cv2
 import numpy as np
 import pytest
 
-from splatreel.capture.builtin.synthetic import make_cameras
 from splatreel.method.init import planesweep
 from splatreel.method.init.initial_points import SWEEP_PLANES, SWEEP_WIDTH, depth_ranges, initial_points
 from splatreel.method.init.planesweep import WANTED_SPACING, narrow_ranges, pixels_apart, shared_depths
@@ -12,6 +11,7 @@ from splatreel.method.init.triangulate import nearest_cameras
 from splatreel.scene.camera import Camera
 from tests.method.corner import arc, texture
 from tests.method.scenes import ring
+from toyroom.capture import make_cameras
 
 DISTANCE, WIDTH, HEIGHT = 30.0, 240, 176
 NONE = np.zeros((0, 3))

@@ -1,6 +1,6 @@
 import numpy as np
 
-from splatreel.capture.masked_capture import LIKELY, UNLIKELY
+from splatreel.capture.masks import LIKELY, UNLIKELY
 from splatreel.method.init.visual_hull import VisualHull, is_sparse, without_background
 from tests.method.scenes import ring
 from tests.segmentation import scenes

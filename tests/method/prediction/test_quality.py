@@ -9,7 +9,7 @@ import pytest
 
 from splatreel.base.errors import ReconstructionError
 from splatreel.base.progress import Silent
-from splatreel.capture.srgb import over_color
+from splatreel.capture.color import over_color
 from splatreel.codec.reader import ReelReader
 from splatreel.method.prediction import trial
 from splatreel.method.prediction.quality import Coverage, cover

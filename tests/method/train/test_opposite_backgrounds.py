@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from splatreel.capture.masked_capture import LIKELY
+from splatreel.capture.masks import LIKELY
 from splatreel.config import KeyframeConfig
 from splatreel.kernels import similarity, splat
 from splatreel.method.train.keyframe_trainer import starting_points

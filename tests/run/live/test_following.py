@@ -10,7 +10,7 @@ import pytest
 
 from splatreel.base.progress import Silent, Span
 from splatreel.capture.follower import Follower, open_growing
-from splatreel.capture.growing.growth import Growth
+from splatreel.capture.growth import Growth
 from splatreel.capture.opening import open_capture
 from splatreel.codec.opus_sound import decode_sound
 from splatreel.codec.reader import ReelReader
@@ -18,9 +18,9 @@ from splatreel.codec.verification import verify_reel
 from splatreel.config import Config
 from splatreel.run.live.following import Live, reconstruct_following
 from splatreel.run.pipeline import reconstruct
-from tests.capture.growing.recorder import Recorder
-from tests.capture.growing.test_growing_sound import FPS, clicks, heard
+from tests.capture.recorder import Recorder
 from tests.capture.test_follower import BEGUN
+from tests.capture.test_growing_video import FPS, clicks, heard
 from tests.files import contents
 from tests.method.captures import WallCapture
 from tests.method.small import small

@@ -19,21 +19,26 @@ from splatreel.base.untrusted import open_regular
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import list_folder
-from splatreel.capture.image_sequences import ImageSequences
+from splatreel.capture.image_sequences import ImageSequences, image_source
 from splatreel.capture.lens import Lens, common_size, undistorted_camera
-from splatreel.capture.readers.calibrations.actorshq import is_actorshq, read_actorshq
 from splatreel.capture.readers.calibrations.calibrated_rig import Rig, RigCamera
-from splatreel.capture.readers.calibrations.immersive import is_immersive, read_immersive
+from splatreel.capture.readers.calibrations.datasets import (
+    is_actorshq,
+    is_immersive,
+    is_panoptic_studio,
+    is_zju_mocap,
+    read_actorshq,
+    read_immersive,
+    read_panoptic_studio,
+    read_zju_mocap,
+)
 from splatreel.capture.readers.calibrations.media import Media, find_media
 from splatreel.capture.readers.calibrations.metashape import is_metashape, read_metashape
-from splatreel.capture.readers.calibrations.opencv_cameras import is_camera, is_multiview, read_cameras, read_multiview
-from splatreel.capture.readers.calibrations.panoptic_studio import is_panoptic_studio, read_panoptic_studio
-from splatreel.capture.readers.calibrations.qualisys import is_qualisys, read_qualisys
+from splatreel.capture.readers.calibrations.motion_capture import is_qualisys, is_toml, read_qualisys, read_toml
+from splatreel.capture.readers.calibrations.opencv import is_camera, is_multiview, read_cameras, read_multiview
 from splatreel.capture.readers.calibrations.realitycapture import read_realitycapture, xmp_folders
-from splatreel.capture.readers.calibrations.toml_cameras import is_toml, read_toml
-from splatreel.capture.readers.calibrations.zju_mocap import is_zju_mocap, read_zju_mocap
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.sources import image_source, video_source
+from splatreel.capture.videos import video_source
 from splatreel.scene.camera import middle_camera
 
 HEAD = 1 << 16
@@ -60,13 +65,7 @@ SAME_PLACE = 1e-3
 
 @dataclass(frozen=True)
 class _Calibration:
-    """Recognized calibration.
-
-    Attributes:
-        layout: Name of its format.
-        origin: File or folder.
-        read: Function that reads it.
-    """
+    """Recognized calibration."""
 
     layout: str
     origin: Path
@@ -195,7 +194,6 @@ def fitting_lens(view: RigCamera, size: tuple[int, int], origin: Path, notes: li
 
 
 def _calibrations(path: Path) -> Iterator[_Calibration]:
-    """Yield the calibrations of a folder."""
     if not path.is_dir():
         return
     folders = [path, *sorted(entry for entry in path.glob("[cC]alib*") if entry.is_dir())]
@@ -241,7 +239,6 @@ def read_calibration(path: Path) -> tuple[str, Rig]:
 
 
 def _agree(one: Rig, other: Rig) -> bool:
-    """Return whether two calibrations have the same cameras with the same poses and lenses."""
     if sorted(one.names()) != sorted(other.names()):
         return False
     named = {camera.name: camera for camera in other.cameras}

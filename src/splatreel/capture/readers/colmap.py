@@ -18,24 +18,23 @@ import numpy as np
 
 from splatreel.base.command_line import option, quoted
 from splatreel.base.errors import CaptureError
+from splatreel.base.progress import listed
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import Files, list_folder
-from splatreel.capture.growing.segmented_video import segment_files
-from splatreel.capture.image_sequences import IMAGE_SUFFIXES, flat_images, image_files
+from splatreel.capture.image_sequences import IMAGE_SUFFIXES, flat_images, image_files, image_source
 from splatreel.capture.images import image_size
 from splatreel.capture.lens import Lens, common_size, undistorted_camera
 from splatreel.capture.readers.colmap_model import FRAME, Model, ModelCamera, model_folders, read_model
+from splatreel.capture.segmented_video import segment_files
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.sources import image_source, video_source
 from splatreel.capture.video import OTHER_VIDEOS, VIDEO_SUFFIXES
+from splatreel.capture.videos import video_source
 from splatreel.scene.camera import Camera, middle_camera
 
 VIDEOS = ("videos", "synchronized_videos", ".")
 PAPER_HELD_OUT = "cam07"
 """Camera that the paper holds out of its own captures (DeskGames)."""
-MOST_NAMED = 4
-"""Maximum number of files that a sentence lists."""
 
 
 def is_colmap(path: Path) -> bool:
@@ -116,7 +115,6 @@ def model_views(path: Path) -> list[Camera]:
 
 
 def _camera(model: Path, view: ModelCamera, width: int, height: int, lenses: dict[str, Lens]) -> Camera:
-    """Return a camera of the model at the output size, and record its lens if it has distortion."""
     viewmat = np.eye(4)
     viewmat[:3] = view.image.cam_from_world().matrix()
     origin = f"{model}: camera {view.image.camera.camera_id}"
@@ -201,7 +199,7 @@ def unread_videos(path: Path) -> list[str]:
     files = [file for folder in folders for file in list_folder(folder) if OTHER_VIDEOS.fullmatch(file.suffix)]
     if not files:
         return []
-    named = ", ".join(file.name for file in files[:MOST_NAMED]) + (", ..." if len(files) > MOST_NAMED else "")
+    named = listed([file.name for file in files])
     kinds = ", ".join(sorted({file.suffix.lower() for file in files}))
     return [f"not read: {named}. Convert {kinds} to .mp4 or .mov, with the same times of the frames"]
 
@@ -254,13 +252,11 @@ def _by_number(names: list[str]) -> dict[int, str]:
 
 
 def _unused(files: dict[str, Path], names: list[str]) -> list[str]:
-    """Return a sentence about videos without a camera in the model."""
     extra = [file.name for name, file in files.items() if name not in names]
     return [f"not used, since the model has no such cameras: {', '.join(extra)}"] if extra else []
 
 
 def _of_cameras(path: Path, files: dict[str, Path], names: list[str]) -> dict[str, Path]:
-    """Return the video of every camera of the model."""
     absent = [name for name in names if name not in files]
     if absent:
         raise CaptureError(
@@ -316,7 +312,6 @@ def images_by_camera(folder: Path, names: list[str]) -> dict[str, list[Path]]:
 
 
 def _all_images(folder: Path, depth: int = 4) -> dict[str, Path]:
-    """Return all images below a folder by their names without extension."""
     found: dict[str, Path] = {}
     for entry in list_folder(folder):
         if entry.is_dir() and depth:
@@ -327,7 +322,6 @@ def _all_images(folder: Path, depth: int = 4) -> dict[str, Path]:
 
 
 def _points(reconstruction: Any) -> tuple[np.ndarray | None, np.ndarray | None]:
-    """Return sparse points [P, 3] float32 and colors 0..1 in order of their ids, or None."""
     points = [p for _, p in sorted(reconstruction.points3D.items())]
     if not points:
         return None, None

@@ -41,13 +41,7 @@ FRAME = "#"
 
 @dataclass(frozen=True)
 class ModelCamera:
-    """Static camera of a model.
-
-    Attributes:
-        name: Name of the camera.
-        image: Its pycolmap.Image.
-        pattern: Name without extension of its images, with `#` for the number of the frame; None for a single image.
-    """
+    """Static camera of a model."""
 
     name: str
     image: Any

@@ -17,13 +17,14 @@ from splatreel.base.command_line import option, quoted
 from splatreel.base.errors import CaptureError
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
+from splatreel.capture.image_sequences import image_source
 from splatreel.capture.lens import Lens, common_size, undistorted_camera
 from splatreel.capture.pose_checks import check_center, check_rotation
-from splatreel.capture.readers.calibrations.opencv_storage import OpenCVStorage
+from splatreel.capture.readers.calibrations.opencv import OpenCVStorage
 from splatreel.capture.readers.colmap import images_by_camera, video_files
 from splatreel.capture.readers.colmap_model import import_pycolmap
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.sources import image_source, video_source
+from splatreel.capture.videos import video_source
 from splatreel.scene.camera import middle_camera
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
@@ -124,7 +125,6 @@ class _Numbers:
 
 
 def _lens(intrinsics: _Numbers, name: str, size: tuple[int, int]) -> Any:
-    """Return a pycolmap.Camera for the image size of K."""
     K = intrinsics.needed(name, (3, 3), "K")
     bends = intrinsics.array(name, (5,), "D", "dist")
     if min(K[0, 0], K[1, 1]) <= 0 or abs(K[0, 1]) > 1e-2 * K[0, 0]:

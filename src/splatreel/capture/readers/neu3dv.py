@@ -20,14 +20,14 @@ from splatreel.base.untrusted import read_array
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.files import natural_key
-from splatreel.capture.image_sequences import flat_images
+from splatreel.capture.image_sequences import flat_images, image_source
 from splatreel.capture.lens import common_size, fitted_camera
 from splatreel.capture.pose_checks import check_rotation
 from splatreel.capture.readers.calibrated import is_calibrated
 from splatreel.capture.readers.colmap import camera_folders, is_colmap, video_files, videos_in
 from splatreel.capture.readers.transforms import is_transforms
 from splatreel.capture.sidecar import calibration_error, read_sidecar
-from splatreel.capture.sources import image_source, video_source
+from splatreel.capture.videos import video_source
 from splatreel.scene.camera import Camera
 
 POSES = "poses_bounds.npy"
@@ -78,7 +78,6 @@ class Neu3DVCapture(FileCapture):
 
 
 def _cameras_of(found: dict[str, Any]) -> dict[str, Any]:
-    """Return what is named like a camera."""
     return {name: value for name, value in found.items() if name.lower().startswith("cam")}
 
 
@@ -109,7 +108,6 @@ def _names(path: Path, found: list[str], rows: int, request: Request, notes: lis
 
 
 def _read_poses(file: Path) -> np.ndarray:
-    """Return the checked content of poses_bounds.npy, [C, 17] float64."""
     if not file.is_file():
         if (failure := calibration_error(file.parent)) is not None:
             raise failure

@@ -66,7 +66,6 @@ class PanopticCapture(FileCapture):
 
 
 def _existing(folder: Path, files: list[str]) -> list[Path | None]:
-    """Return the files of a camera; None for those that do not exist."""
     return [folder / name if (folder / name).is_file() else None for name in files]
 
 

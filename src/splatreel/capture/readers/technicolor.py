@@ -17,11 +17,10 @@ from splatreel.base.errors import CaptureError
 from splatreel.base.untrusted import read_file
 from splatreel.capture.base import Request
 from splatreel.capture.file_capture import FileCapture
-from splatreel.capture.image_sequences import image_files
+from splatreel.capture.image_sequences import image_files, image_source
 from splatreel.capture.lens import common_size, fitted_camera
 from splatreel.capture.pose_checks import check_center
 from splatreel.capture.sidecar import read_sidecar
-from splatreel.capture.sources import image_source
 from splatreel.scene.camera import Camera
 
 PARAMETER_BYTES = 1 << 20
@@ -80,7 +79,6 @@ def _camera(name: str, row: np.ndarray, width: int, height: int) -> Camera:
 
 
 def _images(path: Path) -> dict[str, list[Path]]:
-    """Return the images by camera."""
     found: dict[str, list[Path]] = defaultdict(list)
     for file in image_files(path):
         if match := IMAGE.fullmatch(file.stem):

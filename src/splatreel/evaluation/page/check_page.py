@@ -9,7 +9,7 @@ import numpy as np
 from PIL import Image
 
 from splatreel.capture.base import Capture
-from splatreel.capture.masked_capture import LIKELY
+from splatreel.capture.masks import LIKELY
 from splatreel.capture.sidecar import read_sidecar
 from splatreel.evaluation.page.html import escape, html_list, html_page, html_table, jpeg_url, section
 from splatreel.evaluation.page.rig_plan import RigPlan, rig_drawings

@@ -7,7 +7,7 @@ import copy
 import cv2
 import numpy as np
 
-from splatreel.capture.masked_capture import UNLIKELY
+from splatreel.capture.masks import UNLIKELY
 from splatreel.scene.camera import Camera, angles_apart, focus_point
 from splatreel.scene.volumes import in_image
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from splatreel.capture.base import MIN_CAMERAS
-from splatreel.capture.masked_capture import LIKELY
+from splatreel.capture.masks import LIKELY
 from splatreel.method.init.visual_hull import VisualHull
 from splatreel.scene.camera import Camera
 

@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 
 from splatreel.base.progress import Progress
-from splatreel.capture.masked_capture import PALETTE, is_doubtful
-from splatreel.capture.srgb import over_color
+from splatreel.capture.color import over_color
+from splatreel.capture.masks import PALETTE, is_doubtful
 from splatreel.config import preset
 from splatreel.gpu.shared_gpu import SharedGpu
 from splatreel.kernels.image import render_image

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from splatreel.base.paged_arrays import frame_array
-from splatreel.capture.masked_capture import is_doubtful
+from splatreel.capture.masks import is_doubtful
 from splatreel.method.train.render import View
 from splatreel.method.train.training_images import TrainingImages
 

@@ -13,7 +13,7 @@ import numpy as np
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import Progress, Silent
 from splatreel.capture.follower import Follower
-from splatreel.capture.prefetch import FramePrefetcher
+from splatreel.capture.reading import FramePrefetcher
 from splatreel.codec.encoder import EncodedLayer
 from splatreel.codec.predictive.precision import STEPS
 from splatreel.codec.writer import ReelWriter

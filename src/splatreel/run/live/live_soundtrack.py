@@ -15,8 +15,8 @@ from splatreel.base.errors import SplatreelError
 from splatreel.base.progress import Progress
 from splatreel.capture.file_capture import FileCapture
 from splatreel.capture.follower import Follower
-from splatreel.capture.growing.growing_sound import choose_growing_track
-from splatreel.capture.growing.growing_videos import GrowingVideos
+from splatreel.capture.growing_video import choose_growing_track
+from splatreel.capture.videos import GrowingVideos
 from splatreel.codec.fragments import RATE, initialization
 from splatreel.codec.opus_sound import SEGMENT_SECONDS, TYPE, SoundEncoder
 from splatreel.codec.presentation import Sound, SoundSegment

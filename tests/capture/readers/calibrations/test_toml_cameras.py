@@ -7,7 +7,7 @@ import pytest
 
 from splatreel.base.errors import CaptureError
 from splatreel.capture.opening import open_capture
-from splatreel.capture.readers.calibrations.toml_cameras import is_toml, read_toml
+from splatreel.capture.readers.calibrations.motion_capture import is_toml, read_toml
 from tests.capture import blobs, folders
 
 cv2 = pytest.importorskip("cv2")

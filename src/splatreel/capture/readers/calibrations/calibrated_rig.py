@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 from xml.etree.ElementTree import Element
 
@@ -15,8 +16,53 @@ from scipy.spatial.transform import Rotation
 from splatreel.base.errors import CaptureError
 from splatreel.base.untrusted import numbers, parse_xml, read_file
 from splatreel.capture.pose_checks import check_rotation
-from splatreel.capture.readers.calibrations.brown_lens import BrownLens
 from splatreel.capture.readers.colmap_model import import_pycolmap
+
+
+@dataclass
+class BrownLens:
+    """Lens with the interface of a pycolmap.Camera that `undistorted_camera` uses.
+
+    Attributes:
+        pinhole: fx, fy, cx, cy in pixels.
+        radial: k1, k2, k3, k4, of the second to the eighth power of the radius.
+        tangential: p1, p2 in OpenCV's order.
+        skew: Element K[0, 1] in pixels.
+    """
+
+    width: int
+    height: int
+    pinhole: tuple[float, ...]
+    radial: tuple[float, ...]
+    tangential: tuple[float, ...]
+    skew: float
+
+    @property
+    def model(self) -> SimpleNamespace:
+        """Model with its name."""
+        return SimpleNamespace(name="BROWN")
+
+    @property
+    def params(self) -> list[float]:
+        """All parameters, for messages."""
+        return [*self.pinhole, *self.radial, *self.tangential, self.skew]
+
+    def mean_focal_length(self) -> float:
+        """Return the mean of both focal lengths."""
+        return (self.pinhole[0] + self.pinhole[1]) / 2
+
+    def img_from_cam(self, rays: np.ndarray) -> np.ndarray:
+        """Project points [N, 3] in front of the camera to pixels, [N, 2]."""
+        x, y = rays[:, 0] / rays[:, 2], rays[:, 1] / rays[:, 2]
+        square = x * x + y * y
+        k1, k2, k3, k4 = self.radial
+        p1, p2 = self.tangential
+        stretch = 1 + square * (k1 + square * (k2 + square * (k3 + square * k4)))
+        bent_x = x * stretch + 2 * p1 * x * y + p2 * (square + 2 * x * x)
+        bent_y = y * stretch + p1 * (square + 2 * y * y) + 2 * p2 * x * y
+        fx, fy, cx, cy = self.pinhole
+        return np.stack([fx * bent_x + self.skew * bent_y + cx, fy * bent_y + cy], 1)
+
 
 CALIBRATION_BYTES = 64 << 20
 """Maximum size of a calibration file."""
@@ -35,7 +81,6 @@ class RigCamera:
     """Camera of a calibration.
 
     Attributes:
-        name: Name in the calibration.
         viewmat: World to camera in OpenCV's axes, [4, 4] float64.
         size: Width and height of the calibrated image, in pixels, or None if the format does not state them.
         lens: Function from the width and height of the images to the lens, a pycolmap.Camera or `BrownLens`.
@@ -53,7 +98,6 @@ class Rig:
 
     Attributes:
         origin: File or folder of the calibration.
-        cameras: Its cameras.
         points: Sparse points, [P, 3] float32, or None.
         point_colors: Their colors, [P, 3] float32 0..1, or None.
         held_out: Cameras that the format holds out, or None.

@@ -15,8 +15,8 @@ from typing import Any
 from splatreel.base.errors import CaptureError
 from splatreel.base.progress import listed
 from splatreel.capture.files import list_folder
-from splatreel.capture.growing.segmented_video import segment_files
 from splatreel.capture.image_sequences import IMAGE_SUFFIXES, flat_images, image_files
+from splatreel.capture.segmented_video import segment_files
 from splatreel.capture.video import VIDEO_SUFFIXES
 
 PREFERRED = ("synchronized_videos", "videos-sync", "videos", "hdVideos", ".", "images", "hdImgs")
@@ -117,7 +117,6 @@ def _distinct(names: list[str]) -> list[tuple[str | int, ...]]:
 
 
 def _common(words: list[list[str | int]]) -> int:
-    """Return the number of equal words at the start of all lists."""
     columns = takewhile(lambda column: len(set(column)) == 1, zip(*words, strict=False))
     return len(list(columns))
 
@@ -133,7 +132,6 @@ SIMPLER: tuple[Callable[[list[str]], list[Any]], ...] = (list, _plain, _distinct
 
 
 def _groups(path: Path) -> Iterator[_Group]:
-    """Yield the media of a capture by folder."""
     for folder in _folders(path, DEPTH):
         entries = list_folder(folder)
         below = [entry for entry in entries if entry.is_dir()]
@@ -149,7 +147,6 @@ def _groups(path: Path) -> Iterator[_Group]:
 
 
 def _by_stem(files: list[Path]) -> dict[str, Path]:
-    """Return files by their names without extension, or with it where this is ambiguous."""
     stems = Counter(file.stem for file in files)
     return {file.stem if stems[file.stem] == 1 else file.name: file for file in files}
 

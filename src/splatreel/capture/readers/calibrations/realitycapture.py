@@ -72,7 +72,6 @@ def read_realitycapture(folder: Path) -> Rig:
 
 
 def _values(root: Element) -> dict[str, str]:
-    """Return the values of RealityCapture's namespace, which are attributes or elements, by name."""
     found: dict[str, str] = {}
     for node in root.iter():
         found |= {key.rpartition("}")[2]: value for key, value in node.attrib.items() if "capturingreality" in key}

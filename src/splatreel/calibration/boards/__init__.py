@@ -1,1 +1,0 @@
-"""Calibration boards: printing, finding and measuring them."""

@@ -1,1 +1,0 @@
-"""Synchronization of videos by sound, by what they show, or by timecode."""

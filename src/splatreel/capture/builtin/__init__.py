@@ -1,1 +1,0 @@
-"""The built-in capture: a toy room, a ray tracer that renders it, and its sound."""

@@ -1,1 +1,0 @@
-"""Captures that are still being written."""
